@@ -1,0 +1,1 @@
+"""Live estimation of what a dexterous hand is holding."""

@@ -1,0 +1,1 @@
+"""Pure numerics: never imports rclpy or message packages."""

@@ -1,0 +1,86 @@
+"""Time-stamped measurements of one held object, as the estimators take them.
+
+World frame: z up. Contact forces are those that the finger applies **on the object**.
+Spatial vectors and covariances are ordered [rotation, translation].
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PoseStream:
+    """Pose of the object in the world, X_WO.
+
+    Attributes:
+        time: (N,) seconds, strictly increasing.
+        position: (N, 3) p_WO in metres.
+        rotation: (N, 3, 3) R_WO.
+        covariance: (N, 6, 6) [rotation about world axes, position], or None if not stated.
+    """
+
+    time: Array
+    position: Array
+    rotation: Array
+    covariance: Array | None = None
+
+
+@dataclass(frozen=True)
+class ContactStream:
+    """Force (and torque) that one contact applies on the object, and where.
+
+    Attributes:
+        name: the finger, or "wrist" for a flange force/torque sensor.
+        time: (N,) seconds, strictly increasing, of the wrench.
+        force: (N, 3) newtons, world axes.
+        torque: (N, 3) N m about the contact point, world axes (zero for point contacts).
+        force_std: (N, 3) newtons, or None if not stated.
+        pose_time: (M,) seconds of the contact pose.
+        position: (M, 3) contact point in the world, metres.
+        rotation: (M, 3, 3) contact frame in the world; its z axis is the normal into the object.
+        carries_torque: whether the torque is measured (a force/torque sensor) or zero by kind.
+    """
+
+    name: str
+    time: Array
+    force: Array
+    torque: Array
+    force_std: Array | None
+    pose_time: Array
+    position: Array
+    rotation: Array
+    carries_torque: bool = False
+
+
+@dataclass(frozen=True)
+class ImuStream:
+    """An IMU at the body origin, axes of the body frame.
+
+    Attributes:
+        time: (N,) seconds.
+        rotation: (N, 3, 3) R_WO, or None if the IMU gives no orientation.
+        angular_velocity: (N, 3) rad/s, body frame, or None if the IMU has no gyroscope.
+        specific_force: (N, 3) R_OW (a - g) in m/s^2, body frame.
+        specific_force_std: m/s^2 per axis, or None if not stated.
+    """
+
+    time: Array
+    rotation: Array | None
+    angular_velocity: Array | None
+    specific_force: Array
+    specific_force_std: float | None = None
+
+
+@dataclass(frozen=True)
+class Streams:
+    """All that was measured of one held object."""
+
+    pose: PoseStream | None
+    contacts: dict[str, ContactStream] = field(default_factory=dict)
+    imu: ImuStream | None = None
