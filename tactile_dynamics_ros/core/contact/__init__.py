@@ -1,0 +1,1 @@
+"""Contacts between fingers and object: points, frames, forces, hand kinematics."""

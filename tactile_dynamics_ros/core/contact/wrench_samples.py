@@ -1,0 +1,64 @@
+"""Motion, contacts and forces of one object on a common time grid."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+GRAVITY_W = np.array([0.0, 0.0, -9.81])
+
+
+@dataclass(frozen=True)
+class WrenchSamples:
+    """What the Newton-Euler equations need at N instants and C contacts.
+
+    Everything except position, rotation, velocity and acceleration is in the body frame O.
+    Absent contacts have zero force and ``in_contact`` False.
+
+    Attributes:
+        time: (N,) s.
+        position: (N, 3) p_WO, m.
+        rotation: (N, 3, 3) R_WO.
+        velocity: (N, 3) velocity of the body origin, world axes, m/s.
+        acceleration: (N, 3) acceleration of the body origin, world axes, m/s^2.
+        angular_velocity: (N, 3) rad/s, body axes.
+        angular_acceleration: (N, 3) rad/s^2, body axes.
+        contact_names: C names.
+        contact_point: (N, C, 3) m, body frame.
+        contact_rotation: (N, C, 3, 3) R_OC; column z is the normal into the object.
+        contact_force: (N, C, 3) N on the object, body frame.
+        contact_torque: (N, C, 3) N m about the contact point, body frame.
+        in_contact: (N, C).
+        gravity: (3,) m/s^2, world axes.
+    """
+
+    time: Array
+    position: Array
+    rotation: Array
+    velocity: Array
+    acceleration: Array
+    angular_velocity: Array
+    angular_acceleration: Array
+    contact_names: tuple[str, ...]
+    contact_point: Array
+    contact_rotation: Array
+    contact_force: Array
+    contact_torque: Array
+    in_contact: NDArray[np.bool_]
+    gravity: Array
+
+    @cached_property
+    def specific_acceleration(self) -> Array:
+        """R_OW (a_O - g), (N, 3) m/s^2 in the body frame."""
+        return np.einsum("nji,nj->ni", self.rotation, self.acceleration - self.gravity)
+
+    @cached_property
+    def measured_wrench(self) -> Array:
+        """Sum of the contact wrenches about the body origin, (N, 6) [torque, force]."""
+        torque = np.cross(self.contact_point, self.contact_force) + self.contact_torque
+        return np.concatenate([torque.sum(axis=1), self.contact_force.sum(axis=1)], axis=1)

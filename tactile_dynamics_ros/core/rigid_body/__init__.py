@@ -1,0 +1,1 @@
+"""Rotations, inertial parameters and the Newton-Euler equations."""
