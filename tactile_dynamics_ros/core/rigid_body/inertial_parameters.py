@@ -1,0 +1,223 @@
+"""Mass, centre of mass and inertia of a rigid body in the field's usual coordinates.
+
+phi = [m, m c_x, m c_y, m c_z, I_xx, I_xy, I_yy, I_xz, I_yz, I_zz] about the frame origin;
+pseudo-inertia P = [[S, m c], [m c^T, m]] with S = tr(I)/2 1 - I, positive definite exactly for the
+bodies that can exist (density-realisable).
+Source: Wensing, Kim, Slotine 2018; Rucker, Wensing 2022; paper A, Eq. 17.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.rigid_body.rotation import skew
+
+Array = NDArray[np.float64]
+
+_INERTIA_ROWS = np.array([0, 0, 1, 0, 1, 2])
+_INERTIA_COLUMNS = np.array([0, 1, 1, 2, 2, 2])
+
+
+def _pseudo_inertia_basis() -> Array:
+    """Constant tensor B (10, 4, 4) with P = sum_k phi_k B_k."""
+    basis = np.zeros((10, 4, 4))
+    basis[0, 3, 3] = 1.0
+    for axis in range(3):
+        basis[1 + axis, axis, 3] = basis[1 + axis, 3, axis] = 1.0
+    for k, (i, j) in enumerate(zip(_INERTIA_ROWS, _INERTIA_COLUMNS, strict=True)):
+        if i == j:
+            basis[4 + k, :3, :3] = 0.5 * np.eye(3)
+            basis[4 + k, i, i] -= 1.0
+        else:
+            basis[4 + k, i, j] = basis[4 + k, j, i] = -1.0
+    return basis
+
+
+_PSEUDO_BASIS = _pseudo_inertia_basis()
+
+
+def inertia_matrix(six: Array) -> Array:
+    """Symmetric matrix of [I_xx, I_xy, I_yy, I_xz, I_yz, I_zz], (..., 6) -> (..., 3, 3)."""
+    values = np.asarray(six, dtype=float)
+    matrix = np.zeros((*values.shape[:-1], 3, 3))
+    matrix[..., _INERTIA_ROWS, _INERTIA_COLUMNS] = values
+    matrix[..., _INERTIA_COLUMNS, _INERTIA_ROWS] = values
+    return matrix
+
+
+def inertia_vector(matrix: Array) -> Array:
+    """[I_xx, I_xy, I_yy, I_xz, I_yz, I_zz] of a symmetric matrix, (..., 3, 3) -> (..., 6)."""
+    return np.asarray(matrix, dtype=float)[..., _INERTIA_ROWS, _INERTIA_COLUMNS]
+
+
+def pseudo_inertia(dynamic_parameters: Array) -> Array:
+    """Pseudo-inertia of dynamic parameters, (..., 10) -> (..., 4, 4). Source: paper A, Eq. 17."""
+    return np.asarray(np.tensordot(dynamic_parameters, _PSEUDO_BASIS, axes=([-1], [0])))
+
+
+def dynamic_parameters_from_pseudo_inertia(matrix: Array) -> Array:
+    """Dynamic parameters of a pseudo-inertia, (..., 4, 4) -> (..., 10): I = tr(S) 1 - S."""
+    p = np.asarray(matrix, dtype=float)
+    second_moment = p[..., :3, :3]
+    trace = np.einsum("...ii->...", second_moment)[..., None, None]
+    inertia = inertia_vector(trace * np.eye(3) - second_moment)
+    return np.concatenate([p[..., 3, 3, None], p[..., :3, 3], inertia], axis=-1)
+
+
+def _log_cholesky_factor(xi: Array) -> Array:
+    """Upper-triangular U of log-Cholesky coordinates [alpha, d1, d2, d3, s12, s23, s13, t1, t2, t3]."""
+    alpha, d1, d2, d3, s12, s23, s13, t1, t2, t3 = xi
+    e1, e2, e3 = np.exp(d1), np.exp(d2), np.exp(d3)
+    return np.asarray(
+        np.exp(alpha)
+        * np.array([[e1, s12, s13, t1], [0.0, e2, s23, t2], [0.0, 0.0, e3, t3], [0.0, 0.0, 0.0, 1.0]])
+    )
+
+
+def dynamic_parameters_from_log_cholesky(xi: Array) -> Array:
+    """Dynamic parameters of log-Cholesky coordinates; every xi in R^10 is a body that can exist.
+
+    P = U U^T, U = e^alpha [[e^d1, s12, s13, t1], [0, e^d2, s23, t2], [0, 0, e^d3, t3], [0, 0, 0, 1]].
+
+    Args:
+        xi: (10,) [alpha, d1, d2, d3, s12, s23, s13, t1, t2, t3].
+
+    Source: Rucker, Wensing 2022, Eq. 13-15.
+    """
+    factor = _log_cholesky_factor(np.asarray(xi, dtype=float))
+    return dynamic_parameters_from_pseudo_inertia(factor @ factor.T)
+
+
+def log_cholesky(matrix: Array) -> Array:
+    """Log-Cholesky coordinates (10,) of a positive definite pseudo-inertia (4, 4).
+
+    Raises:
+        numpy.linalg.LinAlgError: the matrix is not positive definite (no such body exists).
+    """
+    flipped = np.linalg.cholesky(np.asarray(matrix, dtype=float)[::-1, ::-1])
+    upper = flipped[::-1, ::-1]
+    alpha = np.log(upper[3, 3])
+    scaled = upper / upper[3, 3]
+    logs = np.log(np.diag(scaled)[:3])
+    shears = [scaled[0, 1], scaled[1, 2], scaled[0, 2], scaled[0, 3], scaled[1, 3], scaled[2, 3]]
+    return np.array([alpha, *logs, *shears])
+
+
+def log_cholesky_jacobian(xi: Array) -> Array:
+    """Derivative d phi / d xi, (10, 10), of `dynamic_parameters_from_log_cholesky`."""
+    xi = np.asarray(xi, dtype=float)
+    factor = _log_cholesky_factor(xi)
+    scale = np.exp(xi[0])
+    derivatives = np.zeros((10, 4, 4))
+    derivatives[0] = factor
+    for axis in range(3):
+        derivatives[1 + axis, axis, axis] = factor[axis, axis]
+    entries = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))
+    for k, (i, j) in enumerate(entries):
+        derivatives[4 + k, i, j] = scale
+    half = derivatives @ factor.T
+    return dynamic_parameters_from_pseudo_inertia(half + np.swapaxes(half, -1, -2)).T
+
+
+def is_feasible(dynamic_parameters: Array) -> bool:
+    """Whether a body with these parameters can exist: the pseudo-inertia is positive definite."""
+    return bool(np.linalg.eigvalsh(pseudo_inertia(dynamic_parameters))[..., 0].min() > 0.0)
+
+
+def _relative_eigenvalues(truth: Array, estimate: Array) -> Array:
+    factor = np.linalg.cholesky(truth)
+    half = np.linalg.solve(factor, estimate)
+    return np.linalg.eigvalsh(np.linalg.solve(factor, np.swapaxes(half, -1, -2)))
+
+
+def affine_invariant_distance(truth: Array, estimate: Array) -> float:
+    """Distance sqrt(sum log^2 eig(P_truth^-1 P_estimate)); inf if the estimate is infeasible."""
+    values = _relative_eigenvalues(truth, estimate)
+    return float(np.sqrt(np.sum(np.log(values) ** 2))) if values.min() > 0 else float("inf")
+
+
+def log_det_divergence(truth: Array, estimate: Array) -> float:
+    """Divergence tr(P_0^-1 P) - log det(P_0^-1 P) - 4; inf if infeasible. Source: Lee, Park 2018."""
+    values = _relative_eigenvalues(truth, estimate)
+    return float(np.sum(values - np.log(values) - 1.0)) if values.min() > 0 else float("inf")
+
+
+def trace_error(truth: Array, estimate: Array) -> float:
+    """The "inertial error" |4 - tr(P_gt^-1 P_est)| of paper A, Eq. 34.
+
+    Not a distance: zero for every estimate with trace 4 and 4 for an estimate of nothing;
+    kept for comparison with the paper only.
+    """
+    return float(abs(4.0 - np.trace(np.linalg.solve(truth, estimate))))
+
+
+@dataclass(frozen=True)
+class InertialParameters:
+    """Mass, centre of mass and inertia about the centre of mass, body axes.
+
+    Attributes:
+        mass: kg.
+        com: (3,) m, body frame.
+        inertia_com: (3, 3) kg m^2 about the centre of mass, tensor signs (I_xy = -integral xy dm).
+    """
+
+    mass: float
+    com: Array
+    inertia_com: Array
+
+    @classmethod
+    def from_dynamic_parameters(cls, dynamic_parameters: Array) -> InertialParameters:
+        """Build from phi about the origin: I_c = I_o - m (c.c 1 - c c^T) (parallel axes).
+
+        Source: paper A, erratum to "H_cm = H - m r r^T", which lacks the trace part.
+        """
+        phi = np.asarray(dynamic_parameters, dtype=float)
+        com = phi[1:4] / phi[0]
+        cross = skew(com)
+        return cls(float(phi[0]), com, inertia_matrix(phi[4:]) + phi[0] * cross @ cross)
+
+    @classmethod
+    def from_log_cholesky(cls, xi: Array) -> InertialParameters:
+        """Build from log-Cholesky coordinates (10,)."""
+        return cls.from_dynamic_parameters(dynamic_parameters_from_log_cholesky(xi))
+
+    @cached_property
+    def inertia_origin(self) -> Array:
+        """Inertia about the frame origin, (3, 3)."""
+        cross = skew(np.asarray(self.com, dtype=float))
+        return np.asarray(self.inertia_com - self.mass * cross @ cross)
+
+    @cached_property
+    def dynamic_parameters(self) -> Array:
+        """phi (10,) about the origin."""
+        first = self.mass * np.asarray(self.com, dtype=float)
+        return np.concatenate([[self.mass], first, inertia_vector(self.inertia_origin)])
+
+    @cached_property
+    def pseudo_inertia(self) -> Array:
+        """(4, 4) pseudo-inertia about the origin."""
+        return pseudo_inertia(self.dynamic_parameters)
+
+
+def com_inertia_jacobian(dynamic_parameters: Array) -> Array:
+    """Derivative of [m, c (3), I_c (6)] with respect to phi, (10, 10); for interval propagation.
+
+    With h = m c: c = h / m and I_c = I_o - (h.h 1 - h h^T) / m.
+    """
+    phi = np.asarray(dynamic_parameters, dtype=float)
+    mass, first = phi[0], phi[1:4]
+    jacobian = np.zeros((10, 10))
+    jacobian[0, 0] = 1.0
+    jacobian[1:4, 0], jacobian[1:4, 1:4] = -first / mass**2, np.eye(3) / mass
+    spread = first @ first * np.eye(3) - np.outer(first, first)
+    jacobian[4:, 0] = inertia_vector(spread) / mass**2
+    for axis in range(3):
+        unit = np.eye(3)[axis]
+        change = 2.0 * first[axis] * np.eye(3) - np.outer(unit, first) - np.outer(first, unit)
+        jacobian[4:, 1 + axis] = -inertia_vector(change) / mass
+    jacobian[4:, 4:] = np.eye(6)
+    return jacobian

@@ -1,0 +1,58 @@
+"""Newton-Euler equations of one rigid body, linear in its ten dynamic parameters."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.rigid_body.rotation import skew
+
+Array = NDArray[np.float64]
+
+
+def inertia_map(vector: Array) -> Array:
+    """Matrix K(v) with ``I v = K(v) [I_xx, I_xy, I_yy, I_xz, I_yz, I_zz]``.
+
+    Args:
+        vector: (..., 3).
+
+    Returns:
+        (..., 3, 6).
+    """
+    x, y, z = np.moveaxis(np.asarray(vector, dtype=float), -1, 0)
+    matrix = np.zeros((*x.shape, 3, 6))
+    matrix[..., 0, 0], matrix[..., 0, 1], matrix[..., 0, 3] = x, y, z
+    matrix[..., 1, 1], matrix[..., 1, 2], matrix[..., 1, 4] = x, y, z
+    matrix[..., 2, 3], matrix[..., 2, 4], matrix[..., 2, 5] = x, y, z
+    return matrix
+
+
+def regressor(
+    specific_acceleration: Array, angular_velocity: Array, angular_acceleration: Array
+) -> Array:
+    """Regressor Y of the net contact wrench, ``[torque, force] = Y phi``, body frame and origin.
+
+    torque = m c x s + I w' + w x I w;  force = m s + w' x m c + w x (w x m c),  s = R_OW (a_O - g).
+
+    Args:
+        specific_acceleration: (N, 3) s, m/s^2, body frame.
+        angular_velocity: (N, 3) w, rad/s, body frame.
+        angular_acceleration: (N, 3) w', rad/s^2, body frame.
+
+    Returns:
+        (N, 6, 10); phi = [m, m c, I_xx, I_xy, I_yy, I_xz, I_yz, I_zz] about the origin.
+
+    Source: Atkeson, An, Hollerbach 1986, Eq. 7-9; paper A, Eq. 2-3 (the sign of the w' term
+        there is that of [r_c] x w' = -w' x r_c).
+    """
+    s, w, dw = (
+        np.asarray(value, dtype=float)
+        for value in (specific_acceleration, angular_velocity, angular_acceleration)
+    )
+    cross = skew(w)
+    matrix = np.zeros((*s.shape[:-1], 6, 10))
+    matrix[..., :3, 1:4] = -skew(s)
+    matrix[..., :3, 4:] = inertia_map(dw) + cross @ inertia_map(w)
+    matrix[..., 3:, 0] = s
+    matrix[..., 3:, 1:4] = skew(dw) + cross @ cross
+    return matrix

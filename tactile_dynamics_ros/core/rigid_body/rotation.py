@@ -1,0 +1,105 @@
+"""Rotations: exponential and logarithm of SO(3), quaternions; vectorised over leading axes."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+_SMALL_ANGLE = 1e-6
+
+
+def skew(vector: Array) -> Array:
+    """Return the cross-product matrix, ``skew(a) @ b = a x b``.
+
+    Args:
+        vector: (..., 3).
+
+    Returns:
+        (..., 3, 3).
+    """
+    v = np.asarray(vector, dtype=float)
+    matrix = np.zeros((*v.shape, 3))
+    matrix[..., 0, 1], matrix[..., 0, 2] = -v[..., 2], v[..., 1]
+    matrix[..., 1, 0], matrix[..., 1, 2] = v[..., 2], -v[..., 0]
+    matrix[..., 2, 0], matrix[..., 2, 1] = -v[..., 1], v[..., 0]
+    return matrix
+
+
+def exp_so3(rotation_vector: Array) -> Array:
+    """Rotation of a rotation vector, R = I + sin(a)/a [v] + (1 - cos(a))/a^2 [v]^2.
+
+    Args:
+        rotation_vector: (..., 3) rad.
+
+    Returns:
+        (..., 3, 3) rotation matrices.
+    """
+    v = np.asarray(rotation_vector, dtype=float)
+    angle = np.linalg.norm(v, axis=-1)[..., None, None]
+    small = angle < _SMALL_ANGLE
+    safe = np.where(small, 1.0, angle)
+    first = np.where(small, 1.0 - angle**2 / 6.0, np.sin(safe) / safe)
+    second = np.where(small, 0.5 - angle**2 / 24.0, (1.0 - np.cos(safe)) / safe**2)
+    cross = skew(v)
+    return np.asarray(np.eye(3) + first * cross + second * (cross @ cross))
+
+
+def log_so3(rotation: Array) -> Array:
+    """Rotation vector of a rotation, the inverse of `exp_so3`, angle in [0, pi].
+
+    Args:
+        rotation: (..., 3, 3).
+
+    Returns:
+        (..., 3) rad.
+    """
+    quaternion = matrix_to_quaternion(rotation)
+    vector, scalar = quaternion[..., :3], quaternion[..., 3]
+    sine = np.linalg.norm(vector, axis=-1)
+    angle = 2.0 * np.arctan2(sine, scalar)
+    small = sine < _SMALL_ANGLE
+    factor = np.where(small, 2.0, angle / np.where(small, 1.0, sine))
+    return np.asarray(factor[..., None] * vector)
+
+
+def matrix_to_quaternion(rotation: Array) -> Array:
+    """Unit quaternion (x, y, z, w), w >= 0, of a rotation matrix.
+
+    Args:
+        rotation: (..., 3, 3).
+
+    Returns:
+        (..., 4).
+    """
+    r = np.asarray(rotation, dtype=float)
+    trace = np.einsum("...ii->...", r)
+    diagonal = np.einsum("...ii->...i", r)
+    squares = np.concatenate([1.0 + 2.0 * diagonal - trace[..., None], 1.0 + trace[..., None]], -1)
+    products = np.empty((*r.shape[:-2], 4, 4))
+    products[..., range(4), range(4)] = squares
+    for i, j in ((0, 1), (0, 2), (1, 2)):
+        products[..., i, j] = products[..., j, i] = r[..., i, j] + r[..., j, i]
+    products[..., 0, 3] = products[..., 3, 0] = r[..., 2, 1] - r[..., 1, 2]
+    products[..., 1, 3] = products[..., 3, 1] = r[..., 0, 2] - r[..., 2, 0]
+    products[..., 2, 3] = products[..., 3, 2] = r[..., 1, 0] - r[..., 0, 1]
+    largest = np.argmax(squares, axis=-1)
+    row = np.take_along_axis(products, largest[..., None, None], axis=-2)[..., 0, :]
+    quaternion = row / np.linalg.norm(row, axis=-1, keepdims=True)
+    return np.asarray(np.where(quaternion[..., 3:] < 0.0, -quaternion, quaternion))
+
+
+def quaternion_to_matrix(quaternion: Array) -> Array:
+    """Rotation matrix of a quaternion (x, y, z, w), normalised first.
+
+    Args:
+        quaternion: (..., 4), non-zero.
+
+    Returns:
+        (..., 3, 3).
+    """
+    q = np.asarray(quaternion, dtype=float)
+    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
+    cross = skew(q[..., :3])
+    return np.asarray(np.eye(3) + 2.0 * q[..., 3, None, None] * cross + 2.0 * (cross @ cross))
