@@ -1,0 +1,1 @@
+"""Behaviour of arm and hand: grasp, lift, excite, put down."""
