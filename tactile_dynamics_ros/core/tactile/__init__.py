@@ -1,0 +1,1 @@
+"""From raw counts of a fingertip to force and contact point with their uncertainty."""

@@ -1,0 +1,61 @@
+"""Where the BioTac's electrodes sit, and how its 44 channels are ordered.
+
+Sensor frame: x towards the finger tip, z away from the pad (towards the nail).
+Source: electrode centres and normals as published with biotac_force_net and
+biotac_gazebo_plugin (identical tables).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+FINGERS = ("index", "middle", "ring", "thumb")
+
+CHANNELS = 44
+ELECTRODES = slice(0, 19)
+PDC = 19
+TDC = 20
+TAC = 21
+PAC = slice(22, 44)
+FULL_SCALE = 4095
+
+SKIN_RADIUS = 7.0e-3
+"""Radius of the idealised skin: cylinder about x for x < 0, sphere about the origin beyond, m."""
+
+_LEFT_SIDE = {
+    1: ((0.993, -4.855, -1.116), (0.196, -0.956, -0.220)),
+    2: ((-2.700, -3.513, -3.670), (0.0, -0.692, -0.722)),
+    3: ((-6.200, -3.513, -3.670), (0.0, -0.692, -0.722)),
+    4: ((-8.000, -4.956, -1.116), (0.0, -0.976, -0.220)),
+    5: ((-10.500, -3.513, -3.670), (0.0, -0.692, -0.722)),
+    6: ((-13.400, -4.956, -1.116), (0.0, -0.976, -0.220)),
+    8: ((3.031, -1.950, -3.330), (0.500, 0.0, -0.866)),
+}
+_MIRROR = {1: 11, 2: 12, 3: 13, 4: 14, 5: 15, 6: 16, 8: 9}
+_MIDDLE = {
+    7: ((4.763, 0.0, -2.330), (0.500, 0.0, -0.866)),
+    10: ((1.299, 0.0, -4.330), (0.500, 0.0, -0.866)),
+    17: ((-2.800, 0.0, -5.080), (0.0, 0.0, -1.0)),
+    18: ((-9.800, 0.0, -5.080), (0.0, 0.0, -1.0)),
+    19: ((-13.600, 0.0, -5.080), (0.0, 0.0, -1.0)),
+}
+
+
+def _electrode_table() -> tuple[Array, Array]:
+    rows = {**_LEFT_SIDE, **_MIDDLE}
+    for left, right in _MIRROR.items():
+        position, normal = _LEFT_SIDE[left]
+        rows[right] = (
+            (position[0], -position[1], position[2]),
+            (normal[0], -normal[1], normal[2]),
+        )
+    position = 1e-3 * np.array([rows[number][0] for number in range(1, 20)])
+    normal = np.array([rows[number][1] for number in range(1, 20)])
+    return position, normal / np.linalg.norm(normal, axis=1, keepdims=True)
+
+
+ELECTRODE_POSITION, ELECTRODE_NORMAL = _electrode_table()
+"""(19, 3) metres and unit vectors in the sensor frame, electrode E1 first."""

@@ -1,0 +1,1 @@
+"""Measurement models: true simulated state in, noisy readings of real sensors out."""

@@ -1,0 +1,114 @@
+"""Mechanics of the skin: from a contact force to the thickness of the fluid below."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.sim.sensors.biotac.configuration import BioTacConfig
+from tactile_dynamics_ros.sim.sensors.biotac.unit import Units
+
+Array = NDArray[np.float64]
+
+OUTER_RADIUS = 7.0e-3
+MOUNT_X = -18.0e-3
+NAIL_Z = 1.5e-3
+
+
+def outward_normal(point: Array) -> Array:
+    """Return the outward normal of the skin at points (..., 3) of the sensor frame.
+
+    The skin is a cylinder about x behind the origin and a sphere about the origin before it.
+    """
+    radial = np.array(point, dtype=float)
+    radial[..., 0] = np.maximum(radial[..., 0], 0.0)
+    length = np.linalg.norm(radial, axis=-1, keepdims=True)
+    fallback = np.broadcast_to(np.array([0.0, 0.0, -1.0]), radial.shape)
+    return np.where(length > 1e-6, radial / np.maximum(length, 1e-6), fallback)
+
+
+def sensed_share(point: Array) -> Array:
+    """Return which share of a contact at (..., 3) loads the skin instead of the rigid mount.
+
+    Contacts on the mounting frame (behind the skin) or on the nail never reach the fluid.
+    """
+    behind = 1.0 / (1.0 + np.exp((MOUNT_X - point[..., 0]) / 0.6e-3))
+    above = 1.0 / (1.0 + np.exp((point[..., 2] - NAIL_Z) / 0.5e-3))
+    share: Array = behind * above
+    return share
+
+
+@dataclass(frozen=True)
+class Indentation:
+    """Contact patch of U sensors.
+
+    Attributes:
+        centre: (U, 3) centre on the outer skin, sensor frame, m.
+        normal: (U, 3) outward normal there.
+        depth: (U,) m.
+        radius: (U,) patch radius, m.
+        shear: (U, 3) tangential displacement of the skin, m.
+        volume: (U,) fluid displaced, m^3.
+    """
+
+    centre: Array
+    normal: Array
+    depth: Array
+    radius: Array
+    shear: Array
+    volume: Array
+
+
+def indent(
+    press: Array, traction: Array, point: Array, curvature: Array, units: Units, config: BioTacConfig
+) -> Indentation:
+    """Return the patch that a normal and a tangential force make.
+
+    Args:
+        press: (U,) normal force on the skin, N, not negative.
+        traction: (U, 3) tangential force on the skin, N.
+        point: (U, 3) contact point, m.
+        curvature: (U,) curvature of the object, 1/m (0 flat, positive convex).
+    """
+    normal = outward_normal(point)
+    axis = np.stack([np.minimum(point[:, 0], 0.0), np.zeros(len(point)), np.zeros(len(point))], -1)
+    centre = axis + OUTER_RADIUS * normal
+    sharpness = np.clip(1.0 + OUTER_RADIUS * curvature, 0.2, 5.0)
+    load = np.maximum(press, 0.0) / units.stiffness
+    radius = config.patch_radius * np.cbrt(load / sharpness)
+    depth = units.gap * (1.0 - np.exp(-config.indentation * load ** (2 / 3) * np.cbrt(sharpness)))
+    grip = config.shear_stiffness * units.stiffness * np.cbrt(0.05 + load)
+    shear = traction / grip[:, None]
+    shear *= np.minimum(1.0, 1.5e-3 / np.maximum(np.linalg.norm(shear, axis=1), 1e-9))[:, None]
+    volume = np.pi * depth * (0.5 * radius**2 + radius * config.tail_length + config.tail_length**2)
+    return Indentation(centre, normal, depth, radius, shear, volume)
+
+
+def fluid_thickness(patch: Indentation, units: Units, config: BioTacConfig) -> Array:
+    """Return the thickness of the fluid at the electrodes' nodes, (U, 19, 5) m.
+
+    A paraboloid inside the patch, an exponential tail outside it, a dipole of stretched and
+    compressed skin from shear, and a bulge far away that takes up the displaced volume.
+    """
+    outer = units.nodes + (OUTER_RADIUS - 6.65e-3) * 0.5 * patch.normal[:, None, None, :]
+    arm = outer - (patch.centre + patch.shear)[:, None, None, :]
+    normal = patch.normal[:, None, None, :]
+    arm = arm - 0.5 * np.sum(arm * normal, axis=-1, keepdims=True) * normal
+    distance = np.linalg.norm(arm, axis=-1)
+    radius = patch.radius[:, None, None]
+    inside = 1.0 - 0.5 * (distance / np.maximum(radius, 1e-6)) ** 2
+    outside = 0.5 * np.exp(-(distance - radius) / config.tail_length)
+    profile = np.where(distance < radius, inside, outside)
+    bulge = (patch.volume / config.bulge_area)[:, None, None]
+    far = 1.0 - np.exp(-((distance / 6e-3) ** 2))
+    ahead = np.einsum("uenk,uk->uen", arm, patch.shear)
+    width = 1.3 * radius + 0.8e-3
+    dipole = ahead / width**2 * np.exp(-((distance / width) ** 2))
+    depth = patch.depth[:, None, None]
+    thickness = units.gap[:, None, None] - depth * profile + bulge * far
+    thickness = thickness + config.shear_gain * np.minimum(depth, 8e-4) * dipole
+    soft = 0.5 * config.smallest_gap
+    floor = config.smallest_gap
+    return np.asarray(floor + soft * np.logaddexp(0.0, (thickness - floor) / soft))
