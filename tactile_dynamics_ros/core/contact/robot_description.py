@@ -235,11 +235,12 @@ def _finger_links(finger: str) -> Iterator[Link]:
     yield Link(sensor_frame(finger), _BIOTAC_MASS, (-0.007, 0.0, 0.0), tip)
 
 
-# The hand hangs straight on the flange: its finger direction is the flange axis, a wrist
-# force/torque sensor lies between the two. The flange is 45 mm from joint 7's frame.
+# A bracket holds the palm 20 degrees off the plane of the flange, so that thumb and fingers oppose
+# each other across the flange axis; a wrist force/torque sensor lies between flange and bracket.
+# The flange is 45 mm from joint 7's frame.
 MOUNT_JOINTS = (
     Joint("wrist_ft_mount", "lbr_iiwa_link_7", FLANGE_LINK, (0.0, 0.0, 0.045)),
-    Joint("palm_mount", FLANGE_LINK, PALM_LINK, (0.0, 0.0, 0.108)),
+    Joint("palm_mount", FLANGE_LINK, PALM_LINK, (-0.03, 0.0, 0.08), (0.0, -7 * PI / 18, 0.0)),
 )
 MOUNT_LINKS = (
     Link(FLANGE_LINK, 0.1, (0.0, 0.0, 0.0), (1e-4, 1e-4, 1e-4)),
