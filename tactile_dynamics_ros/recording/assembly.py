@@ -1,0 +1,304 @@
+"""Streams from columns of numbers: faulty samples are dropped and counted on the way."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.rigid_body.rotation import matrix_to_quaternion, quaternion_to_matrix
+from tactile_dynamics_ros.core.streams import ContactStream, ImuStream, PoseStream
+from tactile_dynamics_ros.recording.cleaning import (
+    ANGULAR_VELOCITY_LIMIT,
+    FORCE_LIMIT,
+    POSITION_LIMIT,
+    QUATERNION_TOLERANCE,
+    SPECIFIC_FORCE_LIMIT,
+    TORQUE_LIMIT,
+    Mask,
+    ProblemLog,
+    count_gaps,
+    find_absurd,
+    find_bad_quaternions,
+    find_glitches,
+    find_not_finite,
+    find_not_increasing,
+    find_saturated,
+    select,
+)
+
+Array = NDArray[np.float64]
+
+STANDARD_GRAVITY = 9.81
+
+
+@dataclass(frozen=True)
+class PoseColumns:
+    """Poses as they were measured.
+
+    Attributes:
+        label: topic or array name for messages to the user.
+        time: (N,) s.
+        position: (N, 3) m.
+        quaternion: (N, 4) xyzw.
+        covariance: (N, 6, 6) [rotation, position], or None.
+    """
+
+    label: str
+    time: Array
+    position: Array
+    quaternion: Array
+    covariance: Array | None = None
+
+
+@dataclass(frozen=True)
+class WrenchColumns:
+    """Wrenches of one contact as they were measured.
+
+    Attributes:
+        label: topic or array name for messages to the user.
+        time: (N,) s.
+        force: (N, 3) N on the object, world axes.
+        torque: (N, 3) N m about the contact point, world axes.
+    """
+
+    label: str
+    time: Array
+    force: Array
+    torque: Array
+
+
+@dataclass(frozen=True)
+class StdColumns:
+    """Standard deviations of a contact's force: (M,) s and (M, 3) N."""
+
+    label: str
+    time: Array
+    std: Array
+
+
+def assemble_pose(columns: PoseColumns, log: ProblemLog) -> PoseStream:
+    """Return the object's pose stream without faulty samples.
+
+    Raises:
+        BadInputError: fewer than two usable poses remain.
+    """
+    kept = _clean_poses(columns, log)
+    if len(kept.time) < 2:
+        raise BadInputError(
+            f"{kept.label}: {len(kept.time)} usable poses of {len(columns.time)}; expected a stream "
+            f"with finite values and increasing stamps{_worst(log, columns.label)}"
+        )
+    log.note(kept.label, "gap in the stream", count_gaps(kept.time))
+    return PoseStream(
+        time=kept.time,
+        position=kept.position,
+        rotation=quaternion_to_matrix(kept.quaternion),
+        covariance=_clean_covariance(kept.covariance, kept.label, log),
+    )
+
+
+def _clean_poses(columns: PoseColumns, log: ProblemLog) -> PoseColumns:
+    """Drop poses that are not finite, absurd, out of order, without rotation, or leap away."""
+    label = columns.label
+    fields: tuple[Array, ...] = (columns.time, columns.position, columns.quaternion)
+    if columns.covariance is not None:
+        fields = (*fields, columns.covariance)
+    fields = select(log.drop(label, "sample is not finite", find_not_finite(*fields[:3])), fields)
+    fields = select(
+        log.drop(label, "position is absurd", find_absurd(fields[1], POSITION_LIMIT)), fields
+    )
+    fields = select(
+        log.drop(label, "quaternion is not a rotation", find_bad_quaternions(fields[2])), fields
+    )
+    fields = select(_drop_disorder(label, fields[0], log), fields)
+    norm = np.asarray(np.linalg.norm(fields[2], axis=1, keepdims=True))
+    off = int(np.count_nonzero(np.abs(norm - 1.0) > QUATERNION_TOLERANCE))
+    log.note(label, "quaternion is not of unit length (normalised)", off)
+    unit = fields[2] / norm
+    fields = (fields[0], fields[1], unit, *fields[3:])
+    fields = select(
+        log.drop(label, "pose leaps away and back", find_glitches(*fields[1:3])), fields
+    )
+    return PoseColumns(label, *fields)
+
+
+def _drop_disorder(label: str, time: Array, log: ProblemLog) -> Mask:
+    """Drop and count stamps that repeat or jump."""
+    bad = find_not_increasing(time)
+    repeated = bad & np.isin(time, time[~bad])
+    log.drop(label, "stamp repeats", repeated)
+    log.drop(label, "stamp jumps", bad & ~repeated)
+    return ~bad
+
+
+def _clean_covariance(covariance: Array | None, label: str, log: ProblemLog) -> Array | None:
+    """Return usable covariances; a broken one is replaced by the median of the others."""
+    if covariance is None or not np.any(covariance):
+        return None
+    symmetric = 0.5 * (covariance + np.swapaxes(covariance, 1, 2))
+    finite = np.isfinite(symmetric).all(axis=(1, 2))
+    least = np.linalg.eigvalsh(np.where(finite[:, None, None], symmetric, 0.0))[:, 0]
+    good = np.asarray(finite & (least > 0.0))
+    if not good.any():
+        log.note(label, "covariance is not positive definite (taken as not stated)", len(good))
+        return None
+    log.note(
+        label, "covariance is not positive definite (median used)", np.count_nonzero(~good).item()
+    )
+    return np.where(good[:, None, None], symmetric, np.median(symmetric[good], axis=0))
+
+
+def assemble_contact(
+    name: str, wrench: WrenchColumns, pose: PoseColumns, std: StdColumns | None, log: ProblemLog
+) -> ContactStream | None:
+    """Return one contact's stream without faulty samples, or None if it never touches.
+
+    Raises:
+        BadInputError: the contact pushes, but where it does is not known.
+    """
+    kept = _clean_wrenches(wrench, log)
+    if not len(kept.time) or not np.any(kept.force):
+        log.note(wrench.label, "no force at all (contact left out)", 1)
+        return None
+    poses = _clean_poses(pose, log)
+    if not len(poses.time):
+        raise BadInputError(
+            f"{poses.label}: no usable pose of {len(pose.time)}, but {wrench.label} has "
+            f"{len(kept.time)} forces; record the contact's pose too"
+        )
+    return ContactStream(
+        name=name,
+        time=kept.time,
+        force=kept.force,
+        torque=kept.torque,
+        force_std=_align_std(std, kept.time, log),
+        pose_time=poses.time,
+        position=poses.position,
+        rotation=quaternion_to_matrix(poses.quaternion),
+        carries_torque=bool(np.any(kept.torque)),
+    )
+
+
+def _clean_wrenches(columns: WrenchColumns, log: ProblemLog) -> WrenchColumns:
+    """Drop wrenches that are not finite, absurd, out of order or on the sensor's rail."""
+    label = columns.label
+    fields: tuple[Array, ...] = (columns.time, columns.force, columns.torque)
+    fields = select(log.drop(label, "sample is not finite", find_not_finite(*fields)), fields)
+    absurd = find_absurd(fields[1], FORCE_LIMIT) | find_absurd(fields[2], TORQUE_LIMIT)
+    fields = select(log.drop(label, "force or torque is absurd", absurd), fields)
+    fields = select(_drop_disorder(label, fields[0], log), fields)
+    saturated = find_saturated(np.concatenate([fields[1], fields[2]], axis=1))
+    fields = select(log.drop(label, "sensor saturated", saturated), fields)
+    return WrenchColumns(label, *fields)
+
+
+def _align_std(std: StdColumns | None, time: Array, log: ProblemLog) -> Array | None:
+    """Return the standard deviation stated nearest in time to each force."""
+    if std is None or not len(std.time):
+        return None
+    usable = np.asarray(~find_not_finite(std.time, std.std) & np.all(std.std > 0.0, axis=1))
+    log.drop(std.label, "standard deviation is not positive", ~usable)
+    if not usable.any():
+        return None
+    order = np.flatnonzero(usable)[np.argsort(std.time[usable], kind="stable")]
+    stamps = std.time[order]
+    after = np.clip(np.searchsorted(stamps, time), 1, max(1, len(stamps) - 1))
+    if len(stamps) == 1:
+        return np.repeat(std.std[order], len(time), axis=0)
+    nearer_before = time - stamps[after - 1] < stamps[after] - time
+    return np.asarray(std.std[order[after - nearer_before.astype(int)]])
+
+
+@dataclass(frozen=True)
+class ImuColumns:
+    """An IMU on the object as it was measured; absent columns are None.
+
+    Attributes:
+        label: topic or array name for messages to the user.
+        time: (N,) s.
+        specific_force: (N, 3) m/s^2, body axes.
+        quaternion: (N, 4) xyzw, or None.
+        angular_velocity: (N, 3) rad/s, body axes, or None.
+        specific_force_std: m/s^2 per axis, or None.
+    """
+
+    label: str
+    time: Array
+    specific_force: Array
+    quaternion: Array | None = None
+    angular_velocity: Array | None = None
+    specific_force_std: float | None = None
+
+
+def assemble_imu(columns: ImuColumns, log: ProblemLog) -> ImuStream | None:
+    """Return the IMU stream without faulty samples, or None if nothing usable remains.
+
+    Raises:
+        BadInputError: the accelerometer reads in units of g.
+    """
+    label, size = columns.label, len(columns.time)
+    gyroscope = columns.angular_velocity
+    turn = np.zeros((size, 3)) if gyroscope is None else gyroscope
+    still = np.tile([0.0, 0.0, 0.0, 1.0], (size, 1))
+    quaternion = still if columns.quaternion is None else columns.quaternion
+    fields: tuple[Array, ...] = (columns.time, columns.specific_force, turn, quaternion)
+    fields = select(log.drop(label, "sample is not finite", find_not_finite(*fields)), fields)
+    absurd = find_absurd(fields[1], SPECIFIC_FORCE_LIMIT)
+    absurd |= find_absurd(fields[2], ANGULAR_VELOCITY_LIMIT)
+    fields = select(log.drop(label, "reading is absurd", absurd), fields)
+    fields = select(
+        log.drop(label, "quaternion is not a rotation", find_bad_quaternions(fields[3])), fields
+    )
+    fields = select(_drop_disorder(label, fields[0], log), fields)
+    fields = select(log.drop(label, "sensor saturated", find_saturated(fields[1])), fields)
+    if len(fields[0]) < 2:
+        log.note(label, "too few usable samples (IMU left out)", 1)
+        return None
+    _refuse_units_of_g(label, fields[1])
+    log.note(label, "gap in the stream", count_gaps(fields[0]))
+    unit = fields[3] / np.linalg.norm(fields[3], axis=1, keepdims=True)
+    return ImuStream(
+        time=fields[0],
+        rotation=None if columns.quaternion is None else quaternion_to_matrix(unit),
+        angular_velocity=None if gyroscope is None else fields[2],
+        specific_force=fields[1],
+        specific_force_std=columns.specific_force_std,
+    )
+
+
+def _refuse_units_of_g(label: str, specific_force: Array) -> None:
+    """Refuse an accelerometer that reads about 1 where it should read about 9.81."""
+    typical = float(np.median(np.linalg.norm(specific_force, axis=1)))
+    if 0.5 < typical < 2.0:
+        raise BadInputError(
+            f"{label}: linear_acceleration has a typical size of {typical:.2f}; expected about "
+            f"{STANDARD_GRAVITY} m/s^2 at rest. It seems to be in units of g: multiply by 9.80665"
+        )
+
+
+def quaternions_of(rotation: Array, label: str) -> Array:
+    """Return the quaternions of rotation matrices; a matrix that is no rotation becomes NaN.
+
+    Args:
+        rotation: (N, 3, 3).
+        label: array name for messages to the user.
+
+    Raises:
+        BadInputError: the matrices mirror space.
+    """
+    defect = np.abs(np.einsum("nji,njk->nik", rotation, rotation) - np.eye(3)).max(axis=(1, 2))
+    good = np.isfinite(defect) & (defect < 0.01)
+    if np.any(np.linalg.det(rotation[good]) < 0.0):
+        raise BadInputError(f"{label}: rotation has determinant -1; expected a right-handed frame")
+    quaternion = np.full((len(rotation), 4), np.nan)
+    quaternion[good] = matrix_to_quaternion(rotation[good])
+    return quaternion
+
+
+def _worst(log: ProblemLog, label: str) -> str:
+    """Return the most frequent problem of a stream as an addition to an error message."""
+    own = [(count, text) for text, count in log.items() if text.startswith(f"{label}: ")]
+    return f"; {max(own)[1].removeprefix(f'{label}: ')} x {max(own)[0]}" if own else ""

@@ -1,0 +1,167 @@
+"""Raw messages of rosbag2 recordings: directories, MCAP and SQLite files, whole or broken."""
+
+from __future__ import annotations
+
+import struct
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import apsw
+from rosbags.rosbag2 import Reader, ReaderError
+
+from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.recording.cdr import (
+    DOUBLES,
+    MessageTable,
+    decode_messages,
+    join_tables,
+)
+from tactile_dynamics_ros.recording.salvage import ZSTD_ERROR, salvage_messages
+
+STORAGE_SUFFIXES = (".mcap", ".db3")
+BLOCK = 20_000
+DAMAGE = (
+    ReaderError,
+    apsw.Error,
+    ZSTD_ERROR,
+    struct.error,
+    ArithmeticError,
+    AssertionError,
+    AttributeError,
+    LookupError,
+    OSError,
+    RuntimeError,
+    TypeError,
+    ValueError,
+)
+"""What the reader raises on damaged files: it trusts most bytes that it unpacks."""
+
+RawMessage = tuple[str, str, int, bytes]
+"""Topic, message type, receive time in nanoseconds, serialised message."""
+
+
+@dataclass
+class BagTables:
+    """Decoded topics of one recording.
+
+    Attributes:
+        tables: messages of every wanted topic that has a known fixed-layout type.
+        types: message type of every topic of the recording.
+        problems: what was wrong with the files, and how often.
+    """
+
+    tables: dict[str, MessageTable] = field(default_factory=dict)
+    types: dict[str, str] = field(default_factory=dict)
+    problems: Counter[str] = field(default_factory=Counter)
+
+
+def read_tables(path: Path, wanted: Callable[[str], bool]) -> BagTables:
+    """Read and decode the wanted topics of a rosbag2 recording.
+
+    Args:
+        path: the recording's directory, or an .mcap or .db3 file.
+        wanted: tells whether a topic is needed.
+
+    Raises:
+        BadInputError: there is no recording at the path, or nothing in it can be read.
+    """
+    bag = BagTables()
+    for part in _parts(path):
+        try:
+            found = _decode(_regular_messages(part, bag.types, wanted))
+        except DAMAGE as error:
+            found = _decode(_salvaged_messages(part, bag.types, wanted))
+            rows = sum(len(table) for table in found.values())
+            bag.problems[f"{part.name}: damaged ({_one_line(error)}); messages salvaged"] += rows
+        for topic, table in found.items():
+            known = bag.tables.get(topic)
+            bag.tables[topic] = table if known is None else join_tables([known, table])
+    if not bag.types:
+        raise BadInputError(
+            f"{path}: no message could be read; expected a rosbag2 recording (MCAP or SQLite) "
+            "that was closed properly or holds at least one complete chunk"
+        )
+    return bag
+
+
+def _parts(path: Path) -> list[Path]:
+    """Return what to open: the directory if it is complete, otherwise its storage files."""
+    if not path.exists():
+        raise BadInputError(f"{path}: no such file or directory; expected a rosbag2 recording")
+    if path.is_dir():
+        if _opens(path):
+            return [path]
+        files = _storage_files(path)
+        if not files:
+            raise BadInputError(
+                f"{path}: holds neither .mcap nor .db3; expected a rosbag2 recording"
+            )
+        return files
+    if path.suffix not in STORAGE_SUFFIXES:
+        raise BadInputError(
+            f"{path}: unknown kind of file; expected a rosbag2 directory, .mcap or .db3 "
+            "(see `tactile-dynamics import` for CSV)"
+        )
+    return [path]
+
+
+def _storage_files(path: Path) -> list[Path]:
+    """Return the storage files of a directory in order, or the file itself."""
+    if path.is_dir():
+        return sorted(f for f in path.iterdir() if f.suffix in STORAGE_SUFFIXES)
+    return [path]
+
+
+def _opens(directory: Path) -> bool:
+    """Return whether a recording's directory and all files named in it can be opened."""
+    try:
+        with Reader(directory):
+            return True
+    except DAMAGE:
+        return False
+
+
+def _regular_messages(
+    part: Path, types: dict[str, str], wanted: Callable[[str], bool]
+) -> Iterator[RawMessage]:
+    """Yield the wanted messages of an intact recording."""
+    with Reader(part) as reader:
+        types.update({c.topic: c.msgtype for c in reader.connections})
+        connections = [c for c in reader.connections if wanted(c.topic)]
+        if connections:
+            for connection, received, data in reader.messages(connections=connections):
+                yield connection.topic, connection.msgtype, received, bytes(data)
+
+
+def _salvaged_messages(
+    part: Path, types: dict[str, str], wanted: Callable[[str], bool]
+) -> Iterator[RawMessage]:
+    """Yield the wanted messages of a damaged recording as far as each of its files goes."""
+    for file in _storage_files(part):
+        yield from salvage_messages(file, types, wanted)
+
+
+def _decode(messages: Iterator[RawMessage]) -> dict[str, MessageTable]:
+    """Decode a stream of messages block by block, so that few serialised ones are held."""
+    tables: dict[tuple[str, str], list[MessageTable]] = defaultdict(list)
+    blocks: dict[tuple[str, str], tuple[list[bytes], list[int]]] = {}
+    for topic, msgtype, received, data in messages:
+        if msgtype not in DOUBLES:
+            continue
+        key = (topic, msgtype)
+        raw, times = blocks.setdefault(key, ([], []))
+        raw.append(data)
+        times.append(received)
+        if len(raw) >= BLOCK:
+            tables[key].append(decode_messages(msgtype, *blocks.pop(key)))
+    for key, block in blocks.items():
+        tables[key].append(decode_messages(key[1], *block))
+    return {topic: join_tables(parts) for (topic, _), parts in tables.items()}
+
+
+def _one_line(error: Exception) -> str:
+    """Return the first line of an error's text, or its kind where it has none."""
+    text = str(error).strip().splitlines()
+    return text[0] if text else type(error).__name__

@@ -1,0 +1,154 @@
+"""Which samples of a stream can be trusted: one boolean mask per kind of fault."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections import Counter
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+FORCE_LIMIT = 1e4
+TORQUE_LIMIT = 1e3
+POSITION_LIMIT = 1e4
+ANGULAR_VELOCITY_LIMIT = 1e3
+SPECIFIC_FORCE_LIMIT = 1e4
+
+QUATERNION_TOLERANCE = 1e-3
+QUATERNION_SHORTEST = 0.5
+GLITCH_DISTANCE = 0.02
+GLITCH_ANGLE = 0.1
+GLITCH_FACTOR = 20.0
+SATURATED_RUN = 5
+GAP_SECONDS = 0.1
+GAP_FACTOR = 5.0
+
+
+class ProblemLog(Counter[str]):
+    """Counts what was wrong with a recording, one line of text per kind of problem."""
+
+    def note(self, where: str, what: str, count: int) -> None:
+        """Add a number of occurrences of a problem; nothing is added for none."""
+        if count:
+            self[f"{where}: {what}"] += int(count)
+
+    def drop(self, where: str, what: str, bad: Mask) -> Mask:
+        """Count the bad samples and return the mask of the good ones."""
+        self.note(where, f"{what} (dropped)", int(np.count_nonzero(bad)))
+        return ~bad
+
+
+def find_not_finite(*columns: Array) -> Mask:
+    """Return which samples have a NaN or an infinity in any column."""
+    finite = [np.isfinite(c.reshape(len(c), -1)).all(axis=1) for c in columns]
+    return np.asarray(~np.all(finite, axis=0))
+
+
+def find_absurd(values: Array, limit: float) -> Mask:
+    """Return which samples exceed what any hand, arm or sensor of this kind can show."""
+    return np.asarray(np.abs(values).max(axis=1, initial=0.0) > limit)
+
+
+def find_not_increasing(time: Array) -> Mask:
+    """Return the fewest samples whose removal leaves strictly increasing stamps.
+
+    A lone stamp that is far ahead or behind is dropped alone; behind a clock that was set back
+    the samples resume where the old time is passed again.
+    """
+    if np.all(np.diff(time) > 0):
+        return np.zeros(len(time), dtype=bool)
+    tails: list[float] = []
+    tail_index: list[int] = []
+    previous = np.full(len(time), -1)
+    for index, stamp in enumerate(time.tolist()):
+        rank = bisect_left(tails, stamp)
+        previous[index] = tail_index[rank - 1] if rank else -1
+        if rank == len(tails):
+            tails.append(stamp)
+            tail_index.append(index)
+        else:
+            tails[rank], tail_index[rank] = stamp, index
+    bad = np.ones(len(time), dtype=bool)
+    index = tail_index[-1]
+    while index >= 0:
+        bad[index] = False
+        index = int(previous[index])
+    return bad
+
+
+def find_bad_quaternions(quaternion: Array) -> Mask:
+    """Return which quaternions are too short to name a rotation."""
+    return np.asarray(np.linalg.norm(quaternion, axis=1) < QUATERNION_SHORTEST)
+
+
+def find_glitches(position: Array, quaternion: Array) -> Mask:
+    """Return poses that leap away from their neighbours and back within two samples.
+
+    Args:
+        position: (N, 3) m.
+        quaternion: (N, 4) unit quaternions, either sign.
+    """
+    if len(position) < 5:
+        return np.zeros(len(position), dtype=bool)
+    smooth = _align_signs(quaternion)
+    away = np.linalg.norm(position - _running_median(position), axis=1)
+    turned = 2.0 * np.linalg.norm(smooth - _running_median(smooth), axis=1)
+    return np.asarray(_stands_out(away, GLITCH_DISTANCE) | _stands_out(turned, GLITCH_ANGLE))
+
+
+def _align_signs(quaternion: Array) -> Array:
+    """Choose the sign of each quaternion nearest to the one before it."""
+    flips = np.einsum("ni,ni->n", quaternion[1:], quaternion[:-1]) < 0.0
+    signs = np.where(np.concatenate([[0], np.cumsum(flips)]) % 2 == 1, -1.0, 1.0)
+    return np.asarray(quaternion * signs[:, None])
+
+
+def _running_median(values: Array) -> Array:
+    """Return the median over five samples, the window held inside the stream."""
+    windows = np.lib.stride_tricks.sliding_window_view(values, 5, axis=0)
+    middle = np.median(windows, axis=-1)
+    return np.concatenate([middle[[0, 0]], middle, middle[[-1, -1]]])
+
+
+def _stands_out(distance: Array, least: float) -> Mask:
+    """Return which distances exceed both a fixed length and a multiple of the usual one."""
+    return np.asarray(distance > max(least, GLITCH_FACTOR * float(np.median(distance))))
+
+
+def find_saturated(values: Array) -> Mask:
+    """Return samples in which a channel rests on its largest or smallest value.
+
+    A rail shows as a run of identical extreme values in a channel that otherwise keeps changing.
+
+    Args:
+        values: (N, C) one column per channel.
+    """
+    bad = np.zeros(len(values), dtype=bool)
+    for channel in values.T:
+        starts = np.flatnonzero(np.concatenate([[True], np.diff(channel) != 0]))
+        lengths = np.diff(np.concatenate([starts, [len(channel)]]))
+        least = max(SATURATED_RUN, SATURATED_RUN * int(np.median(lengths)) if len(lengths) else 0)
+        level = channel[starts]
+        rail = (level == channel.max(initial=-np.inf)) | (level == channel.min(initial=np.inf))
+        for start, length in zip(
+            *(x[rail & (lengths >= least) & (level != 0.0)] for x in (starts, lengths)), strict=True
+        ):
+            bad[start : start + length] |= length < len(channel)
+    return bad
+
+
+def count_gaps(time: Array) -> int:
+    """Return how many pauses are much longer than the usual sample interval."""
+    if len(time) < 3:
+        return 0
+    steps = np.diff(time)
+    return int(np.count_nonzero(steps > max(GAP_SECONDS, GAP_FACTOR * float(np.median(steps)))))
+
+
+def select(mask: Mask, columns: Sequence[Array]) -> tuple[Array, ...]:
+    """Apply one mask to several columns."""
+    return tuple(column[mask] for column in columns)

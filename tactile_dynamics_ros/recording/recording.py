@@ -1,0 +1,222 @@
+"""A recording of one held object: from a rosbag2, from arrays, and back to a rosbag2."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.streams import ContactStream, Streams
+from tactile_dynamics_ros.recording import topics
+from tactile_dynamics_ros.recording.arrays import streams_from_arrays
+from tactile_dynamics_ros.recording.assembly import assemble_contact, assemble_imu, assemble_pose
+from tactile_dynamics_ros.recording.bag_files import BagTables, read_tables
+from tactile_dynamics_ros.recording.bag_writer import write_bag
+from tactile_dynamics_ros.recording.cdr import empty_table
+from tactile_dynamics_ros.recording.cleaning import ProblemLog
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Measurements of one held object, cleaned, with what had to be cleaned.
+
+    Attributes:
+        streams: poses, contacts and IMU; time zero is the first pose (or IMU sample).
+        source: where the recording comes from, for messages to the user.
+        problems: one line of text per kind of fault met, and how often it was met.
+        epoch_ns: stamp of time zero in nanoseconds.
+    """
+
+    streams: Streams
+    source: str
+    problems: dict[str, int] = field(default_factory=dict)
+    epoch_ns: int = 0
+
+    @classmethod
+    def from_bag(
+        cls,
+        path: str | Path,
+        *,
+        remap: Mapping[str, str] | None = None,
+        contacts_required: bool = True,
+    ) -> Recording:
+        """Read a rosbag2 recording; contacts are discovered from its topics.
+
+        Args:
+            path: the recording's directory, or an .mcap or .db3 file.
+            remap: recorded topic names and the names that they stand for.
+            contacts_required: whether a recording without any contact is refused.
+
+        Raises:
+            BadInputError: the files cannot be read, a topic is missing or of another type or
+                frame, or nothing usable remains of one; the message says what to do.
+        """
+        names = dict(remap or {})
+        bag = read_tables(Path(path), lambda t: topics.topic_kind(names.get(t, t)) is not None)
+        _rename(bag, names, str(path))
+        topics.check_types(bag.types, str(path))
+        topics.require_topics(bag.types, str(path), contacts_required)
+        return _BagAssembly(bag, str(path)).recording()
+
+    @classmethod
+    def from_arrays(
+        cls,
+        contacts: Mapping[str, Mapping[str, Any]],
+        pose: Mapping[str, Any] | None = None,
+        imu: Mapping[str, Any] | None = None,
+        *,
+        contact_frame: str = "world",
+        source: str = "arrays",
+    ) -> Recording:
+        """Take measurements that are already in memory.
+
+        Args:
+            contacts: per contact ``time`` (N,) s, ``force`` (N, 3) N on the object, ``position``
+                (3,) or (M, 3) m, and optionally ``torque`` (N, 3) N m about the contact point,
+                ``force_std`` N, ``pose_time`` (M,), and the contact frame as ``normal`` (into the
+                object), ``quaternion`` xyzw or ``rotation``.
+            pose: ``time`` (N,) s, ``position`` (N, 3) m, ``quaternion`` (N, 4) xyzw or
+                ``rotation`` (N, 3, 3), and optionally ``position_std`` m, ``rotation_std`` rad or
+                ``covariance`` (N, 6, 6) [rotation, position].
+            imu: ``time`` (N,) s, ``specific_force`` (N, 3) m/s^2, and optionally
+                ``quaternion`` or ``rotation``, ``angular_velocity`` rad/s and
+                ``specific_force_std`` m/s^2; body axes.
+            contact_frame: "world" or "object": the axes of forces, torques and contact poses.
+            source: name for messages to the user.
+
+        Raises:
+            BadInputError: an array is missing, unknown, of the wrong shape or without usable rows.
+        """
+        streams, log = streams_from_arrays(contacts, pose, imu, contact_frame, source)
+        _require_overlap(streams, source)
+        return cls(streams, source, dict(log))
+
+    @property
+    def duration(self) -> float:
+        """Seconds from the first to the last motion sample."""
+        motion = self.streams.pose or self.streams.imu
+        return float(motion.time[-1] - motion.time[0]) if motion else 0.0
+
+    def to_bag(self, path: str | Path) -> Path:
+        """Write a rosbag2 recording to the contract that `from_bag` reads.
+
+        Args:
+            path: a new directory, or a new file that ends in .mcap.
+
+        Returns:
+            The path written.
+
+        Raises:
+            BadInputError: the path exists already or cannot be written.
+        """
+        return write_bag(self.streams, Path(path), self.epoch_ns)
+
+    def problem_lines(self) -> list[str]:
+        """Return one line per kind of fault, the most frequent first."""
+        ranked = sorted(self.problems.items(), key=lambda item: -item[1])
+        return [f"{text}: {count}" for text, count in ranked]
+
+
+class _BagAssembly:
+    """Builds the streams of one recording from its decoded topics."""
+
+    def __init__(self, bag: BagTables, source: str) -> None:
+        self._bag = bag
+        self._source = source
+        self._log = ProblemLog(bag.problems)
+        motion = topics.OBJECT_POSE if topics.OBJECT_POSE in bag.tables else topics.OBJECT_IMU
+        self._clock = topics.Clock.starting_at(bag.tables.get(motion, empty_table(7)))
+
+    def recording(self) -> Recording:
+        """Return the recording with all streams that are in the bag."""
+        for topic, table in self._bag.tables.items():
+            topics.check_messages(topic, table, self._log)
+        self._note_poses_without_forces()
+        streams = Streams(self._pose(), self._contacts(), self._imu())
+        if streams.pose is None and streams.imu is None:
+            raise BadInputError(
+                f"{self._source}: neither {topics.OBJECT_POSE} nor {topics.OBJECT_IMU} holds a "
+                "usable sample; record the object's motion"
+            )
+        _require_overlap(streams, self._source)
+        return Recording(streams, self._source, dict(self._log), self._clock.epoch_ns)
+
+    def _pose(self) -> Any:
+        """Return the object's poses, or None if only an IMU was recorded."""
+        table = self._bag.tables.get(topics.OBJECT_POSE)
+        if table is None:
+            return None
+        table = topics.in_world(topics.OBJECT_POSE, table, self._source, self._log)
+        columns = topics.pose_columns(topics.OBJECT_POSE, table, self._clock)
+        return assemble_pose(columns, self._log)
+
+    def _contacts(self) -> dict[str, ContactStream]:
+        """Return the contacts that ever touch."""
+        found = {n: self._contact(n) for n in topics.discover_contacts(self._bag.types)}
+        return {name: stream for name, stream in found.items() if stream is not None}
+
+    def _contact(self, name: str) -> ContactStream | None:
+        """Return one contact, or None if it never touches."""
+        force, pose, std = (topics.contact_topic(name, k) for k in ("force", "pose", "force_std"))
+        std_table = self._bag.tables.get(std)
+        return assemble_contact(
+            name,
+            topics.wrench_columns(force, self._world_table(force, 6), self._clock),
+            topics.pose_columns(pose, self._world_table(pose, 7), self._clock),
+            None if std_table is None else topics.std_columns(std, std_table, self._clock),
+            self._log,
+        )
+
+    def _world_table(self, topic: str, doubles: int) -> Any:
+        """Return a topic's messages in the world frame; none if it is empty."""
+        table = self._bag.tables.get(topic, empty_table(doubles))
+        return topics.in_world(topic, table, self._source, self._log) if len(table) else table
+
+    def _imu(self) -> Any:
+        """Return the IMU, or None if there is none."""
+        table = self._bag.tables.get(topics.OBJECT_IMU)
+        columns = topics.imu_columns(topics.OBJECT_IMU, table, self._clock) if table else None
+        return None if columns is None else assemble_imu(columns, self._log)
+
+    def _note_poses_without_forces(self) -> None:
+        """Count contact poses that have no force beside them."""
+        names = topics.discover_contacts(self._bag.types)
+        for topic in self._bag.types:
+            match = topics.CONTACT_TOPIC.match(topic)
+            if match and match["name"] not in names:
+                self._log.note(topic, "no force topic beside it (left out)", 1)
+
+
+def _rename(bag: BagTables, names: dict[str, str], source: str) -> None:
+    """Give remapped topics the names that they stand for."""
+    for recorded, meant in names.items():
+        if recorded not in bag.types:
+            present = ", ".join(sorted(bag.types))
+            raise BadInputError(f"remap: {recorded} is not in {source} (topics: {present})")
+        bag.types[meant] = bag.types.pop(recorded)
+        if recorded in bag.tables:
+            bag.tables[meant] = bag.tables.pop(recorded)
+
+
+def _require_overlap(streams: Streams, source: str) -> None:
+    """Check that every contact was recorded while the motion was.
+
+    Raises:
+        BadInputError: the stamps lie apart, as from clocks that were never synchronised.
+    """
+    motion = streams.pose or streams.imu
+    if motion is None:
+        return
+    for name, contact in streams.contacts.items():
+        if contact.time[-1] < motion.time[0] or contact.time[0] > motion.time[-1]:
+            apart = float(
+                np.max([motion.time[0] - contact.time[-1], contact.time[0] - motion.time[-1]])
+            )
+            raise BadInputError(
+                f"{source}: the stamps of contact {name} and of the object's motion lie "
+                f"{apart:.1f} s apart and never overlap; stamp both with the same clock"
+            )

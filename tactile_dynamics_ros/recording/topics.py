@@ -1,0 +1,206 @@
+"""Topics of a recording as columns of numbers, in the order and units of core."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.recording.assembly import (
+    ImuColumns,
+    PoseColumns,
+    StdColumns,
+    WrenchColumns,
+)
+from tactile_dynamics_ros.recording.cdr import MessageTable
+from tactile_dynamics_ros.recording.cleaning import Mask, ProblemLog, find_not_increasing
+
+Array = NDArray[np.float64]
+
+OBJECT_POSE = "/object/pose"
+OBJECT_IMU = "/object/imu"
+WORLD = "world"
+CONTACT_TOPIC = re.compile(r"^/contact/(?P<name>[^/]+)/(?P<kind>force|force_std|pose)$")
+
+POSE_STAMPED = "geometry_msgs/msg/PoseStamped"
+POSE_WITH_COVARIANCE = "geometry_msgs/msg/PoseWithCovarianceStamped"
+WRENCH_STAMPED = "geometry_msgs/msg/WrenchStamped"
+VECTOR_STAMPED = "geometry_msgs/msg/Vector3Stamped"
+IMU = "sensor_msgs/msg/Imu"
+
+EXPECTED_TYPES = {
+    "object_pose": (POSE_WITH_COVARIANCE, POSE_STAMPED),
+    "object_imu": (IMU,),
+    "force": (WRENCH_STAMPED,),
+    "force_std": (VECTOR_STAMPED,),
+    "pose": (POSE_STAMPED, POSE_WITH_COVARIANCE),
+}
+
+ROTATION_THEN_POSITION = np.array([3, 4, 5, 0, 1, 2])
+"""Swaps the two halves of a 6-vector between ROS's order and that of core."""
+
+
+def contact_topic(name: str, kind: str) -> str:
+    """Return the topic of one contact's force, force_std or pose."""
+    return f"/contact/{name}/{kind}"
+
+
+def topic_kind(topic: str) -> str | None:
+    """Return what a topic holds for a recording, or None if it is not needed."""
+    if topic == OBJECT_POSE:
+        return "object_pose"
+    if topic == OBJECT_IMU:
+        return "object_imu"
+    match = CONTACT_TOPIC.match(topic)
+    return match["kind"] if match else None
+
+
+def discover_contacts(types: dict[str, str]) -> list[str]:
+    """Return the names of all contacts that publish a force, sorted."""
+    matches = [CONTACT_TOPIC.match(topic) for topic in types]
+    return sorted({m["name"] for m in matches if m and m["kind"] == "force"})
+
+
+def check_types(types: dict[str, str], source: str) -> None:
+    """Check that every needed topic has a message type that can be read.
+
+    Raises:
+        BadInputError: names the topic, its type and the expected ones.
+    """
+    for topic, msgtype in types.items():
+        kind = topic_kind(topic)
+        if kind and msgtype not in EXPECTED_TYPES[kind]:
+            expected = " or ".join(EXPECTED_TYPES[kind])
+            raise BadInputError(f"{topic} in {source} is a {msgtype}; expected {expected}")
+
+
+def require_topics(types: dict[str, str], source: str, contacts_required: bool) -> None:
+    """Check that motion and contacts are recorded at all.
+
+    Raises:
+        BadInputError: names the missing topic, the file, topics that look alike, and what to do.
+    """
+    if OBJECT_POSE not in types and OBJECT_IMU not in types:
+        raise BadInputError(
+            _missing(f"{OBJECT_POSE} (or {OBJECT_IMU})", OBJECT_POSE, types, source)
+        )
+    names = discover_contacts(types)
+    if contacts_required and not names:
+        wanted = contact_topic("<finger>", "force")
+        raise BadInputError(_missing(wanted, contact_topic("finger", "force"), types, source))
+    for name in names:
+        pose = contact_topic(name, "pose")
+        if pose not in types:
+            raise BadInputError(_missing(pose, pose, types, source))
+
+
+def _missing(wanted: str, pattern: str, types: dict[str, str], source: str) -> str:
+    """Return the message for a missing topic, with the nearest recorded name."""
+    near = difflib.get_close_matches(pattern, list(types), n=1, cutoff=0.5)
+    present = ", ".join(sorted(types)) or "none"
+    hint = f"if {near[0]} is meant, remap it ({near[0]}:={pattern})" if near else "record it"
+    return f"{wanted} is missing in {source} (topics: {present}); {hint}"
+
+
+@dataclass(frozen=True)
+class Clock:
+    """Turns header stamps to seconds since the recording's first pose.
+
+    Attributes:
+        epoch_ns: stamp that becomes time zero.
+    """
+
+    epoch_ns: int
+
+    def seconds(self, table: MessageTable) -> Array:
+        """Return (N,) seconds."""
+        return np.asarray((stamps_of(table) - self.epoch_ns) * 1e-9)
+
+    @staticmethod
+    def starting_at(table: MessageTable) -> Clock:
+        """Return the clock that is zero at the first stamp in order of a table."""
+        stamps = stamps_of(table)
+        if not len(stamps):
+            return Clock(0)
+        return Clock(int(stamps[~find_not_increasing(stamps.astype(np.float64))][0]))
+
+
+def stamps_of(table: MessageTable) -> NDArray[np.int64]:
+    """Return the header stamps, or receive times where no header was ever stamped."""
+    unset = len(table) > 1 and not np.any(table.stamp_ns)
+    return table.receive_ns if unset else table.stamp_ns
+
+
+def check_messages(topic: str, table: MessageTable, log: ProblemLog) -> None:
+    """Count what is wrong with a topic's messages as messages."""
+    log.note(topic, "message malformed (dropped)", table.malformed)
+    if len(table) > 1 and not np.any(table.stamp_ns):
+        log.note(topic, "header stamp not set (receive time used)", len(table))
+    if not len(table):
+        log.note(topic, "topic without messages", 1)
+
+
+def in_world(topic: str, table: MessageTable, source: str, log: ProblemLog) -> MessageTable:
+    """Return the messages in the world frame; some in another frame are dropped and counted.
+
+    Raises:
+        BadInputError: most messages are in another frame.
+    """
+    stated = table.frame_id != b""
+    foreign = stated & (table.frame_id != WORLD.encode()) & (table.frame_id != b"/world")
+    log.note(topic, "frame_id empty (taken as world)", int(np.count_nonzero(~stated)))
+    if 2 * np.count_nonzero(foreign) > len(table):
+        frame = table.frame_id[foreign][0].decode("utf-8", "replace")
+        raise BadInputError(
+            f"{topic} in {source}: frame_id '{frame}' in {np.count_nonzero(foreign)} of "
+            f"{len(table)} messages; expected '{WORLD}' (z up): transform before recording"
+        )
+    return _rows(table, log.drop(topic, "frame_id is not world", foreign))
+
+
+def _rows(table: MessageTable, mask: Mask) -> MessageTable:
+    """Return some of the messages."""
+    return MessageTable(
+        table.stamp_ns[mask], table.receive_ns[mask], table.frame_id[mask], table.values[mask]
+    )
+
+
+def pose_columns(topic: str, table: MessageTable, clock: Clock) -> PoseColumns:
+    """Return the columns of a PoseStamped or PoseWithCovarianceStamped topic."""
+    covariance = None
+    if table.values.shape[1] > 7:
+        order = ROTATION_THEN_POSITION
+        covariance = table.values[:, 7:].reshape(-1, 6, 6)[:, order][:, :, order]
+    position, quaternion = table.values[:, :3], table.values[:, 3:7]
+    return PoseColumns(topic, clock.seconds(table), position, quaternion, covariance)
+
+
+def wrench_columns(topic: str, table: MessageTable, clock: Clock) -> WrenchColumns:
+    """Return the columns of a WrenchStamped topic; messages carry the force first."""
+    return WrenchColumns(topic, clock.seconds(table), table.values[:, :3], table.values[:, 3:])
+
+
+def std_columns(topic: str, table: MessageTable, clock: Clock) -> StdColumns:
+    """Return the columns of a Vector3Stamped topic of standard deviations."""
+    return StdColumns(topic, clock.seconds(table), table.values)
+
+
+def imu_columns(topic: str, table: MessageTable, clock: Clock) -> ImuColumns | None:
+    """Return the columns of an Imu topic; a covariance that starts with -1 marks absence."""
+    values = table.values
+    orientation, turn, force = values[:, 4:13], values[:, 16:25], values[:, 28:37]
+    if not len(values) or force[0, 0] == -1.0:
+        return None
+    variance = float(np.median(force[:, [0, 4, 8]]))
+    return ImuColumns(
+        label=topic,
+        time=clock.seconds(table),
+        specific_force=values[:, 25:28],
+        quaternion=None if orientation[0, 0] == -1.0 else values[:, :4],
+        angular_velocity=None if turn[0, 0] == -1.0 else values[:, 13:16],
+        specific_force_std=float(np.sqrt(variance)) if variance > 0.0 else None,
+    )
