@@ -52,9 +52,9 @@ def _electrode_table() -> tuple[Array, Array]:
             (position[0], -position[1], position[2]),
             (normal[0], -normal[1], normal[2]),
         )
-    position = 1e-3 * np.array([rows[number][0] for number in range(1, 20)])
-    normal = np.array([rows[number][1] for number in range(1, 20)])
-    return position, normal / np.linalg.norm(normal, axis=1, keepdims=True)
+    centres: Array = 1e-3 * np.array([rows[number][0] for number in range(1, 20)])
+    normals: Array = np.array([rows[number][1] for number in range(1, 20)])
+    return centres, normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
 
 ELECTRODE_POSITION, ELECTRODE_NORMAL = _electrode_table()

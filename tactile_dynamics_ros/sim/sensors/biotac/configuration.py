@@ -22,10 +22,14 @@ class BioTacConfig:
     smallest_gap: float = parameter(6e-5, "thickness that remains at full load", "m", 1e-6, 5e-4)
     patch_radius: float = parameter(2.52e-3, "contact radius at 1 N, flat object", "m", 5e-4, 1e-2)
     indentation: float = parameter(0.4, "indentation at 1 N over the gap, unsaturated", "", 0.0, 5)
-    tail_length: float = parameter(2.0e-3, "decay of indentation outside the patch", "m", 1e-4, 1e-2)
+    tail_length: float = parameter(
+        2.0e-3, "decay of indentation outside the patch", "m", 1e-4, 1e-2
+    )
     shear_stiffness: float = parameter(1.6e3, "skin shear stiffness at 1 N", "N/m", 1e2, 1e5)
     shear_gain: float = parameter(4.0, "thinning per shear strain of the patch", "", 0.0, 20.0)
-    bulge_area: float = parameter(1.8e-4, "skin that bulges with displaced fluid", "m^2", 1e-5, 1e-2)
+    bulge_area: float = parameter(
+        1.8e-4, "skin that bulges with displaced fluid", "m^2", 1e-5, 1e-2
+    )
     local_share: float = parameter(0.75, "share of impedance from the path above", "", 0.0, 1.0)
     pressure_gain: float = parameter(100.0, "PDC counts at 1 N in the pad middle", "counts", 0, 500)
     creep_fast: float = parameter(0.05, "share of indentation that creeps in 0.2 s", "", 0.0, 0.3)
@@ -40,8 +44,12 @@ class BioTacConfig:
     core_temperature: float = parameter(31.0, "temperature of the heated core", "degC", 0.0, 80.0)
     temperature_wander: float = parameter(0.8, "slow wander of that temperature", "K", 0.0, 20.0)
     temperature_time: float = parameter(240.0, "its correlation time", "s", 1.0, 1e5)
-    contact_cooling: float = parameter(0.02, "cooling rate per newton on a cool object", "K/s", 0, 1)
-    unit_variation: float = parameter(1.0, "scale of unit-to-unit differences (0: all alike)", "", 0)
+    contact_cooling: float = parameter(
+        0.02, "cooling rate per newton on a cool object", "K/s", 0, 1
+    )
+    unit_variation: float = parameter(
+        1.0, "scale of unit-to-unit differences (0: all alike)", "", 0
+    )
 
     def __post_init__(self) -> None:
         check_ranges(self)

@@ -73,7 +73,9 @@ class BioTacArray:
             (U, 44) 12-bit counts: E1..E19, PDC, TDC, TAC, PAC0..PAC21.
         """
         count = len(self._point)
-        press, traction = self._split(np.asarray(force, dtype=float), np.asarray(point, dtype=float))
+        press, traction = self._split(
+            np.asarray(force, dtype=float), np.asarray(point, dtype=float)
+        )
         load = self._load.follow(np.column_stack([press, traction]), dt)
         bend = np.broadcast_to(np.asarray(curvature, dtype=float), (count,))
         patch = indent(load[:, 0], load[:, 1:], self._point, bend, self.units, self.config)

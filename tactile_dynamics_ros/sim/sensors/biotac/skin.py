@@ -62,7 +62,12 @@ class Indentation:
 
 
 def indent(
-    press: Array, traction: Array, point: Array, curvature: Array, units: Units, config: BioTacConfig
+    press: Array,
+    traction: Array,
+    point: Array,
+    curvature: Array,
+    units: Units,
+    config: BioTacConfig,
 ) -> Indentation:
     """Return the patch that a normal and a tangential force make.
 

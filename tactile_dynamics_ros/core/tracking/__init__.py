@@ -1,0 +1,1 @@
+"""Where the object is: kinematic and visual trackers with believable covariances."""
