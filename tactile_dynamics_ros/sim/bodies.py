@@ -1,0 +1,197 @@
+"""Objects, table and robot as Bullet bodies."""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pybullet
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.contact.robot_description import HAND_JOINTS, LINKS
+from tactile_dynamics_ros.core.rigid_body.rotation import (
+    matrix_to_quaternion,
+    quaternion_to_matrix,
+)
+from tactile_dynamics_ros.sim.objects import ObjectModel, Shape
+from tactile_dynamics_ros.sim.urdf import write_robot_urdf
+
+Array = NDArray[np.float64]
+
+TABLE_HALF_SIZE = (0.4, 0.6, 0.02)
+TABLE_CENTRE = (0.6, 0.0)
+SHAPE_COLOUR = (0.8, 0.55, 0.25, 1.0)
+
+
+@dataclass(frozen=True)
+class ObjectBody:
+    """A Bullet body that carries exactly the inertia of an object model.
+
+    Bullet wants the principal axes: its body frame C sits in the centre of mass, turned so that
+    the inertia is diagonal. ``com_pose`` X_OC converts between it and the object frame O.
+    """
+
+    client: int
+    body: int
+    com_pose: Array
+
+    def pose(self) -> Array:
+        """Return X_WO (4, 4)."""
+        position, quaternion = pybullet.getBasePositionAndOrientation(self.body, self.client)
+        return to_matrix(position, quaternion) @ inverse_pose(self.com_pose)
+
+    def set_pose(self, pose: Array) -> None:
+        """Place the object at rest at X_WO (4, 4)."""
+        position, quaternion = from_matrix(pose @ self.com_pose)
+        pybullet.resetBasePositionAndOrientation(self.body, position, quaternion, self.client)
+        zero = (0.0, 0.0, 0.0)
+        pybullet.resetBaseVelocity(self.body, zero, zero, self.client)
+
+    def velocity(self) -> tuple[Array, Array]:
+        """Return (angular velocity, velocity of the body origin), each (3,), world axes."""
+        linear, angular = (np.array(v) for v in pybullet.getBaseVelocity(self.body, self.client))
+        position, _ = pybullet.getBasePositionAndOrientation(self.body, self.client)
+        arm = self.pose()[:3, 3] - np.array(position)
+        return angular, linear + np.cross(angular, arm)
+
+    def set_velocity(self, angular: Array, linear: Array) -> None:
+        """Set angular velocity and velocity of the body origin, world axes."""
+        position, _ = pybullet.getBasePositionAndOrientation(self.body, self.client)
+        arm = np.array(position) - self.pose()[:3, 3]
+        at_com = linear + np.cross(angular, arm)
+        pybullet.resetBaseVelocity(self.body, at_com.tolist(), list(angular), self.client)
+
+
+def to_matrix(position: tuple[float, ...], quaternion: tuple[float, ...]) -> Array:
+    """Return the pose (4, 4) of a Bullet position and quaternion (xyzw)."""
+    pose = np.eye(4)
+    pose[:3, :3] = quaternion_to_matrix(np.asarray(quaternion))
+    pose[:3, 3] = position
+    return pose
+
+
+def from_matrix(pose: Array) -> tuple[list[float], list[float]]:
+    """Return Bullet's position and quaternion (xyzw) of a pose (4, 4)."""
+    return pose[:3, 3].tolist(), matrix_to_quaternion(pose[:3, :3]).tolist()
+
+
+def inverse_pose(pose: Array) -> Array:
+    """Return the inverse of a pose (4, 4)."""
+    inverse = np.eye(4)
+    inverse[:3, :3] = pose[:3, :3].T
+    inverse[:3, 3] = -pose[:3, :3].T @ pose[:3, 3]
+    return inverse
+
+
+def principal_frame(com: Array, inertia_com: Array) -> tuple[Array, Array]:
+    """Return the principal moments (3,) and the pose X_OC (4, 4) of the principal frame."""
+    moments, axes = np.linalg.eigh(inertia_com)
+    if np.linalg.det(axes) < 0:
+        axes[:, 2] = -axes[:, 2]
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = axes, com
+    return moments, pose
+
+
+def spawn_object(client: int, model: ObjectModel, pose: Array) -> ObjectBody:
+    """Create the object at X_WO (4, 4), at rest."""
+    moments, com_pose = principal_frame(model.inertia.com, model.inertia.inertia_com)
+    in_com = [inverse_pose(com_pose) @ shape.pose for shape in model.shapes]
+    position, quaternion = from_matrix(pose @ com_pose)
+    body = pybullet.createMultiBody(
+        baseMass=model.inertia.mass,
+        baseCollisionShapeIndex=_compound(client, model.shapes, in_com, visual=False),
+        baseVisualShapeIndex=_compound(client, model.shapes, in_com, visual=True),
+        basePosition=position,
+        baseOrientation=quaternion,
+        physicsClientId=client,
+    )
+    pybullet.changeDynamics(
+        body,
+        -1,
+        mass=model.inertia.mass,
+        localInertiaDiagonal=moments.tolist(),
+        lateralFriction=model.friction,
+        linearDamping=0.0,
+        angularDamping=0.0,
+        rollingFriction=0.0,
+        spinningFriction=0.0,
+        restitution=0.0,
+        activationState=pybullet.ACTIVATION_STATE_DISABLE_SLEEPING,
+        physicsClientId=client,
+    )
+    return ObjectBody(client, body, com_pose)
+
+
+def _compound(client: int, shapes: tuple[Shape, ...], poses: list[Array], visual: bool) -> int:
+    kinds = {"box": pybullet.GEOM_BOX, "cylinder": pybullet.GEOM_CYLINDER}
+    positions, quaternions = zip(*(from_matrix(pose) for pose in poses), strict=True)
+    prefix = "visual" if visual else "collision"
+    arguments = {
+        "shapeTypes": [kinds[shape.kind] for shape in shapes],
+        "halfExtents": [(shape.size / 2).tolist() for shape in shapes],
+        "radii": [float(shape.size[0]) for shape in shapes],
+        "lengths": [float(shape.size[2]) for shape in shapes],
+        f"{prefix}FramePositions": list(positions),
+        f"{prefix}FrameOrientations": list(quaternions),
+        "physicsClientId": client,
+    }
+    if visual:
+        arguments["rgbaColors"] = [SHAPE_COLOUR] * len(shapes)
+        return int(pybullet.createVisualShapeArray(**arguments))
+    return int(pybullet.createCollisionShapeArray(**arguments))
+
+
+def spawn_table(client: int, friction: float) -> int:
+    """Create a fixed table whose top is the plane z = 0 in front of the arm."""
+    half = TABLE_HALF_SIZE
+    collision = pybullet.createCollisionShape(
+        pybullet.GEOM_BOX, halfExtents=half, physicsClientId=client
+    )
+    visual = pybullet.createVisualShape(
+        pybullet.GEOM_BOX, halfExtents=half, rgbaColor=(0.6, 0.6, 0.6, 1), physicsClientId=client
+    )
+    centre = (*TABLE_CENTRE, -half[2])
+    table = pybullet.createMultiBody(0.0, collision, visual, centre, physicsClientId=client)
+    pybullet.changeDynamics(
+        table, -1, lateralFriction=friction, restitution=0.0, physicsClientId=client
+    )
+    return int(table)
+
+
+def spawn_robot(client: int, rotor_inertia: float, arm_meshes: bool) -> int:
+    """Create arm and hand with the arm's base fixed in the world's origin.
+
+    Args:
+        client: Bullet client.
+        rotor_inertia: reflected inertia of each hand joint's rotor, kg m^2. Bullet has no such
+            term: it is added to the inertia of the driven link about the joint's axis.
+        arm_meshes: draw the arm with pybullet_data's meshes.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "allegro_iiwa.urdf"
+        path.write_text(write_robot_urdf(arm_meshes))
+        flags = pybullet.URDF_USE_INERTIA_FROM_FILE | pybullet.URDF_USE_MATERIAL_COLORS_FROM_MTL
+        robot = pybullet.loadURDF(
+            str(path), useFixedBase=True, flags=flags, physicsClientId=client
+        )
+    links = link_indices(client, robot)
+    own = {link.name: link.inertia for link in LINKS}
+    for joint in HAND_JOINTS:
+        added = rotor_inertia * np.square(joint.axis)
+        pybullet.changeDynamics(
+            robot,
+            links[joint.child],
+            localInertiaDiagonal=(own[joint.child] + added).tolist(),
+            physicsClientId=client,
+        )
+    return int(robot)
+
+
+def link_indices(client: int, robot: int) -> dict[str, int]:
+    """Return Bullet's index of every link (and of the joint that carries it) by link name."""
+    count = pybullet.getNumJoints(robot, client)
+    infos = (pybullet.getJointInfo(robot, index, client) for index in range(count))
+    return {info[12].decode(): info[0] for info in infos}

@@ -1,0 +1,280 @@
+"""The simulated robot: arm, hand, table and one object in Bullet at 1 kHz."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+import pybullet
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.configuration import check_ranges, parameter
+from tactile_dynamics_ros.core.contact.robot_description import (
+    ACTUATED_JOINTS,
+    FINGERS,
+    FLANGE_LINK,
+    JOINT_NAMES,
+    JOINTS,
+    sensor_frame,
+)
+from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
+from tactile_dynamics_ros.sim.bodies import (
+    link_indices,
+    spawn_object,
+    spawn_robot,
+    spawn_table,
+    to_matrix,
+)
+from tactile_dynamics_ros.sim.contacts import ContactAccumulator, ContactReading
+from tactile_dynamics_ros.sim.drives import JointDrives
+from tactile_dynamics_ros.sim.objects import ObjectModel, load_object
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class WorldConfig:
+    """What stands on the table and how the simulated robot behaves."""
+
+    object_name: str = parameter("box_0", "object: name of a file in config/objects, or a path")
+    object_x: float = parameter(0.55, "grasp centre of the object at the start", "m", 0.3, 0.9)
+    object_y: float = parameter(0.0, "grasp centre of the object at the start", "m", -0.5, 0.5)
+    object_yaw: float = parameter(0.0, "turn of the object about the vertical", "rad", -3.2, 3.2)
+    time_step: float = parameter(1e-3, "simulation step", "s", 1e-4, 2e-3)
+    solver_iterations: int = parameter(60, "iterations of the contact solver", "", 10, 500)
+    table_friction: float = parameter(0.4, "object on table", "", 0.0, 2.0)
+    skin_stiffness: float = parameter(4000.0, "normal stiffness of a skin", "N/m", 500.0, 1e5)
+    skin_damping: float = parameter(20.0, "normal damping of a skin", "N s/m", 0.0, 1e3)
+    skin_torsion: float = parameter(
+        0.0, "torque about the normal per newton of normal force that the skin can bear", "m", 0, 0.01
+    )
+    rotor_inertia: float = parameter(
+        1e-3, "reflected inertia of a hand joint's rotor", "kg m^2", 1e-4, 1e-2
+    )
+    arm_time_constant: float = parameter(0.02, "lag of the arm's servo", "s", 0.005, 0.5)
+    stiffness_scale: float = parameter(1.0, "factor on the hand's joint stiffness", "", 0.05, 3.0)
+    arm_meshes: bool = parameter(False, "draw the arm for the cameras")
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+
+@dataclass(frozen=True)
+class JointState:
+    """True joint positions, velocities and drive torques in the order of JOINT_NAMES."""
+
+    names: tuple[str, ...]
+    position: Array
+    velocity: Array
+    effort: Array
+
+
+@dataclass(frozen=True)
+class GroundTruth:
+    """What only a reveal may tell: the object's true inertia, pose, motion and friction."""
+
+    object_name: str
+    inertia: InertialParameters
+    object_pose: Array
+    angular_velocity: Array
+    velocity: Array
+    friction: float
+    gravity: Array
+
+
+class HandWorld:
+    """Arm, hand, table and object; use as a context manager or call `close`.
+
+    ``step`` advances by one or more simulation steps. ``command`` sets joint targets that the drives
+    follow with limited torque. ``contacts`` returns the mean contact forces since its last call.
+    ``add_pre_step`` registers a callback that may push, pull or disturb before each step.
+
+    Attributes:
+        config: as given. model: the object's model. client, robot, table: Bullet ids.
+        time: simulated seconds.
+    """
+
+    joint_names = JOINT_NAMES
+    fingers = FINGERS
+
+    def __init__(self, config: WorldConfig | None = None, model: ObjectModel | None = None) -> None:
+        self.config = config or WorldConfig()
+        self.model = model or load_object(self.config.object_name)
+        self.time = 0.0
+        self.client: int = pybullet.connect(pybullet.DIRECT)
+        self._configure_engine()
+        self.robot = spawn_robot(self.client, self.config.rotor_inertia, self.config.arm_meshes)
+        self.table = spawn_table(self.client, self.config.table_friction / self.model.friction)
+        self._links = link_indices(self.client, self.robot)
+        self._soften_skins()
+        self._object = spawn_object(self.client, self.model, self.start_pose())
+        self._joints = [self._links[joint.child] for joint in ACTUATED_JOINTS]
+        self._drives = JointDrives(
+            self.client,
+            self.robot,
+            self._joints,
+            self.config.arm_time_constant,
+            self.config.stiffness_scale,
+            self.config.time_step,
+        )
+        tips = {(self.robot, self._links[sensor_frame(finger)]): finger for finger in FINGERS}
+        self._contacts = ContactAccumulator(self.client, self._object.body, tips)
+        wrist = self._links[FLANGE_LINK]
+        pybullet.enableJointForceTorqueSensor(self.robot, wrist, True, self.client)
+        self._pre_step: list[Callable[[HandWorld], None]] = []
+
+    def __enter__(self) -> HandWorld:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Free the engine; the world cannot be used afterwards."""
+        if self.client >= 0:
+            pybullet.disconnect(self.client)
+            self.client = -1
+
+    @property
+    def object_id(self) -> int:
+        """Bullet id of the object."""
+        return self._object.body
+
+    @property
+    def gravity(self) -> Array:
+        """(3,) m/s^2, world axes."""
+        return self._gravity.copy()
+
+    def start_pose(self) -> Array:
+        """Pose X_WO (4, 4) in which the object stands on the table at the start."""
+        config = self.config
+        return self.model.resting_pose(config.object_x, config.object_y, config.object_yaw)
+
+    def reset(self, joint_positions: Array, object_pose: Array | None = None) -> None:
+        """Put joints (23,) and object X_WO at rest where told, with the targets there too."""
+        for index, value in zip(self._joints, joint_positions, strict=True):
+            pybullet.resetJointState(self.robot, index, float(value), 0.0, self.client)
+        self._object.set_pose(self.start_pose() if object_pose is None else object_pose)
+        self.command(joint_positions)
+
+    def command(self, targets: Array, names: Sequence[str] | None = None) -> None:
+        """Set joint targets, rad; with ``names`` only those joints change."""
+        if names is None:
+            self._drives.set_target(np.asarray(targets, dtype=float))
+            return
+        target = self._drives.target.copy()
+        target[[JOINT_NAMES.index(name) for name in names]] = targets
+        self._drives.set_target(target)
+
+    def step(self, count: int = 1) -> None:
+        """Advance by ``count`` simulation steps."""
+        for _ in range(count):
+            self._drives.apply()
+            for callback in self._pre_step:
+                callback(self)
+            pybullet.stepSimulation(self.client)
+            self.time += self.config.time_step
+            self._contacts.add(self.time)
+
+    def joint_state(self) -> JointState:
+        """Return true joint positions, velocities and torques."""
+        states = pybullet.getJointStates(self.robot, self._joints, self.client)
+        columns = np.array([(state[0], state[1], state[3]) for state in states])
+        effort = np.concatenate([columns[:7, 2], self._drives.torque])
+        return JointState(JOINT_NAMES, columns[:, 0], columns[:, 1], effort)
+
+    def contacts(self) -> dict[str, ContactReading]:
+        """Return mean contacts per finger, and "other", since the last call."""
+        return self._contacts.read()
+
+    def object_pose(self) -> Array:
+        """Return the true pose X_WO (4, 4) of the object."""
+        return self._object.pose()
+
+    def object_velocity(self) -> tuple[Array, Array]:
+        """Return (angular velocity, velocity of the body origin) in world axes."""
+        return self._object.velocity()
+
+    def link_pose(self, name: str) -> Array:
+        """Return the pose (4, 4) of a link's frame in the world, for example "biotac_index"."""
+        state = pybullet.getLinkState(
+            self.robot, self._links[name], 0, 1, physicsClientId=self.client
+        )
+        return to_matrix(state[4], state[5])
+
+    def wrist_wrench(self) -> Array:
+        """Return [torque, force] (6,) of the hand on the flange, in the wrist sensor's frame."""
+        wrist = self._links[FLANGE_LINK]
+        reaction = pybullet.getJointState(self.robot, wrist, self.client)[2]
+        return -np.array([*reaction[3:], *reaction[:3]])
+
+    def truth(self) -> GroundTruth:
+        """Return what only a reveal may tell."""
+        angular, linear = self.object_velocity()
+        return GroundTruth(
+            self.model.name,
+            self.model.inertia,
+            self.object_pose(),
+            angular,
+            linear,
+            self.model.friction,
+            self.gravity,
+        )
+
+    def add_pre_step(self, callback: Callable[[HandWorld], None]) -> None:
+        """Call ``callback(world)`` before each simulation step, in the order of registration."""
+        self._pre_step.append(callback)
+
+    def apply_force(self, force: Array, point: Array) -> None:
+        """Push the object during the coming step: force (3,) N at point (3,) m, world axes."""
+        pybullet.applyExternalForce(
+            self.object_id,
+            -1,
+            list(force),
+            list(point),
+            pybullet.WORLD_FRAME,
+            physicsClientId=self.client,
+        )
+
+    def apply_torque(self, torque: Array) -> None:
+        """Twist the object during the coming step: torque (3,) N m, world axes."""
+        pybullet.applyExternalTorque(
+            self.object_id, -1, list(torque), pybullet.WORLD_FRAME, physicsClientId=self.client
+        )
+
+    def set_gravity(self, gravity: Array) -> None:
+        """Change gravity (3,) m/s^2, world axes, for everything."""
+        self._gravity = np.array(gravity, dtype=float)
+        pybullet.setGravity(*self._gravity.tolist(), physicsClientId=self.client)
+
+    def _configure_engine(self) -> None:
+        pybullet.setPhysicsEngineParameter(
+            fixedTimeStep=self.config.time_step,
+            numSolverIterations=self.config.solver_iterations,
+            numSubSteps=0,
+            physicsClientId=self.client,
+        )
+        self.set_gravity(np.array([0.0, 0.0, -9.81]))
+
+    def _soften_skins(self) -> None:
+        config = self.config
+        skins = {self._links[sensor_frame(finger)] for finger in FINGERS}
+        for joint in JOINTS:
+            link = self._links[joint.child]
+            options: dict[str, Any] = {"lateralFriction": 0.6, "restitution": 0.0}
+            if link in skins:
+                options |= {
+                    "lateralFriction": 1.0,
+                    "spinningFriction": config.skin_torsion,
+                    "contactStiffness": config.skin_stiffness,
+                    "contactDamping": config.skin_damping,
+                }
+            pybullet.changeDynamics(self.robot, link, physicsClientId=self.client, **options)
