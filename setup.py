@@ -1,0 +1,86 @@
+"""Package of kind ament_python; also installs by pip, with ROS 2 from wheels (extra `ros`)."""
+
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+NAME = "tactile_dynamics_ros"
+NODES = (
+    "biotac_force",
+    "contact_state",
+    "grasp_controller",
+    "inertial_estimator",
+    "kinematic_tracker",
+    "model_check",
+    "robot_sim",
+)
+
+
+def shared(folder: str, pattern: str) -> tuple[str, list[str]]:
+    """Return the data_files entry that puts `folder/pattern` under share/."""
+    files = sorted(str(path) for path in Path(folder).glob(pattern) if path.is_file())
+    return f"share/{NAME}/{folder}", files
+
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    description="Live estimation of what a dexterous hand is holding, and of what the model lacks",
+    license="Apache-2.0",
+    maintainer="tactile_dynamics_ros maintainers",
+    maintainer_email="maintainers@tactile-dynamics.invalid",
+    packages=find_packages(include=[NAME, f"{NAME}.*"]),
+    package_data={NAME: ["**/*.npz", "**/*.json", "**/*.yaml", "**/*.html", "**/*.css", "**/*.js"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+        shared("config", "*.yaml"),
+        shared("config/objects", "*.yaml"),
+        shared("launch", "*.launch.py"),
+    ],
+    python_requires=">=3.10,<3.14",
+    install_requires=[
+        "clarabel",
+        "cvxpy",
+        "gtsam",
+        "matplotlib",
+        "numpy",
+        "plotly",
+        "psutil",
+        "pybullet",
+        "pyyaml",
+        "rich",
+        "rosbags",
+        "scipy",
+        "setuptools",
+        "small-gicp",
+        "sympy",
+        "torch",
+        "trimesh",
+    ],
+    extras_require={
+        "ros": [
+            "ros-jazzy-rclpy",
+            "ros-jazzy-common-interfaces",
+            "ros-jazzy-rmw-fastrtps-cpp",
+        ],
+        "dev": [
+            "catkin-pkg",
+            "colcon-common-extensions",
+            "empy",
+            "hypothesis",
+            "lark-parser",
+            "mypy",
+            "pytest",
+            "pytest-timeout",
+            "ruff",
+        ],
+    },
+    entry_points={
+        "console_scripts": [
+            "tactile-dynamics = tactile_dynamics_ros.cli.main:main",
+            *(f"{node} = {NAME}.nodes.{node}:main" for node in NODES),
+        ],
+    },
+    zip_safe=True,
+)

@@ -1,0 +1,1 @@
+"""The command `tactile-dynamics`: one module per family of verbs."""

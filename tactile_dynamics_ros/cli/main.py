@@ -1,0 +1,68 @@
+"""Entry point of `tactile-dynamics`: finds the verb, runs it, turns errors into exit codes."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+from collections.abc import Sequence
+from types import ModuleType
+
+from tactile_dynamics_ros import __version__
+from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError
+
+VERB_MODULES: tuple[str, ...] = (
+    # one dotted module name per line
+)
+"""Modules with `add_parser(subparsers)`; every parser sets `run=callable(args) -> int`.
+
+To add a verb, add its module here. Heavy imports belong inside the run function.
+"""
+
+
+class _Parser(argparse.ArgumentParser):
+    """An argument parser that reports a usage error in one line."""
+
+    def error(self, message: str) -> None:  # type: ignore[override]
+        """Raise what argparse would print and exit for."""
+        raise BadInputError(f"{self.prog}: {message} (see {self.prog} --help)")
+
+
+def build_parser(modules: Sequence[ModuleType]) -> argparse.ArgumentParser:
+    """Return the parser with the verbs of `modules`, each with `--json`."""
+    parser = _Parser(
+        prog="tactile-dynamics",
+        description="Estimate forces, pose and inertia of a held object, live and from recordings.",
+    )
+    parser.add_argument("--version", action="version", version=__version__)
+    verbs = parser.add_subparsers(dest="verb", metavar="VERB", required=True)
+    for module in modules:
+        module.add_parser(verbs)
+    for verb in verbs.choices.values():
+        if "--json" not in verb._option_string_actions:
+            verb.add_argument("--json", action="store_true", help="print only JSON on stdout")
+    return parser
+
+
+def load_modules(names: Sequence[str] = VERB_MODULES) -> list[ModuleType]:
+    """Import the modules that register verbs."""
+    return [importlib.import_module(name) for name in names]
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one verb and return its exit code (0 done, 2 bad input, 3 not identifiable)."""
+    try:
+        args = build_parser(load_modules()).parse_args(arguments)
+        return int(args.run(args) or 0)
+    except TactileDynamicsError as error:
+        print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt:
+        return 130
+    except BrokenPipeError:
+        sys.stderr.close()
+        return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
