@@ -1,0 +1,1 @@
+"""Benchmarks of the package; each writes the numbers that the documentation shows."""

@@ -1,0 +1,132 @@
+"""How large an effect must be to raise the whitened error of a rigid-body fit to a given value.
+
+Everything here is free of noise: the excess is the part of the readings that no rigid body
+explains, over the standard deviation that the sensors' noise gives each channel. Correlations are
+left out: the whitened error of a careful estimator comes near the target but does not equal it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from benchmarks.hidden.effects import HiddenEffect
+from benchmarks.hidden.motion import MotionSamples
+from benchmarks.hidden.scenario import Scenario, Truth
+from benchmarks.hidden.sensors import Readings, SensorOptions, perfect_readings
+
+_WINDOW_S = 0.25
+
+
+def magnitude_for_whitened_rms(
+    effect: HiddenEffect,
+    target: float,
+    scenario: Scenario,
+    sensors: SensorOptions | None = None,
+    tolerance: float = 0.02,
+) -> float:
+    """Find the magnitude at which the whitened error is about the target.
+
+    Args:
+        effect: drawn at any magnitude; its directions are kept.
+        target: whitened RMS; 1 is the noise floor and gives magnitude 0.
+        scenario: what the effect disturbs.
+        sensors: their noise.
+        tolerance: relative, on the excess above the noise floor.
+
+    Returns:
+        The magnitude, or the largest that the effect allows where the target is out of reach.
+    """
+    wanted = np.sqrt(max(target**2 - 1.0, 0.0))
+    if wanted == 0.0:
+        return 0.0
+    largest = getattr(effect, "maximal_magnitude", np.inf)
+    magnitude = min(1.0, largest)
+    for _ in range(12):
+        found = excess_rms(dataclasses.replace(effect, magnitude=magnitude), scenario, sensors)
+        ratio = wanted / max(found, 1e-6)
+        if abs(ratio - 1) < tolerance or (ratio > 1 and magnitude == largest):
+            break
+        magnitude = min(magnitude * np.clip(ratio, 0.05, 20.0), largest)
+    return float(magnitude)
+
+
+def excess_rms(
+    effect: HiddenEffect, scenario: Scenario, sensors: SensorOptions | None = None
+) -> float:
+    """Whitened RMS of what a rigid body leaves unexplained in readings without noise."""
+    sensors = sensors or SensorOptions()
+    stride = max(1, round(scenario.options.physics_rate_hz / 100.0))
+    truth = scenario.simulate((effect,), stride)
+    readings = effect.output(effect.transduce(perfect_readings(truth)))
+    measured = measured_wrench(readings)
+    scale = noise_std(truth, sensors)
+    regressor = rigid_body_regressor(truth.scene.motion, truth.scene.gravity)
+    rows = (regressor / scale[..., None]).reshape(-1, 10)
+    aim = (measured / scale).reshape(-1)
+    parameters = np.linalg.lstsq(rows, aim, rcond=None)[0]
+    return float(np.sqrt(np.mean((aim - rows @ parameters) ** 2)))
+
+
+def measured_wrench(readings: Readings) -> np.ndarray:
+    """Sum of the reported contact wrenches about the reported origin, (N, 6) body axes."""
+    force_W = np.einsum("ncij,ncj->nci", readings.contact_rotation, readings.force)
+    force_W = _shifted(force_W, readings, readings.force_delay - readings.pose_delay)
+    point_W = _shifted(
+        readings.contact_position, readings, readings.contact_delay - readings.pose_delay
+    )
+    arm = np.einsum("nji,ncj->nci", readings.rotation, point_W - readings.position[:, None])
+    force = np.einsum("nji,ncj->nci", readings.rotation, force_W)
+    force = np.where(readings.weight[..., None] > 0, force, 0.0)
+    return np.concatenate([np.cross(arm, force).sum(1), force.sum(1)], axis=1)
+
+
+def rigid_body_regressor(motion: MotionSamples, gravity: np.ndarray) -> np.ndarray:
+    """(N, 6, 10) wrench per mass, first moment and inertia about the origin, body axes."""
+    specific = motion.to_body(motion.acceleration - gravity)
+    omega, alpha = (
+        motion.to_body(motion.angular_velocity),
+        motion.to_body(motion.angular_acceleration),
+    )
+    columns = [np.concatenate([np.zeros_like(specific), specific], axis=1)]
+    for axis in np.eye(3):
+        moment = np.broadcast_to(axis, specific.shape)
+        force = np.cross(alpha, moment) + np.cross(omega, np.cross(omega, moment))
+        columns.append(np.concatenate([np.cross(moment, specific), force], axis=1))
+    for row, column in ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)):
+        unit = np.zeros((3, 3))
+        unit[row, column] = unit[column, row] = 1.0
+        torque = alpha @ unit + np.cross(omega, omega @ unit)
+        columns.append(np.concatenate([torque, np.zeros_like(torque)], axis=1))
+    return np.stack(columns, axis=-1)
+
+
+def noise_std(truth: Truth, sensors: SensorOptions) -> np.ndarray:
+    """(N, 6) standard deviation of the wrench balance from forces, poses and their derivatives."""
+    contacts, body = truth.scene.contacts, truth.scene.body
+    touching = (contacts.weight > 0).astype(float)
+    count = _WINDOW_S * sensors.pose_rate_hz
+    second_derivative = np.sqrt(720.0 / count**5) * sensors.pose_rate_hz**2
+    force_variance = touching.sum(1, keepdims=True) * sensors.force_std**2
+    force_variance = force_variance + (body.mass * second_derivative * sensors.position_std) ** 2
+    arm = contacts.point
+    leverage = ((arm**2).sum(-1, keepdims=True) - arm**2) * touching[..., None]
+    total = truth.contact_force.sum(1)
+    torque_variance = sensors.force_std**2 * leverage.sum(1)
+    torque_variance = torque_variance + sensors.position_std**2 * (
+        (total**2).sum(-1, keepdims=True) - total**2
+    )
+    twist = second_derivative * np.radians(sensors.rotation_std_deg)
+    torque_variance = torque_variance + (np.diag(body.inertia_com) * twist) ** 2
+    return np.sqrt(
+        np.concatenate([torque_variance, np.broadcast_to(force_variance, total.shape)], 1)
+    )
+
+
+def _shifted(values: np.ndarray, readings: Readings, delay: float) -> np.ndarray:
+    """What is found at a stamp when stamps are late by the delay."""
+    if delay == 0.0:
+        return values
+    return CubicSpline(readings.time, values, axis=0)(readings.time - delay)

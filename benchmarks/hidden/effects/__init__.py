@@ -1,0 +1,56 @@
+"""Hidden effects by name: those that the product's catalogue knows and those that it does not."""
+
+from __future__ import annotations
+
+from benchmarks.hidden import randomness
+from benchmarks.hidden.effects import external, internal, measurement
+from benchmarks.hidden.effects.base import HiddenEffect, Quantity
+from benchmarks.hidden.scenario import Scenario
+
+_CATALOGUED = (
+    external.ViscousDrag,
+    external.QuadraticDrag,
+    external.RotationalDrag,
+    external.TetherSpring,
+    external.HangingCable,
+    external.UnsensedContact,
+    internal.SpinningRotor,
+    internal.SloshingMass,
+    internal.AddedMass,
+    internal.MassChange,
+    internal.GravityTilt,
+    measurement.ContactTorsion,
+    measurement.ContactOffset,
+    measurement.ForceBias,
+    measurement.ForceDrift,
+    measurement.ForceScale,
+    measurement.SensorRotation,
+    measurement.SensorLag,
+    measurement.TimeOffset,
+)
+_UNKNOWN: tuple = ()
+CATALOGUE = tuple(effect.name for effect in _CATALOGUED)
+OUTSIDE = tuple(effect.name for effect in _UNKNOWN)
+_BY_NAME = {effect.name: effect for effect in (*_CATALOGUED, *_UNKNOWN)}
+
+
+def create_hidden_effect(
+    name: str, magnitude: float, seed: int, scenario: Scenario
+) -> HiddenEffect:
+    """Create a hidden effect; its direction, place and so on are drawn from the seed.
+
+    Args:
+        name: one of CATALOGUE or OUTSIDE.
+        magnitude: multiple of the effect's typical size, 0 is off.
+        seed: of the draw; equal seeds give equal directions at every magnitude.
+        scenario: where and on what the effect acts.
+
+    Raises:
+        KeyError: there is no such effect; names those that exist.
+    """
+    if name not in _BY_NAME:
+        raise KeyError(f"no hidden effect {name!r}; there are {', '.join(_BY_NAME)}")
+    return _BY_NAME[name].draw(randomness.stream(seed, "effect", name), magnitude, scenario)
+
+
+__all__ = ["CATALOGUE", "OUTSIDE", "HiddenEffect", "Quantity", "create_hidden_effect"]
