@@ -13,6 +13,7 @@ from tactile_dynamics_ros.core.rigid_body.rotation import (
     exp_so3,
     log_so3,
     matrix_to_quaternion,
+    skew,
 )
 from tactile_dynamics_ros.core.streams import ContactStream, Streams
 from tactile_dynamics_ros.recording.assembly import (
@@ -177,12 +178,22 @@ def _contact(name: str, group: _Group) -> tuple[WrenchColumns, PoseColumns, StdC
 
 
 def frame_of_normal(normal: Array) -> Array:
-    """Return right-handed contact frames (N, 3, 3) whose z axis is the given normal (N, 3)."""
-    z = normal / np.linalg.norm(normal, axis=1, keepdims=True)
-    helper = np.eye(3)[np.argmin(np.abs(np.nan_to_num(z)), axis=1)]
-    x = np.cross(helper, z)
-    x /= np.linalg.norm(x, axis=1, keepdims=True)
-    return np.stack([x, np.cross(z, x), z], axis=2)
+    """Return contact frames whose z axis is the normal, by the least rotation from world's z.
+
+    R = I + [v] + [v]^2 / (1 + n_z) with v = e_z x n.
+
+    Args:
+        normal: (N, 3), any length but zero.
+
+    Returns:
+        (N, 3, 3); half a turn about x where the normal points straight down.
+    """
+    n = normal / np.linalg.norm(normal, axis=1, keepdims=True)
+    cross = skew(np.cross([0.0, 0.0, 1.0], n))
+    down = n[:, 2] < -1.0 + 1e-9
+    scale = 1.0 / np.where(down, 1.0, 1.0 + n[:, 2])
+    frames = np.eye(3) + cross + scale[:, None, None] * (cross @ cross)
+    return np.where(down[:, None, None], np.diag([1.0, -1.0, -1.0]), frames)
 
 
 def _imu(group: _Group) -> ImuColumns:

@@ -19,6 +19,7 @@ from tactile_dynamics_ros.recording.cleaning import (
     TORQUE_LIMIT,
     Mask,
     ProblemLog,
+    align_signs,
     count_gaps,
     find_absurd,
     find_bad_quaternions,
@@ -86,6 +87,8 @@ def assemble_pose(columns: PoseColumns, log: ProblemLog) -> PoseStream:
         BadInputError: fewer than two usable poses remain.
     """
     kept = _clean_poses(columns, log)
+    bad = find_glitches(kept.position, 2.0 * align_signs(kept.quaternion))
+    kept = _drop_leaps(kept, bad, log)
     if len(kept.time) < 2:
         raise BadInputError(
             f"{kept.label}: {len(kept.time)} usable poses of {len(columns.time)}; expected a stream "
@@ -101,7 +104,7 @@ def assemble_pose(columns: PoseColumns, log: ProblemLog) -> PoseStream:
 
 
 def _clean_poses(columns: PoseColumns, log: ProblemLog) -> PoseColumns:
-    """Drop poses that are not finite, absurd, out of order, without rotation, or leap away."""
+    """Drop poses that are not finite, absurd, out of order or without rotation."""
     label = columns.label
     fields: tuple[Array, ...] = (columns.time, columns.position, columns.quaternion)
     if columns.covariance is not None:
@@ -118,11 +121,19 @@ def _clean_poses(columns: PoseColumns, log: ProblemLog) -> PoseColumns:
     off = int(np.count_nonzero(np.abs(norm - 1.0) > QUATERNION_TOLERANCE))
     log.note(label, "quaternion is not of unit length (normalised)", off)
     unit = fields[2] / norm
-    fields = (fields[0], fields[1], unit, *fields[3:])
-    fields = select(
-        log.drop(label, "pose leaps away and back", find_glitches(*fields[1:3])), fields
+    return PoseColumns(label, fields[0], fields[1], unit, fields[3] if len(fields) > 3 else None)
+
+
+def _drop_leaps(columns: PoseColumns, bad: Mask, log: ProblemLog) -> PoseColumns:
+    """Drop and count poses that leap away from their neighbours and back."""
+    good = log.drop(columns.label, "pose leaps away and back", bad)
+    return PoseColumns(
+        columns.label,
+        columns.time[good],
+        columns.position[good],
+        columns.quaternion[good],
+        None if columns.covariance is None else columns.covariance[good],
     )
-    return PoseColumns(label, *fields)
 
 
 def _drop_disorder(label: str, time: Array, log: ProblemLog) -> Mask:
@@ -139,9 +150,9 @@ def _clean_covariance(covariance: Array | None, label: str, log: ProblemLog) -> 
     if covariance is None or not np.any(covariance):
         return None
     symmetric = 0.5 * (covariance + np.swapaxes(covariance, 1, 2))
-    finite = np.isfinite(symmetric).all(axis=(1, 2))
+    finite = np.asarray(np.isfinite(symmetric).all(axis=(1, 2)))
     least = np.linalg.eigvalsh(np.where(finite[:, None, None], symmetric, 0.0))[:, 0]
-    good = np.asarray(finite & (least > 0.0))
+    good = finite & (least > 0.0)
     if not good.any():
         log.note(label, "covariance is not positive definite (taken as not stated)", len(good))
         return None
@@ -164,6 +175,8 @@ def assemble_contact(
         log.note(wrench.label, "no force at all (contact left out)", 1)
         return None
     poses = _clean_poses(pose, log)
+    normal = quaternion_to_matrix(poses.quaternion)[:, :, 2]
+    poses = _drop_leaps(poses, find_glitches(poses.position, normal), log)
     if not len(poses.time):
         raise BadInputError(
             f"{poses.label}: no usable pose of {len(pose.time)}, but {wrench.label} has "

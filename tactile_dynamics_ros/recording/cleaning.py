@@ -20,6 +20,7 @@ SPECIFIC_FORCE_LIMIT = 1e4
 
 QUATERNION_TOLERANCE = 1e-3
 QUATERNION_SHORTEST = 0.5
+QUATERNION_LONGEST = 2.0
 GLITCH_DISTANCE = 0.02
 GLITCH_ANGLE = 0.1
 GLITCH_FACTOR = 20.0
@@ -44,7 +45,7 @@ class ProblemLog(Counter[str]):
 
 def find_not_finite(*columns: Array) -> Mask:
     """Return which samples have a NaN or an infinity in any column."""
-    finite = [np.isfinite(c.reshape(len(c), -1)).all(axis=1) for c in columns]
+    finite = [np.isfinite(c).all(axis=tuple(range(1, c.ndim))) for c in columns]
     return np.asarray(~np.all(finite, axis=0))
 
 
@@ -81,37 +82,38 @@ def find_not_increasing(time: Array) -> Mask:
 
 
 def find_bad_quaternions(quaternion: Array) -> Mask:
-    """Return which quaternions are too short to name a rotation."""
-    return np.asarray(np.linalg.norm(quaternion, axis=1) < QUATERNION_SHORTEST)
+    """Return which quaternions are much too short or too long to name a rotation."""
+    size = np.abs(quaternion).max(axis=1, initial=0.0)
+    length = np.linalg.norm(np.clip(quaternion, -QUATERNION_LONGEST, QUATERNION_LONGEST), axis=1)
+    return np.asarray((size > QUATERNION_LONGEST) | (length < QUATERNION_SHORTEST))
 
 
-def find_glitches(position: Array, quaternion: Array) -> Mask:
+def find_glitches(position: Array, direction: Array) -> Mask:
     """Return poses that leap away from their neighbours and back within two samples.
 
     Args:
         position: (N, 3) m.
-        quaternion: (N, 4) unit quaternions, either sign.
+        direction: (N, K) unit vectors whose distance grows like an angle in rad.
     """
     if len(position) < 5:
         return np.zeros(len(position), dtype=bool)
-    smooth = _align_signs(quaternion)
     away = np.linalg.norm(position - _running_median(position), axis=1)
-    turned = 2.0 * np.linalg.norm(smooth - _running_median(smooth), axis=1)
+    turned = np.linalg.norm(direction - _running_median(direction), axis=1)
     return np.asarray(_stands_out(away, GLITCH_DISTANCE) | _stands_out(turned, GLITCH_ANGLE))
 
 
-def _align_signs(quaternion: Array) -> Array:
-    """Choose the sign of each quaternion nearest to the one before it."""
+def align_signs(quaternion: Array) -> Array:
+    """Choose the sign of each quaternion (N, 4) nearest to the one before it."""
     flips = np.einsum("ni,ni->n", quaternion[1:], quaternion[:-1]) < 0.0
     signs = np.where(np.concatenate([[0], np.cumsum(flips)]) % 2 == 1, -1.0, 1.0)
-    return np.asarray(quaternion * signs[:, None])
+    return np.asarray(quaternion * signs[: len(quaternion), None])
 
 
 def _running_median(values: Array) -> Array:
-    """Return the median over five samples, the window held inside the stream."""
+    """Return the median over five samples; the first and last two samples stand as they are."""
     windows = np.lib.stride_tricks.sliding_window_view(values, 5, axis=0)
     middle = np.median(windows, axis=-1)
-    return np.concatenate([middle[[0, 0]], middle, middle[[-1, -1]]])
+    return np.concatenate([values[:2], middle, values[-2:]])
 
 
 def _stands_out(distance: Array, least: float) -> Mask:
@@ -128,7 +130,7 @@ def find_saturated(values: Array) -> Mask:
         values: (N, C) one column per channel.
     """
     bad = np.zeros(len(values), dtype=bool)
-    for channel in values.T:
+    for channel in values.T if len(values) else ():
         starts = np.flatnonzero(np.concatenate([[True], np.diff(channel) != 0]))
         lengths = np.diff(np.concatenate([starts, [len(channel)]]))
         least = max(SATURATED_RUN, SATURATED_RUN * int(np.median(lengths)) if len(lengths) else 0)

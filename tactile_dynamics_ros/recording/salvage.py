@@ -5,6 +5,7 @@ from __future__ import annotations
 import sqlite3
 import struct
 import sys
+import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -120,17 +121,32 @@ def _salvage_sqlite(
     file: Path, types: dict[str, str], wanted: Wanted
 ) -> Iterator[tuple[str, str, int, bytes]]:
     """Yield the rows of a rosbag2 SQLite file until the first one that cannot be read."""
-    connection = sqlite3.connect(f"file:{file}?mode=ro", uri=True)
-    try:
-        rows = connection.execute("SELECT id, name, type FROM topics").fetchall()
-        topics = {key: (name, msgtype) for key, name, msgtype in rows}
-        types.update(dict(topics.values()))
-        query = "SELECT topic_id, timestamp, data FROM messages ORDER BY id"
-        for key, received, data in connection.execute(query):
-            name, msgtype = topics.get(key, ("", ""))
-            if name and wanted(name):
-                yield name, msgtype, received, bytes(data)
-    except sqlite3.DatabaseError:
-        return
-    finally:
-        connection.close()
+    with tempfile.TemporaryDirectory() as scratch:
+        copy = Path(scratch) / "copy.db3"
+        copy.write_bytes(_with_actual_page_count(file.read_bytes()))
+        connection = sqlite3.connect(copy)
+        try:
+            rows = connection.execute("SELECT id, name, type FROM topics").fetchall()
+            topics = {key: (name, msgtype) for key, name, msgtype in rows}
+            types.update(dict(topics.values()))
+            query = "SELECT topic_id, timestamp, data FROM messages ORDER BY id"
+            for key, received, data in connection.execute(query):
+                name, msgtype = topics.get(key, ("", ""))
+                if name and wanted(name):
+                    yield name, msgtype, received, bytes(data)
+        except sqlite3.DatabaseError:
+            return
+        finally:
+            connection.close()
+
+
+def _with_actual_page_count(data: bytes) -> bytes:
+    """Return a database cut at a page and its header's page count set to what is there.
+
+    SQLite refuses to open a file that is shorter than its header says.
+    """
+    page = int.from_bytes(data[16:18], "big")
+    if len(data) < 100 or page < 512:
+        return data
+    pages = len(data) // page
+    return data[:28] + pages.to_bytes(4, "big") + data[32 : pages * page]

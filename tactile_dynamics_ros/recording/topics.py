@@ -100,7 +100,8 @@ def require_topics(types: dict[str, str], source: str, contacts_required: bool) 
 
 def _missing(wanted: str, pattern: str, types: dict[str, str], source: str) -> str:
     """Return the message for a missing topic, with the nearest recorded name."""
-    near = difflib.get_close_matches(pattern, list(types), n=1, cutoff=0.5)
+    others = [topic for topic in types if topic_kind(topic) is None]
+    near = difflib.get_close_matches(pattern, others, n=1, cutoff=0.5)
     present = ", ".join(sorted(types)) or "none"
     hint = f"if {near[0]} is meant, remap it ({near[0]}:={pattern})" if near else "record it"
     return f"{wanted} is missing in {source} (topics: {present}); {hint}"
