@@ -55,7 +55,7 @@ class WrenchSamples:
     @cached_property
     def specific_acceleration(self) -> Array:
         """R_OW (a_O - g), (N, 3) m/s^2 in the body frame."""
-        return np.einsum("nji,nj->ni", self.rotation, self.acceleration - self.gravity)
+        return np.asarray(np.einsum("nji,nj->ni", self.rotation, self.acceleration - self.gravity))
 
     @cached_property
     def measured_wrench(self) -> Array:

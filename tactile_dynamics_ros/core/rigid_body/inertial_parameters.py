@@ -69,19 +69,22 @@ def dynamic_parameters_from_pseudo_inertia(matrix: Array) -> Array:
 
 
 def _log_cholesky_factor(xi: Array) -> Array:
-    """Upper-triangular U of log-Cholesky coordinates [alpha, d1, d2, d3, s12, s23, s13, t1, t2, t3]."""
+    """Upper-triangular factor U of log-Cholesky coordinates."""
     alpha, d1, d2, d3, s12, s23, s13, t1, t2, t3 = xi
     e1, e2, e3 = np.exp(d1), np.exp(d2), np.exp(d3)
     return np.asarray(
         np.exp(alpha)
-        * np.array([[e1, s12, s13, t1], [0.0, e2, s23, t2], [0.0, 0.0, e3, t3], [0.0, 0.0, 0.0, 1.0]])
+        * np.array(
+            [[e1, s12, s13, t1], [0.0, e2, s23, t2], [0.0, 0.0, e3, t3], [0.0, 0.0, 0.0, 1.0]]
+        )
     )
 
 
 def dynamic_parameters_from_log_cholesky(xi: Array) -> Array:
     """Dynamic parameters of log-Cholesky coordinates; every xi in R^10 is a body that can exist.
 
-    P = U U^T, U = e^alpha [[e^d1, s12, s13, t1], [0, e^d2, s23, t2], [0, 0, e^d3, t3], [0, 0, 0, 1]].
+    P = U U^T with U = e^alpha [[e^d1, s12, s13, t1], [0, e^d2, s23, t2], [0, 0, e^d3, t3],
+    [0, 0, 0, 1]].
 
     Args:
         xi: (10,) [alpha, d1, d2, d3, s12, s23, s13, t1, t2, t3].
@@ -141,7 +144,7 @@ def affine_invariant_distance(truth: Array, estimate: Array) -> float:
 
 
 def log_det_divergence(truth: Array, estimate: Array) -> float:
-    """Divergence tr(P_0^-1 P) - log det(P_0^-1 P) - 4; inf if infeasible. Source: Lee, Park 2018."""
+    """Divergence tr(P_0^-1 P) - log det(P_0^-1 P) - 4, inf if infeasible; Lee & Park 2018."""
     values = _relative_eigenvalues(truth, estimate)
     return float(np.sum(values - np.log(values) - 1.0)) if values.min() > 0 else float("inf")
 
@@ -193,7 +196,7 @@ class InertialParameters:
 
     @cached_property
     def dynamic_parameters(self) -> Array:
-        """phi (10,) about the origin."""
+        """Ten parameters phi about the origin, (10,)."""
         first = self.mass * np.asarray(self.com, dtype=float)
         return np.concatenate([[self.mass], first, inertia_vector(self.inertia_origin)])
 

@@ -1,0 +1,1 @@
+"""Inertia of the held object: wrench residuals, batch and live estimation, excitation."""

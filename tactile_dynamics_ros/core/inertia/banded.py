@@ -1,0 +1,72 @@
+"""Whitening by the Cholesky factor of a banded covariance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import lapack
+from scipy.sparse import bsr_array
+
+Array = NDArray[np.float64]
+
+_BLOCK = 6
+
+
+@dataclass(frozen=True)
+class BandedWhitener:
+    """Lower Cholesky factor L of C = L L^T in LAPACK band storage."""
+
+    band: Array
+
+    @classmethod
+    def from_sensitivities(
+        cls, sensitivities: list[bsr_array], extra_variance: Array
+    ) -> BandedWhitener:
+        """Factor C = sum_s A_s A_s^T + diag(extra_variance).
+
+        Args:
+            sensitivities: (6 N, 3 K) block-sparse matrices A.
+            extra_variance: (6 N,) positive.
+
+        Raises:
+            numpy.linalg.LinAlgError: C is not positive definite.
+        """
+        size = sensitivities[0].shape[0]
+        products = [matrix @ matrix.T.tobsr(blocksize=(3, _BLOCK)) for matrix in sensitivities]
+        band = _sum_bands([product.tobsr(blocksize=(_BLOCK, _BLOCK)) for product in products], size)
+        band[0] += extra_variance
+        factor, info = lapack.dpbtrf(band, lower=1, overwrite_ab=1)
+        if info != 0:
+            raise np.linalg.LinAlgError(f"residual covariance not positive definite (pivot {info})")
+        return cls(np.asfortranarray(factor))
+
+    def whiten(self, values: Array) -> Array:
+        """L^-1 values, (6 N, ...) -> the same shape."""
+        return self._solve(values, "N")
+
+    def whiten_transposed(self, values: Array) -> Array:
+        """L^-T values, (6 N, ...) -> the same shape."""
+        return self._solve(values, "T")
+
+    def _solve(self, values: Array, transpose: str) -> Array:
+        columns = values.reshape(len(values), -1)
+        solution, _ = lapack.dtbtrs(self.band, columns, uplo="L", trans=transpose)
+        return np.asarray(solution).reshape(values.shape)
+
+
+def _sum_bands(products: list[bsr_array], size: int) -> Array:
+    """Lower band storage of the sum of block-sparse symmetric matrices."""
+    rows = [np.repeat(np.arange(size // _BLOCK), np.diff(p.indptr)) for p in products]
+    lags = [row - product.indices for row, product in zip(rows, products, strict=True)]
+    width = _BLOCK * (1 + max(int(lag.max()) for lag in lags))
+    band = np.zeros((width, size))
+    for product, row, lag in zip(products, rows, lags, strict=True):
+        for i in range(_BLOCK):
+            for j in range(_BLOCK):
+                offset = _BLOCK * lag + i - j
+                keep = offset >= 0
+                column = _BLOCK * (row - lag) + j
+                band[offset[keep], column[keep]] += product.data[keep, i, j]
+    return band

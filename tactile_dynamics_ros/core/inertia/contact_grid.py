@@ -1,0 +1,201 @@
+"""Contacts with their own rates, gaps and silences, read on the grid of the estimation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.inertia.latent import LatentSignal
+from tactile_dynamics_ros.core.inertia.local_polynomial import LocalFunctional, local_polynomial
+from tactile_dynamics_ros.core.inertia.noise import white_noise_std
+from tactile_dynamics_ros.core.streams import ContactStream, Streams
+
+Array = NDArray[np.float64]
+
+_SYNCHRONOUS = 1e-4
+_SILENCE_PERIODS = 2.5
+_LOADED = 0.3
+_FALLBACK_FORCE_STD = 0.03
+_FALLBACK_TORQUE_STD = 1e-3
+_POINT_STD_FLOOR = 1e-5
+
+
+@dataclass(frozen=True)
+class ContactSignals:
+    """One contact: raw world-frame samples and how the grid reads them.
+
+    Attributes:
+        name: of the contact.
+        force: (K, 3) N; torque: (K, 3) N m about the point; point: (M, 3) m; world axes.
+        rotation: (N, 3, 3) contact frame on the grid.
+        in_contact: (N,).
+        valid: (N,) False where loaded samples were dropped.
+        signals: latent signals force, and torque and point where they are noisy.
+        point_functional: of the contact point.
+    """
+
+    name: str
+    force: Array
+    torque: Array
+    point: Array
+    rotation: Array
+    in_contact: NDArray[np.bool_]
+    valid: NDArray[np.bool_]
+    signals: dict[str, LatentSignal]
+    point_functional: LocalFunctional
+
+    def corrected(self, corrections: dict[str, Array]) -> ContactSignals:
+        """Return the signals moved by corrections (K, 3) by name."""
+        return replace(self, **{name: getattr(self, name) + d for name, d in corrections.items()})
+
+    def evaluate(self) -> tuple[Array, Array, Array]:
+        """Force, torque and point (N, 3) each on the grid, world axes; zero without contact."""
+        functional = self.signals["force"].functional
+        loaded = self.in_contact[:, None]
+        force = functional.apply(self.force, 0) * loaded
+        torque = functional.apply(self.torque, 0) * loaded
+        return force, torque, self.point_functional.apply(self.point, 0)
+
+
+def choose_grid(streams: Streams, maximum_rate: float) -> Array:
+    """Grid times: the contacts' own stamps if they share them, else a uniform grid.
+
+    Raises:
+        BadInputError: no contacts, or contacts and kinematics do not overlap in time.
+    """
+    contacts = [c for c in streams.contacts.values() if len(c.time) > 1]
+    if not contacts:
+        raise BadInputError("no contact forces: expected at least one /contact/<name>/force")
+    first, last = _kinematic_span(streams)
+    periods = [float(np.median(np.diff(c.time))) for c in contacts]
+    period = max(*periods, 1.0 / maximum_rate)
+    stamps = np.unique(np.round(np.concatenate([c.time for c in contacts]) / _SYNCHRONOUS))
+    shared = len(stamps) <= 1.05 * max(len(c.time) for c in contacts)
+    if shared and max(periods) < 1.5 * min(periods) and min(periods) >= 0.99 / maximum_rate:
+        grid = stamps * _SYNCHRONOUS
+    else:
+        start = max(first, min(c.time[0] for c in contacts))
+        end = min(last, max(c.time[-1] for c in contacts))
+        grid = np.arange(start, end, period)
+    grid = grid[(grid >= first - _SYNCHRONOUS) & (grid <= last + _SYNCHRONOUS)]
+    if len(grid) < 2:
+        raise BadInputError(
+            f"contacts and object pose do not overlap in time: pose covers {first:.3f} to "
+            f"{last:.3f} s, contacts {stamps[0] * _SYNCHRONOUS:.3f} to "
+            f"{stamps[-1] * _SYNCHRONOUS:.3f} s; check the stamps"
+        )
+    return np.asarray(grid)
+
+
+def _kinematic_span(streams: Streams) -> tuple[float, float]:
+    spans = [s.time for s in (streams.pose, streams.imu) if s is not None]
+    if not spans or min(len(time) for time in spans) < 7:
+        raise BadInputError("no motion of the object: expected /object/pose or /object/imu samples")
+    return max(float(t[0]) for t in spans), min(float(t[-1]) for t in spans)
+
+
+def contact_signals(contact: ContactStream, grid: Array) -> ContactSignals:
+    """Read one contact on the grid."""
+    period = float(np.median(np.diff(contact.time)))
+    functional = _force_functional(contact.time, grid, period)
+    nearest = _nearest(contact.time, grid)
+    distance = np.abs(contact.time[nearest] - grid)
+    present = distance < max(0.75 * period, 0.75 * _grid_period(grid))
+    magnitude = np.linalg.norm(contact.force, axis=1) + np.linalg.norm(contact.torque, axis=1)
+    in_contact = present & (magnitude[nearest] > 1e-9)
+    weights = functional.weights * in_contact[:, None, None]
+    functional = replace(functional, weights=weights)
+    signals = {"force": LatentSignal(functional, _force_noise(contact))}
+    if contact.carries_torque:
+        std = white_noise_std(contact.time, contact.torque) or _FALLBACK_TORQUE_STD
+        factor = np.broadcast_to(std * np.eye(3), (len(contact.time), 3, 3))
+        signals["torque"] = LatentSignal(functional, factor)
+    point_functional = _point_functional(contact.pose_time, grid)
+    point_std = white_noise_std(contact.pose_time, contact.position)
+    if point_std > _POINT_STD_FLOOR:
+        loaded = replace(
+            point_functional, weights=point_functional.weights * in_contact[:, None, None]
+        )
+        factor = np.broadcast_to(point_std * np.eye(3), (len(contact.pose_time), 3, 3))
+        signals["point"] = LatentSignal(loaded, factor)
+    return ContactSignals(
+        name=contact.name,
+        force=contact.force,
+        torque=contact.torque,
+        point=contact.position,
+        rotation=contact.rotation[_nearest(contact.pose_time, grid)],
+        in_contact=in_contact,
+        valid=~_dropped(contact.time, magnitude, period, grid),
+        signals=signals,
+        point_functional=point_functional,
+    )
+
+
+def _grid_period(grid: Array) -> float:
+    return float(np.median(np.diff(grid)))
+
+
+def _nearest(time: Array, grid: Array) -> NDArray[np.int64]:
+    right = np.clip(np.searchsorted(time, grid), 1, max(len(time) - 1, 1))
+    right = np.minimum(right, len(time) - 1)
+    left = np.maximum(right - 1, 0)
+    return np.where(grid - time[left] <= time[right] - grid, left, right)
+
+
+def _identity(time: Array, grid: Array) -> LocalFunctional | None:
+    """One sample per grid time where stamps coincide (or the contact is silent)."""
+    nearest = _nearest(time, grid)
+    distance = np.abs(time[nearest] - grid)
+    period = _grid_period(grid)
+    if np.any((distance > 2 * _SYNCHRONOUS) & (distance < 0.75 * period)):
+        return None
+    count = len(grid)
+    return LocalFunctional(nearest, np.ones((count, 1, 1)), np.ones(count, dtype=bool))
+
+
+def _force_functional(time: Array, grid: Array, period: float) -> LocalFunctional:
+    """The sample itself, the mean over one grid period, or linear interpolation."""
+    same = _identity(time, grid)
+    if same is not None:
+        return same
+    grid_period = _grid_period(grid)
+    averaging = period < 0.6 * grid_period
+    half = 0.5 * grid_period if averaging else period
+    size = min(int(np.ceil(2 * half / period)) + 1, len(time))
+    start = np.clip(np.searchsorted(time, grid - half), 0, len(time) - size).astype(np.int64)
+    offset = np.abs(time[start[:, None] + np.arange(size)] - grid[:, None])
+    weights = (offset <= half).astype(float) if averaging else np.clip(1 - offset / half, 0, None)
+    total = weights.sum(axis=1, keepdims=True)
+    weights = weights / np.where(total > 0, total, 1.0)
+    return LocalFunctional(start, weights[:, None], total[:, 0] > 0)
+
+
+def _point_functional(time: Array, grid: Array) -> LocalFunctional:
+    same = _identity(time, grid)
+    if same is not None:
+        return same
+    period = float(np.median(np.diff(time)))
+    return local_polynomial(time, grid, 1.5 * period, 2, orders=1)
+
+
+def _force_noise(contact: ContactStream) -> Array:
+    """Noise factors (K, 3, 3): the stated standard deviations, or the scatter of the samples."""
+    count = len(contact.time)
+    if contact.force_std is not None and np.all(contact.force_std > 0):
+        return np.asarray(contact.force_std[:, :, None] * np.eye(3))
+    std = white_noise_std(contact.time, contact.force) or _FALLBACK_FORCE_STD
+    return np.broadcast_to(std * np.eye(3), (count, 3, 3))
+
+
+def _dropped(time: Array, magnitude: Array, period: float, grid: Array) -> NDArray[np.bool_]:
+    """Grid times inside a silence that begins and ends under load: samples lost, not a break."""
+    dropped = np.zeros(len(grid), dtype=bool)
+    gaps = np.flatnonzero(np.diff(time) > _SILENCE_PERIODS * period)
+    threshold = _LOADED * float(np.median(magnitude))
+    for k in gaps:
+        if min(magnitude[k], magnitude[k + 1]) > threshold > 0:
+            dropped |= (grid > time[k] + 0.5 * period) & (grid < time[k + 1] - 0.5 * period)
+    return dropped

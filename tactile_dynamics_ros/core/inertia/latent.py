@@ -1,0 +1,51 @@
+"""Measured vector signals whose true values are unknowns of the estimation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import bsr_array
+
+from tactile_dynamics_ros.core.inertia.local_polynomial import LocalFunctional
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class LatentSignal:
+    """K samples z_k ~ N(x_k, S_k S_k^T) of a 3-vector, read at N grid times by linear functionals.
+
+    Attributes:
+        functional: how the values and derivatives at the grid follow from the samples.
+        noise_factor: (K, 3, 3) square roots S_k of the noise covariance.
+    """
+
+    functional: LocalFunctional
+    noise_factor: Array
+
+    def scaled_sensitivity(self, sensitivity: Array) -> bsr_array:
+        """Sparse d e / d x S: how the residuals move with one standard deviation of each sample.
+
+        Args:
+            sensitivity: (N, O, 6, 3) derivative of the residual with respect to the value and the
+                derivatives of the signal at each grid time.
+
+        Returns:
+            (6 N, 3 K) block-sparse matrix.
+        """
+        weights = self.functional.weights
+        orders = sensitivity.shape[1]
+        per_sample = np.einsum("nok,noij->nkij", weights[:, :orders], sensitivity, optimize=True)
+        blocks = per_sample @ self.functional.gather(self.noise_factor)
+        count, size = blocks.shape[:2]
+        pointer = np.arange(0, count * size + 1, size)
+        columns = self.functional.indices.ravel()
+        shape = (6 * count, 3 * len(self.noise_factor))
+        return bsr_array((blocks.reshape(-1, 6, 3), columns, pointer), shape=shape)
+
+
+def isotropic_factor(count: int, std: float) -> Array:
+    """Noise factors (count, 3, 3) of equal, independent axes."""
+    return np.broadcast_to(std * np.eye(3), (count, 3, 3))

@@ -1,0 +1,51 @@
+"""Levenberg-Marquardt on a handful of parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+Evaluate = Callable[[Array], tuple[Array, Array]]
+
+
+def levenberg_marquardt(
+    evaluate: Evaluate, start: Array, iterations: int = 30, tolerance: float = 1e-7
+) -> tuple[Array, bool]:
+    """Minimise |r(x)|^2 with a damping that is scaled by the diagonal of J^T J.
+
+    Args:
+        evaluate: x -> (r, J = dr/dx).
+        start: initial x.
+        iterations: evaluations at most.
+        tolerance: relative fall of the cost below which it has converged.
+
+    Returns:
+        The best x and whether it converged.
+
+    Source: Marquardt 1963; damping update of Nielsen 1999.
+    """
+    x, damping, growth = np.array(start, dtype=float), 1e-6, 2.0
+    residual, jacobian = evaluate(x)
+    cost = float(residual @ residual)
+    for _ in range(iterations):
+        hessian, gradient = jacobian.T @ jacobian, jacobian.T @ residual
+        scale = np.diag(np.maximum(np.diag(hessian), 1e-12))
+        step = -np.linalg.solve(hessian + damping * scale, gradient)
+        trial, trial_jacobian = evaluate(x + step)
+        trial_cost = float(trial @ trial)
+        predicted = float(-step @ gradient)
+        if np.isfinite(trial_cost) and trial_cost <= cost:
+            fall, x = cost - trial_cost, x + step
+            residual, jacobian, cost = trial, trial_jacobian, trial_cost
+            damping, growth = max(damping / 5.0, 1e-12), 2.0
+            if fall <= tolerance * max(cost, 1e-12):
+                return x, True
+        else:
+            if predicted <= tolerance * max(cost, 1e-12):
+                return x, True
+            damping, growth = max(damping, 1e-6) * growth, 2.0 * growth
+    return x, False

@@ -1,0 +1,73 @@
+"""Value and derivatives of a sampled signal as linear functionals of nearby samples."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class LocalFunctional:
+    """Linear functionals x^(o)(t_n) = sum_k weights[n, o, k] x[start_n + k].
+
+    Attributes:
+        start: (N,) index of the first sample used.
+        weights: (N, O, W), order o = 0 value, 1 first, 2 second derivative.
+        valid: (N,) False where the samples leave a gap around t_n.
+    """
+
+    start: NDArray[np.int64]
+    weights: Array
+    valid: NDArray[np.bool_]
+
+    @property
+    def indices(self) -> NDArray[np.int64]:
+        """(N, W) sample indices."""
+        return self.start[:, None] + np.arange(self.weights.shape[2])
+
+    def gather(self, values: Array) -> Array:
+        """Samples of each window, (K, ...) -> (N, W, ...)."""
+        return values[self.indices]
+
+    def apply(self, values: Array, order: int) -> Array:
+        """Derivative of the given order at every grid time, (K, d) -> (N, d)."""
+        return np.asarray(np.einsum("nk,nk...->n...", self.weights[:, order], self.gather(values)))
+
+
+def local_polynomial(
+    sample_time: Array,
+    grid_time: Array,
+    half_width: float,
+    degree: int,
+    orders: int = 3,
+) -> LocalFunctional:
+    """Least-squares polynomial through the samples around each grid time.
+
+    Args:
+        sample_time: (K,) s, increasing.
+        grid_time: (N,) s, increasing.
+        half_width: s; at least degree + 2 samples are used whatever the rate.
+        degree: of the polynomial.
+        orders: number of derivative orders wanted, including the value.
+
+    Returns:
+        The functionals; windows are clipped at the ends of the recording.
+    """
+    period = float(np.median(np.diff(sample_time)))
+    size = min(max(2 * round(half_width / period) + 1, degree + 2), len(sample_time))
+    centre = np.searchsorted(sample_time, grid_time - 0.5 * period)
+    start = np.clip(centre - size // 2, 0, len(sample_time) - size).astype(np.int64)
+    offset = sample_time[start[:, None] + np.arange(size)] - grid_time[:, None]
+    scale = 0.5 * size * period
+    basis = (offset / scale)[..., None] ** np.arange(degree + 1)
+    normal = np.swapaxes(basis, 1, 2) @ basis
+    solution = np.linalg.solve(normal, np.swapaxes(basis, 1, 2))[:, :orders]
+    factors = np.array([1.0, 1.0 / scale, 2.0 / scale**2])[:orders]
+    span = offset[:, -1] - offset[:, 0]
+    nearest = np.abs(offset).min(axis=1)
+    valid = (span < (size + 0.5) * period) & (nearest < 1.5 * period)
+    return LocalFunctional(start, solution * factors[:, None], valid)

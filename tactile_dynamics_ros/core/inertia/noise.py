@@ -1,0 +1,38 @@
+"""White-noise level of a sampled signal, read from the signal itself."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+_ORDER = 6
+_MINIMUM_SAMPLES = 20
+
+
+def white_noise_std(time: Array, values: Array) -> float:
+    """Standard deviation of the white part, from sixth differences of the samples.
+
+    std = 1.4826 median|D^6 x| / sqrt(binomial(12, 6)); smooth motion vanishes under D^6 and the
+    median ignores gaps and spikes.
+
+    Args:
+        time: (N,) s; only steps close to the median period are used.
+        values: (N, d).
+
+    Returns:
+        One standard deviation for all columns; 0 if there are fewer than 20 samples.
+    """
+    if len(time) < _MINIMUM_SAMPLES:
+        return 0.0
+    steps = np.diff(time)
+    regular = np.abs(steps - np.median(steps)) < 0.2 * np.median(steps)
+    complete = np.lib.stride_tricks.sliding_window_view(regular, _ORDER).all(axis=1)
+    differences = np.diff(values, _ORDER, axis=0)[complete]
+    if len(differences) == 0:
+        return 0.0
+    scale = math.sqrt(math.comb(2 * _ORDER, _ORDER))
+    return float(1.4826 * np.median(np.abs(differences)) / scale)

@@ -1,0 +1,61 @@
+"""Weak prior on a body of which only the contacts are known, in log-Cholesky coordinates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
+
+Array = NDArray[np.float64]
+
+_SMALLEST_RADIUS = 0.02
+_DEFAULT_RADIUS = 0.05
+_MINIMUM_MASS = 1e-3
+_STD_LOG_SCALE = 2.0
+_STD_LOG_RADIUS = 1.5
+_STD_SHEAR_RADII = 2.0
+_STD_COM = 0.5
+
+
+@dataclass(frozen=True)
+class LogCholeskyPrior:
+    """Independent normal prior of the log-Cholesky coordinates.
+
+    Attributes:
+        mean: (10,).
+        std: (10,).
+    """
+
+    mean: Array
+    std: Array
+
+    @property
+    def information(self) -> Array:
+        """(10, 10) inverse covariance."""
+        return np.diag(self.std**-2.0)
+
+
+def contact_prior(samples: WrenchSamples) -> LogCholeskyPrior:
+    """A body that weighs what is carried, centred between the contacts and about as large.
+
+    The standard deviations span factors of e^2 in mass scale, e^1.5 in radius of gyration and
+    half a metre in the centre of mass, so that any direction that the motion excites is decided
+    by the data.
+    """
+    force = np.linalg.norm(samples.measured_wrench[:, 3:], axis=1)
+    mass = max(float(np.median(force)) / 9.81, _MINIMUM_MASS)
+    points = samples.contact_point[samples.in_contact]
+    centre = points.mean(axis=0)
+    spread = float(np.sqrt(np.mean(np.sum((points - centre) ** 2, axis=1)) / 3.0))
+    radius = (
+        max(spread, _SMALLEST_RADIUS) if samples.contact_point.shape[1] > 1 else _DEFAULT_RADIUS
+    )
+    log_radius = np.full(3, np.log(radius))
+    mean = np.concatenate([[0.5 * np.log(mass)], log_radius, np.zeros(3), centre])
+    std = np.array(
+        [_STD_LOG_SCALE] + 3 * [_STD_LOG_RADIUS] + 3 * [_STD_SHEAR_RADII * radius] + 3 * [_STD_COM]
+    )
+    return LogCholeskyPrior(mean, std)

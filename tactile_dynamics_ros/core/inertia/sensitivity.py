@@ -1,0 +1,74 @@
+"""How the Newton-Euler residual moves with the measured motion, forces and contact points."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
+from tactile_dynamics_ros.core.rigid_body.inertial_parameters import inertia_matrix
+from tactile_dynamics_ros.core.rigid_body.rotation import skew
+
+Array = NDArray[np.float64]
+
+
+def body_sensitivity(samples: WrenchSamples, phi: Array) -> tuple[Array, Array, Array]:
+    """Derivatives (N, 6, 3) of Y phi by s = R_OW (a - g), w and w' (all body frame).
+
+    Args:
+        samples: the motion.
+        phi: (10,) dynamic parameters.
+    """
+    count = len(samples.time)
+    first, inertia = phi[1:4], inertia_matrix(phi[4:])
+    omega = samples.angular_velocity
+    by_force, by_rate, by_change = (np.zeros((count, 6, 3)) for _ in range(3))
+    by_force[:, :3], by_force[:, 3:] = skew(first), phi[0] * np.eye(3)
+    by_rate[:, :3] = skew(omega) @ inertia - skew(omega @ inertia)
+    by_rate[:, 3:] = -skew(np.cross(omega, first)) - skew(omega) @ skew(first)
+    by_change[:, :3], by_change[:, 3:] = inertia, -skew(first)
+    return by_force, by_rate, by_change
+
+
+def motion_sensitivity(
+    samples: WrenchSamples, phi: Array, has_imu: bool, has_gyro: bool
+) -> dict[str, Array]:
+    """Derivatives (N, O, 6, 3) of e = Y phi - w by value and derivatives of each motion signal.
+
+    A world rotation d of the object changes a body-frame vector R^T x by R^T [x] d.
+
+    Returns:
+        By name: orientation (orders 0-2), position (0-2), and with an IMU specific_force (0) and
+        gyro (0-1).
+    """
+    by_force, by_rate, by_change = body_sensitivity(samples, phi)
+    to_body = np.swapaxes(samples.rotation, 1, 2)
+    wrench = samples.measured_wrench
+    turned = np.concatenate([skew(wrench[:, :3]), skew(wrench[:, 3:])], axis=1) @ to_body
+    orientation = np.stack([-turned, by_rate @ to_body, by_change @ to_body], axis=1)
+    position = np.zeros_like(orientation)
+    position[:, 0, :3] = -skew(wrench[:, 3:]) @ to_body
+    signals = {}
+    if has_imu:
+        signals["specific_force"] = by_force[:, None]
+    else:
+        orientation[:, 0] += by_force @ skew(samples.specific_acceleration) @ to_body
+        position[:, 2] = by_force @ to_body
+    if has_gyro:
+        signals["gyro"] = np.stack([by_rate, by_change], axis=1)
+        orientation[:, 1:] = 0.0
+    else:
+        orientation[:, 0] += by_rate @ skew(samples.angular_velocity) @ to_body
+        orientation[:, 0] += by_change @ skew(samples.angular_acceleration) @ to_body
+    return signals | {"orientation": orientation, "position": position}
+
+
+def contact_sensitivity(samples: WrenchSamples, contact: int) -> dict[str, Array]:
+    """Derivatives (N, 1, 6, 3) of e by the world-frame force, torque and point of one contact."""
+    to_body = np.swapaxes(samples.rotation, 1, 2)
+    zero = np.zeros_like(to_body)
+    arm = skew(samples.contact_point[:, contact]) @ to_body
+    by_force = np.concatenate([-arm, -to_body], axis=1)
+    by_torque = np.concatenate([-to_body, zero], axis=1)
+    by_point = np.concatenate([skew(samples.contact_force[:, contact]) @ to_body, zero], axis=1)
+    return {"force": by_force[:, None], "torque": by_torque[:, None], "point": by_point[:, None]}

@@ -1,0 +1,65 @@
+"""Intervals that stay honest when the model does not fit, and what the motion leaves open."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.inertia.estimate import PARAMETER_NAMES
+from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
+    com_inertia_jacobian,
+    dynamic_parameters_from_log_cholesky,
+    log_cholesky_jacobian,
+)
+
+Array = NDArray[np.float64]
+
+_SCORE_BLOCK = 300
+_TOLERATED_RATIO = 2.0
+_OPEN = 0.25
+
+
+def misfit_inflation(white_residual: Array, jacobian: Array) -> Array:
+    """Factors by which standard deviations grow when residuals are large or correlated.
+
+    The score of each parameter is summed over blocks of 0.5 s; where its variance between blocks
+    exceeds what white unit noise gives, the ratio (a sandwich covariance) is applied.
+
+    Args:
+        white_residual: (6 N,).
+        jacobian: (6 N, p) its derivative.
+
+    Returns:
+        (p,) factors >= 1.
+
+    Source: White 1980; Newey & West 1987 (block form).
+    """
+    size = min(_SCORE_BLOCK, max(len(white_residual) // 10, 6))
+    count = len(white_residual) // size
+    used = slice(0, count * size)
+    information = jacobian.T @ jacobian
+    ridge = 1e-12 * np.trace(information) * np.eye(len(information))
+    directions = jacobian[used] @ np.linalg.inv(information + ridge)
+    influence = (directions * white_residual[used, None]).reshape(count, size, -1).sum(axis=1)
+    expected = np.sum(directions**2, axis=0)
+    ratio = np.sum(influence**2, axis=0) / np.maximum(expected, 1e-300)
+    scale = float(np.mean(white_residual**2))
+    ratio = np.maximum(np.where(ratio > _TOLERATED_RATIO, ratio, 1.0), scale)
+    return np.sqrt(np.maximum(ratio, 1.0))
+
+
+def unexcited_parameters(xi: Array, data: Array, prior: Array) -> tuple[str, ...]:
+    """Parameters whose standard deviation the data reduced to no less than half of the prior's.
+
+    Args:
+        xi: (10,) log-Cholesky coordinates.
+        data: (10, 10) information of the data on xi.
+        prior: (10, 10) information of the prior on xi.
+    """
+    to_phi = log_cholesky_jacobian(xi)
+    rows = com_inertia_jacobian(dynamic_parameters_from_log_cholesky(xi)) @ to_phi
+    after = np.einsum("pi,ij,pj->p", rows, np.linalg.inv(data + prior), rows)
+    before = np.einsum("pi,ij,pj->p", rows, np.linalg.inv(prior), rows)
+    return tuple(
+        name for name, a, b in zip(PARAMETER_NAMES, after, before, strict=True) if a > _OPEN * b
+    )

@@ -1,0 +1,318 @@
+"""Newton-Euler as an errors-in-variables model: noisy motion and forces, exact equations.
+
+Motion, forces and contact points x are measured as z ~ N(x, S S^T); at every grid time
+e(x, theta) = Y(x) phi - w(x) - Delta(x, theta) = 0. The residual e(z) has covariance
+C = A A^T = L L^T with A = (de/dx) S, banded because motion is read from short windows of raw poses, so that L^-1 e is
+white, N(0, 1), exactly when the model is right. Sensitivities, regressors and effects are taken at
+better estimates of x (wide windows for the motion; forces and points moved by their expected error
+given the residual), so that their noise does not correlate with that of the residual: a plain
+regression on noisy regressors is biased and "explains" clean data by gains of the measured forces.
+Source: Fuller 1987, Measurement Error Models, ch. 3; Lenzmann & Lenzmann 2004 (Gauss-Helmert).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import bsr_array
+
+from tactile_dynamics_ros.core.configuration import check_ranges, parameter
+from tactile_dynamics_ros.core.contact.wrench_samples import GRAVITY_W, WrenchSamples
+from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.inertia.banded import BandedWhitener
+from tactile_dynamics_ros.core.inertia.contact_grid import (
+    ContactSignals,
+    choose_grid,
+    contact_signals,
+)
+from tactile_dynamics_ros.core.inertia.latent import LatentSignal
+from tactile_dynamics_ros.core.inertia.motion import Motion, MotionSignals, motion_signals
+from tactile_dynamics_ros.core.inertia.sensitivity import contact_sensitivity, motion_sensitivity
+from tactile_dynamics_ros.core.rigid_body.newton_euler import regressor
+from tactile_dynamics_ros.core.streams import Streams
+
+if TYPE_CHECKING:
+    from tactile_dynamics_ros.core.effects.effect import Effect
+
+Array = NDArray[np.float64]
+
+_VARIANCE_FLOOR = 1e-14
+_MINIMUM_SAMPLES = 10
+
+
+@dataclass(frozen=True)
+class ProblemConfig:
+    """How raw streams become residuals."""
+
+    window_half_width: float = parameter(
+        0.04,
+        "half width of the motion windows of the residual",
+        "s",
+        0.005,
+        0.5,
+    )
+    regressor_half_width: float = parameter(
+        0.1,
+        "half width of the motion windows of the regressors",
+        "s",
+        0.005,
+        0.5,
+    )
+    window_degree: int = parameter(4, "degree of those polynomials", "", 2, 6)
+    maximum_rate: float = parameter(125.0, "grid rate above which forces are averaged", "Hz", 1.0)
+
+    def __post_init__(self) -> None:
+        """Check ranges."""
+        check_ranges(self)
+
+
+@dataclass(frozen=True)
+class WrenchProblem:
+    """Residuals of one stretch of a recording.
+
+    Attributes:
+        grid: (N,) s; start: s subtracted from the times that effects see.
+        motion: measured kinematic signals with the short windows of the residual.
+        contacts: measured contact signals.
+        denoised_motion, denoised_contacts: wide windows on signals at their expected true values.
+        valid: (N,) grid times that enter the estimation.
+        extra_variance: (N,) additional variance of each residual, for isolated outliers.
+    """
+
+    grid: Array
+    start: float
+    motion: MotionSignals
+    contacts: tuple[ContactSignals, ...]
+    denoised_motion: MotionSignals
+    denoised_contacts: tuple[ContactSignals, ...]
+    valid: NDArray[np.bool_]
+    extra_variance: Array
+
+    @classmethod
+    def from_streams(
+        cls,
+        streams: Streams,
+        config: ProblemConfig | None = None,
+        span: tuple[float, float] | None = None,
+        start: float | None = None,
+    ) -> WrenchProblem:
+        """Read the streams on a grid.
+
+        Args:
+            streams: measurements.
+            config: windows and rates.
+            span: only grid times in [span[0], span[1]) are used.
+            start: time origin that effects see; the first grid time by default.
+
+        Raises:
+            BadInputError: too few samples with contact and motion.
+        """
+        config = config or ProblemConfig()
+        grid = choose_grid(streams, config.maximum_rate)
+        origin = float(grid[0]) if start is None else start
+        if span is not None:
+            grid = grid[(grid >= span[0]) & (grid < span[1])]
+        motion, smooth = (
+            motion_signals(streams, grid, half_width, config.window_degree, GRAVITY_W)
+            for half_width in (config.window_half_width, config.regressor_half_width)
+        )
+        contacts = tuple(
+            contact_signals(c, grid)
+            for c in streams.contacts.values()
+            if len(c.time) > 1 and len(c.pose_time) > 1
+        )
+        held = np.any([c.in_contact for c in contacts], axis=0)
+        valid = np.all([motion.valid, held, *(c.valid for c in contacts)], axis=0)
+        if valid.sum() < _MINIMUM_SAMPLES:
+            raise BadInputError(
+                f"only {int(valid.sum())} of {len(grid)} samples have motion and contact together; "
+                f"expected at least {_MINIMUM_SAMPLES}: check that /contact/*/force and "
+                "/object/pose overlap"
+            )
+        return cls(grid, origin, motion, contacts, smooth, contacts, valid, np.zeros(len(grid)))
+
+    @classmethod
+    def try_from_streams(
+        cls,
+        streams: Streams,
+        config: ProblemConfig,
+        span: tuple[float, float],
+        start: float,
+    ) -> WrenchProblem | None:
+        """`from_streams`, or None where the stretch holds too few samples."""
+        try:
+            return cls.from_streams(streams, config, span, start)
+        except BadInputError:
+            return None
+
+    @property
+    def count(self) -> int:
+        """Number N of valid samples."""
+        return int(self.valid.sum())
+
+    @cached_property
+    def measured(self) -> WrenchSamples:
+        """Measured forces and motion by short windows, valid samples only."""
+        return self._sample(self.motion.evaluate(), self.contacts)
+
+    @cached_property
+    def samples(self) -> WrenchSamples:
+        """Denoised forces and motion by wide windows, valid samples only; what effects see."""
+        return self._sample(self.denoised_motion.evaluate(), self.denoised_contacts)
+
+    @cached_property
+    def regressor(self) -> Array:
+        """(N, 6, 10) Newton-Euler regressor of the denoised samples."""
+        return _newton_euler(self.samples)
+
+    @cached_property
+    def measured_regressor(self) -> Array:
+        """(N, 6, 10) Newton-Euler regressor of the measured samples."""
+        return _newton_euler(self.measured)
+
+    def residual(
+        self, phi: Array, effects: Sequence[Effect] = (), theta: Sequence[Array] = ()
+    ) -> Array:
+        """Residual e = Y phi - w - sum Delta(theta), (N, 6) [torque, force], body frame."""
+        value = self.measured_regressor @ phi - self.measured.measured_wrench
+        for effect, parameters in zip(effects, theta, strict=True):
+            value = value - effect.wrench(self.samples, phi, parameters)
+        return np.asarray(value)
+
+    def smooth_residual(
+        self, phi: Array, effects: Sequence[Effect] = (), theta: Sequence[Array] = ()
+    ) -> Array:
+        """Predicted minus measured wrench, (N, 6), with motion by wide windows."""
+        smooth = self._sample(self._wide_motion().evaluate(), self.contacts)
+        value = _newton_euler(smooth) @ phi - smooth.measured_wrench
+        for effect, parameters in zip(effects, theta, strict=True):
+            value = value - effect.wrench(self.samples, phi, parameters)
+        return np.asarray(value)
+
+    def linearise(self, phi: Array) -> Linearisation:
+        """Covariance and whitening of the residual for given dynamic parameters."""
+        names, matrices, factors = [], [], []
+        for name, signal, sensitivity in self._signals(phi):
+            names.append(name)
+            matrices.append(self._select(signal).scaled_sensitivity(sensitivity))
+            factors.append(signal.noise_factor)
+        extra = np.repeat(self.extra_variance[self.valid], 6) + _VARIANCE_FLOOR
+        whitener = BandedWhitener.from_sensitivities(matrices, extra)
+        return Linearisation(tuple(names), tuple(matrices), tuple(factors), whitener)
+
+    def denoised(self, corrections: dict[str, Array]) -> WrenchProblem:
+        """Return the problem whose regressors see the measured signals moved by corrections."""
+        smooth = self._wide_motion().corrected(corrections)
+        contacts = tuple(
+            contact.corrected(
+                {
+                    key.partition(":")[0]: value
+                    for key, value in corrections.items()
+                    if key.partition(":")[2] == contact.name
+                }
+            )
+            for contact in self.contacts
+        )
+        return replace(self, denoised_motion=smooth, denoised_contacts=contacts)
+
+    def _wide_motion(self) -> MotionSignals:
+        """Measured signals with the wide windows."""
+        return replace(self.motion, signals=self.denoised_motion.signals)
+
+    def with_extra_variance(self, extra_variance: Array) -> WrenchProblem:
+        """Return the problem with isolated outliers down-weighted; (valid samples,) variances."""
+        spread = np.zeros(len(self.grid))
+        spread[self.valid] = extra_variance
+        return replace(self, extra_variance=spread)
+
+    def _sample(self, motion: Motion, contacts: tuple[ContactSignals, ...]) -> WrenchSamples:
+        keep = self.valid
+        to_body = np.swapaxes(motion.rotation, 1, 2)[:, None]
+        readings = [contact.evaluate() for contact in contacts]
+        force, torque, point = (np.stack(part, axis=1) for part in zip(*readings, strict=True))
+        frames = np.stack([contact.rotation for contact in contacts], axis=1)
+
+        def body(vectors: Array) -> Array:
+            return np.asarray((to_body @ vectors[..., None])[..., 0][keep])
+
+        return WrenchSamples(
+            time=self.grid[keep] - self.start,
+            position=motion.position[keep],
+            rotation=motion.rotation[keep],
+            velocity=motion.velocity[keep],
+            acceleration=motion.acceleration[keep],
+            angular_velocity=motion.angular_velocity_B[keep],
+            angular_acceleration=motion.angular_acceleration_B[keep],
+            contact_names=tuple(contact.name for contact in contacts),
+            contact_point=body(point - motion.position[:, None]),
+            contact_rotation=(to_body @ frames)[keep],
+            contact_force=body(force),
+            contact_torque=body(torque),
+            in_contact=np.stack([contact.in_contact for contact in contacts], axis=1)[keep],
+            gravity=self.motion.gravity,
+        )
+
+    def _signals(self, phi: Array) -> list[tuple[str, LatentSignal, Array]]:
+        samples = self.samples
+        by_motion = motion_sensitivity(
+            samples, phi, self.motion.specific_force is not None, self.motion.gyro is not None
+        )
+        found = [(name, self.motion.signals[name], by_motion[name]) for name in self.motion.signals]
+        for index, contact in enumerate(self.contacts):
+            by_contact = contact_sensitivity(samples, index)
+            found += [
+                (f"{name}:{contact.name}", signal, by_contact[name])
+                for name, signal in contact.signals.items()
+            ]
+        return found
+
+    def _select(self, signal: LatentSignal) -> LatentSignal:
+        functional = signal.functional
+        kept = replace(
+            functional,
+            start=functional.start[self.valid],
+            weights=functional.weights[self.valid],
+            valid=functional.valid[self.valid],
+        )
+        return replace(signal, functional=kept)
+
+
+def _newton_euler(samples: WrenchSamples) -> Array:
+    return regressor(
+        samples.specific_acceleration, samples.angular_velocity, samples.angular_acceleration
+    )
+
+
+@dataclass(frozen=True)
+class Linearisation:
+    """Whitening at one value of the parameters.
+
+    Attributes:
+        names: of the latent signals.
+        sensitivities: A = (de/dx) S per signal.
+        factors: noise factors S per signal.
+        whitener: Cholesky factor L of C = sum A A^T.
+    """
+
+    names: tuple[str, ...]
+    sensitivities: tuple[bsr_array, ...]
+    factors: tuple[Array, ...]
+    whitener: BandedWhitener
+
+    def whiten(self, values: Array) -> Array:
+        """L^-1 of (N, 6) or (N, 6, m) values, as (6 N,) or (6 N, m)."""
+        return self.whitener.whiten(values.reshape(-1, *values.shape[2:]))
+
+    def denoise(self, white_residual: Array) -> dict[str, Array]:
+        """Expected errors x - z = -S A^T L^-T r of every signal, (K, 3) by name."""
+        weighted = self.whitener.whiten_transposed(white_residual)
+        corrections = {}
+        for name, matrix, factor in zip(self.names, self.sensitivities, self.factors, strict=True):
+            standard = -(matrix.T @ weighted).reshape(-1, 3)
+            corrections[name] = np.einsum("kij,kj->ki", factor, standard)
+        return corrections
