@@ -26,7 +26,8 @@ class BioTacConfig:
         2.0e-3, "decay of indentation outside the patch", "m", 1e-4, 1e-2
     )
     shear_stiffness: float = parameter(1.6e3, "skin shear stiffness at 1 N", "N/m", 1e2, 1e5)
-    shear_gain: float = parameter(4.0, "thinning per shear strain of the patch", "", 0.0, 20.0)
+    shear_gain: float = parameter(0.45, "fluid piled up per shear displacement", "", 0.0, 20.0)
+    shear_reach: float = parameter(6e-3, "distance from the contact where it peaks", "m", 1e-4, 0.1)
     bulge_area: float = parameter(
         1.8e-4, "skin that bulges with displaced fluid", "m^2", 1e-5, 1e-2
     )
@@ -36,7 +37,7 @@ class BioTacConfig:
     creep_slow: float = parameter(0.05, "share of indentation that creeps in 4 s", "", 0.0, 0.3)
     hysteresis: float = parameter(0.06, "width of the loading loop over its span", "", 0.0, 0.3)
     noise: float = parameter(3.4, "white noise of an electrode", "counts", 0.0, 50.0)
-    wander: float = parameter(3.2, "slow wander of an electrode", "counts", 0.0, 50.0)
+    wander: float = parameter(1.0, "slow wander of an electrode", "counts", 0.0, 50.0)
     wander_time: float = parameter(2.5, "correlation time of the wander", "s", 0.01, 1e4)
     pressure_noise: float = parameter(1.2, "white noise of PDC", "counts", 0.0, 50.0)
     vibration_noise: float = parameter(37.0, "noise of PAC at rest", "counts", 0.0, 500.0)

@@ -94,8 +94,9 @@ def indent(
 def fluid_thickness(patch: Indentation, units: Units, config: BioTacConfig) -> Array:
     """Return the thickness of the fluid at the electrodes' nodes, (U, 19, 5) m.
 
-    A paraboloid inside the patch, an exponential tail outside it, a dipole of stretched and
-    compressed skin from shear, and a bulge far away that takes up the displaced volume.
+    A paraboloid inside the patch, an exponential tail outside it, a bulge far away that takes up
+    the displaced volume, and a wide dipole from shear: skin that is dragged along the core is
+    pulled tight behind the contact and piles up fluid ahead of it.
     """
     outer = units.nodes + (OUTER_RADIUS - 6.65e-3) * 0.5 * patch.normal[:, None, None, :]
     arm = outer - (patch.centre + patch.shear)[:, None, None, :]
@@ -109,11 +110,11 @@ def fluid_thickness(patch: Indentation, units: Units, config: BioTacConfig) -> A
     bulge = (patch.volume / config.bulge_area)[:, None, None]
     far = 1.0 - np.exp(-((distance / 6e-3) ** 2))
     ahead = np.einsum("uenk,uk->uen", arm, patch.shear)
-    width = 1.3 * radius + 0.8e-3
-    dipole = ahead / width**2 * np.exp(-((distance / width) ** 2))
+    reach = distance / config.shear_reach
+    dipole = ahead / config.shear_reach * np.exp(0.5 * (1.0 - reach**2))
     depth = patch.depth[:, None, None]
     thickness = units.gap[:, None, None] - depth * profile + bulge * far
-    thickness = thickness + config.shear_gain * np.minimum(depth, 8e-4) * dipole
+    thickness = thickness + config.shear_gain * dipole
     soft = 0.5 * config.smallest_gap
     floor = config.smallest_gap
     return np.asarray(floor + soft * np.logaddexp(0.0, (thickness - floor) / soft))

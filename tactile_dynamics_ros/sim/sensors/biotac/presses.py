@@ -1,0 +1,100 @@
+"""Press protocols: what a force/torque rig would record when it touches many fingertips."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.configuration import check_ranges, parameter
+from tactile_dynamics_ros.sim.sensors.biotac.configuration import BioTacConfig
+from tactile_dynamics_ros.sim.sensors.biotac.sensor import BioTacArray
+from tactile_dynamics_ros.sim.sensors.biotac.skin import OUTER_RADIUS, outward_normal
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PressConfig:
+    """How fingertips are pressed: how long, how hard, where, with which objects."""
+
+    units: int = parameter(128, "individual sensors, one press sequence each", "", 1)
+    frames: int = parameter(700, "frames per sequence at 100 Hz", "", 20)
+    rest_frames: int = parameter(60, "frames without contact at the start", "", 1)
+    typical_force: float = parameter(1.0, "median of the largest force of a sequence", "N", 0.01)
+    strongest_force: float = parameter(6.0, "largest force of all", "N", 0.01)
+    friction: float = parameter(0.8, "largest ratio of tangential to normal force", "", 0.0, 3.0)
+    sharpest: float = parameter(60.0, "largest curvature of the objects", "1/m", 0.0, 1e3)
+    seed: int = parameter(0, "of units, noise and motion", "", 0)
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+
+@dataclass(frozen=True)
+class Presses:
+    """Recorded presses of U units, T frames each.
+
+    Attributes:
+        raw: (U, T, 44) counts. force: (U, T, 3) N on the object, sensor frame.
+        point: (U, T, 3) contact point, sensor frame, m. touching: (U, T).
+        rest_frames: frames without contact at the start of every sequence.
+    """
+
+    raw: NDArray[np.uint16]
+    force: Array
+    point: Array
+    touching: NDArray[np.bool_]
+    rest_frames: int
+
+
+def record_presses(config: PressConfig, sensor: BioTacConfig | None = None) -> Presses:
+    """Press ``config.units`` individual sensors and record counts, forces and contact points."""
+    rng = np.random.default_rng([config.seed, 7])
+    array = BioTacArray(config.units, sensor, seed=config.seed)
+    point = _contact_paths(config, rng)
+    force = _forces(config, point, rng)
+    flat = rng.random(config.units) < 0.5
+    curvature = np.where(flat, 0.0, config.sharpest * rng.random(config.units))
+    raw = np.empty((config.units, config.frames, 44), dtype=np.uint16)
+    for k in range(config.frames):
+        raw[:, k] = array.measure(force[:, k], point[:, k], curvature=curvature)
+    touching = np.linalg.norm(force, axis=2) > 0.0
+    return Presses(raw, force, point, touching, config.rest_frames)
+
+
+def _contact_paths(config: PressConfig, rng: np.random.Generator) -> Array:
+    """Return contact points (U, T, 3) on the pad that roll slowly over a few millimetres."""
+    shape = (config.units, 1)
+    along = rng.uniform(-13e-3, 5.5e-3, shape) + 1.5e-3 * _waves(config, rng, 0.5)
+    across = rng.uniform(-1.1, 1.1, shape) + 0.2 * _waves(config, rng, 0.5)
+    along, across = np.clip(along, -14e-3, 6e-3), np.clip(across, -1.2, 1.2)
+    tip = np.clip(along / OUTER_RADIUS, 0.0, 0.95)
+    ring = OUTER_RADIUS * np.sqrt(1.0 - tip**2)
+    return np.stack([along, ring * np.sin(across), -ring * np.cos(across)], axis=-1)
+
+
+def _forces(config: PressConfig, point: Array, rng: np.random.Generator) -> Array:
+    """Return forces on the object: presses of random strength with friction-limited traction."""
+    peak = config.typical_force * np.exp(0.7 * rng.standard_normal((config.units, 1)))
+    peak = np.minimum(peak, config.strongest_force)
+    wave = _waves(config, rng, 1.0)
+    strength = peak * np.clip(0.55 + 0.45 * wave, 0.0, None)
+    ramp = (np.arange(config.frames) - config.rest_frames) / 30.0
+    strength = strength * np.clip(ramp, 0.0, 1.0)
+    normal = outward_normal(point)
+    tangent = np.stack([_waves(config, rng, 0.8) for _ in range(3)], axis=-1)
+    tangent -= np.sum(tangent * normal, axis=-1, keepdims=True) * normal
+    length = np.linalg.norm(tangent, axis=-1, keepdims=True)
+    tangent *= np.minimum(1.0, 1.0 / np.maximum(length, 1e-9))
+    share = config.friction * rng.random((config.units, 1))
+    return np.asarray(strength[..., None] * (normal + share[..., None] * tangent))
+
+
+def _waves(config: PressConfig, rng: np.random.Generator, rate_hz: float) -> Array:
+    """Return smooth random curves (U, T) of about unit amplitude, up to ``rate_hz``."""
+    time = 0.01 * np.arange(config.frames)
+    frequency = rate_hz * rng.uniform(0.05, 1.0, (config.units, 4, 1))
+    phase = rng.uniform(0.0, 2 * np.pi, (config.units, 4, 1))
+    return np.asarray(np.sin(2 * np.pi * frequency * time + phase).sum(axis=1) / np.sqrt(2.0))
