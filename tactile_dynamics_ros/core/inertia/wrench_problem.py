@@ -2,11 +2,11 @@
 
 Motion, forces and contact points x are measured as z ~ N(x, S S^T); at every grid time
 e(x, theta) = Y(x) phi - w(x) - Delta(x, theta) = 0. The residual e(z) has covariance
-C = A A^T = L L^T with A = (de/dx) S, banded because motion is read from short windows of raw poses, so that L^-1 e is
-white, N(0, 1), exactly when the model is right. Sensitivities, regressors and effects are taken at
-better estimates of x (wide windows for the motion; forces and points moved by their expected error
-given the residual), so that their noise does not correlate with that of the residual: a plain
-regression on noisy regressors is biased and "explains" clean data by gains of the measured forces.
+C = A A^T = L L^T with A = (de/dx) S, banded because motion is read from short windows of raw
+poses. Hence L^-1 e is white, N(0, 1), exactly when the model is right. Sensitivities, regressors
+and effects are taken at better estimates of x (wide windows on signals moved by their expected
+error given the residual), so that their noise does not correlate with that of the residual: a
+plain regression on noisy regressors is biased, and "explains" clean data by gains of the forces.
 Source: Fuller 1987, Measurement Error Models, ch. 3; Lenzmann & Lenzmann 2004 (Gauss-Helmert).
 """
 
