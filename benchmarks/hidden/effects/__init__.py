@@ -3,7 +3,13 @@
 from __future__ import annotations
 
 from benchmarks.hidden import randomness
-from benchmarks.hidden.effects import external, internal, measurement
+from benchmarks.hidden.effects import (
+    external,
+    internal,
+    measurement,
+    outside_sensor,
+    outside_world,
+)
 from benchmarks.hidden.effects.base import HiddenEffect, Quantity
 from benchmarks.hidden.scenario import Scenario
 
@@ -28,7 +34,24 @@ _CATALOGUED = (
     measurement.SensorLag,
     measurement.TimeOffset,
 )
-_UNKNOWN: tuple = ()
+_UNKNOWN = (
+    outside_world.MotorVibration,
+    outside_world.MagneticPull,
+    outside_world.CableStickSlip,
+    outside_world.DryRubbing,
+    outside_world.AerodynamicLift,
+    outside_world.ExternalTaps,
+    outside_world.WallContact,
+    outside_sensor.SkinCreep,
+    outside_sensor.TemperatureStep,
+    outside_sensor.DeadZone,
+    outside_sensor.CrossTalk,
+    outside_sensor.PoseBacklash,
+    outside_sensor.ForceHysteresis,
+    outside_sensor.SaturatingSensor,
+    outside_sensor.MainsHum,
+    outside_sensor.NonlinearGain,
+)
 CATALOGUE = tuple(effect.name for effect in _CATALOGUED)
 OUTSIDE = tuple(effect.name for effect in _UNKNOWN)
 _BY_NAME = {effect.name: effect for effect in (*_CATALOGUED, *_UNKNOWN)}

@@ -110,9 +110,9 @@ class SloshingMass(HiddenEffect):
 
     @classmethod
     def draw(cls, rng: np.random.Generator, magnitude: float, scenario: Scenario) -> SloshingMass:
-        """A liquid that sloshes at 2.5 to 5 Hz near the middle of the object."""
+        """A liquid that sloshes at 2 to 4 Hz near the middle of the object."""
         rest = rng.uniform(-0.15, 0.15, size=3) * scenario.body.size
-        frequency, damping = rng.uniform(2.5, 5.0), rng.uniform(0.05, 0.3)
+        frequency, damping = rng.uniform(2.0, 4.0), rng.uniform(0.05, 0.3)
         return cls(magnitude, scenario.body.mass, rest, frequency, damping)
 
 
