@@ -19,6 +19,18 @@ _TOLERATED_RATIO = 2.0
 _OPEN = 0.25
 
 
+def _own_coordinates() -> Array:
+    """(10, 10) ones where a log-Cholesky coordinate belongs to mass, centre or inertia itself."""
+    own = np.zeros((10, 10))
+    own[0, 0] = 1.0
+    own[1:4, 7:] = 1.0
+    own[4:, 1:7] = 1.0
+    return own
+
+
+_OWN_COORDINATES = _own_coordinates()
+
+
 def misfit_inflation(white_residual: Array, jacobian: Array) -> Array:
     """Factors by which standard deviations grow when residuals are large or correlated.
 
@@ -51,6 +63,9 @@ def misfit_inflation(white_residual: Array, jacobian: Array) -> Array:
 def unexcited_parameters(xi: Array, data: Array, prior: Array) -> tuple[str, ...]:
     """Parameters whose standard deviation the data reduced to no less than half of the prior's.
 
+    The prior of an inertia is that at known mass and centre: weighing an object at rest says
+    nothing of how its mass is spread.
+
     Args:
         xi: (10,) log-Cholesky coordinates.
         data: (10, 10) information of the data on xi.
@@ -59,7 +74,8 @@ def unexcited_parameters(xi: Array, data: Array, prior: Array) -> tuple[str, ...
     to_phi = log_cholesky_jacobian(xi)
     rows = com_inertia_jacobian(dynamic_parameters_from_log_cholesky(xi)) @ to_phi
     after = np.einsum("pi,ij,pj->p", rows, np.linalg.inv(data + prior), rows)
-    before = np.einsum("pi,ij,pj->p", rows, np.linalg.inv(prior), rows)
+    own = rows * _OWN_COORDINATES
+    before = np.einsum("pi,ij,pj->p", own, np.linalg.inv(prior), own)
     return tuple(
         name for name, a, b in zip(PARAMETER_NAMES, after, before, strict=True) if a > _OPEN * b
     )

@@ -1,0 +1,206 @@
+"""The batch estimator: right, white, feasible and honest on recordings with known truth."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from benchmarks.hidden.recordings import HiddenRecording, generate
+from benchmarks.hidden.scenario import ScenarioOptions
+from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.inertia.banded import BandedWhitener
+from tactile_dynamics_ros.core.inertia.batch import estimate_inertia, fit_recording
+from tactile_dynamics_ros.core.inertia.contact_grid import choose_grid
+from tactile_dynamics_ros.core.inertia.latent import LatentSignal, isotropic_factor
+from tactile_dynamics_ros.core.inertia.least_squares import levenberg_marquardt
+from tactile_dynamics_ros.core.inertia.local_polynomial import local_polynomial
+from tactile_dynamics_ros.core.inertia.noise import white_noise_std
+from tactile_dynamics_ros.core.inertia.wrench_problem import WrenchProblem
+from tactile_dynamics_ros.core.rigid_body.inertial_parameters import is_feasible
+from tactile_dynamics_ros.core.streams import ContactStream, PoseStream, Streams
+
+
+@pytest.fixture(scope="module")
+def recording() -> HiddenRecording:
+    return generate(3, scenario=ScenarioOptions(duration=10.0))
+
+
+def test_recovers_the_body_within_its_own_intervals(recording):
+    body = recording.scenario.body
+    estimate = estimate_inertia(recording.streams)
+    std = estimate.parameter_std
+    assert abs(estimate.inertia.mass / body.mass - 1) < 3e-3
+    assert np.linalg.norm(estimate.inertia.com - body.com) < 3e-4
+    assert abs(estimate.inertia.mass - body.mass) < 4 * std[0]
+    assert np.all(np.abs(estimate.inertia.com - body.com) < 4 * std[1:4])
+    error = np.abs(estimate.inertia.inertia_com - body.inertia_com)[np.triu_indices(3)]
+    assert np.all(error < 4 * std[4:][[0, 1, 3, 2, 4, 5]])
+    assert estimate.error.whitened_rms == pytest.approx(1.0, abs=0.05)
+    assert estimate.not_excited == ()
+
+
+def test_residuals_of_clean_data_are_white(recording):
+    white = fit_recording(recording.streams).white_residual.reshape(-1, 6)
+    for lag in (1, 2, 5, 10):
+        correlation = np.mean(white[lag:] * white[:-lag])
+        assert abs(correlation) < 4.0 / np.sqrt(white.size)
+
+
+def test_gravity_and_force_directions_matter(recording):
+    """Reversed forces or an upside-down world cannot be explained by any body."""
+    streams = recording.streams
+    reversed_forces = {
+        name: replace(contact, force=-contact.force) for name, contact in streams.contacts.items()
+    }
+    error = estimate_inertia(replace(streams, contacts=reversed_forces)).error
+    assert error.whitened_rms > 5.0
+
+
+def test_standing_still_is_feasible_and_says_what_is_not_excited(recording):
+    streams = recording.streams
+    contacts = {
+        name: replace(
+            c,
+            force=np.repeat(c.force[:1], 200, axis=0),
+            torque=np.zeros((200, 3)),
+            time=c.time[:200],
+            force_std=np.full((200, 3), 0.03),
+            pose_time=c.time[:200],
+            position=np.repeat(c.position[:1], 200, axis=0),
+            rotation=np.repeat(c.rotation[:1], 200, axis=0),
+        )
+        for name, c in streams.contacts.items()
+    }
+    pose = streams.pose
+    still = PoseStream(
+        pose.time[:200],
+        np.repeat(pose.position[:1], 200, axis=0),
+        np.repeat(pose.rotation[:1], 200, axis=0),
+        pose.covariance[:200],
+    )
+    estimate = estimate_inertia(Streams(still, contacts))
+    assert is_feasible(estimate.inertia.dynamic_parameters)
+    assert {"inertia_xx", "inertia_yy", "inertia_zz"} <= set(estimate.not_excited)
+
+
+def test_silent_finger_is_no_contact_and_dropped_samples_are_left_out(recording):
+    streams = recording.streams
+    thumb = streams.contacts["thumb"]
+    keep = (thumb.time < thumb.time[300]) | (thumb.time > thumb.time[360])
+    cut = replace(
+        thumb,
+        time=thumb.time[keep],
+        force=thumb.force[keep],
+        torque=thumb.torque[keep],
+        force_std=thumb.force_std[keep],
+    )
+    estimate = estimate_inertia(replace(streams, contacts=streams.contacts | {"thumb": cut}))
+    assert estimate.error.whitened_rms == pytest.approx(1.0, abs=0.06)
+    assert abs(estimate.inertia.mass / recording.scenario.body.mass - 1) < 3e-3
+
+
+def test_single_spikes_do_not_spoil_the_estimate(recording):
+    streams = recording.streams
+    index = streams.contacts["index"]
+    force = index.force.copy()
+    force[[100, 400, 700]] += 20.0
+    spiked = replace(streams, contacts=streams.contacts | {"index": replace(index, force=force)})
+    estimate = estimate_inertia(spiked)
+    assert abs(estimate.inertia.mass / recording.scenario.body.mass - 1) < 3e-3
+
+
+def test_streams_without_overlap_are_refused(recording):
+    pose = recording.streams.pose
+    late = replace(recording.streams, pose=replace(pose, time=pose.time + 1000.0))
+    with pytest.raises(BadInputError, match="do not overlap"):
+        estimate_inertia(late)
+
+
+def test_contacts_at_different_rates_share_a_uniform_grid(recording):
+    streams = recording.streams
+    ring = streams.contacts["ring"]
+    half = ContactStream(
+        "ring",
+        ring.time[::2] + 0.003,
+        (ring.force[::2] + ring.force[1::2]) / 2,
+        ring.torque[::2],
+        ring.force_std[::2],
+        ring.pose_time,
+        ring.position,
+        ring.rotation,
+    )
+    grid = choose_grid(replace(streams, contacts=streams.contacts | {"ring": half}), 125.0)
+    assert np.median(np.diff(grid)) == pytest.approx(0.02)
+
+
+def test_sensitivities_match_finite_differences_of_the_residual(recording):
+    """Perturb raw poses, forces and points; the residual must move as A says."""
+    streams = recording.streams
+    problem = WrenchProblem.from_streams(streams)
+    phi = fit_recording(streams).phi
+    rng = np.random.default_rng(0)
+    smooth = replace(problem, denoised_motion=problem.motion)
+    for name, signal, sensitivity in smooth._signals(phi):
+        step = 1e-7 * rng.normal(size=(len(signal.noise_factor), 3))
+        unit = replace(signal, noise_factor=isotropic_factor(len(step), 1.0))
+        predicted = smooth._select(unit).scaled_sensitivity(sensitivity) @ step.ravel()
+        kind, _, contact = name.partition(":")
+        if contact:
+            moved = replace(
+                problem,
+                contacts=tuple(
+                    c.corrected({kind: step}) if c.name == contact else c for c in problem.contacts
+                ),
+            )
+        else:
+            moved = replace(problem, motion=problem.motion.corrected({kind: step}))
+        change = (moved.residual(phi) - problem.residual(phi)).ravel()
+        scale = np.abs(predicted).max()
+        assert_allclose(change, predicted, atol=0.1 * scale, err_msg=name)
+
+
+def test_local_polynomial_is_exact_on_polynomials():
+    rng = np.random.default_rng(1)
+    time = np.cumsum(rng.uniform(0.008, 0.012, 200))
+    grid = np.linspace(time[10], time[-10], 77)
+    coefficients = rng.normal(size=5)
+    values = np.polyval(coefficients, time)[:, None]
+    functional = local_polynomial(time, grid, 0.04, 4)
+    for order in range(3):
+        expected = np.polyval(np.polyder(coefficients, order), grid)
+        assert_allclose(functional.apply(values, order)[:, 0], expected, rtol=1e-6, atol=1e-6)
+
+
+def test_banded_whitener_equals_dense_cholesky():
+    rng = np.random.default_rng(2)
+    time = np.arange(40) * 0.01
+    functional = local_polynomial(time, time[5:30], 0.03, 3)
+    signal = LatentSignal(functional, isotropic_factor(40, 0.3))
+    matrix = signal.scaled_sensitivity(rng.normal(size=(25, 3, 6, 3)))
+    extra = rng.uniform(1.0, 2.0, 150)
+    dense = np.linalg.cholesky((matrix @ matrix.T).toarray() + np.diag(extra))
+    values = rng.normal(size=(150, 2))
+    whitener = BandedWhitener.from_sensitivities([matrix], extra)
+    assert_allclose(whitener.whiten(values), np.linalg.solve(dense, values), atol=1e-7)
+    assert_allclose(whitener.whiten_transposed(values), np.linalg.solve(dense.T, values), atol=1e-7)
+
+
+def test_noise_level_ignores_motion_and_gaps():
+    rng = np.random.default_rng(3)
+    time = np.delete(np.arange(3000) * 0.01, slice(500, 700))
+    signal = np.sin(2 * np.pi * time)[:, None] + 0.02 * rng.normal(size=(len(time), 3))
+    assert white_noise_std(time, signal) == pytest.approx(0.02, rel=0.1)
+    assert white_noise_std(time[:5], signal[:5]) == 0.0
+
+
+def test_levenberg_marquardt_solves_rosenbrock():
+    def evaluate(x):
+        residual = np.array([10 * (x[1] - x[0] ** 2), 1 - x[0]])
+        return residual, np.array([[-20 * x[0], 10.0], [-1.0, 0.0]])
+
+    solution, converged = levenberg_marquardt(evaluate, np.array([-1.2, 1.0]), iterations=100)
+    assert converged
+    assert_allclose(solution, [1.0, 1.0], atol=1e-4)
