@@ -1,0 +1,48 @@
+"""DDS on this host only, and a domain of its own per run, so that parallel runs never meet."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import random
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from tactile_dynamics_ros.core.errors import TactileDynamicsError
+
+DOMAINS = range(1, 100)
+"""Domains whose ports lie below the ephemeral range of Linux; 0 is everybody's default."""
+
+
+def stay_on_this_host() -> None:
+    """Keep DDS on this host unless a sourced ROS installation or the user says otherwise."""
+    if "ROS_DISTRO" not in os.environ:
+        os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+
+
+@contextmanager
+def private_domain() -> Iterator[int]:
+    """Claim a ROS domain that no other run on this host holds, for this process and its children.
+
+    The claim is a lock on a file and ends with the process, however it ends.
+
+    Raises:
+        TactileDynamicsError: all domains are taken.
+    """
+    folder = Path(tempfile.gettempdir()) / f"tactile_dynamics_domains_{os.getuid()}"
+    folder.mkdir(exist_ok=True)
+    candidates = list(DOMAINS)
+    random.Random(os.getpid()).shuffle(candidates)
+    for domain in candidates:
+        with (folder / str(domain)).open("w") as file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                continue
+            os.environ["ROS_DOMAIN_ID"] = str(domain)
+            os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+            yield domain
+            return
+    raise TactileDynamicsError(f"all {len(DOMAINS)} ROS domains of this host are taken ({folder})")

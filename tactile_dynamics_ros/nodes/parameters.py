@@ -1,0 +1,198 @@
+"""The one path between configuration dataclasses of the core and ROS parameters.
+
+Nodes are created with `automatically_declare_parameters_from_overrides`, so that what the user gave
+is visible here: integers are accepted where a float is meant, and unknown names are refused.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
+
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
+from rclpy.exceptions import ParameterException
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError
+
+Config = TypeVar("Config")
+
+FOREIGN = ("use_sim_time", "start_type_description_service", "qos_overrides.")
+
+
+def declare_config(
+    node: Node,
+    config_class: type[Config],
+    prefix: str = "",
+    live: Sequence[str] = (),
+    on_change: Callable[[Config], None] | None = None,
+) -> Config:
+    """Declare every field of a configuration dataclass as a ROS parameter and return the values.
+
+    Nested dataclasses become dotted names. Parameters are read-only except those named in `live`.
+
+    Args:
+        node: created with `automatically_declare_parameters_from_overrides=True`.
+        config_class: frozen dataclass whose fields carry description, unit and range.
+        prefix: put before each name, for example "sensor.".
+        live: fields that may change while the node runs.
+        on_change: receives the new configuration; raising an error refuses the change.
+
+    Raises:
+        BadInputError: a given value has the wrong type or lies outside its range.
+    """
+    given = {name: entry.value for name, entry in node.get_parameters_by_prefix("").items()}
+    config = _declare_fields(node, config_class(), prefix, live, given)
+    if live and on_change is not None:
+        node.add_on_set_parameters_callback(_LiveConfig(config, prefix, live, on_change))
+    return config
+
+
+def refuse_unknown(node: Node) -> None:
+    """Refuse parameters that were given to the node but that no configuration declares.
+
+    Raises:
+        BadInputError: names them and what exists.
+    """
+    names = sorted(node.get_parameters_by_prefix(""))
+    names = [name for name in names if not name.startswith(FOREIGN)]
+    unknown = [name for name in names if not node.describe_parameter(name).description]
+    if unknown:
+        known = ", ".join(name for name in names if name not in unknown)
+        raise BadInputError(
+            f"node {node.get_name()}: unknown parameter {', '.join(unknown)}; known: {known}"
+        )
+
+
+def field_names(config_class: type[Any], prefix: str = "") -> list[str]:
+    """Return the parameter names that a configuration dataclass declares."""
+    names = []
+    for field in dataclasses.fields(config_class):
+        default = _default(field)
+        nested = dataclasses.is_dataclass(default)
+        name = prefix + field.name
+        names += field_names(type(default), name + ".") if nested else [name]
+    return names
+
+
+def _declare_fields(
+    node: Node, config: Any, prefix: str, live: Sequence[str], given: dict[str, Any]
+) -> Any:
+    values = {}
+    for field in dataclasses.fields(config):
+        name, default = prefix + field.name, getattr(config, field.name)
+        if dataclasses.is_dataclass(default):
+            values[field.name] = _declare_fields(node, default, name + ".", live, given)
+        else:
+            values[field.name] = _declare_one(node, field, name, default, live, given)
+    return dataclasses.replace(config, **values)
+
+
+def _declare_one(
+    node: Node,
+    field: dataclasses.Field[Any],
+    name: str,
+    default: Any,
+    live: Sequence[str],
+    given: dict[str, Any],
+) -> Any:
+    value = _to_parameter(default)
+    if name in given:
+        value = _like(default, given[name], name, node)
+        node.undeclare_parameter(name)
+    descriptor = _descriptor(field, default, read_only=field.name not in live)
+    if value == []:
+        descriptor.dynamic_typing = True
+    try:
+        declared = node.declare_parameter(name, value, descriptor, ignore_override=True)
+    except ParameterException as error:
+        raise BadInputError(f"node {node.get_name()}: {error}; {descriptor.description}") from error
+    return _from_parameter(default, declared.value)
+
+
+def _default(field: dataclasses.Field[Any]) -> Any:
+    if field.default is not dataclasses.MISSING:
+        return field.default
+    if field.default_factory is not dataclasses.MISSING:
+        return field.default_factory()
+    raise TypeError(f"configuration field {field.name} has no default")
+
+
+def _descriptor(
+    field: dataclasses.Field[Any], default: Any, read_only: bool
+) -> ParameterDescriptor:
+    unit = field.metadata.get("unit", "")
+    text = field.metadata.get("description", field.name) + (f" [{unit}]" if unit else "")
+    descriptor = ParameterDescriptor(description=text, read_only=read_only)
+    low, high = field.metadata.get("minimum"), field.metadata.get("maximum")
+    if (low is None and high is None) or isinstance(default, bool):
+        return descriptor
+    if isinstance(default, float):
+        low = -sys.float_info.max if low is None else float(low)
+        high = sys.float_info.max if high is None else float(high)
+        descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
+    elif isinstance(default, int):
+        low = -(2**63) if low is None else int(low)
+        high = 2**63 - 1 if high is None else int(high)
+        descriptor.integer_range = [IntegerRange(from_value=low, to_value=high, step=1)]
+    return descriptor
+
+
+def _to_parameter(value: Any) -> Any:
+    return list(value) if isinstance(value, tuple) else value
+
+
+def _from_parameter(default: Any, value: Any) -> Any:
+    return tuple(value or ()) if isinstance(default, tuple) else value
+
+
+def _like(default: Any, value: Any, name: str, node: Node) -> Any:
+    """Return a given value as the type of the default."""
+    if isinstance(default, tuple):
+        kind = type(default[0]) if default else str
+        values = [] if value in (None, "") else list(value)
+        return [_like(kind(), item, name, node) for item in values if item != ""]
+    if isinstance(default, float) and type(value) is int:
+        return float(value)
+    if type(value) is not type(default):
+        raise BadInputError(
+            f"node {node.get_name()}: parameter {name} = {value!r}, "
+            f"expected {type(default).__name__} like {default!r}"
+        )
+    return value
+
+
+class _LiveConfig:
+    """Set-parameters callback that rebuilds a configuration and offers it to the node."""
+
+    def __init__(
+        self, config: Any, prefix: str, live: Sequence[str], on_change: Callable[[Any], None]
+    ) -> None:
+        self._config = config
+        self._names = {prefix + name: name for name in live}
+        self._on_change = on_change
+
+    def __call__(self, parameters: list[Parameter]) -> SetParametersResult:
+        """Accept or refuse new values."""
+        mine = {self._names[p.name]: p.value for p in parameters if p.name in self._names}
+        if not mine:
+            return SetParametersResult(successful=True)
+        for name, value in mine.items():
+            mine[name] = _from_parameter(getattr(self._config, name), value)
+            if isinstance(mine[name], tuple):
+                mine[name] = tuple(item for item in mine[name] if item != "")
+        try:
+            config = dataclasses.replace(self._config, **mine)
+            self._on_change(config)
+        except (TactileDynamicsError, TypeError, ValueError) as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        self._config = config
+        return SetParametersResult(successful=True)
