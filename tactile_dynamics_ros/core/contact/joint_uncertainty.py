@@ -17,13 +17,14 @@ Array = NDArray[np.float64]
 class JointUncertaintyConfig:
     """Standard deviations of what makes a joint position wrong.
 
-    Source: Allegro encoders 2e-4 rad, offset 0.5 to 1 deg, backlash 0.3 to 0.5 deg; iiwa
+    Source: Allegro encoders 2e-4 rad; offset 0.5 to 1 deg and backlash 0.3 to 0.5 deg as
+    delivered, the defaults hold for a calibrated hand that keeps its load direction; iiwa
     encoders 1e-5 rad, repeatability 0.1 to 0.15 mm.
     """
 
     hand_noise: float = parameter(2e-4, "encoder noise of a hand joint", "rad", 0.0, 0.1)
-    hand_offset: float = parameter(0.013, "calibration offset of a hand joint", "rad", 0.0, 0.2)
-    hand_backlash: float = parameter(0.002, "play of a hand joint under load", "rad", 0.0, 0.1)
+    hand_offset: float = parameter(0.0035, "calibration offset of a hand joint", "rad", 0.0, 0.2)
+    hand_backlash: float = parameter(5e-4, "play of a hand joint under load", "rad", 0.0, 0.1)
     arm_noise: float = parameter(1e-5, "encoder noise of an arm joint", "rad", 0.0, 0.1)
     arm_offset: float = parameter(1e-4, "calibration offset of an arm joint", "rad", 0.0, 0.1)
 

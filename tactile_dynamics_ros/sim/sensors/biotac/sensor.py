@@ -68,6 +68,7 @@ class BioTacArray:
             point: (U, 3) contact point, sensor frame, m (ignored without contact).
             slip_speed: (U,) tangential speed of the object over the skin, m/s.
             curvature: (U,) curvature of the object at the contact, 1/m.
+            dt: time since the last frame, s.
 
         Returns:
             (U, 44) 12-bit counts: E1..E19, PDC, TDC, TAC, PAC0..PAC21.

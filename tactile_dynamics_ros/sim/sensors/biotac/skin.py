@@ -76,6 +76,8 @@ def indent(
         traction: (U, 3) tangential force on the skin, N.
         point: (U, 3) contact point, m.
         curvature: (U,) curvature of the object, 1/m (0 flat, positive convex).
+        units: constants of the sensors.
+        config: constants of the model.
     """
     normal = outward_normal(point)
     axis = np.stack([np.minimum(point[:, 0], 0.0), np.zeros(len(point)), np.zeros(len(point))], -1)

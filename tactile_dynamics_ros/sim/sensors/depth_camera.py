@@ -1,0 +1,176 @@
+"""Depth camera of the Xtion class: rendering by Bullet and a structured-light noise model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pybullet
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.configuration import check_ranges, parameter
+
+Array = NDArray[np.float64]
+Image = NDArray[np.float32]
+
+BASELINE = 0.075
+DISPARITY_STEPS = 8.0
+NATIVE_WIDTH = 640
+
+
+@dataclass(frozen=True)
+class DepthCameraConfig:
+    """Optics, range and noise.
+
+    Source: Nguyen, Izadi and Lovell, 2012 (axial and lateral noise); disparity in eighths of a
+    pixel and a baseline of 75 mm as in public structured-light simulators.
+    """
+
+    width: int = parameter(320, "columns", "px", 16, 1280)
+    height: int = parameter(240, "rows", "px", 16, 1024)
+    horizontal_view_deg: float = parameter(58.0, "horizontal field of view", "deg", 10.0, 120.0)
+    nearest: float = parameter(0.35, "shortest range", "m", 0.05, 2.0)
+    farthest: float = parameter(3.5, "longest range", "m", 0.5, 20.0)
+    noise_scale: float = parameter(1.0, "factor on axial and lateral noise", "", 0.0, 10.0)
+    shadows: bool = parameter(True, "leave out what the projector cannot see")
+    edge_loss: float = parameter(0.5, "share of pixels lost at depth edges", "", 0.0, 1.0)
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+    @property
+    def focal_length(self) -> float:
+        """Focal length in pixels, the same for rows and columns."""
+        return 0.5 * self.width / float(np.tan(0.5 * np.deg2rad(self.horizontal_view_deg)))
+
+    @property
+    def intrinsics(self) -> Array:
+        """Camera matrix K (3, 3)."""
+        f = self.focal_length
+        cx, cy = 0.5 * (self.width - 1), 0.5 * (self.height - 1)
+        return np.array([[f, 0.0, cx], [0.0, f, cy], [0.0, 0.0, 1.0]])
+
+
+class DepthCamera:
+    """Renders depth images and gives them the errors of structured light.
+
+    Camera frame: z forward, x right, y down. Invalid pixels are NaN.
+
+    Args:
+        config: optics and noise.
+        seed: of the noise.
+    """
+
+    def __init__(self, config: DepthCameraConfig | None = None, seed: int = 0) -> None:
+        self.config = config or DepthCameraConfig()
+        self._rng = np.random.default_rng([seed, 19])
+
+    def render(self, client: int, pose: Array) -> Image:
+        """Return the true depth image (H, W) in m of a Bullet world.
+
+        Args:
+            client: Bullet client.
+            pose: (4, 4) X_WC.
+        """
+        config = self.config
+        near, far = 0.05, 10.0
+        view = np.linalg.inv(pose @ np.diag([1.0, -1.0, -1.0, 1.0]))
+        f = config.focal_length
+        projection = np.array(
+            [
+                [2.0 * f / config.width, 0.0, 0.0, 0.0],
+                [0.0, 2.0 * f / config.height, 0.0, 0.0],
+                [0.0, 0.0, -(far + near) / (far - near), -2.0 * far * near / (far - near)],
+                [0.0, 0.0, -1.0, 0.0],
+            ]
+        )
+        buffer = pybullet.getCameraImage(
+            config.width,
+            config.height,
+            viewMatrix=view.T.ravel().tolist(),
+            projectionMatrix=projection.T.ravel().tolist(),
+            renderer=pybullet.ER_TINY_RENDERER,
+            flags=pybullet.ER_NO_SEGMENTATION_MASK,
+            physicsClientId=client,
+        )[3]
+        window = np.reshape(np.asarray(buffer, dtype=np.float64), (config.height, config.width))
+        return (far * near / (far - (far - near) * window)).astype(np.float32)
+
+    def degrade(self, depth: Image) -> Image:
+        """Return a measured depth image (H, W) for a true one: noise, quantisation, holes.
+
+        sigma_z = 1.2 mm + 1.9 mm/m^2 (z - 0.4 m)^2, more at grazing angles; depth edges wander by
+        about a pixel; disparity is rounded to an eighth of a pixel.
+        """
+        config = self.config
+        depth = self._jitter(np.asarray(depth, dtype=np.float32))
+        tilt = self._tilt(depth)
+        sigma = 1.2e-3 + 1.9e-3 * (depth - 0.4) ** 2
+        grazing = np.minimum(tilt, 1.5)
+        extra = 1e-4 / np.sqrt(depth) * grazing**2 / (np.pi / 2 - grazing) ** 2
+        sigma = sigma + np.where(grazing > np.deg2rad(60.0), extra, 0.0)
+        noise = self._rng.standard_normal(depth.shape, dtype=np.float32)
+        measured = depth + config.noise_scale * sigma * noise
+        scale = DISPARITY_STEPS * BASELINE * config.focal_length * NATIVE_WIDTH / config.width
+        measured = scale / np.maximum(np.rint(scale / np.maximum(measured, 0.05)), 1.0)
+        lost = (measured < config.nearest) | (measured > config.farthest)
+        lost |= self._edges(depth)
+        if config.shadows:
+            lost |= self._shadowed(depth)
+        return np.where(lost, np.nan, measured).astype(np.float32)
+
+    def measure(self, client: int, pose: Array) -> Image:
+        """Render and degrade; see `render` and `degrade`."""
+        return self.degrade(self.render(client, pose))
+
+    def _jitter(self, depth: Image) -> Image:
+        """Sample each pixel from a place shifted by the lateral noise of 0.8 native pixels."""
+        config = self.config
+        spread = 0.8 * config.noise_scale * config.width / NATIVE_WIDTH
+        shift = np.rint(spread * self._rng.standard_normal((2, *depth.shape), dtype=np.float32))
+        row = np.clip(np.arange(config.height)[:, None] + shift[0], 0, config.height - 1)
+        column = np.clip(np.arange(config.width) + shift[1], 0, config.width - 1)
+        return depth[row.astype(np.intp), column.astype(np.intp)]
+
+    def _tilt(self, depth: Image) -> Image:
+        """Return the angle between the surface normal and the optical axis, rad."""
+        down, right = np.gradient(depth)
+        slope = np.hypot(down, right) * self.config.focal_length / np.maximum(depth, 0.05)
+        return np.arctan(slope).astype(np.float32)
+
+    def _edges(self, depth: Image) -> NDArray[np.bool_]:
+        """Return pixels beside jumps of more than 2 % of depth, a share of which is lost."""
+        jump = np.zeros(depth.shape, dtype=bool)
+        limit = 0.02 * depth
+        step = np.abs(np.diff(depth, axis=1)) > limit[:, 1:]
+        jump[:, 1:] |= step
+        jump[:, :-1] |= step
+        step = np.abs(np.diff(depth, axis=0)) > limit[1:]
+        jump[1:] |= step
+        jump[:-1] |= step
+        return jump & (self._rng.random(depth.shape, dtype=np.float32) < self.config.edge_loss)
+
+    def _shadowed(self, depth: Image) -> NDArray[np.bool_]:
+        """Return pixels whose line to the projector, 75 mm to the right, is blocked."""
+        config = self.config
+        reach = int(BASELINE * config.focal_length / config.nearest) + 2
+        seen = np.arange(config.width) - BASELINE * config.focal_length / depth
+        column = np.clip(np.rint(seen).astype(np.intp) + reach, 0, config.width + reach - 1)
+        row = np.broadcast_to(np.arange(config.height)[:, None], depth.shape)
+        nearest = np.full((config.height, config.width + reach), np.inf, dtype=np.float32)
+        np.minimum.at(nearest, (row, column), depth)
+        return depth > 1.02 * nearest[row, column]
+
+
+def look_at(position: Array, target: Array) -> Array:
+    """Return X_WC (4, 4) of a camera at ``position`` that looks at ``target`` with y down."""
+    forward = np.asarray(target, dtype=float) - position
+    forward /= np.linalg.norm(forward)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    if np.linalg.norm(right) < 1e-6:
+        right = np.array([0.0, -1.0, 0.0])
+    right /= np.linalg.norm(right)
+    pose = np.eye(4)
+    pose[:3, :3] = np.column_stack([right, np.cross(forward, right), forward])
+    pose[:3, 3] = position
+    return pose
