@@ -109,7 +109,7 @@ def _declare_one(
         value = _like(default, given[name], name, node)
         node.undeclare_parameter(name)
     descriptor = _descriptor(field, default, read_only=field.name not in live)
-    if value == []:
+    if isinstance(default, tuple):
         descriptor.dynamic_typing = True
     try:
         declared = node.declare_parameter(name, value, descriptor, ignore_override=True)

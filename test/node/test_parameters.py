@@ -1,0 +1,98 @@
+"""Configuration dataclasses as ROS parameters."""
+
+from dataclasses import dataclass, field
+
+import pytest
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from tactile_dynamics_ros.core.configuration import check_ranges, parameter
+from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.nodes.parameters import declare_config, field_names, refuse_unknown
+
+
+@dataclass(frozen=True)
+class Inner:
+    gain: float = parameter(2.0, "how much", "N", 0.0, 10.0)
+
+
+@dataclass(frozen=True)
+class Outer:
+    rate_hz: float = parameter(100.0, "how often", "Hz", 1.0)
+    count: int = parameter(4, "how many", "", 1, 9)
+    name: str = parameter("box_0", "what")
+    on: bool = parameter(True, "whether")
+    effects: tuple[str, ...] = parameter((), "which")
+    inner: Inner = field(default_factory=Inner)
+
+    def __post_init__(self):
+        check_ranges(self)
+
+
+def make_node(**given):
+    overrides = [Parameter(name.replace("__", "."), value=value) for name, value in given.items()]
+    return Node(
+        "probe",
+        parameter_overrides=overrides,
+        automatically_declare_parameters_from_overrides=True,
+        enable_rosout=False,
+    )
+
+
+def test_defaults_come_back_and_are_described(ros):
+    node = make_node()
+    assert declare_config(node, Outer) == Outer()
+    refuse_unknown(node)
+    descriptor = node.describe_parameter("inner.gain")
+    assert descriptor.description == "how much [N]"
+    assert descriptor.floating_point_range[0].to_value == 10.0
+    assert descriptor.read_only
+    assert field_names(Outer) == ["rate_hz", "count", "name", "on", "effects", "inner.gain"]
+
+
+def test_given_values_reach_the_configuration(ros):
+    node = make_node(rate_hz=50, count=2, inner__gain=3.5, effects=["viscous_drag"], on=False)
+    expected = Outer(50.0, 2, "box_0", False, ("viscous_drag",), Inner(3.5))
+    assert declare_config(node, Outer) == expected
+    refuse_unknown(node)
+
+
+@pytest.mark.parametrize(
+    ("given", "text"),
+    [
+        ({"inner__gain": 11.0}, "inner.gain"),
+        ({"rate_hz": "fast"}, "rate_hz = 'fast', expected float"),
+        ({"count": 0}, "count"),
+    ],
+)
+def test_bad_values_are_refused_with_their_name(ros, given, text):
+    with pytest.raises(BadInputError, match=text):
+        declare_config(make_node(**given), Outer)
+
+
+def test_unknown_parameter_is_refused(ros):
+    node = make_node(rate=50.0)
+    declare_config(node, Outer)
+    with pytest.raises(BadInputError, match="unknown parameter rate; known: count, effects"):
+        refuse_unknown(node)
+
+
+def test_live_parameter_changes_and_others_do_not(ros):
+    node, seen = make_node(), []
+    declare_config(node, Outer, live=["effects"], on_change=seen.append)
+    assert node.set_parameters([Parameter("effects", value=["viscous_drag"])])[0].successful
+    assert seen[-1].effects == ("viscous_drag",)
+    assert not node.set_parameters([Parameter("count", value=3)])[0].successful
+    assert node.set_parameters([Parameter("effects", value=[])])[0].successful
+    assert seen[-1].effects == ()
+
+
+def test_refused_live_change_tells_why(ros):
+    def refuse(config):
+        raise BadInputError("unknown effect 'magic'")
+
+    node = make_node()
+    declare_config(node, Outer, live=["effects"], on_change=refuse)
+    result = node.set_parameters([Parameter("effects", value=["magic"])])[0]
+    assert not result.successful
+    assert "magic" in result.reason
