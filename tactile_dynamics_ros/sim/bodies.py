@@ -174,9 +174,7 @@ def spawn_robot(client: int, rotor_inertia: float, arm_meshes: bool) -> int:
         path = Path(folder) / "allegro_iiwa.urdf"
         path.write_text(write_robot_urdf(arm_meshes))
         flags = pybullet.URDF_USE_INERTIA_FROM_FILE | pybullet.URDF_USE_MATERIAL_COLORS_FROM_MTL
-        robot = pybullet.loadURDF(
-            str(path), useFixedBase=True, flags=flags, physicsClientId=client
-        )
+        robot = pybullet.loadURDF(str(path), useFixedBase=True, flags=flags, physicsClientId=client)
     links = link_indices(client, robot)
     own = {link.name: link.inertia for link in LINKS}
     for joint in HAND_JOINTS:

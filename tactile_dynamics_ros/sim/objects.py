@@ -120,7 +120,9 @@ def load_object(name: str) -> ObjectModel:
     try:
         return _build(values)
     except (KeyError, TypeError, ValueError) as error:
-        raise BadInputError(f"{path}: {error!r}; compare with another file of that folder") from error
+        raise BadInputError(
+            f"{path}: {error!r}; compare with another file of that folder"
+        ) from error
 
 
 def _build(values: Mapping[str, Any]) -> ObjectModel:

@@ -49,7 +49,11 @@ class WorldConfig:
     skin_stiffness: float = parameter(4000.0, "normal stiffness of a skin", "N/m", 500.0, 1e5)
     skin_damping: float = parameter(20.0, "normal damping of a skin", "N s/m", 0.0, 1e3)
     skin_torsion: float = parameter(
-        0.0, "torque about the normal per newton of normal force that the skin can bear", "m", 0, 0.01
+        0.0,
+        "torque about the normal per newton of normal force that the skin can bear",
+        "m",
+        0,
+        0.01,
     )
     rotor_inertia: float = parameter(
         1e-3, "reflected inertia of a hand joint's rotor", "kg m^2", 1e-4, 1e-2

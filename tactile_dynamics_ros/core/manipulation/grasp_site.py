@@ -25,6 +25,7 @@ class GraspSite:
         width: distance of the faces, m.
         spread: distance of index and ring from the middle finger, m.
         radius: of a round object whose axis is ``approach``, m; zero for flat faces.
+        stagger: how much deeper the middle finger presses than index and ring, m.
     """
 
     centre: Array
@@ -33,6 +34,7 @@ class GraspSite:
     width: float
     spread: float = 0.04
     radius: float = 0.0
+    stagger: float = 0.015
 
     def __post_init__(self) -> None:
         for name in ("centre", "pinch", "approach"):

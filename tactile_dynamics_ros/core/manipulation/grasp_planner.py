@@ -1,0 +1,188 @@
+"""From a grasp site and an object pose to palm pose, joint positions and squeeze forces."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.configuration import check_ranges, parameter
+from tactile_dynamics_ros.core.contact.hand_kinematics import ARM_DOF, HandKinematics
+from tactile_dynamics_ros.core.contact.robot_description import FINGERS, SKIN_RADIUS
+from tactile_dynamics_ros.core.errors import NotIdentifiableError
+from tactile_dynamics_ros.core.manipulation.grasp_site import GraspSite
+from tactile_dynamics_ros.core.manipulation.inverse_kinematics import solve_arm, solve_fingers
+from tactile_dynamics_ros.core.rigid_body.rotation import skew
+
+Array = NDArray[np.float64]
+
+ARM_HOME = np.array([0.0, 0.5, 0.0, -1.5, 0.0, 1.14, 0.0])
+HAND_SEED = np.array([0.0, 0.4, 0.5, 0.9] * 3 + [1.3, 0.45, 0.3, 0.6])
+# Directions into the object that suit the pads best, in the sensor frames.
+PAD_DIRECTIONS = np.array([[0.35, 0.0, -0.94]] * 3 + [[0.5, -0.3, -0.81]])
+
+
+@dataclass(frozen=True)
+class GraspGeometry:
+    """How the hand stands about the grasp site (palm frame tilted so that z is the approach)."""
+
+    tilt_deg: float = parameter(20.0, "approach direction from the palm's normal", "deg", 0.0, 45.0)
+    depth: float = parameter(
+        0.12, "grasp centre beyond the palm along the approach", "m", 0.05, 0.2
+    )
+    thumb: float = parameter(0.055, "thumb tip behind the knuckles along the pinch", "m", 0.0, 0.1)
+    thumb_lateral: float = parameter(0.012, "thumb beside the middle finger", "m", -0.03, 0.03)
+    opening: float = parameter(0.022, "gap of each fingertip before closing", "m", 0.005, 0.05)
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+
+@dataclass(frozen=True)
+class GraspPlan:
+    """Where palm and fingertips have to be to take the object.
+
+    Attributes:
+        palm: (4, 4) X_WP at the grasp.
+        arm: (7,) rad at the grasp.
+        touch: (16,) hand joints with the skins touching the faces.
+        open: (16,) hand joints with the skins off the faces.
+        closed: (16,) hand joints with the skins pressed 8 mm into the faces.
+        points: (4, 3) contact points, normals: (4, 3) into the object, both in the palm frame.
+    """
+
+    palm: Array
+    arm: Array
+    touch: Array
+    open: Array
+    closed: Array
+    points: Array
+    normals: Array
+
+
+def plan_grasp(
+    kinematics: HandKinematics,
+    site: GraspSite,
+    object_pose: Array,
+    geometry: GraspGeometry | None = None,
+) -> GraspPlan:
+    """Plan the grasp from the two mirrored ways to take it, preferring the lesser arm rotation.
+
+    Args:
+        kinematics: of the robot.
+        site: of the object. object_pose: (4, 4) X_WO.
+        geometry: how the hand stands about the site.
+
+    Raises:
+        NotIdentifiableError: arm or fingers cannot reach the site.
+    """
+    geometry = geometry or GraspGeometry()
+    frame_palm = _palm_in_grasp_frame(geometry, site)
+    best: tuple[float, Array, Array] | None = None
+    for flip in (np.eye(3), np.diag([-1.0, -1.0, 1.0])):
+        grasp = object_pose @ site.frame()
+        grasp[:3, :3] = grasp[:3, :3] @ flip
+        palm = grasp @ frame_palm
+        start = np.concatenate([ARM_HOME, HAND_SEED])
+        start[0] = np.arctan2(palm[1, 3], palm[0, 3])
+        arm, error = solve_arm(kinematics, start, palm, ARM_HOME)
+        cost = float(np.abs(arm[:ARM_DOF] - ARM_HOME).max()) + (100.0 if error > 1e-3 else 0.0)
+        if best is None or cost < best[0]:
+            best = (cost, palm, arm)
+    if best is None or best[0] > 50.0:
+        where = np.round(object_pose[:3, 3], 3).tolist()
+        raise NotIdentifiableError(
+            f"grasp plan: the arm cannot reach the object at {where} m; move it to the table's middle"
+        )
+    return _plan_fingers(kinematics, site, geometry, best[1], best[2])
+
+
+def _palm_in_grasp_frame(geometry: GraspGeometry, site: GraspSite) -> Array:
+    """Pose X_GP (4, 4): grasp frame x = -pinch, z = approach, as the flange's axes."""
+    angle = np.deg2rad(geometry.tilt_deg)
+    pinch = np.array([-np.sin(angle), 0.0, np.cos(angle)])
+    approach = np.array([np.cos(angle), 0.0, np.sin(angle)])
+    rotation = np.stack([-pinch, [0.0, 1.0, 0.0], approach])
+    along = 0.5 * site.width + SKIN_RADIUS - geometry.thumb
+    pose = np.eye(4)
+    pose[:3, :3] = rotation
+    pose[:3, 3] = [along, -0.5 * geometry.thumb_lateral, -geometry.depth]
+    return pose
+
+
+def contact_layout(site: GraspSite, geometry: GraspGeometry) -> tuple[Array, Array]:
+    """Contact points (4, 3) and normals into the object (4, 3) in the grasp frame.
+
+    x runs from the fingers' face to the thumb's, y along the row of fingers, z along the approach.
+    """
+    half = 0.5 * geometry.thumb_lateral
+    laterals = np.array([site.spread, 0.0, -site.spread, 2 * half]) - half
+    heights = site.stagger * np.array([-1 / 3, 2 / 3, -1 / 3, 0.0])
+    sides = np.array([-1.0, -1.0, -1.0, 1.0])
+    points, normals = np.zeros((4, 3)), np.zeros((4, 3))
+    for k, lateral in enumerate(laterals):
+        offset, outward = site.face_offset(float(lateral))
+        points[k] = [sides[k] * offset, lateral, heights[k]]
+        normals[k] = [-sides[k] * outward[0], -outward[1], 0.0]
+    return points, normals
+
+
+def _plan_fingers(
+    kinematics: HandKinematics,
+    site: GraspSite,
+    geometry: GraspGeometry,
+    palm: Array,
+    start: Array,
+) -> GraspPlan:
+    points, normals = contact_layout(site, geometry)
+    grasp = palm @ np.linalg.inv(_palm_in_grasp_frame(geometry, site))
+    world_points = points @ grasp[:3, :3].T + grasp[:3, 3]
+    world_normals = normals @ grasp[:3, :3].T
+    joints = {}
+    for name, depth in (("touch", 0.0), ("open", -geometry.opening), ("closed", 0.008)):
+        tips = world_points + (depth - SKIN_RADIUS) * world_normals
+        joints[name], errors = solve_fingers(
+            kinematics, start, tips, world_normals, PAD_DIRECTIONS, iterations=60
+        )
+        limit = 2e-3 if name == "touch" else 8e-3
+        if float(errors.max()) > limit:
+            finger = FINGERS[int(errors.argmax())]
+            raise NotIdentifiableError(
+                f"grasp plan: the {finger} finger misses its place by {errors.max() * 1e3:.1f} mm; "
+                f"the object's width of {site.width * 1e3:.0f} mm does not suit the hand"
+            )
+        start = joints["touch"]
+    rotation = palm[:3, :3]
+    return GraspPlan(
+        palm,
+        start[:ARM_DOF],
+        *(joints[name][ARM_DOF:] for name in ("touch", "open", "closed")),
+        points=(world_points - palm[:3, 3]) @ rotation,
+        normals=world_normals @ rotation,
+    )
+
+
+def squeeze_forces(points: Array, normals: Array, thumb_force: float) -> Array:
+    """Forces (4, 3) on the object that balance each other and press mostly along the normals.
+
+    min |f - f_wanted|^2 with tangential parts weighted 4-fold, subject to zero net wrench.
+
+    Args:
+        points: (4, 3) m. normals: (4, 3) into the object. Any common frame.
+        thumb_force: normal force of the thumb, N; the fingers share its reaction.
+    """
+    share = np.array([thumb_force / 3.0] * 3 + [thumb_force])
+    wanted = (share[:, None] * normals).reshape(-1)
+    across = np.eye(3) - normals[:, :, None] * normals[:, None, :]
+    weight = np.zeros((12, 12))
+    for k in range(4):
+        weight[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] = np.eye(3) + 4.0 * across[k]
+    centre = points.mean(axis=0)
+    grasp = np.concatenate(
+        [np.concatenate([10.0 * skew(points[k] - centre), np.eye(3)]) for k in range(4)], axis=1
+    )
+    system = np.block([[weight, grasp.T], [grasp, np.zeros((6, 6))]])
+    solution = np.linalg.solve(system, np.concatenate([weight @ wanted, np.zeros(6)]))
+    forces = solution[:12].reshape(4, 3)
+    return np.asarray(forces * thumb_force / max(float(forces[3] @ normals[3]), 1e-9))

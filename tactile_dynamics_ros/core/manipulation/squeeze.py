@@ -1,0 +1,109 @@
+"""Grip force: joint offsets that press the fingertips against each other, trimmed by touch."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.configuration import check_ranges, parameter
+from tactile_dynamics_ros.core.contact.hand_kinematics import ARM_DOF, HandKinematics
+from tactile_dynamics_ros.core.contact.robot_description import FINGERS, HAND_JOINTS, SKIN_RADIUS
+from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.manipulation.grasp_planner import squeeze_forces
+
+Array = NDArray[np.float64]
+
+JOINT_STIFFNESS = np.array([joint.kp for joint in HAND_JOINTS])
+JOINT_EFFORT = np.array([joint.effort for joint in HAND_JOINTS])
+
+
+@dataclass(frozen=True)
+class SqueezeConfig:
+    """How hard to hold."""
+
+    least: float = parameter(1.5, "thumb force of a light object", "N", 0.2, 5.0)
+    most: float = parameter(2.1, "thumb force at most; the joints bear about 2.3", "N", 0.2, 5.0)
+    load_factor: float = parameter(0.9, "thumb force per newton of carried weight", "", 0.0, 5.0)
+    ramp: float = parameter(0.8, "time to build the grip up", "s", 0.05, 10.0)
+    trim_rate: float = parameter(1.5, "gain of the trim by touch", "1/s", 0.0, 20.0)
+    stiffness_scale: float = parameter(1.0, "factor on the drives' joint stiffness", "", 0.05, 3.0)
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+        if self.least > self.most:
+            raise BadInputError(f"SqueezeConfig: least = {self.least} exceeds most = {self.most}")
+
+
+class Squeeze:
+    """Joint offsets that hold the object between thumb and fingers.
+
+    dq = s K^-1 J^T f with balanced fingertip forces f (zero net wrench). The factor s follows the
+    measured normal force of the thumb: ds/dt = g (F_wanted - F_measured) / F_wanted.
+
+    Args:
+        kinematics: of the robot.
+        positions: (23,) rad with the fingertips touching.
+        normals: (4, 3) into the object, world axes, at these positions.
+        config: how hard.
+    """
+
+    def __init__(
+        self,
+        kinematics: HandKinematics,
+        positions: Array,
+        normals: Array,
+        config: SqueezeConfig | None = None,
+    ) -> None:
+        self.config = config or SqueezeConfig()
+        where = kinematics.locate(positions)
+        points = where.sensors[:, :3, 3] + SKIN_RADIUS * normals
+        self._normals_palm = normals @ where.palm[:3, :3]
+        forces = squeeze_forces(points, normals, 1.0)
+        axes = where.axes[ARM_DOF:].reshape(4, 4, 3)
+        centres = where.centres[ARM_DOF:].reshape(4, 4, 3)
+        lever = np.cross(axes, points[:, None] - centres)
+        torque = np.einsum("fki,fi->fk", lever, forces).reshape(-1)
+        self._torque = torque
+        self._kinematics = kinematics
+        self._growth = 0.0
+        self._trim = 1.0
+        self._weight = 0.0
+        self.wanted = self.config.least
+
+    def update(self, dt: float, positions: Array, forces: Mapping[str, Array]) -> Array:
+        """Advance by ``dt`` and return the joint offsets (16,), rad.
+
+        Args:
+            dt: s since the last call.
+            positions: (23,) rad.
+            forces: force (3,) on the object per touching finger, N, world axes.
+        """
+        self._growth = min(1.0, self._growth + dt / self.config.ramp)
+        if forces:
+            self._follow_load(dt, forces)
+        if "thumb" in forces and self._growth >= 1.0:
+            normal = self._kinematics.locate(positions).palm[:3, :3] @ self._normals_palm[3]
+            missing = 1.0 - float(forces["thumb"] @ normal) / self.wanted
+            trim = self._trim + self.config.trim_rate * dt * float(np.clip(missing, -0.5, 0.5))
+            self._trim = float(np.clip(trim, 0.7, 1.5))
+        torque = self._growth * self._trim * self.wanted * self._torque
+        torque = np.clip(torque, -JOINT_EFFORT, JOINT_EFFORT)
+        return np.asarray(torque / (self.config.stiffness_scale * JOINT_STIFFNESS))
+
+    def _follow_load(self, dt: float, forces: Mapping[str, Array]) -> None:
+        """Let the wanted force follow the carried weight within half a second."""
+        carried = float(np.linalg.norm(np.sum([forces[name] for name in forces], axis=0)))
+        self._weight += min(1.0, dt / 0.3) * (carried - self._weight)
+        config = self.config
+        wanted = float(np.clip(config.load_factor * self._weight, config.least, config.most))
+        self.wanted += min(1.0, dt / 0.5) * (wanted - self.wanted)
+
+
+def held_by(forces: Mapping[str, Array], threshold: float) -> bool:
+    """Whether the thumb and at least two fingers press with more than ``threshold`` (N)."""
+    touching = [name for name in FINGERS if name in forces]
+    strong = [name for name in touching if float(np.linalg.norm(forces[name])) > threshold]
+    return "thumb" in strong and len(strong) >= 3
