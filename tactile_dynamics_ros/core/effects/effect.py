@@ -1,0 +1,143 @@
+"""What every effect is: a wrench that the rigid-body model lacks, with derivatives."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
+from tactile_dynamics_ros.core.errors import BadInputError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class EffectParameter:
+    """One scalar parameter of an effect.
+
+    Attributes:
+        name: short symbol, as in the formula of the effect.
+        unit: SI.
+        prior_std: scale of plausible values about zero; weak, for conditioning.
+        description: one phrase.
+        typical: a value at which the effect is plainly present; for checks and pictures.
+    """
+
+    name: str
+    unit: str
+    prior_std: float
+    description: str
+    typical: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Fill the typical value."""
+        if self.typical == 0.0:
+            object.__setattr__(self, "typical", 0.2 * self.prior_std)
+
+
+class Effect(ABC):
+    """A physical or sensing effect Delta(theta) with measured_wrench + Delta = Y phi.
+
+    External wrenches on the object: Delta is that wrench. Errors of measurement: Delta is the
+    corrected minus the measured wrench. [torque, force], body frame about the origin;
+    theta = 0 is absent. An instance is one reading of the name; `variants` lists the others.
+
+    Attributes:
+        name: API name.
+        family: group in the catalogue.
+        formula: the law in one line.
+        looks_like: one plain sentence on the residual that it leaves.
+        sentence: subject and verb for a verdict, "the object drags through something viscous".
+        remedy: what to do about it.
+    """
+
+    name: ClassVar[str] = ""
+    family: ClassVar[str] = ""
+    formula: ClassVar[str] = ""
+    looks_like: ClassVar[str] = ""
+    sentence: ClassVar[str] = ""
+    remedy: ClassVar[str] = ""
+
+    @property
+    def variant(self) -> str:
+        """Which reading of the name this instance is; empty for the default."""
+        return ""
+
+    @property
+    def label(self) -> str:
+        """Name with the reading, for example ``sensor_lag:world``."""
+        return f"{self.name}:{self.variant}" if self.variant else self.name
+
+    def with_variant(self, variant: str) -> Effect:
+        """Return the reading of that name.
+
+        Raises:
+            BadInputError: the effect has no such reading.
+        """
+        if variant:
+            raise BadInputError(f"effect '{self.name}' has no variant '{variant}'")
+        return self
+
+    def variants(self, samples: WrenchSamples) -> tuple[Effect, ...]:
+        """All readings of the name that these samples can tell apart, the default first."""
+        return (self,)
+
+    def restrictions(self, samples: WrenchSamples) -> tuple[tuple[Effect, tuple[int, ...]], ...]:
+        """Simpler forms of this reading, each with the columns of the screening basis it keeps.
+
+        Effects of every finger restrict to some of the fingers; most have no simpler form.
+        """
+        return ()
+
+    @abstractmethod
+    def parameters(self, samples: WrenchSamples) -> tuple[EffectParameter, ...]:
+        """Parameters theta, k of them."""
+
+    @abstractmethod
+    def wrench(self, samples: WrenchSamples, inertia: Array, theta: Array) -> Array:
+        """Delta (N, 6) for dynamic parameters (10,) and theta (k,)."""
+
+    @abstractmethod
+    def jacobian(self, samples: WrenchSamples, inertia: Array, theta: Array) -> Array:
+        """Derivative d Delta / d theta, (N, 6, k)."""
+
+    def inertia_jacobian(self, samples: WrenchSamples, inertia: Array, theta: Array) -> Array:
+        """Derivative d Delta / d phi, (N, 6, 10); zero unless the effect depends on the load."""
+        return np.zeros((len(samples.time), 6, 10))
+
+    def screening_basis(self, samples: WrenchSamples, inertia: Array) -> Array:
+        """Linear family (N, 6, m) that contains the effect near absence, for the score test."""
+        return self.jacobian(samples, inertia, self.zero(samples))
+
+    def initial_guess(
+        self, samples: WrenchSamples, inertia: Array, coefficients: Array, residual: Array
+    ) -> Array:
+        """Start theta (k,) of a refit.
+
+        Args:
+            samples: motion and contacts.
+            inertia: (10,) dynamic parameters.
+            coefficients: (m,) of the screening basis.
+            residual: (N, 6) what the present model lacks.
+        """
+        return np.asarray(coefficients, dtype=float)
+
+    def zero(self, samples: WrenchSamples) -> Array:
+        """Parameters of the absent effect."""
+        return np.zeros(len(self.parameters(samples)))
+
+    def typical(self, samples: WrenchSamples) -> Array:
+        """Parameters at which the effect is plainly present."""
+        return np.array([p.typical for p in self.parameters(samples)])
+
+
+class LinearEffect(Effect):
+    """An effect that is linear in theta: subclasses give the columns only."""
+
+    def wrench(self, samples: WrenchSamples, inertia: Array, theta: Array) -> Array:
+        """Columns times theta."""
+        return np.asarray(self.jacobian(samples, inertia, theta) @ theta)

@@ -1,0 +1,81 @@
+"""Wrenches of forces at points, vectorised over samples."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
+from tactile_dynamics_ros.core.effects.effect import EffectParameter
+from tactile_dynamics_ros.core.rigid_body.rotation import skew
+
+Array = NDArray[np.float64]
+
+AXES = "xyz"
+
+
+def to_body(samples: WrenchSamples, vectors: Array) -> Array:
+    """World vectors (N, 3) or one (3,) in the body frame, R_OW v, (N, 3)."""
+    vectors = np.broadcast_to(vectors, samples.position.shape)
+    return np.asarray(np.einsum("nji,nj->ni", samples.rotation, vectors))
+
+
+def body_from_world(samples: WrenchSamples) -> Array:
+    """R_OW, (N, 3, 3): columns are the world axes in the body frame."""
+    return np.swapaxes(samples.rotation, 1, 2)
+
+
+def force_at(point: Array, force: Array) -> Array:
+    """Wrench [p x f, f] of a force at a body point.
+
+    Args:
+        point: (3,) or (..., 3) body frame.
+        force: (..., 3) body frame.
+    """
+    force = np.asarray(force, dtype=float)
+    return np.concatenate([np.cross(np.broadcast_to(point, force.shape), force), force], axis=-1)
+
+
+def force_columns(point: Array, forces: Array) -> Array:
+    """Wrench columns (N, 6, m) of force columns (N, 3, m) at a body point (3,) or (N, 3)."""
+    return np.concatenate([skew(point) @ forces, forces], axis=1)
+
+
+def torque_columns(torques: Array) -> Array:
+    """Wrench columns (N, 6, m) of pure torque columns (N, 3, m)."""
+    return np.concatenate([torques, np.zeros_like(torques)], axis=1)
+
+
+def point_columns(force: Array) -> Array:
+    """Derivative by p of [p x f, f]: [-skew(f), 0], (N, 6, 3), for forces (N, 3)."""
+    return torque_columns(-skew(force))
+
+
+def arm_basis(force: Array) -> Array:
+    """Nine torques e_j x f_k for three force columns (N, 3, 3) -> (N, 6, 9), j slowest."""
+    cross = skew(np.eye(3))
+    torques = np.einsum("jab,nbk->najk", cross, force).reshape(len(force), 3, 9)
+    return torque_columns(torques)
+
+
+def vector_parameters(
+    symbol: str, unit: str, prior_std: float, description: str, typical: float = 0.0
+) -> tuple[EffectParameter, ...]:
+    """Three parameters symbol_x, symbol_y, symbol_z with unlike typical values."""
+    size = typical or 0.2 * prior_std
+    values = (size, -0.6 * size, 0.4 * size)
+    return tuple(
+        EffectParameter(f"{symbol}_{axis}", unit, prior_std, f"{description}, {axis}", value)
+        for axis, value in zip(AXES, values, strict=True)
+    )
+
+
+def right_jacobian(phi: Array) -> Array:
+    """Right Jacobian of SO(3): exp(phi + d) = exp(phi) exp(J_r(phi) d), (3,) -> (3, 3)."""
+    angle = float(np.linalg.norm(phi))
+    cross = skew(phi)
+    if angle < 1e-6:
+        return np.asarray(np.eye(3) - 0.5 * cross)
+    first = (1.0 - np.cos(angle)) / angle**2
+    second = (angle - np.sin(angle)) / angle**3
+    return np.asarray(np.eye(3) - first * cross + second * (cross @ cross))

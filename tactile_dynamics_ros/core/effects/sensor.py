@@ -1,0 +1,227 @@
+"""Errors of the fingertip force sensors: bias, drift, gain, misalignment."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
+from tactile_dynamics_ros.core.effects.effect import Effect, EffectParameter
+from tactile_dynamics_ros.core.effects.fingers import FingerEffect
+from tactile_dynamics_ros.core.effects.geometry import right_jacobian, vector_parameters
+from tactile_dynamics_ros.core.effects.registry import register_effect
+from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, log_so3, skew
+
+Array = NDArray[np.float64]
+
+_LEAST_GAIN = -0.9
+_LEAST_TURN = 0.02
+
+
+def carries_torque(samples: WrenchSamples) -> bool:
+    """Whether any contact measures torque (a wrist force/torque sensor)."""
+    return bool(np.any(samples.contact_torque != 0.0))
+
+
+def frames_turn(samples: WrenchSamples) -> bool:
+    """Whether the contact frames turn in the body frame."""
+    frames = samples.contact_rotation
+    turned = frames @ np.swapaxes(frames[:1], 2, 3)
+    return bool(np.median(np.linalg.norm(log_so3(turned), axis=-1)) > _LEAST_TURN)
+
+
+def contact_map(samples: WrenchSamples, contact: int) -> Array:
+    """Wrench about the body origin of a unit wrench [force, torque] at a contact, (N, 6, 6)."""
+    arm = skew(samples.contact_point[:, contact])
+    result = np.zeros((len(arm), 6, 6))
+    result[:, :3, :3], result[:, :3, 3:], result[:, 3:, :3] = arm, np.eye(3), np.eye(3)
+    return result
+
+
+class _OffsetEffect(FingerEffect):
+    """A constant error of each sensor, fixed in the body or in the turning contact frame."""
+
+    def __init__(
+        self, contacts: tuple[str, ...] = (), common: bool = False, frame: str = "body"
+    ) -> None:
+        """Choose contacts and frame.
+
+        Args:
+            contacts: names; empty means all.
+            common: unused, offsets are always per contact.
+            frame: `body` or `sensor`.
+        """
+        super().__init__(contacts, common)
+        self.frame = frame
+
+    @property
+    def variant(self) -> str:
+        """Contacts, with `@sensor` where fixed in the turning contact frame."""
+        return "+".join(self.contacts) + ("@sensor" if self.frame == "sensor" else "")
+
+    def with_variant(self, variant: str) -> Effect:
+        """`index+thumb`, `@sensor` or both."""
+        contacts, _, frame = variant.partition("@")
+        return type(self)(tuple(contacts.split("+")) if contacts else (), False, frame or "body")
+
+    def variants(self, samples: WrenchSamples) -> tuple[Effect, ...]:
+        """Body frame, and sensor frame where the contact frames turn in the body."""
+        frames = ("body", "sensor") if frames_turn(samples) else ("body",)
+        return tuple(type(self)((), False, frame) for frame in frames)
+
+    def restrictions(self, samples: WrenchSamples) -> tuple[tuple[Effect, tuple[int, ...]], ...]:
+        """Subsets of the contacts in the same frame."""
+        found = super().restrictions(samples)
+        return tuple(
+            (type(self)(effect.contacts, False, self.frame), columns)
+            for effect, columns in found
+            if isinstance(effect, FingerEffect)
+        )
+
+    def contact_parameters(
+        self, samples: WrenchSamples, contact: int
+    ) -> tuple[EffectParameter, ...]:
+        """Force (3), and torque (3) where it is measured."""
+        force, torque = self.axis_parameters()[:3], self.axis_parameters()[3:]
+        return force + torque if carries_torque(samples) else force
+
+    def finger_wrench(self, samples: WrenchSamples, contact: int, theta: Array) -> Array:
+        """Columns times theta."""
+        return np.asarray(self.finger_jacobian(samples, contact, theta) @ theta)
+
+    def finger_jacobian(self, samples: WrenchSamples, contact: int, theta: Array) -> Array:
+        """-[p x b, b] while in contact, times the course over time."""
+        columns = contact_map(samples, contact)
+        if self.frame == "sensor":
+            turn = samples.contact_rotation[:, contact]
+            columns = np.concatenate([columns[:, :, :3] @ turn, columns[:, :, 3:] @ turn], axis=2)
+        course = -self.course(samples) * samples.in_contact[:, contact]
+        return course[:, None, None] * columns[:, :, : len(theta)]
+
+    @abstractmethod
+    def course(self, samples: WrenchSamples) -> Array:
+        """How the error develops, (N,)."""
+
+
+@register_effect
+class ForceBias(_OffsetEffect):
+    """Measured force = true force + b, b fixed in the body or sensor frame, per finger."""
+
+    name = "force_bias"
+    family = "sensor"
+    formula = "measured f_i = true f_i + b_i (sensor/body frame)"
+    looks_like = "A residual that is constant in the body frame and acts where one finger touches."
+    sentence = "a fingertip reports a constant force too much"
+    remedy = "Tare the sensor without contact, or add the bias to the model."
+
+    def axis_parameters(self) -> tuple[EffectParameter, ...]:
+        """Bias force and torque."""
+        return vector_parameters("b", "N", 5.0, "bias", 0.3) + vector_parameters(
+            "bt", "N m", 0.5, "torque bias", 0.02
+        )
+
+    def course(self, samples: WrenchSamples) -> Array:
+        """Constant."""
+        return np.ones(len(samples.time))
+
+
+@register_effect
+class ForceDrift(_OffsetEffect):
+    """Measured force = true force + d t, t from the first sample on, per finger."""
+
+    name = "force_drift"
+    family = "sensor"
+    formula = "measured f_i = true f_i + d_i t (sensor/body frame), t from the first sample"
+    looks_like = "A residual that is fixed to the body frame and grows along the recording."
+    sentence = "the zero of a fingertip drifts"
+    remedy = "Let the sensor warm up, tare it more often, or add the drift to the model."
+
+    def axis_parameters(self) -> tuple[EffectParameter, ...]:
+        """Drift of force and torque."""
+        return vector_parameters("d", "N/s", 0.5, "drift", 0.02) + vector_parameters(
+            "dt", "N m/s", 0.05, "torque drift", 0.002
+        )
+
+    def course(self, samples: WrenchSamples) -> Array:
+        """Linear in time."""
+        return samples.time
+
+
+@register_effect
+class ForceScale(FingerEffect):
+    """Measured force = (1 + gain) true force, per finger.
+
+    A gain common to all fingers is a larger mass and cannot be seen.
+    """
+
+    name = "force_scale"
+    family = "sensor"
+    formula = "measured f_i = (1 + gain_i) true f_i"
+    looks_like = "A residual along the force of one finger and in proportion to it."
+    sentence = "a fingertip reports its force too large or too small"
+    remedy = "Recalibrate the sensor, or add the gain to the model."
+
+    def axis_parameters(self) -> tuple[EffectParameter, ...]:
+        """The gain error."""
+        return (EffectParameter("gain", "", 0.5, "gain error", 0.15),)
+
+    def finger_wrench(self, samples: WrenchSamples, contact: int, theta: Array) -> Array:
+        """-gain / (1 + gain) of the contact's wrench."""
+        gain = max(float(theta[0]), _LEAST_GAIN)
+        return -gain / (1.0 + gain) * _contact_wrench(samples, contact)
+
+    def finger_jacobian(self, samples: WrenchSamples, contact: int, theta: Array) -> Array:
+        """-1 / (1 + gain)^2 of the contact's wrench."""
+        gain = max(float(theta[0]), _LEAST_GAIN)
+        return -_contact_wrench(samples, contact)[..., None] / (1.0 + gain) ** 2
+
+
+def _contact_wrench(samples: WrenchSamples, contact: int) -> Array:
+    """Wrench of one contact about the body origin, (N, 6)."""
+    force = samples.contact_force[:, contact]
+    torque = np.cross(samples.contact_point[:, contact], force)
+    return np.concatenate([torque + samples.contact_torque[:, contact], force], axis=1)
+
+
+@register_effect
+class SensorRotation(FingerEffect):
+    """Measured force = exp(r) true force in the sensor frame, per finger."""
+
+    name = "sensor_rotation"
+    family = "sensor"
+    formula = "measured f_i = exp([r_i]) true f_i, r_i in the sensor frame"
+    looks_like = "A residual at right angles to the force of one finger and in proportion to it."
+    sentence = "a fingertip sensor is mounted at an angle"
+    remedy = "Correct the mounting angle in the robot description, or add it to the model."
+
+    def axis_parameters(self) -> tuple[EffectParameter, ...]:
+        """Rotation vector (3)."""
+        return vector_parameters("r", "rad", 0.3, "rotation, sensor frame", 0.1)
+
+    def finger_wrench(self, samples: WrenchSamples, contact: int, theta: Array) -> Array:
+        """Wrench of (exp(-r) - 1) f, and of the torque likewise."""
+        turn = exp_so3(-theta) - np.eye(3)
+        force, torque = (v @ turn.T for v in self._readings(samples, contact))
+        return self._to_wrench(samples, contact, force[..., None], torque[..., None])[..., 0]
+
+    def finger_jacobian(self, samples: WrenchSamples, contact: int, theta: Array) -> Array:
+        """By r: exp(-r) [v] J_r(-r)."""
+        left, right = exp_so3(-theta), right_jacobian(-theta)
+        force, torque = (left @ skew(v) @ right for v in self._readings(samples, contact))
+        return self._to_wrench(samples, contact, force, torque)
+
+    def _readings(self, samples: WrenchSamples, contact: int) -> tuple[Array, Array]:
+        """Force and torque in the sensor frame."""
+        frame = samples.contact_rotation[:, contact]
+        force, torque = samples.contact_force[:, contact], samples.contact_torque[:, contact]
+        return np.einsum("nji,nj->ni", frame, force), np.einsum("nji,nj->ni", frame, torque)
+
+    def _to_wrench(
+        self, samples: WrenchSamples, contact: int, force: Array, torque: Array
+    ) -> Array:
+        """Wrench columns of force and torque columns (N, 3, m) in the sensor frame."""
+        frame = samples.contact_rotation[:, contact]
+        stacked = np.concatenate([frame @ force, frame @ torque], axis=1)
+        return np.asarray(contact_map(samples, contact) @ stacked)
