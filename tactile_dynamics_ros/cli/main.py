@@ -13,6 +13,8 @@ from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError
 
 VERB_MODULES: tuple[str, ...] = (
     # one dotted module name per line
+    "tactile_dynamics_ros.cli.estimate",
+    "tactile_dynamics_ros.cli.import_",
 )
 """Modules with `add_parser(subparsers)`; every parser sets `run=callable(args) -> int`.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -230,6 +231,20 @@ def _in_world(contact: ContactStream, motion: Any) -> ContactStream:
         rotation=pose_R @ contact.rotation,
         carries_torque=contact.carries_torque,
     )
+
+
+def start_at_zero(streams: Streams) -> tuple[Streams, float]:
+    """Return streams whose first motion sample is at time zero, and the time taken off."""
+    motion = streams.pose or streams.imu
+    start = float(motion.time[0]) if motion else 0.0
+    contacts = {
+        name: replace(c, time=c.time - start, pose_time=c.pose_time - start)
+        for name, c in streams.contacts.items()
+    }
+    pose, imu = streams.pose, streams.imu
+    pose = pose and replace(pose, time=pose.time - start)
+    imu = imu and replace(imu, time=imu.time - start)
+    return Streams(pose, contacts, imu), start
 
 
 def interpolate_rotation(time: Array, rotation: Array, query: Array) -> Array:

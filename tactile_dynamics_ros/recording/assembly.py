@@ -91,8 +91,8 @@ def assemble_pose(columns: PoseColumns, log: ProblemLog) -> PoseStream:
     kept = _drop_leaps(kept, bad, log)
     if len(kept.time) < 2:
         raise BadInputError(
-            f"{kept.label}: {len(kept.time)} usable poses of {len(columns.time)}; expected a stream "
-            f"with finite values and increasing stamps{_worst(log, columns.label)}"
+            f"{kept.label}: {len(kept.time)} usable poses of {len(columns.time)}; expected finite "
+            f"values and increasing stamps{_worst(log, columns.label)}"
         )
     log.note(kept.label, "gap in the stream", count_gaps(kept.time))
     return PoseStream(

@@ -24,6 +24,7 @@ QUATERNION_LONGEST = 2.0
 GLITCH_DISTANCE = 0.02
 GLITCH_ANGLE = 0.1
 GLITCH_FACTOR = 20.0
+STEP_FACTOR = 5.0
 SATURATED_RUN = 5
 GAP_SECONDS = 0.1
 GAP_FACTOR = 5.0
@@ -97,9 +98,16 @@ def find_glitches(position: Array, direction: Array) -> Mask:
     """
     if len(position) < 5:
         return np.zeros(len(position), dtype=bool)
-    away = np.linalg.norm(position - _running_median(position), axis=1)
-    turned = np.linalg.norm(direction - _running_median(direction), axis=1)
-    return np.asarray(_stands_out(away, GLITCH_DISTANCE) | _stands_out(turned, GLITCH_ANGLE))
+    leaps = _leaves_and_returns(position, GLITCH_DISTANCE)
+    return leaps | _leaves_and_returns(direction, GLITCH_ANGLE)
+
+
+def _leaves_and_returns(values: Array, least: float) -> Mask:
+    """Return samples farther from the running median than their neighbours' motion explains."""
+    away = np.linalg.norm(values - _running_median(values), axis=1)
+    step = float(np.median(np.linalg.norm(np.diff(values, axis=0), axis=1)))
+    usual = float(np.median(away))
+    return np.asarray(away > max(least, GLITCH_FACTOR * usual, STEP_FACTOR * step))
 
 
 def align_signs(quaternion: Array) -> Array:
@@ -114,11 +122,6 @@ def _running_median(values: Array) -> Array:
     windows = np.lib.stride_tricks.sliding_window_view(values, 5, axis=0)
     middle = np.median(windows, axis=-1)
     return np.concatenate([values[:2], middle, values[-2:]])
-
-
-def _stands_out(distance: Array, least: float) -> Mask:
-    """Return which distances exceed both a fixed length and a multiple of the usual one."""
-    return np.asarray(distance > max(least, GLITCH_FACTOR * float(np.median(distance))))
 
 
 def find_saturated(values: Array) -> Mask:

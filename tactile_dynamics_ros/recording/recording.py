@@ -12,7 +12,7 @@ import numpy as np
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.streams import ContactStream, Streams
 from tactile_dynamics_ros.recording import topics
-from tactile_dynamics_ros.recording.arrays import streams_from_arrays
+from tactile_dynamics_ros.recording.arrays import start_at_zero, streams_from_arrays
 from tactile_dynamics_ros.recording.assembly import assemble_contact, assemble_imu, assemble_pose
 from tactile_dynamics_ros.recording.bag_files import BagTables, read_tables
 from tactile_dynamics_ros.recording.bag_writer import write_bag
@@ -72,7 +72,7 @@ class Recording:
         contact_frame: str = "world",
         source: str = "arrays",
     ) -> Recording:
-        """Take measurements that are already in memory.
+        """Take measurements that are already in memory; their first motion becomes time zero.
 
         Args:
             contacts: per contact ``time`` (N,) s, ``force`` (N, 3) N on the object, ``position``
@@ -93,7 +93,8 @@ class Recording:
         """
         streams, log = streams_from_arrays(contacts, pose, imu, contact_frame, source)
         _require_overlap(streams, source)
-        return cls(streams, source, dict(log))
+        streams, start = start_at_zero(streams)
+        return cls(streams, source, dict(log), round(start * 1e9))
 
     @property
     def duration(self) -> float:

@@ -1,0 +1,120 @@
+"""`tactile-dynamics estimate`: inertia of the held object, and parameters of effects."""
+
+from __future__ import annotations
+
+import json
+import sys
+from argparse import Namespace, _SubParsersAction
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from tactile_dynamics_ros.cli.recordings import (
+    add_recording_arguments,
+    read_effects,
+    read_recording,
+)
+from tactile_dynamics_ros.cli.text_table import align_rows, with_uncertainty
+from tactile_dynamics_ros.core.errors import NotIdentifiableError
+
+if TYPE_CHECKING:
+    from tactile_dynamics_ros.core.inertia.estimate import InertialEstimate
+    from tactile_dynamics_ros.recording import Recording
+
+MILLI, MICRO = 1e3, 1e6
+AXES = "xyz"
+
+
+def add_parser(verbs: _SubParsersAction[Any]) -> None:
+    """Add the verb."""
+    parser = verbs.add_parser(
+        "estimate", help="mass, centre of mass and inertia from a recording, with uncertainty"
+    )
+    add_recording_arguments(parser)
+    parser.add_argument("--out", metavar="DIR", help="also write DIR/report.html with figures")
+    parser.set_defaults(run=run)
+
+
+def run(args: Namespace) -> int:
+    """Estimate and print; the exit code is 3 where the recording leaves something open."""
+    from tactile_dynamics_ros.core.inertia.batch import fit_recording
+
+    recording = read_recording(args)
+    model = fit_recording(recording.streams, read_effects(args))
+    estimate = model.to_estimate()
+    print(json.dumps(estimate.to_json()) if args.json else _describe(recording, estimate))
+    if args.out:
+        from tactile_dynamics_ros.report import write_estimate_report
+
+        page = write_estimate_report(recording, model, Path(args.out))
+        print(f"report: {page}", file=sys.stderr)
+    _require_determined(estimate)
+    return 0
+
+
+def _require_determined(estimate: InertialEstimate) -> None:
+    """Tell what the recording leaves open.
+
+    Raises:
+        NotIdentifiableError: names the parameters, or says that the iteration did not converge.
+    """
+    if not estimate.converged:
+        raise NotIdentifiableError(
+            "not converged: the printed values are the last iterate; check the recording's "
+            "motion, contacts and stamps"
+        )
+    if estimate.not_excited:
+        raise NotIdentifiableError(
+            f"not identifiable from this motion: {', '.join(estimate.not_excited)}; the printed "
+            "values of these come from the prior. Turn and shake the object about all axes"
+        )
+
+
+def _describe(recording: Recording, estimate: InertialEstimate) -> str:
+    """Return the estimate for people."""
+    names = ", ".join(recording.streams.contacts)
+    rows = [("", "value", "std", "unit"), *_inertial_rows(estimate), *_effect_rows(estimate)]
+    error = estimate.error
+    return "\n".join(
+        [
+            f"{recording.source}: {estimate.duration:.1f} s, {estimate.samples} samples, "
+            f"contacts {names}",
+            align_rows(rows),
+            f"error: {error.whitened_rms:.2f} times the stated sensor noise (whitened RMS), "
+            f"{error.force_rms_n:.3g} N, {error.torque_rms_nm:.3g} N m",
+        ]
+    )
+
+
+def _inertial_rows(estimate: InertialEstimate) -> list[tuple[str, ...]]:
+    """Return one row per inertial parameter; a star marks what the motion leaves open."""
+    std, body = estimate.parameter_std, estimate.inertia
+    rows = [_row("mass", body.mass, std[0], "kg")]
+    rows += [
+        _row(f"com_{axis}", MILLI * body.com[k], MILLI * std[1 + k], "mm")
+        for k, axis in enumerate(AXES)
+    ]
+    pairs = [(0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)]
+    rows += [
+        _row(
+            f"inertia_{AXES[i]}{AXES[j]}",
+            MICRO * body.inertia_com[i, j],
+            MICRO * std[4 + k],
+            "kg mm^2",
+        )
+        for k, (i, j) in enumerate(pairs)
+    ]
+    return [(f"{row[0]} *" if row[0] in estimate.not_excited else row[0], *row[1:]) for row in rows]
+
+
+def _effect_rows(estimate: InertialEstimate) -> list[tuple[str, ...]]:
+    """Return one row per parameter of every added effect."""
+    return [
+        _row(f"{name} {key}", effect.value[key], effect.std[key], effect.unit[key])
+        for name, effect in estimate.effects.items()
+        for key in effect.value
+    ]
+
+
+def _row(name: str, value: float, std: float, unit: str) -> tuple[str, ...]:
+    """Return the cells of one parameter."""
+    return (name, *with_uncertainty(float(value), float(std)), unit)

@@ -1,0 +1,71 @@
+"""What verbs that read a recording have in common."""
+
+from __future__ import annotations
+
+import sys
+from argparse import ArgumentParser, Namespace
+from typing import TYPE_CHECKING
+
+from tactile_dynamics_ros.core.errors import BadInputError
+
+if TYPE_CHECKING:
+    from tactile_dynamics_ros.core.effects.effect import Effect
+    from tactile_dynamics_ros.recording import Recording
+
+
+def add_recording_arguments(parser: ArgumentParser) -> None:
+    """Add the recording, its remappings and the effects of the model."""
+    parser.add_argument("bag", metavar="BAG", help="rosbag2 directory, .mcap or .db3 file")
+    parser.add_argument(
+        "--effects",
+        default="",
+        metavar="A,B",
+        help="effects added to the rigid body (see `tactile-dynamics effects`)",
+    )
+    parser.add_argument(
+        "--remap",
+        action="append",
+        default=[],
+        metavar="RECORDED:=MEANT",
+        help="read a recorded topic under the name that it stands for; repeatable",
+    )
+
+
+def read_recording(args: Namespace) -> Recording:
+    """Read the recording that the arguments name; problems go to stderr, one line each.
+
+    Raises:
+        BadInputError: it cannot be read, or a remapping is malformed.
+    """
+    from tactile_dynamics_ros.recording import Recording
+
+    recording = Recording.from_bag(args.bag, remap=_parse_remappings(args.remap))
+    for line in recording.problem_lines():
+        print(f"note: {line}", file=sys.stderr)
+    return recording
+
+
+def _parse_remappings(arguments: list[str]) -> dict[str, str]:
+    """Return recorded and meant topic names."""
+    remap = {}
+    for argument in arguments:
+        recorded, separator, meant = argument.partition(":=")
+        if not separator or not recorded.startswith("/") or not meant.startswith("/"):
+            raise BadInputError(f"--remap {argument}: expected /recorded/topic:=/meant/topic")
+        remap[recorded] = meant
+    return remap
+
+
+def read_effects(args: Namespace) -> list[Effect]:
+    """Return the effects that the arguments name.
+
+    Raises:
+        BadInputError: a name is unknown or given twice.
+    """
+    from tactile_dynamics_ros.core.effects import create_effect
+
+    names = [name.strip() for name in args.effects.split(",") if name.strip()]
+    repeated = {name for name in names if names.count(name) > 1}
+    if repeated:
+        raise BadInputError(f"--effects {args.effects}: '{min(repeated)}' is named twice")
+    return [create_effect(name) for name in names]

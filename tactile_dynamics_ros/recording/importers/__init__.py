@@ -1,0 +1,16 @@
+"""Importers of measurements in other forms; add one to the table to add a word to the command."""
+
+from tactile_dynamics_ros.recording.importers.biotac_slide import BiotacSlideImporter
+from tactile_dynamics_ros.recording.importers.contactnets_cube import ContactnetsCubeImporter
+from tactile_dynamics_ros.recording.importers.csv_mapping import CsvMappingImporter
+from tactile_dynamics_ros.recording.importers.importer import Importer
+from tactile_dynamics_ros.recording.importers.kuka_ft_imu import KukaFtImuImporter
+
+IMPORTERS: tuple[Importer, ...] = (
+    CsvMappingImporter(),
+    KukaFtImuImporter(),
+    ContactnetsCubeImporter(),
+    BiotacSlideImporter(),
+)
+
+__all__ = ["IMPORTERS", "Importer"]
