@@ -20,6 +20,7 @@ from tactile_dynamics_ros.core.inertia.local_polynomial import local_polynomial
 from tactile_dynamics_ros.core.inertia.noise import white_noise_std
 from tactile_dynamics_ros.core.inertia.wrench_problem import WrenchProblem
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import is_feasible
+from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 from tactile_dynamics_ros.core.streams import ContactStream, PoseStream, Streams
 
 
@@ -60,11 +61,11 @@ def test_gravity_and_force_directions_matter(recording):
 
 
 def test_standing_still_is_feasible_and_says_what_is_not_excited(recording):
-    streams = recording.streams
+    streams, rng = recording.streams, np.random.default_rng(5)
     contacts = {
         name: replace(
             c,
-            force=np.repeat(c.force[:1], 200, axis=0),
+            force=c.force[:1] + rng.normal(0, 0.03, (200, 3)),
             torque=np.zeros((200, 3)),
             time=c.time[:200],
             force_std=np.full((200, 3), 0.03),
@@ -77,8 +78,8 @@ def test_standing_still_is_feasible_and_says_what_is_not_excited(recording):
     pose = streams.pose
     still = PoseStream(
         pose.time[:200],
-        np.repeat(pose.position[:1], 200, axis=0),
-        np.repeat(pose.rotation[:1], 200, axis=0),
+        pose.position[:1] + rng.normal(0, 5e-4, (200, 3)),
+        exp_so3(rng.normal(0, 3.5e-3, (200, 3))) @ pose.rotation[0],
         pose.covariance[:200],
     )
     estimate = estimate_inertia(Streams(still, contacts))

@@ -175,6 +175,18 @@ class WrenchProblem:
         """(N, 6, 10) Newton-Euler regressor of the measured samples."""
         return _newton_euler(self.measured)
 
+    def regressor_noise(self, seed: int = 0) -> Array:
+        """(N, 6, 10) one draw of how pose noise moves the regressor of the denoised samples."""
+        rng = np.random.default_rng(seed)
+        draws = {
+            name: np.einsum(
+                "kij,kj->ki", signal.noise_factor, rng.normal(size=(len(signal.noise_factor), 3))
+            )
+            for name, signal in self.motion.signals.items()
+        }
+        moved = self._sample(self.denoised_motion.corrected(draws).evaluate(), self.contacts)
+        return _newton_euler(moved) - self.regressor
+
     def residual(
         self, phi: Array, effects: Sequence[Effect] = (), theta: Sequence[Array] = ()
     ) -> Array:

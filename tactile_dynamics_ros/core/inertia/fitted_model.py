@@ -1,0 +1,207 @@
+"""A rigid body with effects fitted to a recording: residuals, covariance, summary."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
+from tactile_dynamics_ros.core.inertia.estimate import EffectEstimate, InertialEstimate, ModelError
+from tactile_dynamics_ros.core.inertia.prior import LogCholeskyPrior
+from tactile_dynamics_ros.core.inertia.uncertainty import misfit_inflation, unexcited_parameters
+from tactile_dynamics_ros.core.inertia.wrench_problem import Linearisation, WrenchProblem
+from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
+    InertialParameters,
+    dynamic_parameters_from_log_cholesky,
+    log_cholesky_jacobian,
+)
+
+if TYPE_CHECKING:
+    from tactile_dynamics_ros.core.effects.effect import Effect
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Block:
+    """One stretch of the recording at the present parameters, whitened.
+
+    Attributes:
+        problem: its residuals.
+        linearisation: its whitening.
+        residual: (6 N,) white residual.
+        jacobian: (6 N, 10) its derivative by phi.
+    """
+
+    problem: WrenchProblem
+    linearisation: Linearisation
+    residual: Array
+    jacobian: Array
+
+
+@dataclass(frozen=True)
+class FittedModel:
+    """A rigid body with effects, fitted to a recording.
+
+    Attributes:
+        blocks: whitened residuals and Jacobians by stretch, at the solution.
+        xi: (10,) log-Cholesky coordinates.
+        effects: the effects of the model.
+        theta: parameters of each effect.
+        prior: of xi.
+        unexcited: (10, q) orthonormal directions of (xi - mean) / std that the motion does not
+            excite beyond what pose noise feigns; the fit keeps them at the prior.
+        converged: whether the iteration converged.
+    """
+
+    blocks: tuple[Block, ...]
+    xi: Array
+    effects: tuple[Effect, ...]
+    theta: tuple[Array, ...]
+    prior: LogCholeskyPrior
+    unexcited: Array
+    converged: bool
+
+    @property
+    def phi(self) -> Array:
+        """(10,) dynamic parameters."""
+        return dynamic_parameters_from_log_cholesky(self.xi)
+
+    @cached_property
+    def white_residual(self) -> Array:
+        """(6 N,) white residual of all blocks."""
+        return np.concatenate([block.residual for block in self.blocks])
+
+    @cached_property
+    def white_jacobian(self) -> Array:
+        """(6 N, 10 + k) derivative of the white residual by phi and all effect parameters."""
+        return np.concatenate([self._block_jacobian(block) for block in self.blocks])
+
+    @property
+    def whitened_rms(self) -> float:
+        """RMS of the white residual per degree of freedom; 1 at the noise floor."""
+        freedom = len(self.white_residual) - self.white_jacobian.shape[1]
+        return float(np.sqrt(np.sum(self.white_residual**2) / freedom))
+
+    @cached_property
+    def _coordinate_jacobian(self) -> Array:
+        """(10 + k, 10 + k) derivative of [phi, theta] by [xi, theta]."""
+        mapping = np.eye(self.white_jacobian.shape[1])
+        mapping[:10, :10] = log_cholesky_jacobian(self.xi)
+        return mapping
+
+    @cached_property
+    def noise_information(self) -> Array:
+        """(10 + k, 10 + k) part of J^T J that is noise of the regressors, on [phi, theta]."""
+        information = np.zeros((self.white_jacobian.shape[1],) * 2)
+        information[:10, :10] = regressor_noise_information(self.blocks)
+        return information
+
+    @cached_property
+    def coordinate_information(self) -> tuple[Array, Array]:
+        """Information of the data, without that of noise, and of the prior on [xi, theta]."""
+        mapping = self._coordinate_jacobian
+        jacobian = self.white_jacobian
+        data = mapping.T @ (jacobian.T @ jacobian - self.noise_information) @ mapping
+        stds = [p.prior_std for e in self.effects for p in e.parameters(self.samples[0])]
+        prior = np.diag(np.concatenate([self.prior.std**-2.0, np.array(stds, dtype=float) ** -2.0]))
+        keep = self._excited_projection
+        return _positive_part(keep @ data @ keep.T, prior), prior
+
+    @cached_property
+    def _excited_projection(self) -> Array:
+        """(10 + k, 10 + k) removes the unexcited directions from an information on [xi, theta]."""
+        keep = np.eye(self.white_jacobian.shape[1])
+        unexcited = self.unexcited @ self.unexcited.T
+        keep[:10, :10] -= unexcited * self.prior.std / self.prior.std[:, None]
+        return keep
+
+    @cached_property
+    def covariance(self) -> Array:
+        """(10 + k, 10 + k) covariance of [phi, theta], widened where the model does not fit.
+
+        With M = J^T J - E[dJ^T dJ] + prior: M^-1 (J^T J + prior) M^-1, since noise of the
+        regressors adds scatter and no information. Source: Fuller 1987, Eq. 3.1.12.
+        """
+        data, prior = self.coordinate_information
+        mapping = self._coordinate_jacobian
+        bread = np.linalg.inv(data + prior)
+        to_excited = mapping @ self._excited_projection.T
+        filling = data + prior + to_excited.T @ self.noise_information @ to_excited
+        covariance = mapping @ bread @ filling @ bread @ mapping.T
+        widen = misfit_inflation(self.white_residual, self.white_jacobian)
+        return np.asarray(covariance * np.outer(widen, widen))
+
+    @property
+    def samples(self) -> tuple[WrenchSamples, ...]:
+        """Denoised samples by block."""
+        return tuple(block.problem.samples for block in self.blocks)
+
+    def smooth_residual(self) -> Array:
+        """(N, 6) predicted minus measured wrench with smoothed motion and measured forces."""
+        return np.concatenate(
+            [b.problem.smooth_residual(self.phi, self.effects, self.theta) for b in self.blocks]
+        )
+
+    def _block_jacobian(self, block: Block) -> Array:
+        samples, phi = block.problem.samples, self.phi
+        columns = [
+            block.linearisation.whiten(effect.jacobian(samples, phi, theta))
+            for effect, theta in zip(self.effects, self.theta, strict=True)
+        ]
+        return np.concatenate([block.jacobian, *[-column for column in columns]], axis=1)
+
+    def to_estimate(self) -> InertialEstimate:
+        """Summarise for people and programs."""
+        covariance = self.covariance
+        smooth = self.smooth_residual()
+        data, prior = self.coordinate_information
+        times = [block.problem.grid for block in self.blocks]
+        return InertialEstimate(
+            inertia=InertialParameters.from_log_cholesky(self.xi),
+            covariance=covariance[:10, :10],
+            effects=self._effect_estimates(covariance[10:, 10:]),
+            error=ModelError(
+                force_rms_n=float(np.sqrt(np.mean(smooth[:, 3:] ** 2))),
+                torque_rms_nm=float(np.sqrt(np.mean(smooth[:, :3] ** 2))),
+                whitened_rms=self.whitened_rms,
+            ),
+            not_excited=unexcited_parameters(self.xi, data[:10, :10], prior[:10, :10]),
+            samples=sum(block.problem.count for block in self.blocks),
+            duration=float(times[-1][-1] - times[0][0]),
+            converged=self.converged,
+        )
+
+    def _effect_estimates(self, covariance: Array) -> dict[str, EffectEstimate]:
+        stds = np.sqrt(np.diag(covariance))
+        estimates, first = {}, 0
+        for effect, theta in zip(self.effects, self.theta, strict=True):
+            parameters = effect.parameters(self.samples[0])
+            std = stds[first : first + len(theta)]
+            first += len(theta)
+            names = [p.name for p in parameters]
+            estimates[effect.name] = EffectEstimate(
+                dict(zip(names, map(float, theta), strict=True)),
+                dict(zip(names, map(float, std), strict=True)),
+                {p.name: p.unit for p in parameters},
+            )
+        return estimates
+
+
+def _positive_part(information: Array, scale: Array) -> Array:
+    """Nearest information without negative directions, measured in units of `scale`."""
+    unit = np.sqrt(np.diag(scale))
+    values, vectors = np.linalg.eigh(information / np.outer(unit, unit))
+    clipped = vectors * np.maximum(values, 0.0) @ vectors.T
+    return np.asarray(clipped * np.outer(unit, unit))
+
+
+def regressor_noise_information(blocks: Sequence[Block]) -> Array:
+    """Noise part of J^T J, (10, 10) on phi, from one seeded draw of the pose noise."""
+    draws = [block.linearisation.whiten(block.problem.regressor_noise()) for block in blocks]
+    return np.asarray(sum((draw.T @ draw for draw in draws), start=np.zeros((10, 10))))

@@ -1,0 +1,246 @@
+"""Joint fit of inertia and effect parameters to whitened wrench residuals."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import eigh
+
+from tactile_dynamics_ros.core.inertia.fitted_model import (
+    Block,
+    FittedModel,
+    regressor_noise_information,
+)
+from tactile_dynamics_ros.core.inertia.least_squares import levenberg_marquardt
+from tactile_dynamics_ros.core.inertia.outliers import isolated_outlier_variance
+from tactile_dynamics_ros.core.inertia.prior import LogCholeskyPrior, contact_prior
+from tactile_dynamics_ros.core.inertia.wrench_problem import WrenchProblem
+from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
+    dynamic_parameters_from_log_cholesky,
+    log_cholesky,
+    log_cholesky_jacobian,
+    pseudo_inertia,
+)
+
+if TYPE_CHECKING:
+    from tactile_dynamics_ros.core.effects.effect import Effect
+
+Array = NDArray[np.float64]
+
+_NOISE_RATIO = 1.5
+_HOLD = 100.0
+
+
+def fit_model(
+    problems: Sequence[WrenchProblem],
+    effects: Sequence[Effect] = (),
+    theta: Sequence[Array] | None = None,
+    xi: Array | None = None,
+    iterations: int = 4,
+) -> FittedModel:
+    """Fit inertia and effect parameters jointly.
+
+    Alternates between the covariance of the residual with the denoised signals at fixed parameters
+    and Levenberg-Marquardt over [xi, theta] at fixed covariance.
+
+    Args:
+        problems: stretches of one recording.
+        effects: effects of the model.
+        theta: their start; screened from the residual by each effect by default.
+        xi: start of the inertia (10,); a linear fit by default.
+        iterations: of the outer alternation.
+    """
+    problems = tuple(problems)
+    prior = contact_prior(problems[0].samples)
+    present = _start(problems, prior) if xi is None else np.asarray(xi, dtype=float)
+    values = None if theta is None else [np.asarray(t, dtype=float) for t in theta]
+    blocks = _whiten(problems, present, effects if values is not None else (), values or ())
+    if values is None:
+        values = _guess_effects(blocks, present, effects)
+        blocks = _whiten(problems, present, effects, values) if effects else blocks
+    unexcited = _unexcited_directions(blocks, prior)
+    converged = False
+    for iteration in range(iterations):
+        present, values, converged = _solve(blocks, present, effects, values, prior, unexcited)
+        problems = _denoise(blocks, present, effects, values, first=iteration == 0)
+        blocks = _whiten(problems, present, effects, values)
+    return FittedModel(blocks, present, tuple(effects), tuple(values), prior, unexcited, converged)
+
+
+def _start(problems: Sequence[WrenchProblem], prior: LogCholeskyPrior) -> Array:
+    """Log-Cholesky coordinates of an ordinary least-squares fit, made feasible."""
+    matrix = np.concatenate([p.regressor.reshape(-1, 10) for p in problems])
+    wrench = np.concatenate([p.samples.measured_wrench.reshape(-1) for p in problems])
+    guess = dynamic_parameters_from_log_cholesky(prior.mean)
+    weight = 1e-2 / np.maximum(np.abs(guess), 1e-2 * np.abs(guess).max())
+    rows = np.concatenate([matrix, np.diag(weight)])
+    phi = np.linalg.lstsq(rows, np.concatenate([wrench, weight * guess]), rcond=None)[0]
+    values, vectors = np.linalg.eigh(pseudo_inertia(phi))
+    floor = np.linalg.eigvalsh(pseudo_inertia(guess))
+    clipped = np.maximum(values, 0.1 * floor)
+    return log_cholesky(vectors * clipped @ vectors.T)
+
+
+def _whiten(
+    problems: Sequence[WrenchProblem],
+    xi: Array,
+    effects: Sequence[Effect],
+    theta: Sequence[Array],
+) -> tuple[Block, ...]:
+    phi = dynamic_parameters_from_log_cholesky(xi)
+    blocks = []
+    for problem in problems:
+        linearisation = problem.linearise(phi)
+        residual = linearisation.whiten(problem.residual(phi, effects, theta))
+        by_phi = problem.regressor.copy()
+        for effect, value in zip(effects, theta, strict=True):
+            by_phi -= effect.inertia_jacobian(problem.samples, phi, value)
+        blocks.append(Block(problem, linearisation, residual, linearisation.whiten(by_phi)))
+    return tuple(blocks)
+
+
+def _unexcited_directions(blocks: Sequence[Block], prior: LogCholeskyPrior) -> Array:
+    """Directions (10, q) of standardised xi in which J^T J is hardly more than noise.
+
+    Directions are judged at the prior mean, in order of the ratio of all information to that of
+    noise, v^T J^T J v / v^T N v (generalised eigenvectors).
+    """
+    mapping = log_cholesky_jacobian(prior.mean) * prior.std
+    total = sum((b.jacobian.T @ b.jacobian for b in blocks), start=np.zeros((10, 10)))
+    total = mapping.T @ total @ mapping
+    noise = mapping.T @ regressor_noise_information(blocks) @ mapping + np.eye(10)
+    ratio, vectors = eigh(total, noise)
+    weak = vectors[:, ratio < _NOISE_RATIO]
+    return np.asarray(np.linalg.qr(weak)[0]) if weak.size else np.zeros((10, 0))
+
+
+def _guess_effects(blocks: Sequence[Block], xi: Array, effects: Sequence[Effect]) -> list[Array]:
+    """Start of each effect's parameters from a joint linear fit of inertia and screening basis."""
+    phi = dynamic_parameters_from_log_cholesky(xi)
+    samples = blocks[0].problem.samples
+    residual = blocks[0].problem.residual(phi)
+    guesses = []
+    for effect in effects:
+        basis = effect.screening_basis(samples, phi)
+        white = blocks[0].linearisation.whiten(basis)
+        scale = np.linalg.norm(white, axis=0) + 1e-300
+        matrix = np.concatenate([blocks[0].jacobian, -white / scale], axis=1)
+        ridge = 1e-3 * np.eye(matrix.shape[1])
+        rows = np.concatenate([matrix, ridge])
+        target = np.concatenate([-blocks[0].residual, np.zeros(len(ridge))])
+        solution = np.linalg.lstsq(rows, target, rcond=None)[0]
+        guesses.append(effect.initial_guess(samples, phi, solution[10:] / scale, residual))
+    return guesses
+
+
+def _solve(
+    blocks: Sequence[Block],
+    xi: Array,
+    effects: Sequence[Effect],
+    theta: Sequence[Array],
+    prior: LogCholeskyPrior,
+    unexcited: Array,
+) -> tuple[Array, list[Array], bool]:
+    """One nonlinear least-squares fit at fixed whitening."""
+    sizes = [len(value) for value in theta]
+    stds = [p.prior_std for e in effects for p in e.parameters(blocks[0].problem.samples)]
+    centre = np.concatenate([prior.mean, np.zeros(sum(sizes))])
+    std = np.concatenate([prior.std, np.array(stds, dtype=float)])
+    keep = _HOLD * np.concatenate([unexcited.T, np.zeros((unexcited.shape[1], sum(sizes)))], axis=1)
+    regular = np.concatenate([np.eye(len(std)), keep]) / std
+    system = _ReducedSystem(blocks, dynamic_parameters_from_log_cholesky(xi), effects, theta)
+
+    def evaluate(x: Array) -> tuple[Array, Array]:
+        parts = np.split(x[10:], np.cumsum(sizes)[:-1]) if sizes else []
+        residual, jacobian = system.evaluate(dynamic_parameters_from_log_cholesky(x[:10]), parts)
+        jacobian[:, :10] = jacobian[:, :10] @ log_cholesky_jacobian(x[:10])
+        return (
+            np.concatenate([residual, regular @ (x - centre)]),
+            np.concatenate([jacobian, regular]),
+        )
+
+    start = np.concatenate([xi, *theta])
+    solution, converged = levenberg_marquardt(evaluate, start)
+    values = np.split(solution[10:], np.cumsum(sizes)[:-1]) if sizes else []
+    return solution[:10], list(values), converged
+
+
+class _ReducedSystem:
+    """White residual r0 + J (phi - phi0) - L^-1 (Delta - Delta0), rotated to few rows.
+
+    Without effects ten rows suffice. With effects the full residual is evaluated.
+    """
+
+    def __init__(
+        self,
+        blocks: Sequence[Block],
+        phi: Array,
+        effects: Sequence[Effect],
+        theta: Sequence[Array],
+    ) -> None:
+        self._blocks, self._phi, self._effects = blocks, phi, effects
+        self._rows = [np.concatenate([b.jacobian, b.residual[:, None]], axis=1) for b in blocks]
+        self._white_start = [self._white_effects(b, phi, theta) for b in blocks]
+        if not effects:
+            self._rows = [np.asarray(np.linalg.qr(np.concatenate(self._rows), mode="r"))]
+
+    def evaluate(self, phi: Array, theta: Sequence[Array]) -> tuple[Array, Array]:
+        """Residual and Jacobian by [phi, theta]."""
+        rows = np.concatenate(self._rows)
+        residual = rows[:, :10] @ (phi - self._phi) + rows[:, 10]
+        if not self._effects:
+            return residual, rows[:, :10].copy()
+        moved = [
+            self._white_effects(block, phi, theta) - start
+            for block, start in zip(self._blocks, self._white_start, strict=True)
+        ]
+        columns = np.concatenate(
+            [self._effect_columns(block, phi, theta) for block in self._blocks]
+        )
+        # rows already hold dDelta/dphi at the start; the exact change replaces that linear part
+        correction = np.concatenate(
+            [self._linear_part(block, phi, theta) for block in self._blocks]
+        )
+        residual = residual - np.concatenate(moved) + correction
+        return residual, np.concatenate([rows[:, :10], columns], axis=1)
+
+    def _white_effects(self, block: Block, phi: Array, theta: Sequence[Array]) -> Array:
+        total = np.zeros((block.problem.count, 6))
+        for effect, value in zip(self._effects, theta, strict=True):
+            total += effect.wrench(block.problem.samples, phi, value)
+        return block.linearisation.whiten(total)
+
+    def _effect_columns(self, block: Block, phi: Array, theta: Sequence[Array]) -> Array:
+        samples = block.problem.samples
+        columns = [
+            effect.jacobian(samples, phi, value)
+            for effect, value in zip(self._effects, theta, strict=True)
+        ]
+        return -block.linearisation.whiten(np.concatenate(columns, axis=2))
+
+    def _linear_part(self, block: Block, phi: Array, theta: Sequence[Array]) -> Array:
+        plain = block.linearisation.whiten(block.problem.regressor)
+        return (plain - block.jacobian) @ (phi - self._phi)
+
+
+def _denoise(
+    blocks: Sequence[Block],
+    xi: Array,
+    effects: Sequence[Effect],
+    theta: Sequence[Array],
+    first: bool,
+) -> tuple[WrenchProblem, ...]:
+    """Move the signals behind the regressors to their expected true values."""
+    phi = dynamic_parameters_from_log_cholesky(xi)
+    problems = []
+    for block in blocks:
+        white = block.linearisation.whiten(block.problem.residual(phi, effects, theta))
+        problem = block.problem.denoised(block.linearisation.denoise(white))
+        if first:
+            residual = problem.residual(phi, effects, theta)
+            problem = problem.with_extra_variance(isolated_outlier_variance(white, residual))
+        problems.append(problem)
+    return tuple(problems)
