@@ -1,0 +1,156 @@
+"""Recent readings of one contact, read at the stamps of the poses."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+_LIMIT = 1024
+_SILENCE_PERIODS = 2.5
+_LOADED = 0.3
+_EMPTY = 1e-9
+_PERIOD_GAIN = 0.05
+
+
+@dataclass(frozen=True)
+class ContactReading:
+    """One contact at one instant, world axes; `lost` where loaded samples were dropped.
+
+    Attributes:
+        point: (3,) m.
+        rotation: (3, 3) contact frame.
+        force: (3,) N; torque: (3,) N m about the point.
+        std: (3,) N, of an equivalent white noise at the rate of the poses.
+        lost: the reading is missing although the contact is loaded before and after.
+    """
+
+    point: Array
+    rotation: Array
+    force: Array
+    torque: Array
+    std: Array
+    lost: bool = False
+
+    @property
+    def in_contact(self) -> bool:
+        """Whether anything is transmitted."""
+        return bool(np.abs(self.force).sum() + np.abs(self.torque).sum() > _EMPTY)
+
+
+class ContactQueue:
+    """Bounded queue of one contact's readings in order of their stamps."""
+
+    def __init__(self, timeout: float) -> None:
+        """Start empty; a silence longer than `timeout` means absence."""
+        self._timeout = timeout
+        self._times: list[float] = []
+        self._readings: list[ContactReading] = []
+        self._period = 0.0
+        self.has_torque = False
+
+    @property
+    def newest(self) -> float:
+        """Stamp of the newest reading."""
+        return self._times[-1] if self._times else -np.inf
+
+    @property
+    def last_load(self) -> float:
+        """Magnitude of the newest force."""
+        return float(np.linalg.norm(self._readings[-1].force)) if self._readings else 0.0
+
+    def append(self, time: float, reading: ContactReading) -> bool:
+        """Add a reading; return False (and do not) if its stamp is not newer than the last."""
+        if self._times and time <= self._times[-1]:
+            return False
+        if self._times:
+            step = time - self._times[-1]
+            if self._period == 0.0:
+                self._period = step
+            elif step < self._timeout:
+                self._period += _PERIOD_GAIN * (step - self._period)
+        self._times.append(time)
+        self._readings.append(reading)
+        if len(self._times) > 2 * _LIMIT:
+            del self._times[:_LIMIT], self._readings[:_LIMIT]
+        return True
+
+    def clear(self) -> None:
+        """Forget the readings, not the period."""
+        self._times.clear()
+        self._readings.clear()
+
+    def is_settled(self, time: float, now: float) -> bool:
+        """Whether the reading at `time` is decided: a later one came, or none will."""
+        return self.newest >= time or now - max(time, self.newest) > self._timeout
+
+    def read(self, time: float, grid_period: float) -> ContactReading | None:
+        """Reading at `time`: the sample, a mean over one grid period, or an interpolation.
+
+        Noise is stated as white noise of the grid with the same power at low frequency,
+        std^2 = std_sample^2 T_sample / T_grid.
+
+        Returns:
+            None where the contact is absent.
+        """
+        right = bisect_left(self._times, time - 1e-4)
+        if right < len(self._times) and abs(self._times[right] - time) <= 1e-4:
+            return self._scaled(self._exact(right, grid_period), grid_period)
+        if right == 0 or right == len(self._times):
+            return None
+        gap = self._times[right] - self._times[right - 1]
+        before, after = self._readings[right - 1], self._readings[right]
+        if gap > _SILENCE_PERIODS * max(self._period, 1e-6) and gap > grid_period:
+            loaded = min(np.linalg.norm(r.force) + np.linalg.norm(r.torque) for r in (before, after))
+            return _missing(before) if loaded > _LOADED * self.last_load > 0 else None
+        if not (before.in_contact and after.in_contact):
+            nearer = before if time - self._times[right - 1] < 0.5 * gap else after
+            return nearer if nearer.in_contact else None
+        if self._period < 0.6 * grid_period:
+            return self._scaled(self._mean(time, grid_period), grid_period)
+        share = (time - self._times[right - 1]) / gap
+        return self._scaled(_mix([before, after], np.array([1 - share, share])), grid_period)
+
+    def _exact(self, index: int, grid_period: float) -> ContactReading | None:
+        if self._period < 0.6 * grid_period:
+            return self._mean(self._times[index], grid_period)
+        reading = self._readings[index]
+        return reading if reading.in_contact else None
+
+    def _mean(self, time: float, grid_period: float) -> ContactReading | None:
+        first = bisect_left(self._times, time - 0.5 * grid_period)
+        last = bisect_left(self._times, time + 0.5 * grid_period)
+        chosen = [r for r in self._readings[first:last] if r.in_contact]
+        if len(chosen) == 0:
+            return None
+        return _mix(chosen, np.full(len(chosen), 1.0 / len(chosen)))
+
+    def _scaled(self, reading: ContactReading | None, grid_period: float) -> ContactReading | None:
+        if reading is None or self._period == 0.0:
+            return reading
+        ratio = float(np.sqrt(self._period / grid_period))
+        if abs(ratio - 1.0) < 0.1:
+            return reading
+        return ContactReading(
+            reading.point, reading.rotation, reading.force, reading.torque, ratio * reading.std
+        )
+
+
+def _mix(readings: list[ContactReading], weights: Array) -> ContactReading:
+    def mean(name: str) -> Array:
+        return np.asarray(weights @ np.stack([getattr(r, name) for r in readings]))
+
+    middle = readings[int(np.argmax(weights))]
+    return ContactReading(
+        mean("point"), middle.rotation, mean("force"), mean("torque"), mean("std")
+    )
+
+
+def _missing(before: ContactReading) -> ContactReading:
+    return ContactReading(
+        before.point, before.rotation, before.force, before.torque, before.std, lost=True
+    )

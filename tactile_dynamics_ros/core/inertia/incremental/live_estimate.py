@@ -1,0 +1,160 @@
+"""What the live estimator publishes at every update."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.inertia.estimate import (
+    PARAMETER_NAMES,
+    EffectEstimate,
+    InertialEstimate,
+    ModelError,
+)
+from tactile_dynamics_ros.core.inertia.incremental.accumulation import Accumulation
+from tactile_dynamics_ros.core.inertia.uncertainty import unexcited_parameters
+from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
+    InertialParameters,
+    com_inertia_jacobian,
+)
+
+Array = NDArray[np.float64]
+
+_IDENTIFIED = 4.0
+_WORDS = {
+    "mass": "mass",
+    "com": "centre of mass along",
+    "inertia": "inertia about",
+    "product": "product of inertia",
+}
+
+
+@dataclass(frozen=True)
+class Direction:
+    """One direction in the space of inertial parameters and how well the data determine it.
+
+    Attributes:
+        name: the parameter that it mostly is.
+        gain: prior over posterior standard deviation along it; 1 means no data.
+    """
+
+    name: str
+    gain: float
+
+    @property
+    def identified(self) -> bool:
+        """Whether the data at least halved the prior's standard deviation."""
+        return self.gain**2 > _IDENTIFIED
+
+
+@dataclass(frozen=True)
+class LiveEstimate(InertialEstimate):
+    """An `InertialEstimate` at one instant of a running estimation.
+
+    Attributes:
+        time: s, stamp of the newest sample used.
+        directions: ten directions, best determined first.
+        rejected: samples left out as outliers so far.
+        latency: s of computing in this update.
+        pending: samples kept from before a change of model that are still to be processed.
+    """
+
+    time: float
+    directions: tuple[Direction, ...]
+    rejected: int
+    latency: float
+    pending: int
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """One plain sentence per parameter that the motion so far does not determine."""
+        return tuple(f"{describe(name)}: not excited by this motion" for name in self.not_excited)
+
+
+def describe(parameter: str) -> str:
+    """Plain words for one of PARAMETER_NAMES.
+
+    >>> describe("inertia_xx"), describe("com_y")
+    ('inertia about x', 'centre of mass along y')
+    """
+    kind, _, axes = parameter.partition("_")
+    if kind == "inertia" and axes[0] != axes[1]:
+        return f"{_WORDS['product']} {axes}"
+    return f"{_WORDS[kind]} {axes[:1]}".strip()
+
+
+def data_directions(mapped: Array, data: Array, prior: Array) -> tuple[Direction, ...]:
+    """Directions in which the data inform beyond the prior, best first.
+
+    Generalised eigenvectors of the data's information relative to the prior's on xi; each is
+    named by the physical parameter that it moves most, in units of the prior's deviation.
+
+    Args:
+        mapped: (10, 10) derivative of [m, c, I_c] by xi.
+        data: (10, 10) information of the data on xi.
+        prior: (10, 10) information of the prior on xi.
+    """
+    factor = np.linalg.cholesky(prior)
+    whitened = np.linalg.solve(factor, np.linalg.solve(factor, data).T)
+    values, vectors = np.linalg.eigh(0.5 * (whitened + whitened.T))
+    moves = mapped @ np.linalg.solve(factor.T, vectors)
+    share = np.abs(moves) / np.sqrt(np.sum(moves**2, axis=1, keepdims=True))
+    free, names = set(range(10)), {}
+    for k in range(9, -1, -1):
+        best = max(free, key=lambda row: share[row, k])
+        free.discard(best)
+        names[k] = PARAMETER_NAMES[best]
+    gains = np.sqrt(1.0 + np.maximum(values, 0.0))
+    return tuple(Direction(names[k], float(gains[k])) for k in range(9, -1, -1))
+
+
+def summarise(model: Accumulation, latency: float, pending: int) -> LiveEstimate:
+    """Present estimate of a model with its uncertainty."""
+    assert model.solver is not None
+    solver, factor = model.solver, model.information.factor
+    covariance = model.state_covariance()
+    widen = np.sqrt(model.scores.inflation(model.state, np.linalg.inv(covariance)))
+    covariance = covariance * np.outer(widen, widen)
+    prior = solver.prior_information()[:10, :10]
+    seen = factor[:, :10] @ solver.coordinate_jacobian()[:10, :10]
+    data = seen.T @ seen
+    body = InertialParameters.from_log_cholesky(solver.xi)
+    mapped = com_inertia_jacobian(body.dynamic_parameters) @ solver.coordinate_jacobian()[:10, :10]
+    error = model.rms_error
+    return LiveEstimate(
+        inertia=body,
+        covariance=covariance[:10, :10],
+        effects=_effect_estimates(model, covariance[10:, 10:]),
+        error=ModelError(
+            float(np.sqrt(np.mean(error[3:] ** 2))),
+            float(np.sqrt(np.mean(error[:3] ** 2))),
+            model.information.whitened_rms,
+        ),
+        not_excited=unexcited_parameters(solver.xi, data, prior),
+        samples=model.samples,
+        duration=model.last_time - model.first_time,
+        converged=True,
+        time=model.last_time,
+        directions=data_directions(mapped, data, prior),
+        rejected=model.rejected,
+        latency=latency,
+        pending=pending,
+    )
+
+
+def _effect_estimates(model: Accumulation, covariance: Array) -> dict[str, EffectEstimate]:
+    stds = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    estimates, first = {}, 0
+    for effect, parameters in zip(model.effects, model.effect_parameters, strict=True):
+        rows = slice(first, first + len(parameters))
+        first += len(parameters)
+        names = [p.name for p in parameters]
+        values = model.state[10:][rows]
+        estimates[effect.name] = EffectEstimate(
+            dict(zip(names, map(float, values), strict=True)),
+            dict(zip(names, map(float, stds[rows]), strict=True)),
+            {p.name: p.unit for p in parameters},
+        )
+    return estimates

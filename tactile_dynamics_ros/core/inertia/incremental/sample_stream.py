@@ -1,0 +1,284 @@
+"""Poses and contacts as they arrive, turned into complete samples at the stamps of the poses."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.inertia.incremental.config import IncrementalConfig
+from tactile_dynamics_ros.core.inertia.incremental.contact_queue import (
+    ContactQueue,
+    ContactReading,
+)
+from tactile_dynamics_ros.core.inertia.incremental.residuals import ContactRows, PoseWindows
+from tactile_dynamics_ros.core.inertia.incremental.rolling_table import RollingTable
+from tactile_dynamics_ros.core.inertia.noise import white_noise_std
+from tactile_dynamics_ros.core.rigid_body.rotation import log_so3
+
+Array = NDArray[np.float64]
+
+MAXIMUM_CONTACTS = 8
+_LAYOUT_POSES = 12
+_NOISE_POSES = 200
+_NOISE_EVERY = 50
+_OVERSTATED = 0.7
+_NOISE_FLOOR = (1e-5, 1e-6)
+_LOADED_NEWTON = 0.3
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Windows of one gapless segment: half widths in samples and the period in s."""
+
+    start: int
+    short: int
+    long: int
+    period: float
+
+
+class SampleStream:
+    """Bounded memory of the last raw samples; every row is a pose with the contacts at its stamp."""
+
+    def __init__(self, config: IncrementalConfig) -> None:
+        """Start empty."""
+        self._config = config
+        capacity = int(config.replay_duration * config.maximum_rate) + 64
+        self._poses = RollingTable(
+            capacity,
+            {
+                "time": (),
+                "position": (3,),
+                "rotation": (3, 3),
+                "noise": (2, 3, 3),
+            },
+        )
+        slots = MAXIMUM_CONTACTS
+        self._contacts = RollingTable(
+            capacity,
+            {
+                "point": (slots, 3),
+                "rotation": (slots, 3, 3),
+                "force": (slots, 3),
+                "torque": (slots, 3),
+                "std": (slots, 3),
+                "in_contact": (slots,),
+                "lost": (),
+                "doubtful": (),
+            },
+        )
+        self._queues: dict[str, ContactQueue] = {}
+        self._layouts: list[Layout] = []
+        self._segment_start = 0
+        self._noise_scale = np.ones(2)
+        self.problems: Counter[str] = Counter()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Contacts in the order in which they first spoke."""
+        return tuple(self._queues)
+
+    @property
+    def first(self) -> int:
+        """Running number of the oldest sample kept."""
+        return max(self._poses.start, self._contacts.start)
+
+    @property
+    def end(self) -> int:
+        """Running number after the newest sample."""
+        return self._poses.end
+
+    @property
+    def newest(self) -> float:
+        """Newest stamp of a pose."""
+        end = self._poses.end
+        has_any = end > self._poses.start
+        return float(self._poses.rows("time", end - 1, end)[0]) if has_any else -np.inf
+
+    def add_pose(self, time: float, position: Array, rotation: Array, noise: Array) -> None:
+        """Append a pose; a stamp that jumps back by more than the maximal gap starts anew.
+
+        Args:
+            time: s.
+            position: (3,) m.
+            rotation: (3, 3).
+            noise: (2, 3, 3) square roots of the covariance of rotation and position.
+        """
+        step = time - self.newest
+        if step <= 0.0:
+            self.problems["pose stamp not newer"] += 1
+            if step > -self._config.maximum_gap:
+                return
+            self._begin_again()
+        elif step < 0.8 / self._config.maximum_rate:
+            self.problems["pose faster than maximum_rate"] += 1
+            return
+        elif step > self._config.maximum_gap and np.isfinite(step):
+            self.problems["gap between poses"] += 1
+            self._segment_start = self._poses.end
+        self._poses.append(
+            {"time": time, "position": position, "rotation": rotation, "noise": noise}
+        )
+        self._lay_out()
+        if self._poses.end % _NOISE_EVERY == 0:
+            self._measure_noise()
+
+    def add_contact(self, name: str, time: float, reading: ContactReading) -> None:
+        """Append a contact's reading."""
+        if name not in self._queues:
+            if len(self._queues) == MAXIMUM_CONTACTS:
+                self.problems[f"contact '{name}' beyond {MAXIMUM_CONTACTS}"] += 1
+                return
+            self._queues[name] = ContactQueue(self._config.contact_timeout)
+        queue = self._queues[name]
+        if np.any(reading.torque != 0.0):
+            queue.has_torque = True
+        if not queue.append(time, reading):
+            self.problems[f"contact '{name}' stamp not newer"] += 1
+            if time < queue.newest - 1.0:
+                queue.clear()
+                queue.append(time, reading)
+
+    def align(self, now: float) -> None:
+        """Read the contacts at every pose stamp that is decided by `now`."""
+        while self._contacts.end < self._poses.end:
+            row = self._contacts.end
+            layout = self._layout(row)
+            time = float(self._poses.rows("time", row, row + 1)[0])
+            if layout is None and row >= self._segment_start:
+                return
+            if not all(queue.is_settled(time, now) for queue in self._queues.values()):
+                return
+            self._contacts.append(self._read(time, layout.period if layout else 0.01))
+
+    def next_range(self, first: int, limit: int) -> tuple[int, int, Layout] | None:
+        """Next rows from `first` on, at most `limit`, whose windows are complete and gapless."""
+        self._layouts = [x for x in self._layouts if self._end_of(x) > self._poses.start]
+        for layout in self._layouts:
+            begin = max(first, layout.start + layout.long, self._poses.start + layout.long)
+            begin = max(begin, self._contacts.start)
+            end = min(self._end_of(layout) - layout.long, self._contacts.end, begin + limit)
+            if begin < end:
+                return begin, end, layout
+        return None
+
+    def windows(self, first: int, last: int, layout: Layout) -> PoseWindows:
+        """Pose windows around rows first <= k < last."""
+        span, width = (first - layout.long, last + layout.long), 2 * layout.long + 1
+
+        def view(name: str) -> Array:
+            rows = sliding_window_view(self._poses.rows(name, *span), width, axis=0)
+            return np.moveaxis(rows, -1, 1)
+
+        noise = view("noise") * self._noise_scale[:, None, None]
+        return PoseWindows(view("time"), view("position"), view("rotation"), noise, layout.short)
+
+    def contacts(self, first: int, last: int) -> ContactRows:
+        """Contacts of rows first <= k < last."""
+        count = len(self._queues)
+
+        def rows(name: str) -> Array:
+            return self._contacts.rows(name, first, last)[:, :count]
+
+        torque_std = [self._config.torque_std * q.has_torque for q in self._queues.values()]
+        return ContactRows(
+            self.names,
+            rows("point"),
+            rows("rotation"),
+            rows("force"),
+            rows("torque"),
+            rows("std"),
+            rows("in_contact") > 0.0,
+            np.array(torque_std),
+            self._config.point_std,
+        )
+
+    def flags(self, first: int, last: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Whether rows are usable, and whether a finger fell silent under load before them."""
+        lost = self._contacts.rows("lost", first, last) > 0.0
+        held = np.any(self._contacts.rows("in_contact", first, last) > 0.0, axis=1)
+        return held & ~lost, self._contacts.rows("doubtful", first, last) > 0.0
+
+    def _begin_again(self) -> None:
+        self._poses.clear()
+        while self._contacts.end < self._poses.end:
+            self._contacts.append(_blank_row())
+        self._contacts.clear()
+        self._segment_start = self._poses.end
+        self._layouts = []
+        for queue in self._queues.values():
+            queue.clear()
+
+    def _lay_out(self) -> None:
+        start = self._segment_start
+        if self._poses.end - start != _LAYOUT_POSES:
+            return
+        period = float(np.median(np.diff(self._poses.rows("time", start, self._poses.end))))
+        least = (self._config.window_degree + 3) // 2
+        short = max(round(self._config.residual_half_width / period), least)
+        long = max(round(self._config.regressor_half_width / period), short + 2)
+        self._layouts.append(Layout(start, short, long, period))
+
+    def _layout(self, row: int) -> Layout | None:
+        for layout in reversed(self._layouts):
+            if layout.start <= row < self._end_of(layout):
+                return layout
+        return None
+
+    def _end_of(self, layout: Layout) -> int:
+        later = [x.start for x in self._layouts if x.start > layout.start]
+        if layout.start < self._segment_start:
+            later.append(self._segment_start)
+        return min(later, default=self._poses.end)
+
+    def _read(self, time: float, period: float) -> dict[str, Array | float]:
+        row = _blank_row()
+        for slot, queue in enumerate(self._queues.values()):
+            reading = queue.read(time, period)
+            if reading is None:
+                silent = queue.newest < time - 1e-4
+                row["doubtful"] = max(
+                    row["doubtful"], float(silent and queue.last_load > _LOADED_NEWTON)
+                )
+                continue
+            row["lost"] = max(row["lost"], float(reading.lost))
+            row["point"][slot], row["rotation"][slot] = reading.point, reading.rotation
+            row["force"][slot], row["torque"][slot] = reading.force, reading.torque
+            row["std"][slot], row["in_contact"][slot] = reading.std, 1.0
+        return row
+
+    def _measure_noise(self) -> None:
+        """Scale stated covariances down to the scatter that is seen.
+
+        A tracker's covariance also covers slow errors, which differentiation does not see.
+        """
+        end = self._poses.end
+        first = max(self._segment_start, self._poses.start, end - _NOISE_POSES)
+        time, rotation = (self._poses.rows(name, first, end) for name in ("time", "rotation"))
+        if len(time) < _NOISE_EVERY:
+            return
+        local = log_so3(rotation[1:] @ np.swapaxes(rotation[:-1], 1, 2))
+        turned = np.concatenate([np.zeros((1, 3)), np.cumsum(local, axis=0)])
+        position = self._poses.rows("position", first, end)
+        seen = np.array([white_noise_std(time, turned), white_noise_std(time, position)])
+        noise = self._poses.rows("noise", first, end)
+        power = np.median(np.einsum("nsij,nsij->ns", noise, noise), axis=0)
+        ratio = np.maximum(seen, _NOISE_FLOOR) / np.sqrt(power / 3.0)
+        self._noise_scale = np.where(ratio < _OVERSTATED, ratio, 1.0)
+
+
+def _blank_row() -> dict[str, Array | float]:
+    slots = MAXIMUM_CONTACTS
+    return {
+        "point": np.zeros((slots, 3)),
+        "rotation": np.broadcast_to(np.eye(3), (slots, 3, 3)).copy(),
+        "force": np.zeros((slots, 3)),
+        "torque": np.zeros((slots, 3)),
+        "std": np.zeros((slots, 3)),
+        "in_contact": np.zeros(slots),
+        "lost": 0.0,
+        "doubtful": 0.0,
+    }

@@ -1,0 +1,257 @@
+"""iSAM2 on one inertial variable, one variable of effects and one summary of all data."""
+
+from __future__ import annotations
+
+import math
+
+import gtsam
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.inertia.least_squares import levenberg_marquardt
+from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
+    dynamic_parameters_from_log_cholesky,
+    log_cholesky,
+    log_cholesky_jacobian,
+)
+
+Array = NDArray[np.float64]
+
+INERTIA_KEY = gtsam.symbol("x", 0)
+EFFECTS_KEY = gtsam.symbol("t", 0)
+
+_UPPER_ROWS = np.array([0, 1, 0, 0, 1, 2])
+_UPPER_COLUMNS = np.array([1, 2, 2, 3, 3, 3])
+_NEAR_ONE = 1e-4
+_MAXIMUM_ROUNDS = 8
+_STEP_TOLERANCE = 1e-3
+
+
+def upper_factor(xi: Array) -> Array:
+    """U (4, 4), upper triangular, with U U^T the pseudo-inertia of log-Cholesky coordinates."""
+    alpha, d1, d2, d3, s12, s23, s13, t1, t2, t3 = xi
+    entries = [
+        [math.exp(d1), s12, s13, t1],
+        [0.0, math.exp(d2), s23, t2],
+        [0.0, 0.0, math.exp(d3), t3],
+        [0.0, 0.0, 0.0, 1.0],
+    ]
+    return math.exp(alpha) * np.array(entries)
+
+
+class DivergencePrior:
+    """Entropic prior weight * (tr(P0^-1 P) - log det(P0^-1 P) - 4) as a sum of squares.
+
+    With P = U U^T, P0 = U0 U0^T and M = U0^-1 U (upper triangular) the divergence is
+    sum_{i<j} M_ij^2 + sum_i (M_ii^2 - 2 log M_ii - 1); each term is the square of a smooth error.
+    Source: Lee, Wensing, Park 2020, Eq. 17; paper A, Eq. 16 lacks the log det, without which the
+    optimum is P = 0.
+    """
+
+    def __init__(self, mean: Array, weight: float) -> None:
+        """Centre the prior at log-Cholesky coordinates `mean` (10,) with `weight` nats."""
+        self.mean = np.asarray(mean, dtype=float)
+        self._inverse = np.linalg.inv(upper_factor(self.mean))
+        self._scale = math.sqrt(2.0 * weight)
+
+    def error(self, xi: Array) -> tuple[Array, Array]:
+        """Error e (10,) with weight * divergence = |e|^2 / 2, and its Jacobian (10, 10)."""
+        factor = upper_factor(xi)
+        ratio = self._inverse @ factor
+        derivatives = self._inverse @ _factor_derivatives(xi, factor)
+        diagonal = np.diag(ratio)
+        value, slope = _root_excess(diagonal)
+        error = np.concatenate([value, ratio[_UPPER_ROWS, _UPPER_COLUMNS]])
+        by_diagonal = slope[:, None] * np.einsum("kii->ik", derivatives)
+        by_upper = derivatives[:, _UPPER_ROWS, _UPPER_COLUMNS].T
+        return self._scale * error, self._scale * np.concatenate([by_diagonal, by_upper])
+
+
+def _factor_derivatives(xi: Array, factor: Array) -> Array:
+    """dU/dxi, (10, 4, 4)."""
+    derivatives = np.zeros((10, 4, 4))
+    derivatives[0] = factor
+    scale = factor[3, 3]
+    for axis in range(3):
+        derivatives[1 + axis, axis, axis] = factor[axis, axis]
+    for k, (i, j) in enumerate(zip(_UPPER_ROWS, _UPPER_COLUMNS, strict=True)):
+        derivatives[4 + k, i, j] = scale
+    return derivatives
+
+
+def _root_excess(x: Array) -> tuple[Array, Array]:
+    """sign(x - 1) sqrt(x^2 - 2 log x - 1) and its derivative, smooth through x = 1."""
+    gap = x - 1.0
+    near = np.abs(gap) < _NEAR_ONE
+    safe = np.where(near, 2.0, x)
+    root = np.sign(safe - 1.0) * np.sqrt(safe**2 - 2.0 * np.log(safe) - 1.0)
+    value = np.where(near, math.sqrt(2.0) * (gap - gap**2 / 6.0), root)
+    slope = np.where(near, math.sqrt(2.0) * (1.0 - gap / 3.0), (safe - 1.0 / safe) / root)
+    return value, slope
+
+
+class SummarySolver:
+    """Keeps iSAM2 at the optimum while the one factor that summarises all data is replaced."""
+
+    def __init__(self, prior: DivergencePrior, effect_std: Array) -> None:
+        """Start at the prior.
+
+        Args:
+            prior: of the inertia.
+            effect_std: (k,) prior standard deviations of the effects' parameters, mean zero.
+        """
+        self._prior = prior
+        self._effect_std = np.asarray(effect_std, dtype=float)
+        self._summary_index: list[int] = []
+        self._start(prior.mean, np.zeros(len(self._effect_std)))
+
+    @property
+    def xi(self) -> Array:
+        """Log-Cholesky coordinates (10,) of the present estimate."""
+        return self._xi
+
+    @property
+    def theta(self) -> Array:
+        """Effect parameters (k,) of the present estimate."""
+        return self._theta
+
+    def replace_summary(self, factor: Array, target: Array) -> None:
+        """Exchange the data's [R | d] on [phi, theta] and iterate until the step is small."""
+        before = self._cost(self._state(), factor, target)
+        graph = gtsam.NonlinearFactorGraph()
+        graph.add(self._summary_factor(factor, target))
+        try:
+            self._iterate(graph)
+        except RuntimeError:
+            self._recover(factor, target)
+            return
+        after = self._cost(self._state(), factor, target)
+        if not np.isfinite(after) or after > before * (1.0 + 1e-9) + 1e-9:
+            self._recover(factor, target)
+
+    def posterior_information(self, factor: Array) -> Array:
+        """Gauss-Newton information (10 + k, 10 + k) on [xi, theta], data and prior."""
+        jacobian = factor @ self.coordinate_jacobian()
+        return np.asarray(jacobian.T @ jacobian + self.prior_information())
+
+    def prior_information(self) -> Array:
+        """Information of the prior alone at the present estimate, on [xi, theta]."""
+        size = 10 + len(self._effect_std)
+        information = np.zeros((size, size))
+        _, jacobian = self._prior.error(self._xi)
+        information[:10, :10] = jacobian.T @ jacobian
+        information[range(10, size), range(10, size)] = self._effect_std**-2.0
+        return information
+
+    def coordinate_jacobian(self) -> Array:
+        """d[phi, theta] / d[xi, theta] at the present estimate."""
+        jacobian = np.eye(10 + len(self._effect_std))
+        jacobian[:10, :10] = log_cholesky_jacobian(self._xi)
+        return jacobian
+
+    def _start(self, xi: Array, theta: Array) -> None:
+        parameters = gtsam.ISAM2Params()
+        parameters.setOptimizationParams(gtsam.ISAM2DoglegParams())
+        parameters.relinearizeSkip = 1
+        parameters.setRelinearizeThreshold(1e-9)
+        parameters.findUnusedFactorSlots = True
+        self._isam = gtsam.ISAM2(parameters)
+        graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+        graph.add(self._prior_factor())
+        values.insert(INERTIA_KEY, xi)
+        if len(theta):
+            noise = gtsam.noiseModel.Diagonal.Sigmas(self._effect_std)
+            graph.add(gtsam.PriorFactorVector(EFFECTS_KEY, np.zeros(len(theta)), noise))
+            values.insert(EFFECTS_KEY, theta)
+        self._isam.update(graph, values)
+        self._summary_index = []
+        self._xi, self._theta = np.array(xi), np.array(theta)
+
+    def _iterate(self, graph: gtsam.NonlinearFactorGraph) -> None:
+        removed = self._summary_index
+        result = self._isam.update(graph, gtsam.Values(), removed)
+        self._summary_index = list(result.getNewFactorsIndices())
+        for _ in range(_MAXIMUM_ROUNDS):
+            previous = self._state()
+            self._read()
+            step = self._state() - previous
+            if np.abs(step).max() < _STEP_TOLERANCE:
+                return
+            self._isam.update()
+
+    def _state(self) -> Array:
+        return np.concatenate([self._xi, self._theta])
+
+    def _read(self) -> None:
+        self._xi = self._isam.calculateEstimateVector(INERTIA_KEY)
+        if len(self._effect_std):
+            self._theta = self._isam.calculateEstimateVector(EFFECTS_KEY)
+
+    def _recover(self, factor: Array, target: Array) -> None:
+        """Solve the same problem by damped steps and restart iSAM2 there."""
+
+        def evaluate(x: Array) -> tuple[Array, Array]:
+            return self._stacked(x[:10], x[10:], factor, target)
+
+        start = np.concatenate([self._xi, self._theta])
+        if not np.isfinite(self._cost(start, factor, target)):
+            start = np.concatenate([self._prior.mean, np.zeros_like(self._theta)])
+        best, _ = levenberg_marquardt(evaluate, start)
+        self._start(best[:10], best[10:])
+        graph = gtsam.NonlinearFactorGraph()
+        graph.add(self._summary_factor(factor, target))
+        self._summary_index = list(self._isam.update(graph, gtsam.Values()).getNewFactorsIndices())
+
+    def _cost(self, x: Array, factor: Array, target: Array) -> float:
+        residual, _ = self._stacked(x[:10], x[10:], factor, target)
+        return float(residual @ residual)
+
+    def _stacked(
+        self, xi: Array, theta: Array, factor: Array, target: Array
+    ) -> tuple[Array, Array]:
+        """All errors and their Jacobian on [xi, theta]: data, prior of inertia, of effects."""
+        size = 10 + len(theta)
+        data, by_inertia = _summary_error(xi, theta, factor, target)
+        prior, by_prior = self._prior.error(xi)
+        jacobian = np.zeros((len(data) + size, size))
+        jacobian[: len(data), :10], jacobian[: len(data), 10:] = by_inertia, factor[:, 10:]
+        jacobian[len(data) : len(data) + 10, :10] = by_prior
+        jacobian[len(data) + 10 :, 10:] = np.diag(1.0 / self._effect_std)
+        return np.concatenate([data, prior, theta / self._effect_std]), jacobian
+
+    def _prior_factor(self) -> gtsam.CustomFactor:
+        def error(
+            _: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None
+        ) -> Array:
+            value, jacobian = self._prior.error(values.atVector(INERTIA_KEY))
+            if jacobians is not None:
+                jacobians[0] = jacobian
+            return value
+
+        return gtsam.CustomFactor(gtsam.noiseModel.Unit.Create(10), [INERTIA_KEY], error)
+
+    def _summary_factor(self, factor: Array, target: Array) -> gtsam.CustomFactor:
+        has_effects = len(self._effect_std) > 0
+        keys = [INERTIA_KEY, EFFECTS_KEY] if has_effects else [INERTIA_KEY]
+
+        def error(
+            _: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None
+        ) -> Array:
+            theta = values.atVector(EFFECTS_KEY) if has_effects else np.zeros(0)
+            value, jacobian = _summary_error(values.atVector(INERTIA_KEY), theta, factor, target)
+            if jacobians is not None:
+                jacobians[0] = jacobian
+                if has_effects:
+                    jacobians[1] = factor[:, 10:]
+            return value
+
+        return gtsam.CustomFactor(gtsam.noiseModel.Unit.Create(len(target)), keys, error)
+
+
+def _summary_error(
+    xi: Array, theta: Array, factor: Array, target: Array
+) -> tuple[Array, Array]:
+    """R [phi(xi), theta] - d and its derivative by xi."""
+    phi = dynamic_parameters_from_log_cholesky(xi)
+    by_inertia = factor[:, :10]
+    return by_inertia @ phi + factor[:, 10:] @ theta - target, by_inertia @ log_cholesky_jacobian(xi)

@@ -1,0 +1,87 @@
+"""Causal whitening of residuals whose noise is correlated over a few samples."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import lapack
+
+Array = NDArray[np.float64]
+
+_BLOCK = 6
+_FLOOR = 1e-14
+
+
+class StreamWhitener:
+    """Forward substitution with the banded Cholesky factor of the residual's covariance.
+
+    C = L L^T has block bandwidth b (windows of b + 1 poses overlap); the newest block row of L
+    needs only the last b rows, so that memory and cost per sample are constant:
+    L_k,k-b..k-1 = C_k,k-b..k-1 L_sub^-T, L_kk = chol(C_kk - sum L_kl L_kl^T).
+    """
+
+    def __init__(self, bandwidth: int, columns: int) -> None:
+        """Start without memory.
+
+        Args:
+            bandwidth: b, block rows back to which the noise is correlated.
+            columns: number of columns to whiten beside the residual.
+        """
+        self._band = bandwidth * _BLOCK
+        self._columns = columns + 1
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past: the next residual shares no noise with earlier ones."""
+        size = self._band
+        self._noise = np.zeros((size, size + _BLOCK))
+        self._factor = np.eye(size)
+        self._white = np.zeros((size, self._columns))
+
+    def predict(
+        self, pose_noise: Array, contact_covariance: Array, values: Array
+    ) -> tuple[Array, Array]:
+        """Whiten one block row, without making it part of the memory yet.
+
+        Args:
+            pose_noise: (6, 6 (b + 1)) response to the poses of the sample's window.
+            contact_covariance: (6, 6) of the noise of this sample alone.
+            values: (6, m) columns, the residual last.
+
+        Returns:
+            The whitened columns (6, m) and L_k (6, 6 b + 6), its last block lower triangular.
+
+        Raises:
+            numpy.linalg.LinAlgError: the covariance is not positive definite.
+        """
+        past = pose_noise @ self._noise.T
+        row, _ = lapack.dtrtrs(self._factor, past.T, lower=1)
+        own = pose_noise @ pose_noise.T + contact_covariance - row.T @ row
+        own.flat[:: _BLOCK + 1] += _FLOOR
+        diagonal, info = lapack.dpotrf(own, lower=1, clean=1)
+        if info != 0:
+            raise np.linalg.LinAlgError("covariance of a residual is not positive definite")
+        white, _ = lapack.dtrtrs(diagonal, values - row.T @ self._white, lower=1)
+        return white, np.concatenate([row.T, diagonal], axis=1)
+
+    def commit(self, pose_noise: Array, factor_row: Array, white: Array) -> None:
+        """Make a block row part of the memory, its whitened columns as they shall be remembered."""
+        self._shift()
+        tail = slice(self._band - _BLOCK, None)
+        self._noise[tail, : self._band] = pose_noise[:, _BLOCK:]
+        self._factor[tail] = factor_row[:, _BLOCK:]
+        self._white[tail] = white
+
+    def skip(self) -> None:
+        """Move on by one sample that gives no residual."""
+        self._shift()
+        tail = slice(self._band - _BLOCK, None)
+        self._noise[tail] = 0.0
+        self._factor[tail] = 0.0
+        self._factor[tail, tail] = np.eye(_BLOCK)
+        self._white[tail] = 0.0
+
+    def _shift(self) -> None:
+        self._noise[:-_BLOCK, :-_BLOCK] = self._noise[_BLOCK:, _BLOCK:].copy()
+        self._factor[:-_BLOCK, :-_BLOCK] = self._factor[_BLOCK:, _BLOCK:].copy()
+        self._white[:-_BLOCK] = self._white[_BLOCK:].copy()
