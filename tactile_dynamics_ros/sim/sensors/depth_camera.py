@@ -68,6 +68,9 @@ class DepthCamera:
     def render(self, client: int, pose: Array) -> Image:
         """Return the true depth image (H, W) in m of a Bullet world.
 
+        Bullet's CPU renderer samples half a pixel to the left and below the pixel's centre; the
+        projection is shifted so that ``intrinsics`` hold.
+
         Args:
             client: Bullet client.
             pose: (4, 4) X_WC.
@@ -78,8 +81,8 @@ class DepthCamera:
         f = config.focal_length
         projection = np.array(
             [
-                [2.0 * f / config.width, 0.0, 0.0, 0.0],
-                [0.0, 2.0 * f / config.height, 0.0, 0.0],
+                [2.0 * f / config.width, 0.0, 1.0 / config.width, 0.0],
+                [0.0, 2.0 * f / config.height, 1.0 / config.height, 0.0],
                 [0.0, 0.0, -(far + near) / (far - near), -2.0 * far * near / (far - near)],
                 [0.0, 0.0, -1.0, 0.0],
             ]

@@ -1,0 +1,159 @@
+"""Force, contact point and uncertainty from raw counts of units the calibration never saw."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
+from tactile_dynamics_ros.core.tactile.analytic_force import (
+    AnalyticForceConfig,
+    AnalyticForceEstimator,
+    classic_force,
+    electrode_centroid,
+    estimate_force,
+    estimate_point,
+)
+from tactile_dynamics_ros.core.tactile.calibration import (
+    ForceCalibration,
+    LabelledPresses,
+    fit_calibration,
+    shipped_calibration,
+)
+from tactile_dynamics_ros.core.tactile.electrodes import PDC
+from tactile_dynamics_ros.sim.sensors.biotac.calibrate import label_presses
+from tactile_dynamics_ros.sim.sensors.biotac.presses import PressConfig, Presses, record_presses
+
+
+@pytest.fixture(scope="module")
+def presses() -> Presses:
+    return record_presses(PressConfig(units=48, frames=300, seed=4242))
+
+
+@pytest.fixture(scope="module")
+def labelled(presses) -> LabelledPresses:
+    return label_presses(presses, every=2)
+
+
+@pytest.fixture(scope="module")
+def errors(labelled):
+    force, std = estimate_force(labelled.change, shipped_calibration())
+    strength = np.linalg.norm(labelled.force, axis=1)
+    useful = (strength > 0.2) & (strength < 3.0)
+    return (force - labelled.force)[useful], std[useful], labelled.force[useful]
+
+
+def test_force_error_on_unseen_units(errors):
+    error, _, force = errors
+    strength = np.linalg.norm(force, axis=1)
+    magnitude = np.abs(np.linalg.norm(force + error, axis=1) - strength)
+    assert np.median(magnitude) < 0.06
+    assert np.median(np.linalg.norm(error, axis=1) / strength) < 0.15
+
+
+def test_stated_std_covers_the_errors(errors):
+    error, std, force = errors
+    strength = np.linalg.norm(force, axis=1)
+    inside = np.abs(error) < 1.645 * std
+    assert 0.84 < inside.mean() < 0.96
+    for low, high in [(0.2, 0.5), (0.5, 1.0), (1.0, 3.0)]:
+        band = (strength >= low) & (strength < high)
+        assert 0.78 < inside[band].mean() < 0.98
+
+
+def test_contact_point_beats_the_centroid(labelled):
+    pressed = np.linalg.norm(labelled.force, axis=1) > 0.5
+    change, truth = labelled.change[pressed], labelled.point[pressed]
+    point, std = estimate_point(change, labelled.force[pressed], shipped_calibration())
+    distance = np.linalg.norm(point - truth, axis=1)
+    centroid = np.linalg.norm(electrode_centroid(change) - truth, axis=1)
+    assert np.median(distance) < 1.1e-3
+    assert np.median(distance) < 0.8 * np.median(centroid)
+    assert 0.3e-3 < np.median(std) < 1.5e-3
+
+
+def test_classic_formula_has_the_sign_of_the_force_and_is_worse(labelled, errors):
+    scale = np.full(3, 0.1)
+    change = np.zeros(20)
+    change[16] = -3.0  # the electrode in the pad's middle falls: pushed from below
+    assert classic_force(change, scale)[2] < 0.0
+    error, _, force = errors
+    assert np.median(np.linalg.norm(error, axis=1)) < 0.3 * np.median(np.linalg.norm(force, axis=1))
+
+
+def test_live_estimator_agrees_with_truth_and_debounces(presses):
+    estimator = AnalyticForceEstimator()
+    raw, force = presses.raw[0], presses.force[0]
+    estimator.tare(raw[:50])
+    found = [estimator.estimate(frame) for frame in raw]
+    touching = np.array([contact for _, _, contact in found])
+    strength = np.linalg.norm(force, axis=1)
+    assert not touching[:60].any()
+    assert touching[strength > 0.2].mean() > 0.95
+    estimated = np.array([estimate for estimate, _, _ in found])
+    strong = touching & (strength > 0.3)
+    relative = np.linalg.norm(estimated - force, axis=1)[strong] / strength[strong]
+    assert np.median(relative) < 0.25
+    assert np.all(estimated[~touching] == 0.0)
+    assert estimator.last is not None
+    assert estimator.last.torque == pytest.approx(np.cross(estimator.last.point, estimated[-1]))
+
+
+def test_rest_state_follows_temperature_drift_without_contact(presses):
+    estimator = AnalyticForceEstimator()
+    raw = presses.raw[0, :50].astype(float)
+    estimator.tare(raw)
+    drifting = raw[0].copy()
+    for _ in range(600):
+        drifting[PDC] += 0.02
+        drifting[:19] += 0.05
+        _, _, contact = estimator.estimate(drifting)
+        assert not contact
+
+
+def test_gain_of_a_unit_scales_force(presses):
+    twice = AnalyticForceEstimator(AnalyticForceConfig(force_scale=2.0))
+    once = AnalyticForceEstimator()
+    for estimator in (once, twice):
+        estimator.tare(presses.raw[1, :50])
+        for frame in presses.raw[1]:
+            estimator.estimate(frame)
+    assert np.allclose(twice.last.force, 2.0 * once.last.force)
+
+
+def test_saturated_electrode_raises_std(presses):
+    estimator = AnalyticForceEstimator()
+    estimator.tare(presses.raw[0, :50])
+    frame = presses.raw[0, 200].copy()
+    _, std, _ = estimator.estimate(frame)
+    frame[5] = 2
+    _, wider, _ = estimator.estimate(frame)
+    assert estimator.last.saturated
+    assert np.all(wider > 2.0 * std)
+
+
+def test_misuse_is_refused_with_a_clear_message(presses):
+    estimator = AnalyticForceEstimator()
+    with pytest.raises(NotIdentifiableError, match="tare"):
+        estimator.estimate(presses.raw[0, 0])
+    with pytest.raises(BadInputError, match="44"):
+        estimator.tare(np.zeros((3, 19)))
+    with pytest.raises(BadInputError, match="12-bit"):
+        estimator.tare(np.full((3, 44), 70000))
+    with pytest.raises(BadInputError, match="lift the finger"):
+        strongest = np.argmax(np.linalg.norm(presses.force, axis=2).max(axis=1))
+        estimator.tare(presses.raw[strongest])
+
+
+def test_calibration_file_round_trip_and_damage(tmp_path, labelled):
+    fitted = fit_calibration(labelled, labelled, "a test")
+    path = tmp_path / "calibration.json"
+    fitted.save(path)
+    loaded = ForceCalibration.load(path)
+    force, _ = estimate_force(labelled.change[:50], fitted)
+    again, _ = estimate_force(labelled.change[:50], loaded)
+    assert np.allclose(force, again, atol=1e-3)
+    assert loaded.origin == "a test"
+    path.write_text("{}")
+    with pytest.raises(BadInputError, match=r"calibration\.json"):
+        ForceCalibration.load(path)
