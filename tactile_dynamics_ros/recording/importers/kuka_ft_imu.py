@@ -162,6 +162,8 @@ def _run_recording(
 
 def _spline(orientations: Table) -> RotationSpline:
     """Return the smooth orientation R_WS over seconds since its first stamp."""
+    from scipy.spatial.transform import Rotation, RotationSpline
+
     time = 1e-6 * orientations.column("t")
     if len(time) < 4 or np.any(np.diff(time) <= 0.0):
         raise BadInputError(f"{orientations.source}: expected four or more increasing stamps")
