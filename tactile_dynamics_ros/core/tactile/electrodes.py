@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-FINGERS = ("index", "middle", "ring", "thumb")
-
 CHANNELS = 44
 ELECTRODES = slice(0, 19)
 PDC = 19
@@ -21,9 +19,6 @@ TDC = 20
 TAC = 21
 PAC = slice(22, 44)
 FULL_SCALE = 4095
-
-SKIN_RADIUS = 7.0e-3
-"""Radius of the idealised skin: cylinder about x for x < 0, sphere about the origin beyond, m."""
 
 _LEFT_SIDE = {
     1: ((0.993, -4.855, -1.116), (0.196, -0.956, -0.220)),
