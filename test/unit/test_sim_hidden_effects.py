@@ -1,0 +1,478 @@
+"""Every hidden effect of the simulator does to a free Bullet body what its formula says."""
+
+import dataclasses
+import subprocess
+import sys
+
+import numpy as np
+import pybullet
+import pytest
+from scipy.spatial.transform import Rotation
+
+from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.sim.bodies import spawn_object
+from tactile_dynamics_ros.sim.contacts import ContactReading
+from tactile_dynamics_ros.sim.hidden_effects import (
+    CATALOGUED,
+    OUTSIDE,
+    SensorView,
+    create_hidden_effect,
+)
+from tactile_dynamics_ros.sim.objects import load_object
+
+FINGERS = ("index", "middle", "ring", "thumb")
+OMEGA, VELOCITY = np.array([0.7, -1.1, 0.4]), np.array([0.3, 0.2, -0.25])
+POSE = np.eye(4)
+POSE[:3, :3] = Rotation.from_rotvec([0.4, 0.3, -0.5]).as_matrix()
+POSE[:3, 3] = [0.5, 0.1, 0.6]
+STEP = 1e-3
+
+
+class FreeBody:
+    """One object without robot, table or contacts."""
+
+    def __init__(self, gravity=(0.0, 0.0, 0.0), pose=POSE):
+        self.client = pybullet.connect(pybullet.DIRECT)
+        self.model = load_object("box_0")
+        self.body = spawn_object(self.client, self.model, pose)
+        self.robot, self.time, self.callbacks = -1, 0.0, []
+        pybullet.setTimeStep(STEP, self.client)
+        self.set_gravity(np.array(gravity))
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        pybullet.disconnect(self.client)
+
+    object_id = property(lambda self: self.body.body)
+
+    def object_pose(self):
+        return self.body.pose()
+
+    def object_velocity(self):
+        return self.body.velocity()
+
+    def apply_force(self, force, point):
+        frame = pybullet.WORLD_FRAME
+        pybullet.applyExternalForce(
+            self.object_id, -1, list(force), list(point), frame, self.client
+        )
+
+    def apply_torque(self, torque):
+        pybullet.applyExternalTorque(
+            self.object_id, -1, list(torque), pybullet.WORLD_FRAME, self.client
+        )
+
+    def set_gravity(self, gravity):
+        self.gravity = np.array(gravity, dtype=float)
+        pybullet.setGravity(*self.gravity.tolist(), self.client)
+
+    def add_pre_step(self, callback):
+        self.callbacks.append(callback)
+
+    def step(self, count=1):
+        for _ in range(count):
+            for callback in self.callbacks:
+                callback(self)
+            pybullet.stepSimulation(self.client)
+            self.time += STEP
+
+    def momenta(self):
+        """Angular momentum about the centre of mass and linear momentum, world axes."""
+        inertia = self.model.inertia
+        angular, linear = self.object_velocity()
+        rotation = self.object_pose()[:3, :3]
+        com_velocity = linear + np.cross(angular, rotation @ inertia.com)
+        spin = rotation @ inertia.inertia_com @ rotation.T @ angular
+        return np.concatenate([spin, inertia.mass * com_velocity])
+
+
+def wrench_in_one_step(effect, time=0.0):
+    """Wrench [torque about the body origin, force] that Bullet's body feels in one step."""
+    gained = []
+    for attach in (True, False):
+        with FreeBody() as body:
+            body.time = time
+            if attach:
+                effect.attach(body)
+            body.body.set_velocity(OMEGA, VELOCITY)
+            body.step()
+            gained.append(body.momenta())
+    about_com, force = np.split((gained[0] - gained[1]) / STEP, 2)
+    arm = POSE[:3, :3] @ load_object("box_0").inertia.com
+    return np.concatenate([about_com + np.cross(arm, force), force])
+
+
+def at_point(point, force):
+    return np.concatenate([np.cross(POSE[:3, :3] @ point, force), force])
+
+
+def value(effect, name):
+    return np.array(effect.truth()[name]["value"])
+
+
+def expect_viscous_drag(effect):
+    return np.concatenate([np.zeros(3), -value(effect, "c") * VELOCITY])
+
+
+def expect_quadratic_drag(effect):
+    speed = np.sqrt(VELOCITY @ VELOCITY)
+    return np.concatenate([np.zeros(3), -value(effect, "c") * speed * VELOCITY])
+
+
+def expect_rotational_drag(effect):
+    return np.concatenate([-value(effect, "c") * OMEGA, np.zeros(3)])
+
+
+def expect_tether_spring(effect):
+    point = value(effect, "point")
+    tip = POSE[:3, 3] + POSE[:3, :3] @ point
+    return at_point(point, value(effect, "stiffness") * (value(effect, "anchor") - tip))
+
+
+def expect_hanging_cable(effect):
+    return at_point(value(effect, "point"), value(effect, "force"))
+
+
+def expect_unsensed_contact(effect):
+    return at_point(value(effect, "point"), POSE[:3, :3] @ value(effect, "force"))
+
+
+def expect_spinning_rotor(effect):
+    momentum = POSE[:3, :3] @ value(effect, "angular_momentum")
+    return np.concatenate([np.cross(momentum, OMEGA), np.zeros(3)])
+
+
+def expect_magnetic_pull(effect):
+    point = value(effect, "point")
+    gap = value(effect, "magnet") - POSE[:3, 3] - POSE[:3, :3] @ point
+    distance = np.sqrt(gap @ gap + 9e-4)
+    return at_point(point, 0.5 * (0.1 / distance) ** 4 * gap / distance)
+
+
+def expect_dry_rubbing(effect):
+    speed = np.sqrt(VELOCITY @ VELOCITY + 0.005**2)
+    return np.concatenate([np.zeros(3), -0.3 * VELOCITY / speed])
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "viscous_drag",
+        "quadratic_drag",
+        "rotational_drag",
+        "tether_spring",
+        "hanging_cable",
+        "unsensed_contact",
+        "spinning_rotor",
+        "magnetic_pull",
+        "dry_rubbing",
+    ],
+)
+def test_force_on_the_body(name):
+    effect = create_hidden_effect(name, 1.0, seed=4)
+    found = wrench_in_one_step(effect)
+    expected = globals()[f"expect_{name}"](effect)
+    assert found == pytest.approx(expected, rel=6e-3, abs=6e-4 * np.abs(expected).max() + 1e-9)
+
+
+def test_motor_vibrates_at_its_frequency():
+    frequency = float(value(attached("motor_vibration", seed=4), "frequency"))
+    peak, zero = (
+        wrench_in_one_step(create_hidden_effect("motor_vibration", 1.0, seed=4), share / frequency)
+        for share in (0.25, 0.5)
+    )
+    assert np.linalg.norm(peak[3:]) == pytest.approx(0.4, rel=1e-3)
+    assert np.linalg.norm(zero[3:]) < 1e-3
+
+
+def test_stuck_cable_pulls_like_a_spring_and_then_slips():
+    effect = create_hidden_effect("cable_stick_slip", 1.0, seed=2)
+    with FreeBody() as body:
+        effect.attach(body)
+        forces = []
+        body.apply_force = lambda force, point: forces.append(np.linalg.norm(force))
+        for shift in np.arange(0.001, 0.05, 0.001):
+            moved = POSE.copy()
+            moved[0, 3] += shift
+            body.body.set_pose(moved)
+            effect.act(body)
+    assert forces[9] == pytest.approx(30.0 * 0.010, rel=1e-6)
+    assert max(forces) <= 0.6 + 1e-9
+    assert forces[20] == pytest.approx(0.2, abs=0.031)
+
+
+def test_taps_are_short_and_rare():
+    effect = create_hidden_effect("external_taps", 1.0, seed=3)
+    with FreeBody() as body:
+        sizes = []
+        body.apply_force = lambda force, point: sizes.append(np.linalg.norm(force))
+        effect.attach(body)
+        body.step(20000)
+    assert 0.01 < len(sizes) * STEP / 20.0 < 0.1
+    assert max(sizes) == pytest.approx(1.5, rel=0.02)
+
+
+def test_sloshing_ball_and_object_swing_at_the_two_body_frequency():
+    effect = create_hidden_effect("sloshing_mass", 1.0, seed=1)
+    with FreeBody() as body:
+        effect.attach(body)
+        total = body.model.inertia.mass
+        pybullet.resetBaseVelocity(effect.ball, [0.1, 0, 0], [0, 0, 0], body.client)
+        gap, momentum = [], []
+        for _ in range(3000):
+            body.step()
+            ball = np.array(pybullet.getBasePositionAndOrientation(effect.ball, body.client)[0])
+            com = np.array(pybullet.getBasePositionAndOrientation(body.object_id, body.client)[0])
+            gap.append((ball - com)[0])
+            ball_speed = pybullet.getBaseVelocity(effect.ball, body.client)[0][0]
+            speed = pybullet.getBaseVelocity(body.object_id, body.client)[0][0]
+            momentum.append(effect.mass * ball_speed + (total - effect.mass) * speed)
+    gap = np.array(gap)
+    crossings = np.flatnonzero(np.diff(np.signbit(gap)))
+    period = 2 * STEP * np.diff(crossings[:7]).mean()
+    stiffer = np.sqrt(total / (total - effect.mass))
+    damping = effect.damping_ratio * stiffer
+    expected = effect.frequency_hz * stiffer * np.sqrt(1 - damping**2)
+    assert 1 / period == pytest.approx(expected, rel=0.01)
+    assert np.ptp(momentum) < 1e-4 * abs(momentum[0])
+
+
+def test_sloshing_object_weighs_as_much_as_before():
+    effect = create_hidden_effect("sloshing_mass", 1.0, seed=1)
+    with FreeBody(gravity=(0.0, 0.0, -9.81)) as body:
+        effect.attach(body)
+        weight = body.model.inertia.mass * 9.81
+        com = POSE[:3, 3] + POSE[:3, :3] @ body.model.inertia.com
+        body.add_pre_step(lambda b: b.apply_force([0, 0, weight], com))
+        body.step(50)
+        speed = np.array(pybullet.getBaseVelocity(body.object_id, body.client)[0])
+    assert np.linalg.norm(speed) < 1e-3
+
+
+def test_added_mass_falls_slower():
+    effect = create_hidden_effect("added_mass", 1.0, seed=1)
+    with FreeBody(gravity=(0.0, 0.0, -9.81)) as body:
+        effect.attach(body)
+        body.step(100)
+        speed = pybullet.getBaseVelocity(body.object_id, body.client)[0][2]
+    assert speed == pytest.approx(-0.981 / 1.3, rel=1e-3)
+
+
+def test_changing_mass_answers_a_push_with_its_mass_of_the_moment():
+    effect = create_hidden_effect("mass_change", 5.0, seed=1)
+    with FreeBody() as body:
+        effect.attach(body)
+        mass, rate = body.model.inertia.mass, float(value(effect, "rate"))
+        body.step(4000)
+        com, _ = pybullet.getBasePositionAndOrientation(body.object_id, body.client)
+        body.add_pre_step(lambda b: b.apply_force([0.0, 1.0, 0.0], com))
+        body.step()
+        speed = pybullet.getBaseVelocity(body.object_id, body.client)[0][1]
+    assert abs(rate) == pytest.approx(0.05 * mass)
+    assert STEP / speed == pytest.approx(mass + 4.0 * rate, rel=1e-3)
+
+
+def test_tilted_gravity_falls_aside():
+    effect = create_hidden_effect("gravity_tilt", 1.0, seed=1)
+    with FreeBody(gravity=(0.0, 0.0, -9.81)) as body:
+        effect.attach(body)
+        body.step(10)
+        fall = np.array(pybullet.getBaseVelocity(body.object_id, body.client)[0])
+    fall /= np.linalg.norm(fall)
+    assert np.degrees(np.arccos(-fall[2])) == pytest.approx(3.0, rel=1e-3)
+    tilt = np.array([*value(effect, "tilt"), 0.0])
+    assert fall == pytest.approx(Rotation.from_rotvec(tilt).apply([0.0, 0.0, -1.0]), abs=1e-6)
+
+
+def test_torsion_brakes_a_spinning_object_on_a_skin(tmp_path):
+    effect = create_hidden_effect("contact_torsion", 1.0, seed=1)
+    floor = tmp_path / "skin.urdf"
+    floor.write_text(
+        '<robot name="r"><link name="base"><inertial><mass value="1"/><inertia ixx="1" ixy="0" '
+        'ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link><link name="biotac_index"><inertial>'
+        '<mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
+        '<collision><origin xyz="0 0 -0.1"/><geometry><box size="1 1 0.2"/></geometry></collision>'
+        '</link><joint name="j" type="fixed"><parent link="base"/><child link="biotac_index"/>'
+        "</joint></robot>"
+    )
+    spins = []
+    for attach in (False, True):
+        with FreeBody(gravity=(0.0, 0.0, -9.81)) as body:
+            body.robot = pybullet.loadURDF(
+                str(floor), useFixedBase=True, physicsClientId=body.client
+            )
+            ball = pybullet.createCollisionShape(
+                pybullet.GEOM_SPHERE, radius=0.05, physicsClientId=body.client
+            )
+            top = pybullet.createMultiBody(
+                1.0, ball, basePosition=[0, 0, 0.0499], physicsClientId=body.client
+            )
+            options = {"rollingFriction": 0.0, "angularDamping": 0.0, "linearDamping": 0.0}
+            options |= {"lateralFriction": body.model.friction, "localInertiaDiagonal": [1e-3] * 3}
+            pybullet.changeDynamics(top, -1, physicsClientId=body.client, **options)
+            pybullet.changeDynamics(body.robot, 0, lateralFriction=1.0, physicsClientId=body.client)
+            if attach:
+                effect.attach(body)
+            body.step(50)
+            pybullet.resetBaseVelocity(top, [0, 0, 0], [0, 0, 5.0], body.client)
+            body.step(100)
+            spins.append(pybullet.getBaseVelocity(top, body.client)[1][2])
+    assert spins[0] == pytest.approx(5.0, abs=1e-3)
+    assert spins[0] - spins[1] == pytest.approx(0.002 * 9.81 / 1e-3 * 0.1, rel=0.03)
+
+
+def view(time=0.0, force=(0.5, -0.2, 2.0)):
+    rotation = {
+        f: Rotation.from_rotvec([0.3 * k, 0.2, 0.1]).as_matrix() for k, f in enumerate(FINGERS)
+    }
+    contacts = {
+        finger: ContactReading(
+            finger, time, True, rotation[finger] @ force, np.zeros(3), np.ones(3), np.ones(3), 1.0
+        )
+        for finger in FINGERS
+    }
+    contacts["other"] = dataclasses.replace(contacts["index"], name="other")
+    return SensorView(time, contacts, rotation, POSE)
+
+
+def felt(effect, time=0.0, force=(0.5, -0.2, 2.0)):
+    """Reported forces (4, 3) in the sensors' axes."""
+    seen = view(time, force)
+    readings = effect.feel(seen)
+    assert readings["other"] is seen.contacts["other"]
+    return np.array([seen.sensor_rotation[f].T @ readings[f].force for f in FINGERS])
+
+
+def attached(name, magnitude=1.0, seed=6):
+    effect = create_hidden_effect(name, magnitude, seed)
+    with FreeBody() as body:
+        effect.attach(body)
+    return effect
+
+
+def rows(effect, name):
+    return np.array([effect.truth()[f"{finger}.{name}"]["value"] for finger in FINGERS])
+
+
+def test_bias_is_added_in_sensor_axes():
+    effect = attached("force_bias")
+    assert felt(effect) - [0.5, -0.2, 2.0] == pytest.approx(rows(effect, "bias"))
+    assert np.abs(rows(effect, "bias")).max() > 0.05
+
+
+def test_drift_grows_linearly():
+    effect = attached("force_drift")
+    assert felt(effect, 0.0) == pytest.approx(np.tile([0.5, -0.2, 2.0], (4, 1)))
+    assert felt(effect, 10.0) - [0.5, -0.2, 2.0] == pytest.approx(10.0 * rows(effect, "rate"))
+
+
+def test_scale_multiplies():
+    effect = attached("force_scale")
+    gain = 1.0 + rows(effect, "gain_error")
+    assert felt(effect) == pytest.approx(gain[:, None] * [0.5, -0.2, 2.0])
+
+
+def test_rotated_sensor_keeps_the_size_of_the_force():
+    effect = attached("sensor_rotation")
+    turned = Rotation.from_rotvec(rows(effect, "rotation")).apply([0.5, -0.2, 2.0])
+    assert felt(effect) == pytest.approx(turned)
+    assert np.linalg.norm(felt(effect), axis=1) == pytest.approx(np.sqrt(4.29))
+
+
+def test_lag_answers_a_ramp_late_by_its_time_constant():
+    effect = attached("sensor_lag")
+    for time in np.arange(0.0, 1.0, 0.01):
+        reported = felt(effect, time, (time, 2 * time, 3 * time))
+    assert reported == pytest.approx(np.tile((time - 0.03) * np.array([1, 2, 3]), (4, 1)), rel=1e-6)
+
+
+def test_time_offset_delays_touch_only():
+    effect = attached("time_offset")
+    assert abs(effect.delay("touch")) == pytest.approx(0.02)
+    assert effect.delay("pose") == 0.0
+
+
+def test_contact_offset_moves_points_with_the_object():
+    effect = attached("contact_offset")
+    shift = POSE[:3, :3] @ value(effect, "offset")
+    assert np.linalg.norm(shift) == pytest.approx(0.02)
+    assert effect.feel(view())["ring"].point - np.ones(3) == pytest.approx(shift)
+
+
+def test_creep_relaxes_under_load_and_recovers():
+    effect = attached("skin_creep")
+    loaded = [felt(effect, time)[0, 2] for time in np.arange(0.0, 60.0, 0.05)]
+    released = felt(effect, 60.0, (0.0, 0.0, 0.0))[0, 2]
+    assert loaded[0] == pytest.approx(2.0)
+    assert np.all(np.diff(loaded) < 0)
+    assert loaded[-1] == pytest.approx(2.0 * 0.7, abs=0.04)
+    assert released < -0.4
+
+
+def test_temperature_step_settles():
+    effect = attached("temperature_step")
+    assert felt(effect, 5.0)[0] == pytest.approx([0.5, -0.2, 2.0])
+    assert np.linalg.norm(felt(effect, 60.0)[0] - [0.5, -0.2, 2.0]) == pytest.approx(0.4)
+
+
+def test_dead_zone_shrinks_every_axis():
+    assert felt(attached("dead_zone"))[0] == pytest.approx([0.25, 0.0, 1.75])
+
+
+def test_cross_talk_mixes_neighbours_in_sensor_axes():
+    assert felt(attached("cross_talk")) == pytest.approx(np.tile([0.6, -0.24, 2.4], (4, 1)))
+
+
+def test_backlash_lags_by_half_its_play():
+    effect = attached("pose_backlash")
+    there = [effect.see(_shifted(x), 0.0)[0, 3] for x in (0.0, 0.005, 0.01)]
+    back = [effect.see(_shifted(x), 0.0)[0, 3] for x in (0.009, 0.008, 0.005)]
+    assert np.array(there) - POSE[0, 3] == pytest.approx([0.0, 0.0035, 0.0085])
+    assert np.array(back) - POSE[0, 3] == pytest.approx([0.0085, 0.0085, 0.0065])
+
+
+def _shifted(x):
+    pose = POSE.copy()
+    pose[0, 3] += x
+    return pose
+
+
+@pytest.mark.parametrize("name", CATALOGUED + OUTSIDE)
+def test_nothing_happens_at_magnitude_zero(name):
+    if name == "contact_torsion":
+        return
+    effect = create_hidden_effect(name, 0.0, seed=3)
+    assert wrench_in_one_step(effect) == pytest.approx(np.zeros(6), abs=1e-9)
+    assert felt(effect) == pytest.approx(np.tile([0.5, -0.2, 2.0], (4, 1)))
+    assert effect.see(POSE, 0.0) == pytest.approx(POSE)
+    assert effect.delay("touch") == 0.0
+
+
+def test_registry_covers_the_catalogue_and_more():
+    assert len(CATALOGUED) == 19
+    assert len(OUTSIDE) >= 6
+    assert create_hidden_effect("none").describe()["name"] == "none"
+    chosen = {create_hidden_effect("random", 1.0, seed).name for seed in range(200)}
+    assert chosen == set(CATALOGUED)
+    assert (
+        create_hidden_effect("random", 1.0, 7).name == create_hidden_effect("random", 1.0, 7).name
+    )
+    assert create_hidden_effect("random_outside", 1.0, 7).name in OUTSIDE
+
+
+def test_unknown_names_and_sizes_are_refused():
+    with pytest.raises(BadInputError, match="viscous_drag"):
+        create_hidden_effect("syrup")
+    with pytest.raises(BadInputError, match="zero or more"):
+        create_hidden_effect("viscous_drag", float("nan"))
+
+
+def test_hidden_effects_never_load_the_catalogue():
+    code = (
+        "import sys, tactile_dynamics_ros.sim.hidden_effects, benchmarks.hidden; "
+        "print([m for m in sys.modules if 'core.effects' in m or 'core.discrepancy' in m])"
+    )
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert found.stdout.strip() == "[]"
