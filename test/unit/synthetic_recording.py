@@ -1,4 +1,4 @@
-"""A small recording of a held box with exact dynamics, for tests of readers, commands and reports."""
+"""A small recording of a held box with exact dynamics, for tests on recordings."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ FINGERS = {
 FORCE_STD, POSITION_STD, ROTATION_STD = 0.02, 2e-4, 2e-3
 
 
-def held_box(seconds: float = 6.0, rate: float = 100.0, seed: int = 0, noise: float = 1.0):
+def held_box(seconds=6.0, rate=100.0, seed=0, noise=1.0, motion=1.0):
     """Return a recording of four fingers that move a box along smooth random sines."""
     random = np.random.default_rng(seed)
     time = np.arange(round(seconds * rate)) / rate
     fine = 1e-4
-    waves = random.uniform(-1, 1, (2, 3, 3)), random.uniform(0, 6, (2, 3, 3))
+    waves = motion * random.uniform(-1, 1, (2, 3, 3)), random.uniform(0, 6, (2, 3, 3))
     position, rotation = _motion(time, waves)
     before, after = (_motion(time + sign * fine, waves) for sign in (-1, 1))
     acceleration = (before[0] - 2 * position + after[0]) / fine**2

@@ -187,7 +187,7 @@ def test_constant_and_held_signals_are_not_called_saturated():
         (
             FORCE,
             None,
-            {t: "" for t in ("index", "middle", "ring", "thumb")},
+            dict.fromkeys(("index", "middle", "ring", "thumb"), ""),
             "<finger>/force is missing",
         ),
         (POSE, "frame", {}, "frame_id 'camera' in 200 of 200 messages; expected 'world'"),
