@@ -19,6 +19,7 @@ class Plant(Protocol):
 
     client: int
     robot: int
+    table: int
     time: float
     model: Any
     config: Any

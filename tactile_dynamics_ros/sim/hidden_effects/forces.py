@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -15,13 +15,27 @@ from tactile_dynamics_ros.sim.hidden_effects.base import (
     quantity,
 )
 
+TAUT_HEIGHT = (0.01, 0.02)
+
+
+def typical_force(plant: Plant) -> float:
+    """Three tenths of the object's weight, but 0.2 to 0.6 N: felt, and no danger to the grasp."""
+    return float(np.clip(0.3 * 9.81 * plant.model.inertia.mass, 0.2, 0.6))
+
 
 @dataclass
 class ForceEffect(HiddenEffect):
-    """An effect that pushes or twists the object before every simulation step."""
+    """An effect that pushes or twists the object before every simulation step.
+
+    Attributes:
+        size: force in N that belongs to the magnitude; set when the effect is attached.
+    """
+
+    size: float = 0.0
 
     def attach(self, plant: Plant) -> None:
         """Draw what is free, then act before every step."""
+        self.size = self.magnitude * typical_force(plant)
         self.prepare(plant)
         if self.magnitude != 0.0:
             plant.add_pre_step(self.act)
@@ -34,103 +48,144 @@ class ForceEffect(HiddenEffect):
 
 
 @dataclass
+class PullEffect(ForceEffect):
+    """A force at a body point that grows taut while the object is lifted off its table.
+
+    Attributes:
+        point: (3,) where it acts, body frame, m.
+        start_height: of the object when the effect was attached, m.
+    """
+
+    point: Array = field(default_factory=lambda: np.zeros(3))
+    start_height: float = -np.inf
+
+    def prepare(self, plant: Plant) -> None:
+        """Draw the point; without a table the pull is taut at once."""
+        self.point = self.surface_point(plant)
+        if plant.table >= 0:
+            self.start_height = float(plant.object_pose()[2, 3])
+
+    def act(self, plant: Plant) -> None:
+        """Pull at the point."""
+        pose = plant.object_pose()
+        tautness = np.interp(pose[2, 3] - self.start_height, TAUT_HEIGHT, (0.0, 1.0))
+        if tautness > 0.0:
+            here = place(pose, self.point)
+            plant.apply_force(tautness * self.pull(plant, pose, here), here)
+
+    def pull(self, plant: Plant, pose: Array, here: Array) -> Array:
+        """Return the force (3,) on the point that is at ``here``, world axes, N."""
+        return np.zeros(3)
+
+
+@dataclass
 class ViscousDrag(ForceEffect):
-    """Force -c v on the body origin, c = 1 N s/m."""
+    """Force -c v on the body origin: the typical force at 0.3 m/s."""
 
     name = "viscous_drag"
+
+    @property
+    def coefficient(self) -> float:
+        """Drag coefficient c in N s/m."""
+        return self.size / 0.3
 
     def act(self, plant: Plant) -> None:
         """Drag the body origin."""
         _, velocity = plant.object_velocity()
-        plant.apply_force(-self.magnitude * velocity, plant.object_pose()[:3, 3])
+        plant.apply_force(-self.coefficient * velocity, plant.object_pose()[:3, 3])
 
     def truth(self) -> dict[str, Any]:
         """Coefficient."""
-        return {"c": quantity(self.magnitude, "N s/m")}
+        return {"c": quantity(self.coefficient, "N s/m")}
 
 
 @dataclass
 class QuadraticDrag(ForceEffect):
-    """Force -c |v| v on the body origin, c = 4 N s^2/m^2."""
+    """Force -c |v| v on the body origin: the typical force at 0.3 m/s."""
 
     name = "quadratic_drag"
+
+    @property
+    def coefficient(self) -> float:
+        """Drag coefficient c in N s^2/m^2."""
+        return self.size / 0.3**2
 
     def act(self, plant: Plant) -> None:
         """Drag the body origin."""
         _, velocity = plant.object_velocity()
-        force = -4.0 * self.magnitude * np.linalg.norm(velocity) * velocity
+        force = -self.coefficient * np.linalg.norm(velocity) * velocity
         plant.apply_force(force, plant.object_pose()[:3, 3])
 
     def truth(self) -> dict[str, Any]:
         """Coefficient."""
-        return {"c": quantity(4.0 * self.magnitude, "N s^2/m^2")}
+        return {"c": quantity(self.coefficient, "N s^2/m^2")}
 
 
 @dataclass
 class RotationalDrag(ForceEffect):
-    """Torque -c w, c = 0.02 N m s/rad."""
+    """Torque -c w: the typical force at an arm of 4 cm for 1 rad/s."""
 
     name = "rotational_drag"
+
+    @property
+    def coefficient(self) -> float:
+        """Drag coefficient c in N m s/rad."""
+        return 0.04 * self.size
 
     def act(self, plant: Plant) -> None:
         """Brake the rotation."""
         angular, _ = plant.object_velocity()
-        plant.apply_torque(-0.02 * self.magnitude * angular)
+        plant.apply_torque(-self.coefficient * angular)
 
     def truth(self) -> dict[str, Any]:
         """Coefficient."""
-        return {"c": quantity(0.02 * self.magnitude, "N m s/rad")}
+        return {"c": quantity(self.coefficient, "N m s/rad")}
 
 
 @dataclass
-class TetherSpring(ForceEffect):
-    """Spring of 5 N/m and zero rest length from a point above the start to a body point."""
+class TetherSpring(PullEffect):
+    """Spring of zero rest length from a point above the start: the typical force at 15 cm."""
 
     name = "tether_spring"
-    anchor: Array | None = None
-    point: Array | None = None
+    anchor: Array = field(default_factory=lambda: np.zeros(3))
 
     def prepare(self, plant: Plant) -> None:
         """Anchor 15 to 30 cm from the start, above it."""
+        super().prepare(plant)
         away = self.unit_vector()
         away[2] = abs(away[2])
-        self.point = self.surface_point(plant)
         self.anchor = plant.object_pose()[:3, 3] + self.rng.uniform(0.15, 0.3) * away
 
-    def act(self, plant: Plant) -> None:
-        """Pull the point towards the anchor."""
-        assert self.point is not None and self.anchor is not None
-        point = place(plant.object_pose(), self.point)
-        plant.apply_force(5.0 * self.magnitude * (self.anchor - point), point)
+    def pull(self, plant: Plant, pose: Array, here: Array) -> Array:
+        """Pull towards the anchor."""
+        return np.asarray(self.size / 0.15 * (self.anchor - here))
 
     def truth(self) -> dict[str, Any]:
         """Stiffness, anchor and point."""
         return {
-            "stiffness": quantity(5.0 * self.magnitude, "N/m"),
+            "stiffness": quantity(self.size / 0.15, "N/m"),
             "anchor": quantity(self.anchor, "m"),
             "point": quantity(self.point, "m"),
         }
 
 
 @dataclass
-class HangingCable(ForceEffect):
-    """Constant world force of 0.5 N, aside and down, at a body point."""
+class HangingCable(PullEffect):
+    """Constant world force, aside and down, at a body point."""
 
     name = "hanging_cable"
-    force: Array | None = None
-    point: Array | None = None
+    force: Array = field(default_factory=lambda: np.zeros(3))
 
     def prepare(self, plant: Plant) -> None:
         """Draw direction and point."""
+        super().prepare(plant)
         heading, fall = self.rng.uniform(0, 2 * np.pi), np.radians(self.rng.uniform(10.0, 50.0))
         level = np.cos(fall) * np.array([np.cos(heading), np.sin(heading), 0.0])
-        self.force = 0.5 * self.magnitude * (level - np.array([0.0, 0.0, np.sin(fall)]))
-        self.point = self.surface_point(plant)
+        self.force = self.size * (level - np.array([0.0, 0.0, np.sin(fall)]))
 
-    def act(self, plant: Plant) -> None:
-        """Pull at the point."""
-        assert self.force is not None and self.point is not None
-        plant.apply_force(self.force, place(plant.object_pose(), self.point))
+    def pull(self, plant: Plant, pose: Array, here: Array) -> Array:
+        """The same force in the world."""
+        return self.force
 
     def truth(self) -> dict[str, Any]:
         """Force and point."""
@@ -138,23 +193,20 @@ class HangingCable(ForceEffect):
 
 
 @dataclass
-class UnsensedContact(ForceEffect):
-    """Constant body force of 0.5 N at a body point, as from a frame that touches the object."""
+class UnsensedContact(PullEffect):
+    """Constant body force at a body point, as from a frame that touches the object."""
 
     name = "unsensed_contact"
-    force: Array | None = None
-    point: Array | None = None
+    force: Array = field(default_factory=lambda: np.zeros(3))
 
     def prepare(self, plant: Plant) -> None:
         """Draw direction and point."""
-        self.force = 0.5 * self.magnitude * self.unit_vector()
-        self.point = self.surface_point(plant)
+        super().prepare(plant)
+        self.force = self.size * self.unit_vector()
 
-    def act(self, plant: Plant) -> None:
-        """Push in the body frame."""
-        assert self.force is not None and self.point is not None
-        pose = plant.object_pose()
-        plant.apply_force(pose[:3, :3] @ self.force, place(pose, self.point))
+    def pull(self, plant: Plant, pose: Array, here: Array) -> Array:
+        """The same force in the body frame."""
+        return np.asarray(pose[:3, :3] @ self.force)
 
     def truth(self) -> dict[str, Any]:
         """Force and point."""
@@ -163,18 +215,17 @@ class UnsensedContact(ForceEffect):
 
 @dataclass
 class SpinningRotor(ForceEffect):
-    """A flywheel of 0.01 kg m^2/s in the object: it resists being turned."""
+    """A flywheel in the object: 0.04 m times the typical force when turned by 1 rad/s."""
 
     name = "spinning_rotor"
-    momentum: Array | None = None
+    momentum: Array = field(default_factory=lambda: np.zeros(3))
 
     def prepare(self, plant: Plant) -> None:
         """Draw the axis."""
-        self.momentum = 0.01 * self.magnitude * self.unit_vector()
+        self.momentum = 0.04 * self.size * self.unit_vector()
 
     def act(self, plant: Plant) -> None:
         """Gyroscopic torque -w x h."""
-        assert self.momentum is not None
         angular, _ = plant.object_velocity()
         plant.apply_torque(-np.cross(angular, plant.object_pose()[:3, :3] @ self.momentum))
 

@@ -18,31 +18,29 @@ from tactile_dynamics_ros.sim.hidden_effects.base import (
     place,
     quantity,
 )
-from tactile_dynamics_ros.sim.hidden_effects.forces import ForceEffect
+from tactile_dynamics_ros.sim.hidden_effects.forces import ForceEffect, PullEffect
 from tactile_dynamics_ros.sim.hidden_effects.touch import TouchEffect
 
 
 @dataclass
-class MotorVibration(ForceEffect):
-    """An unbalanced motor in the object: a force of 0.4 N at 6 to 20 Hz along one body axis."""
+class MotorVibration(PullEffect):
+    """An unbalanced motor in the object: a force at 6 to 20 Hz along one body axis."""
 
     name = "motor_vibration"
     in_catalogue = False
     frequency_hz: float = 10.0
     force: Array = field(default_factory=lambda: np.zeros(3))
-    point: Array = field(default_factory=lambda: np.zeros(3))
 
     def prepare(self, plant: Plant) -> None:
         """Draw frequency, axis and place."""
+        super().prepare(plant)
         self.frequency_hz = float(self.rng.uniform(6.0, 20.0))
-        self.force = 0.4 * self.magnitude * self.unit_vector()
-        self.point = self.surface_point(plant)
+        self.force = self.size * self.unit_vector()
 
-    def act(self, plant: Plant) -> None:
+    def pull(self, plant: Plant, pose: Array, here: Array) -> Array:
         """Shake."""
-        pose = plant.object_pose()
         tone = np.sin(2 * np.pi * self.frequency_hz * plant.time)
-        plant.apply_force(tone * (pose[:3, :3] @ self.force), place(pose, self.point))
+        return np.asarray(tone * (pose[:3, :3] @ self.force))
 
     def truth(self) -> dict[str, Any]:
         """Frequency and amplitude."""
@@ -53,29 +51,26 @@ class MotorVibration(ForceEffect):
 
 
 @dataclass
-class MagneticPull(ForceEffect):
-    """A magnet near the start attracts a body point: 0.5 N at 10 cm, with distance^-4."""
+class MagneticPull(PullEffect):
+    """A magnet near the start attracts a body point: force ~ distance^-4, typical at 10 cm."""
 
     name = "magnetic_pull"
     in_catalogue = False
     magnet: Array = field(default_factory=lambda: np.zeros(3))
-    point: Array = field(default_factory=lambda: np.zeros(3))
 
     def prepare(self, plant: Plant) -> None:
         """A magnet 15 to 25 cm above the start."""
+        super().prepare(plant)
         away = self.unit_vector()
         away[2] = abs(away[2]) + 0.5
         away /= np.linalg.norm(away)
         self.magnet = plant.object_pose()[:3, 3] + self.rng.uniform(0.15, 0.25) * away
-        self.point = self.surface_point(plant)
 
-    def act(self, plant: Plant) -> None:
-        """Attract."""
-        point = place(plant.object_pose(), self.point)
-        gap = self.magnet - point
+    def pull(self, plant: Plant, pose: Array, here: Array) -> Array:
+        """Attract; never more than five times the typical force."""
+        gap = self.magnet - here
         distance = np.sqrt(gap @ gap + 0.03**2)
-        force = 0.5 * self.magnitude * (0.1 / distance) ** 4 * gap / distance
-        plant.apply_force(force, point)
+        return np.asarray(min((0.1 / distance) ** 4, 5.0) * self.size * gap / distance)
 
     def truth(self) -> dict[str, Any]:
         """Places."""
@@ -83,38 +78,36 @@ class MagneticPull(ForceEffect):
 
 
 @dataclass
-class CableStickSlip(ForceEffect):
-    """A cable through a guide: spring of 30 N/m that lets go at 0.6 N and keeps a third."""
+class CableStickSlip(PullEffect):
+    """A cable through a guide: a spring that lets go at a limit, keeps a third and sticks again."""
 
     name = "cable_stick_slip"
     in_catalogue = False
-    point: Array = field(default_factory=lambda: np.zeros(3))
-    stuck: Array | None = None
+    stuck: Array = field(default_factory=lambda: np.zeros(3))
 
     def prepare(self, plant: Plant) -> None:
         """Tie the cable to the object."""
-        self.point = self.surface_point(plant)
+        super().prepare(plant)
         self.stuck = place(plant.object_pose(), self.point)
 
-    def act(self, plant: Plant) -> None:
-        """Pull back to where the cable sticks."""
-        assert self.stuck is not None
-        here, limit = place(plant.object_pose(), self.point), 0.6 * self.magnitude
-        pull = 30.0 * (self.stuck - here)
+    def pull(self, plant: Plant, pose: Array, here: Array) -> Array:
+        """Pull back to where the cable sticks; the limit is reached after 2 cm."""
+        stiffness = self.size / 0.02
+        pull = stiffness * (self.stuck - here)
         size = float(np.linalg.norm(pull))
-        if size > limit:
-            pull *= limit / (3.0 * size)
-            self.stuck = here + pull / 30.0
-        plant.apply_force(pull, here)
+        if size > self.size:
+            pull *= self.size / (3.0 * size)
+            self.stuck = here + pull / stiffness
+        return np.asarray(pull)
 
     def truth(self) -> dict[str, Any]:
         """Limit."""
-        return {"limit": quantity(0.6 * self.magnitude, "N")}
+        return {"limit": quantity(self.size, "N")}
 
 
 @dataclass
 class DryRubbing(ForceEffect):
-    """Dry friction of 0.3 N against the velocity of the body origin."""
+    """Dry friction of half the typical force against the velocity of the body origin."""
 
     name = "dry_rubbing"
     in_catalogue = False
@@ -123,46 +116,43 @@ class DryRubbing(ForceEffect):
         """Rub; smooth below 5 mm/s."""
         _, velocity = plant.object_velocity()
         speed = np.sqrt(velocity @ velocity + 0.005**2)
-        plant.apply_force(-0.3 * self.magnitude * velocity / speed, plant.object_pose()[:3, 3])
+        plant.apply_force(-0.5 * self.size * velocity / speed, plant.object_pose()[:3, 3])
 
     def truth(self) -> dict[str, Any]:
         """Friction force."""
-        return {"force": quantity(0.3 * self.magnitude, "N")}
+        return {"force": quantity(0.5 * self.size, "N")}
 
 
 @dataclass
-class ExternalTaps(ForceEffect):
-    """Somebody taps the object about every two seconds: half-sines of 1.5 N and 40 to 120 ms."""
+class ExternalTaps(PullEffect):
+    """Somebody taps the object about every two seconds: half-sines of 40 to 120 ms."""
 
     name = "external_taps"
     in_catalogue = False
     begin: float = np.inf
     length: float = 0.1
     force: Array = field(default_factory=lambda: np.zeros(3))
-    point: Array = field(default_factory=lambda: np.zeros(3))
 
     def prepare(self, plant: Plant) -> None:
         """Plan the first tap."""
+        super().prepare(plant)
         self._plan(plant)
 
-    def act(self, plant: Plant) -> None:
+    def pull(self, plant: Plant, pose: Array, here: Array) -> Array:
         """Push during a tap, then plan the next."""
         phase = (plant.time - self.begin) / self.length
         if phase > 1.0:
             self._plan(plant)
-        elif phase > 0.0:
-            pose = plant.object_pose()
-            force = np.sin(np.pi * phase) * (pose[:3, :3] @ self.force)
-            plant.apply_force(force, place(pose, self.point))
+        return np.asarray(np.sin(np.pi * np.clip(phase, 0.0, 1.0)) * (pose[:3, :3] @ self.force))
 
     def truth(self) -> dict[str, Any]:
-        """Typical size."""
-        return {"peak": quantity(1.5 * self.magnitude, "N")}
+        """Highest force of a tap."""
+        return {"peak": quantity(3.0 * self.size, "N")}
 
     def _plan(self, plant: Plant) -> None:
         self.begin = plant.time + float(self.rng.exponential(2.0))
         self.length = float(self.rng.uniform(0.04, 0.12))
-        self.force = 1.5 * self.magnitude * self.unit_vector()
+        self.force = 3.0 * self.size * self.unit_vector()
         self.point = self.surface_point(plant)
 
 
