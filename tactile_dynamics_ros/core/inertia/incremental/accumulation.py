@@ -8,19 +8,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
 from tactile_dynamics_ros.core.inertia.incremental.config import IncrementalConfig
 from tactile_dynamics_ros.core.inertia.incremental.information import (
     BlockScores,
     SquareRootInformation,
 )
+from tactile_dynamics_ros.core.inertia.incremental.judge import Judge
+from tactile_dynamics_ros.core.inertia.incremental.pipeline import WhiteningPipeline, WhiteRows
 from tactile_dynamics_ros.core.inertia.incremental.residuals import (
-    ResidualBatch,
-    linearise_residuals,
+    LinearisedModel,
+    denoise_motion,
 )
 from tactile_dynamics_ros.core.inertia.incremental.sample_stream import Layout, SampleStream
 from tactile_dynamics_ros.core.inertia.incremental.solver import DivergencePrior, SummarySolver
-from tactile_dynamics_ros.core.inertia.incremental.whitening import StreamWhitener
 from tactile_dynamics_ros.core.inertia.prior import contact_prior
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     dynamic_parameters_from_log_cholesky,
@@ -32,8 +32,6 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _BLOCK_SAMPLES = 25
-_SCALE_SAMPLES = 500
-_CLIP = 9.0
 _ERROR_SAMPLES = 500
 
 
@@ -53,18 +51,16 @@ class Accumulation:
         """
         self._config, self._stream = config, stream
         self.effects = tuple(effects)
+        self.effect_parameters: tuple[tuple[EffectParameter, ...], ...] = ()
         self.start = self.next = start
         self.names = stream.names
         self.assumed: Array | None = None
         self.samples = 0
-        self.rejected = 0
         self.first_time = self.last_time = np.nan
         self.solver: SummarySolver | None = None
-        self._layout: Layout | None = None
-        self._whitener: StreamWhitener | None = None
-        self.effect_parameters: tuple[tuple[EffectParameter, ...], ...] = ()
+        self.judge = Judge(config.huber_threshold, config.outlier_gate)
         self._assumption: tuple[Array, Array] | None = None
-        self._scale = 1.0
+        self._pipeline: WhiteningPipeline | None = None
         self._squared_error = np.zeros(6)
 
     @property
@@ -92,8 +88,8 @@ class Accumulation:
             if found is None:
                 break
             first, last, layout = found
-            self._enter(first, layout)
-            self._take(first, last, layout)
+            if self.solver is not None or self._begin(first, last, layout):
+                self._take(first, last, layout)
             self.next = last
             budget -= last - first
         if self.samples > before and self.solver is not None:
@@ -104,7 +100,7 @@ class Accumulation:
         """Weigh samples as another model's estimate implies, until `resume`."""
         self._assumption = other.state, other.state_covariance()
         self.assumed = other.state[:10]
-        self._scale = other._scale
+        self.judge.scale = other.judge.scale
 
     def resume(self) -> None:
         """Weigh further samples as the own estimate implies."""
@@ -117,110 +113,47 @@ class Accumulation:
         information = self.solver.posterior_information(self.information.factor)
         return np.asarray(jacobian @ np.linalg.solve(information, jacobian.T))
 
-    def _enter(self, first: int, layout: Layout) -> None:
-        """Follow a change of segment or a jump within it."""
-        if self._layout != layout or first > self.next:
-            self._whitener = None
-            self._layout = layout
-
     def _begin(self, first: int, last: int, layout: Layout) -> bool:
         """Place the prior at the first held sample."""
         usable, _ = self._stream.flags(first, last)
         if not usable.any():
             return False
         at = first + int(np.argmax(usable))
-        samples, _ = linearise_residuals(
-            self._stream.windows(at, at + 1, layout),
-            self._stream.contacts(at, at + 1),
-            self._config.window_degree,
-            np.zeros(10),
-        )
+        motion = denoise_motion(
+            self._stream.windows(at, at + 1, layout), self._config.window_degree
+        )[0]
+        samples = motion.samples(self._stream.contacts(at, at + 1))
         self.effect_parameters = tuple(e.parameters(samples) for e in self.effects)
         stds = [p.prior_std for parameters in self.effect_parameters for p in parameters]
-        self._splits = np.cumsum([len(parameters) for parameters in self.effect_parameters])[:-1]
         prior = DivergencePrior(contact_prior(samples).mean, self._config.prior_weight)
         self.solver = SummarySolver(prior, np.array(stds))
         self.information = SquareRootInformation(10 + len(stds))
         self.scores = BlockScores(10 + len(stds), _BLOCK_SAMPLES)
-        self.first_time = float(samples.time[0])
+        self.first_time = self.last_time = float(samples.time[0])
         if self.assumed is None:
             self.assumed = self.state[:10]
         return True
 
     def _take(self, first: int, last: int, layout: Layout) -> None:
-        if self.solver is None and not self._begin(first, last, layout):
-            return
-        if self._whitener is None:
-            self._whitener = StreamWhitener(2 * layout.short, self.information.size)
-        whitener = self._whitener
+        """Pass rows of one segment through the whitening and add what leaves it."""
+        pipeline = self._pipeline
+        if pipeline is None or pipeline.layout != layout or first > self.next:
+            size = self.information.size
+            pipeline = WhiteningPipeline(self._config, self._stream, layout, size, self.judge)
+            self._pipeline = pipeline
         state, covariance = self._assumption or (self.state, self.state_covariance())
-        samples, batch = self._linearise(first, last, layout, state)
-        usable, doubtful = self._stream.flags(first, last)
-        for k in range(last - first):
-            if usable[k]:
-                self._absorb(whitener, batch, k, state, covariance, bool(doubtful[k]))
-            else:
-                whitener.skip()
-        if usable.any():
-            self.last_time = float(samples.time[-1]) + self.first_time
-            self._follow_error(samples, batch, usable)
+        sizes = np.cumsum([len(parameters) for parameters in self.effect_parameters])[:-1]
+        theta = np.split(state[10:], sizes) if self.effects else []
+        model = LinearisedModel(state[:10], self.effects, theta, self.first_time)
+        for rows in pipeline.process(first, last, model, state, covariance):
+            self._add(rows)
 
-    def _linearise(
-        self, first: int, last: int, layout: Layout, state: Array
-    ) -> tuple[WrenchSamples, ResidualBatch]:
-        theta = np.split(state[10:], self._splits) if self.effects else []
-        return linearise_residuals(
-            self._stream.windows(first, last, layout),
-            self._stream.contacts(first, last),
-            self._config.window_degree,
-            state[:10],
-            self.effects,
-            theta,
-            self.first_time,
-        )
-
-    def _absorb(
-        self,
-        whitener: StreamWhitener,
-        batch: ResidualBatch,
-        k: int,
-        state: Array,
-        covariance: Array,
-        doubtful: bool,
-    ) -> None:
-        """Whiten one sample, judge its innovation and add what it is worth."""
-        values = np.concatenate([batch.jacobian[k], batch.residual[k][:, None]], axis=1)
-        noise = batch.pose_noise[k]
-        white, row = whitener.predict(noise, batch.contact_covariance[k], values)
-        jacobian, innovation = white[:, :-1], white[:, -1]
-        spread = np.eye(6) + jacobian @ covariance @ jacobian.T
-        square = float(innovation @ np.linalg.solve(spread, innovation)) / 6.0
-        keep = self._weight(square, doubtful)
-        white[:, -1] *= keep
-        whitener.commit(noise, row, white)
-        if keep == 0.0:
-            self.rejected += 1
-            return
-        root = np.sqrt(keep)
-        target = root * (jacobian @ state) - innovation * root
-        self.information.add(root * jacobian, target)
-        self.scores.add(root * jacobian, target)
-        self.samples += 1
-
-    def _weight(self, square: float, doubtful: bool) -> float:
-        """Share of an innovation that is believed, given its mean square deviation."""
-        relative = float(np.sqrt(square / self._scale))
-        gate = self._config.huber_threshold if doubtful else self._config.outlier_gate
-        if not doubtful:
-            change = min(square, _CLIP * self._scale) - self._scale
-            self._scale = max(1.0, self._scale + change / _SCALE_SAMPLES)
-        if relative > gate:
-            return 0.0
-        return min(1.0, self._config.huber_threshold / max(relative, 1e-9))
-
-    def _follow_error(
-        self, samples: WrenchSamples, batch: ResidualBatch, usable: NDArray[np.bool_]
-    ) -> None:
-        gain = min(1.0, usable.sum() / max(min(self.samples, _ERROR_SAMPLES), 1))
-        new = np.mean(batch.residual[usable] ** 2, axis=0)
-        self._squared_error = self._squared_error + gain * (new - self._squared_error)
+    def _add(self, rows: WhiteRows) -> None:
+        if rows.weight > 0.0:
+            root = np.sqrt(rows.weight)
+            self.information.add(root * rows.jacobian, root * rows.target)
+            self.scores.add(root * rows.jacobian, root * rows.target)
+            self.samples += 1
+            gain = 1.0 / min(self.samples, _ERROR_SAMPLES)
+            self._squared_error += gain * (rows.residual**2 - self._squared_error)
+        self.last_time = rows.time

@@ -105,7 +105,9 @@ class ContactQueue:
         gap = self._times[right] - self._times[right - 1]
         before, after = self._readings[right - 1], self._readings[right]
         if gap > _SILENCE_PERIODS * max(self._period, 1e-6) and gap > grid_period:
-            loaded = min(np.linalg.norm(r.force) + np.linalg.norm(r.torque) for r in (before, after))
+            loaded = min(
+                np.linalg.norm(r.force) + np.linalg.norm(r.torque) for r in (before, after)
+            )
             return _missing(before) if loaded > _LOADED * self.last_load > 0 else None
         if not (before.in_contact and after.in_contact):
             nearer = before if time - self._times[right - 1] < 0.5 * gap else after

@@ -138,7 +138,7 @@ def summarise(model: Accumulation, latency: float, pending: int) -> LiveEstimate
         converged=True,
         time=model.last_time,
         directions=data_directions(mapped, data, prior),
-        rejected=model.rejected,
+        rejected=model.judge.rejected,
         latency=latency,
         pending=pending,
     )

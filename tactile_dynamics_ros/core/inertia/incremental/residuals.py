@@ -7,12 +7,11 @@ is G (z - truth) exactly to first order and the regressor Y(x) hardly shares it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.contact.wrench_samples import GRAVITY_W, WrenchSamples
@@ -24,6 +23,8 @@ if TYPE_CHECKING:
     from tactile_dynamics_ros.core.effects.effect import Effect
 
 Array = NDArray[np.float64]
+
+_CONTACT_FIELDS = ("point", "rotation", "force", "torque", "std", "in_contact")
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,7 @@ class PoseWindows:
 class ContactRows:
     """B samples of C contacts, world axes (see `ContactReading`); absent contacts are zero.
 
-    `torque_std` (C,) N m is zero for contacts that carry no torque; `point_std` is in m.
+    `torque_std` (C,) N m is zero for contacts that carry no torque; `point_std` (C,) is in m.
     """
 
     names: tuple[str, ...]
@@ -58,7 +59,98 @@ class ContactRows:
     std: Array
     in_contact: NDArray[np.bool_]
     torque_std: Array
-    point_std: float
+    point_std: Array
+
+    def row(self, k: int) -> ContactRows:
+        """Sample k alone."""
+        return self._map(lambda values: values[k : k + 1])
+
+    def corrected(self, forces: Array) -> ContactRows:
+        """Return the readings with forces moved by (B, 3 C) N, world axes."""
+        moved = self.force + forces.reshape(self.force.shape) * self.in_contact[..., None]
+        return replace(self, force=moved)
+
+    @staticmethod
+    def stack(rows: Sequence[ContactRows]) -> ContactRows:
+        """Join samples of the same contacts."""
+        if len(rows) == 1:
+            return rows[0]
+        newest = rows[-1]
+        fields = {
+            name: np.concatenate([_padded(getattr(r, name), len(newest.names)) for r in rows])
+            for name in _CONTACT_FIELDS
+        }
+        return replace(newest, **fields)
+
+    def _map(self, function: Callable[[Array], Array]) -> ContactRows:
+        return replace(self, **{name: function(getattr(self, name)) for name in _CONTACT_FIELDS})
+
+
+@dataclass(frozen=True)
+class DenoisedMotion:
+    """Motion of B samples, world axes, read from long windows.
+
+    Attributes:
+        time: (B,) s.
+        rotation: (B, 3, 3) R_WO.
+        rates: (B, 3, 3) zero, angular velocity and acceleration.
+        linear: (B, 3, 3) position, velocity and acceleration of the origin.
+        response: (B, W, 6, 18) of [rotation, angular velocity, angular acceleration, position,
+            velocity, acceleration] to one deviation of each pose in the window.
+    """
+
+    time: Array
+    rotation: Array
+    rates: Array
+    linear: Array
+    response: Array
+
+    def corrected(self, correction: Array) -> DenoisedMotion:
+        """Return the motion moved by corrections (B, 18) in the order of `response`."""
+        steps = correction.reshape(-1, 2, 3, 3)
+        rotation = exp_so3(steps[:, 0, 0]) @ self.rotation
+        rates = self.rates + steps[:, 0]
+        rates[:, 0] = 0.0
+        linear = self.linear + steps[:, 1]
+        return DenoisedMotion(self.time, rotation, rates, linear, self.response)
+
+    def row(self, k: int) -> DenoisedMotion:
+        """Sample k alone."""
+        return DenoisedMotion(*(value[k : k + 1] for value in vars(self).values()))
+
+    @staticmethod
+    def stack(rows: Sequence[DenoisedMotion]) -> DenoisedMotion:
+        """Join samples."""
+        if len(rows) == 1:
+            return rows[0]
+        columns = zip(*(vars(row).values() for row in rows), strict=True)
+        return DenoisedMotion(*(np.concatenate(column) for column in columns))
+
+    def samples(self, contacts: ContactRows, origin: float = 0.0) -> WrenchSamples:
+        """Newton-Euler quantities with the contacts' readings; times relative to `origin`."""
+        to_body = np.swapaxes(self.rotation, 1, 2)
+
+        def body(vectors: Array) -> Array:
+            return np.asarray((to_body[:, None] @ vectors[..., None])[..., 0])
+
+        omega, alpha = np.moveaxis(body(self.rates[:, 1:]), 1, 0)
+        loaded = contacts.in_contact[..., None]
+        return WrenchSamples(
+            time=self.time - origin,
+            position=self.linear[:, 0],
+            rotation=self.rotation,
+            velocity=self.linear[:, 1],
+            acceleration=self.linear[:, 2],
+            angular_velocity=omega,
+            angular_acceleration=alpha,
+            contact_names=contacts.names,
+            contact_point=body((contacts.point - self.linear[:, None, 0]) * loaded),
+            contact_rotation=to_body[:, None] @ contacts.rotation,
+            contact_force=body(contacts.force),
+            contact_torque=body(contacts.torque),
+            in_contact=contacts.in_contact,
+            gravity=GRAVITY_W,
+        )
 
 
 @dataclass(frozen=True)
@@ -66,16 +158,56 @@ class ResidualBatch:
     """Linearised residuals r(x0 + dx) = residual + jacobian dx of B samples.
 
     Attributes:
+        motion: denoised.
         jacobian: (B, 6, n) with respect to [phi, theta].
         residual: (B, 6) at x0, [torque, force], body frame.
         pose_noise: (B, 6, 6 (2 short + 1)) response to one deviation of each pose in the window.
         contact_covariance: (B, 6, 6).
     """
 
+    motion: DenoisedMotion
     jacobian: Array
     residual: Array
     pose_noise: Array
     contact_covariance: Array
+
+
+@dataclass(frozen=True)
+class LinearisedModel:
+    """Rigid body and effects at one value of their parameters.
+
+    Attributes:
+        phi: (10,) dynamic parameters.
+        effects: of the model.
+        theta: their parameters.
+        origin: s, zero of the times that effects see.
+    """
+
+    phi: Array
+    effects: Sequence[Effect]
+    theta: Sequence[Array]
+    origin: float
+
+    def residual(self, samples: WrenchSamples) -> Array:
+        """E = Y phi - w - sum Delta, (B, 6)."""
+        value = _regressor(samples) @ self.phi - samples.measured_wrench
+        for effect, theta in zip(self.effects, self.theta, strict=True):
+            value = value - effect.wrench(samples, self.phi, theta)
+        return np.asarray(value)
+
+    def jacobian(self, samples: WrenchSamples) -> Array:
+        """Derivative of the residual by [phi, theta], (B, 6, n)."""
+        columns = [_regressor(samples)]
+        for effect, theta in zip(self.effects, self.theta, strict=True):
+            columns[0] = columns[0] - effect.inertia_jacobian(samples, self.phi, theta)
+            columns.append(-effect.jacobian(samples, self.phi, theta))
+        return np.concatenate(columns, axis=2)
+
+
+def _regressor(samples: WrenchSamples) -> Array:
+    return regressor(
+        samples.specific_acceleration, samples.angular_velocity, samples.angular_acceleration
+    )
 
 
 def derivative_weights(offset: Array, degree: int) -> Array:
@@ -103,36 +235,6 @@ def _centred_rotation(windows: PoseWindows, weights: Array) -> tuple[Array, Arra
     return centre, local
 
 
-def _samples(
-    windows: PoseWindows, contacts: ContactRows, rotation: Array, rates: Array, linear: Array
-) -> WrenchSamples:
-    """Samples at the denoised motion; rates (B, 3, 3) of rotation vectors, linear of position."""
-    to_body = np.swapaxes(rotation, 1, 2)
-
-    def body(vectors: Array) -> Array:
-        return np.asarray((to_body[:, None] @ vectors[..., None])[..., 0])
-
-    omega, alpha = np.moveaxis(body(rates[:, 1:]), 1, 0)
-    middle = windows.time.shape[1] // 2
-    loaded = contacts.in_contact[..., None]
-    return WrenchSamples(
-        time=windows.time[:, middle],
-        position=linear[:, 0],
-        rotation=rotation,
-        velocity=linear[:, 1],
-        acceleration=linear[:, 2],
-        angular_velocity=omega,
-        angular_acceleration=alpha,
-        contact_names=contacts.names,
-        contact_point=body((contacts.point - linear[:, None, 0]) * loaded),
-        contact_rotation=to_body[:, None] @ contacts.rotation,
-        contact_force=body(contacts.force),
-        contact_torque=body(contacts.torque),
-        in_contact=contacts.in_contact,
-        gravity=GRAVITY_W,
-    )
-
-
 def contact_covariance(samples: WrenchSamples, contacts: ContactRows) -> Array:
     """Covariance (B, 6, 6) of the residual from noise of forces, torques and contact points."""
     to_body = np.swapaxes(samples.rotation, 1, 2)[:, None]
@@ -140,10 +242,30 @@ def contact_covariance(samples: WrenchSamples, contacts: ContactRows) -> Array:
     by_force = to_body * (contacts.std * loaded[..., None])[:, :, None]
     factors = np.concatenate([skew(samples.contact_point) @ by_force, by_force], axis=2)
     covariance = np.einsum("bcij,bckj->bik", factors, factors, optimize=True)
-    arm = contacts.point_std * skew(samples.contact_force)
+    arm = contacts.point_std[:, None, None] * skew(samples.contact_force)
     covariance[:, :3, :3] += np.einsum("bcij,bckj->bik", arm, arm)
     covariance[:, :3, :3] += (loaded @ contacts.torque_std**2)[:, None, None] * np.eye(3)
     return np.asarray(covariance)
+
+
+def contact_noise_response(motion: DenoisedMotion, contacts: ContactRows) -> Array:
+    """Covariance (6, 3 C) of one sample's residual with its measured forces, world axes."""
+    samples = motion.samples(contacts)
+    variance = contacts.std[0] ** 2 * samples.in_contact[0, :, None]
+    to_body = samples.rotation[0].T
+    by_force = -np.concatenate(
+        [skew(samples.contact_point[0]) @ to_body, np.broadcast_to(to_body, (len(variance), 3, 3))],
+        axis=1,
+    )
+    return np.asarray(np.moveaxis(by_force * variance[:, None], 0, 1).reshape(6, -1))
+
+
+def _padded(values: Array, count: int) -> Array:
+    """Values of C contacts extended by absent ones."""
+    missing = count - values.shape[1]
+    if missing == 0:
+        return values
+    return np.pad(values, [(0, 0), (0, missing)] + [(0, 0)] * (values.ndim - 2))
 
 
 def _inner(windows: PoseWindows) -> slice:
@@ -151,12 +273,11 @@ def _inner(windows: PoseWindows) -> slice:
     return slice(middle - windows.short, middle + windows.short + 1)
 
 
-def _denoise(
-    windows: PoseWindows, contacts: ContactRows, degree: int
-) -> tuple[WrenchSamples, Array, Array]:
-    """Samples at the denoised motion, the short weights (B, 3, w) and short minus long readings.
+def denoise_motion(windows: PoseWindows, degree: int) -> tuple[DenoisedMotion, Array, Array]:
+    """Motion of the long windows, the short weights and the short minus the long readings.
 
-    The last, (B, 2, 3, 3), are values and derivatives of [rotation, position].
+    Returns:
+        The motion, (B, 3, w) weights and (B, 2, 3, 3) differences of [rotation, position].
     """
     middle, inner = windows.time.shape[1] // 2, _inner(windows)
     offset = windows.time - windows.time[:, middle, None]
@@ -169,49 +290,45 @@ def _denoise(
     steps = np.stack([weights @ local[:, inner], weights @ shift[:, inner]], axis=1)
     steps -= np.stack([rates, linear], axis=1)
     linear[:, 0] += centre[:, 0]
-    return _samples(windows, contacts, rotation, rates, linear), weights, steps
+    rates[:, 0] = 0.0
+    response = _pose_response(long_weights, windows.noise)
+    motion = DenoisedMotion(windows.time[:, middle], rotation, rates, linear, response)
+    return motion, weights, steps
+
+
+def _pose_response(weights: Array, noise: Array) -> Array:
+    """(B, W, 6, 18) from weights (B, 3, W) and noise factors (B, W, 2, 3, 3)."""
+    count, _, width = weights.shape
+    response = np.zeros((count, width, 2, 3, 2, 3, 3))
+    by_order = np.einsum("bok,bksie->bskeoi", weights, noise)
+    for signal in range(2):
+        response[:, :, signal, :, signal] = by_order[:, signal]
+    return response.reshape(count, width, 6, 18)
 
 
 def linearise_residuals(
-    windows: PoseWindows,
-    contacts: ContactRows,
-    degree: int,
-    phi: Array,
-    effects: Sequence[Effect] = (),
-    theta: Sequence[Array] = (),
-    origin: float = 0.0,
-) -> tuple[WrenchSamples, ResidualBatch]:
-    """Residuals e = Y phi - w - sum Delta of B samples and how they move with x0 and noise.
+    windows: PoseWindows, contacts: ContactRows, degree: int, model: LinearisedModel
+) -> ResidualBatch:
+    """Residuals e = Y phi - w - sum Delta of B samples and how they move with noise.
 
     Args:
         windows: poses around the samples.
         contacts: the samples' contacts.
         degree: of the local polynomials.
-        phi: (10,) dynamic parameters to linearise at.
-        effects: of the model.
-        theta: their parameters, likewise.
-        origin: s, subtracted from the times that effects see.
+        model: at the parameters to linearise at.
     """
-    samples, weights, steps = _denoise(windows, contacts, degree)
-    sensitivity = motion_sensitivity(samples, phi, False, False)
+    motion, weights, steps = denoise_motion(windows, degree)
+    samples = motion.samples(contacts, model.origin)
+    sensitivity = motion_sensitivity(samples, model.phi, False, False)
     response = np.stack([sensitivity["orientation"], sensitivity["position"]], axis=1)
-    matrix = regressor(
-        samples.specific_acceleration, samples.angular_velocity, samples.angular_acceleration
-    )
-    residual = matrix @ phi - samples.measured_wrench
-    residual = residual + np.einsum("bsoij,bsoj->bi", response, steps)
-    columns = [matrix]
-    seen = replace(samples, time=samples.time - origin)
-    for effect, value in zip(effects, theta, strict=True):
-        residual = residual - effect.wrench(seen, phi, value)
-        columns[0] = columns[0] - effect.inertia_jacobian(seen, phi, value)
-        columns.append(-effect.jacobian(seen, phi, value))
     per_pose = np.einsum("bok,bsoij->bkisj", weights, response, optimize=True)
     noise = np.einsum(
         "bkisj,bksjl->biksl", per_pose, windows.noise[:, _inner(windows)], optimize=True
     )
-    return seen, ResidualBatch(
-        np.concatenate(columns, axis=2),
+    residual = model.residual(samples) + np.einsum("bsoij,bsoj->bi", response, steps)
+    return ResidualBatch(
+        motion,
+        model.jacobian(samples),
         residual,
         noise.reshape(len(residual), 6, -1),
         contact_covariance(samples, contacts),

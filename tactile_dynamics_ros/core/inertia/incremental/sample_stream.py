@@ -28,6 +28,7 @@ _NOISE_EVERY = 50
 _OVERSTATED = 0.7
 _NOISE_FLOOR = (1e-5, 1e-6)
 _LOADED_NEWTON = 0.3
+_POINT_STD_FLOOR = 1e-5
 
 
 @dataclass(frozen=True)
@@ -74,6 +75,7 @@ class SampleStream:
         self._layouts: list[Layout] = []
         self._segment_start = 0
         self._noise_scale = np.ones(2)
+        self._point_std = np.full(MAXIMUM_CONTACTS, config.point_std)
         self.problems: Counter[str] = Counter()
 
     @property
@@ -193,7 +195,7 @@ class SampleStream:
             rows("std"),
             rows("in_contact") > 0.0,
             np.array(torque_std),
-            self._config.point_std,
+            self._point_std[:count],
         )
 
     def flags(self, first: int, last: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
@@ -268,6 +270,19 @@ class SampleStream:
         power = np.median(np.einsum("nsij,nsij->ns", noise, noise), axis=0)
         ratio = np.maximum(seen, _NOISE_FLOOR) / np.sqrt(power / 3.0)
         self._noise_scale = np.where(ratio < _OVERSTATED, ratio, 1.0)
+        self._measure_point_noise()
+
+    def _measure_point_noise(self) -> None:
+        """Scatter of each contact point, at least what the configuration states."""
+        end = self._contacts.end
+        first = max(self._segment_start, self._contacts.start, end - _NOISE_POSES)
+        time = self._poses.rows("time", first, end)
+        for slot in range(len(self._queues)):
+            held = self._contacts.rows("in_contact", first, end)[:, slot] > 0.0
+            point = self._contacts.rows("point", first, end)[:, slot]
+            std = white_noise_std(time[held], point[held])
+            if held.sum() >= _NOISE_EVERY and std > _POINT_STD_FLOOR:
+                self._point_std[slot] = max(std, self._config.point_std)
 
 
 def _blank_row() -> dict[str, Array | float]:

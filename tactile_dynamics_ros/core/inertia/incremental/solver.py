@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.core.inertia.least_squares import levenberg_marquardt
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     dynamic_parameters_from_log_cholesky,
-    log_cholesky,
     log_cholesky_jacobian,
 )
 
@@ -248,10 +247,10 @@ class SummarySolver:
         return gtsam.CustomFactor(gtsam.noiseModel.Unit.Create(len(target)), keys, error)
 
 
-def _summary_error(
-    xi: Array, theta: Array, factor: Array, target: Array
-) -> tuple[Array, Array]:
+def _summary_error(xi: Array, theta: Array, factor: Array, target: Array) -> tuple[Array, Array]:
     """R [phi(xi), theta] - d and its derivative by xi."""
     phi = dynamic_parameters_from_log_cholesky(xi)
     by_inertia = factor[:, :10]
-    return by_inertia @ phi + factor[:, 10:] @ theta - target, by_inertia @ log_cholesky_jacobian(xi)
+    return by_inertia @ phi + factor[:, 10:] @ theta - target, by_inertia @ log_cholesky_jacobian(
+        xi
+    )

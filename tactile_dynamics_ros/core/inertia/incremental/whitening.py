@@ -85,3 +85,22 @@ class StreamWhitener:
         self._noise[:-_BLOCK, :-_BLOCK] = self._noise[_BLOCK:, _BLOCK:].copy()
         self._factor[:-_BLOCK, :-_BLOCK] = self._factor[_BLOCK:, _BLOCK:].copy()
         self._white[:-_BLOCK] = self._white[_BLOCK:].copy()
+
+
+class DelayedSubstitution:
+    """The same forward substitution for columns that become known later, with rows of L kept."""
+
+    def __init__(self, bandwidth: int, columns: int) -> None:
+        """Start without memory; see `StreamWhitener`."""
+        self._white = np.zeros((bandwidth * _BLOCK, columns))
+
+    def whiten(self, factor_row: Array, values: Array) -> Array:
+        """Whiten the next block row, (6, m), without remembering it."""
+        known = values - factor_row[:, :-_BLOCK] @ self._white
+        white, _ = lapack.dtrtrs(factor_row[:, -_BLOCK:], known, lower=1)
+        return np.asarray(white)
+
+    def remember(self, white: Array) -> None:
+        """Make whitened columns (6, m) part of the memory."""
+        self._white[:-_BLOCK] = self._white[_BLOCK:].copy()
+        self._white[-_BLOCK:] = white

@@ -1,0 +1,188 @@
+"""From raw samples to white rows: causal whitening, then regressors with a fixed lag."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.inertia.incremental.config import IncrementalConfig
+from tactile_dynamics_ros.core.inertia.incremental.decorrelation import Decorrelator
+from tactile_dynamics_ros.core.inertia.incremental.judge import Judge
+from tactile_dynamics_ros.core.inertia.incremental.residuals import (
+    ContactRows,
+    DenoisedMotion,
+    LinearisedModel,
+    ResidualBatch,
+    contact_noise_response,
+    linearise_residuals,
+)
+from tactile_dynamics_ros.core.inertia.incremental.sample_stream import Layout, SampleStream
+from tactile_dynamics_ros.core.inertia.incremental.whitening import (
+    DelayedSubstitution,
+    StreamWhitener,
+)
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class WhiteRows:
+    """One sample's white rows |J x - t|^2.
+
+    Attributes:
+        time: s.
+        jacobian: (6, n); target: (6,).
+        weight: share of it that is believed, 0 to 1.
+        residual: (6,) unwhitened, at the parameters it was linearised at.
+    """
+
+    time: float
+    jacobian: Array
+    target: Array
+    weight: float
+    residual: Array
+
+
+@dataclass(frozen=True)
+class _Record:
+    """A sample between the two stages."""
+
+    motion: DenoisedMotion
+    contacts: ContactRows
+    residual: Array
+    state: Array
+    factor_row: Array
+    weight: float
+
+
+class WhiteningPipeline:
+    """Whitening of one gapless segment of samples.
+
+    A residual is whitened at once, with a provisional regressor that serves to judge it. Its final
+    regressor, independent of the residuals' noise, is known `lag` samples later.
+    """
+
+    def __init__(
+        self,
+        config: IncrementalConfig,
+        stream: SampleStream,
+        layout: Layout,
+        size: int,
+        judge: Judge,
+    ) -> None:
+        """Start at the beginning of a segment.
+
+        Args:
+            config: of the estimator.
+            stream: of raw samples.
+            layout: of the segment.
+            size: n, number of parameters.
+            judge: of innovations.
+        """
+        self.layout = layout
+        self._config, self._stream, self._judge = config, stream, judge
+        self._whitener = StreamWhitener(2 * layout.short, size)
+        self._decorrelator = Decorrelator[_Record](layout.short, layout.long)
+        self._substitution = DelayedSubstitution(2 * layout.short, size + 1)
+        self._size = size
+
+    def process(
+        self, first: int, last: int, model: LinearisedModel, state: Array, covariance: Array
+    ) -> Iterator[WhiteRows]:
+        """Take rows first <= k < last and yield the white rows that become complete.
+
+        Args:
+            first: running number.
+            last: running number, exclusive.
+            model: at `state`.
+            state: (n,) parameters to linearise at.
+            covariance: (n, n) of the state, for judging innovations.
+        """
+        contacts = self._stream.contacts(first, last)
+        windows = self._stream.windows(first, last, self.layout)
+        batch = linearise_residuals(windows, contacts, self._config.window_degree, model)
+        usable, doubtful = self._stream.flags(first, last)
+        complete: list[tuple[_Record, Array] | None] = []
+        for k in range(last - first):
+            if usable[k]:
+                self._judge_row(batch, contacts, k, state, covariance, bool(doubtful[k]))
+            else:
+                self._whitener.skip()
+                self._decorrelator.skip()
+            complete.append(self._centre(bool(model.effects)))
+        yield from self._finish(complete, model)
+
+    def _judge_row(
+        self,
+        batch: ResidualBatch,
+        contacts: ContactRows,
+        k: int,
+        state: Array,
+        covariance: Array,
+        doubtful: bool,
+    ) -> None:
+        values = np.concatenate([batch.jacobian[k], batch.residual[k][:, None]], axis=1)
+        noise = batch.pose_noise[k]
+        white, row = self._whitener.predict(noise, batch.contact_covariance[k], values)
+        jacobian, innovation = white[:, :-1], white[:, -1]
+        spread = np.eye(6) + jacobian @ covariance @ jacobian.T
+        square = float(innovation @ np.linalg.solve(spread, innovation)) / 6.0
+        weight = self._judge.weigh(square, doubtful)
+        white[:, -1] *= weight
+        self._whitener.commit(noise, row, white)
+        record = _Record(
+            batch.motion.row(k), contacts.row(k), batch.residual[k], state, row, weight
+        )
+        self._decorrelator.push(noise, row, white[:, -1], record)
+
+    def _centre(self, with_forces: bool) -> tuple[_Record, Array] | None:
+        record = self._decorrelator.centre
+        if record is None:
+            return None
+        own = np.zeros((6, 0))
+        if with_forces:
+            own = contact_noise_response(record.motion, record.contacts)
+        return record, self._decorrelator.correction(record.motion.response[0], own)
+
+    def _finish(
+        self, complete: list[tuple[_Record, Array] | None], model: LinearisedModel
+    ) -> Iterator[WhiteRows]:
+        """Final regressors of the centre rows, whitened with the rows of L kept."""
+        found = [item for item in complete if item is not None]
+        if not found:
+            for _ in complete:
+                self._substitution.remember(np.zeros((6, self._size + 1)))
+            return
+        jacobians = iter(self._jacobians(found, model))
+        for item in complete:
+            if item is None:
+                self._substitution.remember(np.zeros((6, self._size + 1)))
+                continue
+            yield self._white_rows(item[0], next(jacobians))
+
+    def _jacobians(self, found: list[tuple[_Record, Array]], model: LinearisedModel) -> Array:
+        corrections = np.stack([correction for _, correction in found])
+        motion = DenoisedMotion.stack([record.motion for record, _ in found])
+        contacts = ContactRows.stack([record.contacts for record, _ in found])
+        if model.effects:
+            contacts = contacts.corrected(corrections[:, 18:])
+        return model.jacobian(motion.corrected(corrections[:, :18]).samples(contacts, model.origin))
+
+    def _white_rows(self, record: _Record, jacobian: Array) -> WhiteRows:
+        target = jacobian @ record.state - record.residual
+        values = np.concatenate([jacobian, target[:, None]], axis=1)
+        white = self._substitution.whiten(record.factor_row, values)
+        remembered = white.copy()
+        predicted = white[:, :-1] @ record.state
+        remembered[:, -1] += (1.0 - record.weight) * (predicted - white[:, -1])
+        self._substitution.remember(remembered)
+        return WhiteRows(
+            float(record.motion.time[0]),
+            white[:, :-1],
+            white[:, -1],
+            record.weight,
+            record.residual,
+        )
