@@ -93,7 +93,7 @@ def _whiten(
     phi = dynamic_parameters_from_log_cholesky(xi)
     blocks = []
     for problem in problems:
-        linearisation = problem.linearise(phi)
+        linearisation = problem.linearise(phi, effects, theta)
         residual = linearisation.whiten(problem.residual(phi, effects, theta))
         by_phi = problem.regressor.copy()
         for effect, value in zip(effects, theta, strict=True):

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,7 +13,12 @@ from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import inertia_matrix
 from tactile_dynamics_ros.core.rigid_body.rotation import skew
 
+if TYPE_CHECKING:
+    from tactile_dynamics_ros.core.effects.effect import Effect
+
 Array = NDArray[np.float64]
+
+_FORCE_STEP = 1e-3
 
 
 def body_sensitivity(samples: WrenchSamples, phi: Array) -> tuple[Array, Array, Array]:
@@ -72,3 +81,34 @@ def contact_sensitivity(samples: WrenchSamples, contact: int) -> dict[str, Array
     by_torque = np.concatenate([-to_body, zero], axis=1)
     by_point = np.concatenate([skew(samples.contact_force[:, contact]) @ to_body, zero], axis=1)
     return {"force": by_force[:, None], "torque": by_torque[:, None], "point": by_point[:, None]}
+
+
+def force_sensitivity_of_effects(
+    samples: WrenchSamples, phi: Array, effects: Sequence[Effect], theta: Sequence[Array]
+) -> dict[str, Array]:
+    """Derivatives (N, 1, 6, 3) of -sum Delta by the world-frame force of each contact.
+
+    A gain or a rotation of a sensor scales its noise as well: without this part a large gain would
+    seem to remove the residual. By differences of 1 mN, exact for effects linear in the forces.
+
+    Returns:
+        By signal name ``force:<contact>``; contacts on whose force no effect depends are left out.
+    """
+    found: dict[str, Array] = {}
+    to_body = np.swapaxes(samples.rotation, 1, 2)
+    for effect, value in zip(effects, theta, strict=True):
+        start = effect.wrench(samples, phi, value)
+        for index, contact in enumerate(samples.contact_names):
+            columns = []
+            for axis in np.eye(3):
+                force = samples.contact_force.copy()
+                force[:, index] += _FORCE_STEP * axis * samples.in_contact[:, index, None]
+                moved = effect.wrench(replace(samples, contact_force=force), phi, value)
+                columns.append((start - moved) / _FORCE_STEP)
+                if not columns[0].any():
+                    break
+            if columns[0].any():
+                by_force = np.stack(columns, axis=2) @ to_body
+                name = f"force:{contact}"
+                found[name] = found.get(name, 0.0) + by_force[:, None]
+    return found

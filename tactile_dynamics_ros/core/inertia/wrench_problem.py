@@ -32,7 +32,11 @@ from tactile_dynamics_ros.core.inertia.contact_grid import (
 )
 from tactile_dynamics_ros.core.inertia.latent import LatentSignal
 from tactile_dynamics_ros.core.inertia.motion import Motion, MotionSignals, motion_signals
-from tactile_dynamics_ros.core.inertia.sensitivity import contact_sensitivity, motion_sensitivity
+from tactile_dynamics_ros.core.inertia.sensitivity import (
+    contact_sensitivity,
+    force_sensitivity_of_effects,
+    motion_sensitivity,
+)
 from tactile_dynamics_ros.core.rigid_body.newton_euler import regressor
 from tactile_dynamics_ros.core.streams import Streams
 
@@ -206,10 +210,15 @@ class WrenchProblem:
             value = value - effect.wrench(self.samples, phi, parameters)
         return np.asarray(value)
 
-    def linearise(self, phi: Array) -> Linearisation:
-        """Covariance and whitening of the residual for given dynamic parameters."""
+    def linearise(
+        self, phi: Array, effects: Sequence[Effect] = (), theta: Sequence[Array] = ()
+    ) -> Linearisation:
+        """Covariance and whitening of the residual for given parameters."""
+        by_force = force_sensitivity_of_effects(self.samples, phi, effects, theta)
         names, matrices, factors = [], [], []
         for name, signal, sensitivity in self._signals(phi):
+            if name in by_force:
+                sensitivity = sensitivity + by_force[name]
             names.append(name)
             matrices.append(self._select(signal).scaled_sensitivity(sensitivity))
             factors.append(signal.noise_factor)
