@@ -13,15 +13,13 @@ from tactile_dynamics_ros.cli.recordings import (
     read_effects,
     read_recording,
 )
-from tactile_dynamics_ros.cli.text_table import align_rows, with_uncertainty
+from tactile_dynamics_ros.cli.text_table import align_rows
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
+from tactile_dynamics_ros.report.numbers import parameter_rows
 
 if TYPE_CHECKING:
     from tactile_dynamics_ros.core.inertia.estimate import InertialEstimate
     from tactile_dynamics_ros.recording import Recording
-
-MILLI, MICRO = 1e3, 1e6
-AXES = "xyz"
 
 
 def add_parser(verbs: _SubParsersAction[Any]) -> None:
@@ -43,7 +41,7 @@ def run(args: Namespace) -> int:
     estimate = model.to_estimate()
     print(json.dumps(estimate.to_json()) if args.json else _describe(recording, estimate))
     if args.out:
-        from tactile_dynamics_ros.report import write_estimate_report
+        from tactile_dynamics_ros.report.estimate_report import write_estimate_report
 
         page = write_estimate_report(recording, model, Path(args.out))
         print(f"report: {page}", file=sys.stderr)
@@ -72,7 +70,7 @@ def _require_determined(estimate: InertialEstimate) -> None:
 def _describe(recording: Recording, estimate: InertialEstimate) -> str:
     """Return the estimate for people."""
     names = ", ".join(recording.streams.contacts)
-    rows = [("", "value", "std", "unit"), *_inertial_rows(estimate), *_effect_rows(estimate)]
+    rows = [("", "value", "std", "unit"), *parameter_rows(estimate)]
     error = estimate.error
     return "\n".join(
         [
@@ -83,38 +81,3 @@ def _describe(recording: Recording, estimate: InertialEstimate) -> str:
             f"{error.force_rms_n:.3g} N, {error.torque_rms_nm:.3g} N m",
         ]
     )
-
-
-def _inertial_rows(estimate: InertialEstimate) -> list[tuple[str, ...]]:
-    """Return one row per inertial parameter; a star marks what the motion leaves open."""
-    std, body = estimate.parameter_std, estimate.inertia
-    rows = [_row("mass", body.mass, std[0], "kg")]
-    rows += [
-        _row(f"com_{axis}", MILLI * body.com[k], MILLI * std[1 + k], "mm")
-        for k, axis in enumerate(AXES)
-    ]
-    pairs = [(0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)]
-    rows += [
-        _row(
-            f"inertia_{AXES[i]}{AXES[j]}",
-            MICRO * body.inertia_com[i, j],
-            MICRO * std[4 + k],
-            "kg mm^2",
-        )
-        for k, (i, j) in enumerate(pairs)
-    ]
-    return [(f"{row[0]} *" if row[0] in estimate.not_excited else row[0], *row[1:]) for row in rows]
-
-
-def _effect_rows(estimate: InertialEstimate) -> list[tuple[str, ...]]:
-    """Return one row per parameter of every added effect."""
-    return [
-        _row(f"{name} {key}", effect.value[key], effect.std[key], effect.unit[key])
-        for name, effect in estimate.effects.items()
-        for key in effect.value
-    ]
-
-
-def _row(name: str, value: float, std: float, unit: str) -> tuple[str, ...]:
-    """Return the cells of one parameter."""
-    return (name, *with_uncertainty(float(value), float(std)), unit)

@@ -10,8 +10,8 @@ import pytest
 from synthetic_recording import COM, INERTIA_COM, MASS, held_box
 
 from tactile_dynamics_ros.cli.main import main
-from tactile_dynamics_ros.cli.text_table import with_uncertainty
 from tactile_dynamics_ros.recording import Recording
+from tactile_dynamics_ros.report.numbers import with_uncertainty
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,225 @@
+"""Figures of model error: how it falls, where it sits, which effect would explain it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.report.estimates import draw_vector
+from tactile_dynamics_ros.report.style import (
+    AXIS_COLOURS,
+    BLUE,
+    FAINT,
+    GREY,
+    INK,
+    ORANGE,
+    QUIET,
+    RED,
+    label_lines,
+    new_figure,
+)
+
+Array = NDArray[np.float64]
+
+_MOST_CANDIDATES = 10
+_MOST_PLACES = 8
+_BAR = 0.62
+
+
+def draw_error_steps(steps: Sequence[Mapping[str, Any]], noise_floor: float = 1.0) -> Figure:
+    """Draw how the error falls while effects are added.
+
+    Args:
+        steps: ``{"added": effect or None, "error": whitened RMS}`` in order.
+        noise_floor: whitened RMS where only noise remains.
+    """
+    figure = new_figure(2.7, min(9.0, 3.0 + 1.5 * len(steps)))
+    axes = figure.subplots()
+    errors = np.array([float(step["error"]) for step in steps])
+    places = np.arange(len(errors))
+    last = len(errors) - 1
+    axes.bar(places, errors, _BAR, color=[BLUE if k == last else GREY for k in places])
+    for place, error in zip(places, errors, strict=True):
+        axes.annotate(
+            f"{error:.2f}", (place, error), (0, 3), textcoords="offset points", ha="center"
+        )
+    names = [f"+ {step['added']}" if step.get("added") else "rigid body" for step in steps]
+    axes.set_xticks(places, names)
+    axes.tick_params(axis="x", labelsize=9, labelcolor=INK)
+    axes.set_ylim(0.0, 1.18 * errors.max())
+    axes.set_xlim(-0.6, len(errors) - 0.4 + 0.5)
+    axes.grid(axis="x", visible=False)
+    axes.set_ylabel("error in units of the noise")
+    _mark_floor(axes, noise_floor)
+    return figure
+
+
+def _mark_floor(axes: Axes, noise_floor: float) -> None:
+    """Draw the level that only noise would leave, named at the right end."""
+    axes.axhline(noise_floor, color=RED, linestyle=(0, (4, 3)), linewidth=1.0)
+    axes.annotate(
+        "noise",
+        (1.0, noise_floor),
+        (-2, 3),
+        xycoords=("axes fraction", "data"),
+        textcoords="offset points",
+        ha="right",
+        color=RED,
+        fontsize=8,
+    )
+
+
+def draw_before_after(
+    time: Array, before: Array, after: Array | None, added: Sequence[str] = ()
+) -> Figure:
+    """Draw the residual before and after effects are added, on the same scales.
+
+    Args:
+        time: (N,) s.
+        before: (N, 6) measured minus predicted [torque N m, force N], body frame.
+        after: the same with the effects, or None.
+        added: names of the effects.
+    """
+    columns = [("rigid body alone", before)]
+    if after is not None:
+        columns.append((f"with {', '.join(added)}", after))
+    figure = new_figure(3.9)
+    grid = figure.subplots(2, len(columns), sharex=True, sharey="row", squeeze=False)
+    for row, (part, unit) in enumerate(
+        ((slice(3, 6), "force in N"), (slice(0, 3), "torque in N m"))
+    ):
+        for axes, (title, values) in zip(grid[row], columns, strict=True):
+            draw_vector(axes, time, values[:, part])
+            axes.set_title(title if row == 0 else "")
+        grid[row, 0].set_ylabel(unit)
+        grid[row, 0].set_ylim(_robust_limits(before[:, part]))
+    for axes in grid[1]:
+        axes.set_xlabel("time in s")
+    label_lines(grid[0, -1], list(AXIS_COLOURS))
+    return figure
+
+
+def _robust_limits(values: Array) -> tuple[float, float]:
+    """Return symmetric limits that a few spikes do not widen."""
+    reach = 1.3 * float(np.quantile(np.abs(values), 0.998))
+    return -max(reach, 1e-9), max(reach, 1e-9)
+
+
+def draw_candidates(
+    candidates: Sequence[Mapping[str, Any]],
+    error: float,
+    noise_floor: float = 1.0,
+    chosen: Sequence[str] = (),
+) -> Figure:
+    """Draw how far each candidate effect would lower the error.
+
+    Args:
+        candidates: ``{"name", "predicted_whitened_rms", ...}``, best first.
+        error: whitened RMS without any of them.
+        noise_floor: whitened RMS where only noise remains.
+        chosen: names that the verdict names.
+    """
+    shown = list(candidates)[:_MOST_CANDIDATES]
+    figure = new_figure(0.9 + 0.27 * len(shown), 7.4)
+    axes = figure.subplots()
+    places = np.arange(len(shown))[::-1]
+    for place, candidate in zip(places, shown, strict=True):
+        after = float(candidate["predicted_whitened_rms"])
+        colour = ORANGE if candidate["name"] in chosen else GREY
+        axes.plot([error, after], [place, place], color=colour, linewidth=3.0, alpha=0.5)
+        axes.plot(after, place, "o", color=colour, markersize=6.5)
+        axes.annotate(
+            f"{after:.2f}", (after, place), (-7, 0), textcoords="offset points",
+            ha="right", va="center", fontsize=8, color=INK,
+        )  # fmt: skip
+    axes.axvline(error, color=QUIET, linewidth=1.0)
+    axes.axvline(noise_floor, color=RED, linestyle=(0, (4, 3)), linewidth=1.0)
+    for level, text, colour in ((error, "now", QUIET), (noise_floor, "noise", RED)):
+        axes.annotate(
+            text, (level, 1.0), (0, 2), xycoords=("data", "axes fraction"),
+            textcoords="offset points", ha="center", color=colour, fontsize=8,
+        )  # fmt: skip
+    axes.set_yticks(places, [str(candidate["name"]) for candidate in shown])
+    axes.tick_params(axis="y", labelsize=9, labelcolor=INK)
+    axes.grid(axis="y", visible=False)
+    span = max(error - noise_floor, 0.1)
+    axes.set_xlim(min(noise_floor, error) - 0.2 * span, error + 0.06 * span)
+    axes.set_xlabel("expected error after adding it, in units of the noise")
+    return figure
+
+
+def draw_fails_where(places: Sequence[Mapping[str, Any]]) -> Figure:
+    """Draw the conditions under which the model is most wrong.
+
+    Args:
+        places: ``{"channel", "condition", "share_of_error"}``, worst first.
+    """
+    shown = list(places)[:_MOST_PLACES]
+    figure = new_figure(0.8 + 0.29 * len(shown), 7.4)
+    axes = figure.subplots()
+    rows = np.arange(len(shown))[::-1]
+    shares = [100.0 * float(place["share_of_error"]) for place in shown]
+    axes.barh(rows, shares, _BAR, color=BLUE, alpha=0.85)
+    for row, share in zip(rows, shares, strict=True):
+        axes.annotate(
+            f"{share:.0f} %", (share, row), (4, 0), textcoords="offset points",
+            va="center", fontsize=8, color=INK,
+        )  # fmt: skip
+    axes.set_yticks(rows, [f"{place['channel']}, {place['condition']}" for place in shown])
+    axes.tick_params(axis="y", labelsize=9, labelcolor=INK)
+    axes.set_xlim(0.0, 1.15 * max([*shares, 1.0]))
+    axes.grid(axis="y", visible=False)
+    axes.set_xlabel("share of the error in %")
+    return figure
+
+
+def draw_channels(error_by_channel: Mapping[str, float]) -> Figure:
+    """Draw the whitened RMS of each channel; 1 is the noise.
+
+    Args:
+        error_by_channel: whitened RMS by channel name.
+    """
+    figure = new_figure(2.2, 6.0)
+    axes = figure.subplots()
+    names, errors = list(error_by_channel), [float(e) for e in error_by_channel.values()]
+    axes.bar(np.arange(len(names)), errors, _BAR, color=BLUE, alpha=0.85)
+    axes.set_xticks(np.arange(len(names)), names)
+    axes.tick_params(axis="x", labelcolor=INK)
+    axes.set_ylim(0.0, 1.15 * max([*errors, 1.0]))
+    axes.grid(axis="x", visible=False)
+    axes.set_ylabel("error in units of the noise")
+    _mark_floor(axes, 1.0)
+    return figure
+
+
+def draw_spectrum(
+    frequency: Array, power: Mapping[str, Array], peak_hz: float | None = None
+) -> Figure:
+    """Draw the spectrum of what no effect of the catalogue explains.
+
+    Args:
+        frequency: (K,) Hz.
+        power: (K,) spectral density of each channel.
+        peak_hz: frequency to point at.
+    """
+    figure = new_figure(2.6)
+    axes = figure.subplots()
+    axes.axhspan(0.0, 2.0, color=FAINT, alpha=0.6, linewidth=0)
+    for k, (name, values) in enumerate(power.items()):
+        axes.plot(frequency, values, label=name, color=list(AXIS_COLOURS.values())[k % 3])
+    if peak_hz is not None:
+        axes.axvline(peak_hz, color=INK, linewidth=0.9, linestyle=(0, (4, 3)))
+        axes.annotate(
+            f"{peak_hz:.2f} Hz", (peak_hz, 1.0), (3, -10), xycoords=("data", "axes fraction"),
+            textcoords="offset points", fontsize=8.5,
+        )  # fmt: skip
+    axes.set_xlabel("frequency in Hz")
+    axes.set_ylabel("power of the residual")
+    axes.margins(x=0.01)
+    label_lines(axes, list(power))
+    return figure

@@ -1,0 +1,199 @@
+"""The report of an estimate."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
+from tactile_dynamics_ros.recording import Recording
+from tactile_dynamics_ros.report.estimates import (
+    draw_comparison_with_truth,
+    draw_convergence,
+    draw_residuals,
+)
+from tactile_dynamics_ros.report.history import EstimateHistory, settle
+from tactile_dynamics_ros.report.measurements import draw_forces, draw_motion, draw_scene
+from tactile_dynamics_ros.report.numbers import parameter_rows
+from tactile_dynamics_ros.report.page import Page, Picture, Section, write_page
+from tactile_dynamics_ros.report.style import house_style
+
+if TYPE_CHECKING:
+    from tactile_dynamics_ros.core.inertia.estimate import InertialEstimate
+    from tactile_dynamics_ros.core.inertia.fitted_model import FittedModel
+
+ADEQUATE = 1.3
+MILLI = 1e3
+
+
+def write_estimate_report(
+    recording: Recording,
+    model: FittedModel,
+    folder: Path,
+    history: EstimateHistory | None = None,
+    truth: InertialParameters | None = None,
+    command: str = "",
+) -> Path:
+    """Write the report of an estimate.
+
+    Args:
+        recording: what was measured.
+        model: fitted to it.
+        folder: where report.html and the figures go.
+        history: estimates as they came live; computed from the fit if absent.
+        truth: true parameters where they are known.
+        command: how to make the page again.
+
+    Returns:
+        The path of report.html.
+    """
+    estimate = model.to_estimate()
+    with house_style():
+        sections = [
+            _result(estimate, truth),
+            _convergence(model, history, truth),
+            _scene(model, estimate, truth),
+            _residual(model),
+            _measurements(recording),
+        ]
+        page = Page(
+            title="What the hand holds",
+            verdict=_verdict(estimate),
+            good=estimate.converged and estimate.error.whitened_rms < ADEQUATE,
+            source=recording.source,
+            command=command or f"tactile-dynamics estimate {recording.source} --out {folder}",
+            sentences=_advice(estimate),
+            sections=sections,
+        )
+        return write_page(page, folder)
+
+
+def _verdict(estimate: InertialEstimate) -> str:
+    """Return the result in one sentence."""
+    std, body = estimate.parameter_std, estimate.inertia
+    distance = MILLI * float(np.linalg.norm(body.com))
+    return (
+        f"The object weighs {MILLI * body.mass:.1f} ± {MILLI * std[0]:.1g} g, and its centre of "
+        f"mass lies {distance:.1f} mm from the origin of its frame "
+        f"(± {MILLI * float(std[1:4].max()):.1g} mm)."
+    )
+
+
+def _advice(estimate: InertialEstimate) -> list[str]:
+    """Return what the reader should know about the quality of the result."""
+    rms = estimate.error.whitened_rms
+    sentences = [
+        f"This follows from {estimate.duration:.1f} s of motion, {estimate.samples} samples of the "
+        "forces that the contacts apply and of the motion that they cause."
+    ]
+    if not estimate.converged:
+        sentences.append("The iteration did not converge: treat every number with suspicion.")
+    if rms < ADEQUATE:
+        sentences.append(
+            f"What the model leaves unexplained is {rms:.2f} times the noise that the sensors "
+            "state: a rigid body explains the measurements."
+        )
+    else:
+        sentences.append(
+            f"What the model leaves unexplained is {rms:.1f} times the noise that the sensors "
+            "state: something acts here that the model lacks. "
+            "`tactile-dynamics diagnose` looks for what it is."
+        )
+    if estimate.not_excited:
+        sentences.append(
+            f"This motion does not determine {', '.join(estimate.not_excited)}; those values "
+            "come from the prior. Turning and shaking the object about all axes would."
+        )
+    return sentences
+
+
+def _result(estimate: InertialEstimate, truth: InertialParameters | None) -> Section:
+    """Return the table of all parameters."""
+    header = ["", "value", "± std", "unit"]
+    if truth is not None:
+        header.insert(3, "truth")
+    return Section(
+        title="The numbers",
+        sentences=["Inertia is about the centre of mass, in the axes of the object's frame."],
+        header=header,
+        rows=parameter_rows(estimate, truth),
+    )
+
+
+def _convergence(
+    model: FittedModel, history: EstimateHistory | None, truth: InertialParameters | None
+) -> Section:
+    """Return how the estimate settles."""
+    live = history is not None
+    history = history or settle(model)
+    caption = "Bands are two standard deviations."
+    pictures = [
+        Picture(
+            "convergence",
+            draw_convergence(history, truth),
+            "mass, centre of mass and inertia over seconds of data, with bands that narrow",
+            f"{caption} Dashed lines are the truth." if truth else caption,
+        )
+    ]
+    if truth is not None:
+        pictures.append(
+            Picture(
+                "truth",
+                draw_comparison_with_truth(history, truth),
+                "error of each parameter in its own standard deviations",
+                "How far each final value is from the truth, in its own standard deviations.",
+            )
+        )
+    how = "as they were published live" if live else "from the first seconds to all data"
+    return Section("The estimates settle", [f"Estimates {how}."], pictures)
+
+
+def _scene(
+    model: FittedModel, estimate: InertialEstimate, truth: InertialParameters | None
+) -> Section:
+    """Return the contacts on the object."""
+    longest = max(model.samples, key=lambda samples: len(samples.time))
+    picture = Picture(
+        "scene",
+        draw_scene(longest, estimate.inertia, truth),
+        "contact points with mean forces, centre of mass, ellipsoid of the same inertia",
+        "Dots are where each contact touched, arrows its mean force on the object. The grey "
+        "ellipsoid is the solid of even density with the estimated mass and inertia.",
+    )
+    return Section("The object between its contacts", (), [picture])
+
+
+def _residual(model: FittedModel) -> Section:
+    """Return what remains unexplained."""
+    time = np.concatenate([samples.time for samples in model.samples])
+    picture = Picture(
+        "residuals",
+        draw_residuals(time, -model.smooth_residual(), model.white_residual),
+        "unexplained force and torque over time, and their distribution over that of the noise",
+        "Measured minus predicted, in the object's axes; strong lines are means over half a "
+        "second. If the bars on the right fill the line, only the stated noise remains.",
+    )
+    return Section("What remains unexplained", (), [picture])
+
+
+def _measurements(recording: Recording) -> Section:
+    """Return the raw measurements and what was wrong with them."""
+    pictures = [
+        Picture(
+            "forces",
+            draw_forces(recording.streams),
+            "force of each contact on the object over time",
+            "Force that each contact applies on the object, world axes.",
+        ),
+        Picture(
+            "motion",
+            draw_motion(recording.streams),
+            "motion of the object over time",
+            "Motion of the object since the recording began.",
+        ),
+    ]
+    lines = recording.problem_lines()
+    sentences = [f"Problems met while reading: {'; '.join(lines)}."] if lines else []
+    return Section("What was measured", sentences, pictures)

@@ -1,0 +1,163 @@
+"""Figures of an estimate: how it settles, and what it leaves unexplained."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
+from tactile_dynamics_ros.report.history import EstimateHistory
+from tactile_dynamics_ros.report.style import (
+    AXIS_COLOURS,
+    BLUE,
+    GREY,
+    INK,
+    QUIET,
+    RED,
+    label_lines,
+    new_figure,
+    thinning,
+)
+
+Array = NDArray[np.float64]
+
+PANELS = (
+    ("mass", "g", 1e3, (0,)),
+    ("centre of mass", "mm", 1e3, (1, 2, 3)),
+    ("moments of inertia", "kg mm²", 1e6, (4, 6, 9)),
+    ("products of inertia", "kg mm²", 1e6, (5, 7, 8)),
+)
+LABELS = ("mass", "x", "y", "z", "xx", "xy", "yy", "xz", "yz", "zz")
+LINE_COLOURS = (INK, *AXIS_COLOURS.values())
+_SETTLED_SHARE = 0.2
+_VIEW_STDS = 10.0
+_SMOOTHING = 0.5
+
+
+def draw_convergence(history: EstimateHistory, truth: InertialParameters | None = None) -> Figure:
+    """Draw estimates with bands of two standard deviations; dashed lines are the truth.
+
+    Args:
+        history: estimates after more and more data.
+        truth: true parameters where they are known.
+    """
+    figure = new_figure(4.6)
+    true_values = None if truth is None else _values_of(truth)
+    for axes, (title, unit, scale, rows) in zip(figure.subplots(2, 2).flat, PANELS, strict=True):
+        for k, row in enumerate(rows):
+            colour = LINE_COLOURS[0] if len(rows) == 1 else LINE_COLOURS[1 + k]
+            _draw_band(axes, history, row, scale, colour)
+            if true_values is not None:
+                axes.axhline(scale * true_values[row], color=colour, linestyle=(0, (4, 3)))
+        axes.set_ylim(_view(history, list(rows), scale, true_values))
+        axes.set_title(title)
+        axes.set_ylabel(unit)
+        axes.margins(x=0.01)
+        if len(rows) > 1:
+            label_lines(axes, [LABELS[row] for row in rows])
+    for axes in figure.axes[2:]:
+        axes.set_xlabel("seconds of data used")
+    return figure
+
+
+def _values_of(body: InertialParameters) -> Array:
+    """Return the ten parameters in the order of a history."""
+    upper = body.inertia_com[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]
+    return np.concatenate([[body.mass], body.com, upper])
+
+
+def _draw_band(axes: Axes, history: EstimateHistory, row: int, scale: float, colour: str) -> None:
+    """Draw one parameter with its band."""
+    value, std = scale * history.value[:, row], scale * history.std[:, row]
+    axes.fill_between(
+        history.time, value - 2 * std, value + 2 * std, color=colour, alpha=0.16, linewidth=0
+    )
+    axes.plot(history.time, value, color=colour, label=LABELS[row], linewidth=1.5)
+
+
+def _view(
+    history: EstimateHistory, rows: list[int], scale: float, true_values: Array | None
+) -> tuple[float, float]:
+    """Return limits that show how the values settle rather than the wild first moments."""
+    late = history.time >= history.time[0] + _SETTLED_SHARE * np.ptp(history.time)
+    value, std = history.value[:, rows], history.std[:, rows]
+    edges = [value[late] - 2 * std[late], value[late] + 2 * std[late]]
+    edges += [value[-1:] - _VIEW_STDS * std[-1:], value[-1:] + _VIEW_STDS * std[-1:]]
+    if true_values is not None:
+        edges.append(true_values[None, rows])
+    every = scale * np.concatenate(edges)
+    return float(every.min()), float(every.max())
+
+
+def draw_residuals(time: Array, residual: Array, white_residual: Array) -> Figure:
+    """Draw what the model leaves unexplained, and whether it looks like the stated noise.
+
+    Args:
+        time: (N,) s.
+        residual: (N, 6) measured minus predicted [torque N m, force N], body frame.
+        white_residual: (M,) the same, whitened: standard normal where only noise remains.
+    """
+    figure = new_figure(2.6)
+    force, torque, bell = figure.subplots(1, 3, width_ratios=(1.3, 1.3, 1))
+    draw_vector(force, time, residual[:, 3:])
+    draw_vector(torque, time, residual[:, :3])
+    for axes, title, unit in ((force, "force residual", "N"), (torque, "torque residual", "N m")):
+        axes.set_title(title)
+        axes.set_ylabel(unit)
+        axes.set_xlabel("time in s")
+    label_lines(torque, list(AXIS_COLOURS))
+    _draw_bell(bell, white_residual)
+    return figure
+
+
+def draw_vector(axes: Axes, time: Array, values: Array) -> None:
+    """Draw three noisy components faintly, and their mean over half a second on top.
+
+    Args:
+        axes: where.
+        time: (N,) s.
+        values: (N, 3).
+    """
+    thin = thinning(len(time))
+    smooth = _running_mean(time, values)
+    for k, colour in enumerate(AXIS_COLOURS.values()):
+        axes.plot(time[thin], values[thin, k], color=colour, linewidth=0.4, alpha=0.3)
+    for k, (axis, colour) in enumerate(AXIS_COLOURS.items()):
+        axes.plot(time[thin], smooth[thin, k], color=colour, label=axis, linewidth=1.3)
+    axes.margins(x=0.01)
+
+
+def _running_mean(time: Array, values: Array) -> Array:
+    """Return the mean over half a second around each sample."""
+    first = np.searchsorted(time, time - 0.5 * _SMOOTHING)
+    last = np.searchsorted(time, time + 0.5 * _SMOOTHING, side="right")
+    total = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
+    return np.asarray((total[last] - total[first]) / (last - first)[:, None])
+
+
+def _draw_bell(axes: Axes, white_residual: Array) -> None:
+    """Draw the distribution of the white residual over the standard normal."""
+    edge = float(np.clip(np.quantile(np.abs(white_residual), 0.999), 4.0, 12.0))
+    bins = np.linspace(-edge, edge, 61).tolist()
+    axes.hist(np.clip(white_residual, -edge, edge), bins=bins, density=True, color=BLUE, alpha=0.35)
+    x = np.linspace(-edge, edge, 200)
+    axes.plot(x, np.exp(-0.5 * x**2) / np.sqrt(2 * np.pi), color=INK, linewidth=1.2)
+    axes.set_title("in units of the noise")
+    axes.set_yticks([])
+    axes.set_xlabel("bars: residual, line: noise alone")
+
+
+def draw_comparison_with_truth(history: EstimateHistory, truth: InertialParameters) -> Figure:
+    """Draw the final error of each parameter in its own standard deviations."""
+    figure = new_figure(2.2)
+    axes = figure.subplots()
+    score = (history.value[-1] - _values_of(truth)) / history.std[-1]
+    axes.axvspan(-2, 2, color=GREY, alpha=0.15, linewidth=0)
+    axes.axvline(0, color=QUIET, linewidth=0.8)
+    places = np.arange(len(score))[::-1]
+    axes.scatter(score, places, color=np.where(np.abs(score) <= 2, BLUE, RED), zorder=3)
+    axes.set_yticks(places, LABELS)
+    axes.set_xlabel("error in standard deviations (19 of 20 lie in the band)")
+    return figure

@@ -1,0 +1,192 @@
+"""Figures of what was measured: forces by contact, the object's motion, the scene in 3-D."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped]
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
+from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
+from tactile_dynamics_ros.core.rigid_body.rotation import log_so3
+from tactile_dynamics_ros.core.streams import ContactStream, Streams
+from tactile_dynamics_ros.report.style import (
+    AXIS_COLOURS,
+    FAINT,
+    GREY,
+    INK,
+    QUIET,
+    RED,
+    colour_of,
+    label_lines,
+    new_figure,
+    thinning,
+)
+
+Array = NDArray[np.float64]
+
+MILLI = 1e3
+_PANEL_HEIGHT = 1.25
+_SCENE_POINTS = 60
+
+
+def draw_forces(streams: Streams) -> Figure:
+    """Draw the force of every contact, and the torque of those that measure it."""
+    panels = [(contact, False) for contact in streams.contacts.values()]
+    panels += [(contact, True) for contact, _ in panels if contact.carries_torque]
+    figure = new_figure(0.5 + _PANEL_HEIGHT * max(1, len(panels)))
+    grid = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
+    for axes, (contact, is_torque) in zip(grid, panels, strict=True):
+        _draw_wrench_part(axes, contact, is_torque)
+    label_lines(grid[0], list(AXIS_COLOURS))
+    grid[-1].set_xlabel("time in s")
+    return figure
+
+
+def _draw_wrench_part(axes: Axes, contact: ContactStream, is_torque: bool) -> None:
+    """Draw three components of the force or torque of one contact."""
+    values = contact.torque if is_torque else contact.force
+    thin = thinning(len(values))
+    time = _with_breaks(contact.time)
+    for k, (axis, colour) in enumerate(AXIS_COLOURS.items()):
+        axes.plot(time[thin], values[thin, k], color=colour, label=axis, linewidth=0.9)
+    axes.set_title(f"{contact.name} (torque)" if is_torque else contact.name)
+    axes.set_ylabel("N m" if is_torque else "N")
+    axes.margins(x=0.01)
+
+
+def _with_breaks(time: Array) -> Array:
+    """Return the times with NaN at the last sample before a silence, so that lines break there."""
+    broken = np.array(time)
+    steps = np.diff(time)
+    if len(steps):
+        broken[:-1][steps > max(0.1, 5.0 * float(np.median(steps)))] = np.nan
+    return broken
+
+
+def draw_motion(streams: Streams) -> Figure:
+    """Draw how far the object moved and turned since the recording began."""
+    panels = _motion_panels(streams)
+    figure = new_figure(2.2)
+    grid = figure.subplots(1, len(panels), sharex=True, squeeze=False)[0]
+    for axes, (title, unit, time, values) in zip(grid, panels, strict=True):
+        thin = thinning(len(time))
+        for k, (axis, colour) in enumerate(AXIS_COLOURS.items()):
+            axes.plot(_with_breaks(time)[thin], values[thin, k], color=colour, label=axis)
+        axes.set_title(title)
+        axes.set_ylabel(unit)
+        axes.set_xlabel("time in s")
+        axes.margins(x=0.01)
+    label_lines(grid[-1], list(AXIS_COLOURS))
+    return figure
+
+
+def _motion_panels(streams: Streams) -> list[tuple[str, str, Array, Array]]:
+    """Return title, unit, times and (N, 3) values of what the recording tells about motion."""
+    panels = []
+    pose, imu = streams.pose, streams.imu
+    if pose is not None:
+        moved = MILLI * (pose.position - pose.position[0])
+        panels.append(("position", "mm", pose.time, moved))
+    if imu is not None:
+        panels.append(("specific force (IMU)", "m/s²", imu.time, imu.specific_force))
+    for source in (pose, imu):
+        if source is not None and source.rotation is not None:
+            turned = log_so3(source.rotation @ source.rotation[0].T)
+            panels.append(("rotation", "deg", source.time, np.degrees(_unwrap(turned))))
+            break
+    return panels
+
+
+def _unwrap(rotation_vector: Array) -> Array:
+    """Add whole turns so that rotation vectors (N, 3) follow each other without jumps."""
+    angle = np.linalg.norm(rotation_vector, axis=1, keepdims=True)
+    axis = np.divide(rotation_vector, angle, where=angle > 0.0, out=np.zeros_like(rotation_vector))
+    signed = angle[:, 0].copy()
+    for k in range(1, len(signed)):
+        if axis[k] @ axis[k - 1] < 0.0:
+            axis[k], signed[k] = -axis[k], -signed[k]
+    return np.asarray(axis * np.unwrap(signed)[:, None])
+
+
+def draw_scene(
+    samples: WrenchSamples, body: InertialParameters, truth: InertialParameters | None = None
+) -> Figure:
+    """Draw contacts with their mean forces, the centre of mass and the body of equal inertia.
+
+    Args:
+        samples: contacts in the body frame.
+        body: estimate.
+        truth: true parameters where they are known.
+    """
+    figure = new_figure(4.6, 7.4)
+    axes: Axes3D = figure.add_subplot(projection="3d")
+    _draw_ellipsoid(axes, body)
+    _draw_contacts(axes, samples)
+    axes.scatter(*(MILLI * body.com), color=INK, s=45, label="centre of mass", depthshade=False)
+    if truth is not None:
+        axes.scatter(
+            *(MILLI * truth.com), marker="x", color=RED, s=60, label="its true place", zorder=5
+        )
+    axes.scatter(0, 0, 0, marker="+", color=QUIET, s=60, label="body origin", depthshade=False)
+    _equalise(axes)
+    figure.legend(loc="outside right upper")
+    return figure
+
+
+def _draw_ellipsoid(axes: Axes3D, body: InertialParameters) -> None:
+    """Draw the solid ellipsoid of uniform density that has the same mass and inertia."""
+    second_moment = 0.5 * np.trace(body.inertia_com) * np.eye(3) - body.inertia_com
+    values, vectors = np.linalg.eigh(second_moment)
+    radii = np.sqrt(5.0 * np.clip(values, 0.0, None) / body.mass)
+    u, v = np.meshgrid(np.linspace(0, 2 * np.pi, 33), np.linspace(0, np.pi, 17))
+    unit = np.stack([np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)], axis=-1)
+    surface = MILLI * ((unit * radii) @ vectors.T + body.com)
+    axes.plot_surface(*np.moveaxis(surface, -1, 0), color=GREY, alpha=0.18, linewidth=0)
+    axes.plot_wireframe(
+        *np.moveaxis(surface[::4, ::4], -1, 0), color=GREY, alpha=0.35, linewidth=0.5
+    )
+
+
+def _draw_contacts(axes: Axes3D, samples: WrenchSamples) -> None:
+    """Draw where each contact touched and its mean force."""
+    touching = samples.in_contact
+    largest = max(1e-9, float(np.linalg.norm(_mean_forces(samples), axis=1).max(initial=0.0)))
+    reach = max(10.0, MILLI * float(np.abs(samples.contact_point[touching]).max(initial=0.0)))
+    for k, name in enumerate(samples.contact_names):
+        points = MILLI * samples.contact_point[touching[:, k], k]
+        if not len(points):
+            continue
+        few = points[:: max(1, len(points) // _SCENE_POINTS)]
+        axes.scatter(*few.T, s=7, color=colour_of(k), alpha=0.5, depthshade=False)
+        force = _mean_forces(samples)[k]
+        arrow = reach * force / largest
+        tail = points.mean(axis=0) - arrow
+        label = f"{name}, mean force {np.linalg.norm(force):.1f} N"
+        axes.quiver(
+            *tail, *arrow, color=colour_of(k), linewidth=2.2, arrow_length_ratio=0.25, label=label
+        )
+
+
+def _mean_forces(samples: WrenchSamples) -> Array:
+    """Return (C, 3) mean forces in the body frame while in contact."""
+    counts = np.maximum(samples.in_contact.sum(axis=0), 1)
+    return np.asarray(samples.contact_force.sum(axis=0) / counts[:, None])
+
+
+def _equalise(axes: Axes3D) -> None:
+    """Give the three axes one scale and quiet panes."""
+    limits = np.array([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()])
+    middle, half = limits.mean(axis=1), 0.5 * float(np.ptp(limits, axis=1).max())
+    for setter, centre in zip((axes.set_xlim, axes.set_ylim, axes.set_zlim), middle, strict=True):
+        setter(centre - half, centre + half)
+    axes.set_box_aspect((1, 1, 1), zoom=1.05)
+    for axis, name in zip((axes.xaxis, axes.yaxis, axes.zaxis), "xyz", strict=True):
+        axis.set_pane_color((1, 1, 1, 0))
+        axis.line.set_color(FAINT)
+        axis.set_label_text(f"{name} in mm")
+        axis.set_major_locator(MaxNLocator(5))
+        axis._axinfo["grid"].update(color=FAINT, linewidth=0.6)

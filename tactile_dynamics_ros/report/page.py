@@ -1,0 +1,104 @@
+"""Self-contained HTML pages: sentences first, then figures and tables, everything inside."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from matplotlib.figure import Figure
+
+from tactile_dynamics_ros import __version__
+from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.report.style import to_png
+
+PAGE_NAME = "report.html"
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure with the name of its file, what it shows, and how to read it."""
+
+    name: str
+    figure: Figure
+    alternative: str
+    caption: str = ""
+
+
+@dataclass(frozen=True)
+class Section:
+    """A heading with sentences, then pictures, then a table.
+
+    Attributes:
+        title: heading.
+        sentences: paragraphs.
+        pictures: figures in order.
+        header: names of the table's columns.
+        rows: the table; the first cell of a row is its name.
+    """
+
+    title: str
+    sentences: Sequence[str] = ()
+    pictures: Sequence[Picture] = ()
+    header: Sequence[str] = ()
+    rows: Sequence[Sequence[str]] = ()
+
+
+@dataclass(frozen=True)
+class Page:
+    """A report.
+
+    Attributes:
+        title: of the page.
+        verdict: one plain sentence that says the most important thing.
+        good: whether the verdict is good news.
+        sentences: what else a reader should know first.
+        sections: the rest.
+        source: the recording.
+        command: how to make the page again.
+    """
+
+    title: str
+    verdict: str
+    good: bool
+    source: str
+    command: str
+    sentences: Sequence[str] = ()
+    sections: Sequence[Section] = field(default_factory=tuple)
+
+
+def write_page(page: Page, folder: Path) -> Path:
+    """Write report.html with all figures inside, and each figure as a PNG beside it.
+
+    Args:
+        page: content.
+        folder: made if it does not exist.
+
+    Returns:
+        The path of the HTML file.
+
+    Raises:
+        BadInputError: the folder cannot be written.
+    """
+    images = {p.name: to_png(p.figure) for s in page.sections for p in s.pictures}
+    environment = Environment(
+        loader=PackageLoader("tactile_dynamics_ros.report"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    encoded = {name: base64.b64encode(png).decode() for name, png in images.items()}
+    html = environment.get_template(PAGE_NAME).render(
+        page=page, images=encoded, version=__version__
+    )
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, png in images.items():
+            (folder / f"{name}.png").write_bytes(png)
+        (folder / PAGE_NAME).write_text(html, encoding="utf-8")
+    except OSError as error:
+        raise BadInputError(f"{folder} cannot be written: {error.strerror}") from error
+    return folder / PAGE_NAME
