@@ -16,7 +16,11 @@ from numpy.typing import ArrayLike, NDArray
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.contact.skin_surface import project_to_skin
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
-from tactile_dynamics_ros.core.tactile.calibration import ForceCalibration, shipped_calibration
+from tactile_dynamics_ros.core.tactile.calibration import (
+    CreepFilter,
+    ForceCalibration,
+    shipped_calibration,
+)
 from tactile_dynamics_ros.core.tactile.electrodes import (
     ELECTRODE_NORMAL,
     ELECTRODE_POSITION,
@@ -40,6 +44,7 @@ class AnalyticForceConfig:
     touch_frames: int = parameter(2, "frames in a row that begin or end a contact", "", 1, 100)
     rest_gain: float = parameter(0.01, "share by which the rest state follows a frame", "", 0, 1)
     force_scale: float = parameter(1.0, "gain of this unit, from a known force", "", 0.1, 10.0)
+    period: float = parameter(0.01, "time between frames", "s", 1e-4, 1.0)
     saturation_margin: float = parameter(10.0, "counts from the range's ends", "counts", 0, 500)
 
     def __post_init__(self) -> None:
@@ -88,6 +93,7 @@ class AnalyticForceEstimator:
         self._rest: RestState | None = None
         self._in_contact = False
         self._streak = 0
+        self._creep = CreepFilter(self.calibration.creep, self.config.period)
         self.last: TactileEstimate | None = None
 
     @property
@@ -103,6 +109,7 @@ class AnalyticForceEstimator:
         """
         self._rest = RestState.from_frames(raw)
         self._in_contact, self._streak = False, 0
+        self._creep.reset()
 
     def estimate(self, raw: ArrayLike) -> tuple[Array, Array, bool]:
         """Return force (3,), std (3,) in the sensor frame, and whether there is contact.
@@ -129,7 +136,9 @@ class AnalyticForceEstimator:
         if not in_contact and self._streak == 0:
             self._rest = self._rest.follow(counts, self.config.rest_gain)
         saturated = self._saturated(counts)
-        force, std = estimate_force(change, self.calibration, self.config.force_scale)
+        force = self._creep.update(estimate_force(change, self.calibration))
+        force = self.config.force_scale * force
+        std = force_std(force, self.calibration)
         point, point_std = estimate_point(change, force, self.calibration)
         if not in_contact:
             force = np.zeros(3)
@@ -152,14 +161,24 @@ class AnalyticForceEstimator:
         return bool(np.any((electrodes <= margin) | (electrodes >= FULL_SCALE - margin)))
 
 
-def estimate_force(
-    change: Array, calibration: ForceCalibration, scale: float = 1.0
+def estimate_force(change: Array, calibration: ForceCalibration) -> Array:
+    """Return the force (..., 3) of tared signals (..., 20) before creep is taken out, N."""
+    return np.asarray(force_features(change) @ calibration.force_weights)
+
+
+def estimate_sequence(
+    change: Array, calibration: ForceCalibration, period: float = 0.01
 ) -> tuple[Array, Array]:
-    """Return force and std (..., 3) of tared signals (..., 20), sensor frame, N."""
-    force = scale * (force_features(change) @ calibration.force_weights)
+    """Return force and std (T, 3) of a sequence of tared signals (T, 20), sensor frame, N."""
+    creep = CreepFilter(calibration.creep, period)
+    force = np.array([creep.update(raw) for raw in estimate_force(change, calibration)])
+    return force, force_std(force, calibration)
+
+
+def force_std(force: Array, calibration: ForceCalibration) -> Array:
+    """Return the standard deviation (..., 3) that goes with an estimated force (..., 3), N."""
     strength = np.linalg.norm(force, axis=-1, keepdims=True)
-    std = calibration.force_std[0] + calibration.force_std[1] * strength
-    return force, std
+    return np.asarray(calibration.force_std[0] + calibration.force_std[1] * strength)
 
 
 def estimate_point(

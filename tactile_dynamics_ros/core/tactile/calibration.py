@@ -18,8 +18,12 @@ from tactile_dynamics_ros.core.tactile.features import MIRROR, force_features, p
 Array = NDArray[np.float64]
 
 SHIPPED_CALIBRATION = Path(__file__).parent / "data" / "analytic_force.json"
+CREEP_TIMES = np.array([0.2, 4.0])
+"""Time constants of the skin's creep, s. Source: facts on skin relaxation."""
+
 NORMAL_90 = 1.6449
 MIRROR_AXES = np.array([1.0, -1.0, 1.0])
+_FIELDS = ("force_weights", "place_weights", "force_std", "place_std", "creep")
 
 
 @dataclass(frozen=True)
@@ -30,6 +34,7 @@ class ForceCalibration:
         force_weights: (668, 3) N per feature. place_weights: (230, 3) m per feature.
         force_std: (2, 3) std = row 0 + row 1 * |force|, N and dimensionless.
         place_std: (2,) std of the contact point = entry 0 + entry 1 / |force|, m and N m.
+        creep: (3,) gain, and the shares of what came within 0.2 s and 4 s that are added to it.
         origin: what it was fitted to.
     """
 
@@ -37,12 +42,13 @@ class ForceCalibration:
     place_weights: Array
     force_std: Array
     place_std: Array
+    creep: Array
     origin: str
 
     def save(self, path: Path) -> None:
         """Write as JSON with six significant digits."""
         content: dict[str, Any] = {"origin": self.origin}
-        for name in ("force_weights", "place_weights", "force_std", "place_std"):
+        for name in _FIELDS:
             values = np.asarray(getattr(self, name))
             content[name] = [[float(f"{v:.6g}") for v in row] for row in np.atleast_2d(values)]
         path.write_text(json.dumps(content, separators=(",", ":")) + "\n")
@@ -61,6 +67,7 @@ class ForceCalibration:
                 np.array(content["place_weights"]),
                 np.array(content["force_std"]),
                 np.array(content["place_std"][0]),
+                np.array(content["creep"][0]),
                 str(content["origin"]),
             )
         except (OSError, ValueError, KeyError, TypeError, IndexError) as error:
@@ -75,35 +82,88 @@ def shipped_calibration() -> ForceCalibration:
 
 @dataclass(frozen=True)
 class LabelledPresses:
-    """Tared signals with the true contact, for fitting and testing.
+    """Tared signals with the true contact, for fitting and testing; U sequences of T frames.
 
     Attributes:
-        change: (N, 20) hundreds of counts. force: (N, 3) N. point: (N, 3) m. unit: (N,) index.
+        change: (U, T, 20) hundreds of counts. force: (U, T, 3) N. point: (U, T, 3) m.
+        period: s between frames.
     """
 
     change: Array
     force: Array
     point: Array
-    unit: NDArray[np.intp]
+    period: float = 0.01
+
+    def frames(self, every: int = 1) -> tuple[Array, Array, Array]:
+        """Return change (N, 20), force (N, 3) and point (N, 3) of every ``every``-th frame."""
+        parts = (self.change, self.force, self.point)
+        change, force, point = (part[:, ::every].reshape(-1, part.shape[-1]) for part in parts)
+        return change, force, point
+
+
+class CreepFilter:
+    """Takes the skin's creep out of a force estimate, frame by frame.
+
+    f = g f_hat + sum_j k_j (f_hat - lag_j f_hat): under constant force the signal keeps growing,
+    so what has come lately counts for more than what has been there for long.
+
+    Args:
+        creep: (3,) g, k of 0.2 s, k of 4 s.
+        period: s between frames.
+    """
+
+    def __init__(self, creep: Array, period: float) -> None:
+        self._creep = creep
+        self._follow = (1.0 - np.exp(-period / CREEP_TIMES))[:, None]
+        self._lag: Array | None = None
+
+    def reset(self) -> None:
+        """Forget the past."""
+        self._lag = None
+
+    def update(self, force: Array) -> Array:
+        """Return the compensated force (3,) of the next frame."""
+        recent = self.recent(force)
+        return np.asarray(self._creep[0] * force + self._creep[1:] @ recent)
+
+    def recent(self, force: Array) -> Array:
+        """Return (2, ...) the part of the force that has come within each time constant."""
+        if self._lag is None:
+            self._lag = np.zeros((2, *force.shape))
+        follow = self._follow.reshape(2, *([1] * force.ndim))
+        self._lag += follow * (force - self._lag)
+        return np.asarray(force - self._lag)
+
+
+def recent_changes(force: Array, period: float) -> Array:
+    """Return (2, T, ...) how much of a force sequence (T, ...) has come within the creep times."""
+    filter_ = CreepFilter(np.zeros(3), period)
+    return np.stack([filter_.recent(sample) for sample in force], axis=1)
 
 
 def fit_calibration(
-    presses: LabelledPresses, held_out: LabelledPresses, origin: str, ridge: float = 3.0
+    presses: LabelledPresses,
+    held_out: LabelledPresses,
+    origin: str,
+    ridge: float = 3.0,
+    every: int = 12,
 ) -> ForceCalibration:
-    """Fit weights by ridge regression and standard deviations on held-out units.
+    """Fit weights by ridge regression; creep and standard deviations on held-out units.
 
     Mirrored copies of all presses are added, since the finger is symmetric. Samples are weighted
     by 1 / (0.05 N + 0.1 |f|), about the error that is reached.
 
     Args:
         presses: to fit the weights to.
-        held_out: of other units, to fit the standard deviations to.
+        held_out: of other units, to fit creep and standard deviations to.
         origin: description that is stored.
         ridge: penalty on standardised weights.
+        every: use every such frame for the weights.
     """
-    change = np.concatenate([presses.change, presses.change[:, MIRROR]])
-    force = np.concatenate([presses.force, presses.force * MIRROR_AXES])
-    point = np.concatenate([presses.point, presses.point * MIRROR_AXES])
+    change, force, point = presses.frames(every)
+    change = np.concatenate([change, change[:, MIRROR]])
+    force = np.concatenate([force, force * MIRROR_AXES])
+    point = np.concatenate([point, point * MIRROR_AXES])
     strength = np.linalg.norm(force, axis=1)
     force_weights = _ridge(force_features(change), force, 1.0 / (0.05 + 0.1 * strength), ridge)
     touching = strength > 0.1
@@ -113,13 +173,34 @@ def fit_calibration(
         1.0 / (1e-3 + 2e-4 / strength[touching]),
         ridge,
     )
-    force_error = force_features(held_out.change) @ force_weights - held_out.force
-    held_strength = np.linalg.norm(held_out.force, axis=1)
-    force_std = np.stack([_fit_std(held_strength, error) for error in force_error.T], axis=1)
-    pressed = held_strength > 0.1
-    place_error = place_features(held_out.change[pressed]) @ place_weights - held_out.point[pressed]
-    place_std = _fit_std(1.0 / held_strength[pressed], np.sqrt(np.mean(place_error**2, axis=1)))
-    return ForceCalibration(force_weights, place_weights, force_std, place_std, origin)
+    creep, error = _fit_creep(held_out, force_weights)
+    _, force, point = held_out.frames()
+    strength = np.linalg.norm(force, axis=1)
+    force_std = np.stack([_fit_std(strength, axis) for axis in error.T], axis=1)
+    place_std = _fit_place_std(held_out, place_weights)
+    return ForceCalibration(force_weights, place_weights, force_std, place_std, creep, origin)
+
+
+def _fit_creep(presses: LabelledPresses, weights: Array) -> tuple[Array, Array]:
+    """Return creep constants (3,) and the remaining errors of all frames (U T, 3)."""
+    raw = np.stack([force_features(change) @ weights for change in presses.change], axis=1)
+    recent = recent_changes(raw, presses.period)
+    design = np.stack([raw, *recent], axis=-1)
+    target = np.swapaxes(presses.force, 0, 1)
+    weight = 1.0 / (0.05 + 0.1 * np.linalg.norm(target, axis=-1))[..., None]
+    creep = np.linalg.lstsq(
+        (design * weight[..., None]).reshape(-1, 3), (target * weight).ravel(), rcond=None
+    )[0]
+    error = np.swapaxes(design @ creep - target, 0, 1)
+    return np.asarray(creep), error.reshape(-1, 3)
+
+
+def _fit_place_std(presses: LabelledPresses, weights: Array) -> Array:
+    change, force, point = presses.frames(every=4)
+    strength = np.linalg.norm(force, axis=1)
+    pressed = strength > 0.1
+    error = place_features(change[pressed]) @ weights - point[pressed]
+    return _fit_std(1.0 / strength[pressed], np.sqrt(np.mean(error**2, axis=1)))
 
 
 def _ridge(features: Array, target: Array, weight: Array, penalty: float) -> Array:

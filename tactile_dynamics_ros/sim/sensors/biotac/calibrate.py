@@ -22,19 +22,14 @@ from tactile_dynamics_ros.sim.sensors.biotac.presses import PressConfig, Presses
 HELD_OUT_SEED = 100_000
 
 
-def label_presses(presses: Presses, every: int = 1) -> LabelledPresses:
+def label_presses(presses: Presses) -> LabelledPresses:
     """Return tared signals of the frames after rest, with their true force and point."""
     start = presses.rest_frames
-    change = []
-    for raw in presses.raw.astype(float):
-        rest = RestState.from_frames(raw[: start - 5])
-        change.append(rest.change(raw[start::every]))
-    stacked = np.array(change)
-    unit = np.repeat(np.arange(len(stacked)), stacked.shape[1])
-    force, point = presses.force[:, start::every], presses.point[:, start::every]
-    return LabelledPresses(
-        stacked.reshape(-1, 20), force.reshape(-1, 3), point.reshape(-1, 3), unit
-    )
+    change = [
+        RestState.from_frames(raw[: start - 5]).change(raw[start:].astype(float))
+        for raw in presses.raw
+    ]
+    return LabelledPresses(np.array(change), presses.force[:, start:], presses.point[:, start:])
 
 
 def calibrate(seed: int, units: int = 384) -> ForceCalibration:
@@ -42,7 +37,7 @@ def calibrate(seed: int, units: int = 384) -> ForceCalibration:
     fitted = record_presses(PressConfig(units=units, seed=seed))
     other = record_presses(PressConfig(units=max(units // 4, 1), seed=seed + HELD_OUT_SEED))
     origin = f"simulated presses of {units} units, seed {seed}"
-    return fit_calibration(label_presses(fitted, every=8), label_presses(other, every=4), origin)
+    return fit_calibration(label_presses(fitted), label_presses(other), origin)
 
 
 def main() -> None:

@@ -20,11 +20,14 @@ class PressConfig:
     """How fingertips are pressed: how long, how hard, where, with which objects."""
 
     units: int = parameter(128, "individual sensors, one press sequence each", "", 1)
-    frames: int = parameter(700, "frames per sequence at 100 Hz", "", 20)
+    frames: int = parameter(1200, "frames per sequence at 100 Hz", "", 20)
     rest_frames: int = parameter(60, "frames without contact at the start", "", 1)
     typical_force: float = parameter(1.0, "median of the largest force of a sequence", "N", 0.01)
     strongest_force: float = parameter(6.0, "largest force of all", "N", 0.01)
     friction: float = parameter(0.8, "largest ratio of tangential to normal force", "", 0.0, 3.0)
+    hold_share: float = parameter(
+        0.4, "share of sequences that hold a nearly constant force", "", 0, 1
+    )
     sharpest: float = parameter(60.0, "largest curvature of the objects", "1/m", 0.0, 1e3)
     seed: int = parameter(0, "of units, noise and motion", "", 0)
 
@@ -67,9 +70,9 @@ def record_presses(config: PressConfig, sensor: BioTacConfig | None = None) -> P
 def _contact_paths(config: PressConfig, rng: np.random.Generator) -> Array:
     """Return contact points (U, T, 3) on the pad that roll slowly over a few millimetres."""
     shape = (config.units, 1)
-    along = rng.uniform(-13e-3, 5.5e-3, shape) + 1.5e-3 * _waves(config, rng, 0.5)
+    along = rng.uniform(-13e-3, 6.3e-3, shape) + 1.5e-3 * _waves(config, rng, 0.5)
     across = rng.uniform(-1.1, 1.1, shape) + 0.2 * _waves(config, rng, 0.5)
-    along, across = np.clip(along, -14e-3, 6e-3), np.clip(across, -1.2, 1.2)
+    along, across = np.clip(along, -14e-3, 6.6e-3), np.clip(across, -1.2, 1.2)
     tip = np.clip(along / OUTER_RADIUS, 0.0, 0.95)
     ring = OUTER_RADIUS * np.sqrt(1.0 - tip**2)
     return np.stack([along, ring * np.sin(across), -ring * np.cos(across)], axis=-1)
@@ -79,8 +82,10 @@ def _forces(config: PressConfig, point: Array, rng: np.random.Generator) -> Arra
     """Return forces on the object: presses of random strength with friction-limited traction."""
     peak = config.typical_force * np.exp(0.7 * rng.standard_normal((config.units, 1)))
     peak = np.minimum(peak, config.strongest_force)
+    held = rng.random((config.units, 1)) < config.hold_share
     wave = _waves(config, rng, 1.0)
-    strength = peak * np.clip(0.55 + 0.45 * wave, 0.0, None)
+    varying = np.clip(0.55 + 0.45 * wave, 0.0, None)
+    strength = peak * np.where(held, np.clip(0.8 + 0.1 * wave, 0.0, None), varying)
     ramp = (np.arange(config.frames) - config.rest_frames) / 30.0
     strength = strength * np.clip(ramp, 0.0, 1.0)
     normal = outward_normal(point)

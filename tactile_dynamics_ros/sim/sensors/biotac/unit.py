@@ -52,21 +52,25 @@ class Units:
 
 
 def draw_units(count: int, config: BioTacConfig, rng: np.random.Generator) -> Units:
-    """Draw the constants of ``count`` sensors around the nominal ones."""
+    """Draw the constants of ``count`` sensors around the nominal ones.
+
+    Rest counts differ by several hundred as on real units. No figures for the spread of gains are
+    published; about two percent each is assumed for skin, gap, electrodes and pressure.
+    """
     spread = config.unit_variation
 
     def vary(std: float, *shape: int) -> Array:
         return spread * std * rng.standard_normal((count, *shape))
 
-    gap = config.fluid_gap * np.exp(vary(0.03))
-    offset = vary(1.2e-4, 19, 3)
+    gap = config.fluid_gap * np.exp(vary(0.015))
+    offset = vary(8e-5, 19, 3)
     return Units(
         nodes=_skin_nodes(gap, offset),
         rest_counts=REST_COUNTS + vary(150.0, 1) + vary(40.0, 19),
-        local_share=np.clip(config.local_share * np.exp(vary(0.03, 19)), 0.0, 1.0),
+        local_share=np.clip(config.local_share * np.exp(vary(0.02, 19)), 0.0, 1.0),
         gap=gap,
-        stiffness=np.exp(vary(0.03)),
-        pressure_gain=config.pressure_gain * np.exp(vary(0.04)),
+        stiffness=np.exp(vary(0.015)),
+        pressure_gain=config.pressure_gain * np.exp(vary(0.02)),
         pressure_rest=2050.0 + vary(60.0),
         temperature_slope=31.7 + vary(2.5, 19),
         vibration_rest=2000.0 + vary(25.0),
