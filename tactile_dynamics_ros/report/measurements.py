@@ -122,23 +122,23 @@ def draw_scene(
         body: estimate.
         truth: true parameters where they are known.
     """
-    figure = new_figure(4.6, 7.4)
-    axes: Axes3D = figure.add_subplot(projection="3d")
-    _draw_ellipsoid(axes, body)
-    _draw_contacts(axes, samples)
-    axes.scatter(*(MILLI * body.com), color=INK, s=45, label="centre of mass", depthshade=False)
-    if truth is not None:
-        axes.scatter(
-            *(MILLI * truth.com), marker="x", color=RED, s=60, label="its true place", zorder=5
-        )
-    axes.scatter(0, 0, 0, marker="+", color=QUIET, s=60, label="body origin", depthshade=False)
-    _equalise(axes)
-    figure.legend(loc="outside right upper")
+    figure = new_figure(4.3)
+    for place, azimuth in ((1, -60.0), (2, 30.0)):
+        axes: Axes3D = figure.add_subplot(1, 2, place, projection="3d", azim=azimuth, elev=22.0)
+        reach = _draw_ellipsoid(axes, body)
+        _draw_contacts(axes, samples, reach)
+        com, origin = MILLI * body.com, np.zeros(3)
+        axes.scatter(*com, color=INK, s=40, label="centre of mass", depthshade=False)
+        if truth is not None:
+            axes.scatter(*(MILLI * truth.com), marker="x", color=RED, s=50, label="its true place")
+        axes.scatter(*origin, marker="+", color=QUIET, s=50, label="origin", depthshade=False)
+        _equalise(axes)
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=4)
     return figure
 
 
-def _draw_ellipsoid(axes: Axes3D, body: InertialParameters) -> None:
-    """Draw the solid ellipsoid of uniform density that has the same mass and inertia."""
+def _draw_ellipsoid(axes: Axes3D, body: InertialParameters) -> float:
+    """Draw the solid ellipsoid of even density with the same mass and inertia; return its reach."""
     second_moment = 0.5 * np.trace(body.inertia_com) * np.eye(3) - body.inertia_com
     values, vectors = np.linalg.eigh(second_moment)
     radii = np.sqrt(5.0 * np.clip(values, 0.0, None) / body.mass)
@@ -149,13 +149,15 @@ def _draw_ellipsoid(axes: Axes3D, body: InertialParameters) -> None:
     axes.plot_wireframe(
         *np.moveaxis(surface[::4, ::4], -1, 0), color=GREY, alpha=0.35, linewidth=0.5
     )
+    return float(np.abs(surface).max())
 
 
-def _draw_contacts(axes: Axes3D, samples: WrenchSamples) -> None:
+def _draw_contacts(axes: Axes3D, samples: WrenchSamples, reach: float) -> None:
     """Draw where each contact touched and its mean force."""
     touching = samples.in_contact
     largest = max(1e-9, float(np.linalg.norm(_mean_forces(samples), axis=1).max(initial=0.0)))
-    reach = max(10.0, MILLI * float(np.abs(samples.contact_point[touching]).max(initial=0.0)))
+    furthest = MILLI * float(np.abs(samples.contact_point[touching]).max(initial=0.0))
+    longest = 0.8 * max(10.0, furthest, min(reach, 4.0 * furthest))
     for k, name in enumerate(samples.contact_names):
         points = MILLI * samples.contact_point[touching[:, k], k]
         if not len(points):
@@ -163,9 +165,9 @@ def _draw_contacts(axes: Axes3D, samples: WrenchSamples) -> None:
         few = points[:: max(1, len(points) // _SCENE_POINTS)]
         axes.scatter(*few.T, s=7, color=colour_of(k), alpha=0.5, depthshade=False)
         force = _mean_forces(samples)[k]
-        arrow = reach * force / largest
+        arrow = longest * force / largest
         tail = points.mean(axis=0) - arrow
-        label = f"{name}, mean force {np.linalg.norm(force):.1f} N"
+        label = f"{name} ({np.linalg.norm(force):.1f} N)"
         axes.quiver(
             *tail, *arrow, color=colour_of(k), linewidth=2.2, arrow_length_ratio=0.25, label=label
         )
