@@ -14,7 +14,6 @@ from tactile_dynamics_ros.report.estimates import draw_vector
 from tactile_dynamics_ros.report.style import (
     AXIS_COLOURS,
     BLUE,
-    FAINT,
     GREY,
     INK,
     ORANGE,
@@ -52,7 +51,7 @@ def draw_error_steps(steps: Sequence[Mapping[str, Any]], noise_floor: float = 1.
     axes.set_xticks(places, names)
     axes.tick_params(axis="x", labelsize=9, labelcolor=INK)
     axes.set_ylim(0.0, 1.18 * errors.max())
-    axes.set_xlim(-0.6, len(errors) - 0.4 + 0.5)
+    axes.set_xlim(-0.6, len(errors) - 0.1)
     axes.grid(axis="x", visible=False)
     axes.set_ylabel("error in units of the noise")
     _mark_floor(axes, noise_floor)
@@ -191,6 +190,7 @@ def draw_channels(error_by_channel: Mapping[str, float]) -> Figure:
     axes.set_xticks(np.arange(len(names)), names)
     axes.tick_params(axis="x", labelcolor=INK)
     axes.set_ylim(0.0, 1.15 * max([*errors, 1.0]))
+    axes.set_xlim(-0.6, len(names) - 0.1)
     axes.grid(axis="x", visible=False)
     axes.set_ylabel("error in units of the noise")
     _mark_floor(axes, 1.0)
@@ -209,7 +209,6 @@ def draw_spectrum(
     """
     figure = new_figure(2.6)
     axes = figure.subplots()
-    axes.axhspan(0.0, 2.0, color=FAINT, alpha=0.6, linewidth=0)
     for k, (name, values) in enumerate(power.items()):
         axes.plot(frequency, values, label=name, color=list(AXIS_COLOURS.values())[k % 3])
     if peak_hz is not None:

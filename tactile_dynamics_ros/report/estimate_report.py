@@ -16,7 +16,7 @@ from tactile_dynamics_ros.report.estimates import (
 )
 from tactile_dynamics_ros.report.history import EstimateHistory, settle
 from tactile_dynamics_ros.report.measurements import draw_forces, draw_motion, draw_scene
-from tactile_dynamics_ros.report.numbers import parameter_rows
+from tactile_dynamics_ros.report.numbers import parameter_rows, with_uncertainty
 from tactile_dynamics_ros.report.page import Page, Picture, Section, write_page
 from tactile_dynamics_ros.report.style import house_style
 
@@ -73,11 +73,12 @@ def write_estimate_report(
 def _verdict(estimate: InertialEstimate) -> str:
     """Return the result in one sentence."""
     std, body = estimate.parameter_std, estimate.inertia
+    mass = " ± ".join(with_uncertainty(MILLI * body.mass, MILLI * float(std[0])))
     distance = MILLI * float(np.linalg.norm(body.com))
+    place = " ± ".join(with_uncertainty(distance, MILLI * float(std[1:4].max())))
     return (
-        f"The object weighs {MILLI * body.mass:.1f} ± {MILLI * std[0]:.1g} g, and its centre of "
-        f"mass lies {distance:.1f} mm from the origin of its frame "
-        f"(± {MILLI * float(std[1:4].max()):.1g} mm)."
+        f"The object weighs {mass} g, and its centre of mass lies {place} mm from the origin of "
+        "its frame."
     )
 
 

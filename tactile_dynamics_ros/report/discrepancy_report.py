@@ -1,0 +1,265 @@
+"""The report of a comparison, a diagnosis or an explanation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.report.discrepancies import (
+    draw_before_after,
+    draw_candidates,
+    draw_channels,
+    draw_error_steps,
+    draw_fails_where,
+    draw_spectrum,
+)
+from tactile_dynamics_ros.report.page import Page, Picture, Section, write_page
+from tactile_dynamics_ros.report.style import house_style
+
+Array = NDArray[np.float64]
+
+_MOST_ROWS = 10
+
+
+@dataclass(frozen=True)
+class DiscrepancyFindings:
+    """What a report can show; everything but source, verdict and residual may be absent.
+
+    Attributes:
+        source: the recording.
+        verdict: the finding in one plain sentence.
+        good: whether the model explains the recording in the end.
+        time: (N,) s.
+        before: (N, 6) measured minus predicted [torque N m, force N] of the rigid body alone.
+        after: the same with the added effects.
+        added: names of the added effects.
+        comparison: the document of `compare`; `channels` may map channel names to whitened RMS.
+        diagnosis: the document of `diagnose`.
+        explanation: the document of `explain`.
+        frequency: (K,) Hz of `power`.
+        power: (K,) spectral density of the unexplained part by channel.
+        extra: further sections.
+    """
+
+    source: str
+    verdict: str
+    good: bool
+    time: Array
+    before: Array
+    after: Array | None = None
+    added: Sequence[str] = ()
+    comparison: Mapping[str, Any] = field(default_factory=dict)
+    diagnosis: Mapping[str, Any] = field(default_factory=dict)
+    explanation: Mapping[str, Any] = field(default_factory=dict)
+    frequency: Array | None = None
+    power: Mapping[str, Array] = field(default_factory=dict)
+    extra: Sequence[Section] = ()
+
+
+def write_discrepancy_report(
+    findings: DiscrepancyFindings, folder: Path, command: str = ""
+) -> Path:
+    """Write the report of a comparison, a diagnosis or an explanation.
+
+    Args:
+        findings: what to show.
+        folder: where report.html and the figures go.
+        command: how to make the page again.
+
+    Returns:
+        The path of report.html.
+    """
+    with house_style():
+        sections = [
+            *_steps(findings),
+            _residual(findings),
+            *_candidates(findings),
+            *_places(findings),
+            *_unexplained(findings),
+            *_effects(findings),
+            *findings.extra,
+        ]
+        page = Page(
+            title="Where the model fails, and what it lacks",
+            verdict=findings.verdict,
+            good=findings.good,
+            source=findings.source,
+            command=command or f"tactile-dynamics explain {findings.source} --out {folder}",
+            sentences=[
+                "The model predicts, from the motion of a rigid body, the forces that the contacts "
+                "must apply. Below, its error is measured in units of the noise that the sensors "
+                "state: at 1 nothing but that noise is left; above 1 something acts that the "
+                "model lacks."
+            ],
+            sections=sections,
+        )
+        return write_page(page, folder)
+
+
+def _steps(findings: DiscrepancyFindings) -> list[Section]:
+    """Return how the error falls, step by step."""
+    steps = list(findings.explanation.get("steps", ()))
+    if not steps:
+        return []
+    error = dict(findings.explanation.get("error", {}))
+    before, after = steps[0]["error"], steps[-1]["error"]
+    floor = float(error.get("noise_floor", 1.0))
+    picture = Picture(
+        "steps",
+        draw_error_steps(steps, floor),
+        f"error falling from {before:.2f} to {after:.2f} in {len(steps) - 1} steps",
+        "Each bar adds one effect to the model and fits everything anew. Errors are on parts of "
+        "the recording that were not used for fitting.",
+    )
+    sentence = f"The error falls from {before:.2f} to {after:.2f}; noise alone leaves {floor:.2f}."
+    return [Section("The error falls", [sentence], [picture])]
+
+
+def _residual(findings: DiscrepancyFindings) -> Section:
+    """Return the residual before and after."""
+    pictures = [
+        Picture(
+            "residuals",
+            draw_before_after(findings.time, findings.before, findings.after, findings.added),
+            "unexplained force and torque over time, before and after",
+            "Measured minus predicted, in the object's axes. Strong lines are means over half a "
+            "second: where they leave zero, the model is wrong systematically.",
+        )
+    ]
+    channels = findings.comparison.get("channels") or {}
+    if channels:
+        pictures.append(
+            Picture(
+                "channels",
+                draw_channels(channels),
+                "error of each channel in units of the noise",
+                "Error of the model that was compared, by channel.",
+            )
+        )
+    return Section("What is left over", (), pictures)
+
+
+def _candidates(findings: DiscrepancyFindings) -> list[Section]:
+    """Return the ranking of candidates."""
+    candidates = list(findings.diagnosis.get("candidates", ()))
+    if not candidates:
+        return []
+    error = dict(findings.diagnosis.get("error", {}))
+    named = findings.diagnosis.get("effect")
+    group = list(findings.diagnosis.get("group") or ())
+    chosen = [named, *group] if named else group
+    picture = Picture(
+        "candidates",
+        draw_candidates(
+            candidates,
+            float(error.get("before", candidates[-1]["predicted_whitened_rms"])),
+            float(error.get("noise_floor", 1.0)),
+            chosen,
+        ),
+        f"expected error with each candidate; best: {candidates[0]['name']}",
+        "How far each effect is expected to lower the error, tested before any refitting. "
+        "Orange: what the verdict names.",
+    )
+    rows = [_candidate_row(c) for c in candidates[:_MOST_ROWS]]
+    header = ["effect", "expected error", "p-value", "expected parameters"]
+    return [
+        Section("Which effect would explain it", _group_sentence(group), [picture], header, rows)
+    ]
+
+
+def _candidate_row(candidate: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the cells of one candidate."""
+    parameters = dict(candidate.get("parameters") or {})
+    texts = [f"{name} = {_value_text(value)}" for name, value in parameters.items()]
+    return (
+        str(candidate["name"]),
+        f"{float(candidate['predicted_whitened_rms']):.3f}",
+        f"{float(candidate['p_value']):.1e}" if candidate.get("p_value") is not None else "",
+        ", ".join(texts[:4]) + (", ..." if len(texts) > 4 else ""),
+    )
+
+
+def _value_text(value: Any) -> str:
+    """Return a parameter that is a number or has value, std and unit."""
+    if isinstance(value, Mapping):
+        std = f" ± {float(value['std']):.2g}" if value.get("std") is not None else ""
+        return f"{float(value['value']):.3g}{std} {value.get('unit', '')}".strip()
+    return f"{float(value):.3g}"
+
+
+def _group_sentence(group: Sequence[str]) -> list[str]:
+    """Return what a group of indistinguishable effects means."""
+    if len(group) < 2:
+        return []
+    return [
+        f"This recording cannot tell {', '.join(group[:-1])} and {group[-1]} apart: they would "
+        "explain it equally well. A different motion can."
+    ]
+
+
+def _places(findings: DiscrepancyFindings) -> list[Section]:
+    """Return where the model fails."""
+    places = list(findings.comparison.get("fails_where", ()))
+    if not places:
+        return []
+    worst = places[0]
+    sentence = (
+        f"{100 * float(worst['share_of_error']):.0f} % of the error of {worst['channel']} "
+        f"comes with this condition: {worst['condition']}."
+    )
+    picture = Picture(
+        "fails_where",
+        draw_fails_where(places),
+        "conditions with the largest share of the error",
+        "Share of a channel's error that comes with a condition.",
+    )
+    return [Section("Where it fails", [sentence], [picture])]
+
+
+def _unexplained(findings: DiscrepancyFindings) -> list[Section]:
+    """Return the signature of what no effect of the catalogue explains."""
+    signature = findings.diagnosis.get("unexplained")
+    if not signature:
+        return []
+    rows = [(key, _signature_text(value)) for key, value in signature.items() if value is not None]
+    pictures = []
+    if findings.frequency is not None and findings.power:
+        frequency_hz = signature.get("frequency_hz")
+        peak = frequency_hz if isinstance(frequency_hz, int | float) else None
+        pictures.append(
+            Picture(
+                "spectrum",
+                draw_spectrum(findings.frequency, findings.power, peak),
+                "spectrum of what is left over",
+                "Power of the residual by frequency; noise alone is flat.",
+            )
+        )
+    sentence = "No effect of the catalogue explains what is left. This is what it looks like:"
+    return [Section("Not in the catalogue", [sentence], pictures, ["", ""], rows)]
+
+
+def _signature_text(value: Any) -> str:
+    """Return one property of a signature."""
+    if isinstance(value, str):
+        return value
+    if isinstance(value, Mapping):
+        return ", ".join(f"{k}: {_signature_text(v)}" for k, v in value.items())
+    if isinstance(value, Sequence):
+        return ", ".join(_signature_text(v) for v in value)
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def _effects(findings: DiscrepancyFindings) -> list[Section]:
+    """Return the parameters of the effects that were added."""
+    effects = findings.explanation.get("parameters") or findings.comparison.get("effects") or {}
+    rows = [
+        (f"{name} {parameter}", _value_text(value))
+        for name, parameters in dict(effects).items()
+        for parameter, value in dict(parameters).items()
+    ]
+    return [Section("The added effects", (), (), ["parameter", "value"], rows)] if rows else []
