@@ -12,6 +12,7 @@ from tactile_dynamics_ros.core.inertia.incremental.config import IncrementalConf
 from tactile_dynamics_ros.core.inertia.incremental.information import (
     BlockScores,
     SquareRootInformation,
+    positive_part,
 )
 from tactile_dynamics_ros.core.inertia.incremental.judge import Judge
 from tactile_dynamics_ros.core.inertia.incremental.pipeline import WhiteningPipeline, WhiteRows
@@ -106,12 +107,26 @@ class Accumulation:
         """Weigh further samples as the own estimate implies."""
         self._assumption = None
 
-    def state_covariance(self) -> Array:
-        """Covariance of [phi, theta], data and prior, as the stated noise has it."""
+    def coordinate_information(self) -> tuple[Array, Array]:
+        """Information of the data, without that of noise, and of the prior on [xi, theta]."""
         assert self.solver is not None
-        jacobian = self.solver.coordinate_jacobian()
-        information = self.solver.posterior_information(self.information.factor)
-        return np.asarray(jacobian @ np.linalg.solve(information, jacobian.T))
+        mapping, prior = self.solver.coordinate_jacobian(), self.solver.prior_information()
+        seen = self.information.factor @ mapping
+        data = seen.T @ seen - mapping.T @ self.noise_information @ mapping
+        return positive_part(data, prior), prior
+
+    def state_covariance(self) -> Array:
+        """Covariance of [phi, theta], data and prior, as the stated noise has it.
+
+        With M = J^T J - E[dJ^T dJ] + prior: M^-1 (J^T J + prior) M^-1, since noise of the
+        regressors adds scatter and no information. Source: Fuller 1987, Eq. 3.1.12.
+        """
+        assert self.solver is not None
+        mapping = self.solver.coordinate_jacobian()
+        data, prior = self.coordinate_information()
+        bread = mapping @ np.linalg.inv(data + prior)
+        filling = data + prior + mapping.T @ self.noise_information @ mapping
+        return np.asarray(bread @ filling @ bread.T)
 
     def _begin(self, first: int, last: int, layout: Layout) -> bool:
         """Place the prior at the first held sample."""
@@ -128,6 +143,7 @@ class Accumulation:
         prior = DivergencePrior(contact_prior(samples).mean, self._config.prior_weight)
         self.solver = SummarySolver(prior, np.array(stds))
         self.information = SquareRootInformation(10 + len(stds))
+        self.noise_information = np.zeros((10 + len(stds), 10 + len(stds)))
         self.scores = BlockScores(10 + len(stds), _BLOCK_SAMPLES)
         self.first_time = self.last_time = float(samples.time[0])
         if self.assumed is None:
@@ -152,6 +168,7 @@ class Accumulation:
         if rows.weight > 0.0:
             root = np.sqrt(rows.weight)
             self.information.add(root * rows.jacobian, root * rows.target)
+            self.noise_information += rows.weight * rows.noise.T @ rows.noise
             self.scores.add(root * rows.jacobian, root * rows.target)
             self.samples += 1
             gain = 1.0 / min(self.samples, _ERROR_SAMPLES)

@@ -27,7 +27,7 @@ class IncrementalConfig:
     replay_duration: float = parameter(
         30.0, "raw samples kept for a change of the model", "s", 1.0, 300.0
     )
-    replay_batch: int = parameter(12, "kept samples processed again per update", "", 1, 200)
+    replay_batch: int = parameter(5, "kept samples processed again per update", "", 1, 200)
     point_std: float = parameter(
         0.0, "standard deviation of contact points, at least (scatter is measured)", "m", 0.0, 0.05
     )

@@ -37,6 +37,11 @@ class ContactReading:
     lost: bool = False
 
     @property
+    def load(self) -> float:
+        """|force| + |torque|, as a measure of being loaded."""
+        return float(np.linalg.norm(self.force) + np.linalg.norm(self.torque))
+
+    @property
     def in_contact(self) -> bool:
         """Whether anything is transmitted."""
         return bool(np.abs(self.force).sum() + np.abs(self.torque).sum() > _EMPTY)
@@ -60,8 +65,8 @@ class ContactQueue:
 
     @property
     def last_load(self) -> float:
-        """Magnitude of the newest force."""
-        return float(np.linalg.norm(self._readings[-1].force)) if self._readings else 0.0
+        """Load of the newest reading."""
+        return self._readings[-1].load if self._readings else 0.0
 
     def append(self, time: float, reading: ContactReading) -> bool:
         """Add a reading; return False (and do not) if its stamp is not newer than the last."""

@@ -36,7 +36,7 @@ class Decorrelator(Generic[Record]):
         self._width = (2 * short + 1) * _BLOCK
         self._padding = 2 * short
         self._noise = np.zeros((self._rows, _BLOCK, self._width))
-        self._white = np.zeros((self._rows, _BLOCK))
+        self._white = np.zeros((self._rows, _BLOCK, 2))
         self._band = np.zeros((self._width, self._rows * _BLOCK), order="F")
         self._band[0] = 1.0
         self._records: list[Record | None] = [None] * self._rows
@@ -57,7 +57,7 @@ class Decorrelator(Generic[Record]):
         Args:
             noise: (6, width) response to the poses of its window.
             factor_row: (6, width) block row of L, diagonal block last.
-            white: (6,) white residual.
+            white: (6, 2) white residual, and that of a draw of the noise alone.
             record: handed back by `centre` when the row is the centre.
         """
         self._noise[:-1], self._white[:-1] = self._noise[1:].copy(), self._white[1:].copy()
@@ -71,10 +71,10 @@ class Decorrelator(Generic[Record]):
         """Add a row without residual."""
         row = np.zeros((_BLOCK, self._width))
         row[:, -_BLOCK:] = np.eye(_BLOCK)
-        self.push(np.zeros_like(row), row, np.zeros(_BLOCK), None)
+        self.push(np.zeros_like(row), row, np.zeros((_BLOCK, 2)), None)
 
     def correction(self, response: Array, own: Array) -> Array:
-        """Correction of m readings x at the centre, -Cov(x, r) C^-1 r.
+        """Corrections of m readings x at the centre, -Cov(x, r) C^-1 r, for r and for the draw.
 
         Args:
             response: (2 long + 1, 6, m) of x to one deviation of each pose around the centre.
@@ -82,7 +82,7 @@ class Decorrelator(Generic[Record]):
                 their own, such as forces.
 
         Returns:
-            (m + k,).
+            (2, m + k).
         """
         readings = response.shape[2]
         padded = np.zeros((len(response) + 2 * self._padding, _BLOCK, readings))
@@ -95,4 +95,4 @@ class Decorrelator(Generic[Record]):
         centre = slice(self.lag * _BLOCK, (self.lag + 1) * _BLOCK)
         covariance[centre, readings:] = own
         solved, _ = lapack.dtbtrs(self._band, covariance, uplo="L")
-        return np.asarray(-(self._white.reshape(-1) @ solved))
+        return np.asarray(-(self._white.reshape(-1, 2).T @ solved))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.core.inertia.incremental.accumulation import Accumulation
 from tactile_dynamics_ros.core.inertia.incremental.config import IncrementalConfig
 from tactile_dynamics_ros.core.inertia.incremental.contact_queue import ContactReading
-from tactile_dynamics_ros.core.inertia.incremental.live_estimate import LiveEstimate, summarise
+from tactile_dynamics_ros.core.inertia.incremental.live_estimate import LiveEstimate, Summariser
 from tactile_dynamics_ros.core.inertia.incremental.sample_stream import SampleStream
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     affine_invariant_distance,
@@ -55,6 +55,7 @@ class IncrementalInertialEstimator:
         """Forget all measurements; the model stays."""
         self._stream = SampleStream(self._config)
         self._newest = -np.inf
+        self._summariser = Summariser()
         self._successor: Accumulation | None = None
         self._restart()
 
@@ -127,8 +128,8 @@ class IncrementalInertialEstimator:
         self._revise()
         if self._model.solver is None:
             return None
-        pending = max(self._stream.end - self._model.next, 0)
-        return summarise(self._model, clock.perf_counter() - started, pending)
+        pending = 0 if self._model.is_current else self._stream.end - self._model.next
+        return self._summariser.summarise(self._model, clock.perf_counter() - started, pending)
 
     def _restart(self) -> None:
         self._model, self._successor = self._restarted(), None

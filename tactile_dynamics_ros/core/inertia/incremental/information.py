@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
@@ -11,6 +13,12 @@ Array = NDArray[np.float64]
 
 _FEWEST_BLOCKS = 8
 _CONFIDENCE = 0.99
+
+
+@lru_cache(maxsize=256)
+def _tolerated_ratio(blocks: int) -> float:
+    """Ratio of variances that white noise over so many blocks exceeds in one case of a hundred."""
+    return float(chi2.ppf(_CONFIDENCE, blocks) / blocks)
 
 
 class SquareRootInformation:
@@ -119,8 +127,17 @@ class BlockScores:
         expected = np.einsum("ij,jk,ki->i", inverse, hessians.sum(axis=0), inverse)
         while len(influence) >= _FEWEST_BLOCKS:
             ratio = np.sum(influence**2, axis=0) / np.maximum(expected, 1e-300)
-            tolerated = chi2.ppf(_CONFIDENCE, len(influence)) / len(influence)
+            tolerated = _tolerated_ratio(len(influence))
             factors = np.where(ratio > tolerated, np.maximum(factors, ratio), factors)
             even = len(influence) // 2 * 2
             influence = influence[0:even:2] + influence[1:even:2]
         return factors
+
+
+def positive_part(information: Array, scale: Array) -> Array:
+    """Nearest information without negative directions, measured in units of `scale`."""
+    factor = np.linalg.cholesky(scale)
+    half = np.linalg.solve(factor, information)
+    values, vectors = np.linalg.eigh(np.linalg.solve(factor, half.T))
+    root = factor @ vectors
+    return np.asarray((root * np.maximum(values, 0.0)) @ root.T)

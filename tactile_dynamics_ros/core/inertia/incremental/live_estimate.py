@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ from tactile_dynamics_ros.core.inertia.uncertainty import unexcited_parameters
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     InertialParameters,
     com_inertia_jacobian,
+    log_cholesky_jacobian,
 )
 
 Array = NDArray[np.float64]
@@ -55,17 +57,26 @@ class LiveEstimate(InertialEstimate):
 
     Attributes:
         time: s, stamp of the newest sample used.
-        directions: ten directions, best determined first.
+        information: (2, 10, 10) of the data and of the prior on log-Cholesky coordinates.
+        coordinates: (10,) the log-Cholesky coordinates.
         rejected: samples left out as outliers so far.
         latency: s of computing in this update.
-        pending: samples kept from before a change of model that are still to be processed.
+        pending: complete samples that are still to be processed, after a change of the model.
     """
 
     time: float
-    directions: tuple[Direction, ...]
+    information: Array
+    coordinates: Array
     rejected: int
     latency: float
     pending: int
+
+    @cached_property
+    def directions(self) -> tuple[Direction, ...]:
+        """Ten directions of parameter space, best determined first."""
+        by_xi = log_cholesky_jacobian(self.coordinates)
+        mapped = com_inertia_jacobian(self.inertia.dynamic_parameters) @ by_xi
+        return data_directions(mapped, *self.information)
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -110,38 +121,54 @@ def data_directions(mapped: Array, data: Array, prior: Array) -> tuple[Direction
     return tuple(Direction(names[k], float(gains[k])) for k in range(9, -1, -1))
 
 
-def summarise(model: Accumulation, latency: float, pending: int) -> LiveEstimate:
-    """Present estimate of a model with its uncertainty."""
-    assert model.solver is not None
-    solver, factor = model.solver, model.information.factor
-    covariance = model.state_covariance()
-    widen = np.sqrt(model.scores.inflation(model.state, np.linalg.inv(covariance)))
-    covariance = covariance * np.outer(widen, widen)
-    prior = solver.prior_information()[:10, :10]
-    seen = factor[:, :10] @ solver.coordinate_jacobian()[:10, :10]
-    data = seen.T @ seen
-    body = InertialParameters.from_log_cholesky(solver.xi)
-    mapped = com_inertia_jacobian(body.dynamic_parameters) @ solver.coordinate_jacobian()[:10, :10]
-    error = model.rms_error
-    return LiveEstimate(
-        inertia=body,
-        covariance=covariance[:10, :10],
-        effects=_effect_estimates(model, covariance[10:, 10:]),
-        error=ModelError(
-            float(np.sqrt(np.mean(error[3:] ** 2))),
-            float(np.sqrt(np.mean(error[:3] ** 2))),
-            model.information.whitened_rms,
-        ),
-        not_excited=unexcited_parameters(solver.xi, data, prior),
-        samples=model.samples,
-        duration=model.last_time - model.first_time,
-        converged=True,
-        time=model.last_time,
-        directions=data_directions(mapped, data, prior),
-        rejected=model.judge.rejected,
-        latency=latency,
-        pending=pending,
-    )
+class Summariser:
+    """Turns a model's present state into a `LiveEstimate`.
+
+    What changes slowly (inflation, excitation) is found again at every tenth call only.
+    """
+
+    _EVERY = 10
+
+    def __init__(self) -> None:
+        """Start without a past."""
+        self._calls = 0
+        self._model: Accumulation | None = None
+        self._widen = np.ones(0)
+        self._not_excited: tuple[str, ...] = ()
+
+    def summarise(self, model: Accumulation, latency: float, pending: int) -> LiveEstimate:
+        """Present estimate with its uncertainty."""
+        assert model.solver is not None
+        solver, error = model.solver, model.rms_error
+        covariance = model.state_covariance()
+        data, prior = (part[:10, :10] for part in model.coordinate_information())
+        if model is not self._model or self._calls % self._EVERY == 0:
+            inverse = np.asarray(np.linalg.inv(covariance))
+            self._widen = np.sqrt(model.scores.inflation(model.state, inverse))
+            self._not_excited = unexcited_parameters(solver.xi, data, prior)
+            self._model = model
+        self._calls += 1
+        covariance = covariance * np.outer(self._widen, self._widen)
+        return LiveEstimate(
+            inertia=InertialParameters.from_log_cholesky(solver.xi),
+            covariance=covariance[:10, :10],
+            effects=_effect_estimates(model, covariance[10:, 10:]),
+            error=ModelError(
+                float(np.sqrt(np.mean(error[3:] ** 2))),
+                float(np.sqrt(np.mean(error[:3] ** 2))),
+                model.information.whitened_rms,
+            ),
+            not_excited=self._not_excited,
+            samples=model.samples,
+            duration=model.last_time - model.first_time,
+            converged=True,
+            time=model.last_time,
+            information=np.stack([data, prior]),
+            coordinates=solver.xi,
+            rejected=model.judge.rejected,
+            latency=latency,
+            pending=pending,
+        )
 
 
 def _effect_estimates(model: Accumulation, covariance: Array) -> dict[str, EffectEstimate]:

@@ -27,6 +27,8 @@ from tactile_dynamics_ros.core.inertia.incremental.whitening import (
 
 Array = NDArray[np.float64]
 
+_FLOOR = 1e-14 * np.eye(6)
+
 
 @dataclass(frozen=True)
 class WhiteRows:
@@ -35,6 +37,7 @@ class WhiteRows:
     Attributes:
         time: s.
         jacobian: (6, n); target: (6,).
+        noise: (6, n) a draw of the noise that J carries.
         weight: share of it that is believed, 0 to 1.
         residual: (6,) unwhitened, at the parameters it was linearised at.
     """
@@ -42,6 +45,7 @@ class WhiteRows:
     time: float
     jacobian: Array
     target: Array
+    noise: Array
     weight: float
     residual: Array
 
@@ -84,10 +88,11 @@ class WhiteningPipeline:
         """
         self.layout = layout
         self._config, self._stream, self._judge = config, stream, judge
-        self._whitener = StreamWhitener(2 * layout.short, size)
+        self._whitener = StreamWhitener(2 * layout.short, size + 1)
         self._decorrelator = Decorrelator[_Record](layout.short, layout.long)
-        self._substitution = DelayedSubstitution(2 * layout.short, size + 1)
+        self._substitution = DelayedSubstitution(2 * layout.short, 2 * size + 1)
         self._size = size
+        self._rng = np.random.default_rng(1)
 
     def process(
         self, first: int, last: int, model: LinearisedModel, state: Array, covariance: Array
@@ -124,10 +129,11 @@ class WhiteningPipeline:
         covariance: Array,
         doubtful: bool,
     ) -> None:
-        values = np.concatenate([batch.jacobian[k], batch.residual[k][:, None]], axis=1)
-        noise = batch.pose_noise[k]
-        white, row = self._whitener.predict(noise, batch.contact_covariance[k], values)
-        jacobian, innovation = white[:, :-1], white[:, -1]
+        own, noise = batch.contact_covariance[k], batch.pose_noise[k]
+        drawn = batch.draw[k] + np.linalg.cholesky(own + _FLOOR) @ self._rng.normal(size=6)
+        values = np.column_stack([batch.jacobian[k], drawn, batch.residual[k]])
+        white, row = self._whitener.predict(noise, own, values)
+        jacobian, innovation = white[:, :-2], white[:, -1]
         spread = np.eye(6) + jacobian @ covariance @ jacobian.T
         square = float(innovation @ np.linalg.solve(spread, innovation)) / 6.0
         weight = self._judge.weigh(square, doubtful)
@@ -136,7 +142,7 @@ class WhiteningPipeline:
         record = _Record(
             batch.motion.row(k), contacts.row(k), batch.residual[k], state, row, weight
         )
-        self._decorrelator.push(noise, row, white[:, -1], record)
+        self._decorrelator.push(noise, row, white[:, :-3:-1], record)
 
     def _centre(self, with_forces: bool) -> tuple[_Record, Array] | None:
         record = self._decorrelator.centre
@@ -154,35 +160,41 @@ class WhiteningPipeline:
         found = [item for item in complete if item is not None]
         if not found:
             for _ in complete:
-                self._substitution.remember(np.zeros((6, self._size + 1)))
+                self._substitution.remember(np.zeros((6, 2 * self._size + 1)))
             return
         jacobians = iter(self._jacobians(found, model))
         for item in complete:
             if item is None:
-                self._substitution.remember(np.zeros((6, self._size + 1)))
+                self._substitution.remember(np.zeros((6, 2 * self._size + 1)))
                 continue
             yield self._white_rows(item[0], next(jacobians))
 
     def _jacobians(self, found: list[tuple[_Record, Array]], model: LinearisedModel) -> Array:
+        """Jacobians at the corrected motion and draws of their noise, (B, 6, 2 n)."""
         corrections = np.stack([correction for _, correction in found])
         motion = DenoisedMotion.stack([record.motion for record, _ in found])
         contacts = ContactRows.stack([record.contacts for record, _ in found])
         if model.effects:
-            contacts = contacts.corrected(corrections[:, 18:])
-        return model.jacobian(motion.corrected(corrections[:, :18]).samples(contacts, model.origin))
+            contacts = contacts.corrected(corrections[:, 0, 18:])
+        denoised = motion.corrected(corrections[:, 0, :18])
+        noisy = denoised.corrected(motion.draw + corrections[:, 1, :18])
+        jacobian = model.jacobian(denoised.samples(contacts, model.origin))
+        noise = model.jacobian(noisy.samples(contacts, model.origin)) - jacobian
+        return np.concatenate([jacobian, noise], axis=2)
 
-    def _white_rows(self, record: _Record, jacobian: Array) -> WhiteRows:
-        target = jacobian @ record.state - record.residual
-        values = np.concatenate([jacobian, target[:, None]], axis=1)
-        white = self._substitution.whiten(record.factor_row, values)
+    def _white_rows(self, record: _Record, columns: Array) -> WhiteRows:
+        size = self._size
+        target = columns[:, :size] @ record.state - record.residual
+        white = self._substitution.whiten(record.factor_row, np.column_stack([columns, target]))
         remembered = white.copy()
-        predicted = white[:, :-1] @ record.state
+        predicted = white[:, :size] @ record.state
         remembered[:, -1] += (1.0 - record.weight) * (predicted - white[:, -1])
         self._substitution.remember(remembered)
         return WhiteRows(
             float(record.motion.time[0]),
-            white[:, :-1],
+            white[:, :size],
             white[:, -1],
+            white[:, size:-1],
             record.weight,
             record.residual,
         )

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,7 @@ class PoseWindows:
     Attributes:
         time: (B, W) s; position: (B, W, 3) m; rotation: (B, W, 3, 3).
         noise: (B, W, 2, 3, 3) square roots of the covariance of rotation and position.
+        draw: (B, W, 6) a draw of standard normal noise, fixed for each pose.
         short: half width in samples of the residual's windows.
     """
 
@@ -41,6 +42,7 @@ class PoseWindows:
     position: Array
     rotation: Array
     noise: Array
+    draw: Array
     short: int
 
 
@@ -76,14 +78,15 @@ class ContactRows:
         if len(rows) == 1:
             return rows[0]
         newest = rows[-1]
-        fields = {
+        fields: dict[str, Any] = {
             name: np.concatenate([_padded(getattr(r, name), len(newest.names)) for r in rows])
             for name in _CONTACT_FIELDS
         }
         return replace(newest, **fields)
 
     def _map(self, function: Callable[[Array], Array]) -> ContactRows:
-        return replace(self, **{name: function(getattr(self, name)) for name in _CONTACT_FIELDS})
+        fields: dict[str, Any] = {name: function(getattr(self, name)) for name in _CONTACT_FIELDS}
+        return replace(self, **fields)
 
 
 @dataclass(frozen=True)
@@ -97,6 +100,7 @@ class DenoisedMotion:
         linear: (B, 3, 3) position, velocity and acceleration of the origin.
         response: (B, W, 6, 18) of [rotation, angular velocity, angular acceleration, position,
             velocity, acceleration] to one deviation of each pose in the window.
+        draw: (B, 18) how a draw of pose noise moves them.
     """
 
     time: Array
@@ -104,6 +108,7 @@ class DenoisedMotion:
     rates: Array
     linear: Array
     response: Array
+    draw: Array
 
     def corrected(self, correction: Array) -> DenoisedMotion:
         """Return the motion moved by corrections (B, 18) in the order of `response`."""
@@ -112,7 +117,7 @@ class DenoisedMotion:
         rates = self.rates + steps[:, 0]
         rates[:, 0] = 0.0
         linear = self.linear + steps[:, 1]
-        return DenoisedMotion(self.time, rotation, rates, linear, self.response)
+        return replace(self, rotation=rotation, rates=rates, linear=linear)
 
     def row(self, k: int) -> DenoisedMotion:
         """Sample k alone."""
@@ -162,6 +167,7 @@ class ResidualBatch:
         jacobian: (B, 6, n) with respect to [phi, theta].
         residual: (B, 6) at x0, [torque, force], body frame.
         pose_noise: (B, 6, 6 (2 short + 1)) response to one deviation of each pose in the window.
+        draw: (B, 6) what a draw of the pose noise makes of the residual.
         contact_covariance: (B, 6, 6).
     """
 
@@ -169,6 +175,7 @@ class ResidualBatch:
     jacobian: Array
     residual: Array
     pose_noise: Array
+    draw: Array
     contact_covariance: Array
 
 
@@ -292,7 +299,8 @@ def denoise_motion(windows: PoseWindows, degree: int) -> tuple[DenoisedMotion, A
     linear[:, 0] += centre[:, 0]
     rates[:, 0] = 0.0
     response = _pose_response(long_weights, windows.noise)
-    motion = DenoisedMotion(windows.time[:, middle], rotation, rates, linear, response)
+    draw = np.einsum("bkem,bke->bm", response, windows.draw)
+    motion = DenoisedMotion(windows.time[:, middle], rotation, rates, linear, response, draw)
     return motion, weights, steps
 
 
@@ -326,10 +334,13 @@ def linearise_residuals(
         "bkisj,bksjl->biksl", per_pose, windows.noise[:, _inner(windows)], optimize=True
     )
     residual = model.residual(samples) + np.einsum("bsoij,bsoj->bi", response, steps)
+    noise = noise.reshape(len(residual), 6, -1)
+    drawn = windows.draw[:, _inner(windows)].reshape(len(residual), -1)
     return ResidualBatch(
         motion,
         model.jacobian(samples),
         residual,
-        noise.reshape(len(residual), 6, -1),
+        noise,
+        np.einsum("bij,bj->bi", noise, drawn),
         contact_covariance(samples, contacts),
     )

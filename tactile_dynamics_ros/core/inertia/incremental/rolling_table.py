@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -28,7 +30,7 @@ class RollingTable:
         """Running number of the oldest row kept."""
         return max(self._base, self.end - self._capacity)
 
-    def append(self, row: dict[str, Array | float]) -> None:
+    def append(self, row: dict[str, Any]) -> None:
         """Add one row; every column must be given."""
         if self._end == 2 * self._capacity:
             self._move()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -26,6 +27,7 @@ _LAYOUT_POSES = 12
 _NOISE_POSES = 200
 _NOISE_EVERY = 50
 _OVERSTATED = 0.7
+_DRAWS = 4099
 _NOISE_FLOOR = (1e-5, 1e-6)
 _LOADED_NEWTON = 0.3
 _POINT_STD_FLOOR = 1e-5
@@ -42,7 +44,7 @@ class Layout:
 
 
 class SampleStream:
-    """Bounded memory of the last raw samples; every row is a pose with the contacts at its stamp."""
+    """Bounded memory of raw samples; every row is a pose with the contacts at its stamp."""
 
     def __init__(self, config: IncrementalConfig) -> None:
         """Start empty."""
@@ -74,6 +76,7 @@ class SampleStream:
         self._queues: dict[str, ContactQueue] = {}
         self._layouts: list[Layout] = []
         self._segment_start = 0
+        self._draws = np.random.default_rng(0).normal(size=(_DRAWS, 6))
         self._noise_scale = np.ones(2)
         self._point_std = np.full(MAXIMUM_CONTACTS, config.point_std)
         self.problems: Counter[str] = Counter()
@@ -176,7 +179,19 @@ class SampleStream:
             return np.moveaxis(rows, -1, 1)
 
         noise = view("noise") * self._noise_scale[:, None, None]
-        return PoseWindows(view("time"), view("position"), view("rotation"), noise, layout.short)
+        return PoseWindows(
+            view("time"),
+            view("position"),
+            view("rotation"),
+            noise,
+            self._drawn(*span, width),
+            layout.short,
+        )
+
+    def _drawn(self, first: int, last: int, width: int) -> Array:
+        """Fixed standard normal draws (B, W, 6) of the poses first <= k < last."""
+        rows = self._draws[np.arange(first, last) % len(self._draws)]
+        return np.moveaxis(sliding_window_view(rows, width, axis=0), -1, 1)
 
     def contacts(self, first: int, last: int) -> ContactRows:
         """Contacts of rows first <= k < last."""
@@ -236,7 +251,7 @@ class SampleStream:
             later.append(self._segment_start)
         return min(later, default=self._poses.end)
 
-    def _read(self, time: float, period: float) -> dict[str, Array | float]:
+    def _read(self, time: float, period: float) -> dict[str, Any]:
         row = _blank_row()
         for slot, queue in enumerate(self._queues.values()):
             reading = queue.read(time, period)
@@ -285,7 +300,7 @@ class SampleStream:
                 self._point_std[slot] = max(std, self._config.point_std)
 
 
-def _blank_row() -> dict[str, Array | float]:
+def _blank_row() -> dict[str, Any]:
     slots = MAXIMUM_CONTACTS
     return {
         "point": np.zeros((slots, 3)),

@@ -24,6 +24,12 @@ _UPPER_COLUMNS = np.array([1, 2, 2, 3, 3, 3])
 _NEAR_ONE = 1e-4
 _MAXIMUM_ROUNDS = 8
 _STEP_TOLERANCE = 1e-3
+_LARGEST_LOGARITHM = 40.0
+_WIDEST_RATIO = 12.0
+
+
+class _LeftRange(Exception):
+    """An undamped step led to a body beyond all scales."""
 
 
 def upper_factor(xi: Array) -> Array:
@@ -52,6 +58,12 @@ class DivergencePrior:
         self.mean = np.asarray(mean, dtype=float)
         self._inverse = np.linalg.inv(upper_factor(self.mean))
         self._scale = math.sqrt(2.0 * weight)
+
+    def divergence(self, xi: Array) -> float:
+        """Prior cost: weight (tr(P0^-1 P) - log det(P0^-1 P) - 4)."""
+        ratio = self._inverse @ upper_factor(xi)
+        excess = np.sum(ratio**2) - 2.0 * np.sum(np.log(np.diag(ratio))) - 4.0
+        return float(0.5 * self._scale**2 * excess)
 
     def error(self, xi: Array) -> tuple[Array, Array]:
         """Error e (10,) with weight * divergence = |e|^2 / 2, and its Jacobian (10, 10)."""
@@ -106,8 +118,13 @@ class SummarySolver:
 
     @property
     def xi(self) -> Array:
-        """Log-Cholesky coordinates (10,) of the present estimate."""
-        return self._xi
+        """Log-Cholesky coordinates (10,) of the present estimate.
+
+        No radius is less than e^-12 of the largest, so that rounding cannot make P indefinite.
+        """
+        xi = self._xi.copy()
+        xi[1:4] = np.maximum(xi[1:4], xi[1:4].max() - _WIDEST_RATIO)
+        return xi
 
     @property
     def theta(self) -> Array:
@@ -116,17 +133,17 @@ class SummarySolver:
 
     def replace_summary(self, factor: Array, target: Array) -> None:
         """Exchange the data's [R | d] on [phi, theta] and iterate until the step is small."""
-        before = self._cost(self._state(), factor, target)
+        start = self._state()
+        before = self._cost(start, factor, target)
         graph = gtsam.NonlinearFactorGraph()
         graph.add(self._summary_factor(factor, target))
         try:
             self._iterate(graph)
-        except RuntimeError:
-            self._recover(factor, target)
-            return
-        after = self._cost(self._state(), factor, target)
-        if not np.isfinite(after) or after > before * (1.0 + 1e-9) + 1e-9:
-            self._recover(factor, target)
+            after = self._cost(self._state(), factor, target)
+        except (RuntimeError, _LeftRange):
+            after = np.inf
+        if not after <= before * (1.0 + 1e-9) + 1e-9:
+            self._recover(start, factor, target)
 
     def posterior_information(self, factor: Array) -> Array:
         """Gauss-Newton information (10 + k, 10 + k) on [xi, theta], data and prior."""
@@ -150,8 +167,8 @@ class SummarySolver:
 
     def _start(self, xi: Array, theta: Array) -> None:
         parameters = gtsam.ISAM2Params()
-        parameters.setOptimizationParams(gtsam.ISAM2DoglegParams())
         parameters.relinearizeSkip = 1
+        parameters.setFactorization("QR")
         parameters.setRelinearizeThreshold(1e-9)
         parameters.findUnusedFactorSlots = True
         self._isam = gtsam.ISAM2(parameters)
@@ -173,6 +190,8 @@ class SummarySolver:
         for _ in range(_MAXIMUM_ROUNDS):
             previous = self._state()
             self._read()
+            if np.abs(self._xi[:4]).max() > _LARGEST_LOGARITHM:
+                raise _LeftRange
             step = self._state() - previous
             if np.abs(step).max() < _STEP_TOLERANCE:
                 return
@@ -186,24 +205,32 @@ class SummarySolver:
         if len(self._effect_std):
             self._theta = self._isam.calculateEstimateVector(EFFECTS_KEY)
 
-    def _recover(self, factor: Array, target: Array) -> None:
-        """Solve the same problem by damped steps and restart iSAM2 there."""
+    def _recover(self, start: Array, factor: Array, target: Array) -> None:
+        """Solve the same problem by damped steps from `start` and restart iSAM2 there."""
+        rows = len(target) + len(start)
 
         def evaluate(x: Array) -> tuple[Array, Array]:
+            if np.abs(x[:4]).max() > _LARGEST_LOGARITHM:
+                return np.full(rows, np.inf), np.zeros((rows, len(x)))
             return self._stacked(x[:10], x[10:], factor, target)
 
-        start = np.concatenate([self._xi, self._theta])
-        if not np.isfinite(self._cost(start, factor, target)):
-            start = np.concatenate([self._prior.mean, np.zeros_like(self._theta)])
-        best, _ = levenberg_marquardt(evaluate, start)
+        best, _ = levenberg_marquardt(evaluate, start, iterations=60)
         self._start(best[:10], best[10:])
         graph = gtsam.NonlinearFactorGraph()
         graph.add(self._summary_factor(factor, target))
-        self._summary_index = list(self._isam.update(graph, gtsam.Values()).getNewFactorsIndices())
+        try:
+            result = self._isam.update(graph, gtsam.Values())
+        except RuntimeError:
+            self._start(best[:10], best[10:])
+            return
+        self._summary_index = list(result.getNewFactorsIndices())
 
     def _cost(self, x: Array, factor: Array, target: Array) -> float:
-        residual, _ = self._stacked(x[:10], x[10:], factor, target)
-        return float(residual @ residual)
+        """Sum of squared errors of data and priors at x = [xi, theta]."""
+        phi = dynamic_parameters_from_log_cholesky(x[:10])
+        data = factor[:, :10] @ phi + factor[:, 10:] @ x[10:] - target
+        effects = x[10:] / self._effect_std
+        return float(data @ data + 2.0 * self._prior.divergence(x[:10]) + effects @ effects)
 
     def _stacked(
         self, xi: Array, theta: Array, factor: Array, target: Array
