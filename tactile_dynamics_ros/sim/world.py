@@ -58,7 +58,9 @@ class WorldConfig:
     rotor_inertia: float = parameter(
         1e-3, "reflected inertia of a hand joint's rotor", "kg m^2", 1e-4, 1e-2
     )
-    arm_time_constant: float = parameter(0.02, "lag of the arm's servo", "s", 0.005, 0.5)
+    command_smoothing: float = parameter(
+        0.02, "time constant of the drives' command filter", "s", 0.002, 0.5
+    )
     stiffness_scale: float = parameter(1.0, "factor on the hand's joint stiffness", "", 0.05, 3.0)
     arm_meshes: bool = parameter(False, "draw the arm for the cameras")
 
@@ -120,7 +122,7 @@ class HandWorld:
             self.client,
             self.robot,
             self._joints,
-            self.config.arm_time_constant,
+            self.config.command_smoothing,
             self.config.stiffness_scale,
             self.config.time_step,
         )
@@ -167,7 +169,7 @@ class HandWorld:
         for index, value in zip(self._joints, joint_positions, strict=True):
             pybullet.resetJointState(self.robot, index, float(value), 0.0, self.client)
         self._object.set_pose(self.start_pose() if object_pose is None else object_pose)
-        self.command(joint_positions)
+        self._drives.reset(np.asarray(joint_positions, dtype=float))
 
     def command(self, targets: Array, names: Sequence[str] | None = None) -> None:
         """Set joint targets, rad; with ``names`` only those joints change."""
@@ -280,5 +282,6 @@ class HandWorld:
                     "spinningFriction": config.skin_torsion,
                     "contactStiffness": config.skin_stiffness,
                     "contactDamping": config.skin_damping,
+                    "frictionAnchor": True,
                 }
             pybullet.changeDynamics(self.robot, link, physicsClientId=self.client, **options)
