@@ -21,7 +21,8 @@ from tactile_dynamics_ros.core.tactile.calibration import (
     fit_calibration,
     shipped_calibration,
 )
-from tactile_dynamics_ros.core.tactile.electrodes import PDC
+from tactile_dynamics_ros.core.tactile.electrodes import ELECTRODES, PDC, TDC
+from tactile_dynamics_ros.core.tactile.signal_change import RestState, temperature
 from tactile_dynamics_ros.sim.sensors.biotac.calibrate import label_presses
 from tactile_dynamics_ros.sim.sensors.biotac.presses import PressConfig, Presses, record_presses
 
@@ -101,6 +102,17 @@ def test_live_estimator_agrees_with_truth_and_debounces(presses):
     assert np.all(estimated[~touching] == 0.0)
     assert estimator.last is not None
     assert estimator.last.torque == pytest.approx(np.cross(estimator.last.point, estimated[-1]))
+
+
+def test_warming_of_the_core_is_not_taken_for_force(presses):
+    raw = presses.raw[0, :50].astype(float)
+    rest = RestState.from_frames(raw)
+    warm = raw.mean(axis=0)
+    kelvin = float(temperature(warm[TDC] + 60.0) - temperature(warm[TDC]))
+    warm[TDC] += 60.0
+    warm[ELECTRODES] += 31.7 * kelvin
+    assert kelvin > 1.0
+    assert np.abs(rest.change(warm)).max() < 0.03
 
 
 def test_rest_state_follows_temperature_drift_without_contact(presses):

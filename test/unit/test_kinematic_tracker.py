@@ -7,6 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from tactile_dynamics_ros.core.contact.hand_kinematics import DOF, HandKinematics
+from tactile_dynamics_ros.core.contact.joint_uncertainty import JointUncertaintyConfig
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, log_so3
 from tactile_dynamics_ros.core.tracking.kinematic_tracker import (
@@ -101,6 +102,20 @@ def test_covariance_grows_with_joint_errors_and_time(kinematics):
         sizes.append(np.trace(tracker.update(moved, time)[1][3:, 3:]))
     assert sizes[1] > 1.1 * sizes[0]
     assert sizes[2] > 3.0 * sizes[0]
+
+
+def test_constant_offsets_of_the_hand_do_no_harm_while_only_the_arm_moves(kinematics):
+    joints = JointUncertaintyConfig(hand_offset=0.1, hand_noise=0.0, hand_backlash=0.0)
+    config = KinematicTrackerConfig(joints=joints, creep_position=0.0, creep_rotation_deg=0.0)
+    tracker = KinematicTracker(kinematics, config)
+    tracker.initialise(object_in_hand(kinematics, START), START, 1e-12 * np.eye(6), time=0.0)
+    moved = START.copy()
+    moved[:7] += 0.4
+    arm_only = tracker.update(moved, 1.0)[1]
+    moved[-4:] += 0.1
+    with_thumb = tracker.update(moved, 1.0)[1]
+    assert np.sqrt(arm_only[3, 3]) < 1.3 * config.thumb_position_std
+    assert np.trace(with_thumb[3:, 3:]) > 2.0 * np.trace(arm_only[3:, 3:])
 
 
 def test_use_before_initial_pose_and_bad_pose_are_refused(kinematics):

@@ -158,9 +158,17 @@ def test_fingertips_take_world_forces_and_sense_slip():
         rest = tips.read({}, poses, np.eye(4), still)
     assert rest.shape == (4, 44)
     place = poses[2, :3, 3] + turn @ [-0.0028, 0.0, -0.007]
-    touch = {"ring": Touch([0.0, 0.0, -1.5], place)}
+    touch = {"ring": Touch(turn @ [0.4, 0.2, -1.5], place)}
     for _ in range(20):
         raw = tips.read(touch, poses, np.eye(4), still)
+    same = Fingertips(seed=3).array
+    force, point = np.zeros((4, 3)), np.zeros((4, 3))
+    for _ in range(20):
+        same.measure(force, point)
+    force[2], point[2] = [0.4, 0.2, -1.5], [-0.0028, 0.0, -0.007]
+    for _ in range(20):
+        expected = same.measure(force, point)
+    assert_allclose(raw[:, :20].astype(float), expected[:, :20].astype(float), atol=1.0)
     change = raw.astype(float) - rest
     assert change[2, 16] < -60
     assert np.abs(np.delete(change[:, :19], 2, axis=0)).max() < 25
