@@ -18,6 +18,7 @@ from tactile_dynamics_ros.recording.bag_files import BagTables, read_tables
 from tactile_dynamics_ros.recording.bag_writer import write_bag
 from tactile_dynamics_ros.recording.cdr import empty_table
 from tactile_dynamics_ros.recording.cleaning import ProblemLog
+from tactile_dynamics_ros.recording.cutting import cut_streams
 
 
 @dataclass(frozen=True)
@@ -101,6 +102,12 @@ class Recording:
         """Seconds from the first to the last motion sample."""
         motion = self.streams.pose or self.streams.imu
         return float(motion.time[-1] - motion.time[0]) if motion else 0.0
+
+    def between(self, start: float, stop: float) -> Recording:
+        """Return the part of the recording with start <= time < stop, in seconds."""
+        streams = cut_streams(self.streams, start, stop)
+        source = f"{self.source} from {start:g} to {stop:g} s"
+        return Recording(streams, source, self.problems, self.epoch_ns)
 
     def to_bag(self, path: str | Path) -> Path:
         """Write a rosbag2 recording to the contract that `from_bag` reads.

@@ -272,3 +272,32 @@ def test_a_split_recording_is_joined(tmp_path):
     repeated = doubled.problems["/object/pose: stamp repeats (dropped)"]
     assert repeated == len(recording.streams.pose.time)
     assert len(doubled.streams.pose.time) == len(recording.streams.pose.time)
+
+
+def test_a_part_of_a_recording_keeps_its_stamps(tmp_path):
+    recording = held_box(seconds=2.0)
+    part = recording.between(0.5, 1.0).streams
+    np.testing.assert_allclose(part.pose.time, np.arange(50, 100) / 100)
+    np.testing.assert_array_equal(
+        part.contacts["thumb"].force, recording.streams.contacts["thumb"].force[50:100]
+    )
+    assert len(part.contacts["thumb"].pose_time) == len(part.pose.covariance) == 50
+    wrist = _wrist(angular_velocity=[0.1, 0.2, 0.3]).between(0.0, 1.0).streams
+    assert len(wrist.imu.time) == len(wrist.imu.angular_velocity) == 50
+    assert recording.between(5.0, 6.0).streams.contacts == {}
+
+
+def test_a_bag_of_the_benchmark_generator_reads_without_problems(tmp_path):
+    from benchmarks.hidden import ScenarioOptions, SensorOptions, generate
+    from benchmarks.hidden.bag import write_bag
+
+    made = generate(
+        3,
+        scenario=ScenarioOptions(duration=6.0, contact_breaks=2, regrasp=True),
+        sensors=SensorOptions(stagger=True, pose_gaps=1, zero_when_lifted=True),
+    )
+    recording = Recording.from_bag(write_bag(made.streams, tmp_path / "run"))
+    assert recording.problems == {"/object/pose: gap in the stream": 1}
+    for name, contact in made.streams.contacts.items():
+        np.testing.assert_allclose(recording.streams.contacts[name].force, contact.force)
+    assert len(recording.streams.pose.time) == len(made.streams.pose.time)
