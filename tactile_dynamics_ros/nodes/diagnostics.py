@@ -24,6 +24,7 @@ class Faults:
         self.counts: Counter[str] = Counter()
         self._node = node
         self._reported: Counter[str] = Counter()
+        self._shown: dict[str, object] = {}
         self._last = ""
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
         node.create_timer(period, self.publish, clock=STEADY_CLOCK)
@@ -35,13 +36,17 @@ class Faults:
         if self.counts[kind] == 1:
             self._node.get_logger().warning(f"{kind}: {self._last} (counted on /diagnostics)")
 
+    def show(self, name: str, value: object) -> None:
+        """Publish a value of interest beside the counts."""
+        self._shown[name] = value
+
     def publish(self) -> None:
         """Publish all counts; the level is WARN while new faults come in."""
         fresh = self.counts != self._reported
         self._reported = self.counts.copy()
         status = status_message(
             self._node.get_name(),
-            self.counts,
+            {**self._shown, **self.counts},
             DiagnosticStatus.WARN if fresh else DiagnosticStatus.OK,
             self._last if fresh else "ok",
         )

@@ -1,0 +1,149 @@
+"""Node: raw BioTac counts to the force of each finger on the object, with standard deviation."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import time
+from collections import deque
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from geometry_msgs.msg import Vector3Stamped, WrenchStamped
+from numpy.typing import NDArray
+from sensor_msgs.msg import Image
+
+from tactile_dynamics_ros.core.configuration import check_ranges, parameter
+from tactile_dynamics_ros.core.contact.robot_description import FINGERS, sensor_frame
+from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
+from tactile_dynamics_ros.core.tactile.analytic_force import (
+    AnalyticForceConfig,
+    AnalyticForceEstimator,
+)
+from tactile_dynamics_ros.nodes.conversions import (
+    StampGate,
+    biotac_to_core,
+    std_to_message,
+    wrench_to_message,
+)
+from tactile_dynamics_ros.nodes.parameters import declare_config
+from tactile_dynamics_ros.nodes.shell import Shell, run_node
+
+RAW = "/biotac/raw"
+
+
+@dataclass(frozen=True)
+class BiotacForceConfig:
+    """How the rest state is found and kept."""
+
+    tare_frames: int = parameter(30, "frames without contact that make a tare", "", 1, 1000)
+    tare_file: str = parameter("", "where the tare outlives the node (empty: one per ROS domain)")
+    tare_max_age: float = parameter(600.0, "age up to which a kept tare is used", "s", 0.0)
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+
+class BiotacForce(Shell):
+    """Estimates four forces per frame; tares at the start and on request.
+
+    A restarted node continues with the tare that it kept, since the fingers may hold something.
+    """
+
+    def __init__(self) -> None:
+        super().__init__("biotac_force")
+        self.config = declare_config(self, BiotacForceConfig)
+        estimator = declare_config(self, AnalyticForceConfig, "estimator.")
+        self.estimators = [AnalyticForceEstimator(estimator) for _ in FINGERS]
+        self._kept = KeptTare(self.config.tare_file)
+        self._rest: deque[NDArray[np.float64]] | None = None
+        frames = self._kept.read(self.config.tare_max_age)
+        if frames is None:
+            self.start_tare()
+        else:
+            self._set_rest(frames)
+        self._gate = StampGate(RAW)
+        self.listen(Image, RAW, self._on_raw)
+        self._force = [self.stream(WrenchStamped, f"/biotac/{f}/force") for f in FINGERS]
+        self._std = [self.stream(Vector3Stamped, f"/biotac/{f}/force_std") for f in FINGERS]
+        self.serve("/biotac_force/tare", self.start_tare)
+
+    def start_tare(self) -> str:
+        """Take the coming frames as the state without contact."""
+        self._rest = deque(maxlen=self.config.tare_frames)
+        return f"taring with the next {self.config.tare_frames} frames; keep the fingers free"
+
+    def _on_raw(self, message: Image) -> None:
+        counts = biotac_to_core(message, RAW)
+        if self._gate.check(message.header.stamp):
+            self.faults.add("clock_restarted")
+            self.start_tare()
+        if self._rest is not None:
+            self._collect(counts)
+            return
+        for k, finger in enumerate(FINGERS):
+            seen = self.estimators[k].observe(counts[k])
+            if seen.saturated:
+                self.faults.add(f"saturated_{finger}")
+            torque = seen.torque if seen.in_contact else np.zeros(3)
+            wrench = np.concatenate([torque, seen.force])
+            stamp, frame = message.header.stamp, sensor_frame(finger)
+            self._force[k].publish(wrench_to_message(wrench, stamp, frame))
+            self._std[k].publish(std_to_message(seen.std, stamp, frame))
+
+    def _collect(self, counts: NDArray[np.float64]) -> None:
+        assert self._rest is not None
+        self._rest.append(counts)
+        if len(self._rest) < self.config.tare_frames:
+            return
+        frames = np.stack(self._rest)
+        try:
+            self._set_rest(frames)
+        except BadInputError as error:
+            self.faults.add("tare_disturbed", str(error))
+            return
+        self._rest = None
+        self._kept.write(frames)
+        self.get_logger().info(f"tared with {len(frames)} frames")
+
+    def _set_rest(self, frames: NDArray[np.float64]) -> None:
+        """Tare all fingers with frames (K, 4, 44)."""
+        for k, estimator in enumerate(self.estimators):
+            estimator.tare(frames[:, k])
+
+
+class KeptTare:
+    """Frames of the last tare in a file, so that a restarted node need not open the hand.
+
+    Args:
+        path: of the file; if empty, one per user and ROS domain in the temporary folder.
+    """
+
+    def __init__(self, path: str = "") -> None:
+        name = f"biotac_tare_{os.getuid()}_{os.environ.get('ROS_DOMAIN_ID', '0')}.npy"
+        self.path = Path(path) if path else Path(tempfile.gettempdir()) / name
+
+    def read(self, max_age: float) -> NDArray[np.float64] | None:
+        """Return the frames (K, 4, 44), or None if there are none or they are too old (s)."""
+        try:
+            if time.time() - self.path.stat().st_mtime > max_age:
+                return None
+            frames = np.load(self.path)
+        except (OSError, ValueError, EOFError):
+            return None
+        return frames if frames.ndim == 3 and frames.shape[1:] == (len(FINGERS), 44) else None
+
+    def write(self, frames: NDArray[np.float64]) -> None:
+        """Keep frames (K, 4, 44)."""
+        part = self.path.with_suffix(f".{os.getpid()}.part.npy")
+        try:
+            np.save(part, frames)
+            part.replace(self.path)
+        except OSError as error:
+            raise NotIdentifiableError(f"tare cannot be kept in {self.path}: {error}") from error
+
+
+def main() -> int:
+    """Run the node."""
+    return run_node(BiotacForce)

@@ -1,0 +1,104 @@
+"""Force, standard deviation and pose of one contact, which come on topics of their own."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from geometry_msgs.msg import PoseStamped, Vector3Stamped, WrenchStamped
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.nodes.conversions import (
+    StampGate,
+    check_frame_id,
+    pose_to_matrix,
+    std_to_core,
+    to_seconds,
+    wrench_to_core,
+)
+from tactile_dynamics_ros.nodes.shell import Shell
+
+Array = NDArray[np.float64]
+
+WORLD = "world"
+KEPT = 50
+TOLERANCE = 0.03
+
+
+@dataclass(frozen=True)
+class AssembledContact:
+    """One contact at one instant, world axes.
+
+    Attributes:
+        time: s. name: of the finger. point: (3,) m. rotation: (3, 3), z is the normal.
+        force: (3,) N on the object. torque: (3,) N m about the point.
+        std: (3,) N, or None if it is not stated.
+    """
+
+    time: float
+    name: str
+    point: Array
+    rotation: Array
+    force: Array
+    torque: Array
+    std: Array | None
+
+
+class ContactAssembly:
+    """Puts together what belongs to one stamp and hands it on.
+
+    Forces wait until a pose of the same stamp or a later one has come; a force without a pose
+    nearer than 30 ms is counted and dropped.
+
+    Args:
+        node: that subscribes.
+        name: of the contact.
+        deliver: called with each assembled contact in the order of time.
+    """
+
+    def __init__(self, node: Shell, name: str, deliver: Callable[[AssembledContact], None]) -> None:
+        self._node, self._name, self._deliver = node, name, deliver
+        self._topic = f"/contact/{name}"
+        self._gate = StampGate(f"{self._topic}/force")
+        self._forces: deque[tuple[float, Array]] = deque(maxlen=KEPT)
+        self._poses: deque[tuple[float, Array]] = deque(maxlen=KEPT)
+        self._stds: deque[tuple[float, Array]] = deque(maxlen=KEPT)
+        node.listen(PoseStamped, f"{self._topic}/pose", self._on_pose)
+        node.listen(Vector3Stamped, f"{self._topic}/force_std", self._on_std)
+        node.listen(WrenchStamped, f"{self._topic}/force", self._on_force)
+
+    def _on_pose(self, message: PoseStamped) -> None:
+        check_frame_id(f"{self._topic}/pose", message.header.frame_id, WORLD)
+        matrix = pose_to_matrix(message.pose, f"{self._topic}/pose")
+        self._poses.append((to_seconds(message.header.stamp), matrix))
+        self._release()
+
+    def _on_std(self, message: Vector3Stamped) -> None:
+        std = std_to_core(message, f"{self._topic}/force_std")
+        self._stds.append((to_seconds(message.header.stamp), std))
+
+    def _on_force(self, message: WrenchStamped) -> None:
+        wrench = wrench_to_core(message, f"{self._topic}/force", WORLD)
+        if self._gate.check(message.header.stamp):
+            for queue in (self._forces, self._poses, self._stds):
+                queue.clear()
+        self._forces.append((to_seconds(message.header.stamp), wrench))
+        self._release()
+
+    def _release(self) -> None:
+        while self._forces and self._poses and self._forces[0][0] <= self._poses[-1][0]:
+            time, wrench = self._forces.popleft()
+            stamp, matrix = min(self._poses, key=lambda entry: abs(entry[0] - time))
+            if abs(stamp - time) > TOLERANCE:
+                self._node.faults.add(f"force_without_pose_{self._name}")
+                continue
+            self._deliver(self._assemble(time, wrench, matrix))
+
+    def _assemble(self, time: float, wrench: Array, matrix: Array) -> AssembledContact:
+        known = [std for stamp, std in self._stds if stamp <= time + 1e-9]
+        std = known[-1] if known else (self._stds[0][1] if self._stds else None)
+        return AssembledContact(
+            time, self._name, matrix[:3, 3], matrix[:3, :3], wrench[3:], wrench[:3], std
+        )

@@ -1,0 +1,115 @@
+"""Node: joint states and fingertip forces to contact point, normal and force in the world."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+
+import numpy as np
+from geometry_msgs.msg import PoseStamped, Vector3Stamped, WrenchStamped
+from numpy.typing import NDArray
+from sensor_msgs.msg import JointState
+
+from tactile_dynamics_ros.core.contact.contact_state import ContactState, ContactStateConfig
+from tactile_dynamics_ros.core.contact.hand_kinematics import HandKinematics
+from tactile_dynamics_ros.core.contact.robot_description import FINGERS, sensor_frame
+from tactile_dynamics_ros.core.errors import NotIdentifiableError
+from tactile_dynamics_ros.nodes.conversions import (
+    JointReader,
+    StampGate,
+    check_frame_id,
+    pose_to_message,
+    std_to_core,
+    std_to_message,
+    to_seconds,
+    wrench_to_core,
+    wrench_to_message,
+)
+from tactile_dynamics_ros.nodes.joint_history import JointHistory
+from tactile_dynamics_ros.nodes.parameters import declare_config
+from tactile_dynamics_ros.nodes.shell import Shell, run_node
+
+WORLD = "world"
+WAITING = 200
+
+
+class ContactStateNode(Shell):
+    """Places each force with the joint positions at the time of the force."""
+
+    def __init__(self) -> None:
+        super().__init__("contact_state")
+        config = declare_config(self, ContactStateConfig)
+        self.contact_state = ContactState(HandKinematics(), config)
+        self._reader = JointReader(HandKinematics.joint_names)
+        self._joints = JointHistory()
+        self._joint_gate = StampGate("/joint_states")
+        self._gates = {finger: StampGate(f"/biotac/{finger}/force") for finger in FINGERS}
+        self._std: dict[str, NDArray[np.float64]] = {}
+        self._waiting: deque[tuple[str, WrenchStamped]] = deque(maxlen=WAITING)
+        self._force, self._force_std, self._pose = {}, {}, {}
+        for finger in FINGERS:
+            self._force[finger] = self.stream(WrenchStamped, f"/contact/{finger}/force")
+            self._force_std[finger] = self.stream(Vector3Stamped, f"/contact/{finger}/force_std")
+            self._pose[finger] = self.stream(PoseStamped, f"/contact/{finger}/pose")
+        self.listen(JointState, "/joint_states", self._on_joints)
+        for finger in FINGERS:
+            self.listen(Vector3Stamped, f"/biotac/{finger}/force_std", self._std_taker(finger))
+            self.listen(WrenchStamped, f"/biotac/{finger}/force", self._force_taker(finger))
+
+    def _on_joints(self, message: JointState) -> None:
+        positions = self._reader.positions(message)
+        if self._joint_gate.check(message.header.stamp):
+            self.faults.add("clock_restarted")
+            self._joints.clear()
+            self._waiting.clear()
+        self._joints.add(to_seconds(message.header.stamp), positions)
+        while self._waiting and to_seconds(self._waiting[0][1].header.stamp) <= self._joints.newest:
+            self._place(*self._waiting.popleft())
+
+    def _std_taker(self, finger: str) -> Callable[[Vector3Stamped], None]:
+        topic = f"/biotac/{finger}/force_std"
+
+        def take(message: Vector3Stamped) -> None:
+            self._std[finger] = std_to_core(message, topic)
+
+        return take
+
+    def _force_taker(self, finger: str) -> Callable[[WrenchStamped], None]:
+        topic = f"/biotac/{finger}/force"
+
+        def take(message: WrenchStamped) -> None:
+            check_frame_id(topic, message.header.frame_id, sensor_frame(finger))
+            self._gates[finger].check(message.header.stamp)
+            if to_seconds(message.header.stamp) > self._joints.newest:
+                if len(self._waiting) == WAITING:
+                    self.faults.add("joint_states_missing", "forces come but no joint states")
+                self._waiting.append((finger, message))
+                return
+            self._place(finger, message)
+
+        return take
+
+    def _place(self, finger: str, message: WrenchStamped) -> None:
+        wrench = wrench_to_core(message, f"/biotac/{finger}/force")
+        positions = self._joints.at(to_seconds(message.header.stamp))
+        if positions is None:
+            self.faults.add("force_older_than_joint_states")
+            return
+        if finger not in self._std:
+            raise NotIdentifiableError(f"/biotac/{finger}/force_std has not come yet")
+        contact = self.contact_state.update(
+            finger, positions, wrench[3:], self._std[finger], wrench[:3]
+        )
+        matrix = np.eye(4)
+        matrix[:3, :3], matrix[:3, 3] = contact.rotation, contact.point
+        force = contact.force if contact.touching else np.zeros(3)
+        stamp = message.header.stamp
+        self._pose[finger].publish(pose_to_message(matrix, stamp, WORLD))
+        self._force_std[finger].publish(std_to_message(contact.force_std, stamp, WORLD))
+        world_wrench = np.concatenate([np.zeros(3), force])
+        self._force[finger].publish(wrench_to_message(world_wrench, stamp, WORLD))
+
+
+def main() -> int:
+    """Run the node."""
+    return run_node(ContactStateNode)

@@ -1,0 +1,146 @@
+"""Node: poses and contact forces to mass, centre of mass and inertia with their uncertainty."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import InertiaStamped, PoseWithCovarianceStamped
+
+from tactile_dynamics_ros.core.configuration import check_ranges, parameter
+from tactile_dynamics_ros.core.contact.robot_description import FINGERS
+from tactile_dynamics_ros.core.effects.registry import create_effect
+from tactile_dynamics_ros.core.inertia.estimate import PARAMETER_NAMES
+from tactile_dynamics_ros.core.inertia.incremental import (
+    IncrementalConfig,
+    IncrementalInertialEstimator,
+    LiveEstimate,
+)
+from tactile_dynamics_ros.nodes.contact_assembly import AssembledContact, ContactAssembly
+from tactile_dynamics_ros.nodes.conversions import (
+    StampGate,
+    header,
+    inertia_to_message,
+    to_seconds,
+    uncertain_pose_to_core,
+)
+from tactile_dynamics_ros.nodes.diagnostics import status_message
+from tactile_dynamics_ros.nodes.parameters import declare_config
+from tactile_dynamics_ros.nodes.shell import Shell, run_node
+
+POSE = "/object/pose"
+
+
+@dataclass(frozen=True)
+class InertialEstimatorConfig:
+    """What is listened to, how often an estimate is published, and the model."""
+
+    contacts: tuple[str, ...] = parameter(FINGERS, "names of the contacts on /contact/<name>")
+    update_rate_hz: float = parameter(20.0, "rate of estimates", "Hz", 0.1, 200.0)
+    effects: tuple[str, ...] = parameter((), "effects of the catalogue in the model; live")
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+
+class InertialEstimatorNode(Shell):
+    """Feeds the incremental estimator and publishes what it knows."""
+
+    def __init__(self) -> None:
+        super().__init__("inertial_estimator")
+        self.estimator = IncrementalInertialEstimator(declare_config(self, IncrementalConfig))
+        config = declare_config(
+            self, InertialEstimatorConfig, live=["effects"], on_change=self._change_model
+        )
+        self._change_model(config)
+        self._gate = StampGate(POSE)
+        self._last_time = 0.0
+        self.listen(PoseWithCovarianceStamped, POSE, self._on_pose)
+        self._contacts = [ContactAssembly(self, name, self._on_contact) for name in config.contacts]
+        self._inertia = self.latched(InertiaStamped, "/inertial_estimator/inertia")
+        self._status = self.latched(DiagnosticArray, "/inertial_estimator/status")
+        self.serve("/inertial_estimator/reset", self.reset)
+        self.every(1.0 / config.update_rate_hz, self._update)
+
+    def reset(self) -> str:
+        """Forget all measurements; the model stays."""
+        self.estimator.reset()
+        return "all measurements forgotten; the model is kept"
+
+    def _change_model(self, config: InertialEstimatorConfig) -> None:
+        self.estimator.set_effects([create_effect(name) for name in config.effects])
+
+    def _on_pose(self, message: PoseWithCovarianceStamped) -> None:
+        pose, covariance = uncertain_pose_to_core(message, POSE, "world")
+        if self._gate.check(message.header.stamp):
+            self.faults.add("clock_restarted")
+            self.reset()
+        self.estimator.add_pose(to_seconds(message.header.stamp), pose, covariance)
+
+    def _on_contact(self, contact: AssembledContact) -> None:
+        self.estimator.add_contact(
+            contact.time,
+            contact.name,
+            contact.point,
+            contact.rotation,
+            contact.force,
+            contact.std,
+            contact.torque,
+        )
+
+    def _update(self) -> None:
+        estimate = self.estimator.update()
+        for kind, count in self.estimator.problems.items():
+            self.faults.show(kind, count)
+        if estimate is None or estimate.time == self._last_time and not estimate.pending:
+            return
+        self._last_time = estimate.time
+        self._inertia.publish(inertia_to_message(estimate.inertia, estimate.time, "object"))
+        message = DiagnosticArray(header=header(estimate.time, "object"))
+        message.status = status_of(estimate)
+        self._status.publish(message)
+
+
+def status_of(estimate: LiveEstimate) -> Sequence[DiagnosticStatus]:
+    """Return the statuses: parameters with standard deviations, directions, effects, solver."""
+    body = estimate.inertia
+    tensor = body.inertia_com
+    rows, columns = (0, 0, 1, 0, 1, 2), (0, 1, 1, 2, 2, 2)
+    values = [body.mass, *body.com, *tensor[rows, columns]]
+    parameters: dict[str, object] = {}
+    for name, value, std in zip(PARAMETER_NAMES, values, estimate.parameter_std, strict=True):
+        parameters[name], parameters[f"{name}_std"] = float(value), float(std)
+    found = [d.name for d in estimate.directions if d.identified]
+    directions = {d.name: d.gain for d in estimate.directions}
+    level = DiagnosticStatus.OK if len(found) == len(directions) else DiagnosticStatus.WARN
+    text = "; ".join(estimate.remarks) or f"{len(found)} of {len(directions)} directions identified"
+    solver: dict[str, object] = {
+        "samples": estimate.samples,
+        "duration": estimate.duration,
+        "latency": estimate.latency,
+        "pending": estimate.pending,
+        "rejected": estimate.rejected,
+        **estimate.error.to_json(),
+    }
+    effects = []
+    for name, effect in estimate.effects.items():
+        entries: dict[str, object] = {}
+        for key, entry in effect.to_json().items():
+            entries |= {
+                key: entry["value"],
+                f"{key}_std": entry["std"],
+                f"{key}_unit": entry["unit"],
+            }
+        effects.append(status_message(f"effect {name}", entries))
+    return [
+        status_message("parameters", parameters, level, text),
+        status_message("directions", directions, level, text),
+        status_message("solver", solver),
+        *effects,
+    ]
+
+
+def main() -> int:
+    """Run the node."""
+    return run_node(InertialEstimatorNode)

@@ -1,0 +1,153 @@
+"""Node: the grasped object's pose from the joints, started from vision."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from geometry_msgs.msg import PoseWithCovarianceStamped, WrenchStamped
+from numpy.typing import NDArray
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool
+
+from tactile_dynamics_ros.core.configuration import check_ranges, parameter
+from tactile_dynamics_ros.core.contact.hand_kinematics import HandKinematics
+from tactile_dynamics_ros.core.contact.robot_description import FINGERS
+from tactile_dynamics_ros.core.tracking.kinematic_tracker import (
+    ANCHOR,
+    KinematicTracker,
+    KinematicTrackerConfig,
+)
+from tactile_dynamics_ros.core.tracking.pose_average import average_poses
+from tactile_dynamics_ros.nodes.conversions import (
+    JointReader,
+    StampGate,
+    to_seconds,
+    uncertain_pose_to_core,
+    uncertain_pose_to_message,
+    wrench_to_core,
+)
+from tactile_dynamics_ros.nodes.joint_history import JointHistory
+from tactile_dynamics_ros.nodes.parameters import declare_config
+from tactile_dynamics_ros.nodes.shell import LATCHED, Shell, run_node
+
+Array = NDArray[np.float64]
+
+VISION = "/object/pose/vision"
+WORLD = "world"
+
+
+@dataclass(frozen=True)
+class TrackerNodeConfig:
+    """When tracking starts and ends."""
+
+    start_poses: int = parameter(15, "poses from vision that are averaged to start", "", 2, 1000)
+    release_time: float = parameter(0.5, "time without thumb that ends the grasp", "s", 0.02, 10.0)
+    publish_fused: bool = parameter(True, "publish /object/pose too, where no fusion node runs")
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+
+class KinematicTrackerNode(Shell):
+    """Follows the object while thumb and another finger hold it.
+
+    Poses from vision are averaged in the thumb's frame, so the object may move meanwhile. Where
+    someone says on /object/held when the object is off the table, tracking starts anew at that
+    moment, and /object/pose is silent before and after.
+    """
+
+    def __init__(self) -> None:
+        super().__init__("kinematic_tracker")
+        self.config = declare_config(self, TrackerNodeConfig)
+        self.kinematics = HandKinematics()
+        tracker = declare_config(self, KinematicTrackerConfig)
+        self.tracker = KinematicTracker(self.kinematics, tracker)
+        self._reader = JointReader(self.kinematics.joint_names)
+        self._joints = JointHistory()
+        self._gate, self._vision_gate = StampGate("/joint_states"), StampGate(VISION)
+        self._seen: deque[Array] = deque(maxlen=self.config.start_poses)
+        self._vision_covariance: Array | None = None
+        self._touched: dict[str, float] = {}
+        self._held = True
+        self._kinematic = self.stream(PoseWithCovarianceStamped, "/object/pose/kinematic")
+        self._fused = self.stream(PoseWithCovarianceStamped, "/object/pose")
+        self.listen(JointState, "/joint_states", self._on_joints)
+        self.listen(PoseWithCovarianceStamped, VISION, self._on_vision)
+        self.listen(Bool, "/object/held", self._on_held, LATCHED)
+        for finger in FINGERS:
+            self.listen(WrenchStamped, f"/contact/{finger}/force", self._force_taker(finger))
+
+    def _force_taker(self, finger: str) -> Callable[[WrenchStamped], None]:
+        topic = f"/contact/{finger}/force"
+
+        def take(message: WrenchStamped) -> None:
+            if wrench_to_core(message, topic, WORLD)[3:].any():
+                self._touched[finger] = to_seconds(message.header.stamp)
+
+        return take
+
+    def _on_held(self, message: Bool) -> None:
+        if message.data and not self._held:
+            self.tracker.reset()
+        self._held = message.data
+
+    def _on_vision(self, message: PoseWithCovarianceStamped) -> None:
+        pose, self._vision_covariance = uncertain_pose_to_core(message, VISION, WORLD)
+        self._vision_gate.check(message.header.stamp)
+        positions = self._joints.at(to_seconds(message.header.stamp))
+        if positions is None or not self._grasped(self._joints.newest):
+            self._seen.clear()
+            return
+        anchor = self.kinematics.sensor_pose(ANCHOR, positions)
+        self._seen.append(np.linalg.inv(anchor) @ pose)
+
+    def _on_joints(self, message: JointState) -> None:
+        positions = self._reader.positions(message)
+        time = to_seconds(message.header.stamp)
+        if self._gate.check(message.header.stamp):
+            self.faults.add("clock_restarted")
+            self._forget()
+        self._joints.add(time, positions)
+        if not self._grasped(time):
+            self.tracker.reset()
+            return
+        if not self.tracker.initialised and len(self._seen) == self.config.start_poses:
+            self._start(positions, time)
+        if self.tracker.initialised:
+            self._follow(message, positions, time)
+
+    def _start(self, positions: Array, time: float) -> None:
+        mean, spread = average_poses(np.stack(self._seen))
+        anchor = self.kinematics.sensor_pose(ANCHOR, positions)
+        turn = np.kron(np.eye(2), anchor[:3, :3])
+        covariance = self._vision_covariance
+        if covariance is None:
+            covariance = turn @ spread @ turn.T
+        self.tracker.initialise(anchor @ mean, positions, covariance, time)
+
+    def _follow(self, message: JointState, positions: Array, time: float) -> None:
+        touching = [f for f, last in self._touched.items() if time - last < 0.05]
+        pose, covariance = self.tracker.update(positions, time, touching)
+        result = uncertain_pose_to_message(pose, covariance, message.header.stamp, WORLD)
+        self._kinematic.publish(result)
+        if self._held and self.config.publish_fused:
+            self._fused.publish(result)
+
+    def _grasped(self, time: float) -> bool:
+        """Whether thumb and another finger have touched within the release time."""
+        recent = {f for f, last in self._touched.items() if time - last < self.config.release_time}
+        return ANCHOR in recent and len(recent) > 1
+
+    def _forget(self) -> None:
+        self.tracker.reset()
+        self._joints.clear()
+        self._seen.clear()
+        self._touched.clear()
+
+
+def main() -> int:
+    """Run the node."""
+    return run_node(KinematicTrackerNode)
