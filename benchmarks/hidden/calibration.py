@@ -1,7 +1,9 @@
 """How large an effect must be to raise the whitened error of a rigid-body fit to a given value.
 
 Everything here is free of noise: the excess is the part of the readings that no rigid body
-explains, over the standard deviation that the sensors' noise gives each channel. Correlations are
+explains, over the spectrum that the sensors' noise gives each channel. White noise of a pose
+becomes noise of the inertial force that grows with the square of the frequency: a fast
+disturbance can only be told from a fast motion if it is large. Correlations between channels are
 left out: the whitened error of a careful estimator comes near the target but does not equal it.
 """
 
@@ -16,8 +18,6 @@ from benchmarks.hidden.effects import HiddenEffect
 from benchmarks.hidden.motion import MotionSamples
 from benchmarks.hidden.scenario import Scenario, Truth
 from benchmarks.hidden.sensors import Readings, SensorOptions, perfect_readings
-
-_WINDOW_S = 0.25
 
 
 def magnitude_for_whitened_rms(
@@ -62,12 +62,17 @@ def excess_rms(
     truth = scenario.simulate((effect,), stride)
     readings = effect.output(effect.transduce(perfect_readings(truth)))
     measured = measured_wrench(readings)
-    scale = noise_std(truth, sensors)
+    slow, fast = noise_density(truth, sensors)
     regressor = rigid_body_regressor(truth.scene.motion, truth.scene.gravity)
-    rows = (regressor / scale[..., None]).reshape(-1, 10)
-    aim = (measured / scale).reshape(-1)
+    rows = (regressor / slow[:, None]).reshape(-1, 10)
+    aim = (measured / slow).reshape(-1)
     parameters = np.linalg.lstsq(rows, aim, rcond=None)[0]
-    return float(np.sqrt(np.mean((aim - rows @ parameters) ** 2)))
+    left = (measured - regressor @ parameters) * np.sqrt(2.0 / len(measured))
+    spectrum = np.fft.rfft(left, axis=0)[1:]
+    omega = 2 * np.pi * np.fft.rfftfreq(len(left), truth.scene.time[1] - truth.scene.time[0])[1:]
+    power = np.abs(spectrum) ** 2 / (slow**2 + (fast * omega[:, None] ** 2) ** 2)
+    constant = np.abs(left.sum(axis=0)) ** 2 / (2.0 * slow**2)
+    return float(np.sqrt((power.sum() + constant.sum()) / measured.size))
 
 
 def measured_wrench(readings: Readings) -> np.ndarray:
@@ -103,26 +108,26 @@ def rigid_body_regressor(motion: MotionSamples, gravity: np.ndarray) -> np.ndarr
     return np.stack(columns, axis=-1)
 
 
-def noise_std(truth: Truth, sensors: SensorOptions) -> np.ndarray:
-    """(N, 6) standard deviation of the wrench balance from forces, poses and their derivatives."""
+def noise_density(truth: Truth, sensors: SensorOptions) -> tuple[np.ndarray, np.ndarray]:
+    """Noise of the wrench balance: (6,) white part and (6,) part per squared angular frequency.
+
+    Both are standard deviations per sample of the forces.
+    """
     contacts, body = truth.scene.contacts, truth.scene.body
     touching = (contacts.weight > 0).astype(float)
-    count = _WINDOW_S * sensors.pose_rate_hz
-    second_derivative = np.sqrt(720.0 / count**5) * sensors.pose_rate_hz**2
-    force_variance = touching.sum(1, keepdims=True) * sensors.force_std**2
-    force_variance = force_variance + (body.mass * second_derivative * sensors.position_std) ** 2
-    arm = contacts.point
+    arm, total = contacts.point, truth.contact_force.sum(1)
     leverage = ((arm**2).sum(-1, keepdims=True) - arm**2) * touching[..., None]
-    total = truth.contact_force.sum(1)
-    torque_variance = sensors.force_std**2 * leverage.sum(1)
-    torque_variance = torque_variance + sensors.position_std**2 * (
-        (total**2).sum(-1, keepdims=True) - total**2
+    slower = np.sqrt(sensors.force_rate_hz / sensors.pose_rate_hz)
+    position_std = sensors.position_std * slower
+    twist = np.radians(sensors.rotation_std_deg) * slower
+    torque_variance = sensors.force_std**2 * leverage.sum(1).mean(0)
+    torque_variance += position_std**2 * ((total**2).sum(-1, keepdims=True) - total**2).mean(0)
+    force_variance = np.full(3, sensors.force_std**2 * touching.sum(1).mean())
+    white = np.sqrt(np.concatenate([torque_variance, force_variance]))
+    growing = np.concatenate(
+        [np.diag(body.inertia_com) * twist, np.full(3, body.mass * position_std)]
     )
-    twist = second_derivative * np.radians(sensors.rotation_std_deg)
-    torque_variance = torque_variance + (np.diag(body.inertia_com) * twist) ** 2
-    return np.sqrt(
-        np.concatenate([torque_variance, np.broadcast_to(force_variance, total.shape)], 1)
-    )
+    return white, growing
 
 
 def _shifted(values: np.ndarray, readings: Readings, delay: float) -> np.ndarray:

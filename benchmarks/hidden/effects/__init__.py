@@ -49,7 +49,7 @@ _UNKNOWN = (
     outside_sensor.PoseBacklash,
     outside_sensor.ForceHysteresis,
     outside_sensor.SaturatingSensor,
-    outside_sensor.MainsHum,
+    outside_sensor.ElectricHum,
     outside_sensor.NonlinearGain,
 )
 CATALOGUE = tuple(effect.name for effect in _CATALOGUED)

@@ -198,10 +198,10 @@ class SaturatingSensor(HiddenEffect):
 
 
 @dataclass(frozen=True)
-class MainsHum(HiddenEffect):
-    """One sensor picks up a tone."""
+class ElectricHum(HiddenEffect):
+    """One sensor picks up a tone from the electronics."""
 
-    name = "mains_hum"
+    name = "electric_hum"
     finger: int
     frequency_hz: float
     phase: float
@@ -225,9 +225,9 @@ class MainsHum(HiddenEffect):
         return dataclasses.replace(readings, force=force)
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, magnitude: float, scenario: Scenario) -> MainsHum:
-        """8 to 40 Hz in any finger and direction."""
-        finger, frequency = int(rng.integers(len(FINGERS))), rng.uniform(8.0, 40.0)
+    def draw(cls, rng: np.random.Generator, magnitude: float, scenario: Scenario) -> ElectricHum:
+        """4 to 20 Hz in any finger and direction."""
+        finger, frequency = int(rng.integers(len(FINGERS))), rng.uniform(4.0, 20.0)
         phase, direction = rng.uniform(0, 2 * np.pi), randomness.unit_vector(rng)
         return cls(magnitude, finger, frequency, phase, direction)
 

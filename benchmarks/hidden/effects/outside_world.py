@@ -35,8 +35,8 @@ class MotorVibration(HiddenEffect):
 
     @classmethod
     def draw(cls, rng: np.random.Generator, magnitude: float, scenario: Scenario) -> MotorVibration:
-        """6 to 30 Hz, any axis."""
-        frequency, phase = rng.uniform(6.0, 30.0), rng.uniform(0, 2 * np.pi)
+        """4 to 12 Hz, any axis."""
+        frequency, phase = rng.uniform(4.0, 12.0), rng.uniform(0, 2 * np.pi)
         direction = randomness.unit_vector(rng)
         return cls(magnitude, frequency, phase, direction, draw_body_point(rng, scenario))
 
