@@ -1,0 +1,68 @@
+"""Estimate a robot's payload from its wrist force/torque sensor, whatever the sensor's bias.
+
+    tactile-dynamics import kuka-ft-imu ../shared/data/kuka_ft_imu/1-baseline payload.mcap
+    python examples/03_wrist_force_torque_sensor.py payload.mcap
+
+A wrist sensor is one contact that carries torque. Such sensors read several newtons without any
+load; an arm that turns its wrist tells this bias from the weight, because the bias stays with the
+sensor while gravity does not. Here the bias is an effect of the model: added, it is estimated
+together with the load, and the error shows whether adding it was right.
+"""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+from tactile_dynamics_ros.core.effects import create_effect
+from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.inertia.batch import estimate_inertia
+from tactile_dynamics_ros.core.inertia.estimate import InertialEstimate
+from tactile_dynamics_ros.recording import Recording
+
+
+def describe(title: str, estimate: InertialEstimate) -> None:
+    """Print mass, centre of mass and error of one model."""
+    std = estimate.parameter_std
+    com, com_std = 1e3 * estimate.inertia.com, 1e3 * std[1:4]
+    places = ", ".join(f"{c:.1f} +- {s:.1f}" for c, s in zip(com, com_std, strict=True))
+    print(f"{title}")
+    print(f"  mass            {estimate.inertia.mass:.4f} +- {std[0]:.4f} kg")
+    print(f"  centre of mass  {places} mm")
+    print(f"  error           {estimate.error.whitened_rms:.2f} times the stated noise")
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Estimate the load without and with the sensor's bias."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("recording", type=Path)
+    options = parser.parse_args(arguments)
+    recording = Recording.from_bag(options.recording)
+    streams = recording.streams
+
+    wrists = [c for c in streams.contacts.values() if c.carries_torque]
+    if not wrists:
+        raise BadInputError(
+            f"{recording.source}: no contact carries torque; expected a wrist sensor"
+        )
+    for wrist in wrists:
+        mean = np.linalg.norm(wrist.force.mean(axis=0))
+        print(f"{wrist.name}: {len(wrist.time)} wrenches, mean force {mean:.2f} N")
+    if streams.imu is not None:
+        print(f"IMU: {len(streams.imu.time)} samples; accelerations are measured, not derived")
+
+    describe("\nrigid body alone", estimate_inertia(streams))
+    with_bias = estimate_inertia(streams, [create_effect("force_bias")])
+    describe("\nwith the sensor's bias (effect force_bias)", with_bias)
+
+    print("\nthe bias, in the object's axes, as a wrench on the object")
+    bias = with_bias.effects["force_bias"]
+    for name, value in bias.value.items():
+        print(f"  {name:14s} {value:8.3f} +- {bias.std[name]:.3f} {bias.unit[name]}")
+    if with_bias.not_excited:
+        print(f"\nnot determined by this motion: {', '.join(with_bias.not_excited)}")
+        print("(a wrist that only turns slowly shows mass and centre of mass, not the inertia)")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,107 @@
+"""The numbered examples run on a small recording and say what they promise."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from synthetic_recording import MASS, held_box
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+
+
+def _run(name: str, arguments: list[str], capsys) -> str:
+    (path,) = EXAMPLES.glob(f"{name}_*.py")
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    module.main(arguments)
+    return capsys.readouterr().out
+
+
+def _number(pattern: str, text: str) -> float:
+    return float(re.search(pattern, text)[1])
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory) -> str:
+    """Return a clean recording."""
+    return str(held_box(seconds=8.0).to_bag(tmp_path_factory.mktemp("bags") / "box.mcap"))
+
+
+def test_every_example_is_short_and_says_how_to_run_it():
+    paths = sorted(EXAMPLES.glob("[0-9][0-9]_*.py"))
+    assert paths
+    for path in paths:
+        text = path.read_text()
+        assert 40 <= len(text.splitlines()) <= 130, path.name
+        assert f"python examples/{path.name}" in text.split('"""')[1]
+
+
+def test_01_estimates_a_recording(bag, tmp_path, capsys):
+    text = _run("01", [bag, "--out", str(tmp_path)], capsys)
+    assert _number(r"mass +([\d.]+)", text) == pytest.approx(MASS, rel=0.005)
+    assert (tmp_path / "convergence.png").stat().st_size > 10_000
+
+
+def test_02_brings_arrays(tmp_path, capsys):
+    text = _run("02", ["--out", str(tmp_path / "own.mcap"), "--seconds", "6"], capsys)
+    assert _number(r"mass ([\d.]+)", text) == pytest.approx(0.2, rel=0.01)
+    assert (tmp_path / "own.mcap").exists()
+
+
+def test_03_tells_a_sensors_bias_from_the_load(tmp_path, capsys):
+    from scipy.spatial.transform import Rotation
+
+    from tactile_dynamics_ros.recording import Recording
+
+    time = np.arange(0.0, 6.0, 0.01)
+    turn = np.stack([np.sin(time), 1.2 * np.sin(1.7 * time), np.sin(0.6 * time)], axis=1)
+    rotation = Rotation.from_rotvec(turn)
+    weight = 0.9 * rotation.inv().apply([0.0, 0.0, 9.81])
+    random = np.random.default_rng(0)
+    wrist = {
+        "time": time,
+        "force": weight + [5.0, -3.0, 2.0] + 0.03 * random.normal(size=weight.shape),
+        "torque": np.cross([0.0, 0.01, 0.05], weight)
+        + [0.3, 0.2, -0.1]
+        + 1e-3 * random.normal(size=weight.shape),
+        "force_std": 0.03,
+        "position": [0.0, 0.0, 0.0],
+        "rotation": np.eye(3),
+    }
+    imu = {
+        "time": time,
+        "specific_force": rotation.inv().apply([0.0, 0.0, 9.81])
+        + 0.02 * random.normal(size=weight.shape),
+        "specific_force_std": 0.02,
+        "rotation": rotation.as_matrix(),
+    }
+    path = Recording.from_arrays({"wrist": wrist}, imu=imu, contact_frame="object").to_bag(
+        tmp_path / "load.mcap"
+    )
+    alone, with_bias = _run("03", [str(path)], capsys).split("force_bias", 1)
+    assert abs(_number(r"mass +([\d.]+)", alone) - 0.9) > 0.05
+    assert _number(r"mass +([\d.]+)", with_bias) == pytest.approx(0.9, rel=0.01)
+    assert _number(r"b_x +([-\d.]+)", with_bias) == pytest.approx(5.0, abs=0.2)
+
+
+def test_04_finds_honest_uncertainty_on_a_clean_recording(bag, capsys):
+    text = _run("04", [bag, "--parts", "4"], capsys)
+    assert 0.4 < _number(r"overall normalised scatter: ([\d.]+)", text) < 1.7
+
+
+def test_05_adds_the_effect_that_was_hidden(tmp_path, capsys):
+    from benchmarks.hidden import ScenarioOptions, generate_at_whitened_rms
+    from benchmarks.hidden.bag import write_bag
+
+    made = generate_at_whitened_rms(5, {"viscous_drag": 3.0}, ScenarioOptions(duration=8.0))
+    path = write_bag(made.streams, tmp_path / "run")
+    choice = "--try=viscous_drag,gravity_tilt"
+    text = _run("05", [str(path), choice, "--out", str(tmp_path)], capsys)
+    assert _number(r"rigid body alone: ([\d.]+)", text) > 2.0
+    assert _number(r"added viscous_drag: ([\d.]+)", text) < 1.15
+    assert (tmp_path / "steps.png").exists()
