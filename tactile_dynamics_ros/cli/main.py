@@ -12,7 +12,10 @@ from tactile_dynamics_ros import __version__
 from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError
 
 VERB_MODULES: tuple[str, ...] = (
-    # one dotted module name per line
+    "tactile_dynamics_ros.cli.demo",
+    "tactile_dynamics_ros.cli.live",
+    "tactile_dynamics_ros.cli.topics",
+    "tactile_dynamics_ros.cli.record",
     "tactile_dynamics_ros.cli.estimate",
     "tactile_dynamics_ros.cli.import_",
 )

@@ -1,0 +1,122 @@
+"""`tactile-dynamics demo`: the whole story on the simulated robot, from grasp to report."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from argparse import Namespace, _SubParsersAction
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from tactile_dynamics_ros.cli.domain import private_domain
+from tactile_dynamics_ros.cli.live import (
+    DEFAULT_CONFIG,
+    StopRequest,
+    add_simulation_arguments,
+    nodes_of,
+    simulation_parameters,
+)
+from tactile_dynamics_ros.cli.supervisor import Supervisor, node_command, verb_command
+from tactile_dynamics_ros.core.errors import NotIdentifiableError, TactileDynamicsError
+from tactile_dynamics_ros.share import share_file
+
+if TYPE_CHECKING:
+    from tactile_dynamics_ros.cli.demo_monitor import Monitor
+
+AROUND_MOTION = 60.0
+"""Simulated seconds of grasping, lifting and putting down around the excitation."""
+
+
+def add_parser(verbs: _SubParsersAction[Any]) -> None:
+    """Add the verb."""
+    parser = verbs.add_parser(
+        "demo", help="a simulated hand lifts an unknown object; its inertia appears live"
+    )
+    add_simulation_arguments(parser)
+    parser.add_argument(
+        "--duration", type=float, default=30.0, metavar="S", help="of the motion with the object"
+    )
+    parser.add_argument("--out", metavar="DIR", help="recording, report and logs; new directory")
+    parser.set_defaults(run=run)
+
+
+def run(args: Namespace) -> int:
+    """Play the story; afterwards everything is stopped."""
+    started = time.monotonic()
+    out = Path(args.out or f"out/demo-{datetime.now():%Y%m%d-%H%M%S}").absolute()
+    out.mkdir(parents=True, exist_ok=True)
+    say = _Speaker(quiet=args.json)
+    with private_domain() as domain, StopRequest() as stop:
+        from tactile_dynamics_ros.cli.demo_monitor import Monitor
+
+        say(f"nodes run on ROS domain {domain} of this host; look in with")
+        say(f"  ROS_DOMAIN_ID={domain} tactile-dynamics echo /inertial_estimator/status")
+        with Supervisor(out / "logs", respawn=False) as supervisor:
+            monitor = Monitor(say)
+            try:
+                _start(supervisor, args, out)
+                _play(supervisor, monitor, stop, args)
+                truth = monitor.reveal()
+            finally:
+                monitor.close()
+                supervisor.stop(["recorder"])
+    (out / "truth.json").write_text(json.dumps(truth, indent=1) + "\n")
+    say(f"recorded {out / 'recording'}; all processes are stopped; estimating from the recording")
+    from tactile_dynamics_ros.cli.demo_result import summarise_demo
+
+    result = summarise_demo(out, monitor.history(), truth, args.hidden, say)
+    result["wall_time_s"] = round(time.monotonic() - started, 1)
+    if args.json:
+        print(json.dumps(result))
+    say(f"done in {result['wall_time_s']:.0f} s; open {result['report']}")
+    return 0
+
+
+class _Speaker:
+    """Prints lines for people, or nothing."""
+
+    def __init__(self, quiet: bool) -> None:
+        self.quiet = quiet
+
+    def __call__(self, text: str) -> None:
+        if not self.quiet:
+            print(text, flush=True)
+
+
+def _start(supervisor: Supervisor, args: Namespace, out: Path) -> None:
+    config = share_file(DEFAULT_CONFIG)
+    extra: dict[str, dict[str, object]] = {
+        "robot_sim": simulation_parameters(args),
+        "grasp_controller": {
+            "object": args.object,
+            "excitation.duration": float(args.duration),
+            "excitation.seed": args.seed,
+        },
+    }
+    supervisor.start("recorder", verb_command("record", str(out / "recording")))
+    for name in nodes_of(config):
+        supervisor.start(name, node_command(name, config, extra.get(name)))
+
+
+def _play(supervisor: Supervisor, monitor: Monitor, stop: StopRequest, args: Namespace) -> None:
+    """Wait until the object has been put down, showing what comes.
+
+    Raises:
+        TactileDynamicsError: a process died, or the story does not end.
+        NotIdentifiableError: the hand did not get or keep the object.
+    """
+    limit = 5.0 * (AROUND_MOTION + args.duration) / min(args.real_time_factor, 1.0)
+    deadline = time.monotonic() + limit
+    while not monitor.finished:
+        monitor.spin_once()
+        if stop.requested:
+            raise KeyboardInterrupt
+        for member in supervisor.watch():
+            print(member.last_words(), file=sys.stderr)
+            raise TactileDynamicsError(f"{member.name} ended with {member.exit_codes[-1]}")
+        if time.monotonic() > deadline:
+            raise TactileDynamicsError(f"not finished after {limit:.0f} s; see the logs")
+    if monitor.failure:
+        raise NotIdentifiableError(f"the hand has no object to estimate: {monitor.failure}")

@@ -1,0 +1,156 @@
+"""What the demo sees of the running nodes: phase, estimates, pace."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from numpy.typing import NDArray
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from rich.console import Console
+from rich.live import Live
+from rich.table import Table
+from std_msgs.msg import String
+
+from tactile_dynamics_ros.cli.topics import call_trigger
+from tactile_dynamics_ros.core.errors import TactileDynamicsError
+from tactile_dynamics_ros.nodes.conversions import to_seconds
+from tactile_dynamics_ros.nodes.diagnostics import status_values
+from tactile_dynamics_ros.nodes.shell import LATCHED
+from tactile_dynamics_ros.report.history import EstimateHistory
+
+Array = NDArray[np.float64]
+
+NAMES = (
+    ("mass", "mass", 1e3, "g"),
+    ("com_x", "centre of mass x", 1e3, "mm"),
+    ("com_y", "centre of mass y", 1e3, "mm"),
+    ("com_z", "centre of mass z", 1e3, "mm"),
+    ("inertia_xx", "inertia xx", 1e6, "kg mm²"),
+    ("inertia_xy", "inertia xy", 1e6, "kg mm²"),
+    ("inertia_yy", "inertia yy", 1e6, "kg mm²"),
+    ("inertia_xz", "inertia xz", 1e6, "kg mm²"),
+    ("inertia_yz", "inertia yz", 1e6, "kg mm²"),
+    ("inertia_zz", "inertia zz", 1e6, "kg mm²"),
+)
+LINE_EVERY = 3.0
+
+
+class Monitor:
+    """A node that follows the story and shows it.
+
+    Args:
+        say: prints a line for people.
+    """
+
+    def __init__(self, say: Callable[[str], None]) -> None:
+        self._say = say
+        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+        self.node = Node("demo_monitor", enable_rosout=False, start_parameter_services=False)
+        self.phase, self.failure = "starting", ""
+        self._estimates: list[tuple[float, Array, Array]] = []
+        self._pace: list[float] = []
+        self._error = 1.0
+        self._samples = "0"
+        self._last_line = 0.0
+        self._live: Live | None = None
+        create = self.node.create_subscription
+        create(String, "/grasp_controller/phase", self._on_phase, LATCHED)
+        create(DiagnosticArray, "/inertial_estimator/status", self._on_status, LATCHED)
+        create(DiagnosticArray, "/diagnostics", self._on_diagnostics, 50)
+
+    @property
+    def finished(self) -> bool:
+        """Whether the object has been put down, or lost."""
+        return self.phase in ("done", "failed")
+
+    def spin_once(self) -> None:
+        """Handle what has come, or wait a moment."""
+        rclpy.spin_once(self.node, timeout_sec=0.1)
+
+    def reveal(self) -> dict[str, Any]:
+        """Ask the simulator for the truth."""
+        self._stop_table()
+        success, message = call_trigger(self.node, "/robot_sim/reveal", 30.0)
+        if not success:
+            raise TactileDynamicsError(f"/robot_sim/reveal: {message}")
+        truth: dict[str, Any] = json.loads(message)
+        truth["real_time_factor"] = float(np.median(self._pace)) if self._pace else None
+        return truth
+
+    def history(self) -> EstimateHistory:
+        """Return all estimates that came."""
+        if not self._estimates:
+            empty = np.zeros((0, len(NAMES)))
+            return EstimateHistory(np.zeros(0), empty, empty)
+        time_, value, std = zip(*self._estimates, strict=True)
+        return EstimateHistory(np.array(time_), np.stack(value), np.stack(std))
+
+    def close(self) -> None:
+        """Leave ROS."""
+        self._stop_table()
+        rclpy.try_shutdown()
+
+    def _on_phase(self, message: String) -> None:
+        self.phase, _, reason = message.data.partition(": ")
+        if self.phase == "failed":
+            self.failure = reason or "the grasp failed"
+        if self._live is None:
+            self._say(f"hand: {message.data}")
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            pace = status_values(status).get("real_time_factor")
+            if status.name == "robot_sim" and pace is not None and self.phase != "starting":
+                self._pace.append(float(pace))
+
+    def _on_status(self, message: DiagnosticArray) -> None:
+        found = {status.name: status_values(status) for status in message.status}
+        parameters = found["parameters"]
+        value = np.array([float(parameters[name]) for name, *_ in NAMES])
+        std = np.array([float(parameters[f"{name}_std"]) for name, *_ in NAMES])
+        self._samples = found["solver"]["samples"]
+        if int(self._samples) == 0:
+            return
+        self._error = float(found["solver"]["whitened_rms"])
+        self._estimates.append((to_seconds(message.header.stamp), value, std))
+        self._show(value, std)
+
+    def _show(self, value: Array, std: Array) -> None:
+        if getattr(self._say, "quiet", False):
+            return
+        if sys.stdout.isatty():
+            if self._live is None:
+                self._live = Live(console=Console(), refresh_per_second=4)
+                self._live.start()
+            self._live.update(self._table(value, std))
+        elif time.monotonic() - self._last_line > LINE_EVERY:
+            self._last_line = time.monotonic()
+            parts = [
+                f"{label} {scale * v:.1f} ± {scale * s:.1f} {unit}"
+                for (_, label, scale, unit), v, s in list(zip(NAMES, value, std, strict=True))[:4]
+            ]
+            self._say(f"  {self._samples:>5} samples: {', '.join(parts)}")
+
+    def _table(self, value: Array, std: Array) -> Table:
+        pace = f"{self._pace[-1]:.2f} x real time" if self._pace else ""
+        table = Table(title=f"hand: {self.phase}   {self._samples} samples   {pace}")
+        for heading, justify in (("", "left"), ("estimate", "right"), ("± std", "right")):
+            table.add_column(heading, justify=justify)  # type: ignore[arg-type]
+        table.add_column("unit")
+        for (_, label, scale, unit), v, s in zip(NAMES, value, std, strict=True):
+            table.add_row(label, f"{scale * v:.2f}", f"{scale * s:.2f}", unit)
+        table.add_row("error", f"{self._error:.2f}", "", "x sensor noise")
+        return table
+
+    def _stop_table(self) -> None:
+        if self._live is not None:
+            self._live.stop()
+            self._live = None

@@ -1,0 +1,145 @@
+"""Verbs that start nodes: run, sim, up."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import json
+import pkgutil
+import signal
+import sys
+import time
+from argparse import Namespace, _SubParsersAction
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from tactile_dynamics_ros.cli.domain import stay_on_this_host
+from tactile_dynamics_ros.cli.supervisor import Supervisor, node_command
+from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.share import share_file
+
+DEFAULT_CONFIG = "config/allegro_iiwa.yaml"
+
+
+def add_parser(verbs: _SubParsersAction[Any]) -> None:
+    """Add the verbs."""
+    run = verbs.add_parser("run", help="run one node, as `ros2 run tactile_dynamics_ros NODE`")
+    run.add_argument("node", metavar="NODE", help=f"one of {', '.join(node_names())}")
+    run.add_argument("arguments", nargs=argparse.REMAINDER, help="--ros-args ...")
+    run.set_defaults(run=run_node)
+
+    sim = verbs.add_parser("sim", help="run the simulated robot alone")
+    add_simulation_arguments(sim)
+    sim.set_defaults(run=run_simulation)
+
+    up = verbs.add_parser("up", help="start all nodes of a robot and keep them running")
+    up.add_argument("--config", default=DEFAULT_CONFIG, metavar="YAML", help="nodes, parameters")
+    up.add_argument("--without", default="", metavar="A,B", help="nodes that are not started")
+    up.add_argument("--logs", metavar="DIR", help="one log per node instead of the terminal")
+    up.set_defaults(run=run_all)
+
+
+def add_simulation_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what describes a simulated run."""
+    parser.add_argument("--object", default="box_0", metavar="NAME", help="file in config/objects")
+    parser.add_argument("--seed", type=int, default=0, help="of placement, noise and effect")
+    parser.add_argument("--hidden", default="none", metavar="NAME|random", help="hidden effect")
+    parser.add_argument("--magnitude", type=float, default=1.0, help="of the hidden effect")
+    parser.add_argument(
+        "--real-time-factor", type=float, default=1.0, help="simulated over real time"
+    )
+
+
+def simulation_parameters(args: Namespace) -> dict[str, object]:
+    """Return the parameters of robot_sim that the arguments describe."""
+    return {
+        "world.object_name": args.object,
+        "seed": args.seed,
+        "hidden_effect": args.hidden,
+        "hidden_magnitude": float(args.magnitude),
+        "real_time_factor": float(args.real_time_factor),
+    }
+
+
+def node_names() -> tuple[str, ...]:
+    """Return the executables: all modules of the package `nodes` that have a main function."""
+    folder = Path(__file__).parents[1] / "nodes"
+    names = [module.name for module in pkgutil.iter_modules([str(folder)])]
+    return tuple(n for n in names if "\ndef main(" in (folder / f"{n}.py").read_text())
+
+
+def run_node(args: Namespace) -> int:
+    """Run one node in this process."""
+    if args.node not in node_names():
+        raise BadInputError(f"node '{args.node}': expected one of {', '.join(node_names())}")
+    stay_on_this_host()
+    sys.argv = [args.node, *args.arguments]
+    module = importlib.import_module(f"tactile_dynamics_ros.nodes.{args.node}")
+    return int(module.main())
+
+
+def run_simulation(args: Namespace) -> int:
+    """Run robot_sim with the given object, seed and hidden effect."""
+    words = node_command("robot_sim", None, simulation_parameters(args))
+    ros_arguments = words[words.index("--ros-args") :]
+    return run_node(Namespace(node="robot_sim", arguments=ros_arguments))
+
+
+def nodes_of(config: Path) -> list[str]:
+    """Return the nodes that a configuration lists, in its order.
+
+    Raises:
+        BadInputError: it is no such file, or lists something that is no node.
+    """
+    try:
+        content = yaml.safe_load(config.read_text())
+    except (OSError, yaml.YAMLError) as error:
+        raise BadInputError(f"{config}: {error}") from error
+    if not isinstance(content, dict):
+        raise BadInputError(f"{config}: expected node names with their ros__parameters")
+    unknown = [name for name in content if name not in node_names()]
+    if unknown:
+        raise BadInputError(f"{config}: no node '{unknown[0]}'; known: {', '.join(node_names())}")
+    return list(content)
+
+
+def run_all(args: Namespace) -> int:
+    """Start the nodes of a configuration; restart what dies; Ctrl-C stops all."""
+    stay_on_this_host()
+    config = share_file(args.config)
+    left_out = {name for name in args.without.split(",") if name}
+    wanted = [name for name in nodes_of(config) if name not in left_out]
+    with Supervisor(Path(args.logs) if args.logs else None) as supervisor:
+        for name in wanted:
+            supervisor.start(name, node_command(name, config))
+        print(json.dumps({"nodes": wanted}) if args.json else f"started {', '.join(wanted)}")
+        sys.stdout.flush()
+        with StopRequest() as stop:
+            while not stop.requested:
+                for member in supervisor.watch():
+                    code = member.exit_codes[-1]
+                    print(f"{member.name} ended with {code}, started again", file=sys.stderr)
+                time.sleep(0.1)
+    return 0
+
+
+class StopRequest:
+    """Context in which SIGINT and SIGTERM only set `requested`."""
+
+    requested = False
+
+    def __enter__(self) -> StopRequest:
+        self._before = {
+            number: signal.signal(number, self._remember)
+            for number in (signal.SIGINT, signal.SIGTERM)
+        }
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+
+    def _remember(self, *_: object) -> None:
+        self.requested = True

@@ -1,0 +1,180 @@
+"""Verbs that talk to running nodes: echo, call, set, probe."""
+
+from __future__ import annotations
+
+import array
+import json
+import math
+import sys
+import time
+from argparse import ArgumentParser, Namespace, _SubParsersAction
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+from tactile_dynamics_ros.cli.domain import stay_on_this_host
+from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError
+
+if TYPE_CHECKING:
+    from rclpy.node import Node
+
+PROBE = "/friction_probe/probe"
+
+
+def add_parser(verbs: _SubParsersAction[Any]) -> None:
+    """Add the verbs."""
+    echo = verbs.add_parser("echo", help="print messages of a topic, as `ros2 topic echo`")
+    echo.add_argument("topic", metavar="TOPIC")
+    echo.add_argument("--count", type=int, metavar="N", help="stop after N messages")
+    _add_timeout(echo, 5.0, "wait this long for the first message")
+    echo.set_defaults(run=run_echo)
+
+    call = verbs.add_parser("call", help="call a service without arguments (std_srvs/Trigger)")
+    call.add_argument("service", metavar="SERVICE")
+    _add_timeout(call, 60.0, "wait this long for the answer")
+    call.set_defaults(run=run_call)
+
+    change = verbs.add_parser("set", help="change a parameter of a running node")
+    change.add_argument("node", metavar="NODE")
+    change.add_argument("parameter", metavar="PARAMETER")
+    change.add_argument("value", metavar="VALUE", help="yaml: 0.5, true, [viscous_drag], []")
+    _add_timeout(change, 10.0, "wait this long for the answer")
+    change.set_defaults(run=run_set)
+
+    probe = verbs.add_parser("probe", help="let a finger measure the friction coefficient")
+    _add_timeout(probe, 120.0, "wait this long for the answer")
+    probe.set_defaults(run=run_probe)
+
+
+def _add_timeout(parser: ArgumentParser, default: float, text: str) -> None:
+    parser.add_argument("--timeout", type=float, default=default, metavar="S", help=text)
+
+
+@contextmanager
+def short_lived_node() -> Iterator[Node]:
+    """A node that lives as long as the context."""
+    stay_on_this_host()
+    import rclpy
+    from rclpy.node import Node as RosNode
+
+    rclpy.init(args=[])
+    try:
+        yield RosNode("tactile_dynamics", enable_rosout=False, start_parameter_services=False)
+    finally:
+        rclpy.try_shutdown()
+
+
+def spin_until(node: Node, condition: Callable[[], bool], timeout: float) -> bool:
+    """Let a node work until the condition holds; return whether it does."""
+    import rclpy
+
+    deadline = time.monotonic() + timeout
+    while not condition():
+        if time.monotonic() > deadline:
+            return False
+        rclpy.spin_once(node, timeout_sec=0.05)
+    return True
+
+
+def run_echo(args: Namespace) -> int:
+    """Print messages as JSON, one per line with --json."""
+    from tactile_dynamics_ros.nodes.recorder import message_type
+    from tactile_dynamics_ros.nodes.shell import LATCHED, STREAM
+
+    seen: list[Any] = []
+    with short_lived_node() as node:
+
+        def kinds() -> list[str]:
+            return dict(node.get_topic_names_and_types()).get(args.topic, [])
+
+        if not spin_until(node, lambda: bool(kinds()), args.timeout):
+            known = sorted(name for name, _ in node.get_topic_names_and_types())
+            raise BadInputError(f"topic '{args.topic}' is not published; there are {known}")
+        offers = [i.qos_profile for i in node.get_publishers_info_by_topic(args.topic)]
+        latched = bool(offers) and all(q.durability == LATCHED.durability for q in offers)
+        profile = LATCHED if latched else STREAM
+        node.create_subscription(message_type(kinds()[0]), args.topic, seen.append, profile)
+        if not spin_until(node, lambda: bool(seen), args.timeout):
+            raise BadInputError(f"topic '{args.topic}': no message within {args.timeout} s")
+        printed = 0
+        while args.count is None or printed < args.count:
+            spin_until(node, lambda: bool(seen), math.inf)
+            print(json.dumps(to_plain(seen.pop(0)), indent=None if args.json else 1), flush=True)
+            printed += 1
+    return 0
+
+
+def to_plain(value: Any) -> Any:
+    """Return a message as dictionaries, lists and numbers; what is not finite becomes text."""
+    if hasattr(value, "get_fields_and_field_types"):
+        return {name: to_plain(getattr(value, name)) for name in value.get_fields_and_field_types()}
+    if hasattr(value, "tolist"):
+        return to_plain(value.tolist())
+    if isinstance(value, (list, tuple, array.array)):
+        return [to_plain(item) for item in value]
+    if isinstance(value, bytes):
+        return value[0] if len(value) == 1 else list(value)
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    return value
+
+
+def call_trigger(node: Node, service: str, timeout: float) -> tuple[bool, str]:
+    """Call a std_srvs/Trigger; return success and message.
+
+    Raises:
+        BadInputError: nobody offers the service.
+        TactileDynamicsError: no answer in time.
+    """
+    from std_srvs.srv import Trigger
+
+    client = node.create_client(Trigger, service)
+    if not spin_until(node, client.service_is_ready, min(timeout, 5.0)):
+        raise BadInputError(f"service '{service}' is not offered; start the node that has it")
+    future = client.call_async(Trigger.Request())
+    if not spin_until(node, future.done, timeout):
+        raise TactileDynamicsError(f"service '{service}': no answer within {timeout} s")
+    answer = future.result()
+    node.destroy_client(client)
+    return bool(answer.success), str(answer.message)
+
+
+def run_call(args: Namespace) -> int:
+    """Call a service and print its message, which may itself be JSON."""
+    with short_lived_node() as node:
+        success, message = call_trigger(node, args.service, args.timeout)
+    if args.json:
+        try:
+            content = json.loads(message)
+        except ValueError:
+            content = message
+        print(json.dumps({"success": success, "message": content}))
+    else:
+        print(message, file=sys.stdout if success else sys.stderr)
+    return 0 if success else 1
+
+
+def run_probe(args: Namespace) -> int:
+    """Ask the friction probe and print its estimate."""
+    return run_call(Namespace(service=PROBE, timeout=args.timeout, json=args.json))
+
+
+def run_set(args: Namespace) -> int:
+    """Change one parameter."""
+    import yaml
+    from rclpy.parameter import Parameter
+    from rclpy.parameter_client import AsyncParameterClient
+
+    value = yaml.safe_load(args.value)
+    with short_lived_node() as node:
+        client = AsyncParameterClient(node, args.node.lstrip("/"))
+        if not spin_until(node, client.services_are_ready, 5.0):
+            raise BadInputError(f"node '{args.node}' is not running")
+        future = client.set_parameters([Parameter(args.parameter, value=value)])
+        if not spin_until(node, future.done, args.timeout):
+            raise TactileDynamicsError(f"node '{args.node}': no answer within {args.timeout} s")
+        result = future.result().results[0]
+    if not result.successful:
+        raise BadInputError(f"{args.node} {args.parameter} = {args.value}: {result.reason}")
+    print(json.dumps({args.parameter: value}) if args.json else f"{args.parameter} = {value}")
+    return 0
