@@ -1,0 +1,204 @@
+"""Live reading of one fingertip: tare, touch, drift and faults around a model of the force."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tactile_dynamics_ros.core.configuration import check_ranges, parameter
+from tactile_dynamics_ros.core.errors import NotIdentifiableError
+from tactile_dynamics_ros.core.tactile.electrodes import (
+    ELECTRODE_POSITION,
+    ELECTRODES,
+    FULL_SCALE,
+    TDC,
+)
+from tactile_dynamics_ros.core.tactile.signal_change import RestState, check_frame, temperature
+
+Array = NDArray[np.float64]
+
+_PRESSURE = 19
+
+
+@dataclass(frozen=True)
+class FingertipConfig:
+    """When a fingertip counts as touching, and how its rest state follows drift."""
+
+    touch_counts: float = parameter(10.0, "PDC rise that begins a contact", "counts", 1.0, 500.0)
+    release_counts: float = parameter(6.0, "PDC rise below which it ends", "counts", 0.0, 500.0)
+    touch_frames: int = parameter(2, "frames in a row that begin or end a contact", "", 1, 100)
+    rest_gain: float = parameter(0.01, "share by which the rest state follows a frame", "", 0, 1)
+    force_scale: float = parameter(1.0, "gain of this unit, from a known force", "", 0.1, 10.0)
+    period: float = parameter(0.01, "time between frames", "s", 1e-4, 1.0)
+    saturation_margin: float = parameter(10.0, "counts from the range's ends", "counts", 0, 500)
+    drift_warning: float = parameter(3.0, "warming since the rest state that is flagged", "K", 0.0)
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+
+@dataclass(frozen=True)
+class TactileEstimate:
+    """What one frame of one fingertip says.
+
+    Attributes:
+        force: (3,) N on the object, sensor frame. std: (3,) N.
+        in_contact: whether anything is touched (force is zero otherwise).
+        point: (3,) contact point on the skin, sensor frame, m. point_std: m.
+        saturated: whether an electrode is at the end of its range.
+        warming: change of the core's temperature since the rest state, K.
+        drifting: whether the warming is large enough to spoil the force.
+    """
+
+    force: Array
+    std: Array
+    in_contact: bool
+    point: Array
+    point_std: float
+    saturated: bool
+    warming: float
+    drifting: bool
+
+    @property
+    def torque(self) -> Array:
+        """Torque (3,) of the force about the sensor origin, N m."""
+        return np.cross(self.point, self.force)
+
+
+class ForceModel(Protocol):
+    """Turns tared signals, frame by frame, into a contact."""
+
+    def reset(self) -> None:
+        """Forget past frames."""
+
+    def predict(self, change: Array) -> tuple[Array, Array, Array, float]:
+        """Return force (3,), std (3,), contact point (3,) and its std for the next frame (20,)."""
+
+
+class FingertipEstimator:
+    """Force of one fingertip, frame by frame.
+
+    Args:
+        model: of the force.
+        config: thresholds.
+
+    Attributes:
+        last: the latest estimate, or None.
+        dead: (19,) electrodes that did not change at all during the tare.
+    """
+
+    def __init__(self, model: ForceModel, config: FingertipConfig | None = None) -> None:
+        self.model = model
+        self.config = config or FingertipConfig()
+        self._rest: RestState | None = None
+        self._in_contact = False
+        self._streak = 0
+        self.last: TactileEstimate | None = None
+        self.dead: NDArray[np.bool_] = np.zeros(19, dtype=bool)
+
+    @property
+    def tared(self) -> bool:
+        """Whether the rest state is known."""
+        return self._rest is not None
+
+    def tare(self, raw: ArrayLike) -> None:
+        """Take frames (K, 44) read without contact as the rest state.
+
+        Raises:
+            BadInputError: the frames are malformed or show a contact.
+        """
+        self._rest = RestState.from_frames(raw)
+        self._in_contact, self._streak = False, 0
+        self.dead = find_dead_electrodes(np.atleast_2d(np.asarray(raw, dtype=float)))
+        self.model.reset()
+
+    def estimate(self, raw: ArrayLike) -> tuple[Array, Array, bool]:
+        """Return force (3,), std (3,) in the sensor frame, and whether there is contact.
+
+        Args:
+            raw: (44,) counts.
+
+        Raises:
+            NotIdentifiableError: the sensor was not tared.
+            BadInputError: the frame is malformed.
+        """
+        result = self.observe(raw)
+        return result.force, result.std, result.in_contact
+
+    def observe(self, raw: ArrayLike) -> TactileEstimate:
+        """Return everything that a frame (44,) says; see `estimate`."""
+        if self._rest is None:
+            raise NotIdentifiableError(
+                "BioTac force: the rest state is unknown; tare with frames without contact"
+            )
+        counts = check_frame(raw)
+        change = fill_dead_electrodes(self._rest.change(counts), self.dead)
+        in_contact = self._touches(100.0 * float(change[_PRESSURE]))
+        if not in_contact and self._streak == 0:
+            self._rest = self._rest.follow(counts, self.config.rest_gain)
+        saturated = self._saturated(counts)
+        force, std, point, point_std = self.model.predict(change)
+        force = self.config.force_scale * force if in_contact else np.zeros(3)
+        warming = float(temperature(counts[TDC])) - self._rest.temperature
+        doubt = 3.0 if saturated else 1.0 + 0.3 * float(self.dead.sum())
+        self.last = TactileEstimate(
+            force=force,
+            std=doubt * std,
+            in_contact=in_contact,
+            point=point,
+            point_std=point_std,
+            saturated=saturated,
+            warming=warming,
+            drifting=abs(warming) > self.config.drift_warning,
+        )
+        return self.last
+
+    def _touches(self, rise: float) -> bool:
+        """Switch contact on and off with hysteresis and debouncing."""
+        limit = self.config.release_counts if self._in_contact else self.config.touch_counts
+        self._streak = self._streak + 1 if (rise > limit) != self._in_contact else 0
+        if self._streak >= self.config.touch_frames:
+            self._in_contact, self._streak = not self._in_contact, 0
+        return self._in_contact
+
+    def _saturated(self, counts: Array) -> bool:
+        margin = self.config.saturation_margin
+        electrodes = counts[ELECTRODES][~self.dead]
+        return bool(np.any((electrodes <= margin) | (electrodes >= FULL_SCALE - margin)))
+
+
+def find_dead_electrodes(raw: Array) -> NDArray[np.bool_]:
+    """Return which electrodes (19,) are stuck: at an end of the range, or without any noise.
+
+    Args:
+        raw: (K, 44) frames without contact; noise is judged from ten frames on.
+    """
+    electrodes = raw[:, ELECTRODES]
+    stuck = np.all((electrodes < 50) | (electrodes > FULL_SCALE - 5), axis=0)
+    if len(electrodes) >= 10:
+        quiet = np.ptp(electrodes, axis=0) == 0.0
+        stuck |= quiet & (quiet.sum() < 10)
+    return np.asarray(stuck)
+
+
+def fill_dead_electrodes(change: Array, dead: NDArray[np.bool_]) -> Array:
+    """Return changes (20,) with dead electrodes replaced by the mean of their live neighbours."""
+    if not dead.any():
+        return change
+    filled = change.copy()
+    for k in np.flatnonzero(dead):
+        weight = np.where(dead, 0.0, _NEARNESS[k])
+        filled[k] = weight @ change[:19] / weight.sum() if weight.any() else 0.0
+    return filled
+
+
+def _nearness() -> Array:
+    gap = np.linalg.norm(ELECTRODE_POSITION[:, None] - ELECTRODE_POSITION, axis=-1)
+    near: Array = np.exp(-((gap / 3e-3) ** 2)) * (1.0 - np.eye(len(gap)))
+    return near
+
+
+_NEARNESS = _nearness()

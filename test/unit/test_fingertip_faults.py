@@ -1,0 +1,74 @@
+"""Dead electrodes, warming and slip of a live fingertip."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tactile_dynamics_ros.core.tactile.analytic_force import AnalyticForceEstimator
+from tactile_dynamics_ros.core.tactile.electrodes import TDC
+from tactile_dynamics_ros.core.tactile.fingertip import find_dead_electrodes
+from tactile_dynamics_ros.core.tactile.slip import SlipDetector
+from tactile_dynamics_ros.sim.sensors.biotac import BioTacArray
+
+PLACE = np.array([[-5e-3, 0.0, -7e-3]])
+PRESS = np.array([[0.1, 0.0, -1.2]])
+
+
+@pytest.fixture
+def frames() -> tuple[np.ndarray, np.ndarray]:
+    sensor = BioTacArray(1, seed=12)
+    rest = np.array([sensor.measure(np.zeros((1, 3)), PLACE)[0] for _ in range(50)])
+    pressed = np.array([sensor.measure(PRESS, PLACE)[0] for _ in range(300)])
+    return rest.astype(float), pressed.astype(float)
+
+
+def test_dead_electrodes_are_found_and_hardly_spoil_the_force(frames):
+    rest, pressed = frames
+    healthy, broken = AnalyticForceEstimator(), AnalyticForceEstimator()
+    healthy.tare(rest)
+    spoilt = rest.copy()
+    spoilt[:, 3], spoilt[:, 12] = 4095, 2900
+    broken.tare(spoilt)
+    assert not healthy.dead.any()
+    assert np.flatnonzero(broken.dead).tolist() == [3, 12]
+    pressed = pressed.copy()
+    reference = np.array([healthy.observe(frame).force for frame in pressed])
+    pressed[:, 3], pressed[:, 12] = 4095, 2900
+    found = [broken.observe(frame) for frame in pressed]
+    force = np.array([each.force for each in found])
+    assert np.linalg.norm(force[100:] - reference[100:], axis=1).mean() < 0.25
+    assert np.all(found[-1].std > 1.3 * healthy.last.std)
+    assert not found[-1].saturated
+
+
+def test_a_single_frame_condemns_no_electrode(frames):
+    assert not find_dead_electrodes(frames[0][:1]).any()
+
+
+def test_warming_is_reported_and_flagged(frames):
+    rest, pressed = frames
+    estimator = AnalyticForceEstimator()
+    estimator.tare(rest)
+    assert not estimator.observe(pressed[10]).drifting
+    for frame in pressed[:20]:
+        warm = frame.copy()
+        warm[TDC] += 250.0
+        result = estimator.observe(warm)
+    assert result.warming > 4.0
+    assert result.drifting
+
+
+def test_slip_is_heard_within_50_ms_and_its_end_too():
+    sensor, detector = BioTacArray(1, seed=2), SlipDetector()
+    detector.tare([sensor.measure(np.zeros((1, 3)), PLACE)[0] for _ in range(50)])
+    levels, slips = [], []
+    for k in range(400):
+        speed = 0.02 if 200 <= k < 300 else 0.0
+        level, slipping = detector.update(sensor.measure(PRESS, PLACE, slip_speed=speed)[0])
+        levels.append(level)
+        slips.append(slipping)
+    assert not any(slips[20:200])
+    assert all(slips[205:300])
+    assert not any(slips[306:])
+    assert np.mean(levels[100:200]) == pytest.approx(1.0, abs=0.3)
