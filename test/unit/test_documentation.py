@@ -1,0 +1,55 @@
+"""What the documentation of recordings promises holds."""
+
+from __future__ import annotations
+
+import re
+from argparse import Namespace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tactile_dynamics_ros.recording import topics
+from tactile_dynamics_ros.recording.importers import IMPORTERS
+from tactile_dynamics_ros.recording.importers.csv_mapping import FIELDS, UNITS
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = (ROOT / "docs" / "recordings.md").read_text()
+
+
+def test_the_mapping_on_the_page_imports(tmp_path):
+    (text,) = re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)
+    (tmp_path / "mapping.yaml").write_text(text)
+    rows = "\n".join(f"{10 * k},0,0,500,0,0,0,1" for k in range(50))
+    (tmp_path / "tracker.csv").write_text(f"t_ms,x,y,z,qx,qy,qz,qw\n{rows}\n")
+    rows = "\n".join(f"{0.01 * k + 0.008:.3f},-1,-2,-3,0.1,0,0.5,-1,0,0" for k in range(50))
+    (tmp_path / "index.csv").write_text(f"t,fx,fy,fz,px,py,pz,nx,ny,nz\n{rows}\n")
+    importer = next(i for i in IMPORTERS if i.name == "csv")
+    recording = importer.read(tmp_path / "mapping.yaml", Namespace())
+    index = recording.streams.contacts["index"]
+    np.testing.assert_array_equal(index.force[0], [1.0, 2.0, 3.0])
+    assert index.time[0] == pytest.approx(0.0, abs=1e-9)
+    assert recording.problems == {}
+
+
+def test_the_page_names_all_fields_units_importers_and_topics():
+    for name in FIELDS:
+        assert f"`{name}`" in PAGE, name
+    units = PAGE.partition("Units: ")[2].partition("The first line")[0]
+    for known in UNITS.values():
+        assert all(unit in units for unit in known)
+    for importer in IMPORTERS:
+        assert f"`{importer.name}`" in PAGE, importer.name
+    for topic in (topics.OBJECT_POSE, topics.OBJECT_IMU, "/contact/<name>/force_std"):
+        assert f"`{topic}`" in PAGE
+
+
+def test_the_section_of_real_measurements_is_replaced_in_place(tmp_path, capsys):
+    from benchmarks.real_data import BEGIN, END, _replace_section, main
+
+    section = f"{BEGIN}\nnew\n{END}\n"
+    page = _replace_section("# Page\n\nfirst\n", section)
+    assert page == f"# Page\n\nfirst\n\n{section}"
+    assert _replace_section(page.replace("new", "old") + "\nlast\n", section) == page + "\nlast\n"
+    assert main([str(tmp_path)]) == 2
+    assert "is not on this machine" in capsys.readouterr().err
