@@ -17,10 +17,8 @@ from sensor_msgs.msg import Image
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.contact.robot_description import FINGERS, sensor_frame
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
-from tactile_dynamics_ros.core.tactile.analytic_force import (
-    AnalyticForceConfig,
-    AnalyticForceEstimator,
-)
+from tactile_dynamics_ros.core.tactile.analytic_force import AnalyticForceEstimator
+from tactile_dynamics_ros.core.tactile.fingertip import FingertipConfig
 from tactile_dynamics_ros.nodes.conversions import (
     StampGate,
     biotac_to_core,
@@ -54,7 +52,7 @@ class BiotacForce(Shell):
     def __init__(self) -> None:
         super().__init__("biotac_force")
         self.config = declare_config(self, BiotacForceConfig)
-        estimator = declare_config(self, AnalyticForceConfig, "estimator.")
+        estimator = declare_config(self, FingertipConfig, "fingertip.")
         self.estimators = [AnalyticForceEstimator(estimator) for _ in FINGERS]
         self._kept = KeptTare(self.config.tare_file)
         self._rest: deque[NDArray[np.float64]] | None = None
@@ -86,11 +84,13 @@ class BiotacForce(Shell):
             seen = self.estimators[k].observe(counts[k])
             if seen.saturated:
                 self.faults.add(f"saturated_{finger}")
+            if seen.drifting:
+                self.faults.add(f"warming_{finger}", f"{finger} warmed by {seen.warming:.1f} K")
             torque = seen.torque if seen.in_contact else np.zeros(3)
             wrench = np.concatenate([torque, seen.force])
             stamp, frame = message.header.stamp, sensor_frame(finger)
-            self._force[k].publish(wrench_to_message(wrench, stamp, frame))
             self._std[k].publish(std_to_message(seen.std, stamp, frame))
+            self._force[k].publish(wrench_to_message(wrench, stamp, frame))
 
     def _collect(self, counts: NDArray[np.float64]) -> None:
         assert self._rest is not None
@@ -111,6 +111,9 @@ class BiotacForce(Shell):
         """Tare all fingers with frames (K, 4, 44)."""
         for k, estimator in enumerate(self.estimators):
             estimator.tare(frames[:, k])
+            if estimator.dead.any():
+                names = ", ".join(f"E{n + 1}" for n in np.flatnonzero(estimator.dead))
+                self.faults.add(f"dead_electrodes_{FINGERS[k]}", f"{FINGERS[k]}: {names}")
 
 
 class KeptTare:

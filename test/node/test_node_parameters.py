@@ -1,0 +1,68 @@
+"""Every node comes up with the shipped configuration and refuses parameters that nobody reads."""
+
+import importlib
+from pathlib import Path
+
+import pytest
+import rclpy
+import yaml
+
+import tactile_dynamics_ros
+from tactile_dynamics_ros.cli.live import node_names
+from tactile_dynamics_ros.nodes import shell
+from tactile_dynamics_ros.nodes.parameters import refuse_unknown
+
+CONFIG = Path(tactile_dynamics_ros.__file__).parents[1] / "config"
+FILES = sorted(CONFIG.glob("*.yaml"))
+
+
+def node_class(name):
+    """Return the class that a node's main function runs."""
+    module = importlib.import_module(f"tactile_dynamics_ros.nodes.{name}")
+    classes = [v for v in vars(module).values() if isinstance(v, type)]
+    own = [v for v in classes if issubclass(v, shell.Shell) and v.__module__ == module.__name__]
+    assert len(own) == 1, f"{name}: one node class expected"
+    return own[0]
+
+
+@pytest.fixture
+def start(monkeypatch):
+    """Return a function that creates a node with command-line arguments."""
+    nodes = []
+
+    def create(name, *arguments):
+        rclpy.init(args=["--ros-args", *arguments])
+        nodes.append(node_class(name)())
+        refuse_unknown(nodes[-1])
+        return nodes[-1]
+
+    yield create
+    for node in nodes:
+        node.destroy_node()
+    rclpy.try_shutdown()
+
+
+@pytest.mark.parametrize("name", node_names())
+def test_node_starts_with_shipped_configuration_and_describes_parameters(start, name):
+    arguments = [word for file in FILES for word in ("--params-file", str(file))]
+    node = start(name, *arguments)
+    assert node.get_name() == name
+    given = {}
+    for file in FILES:
+        given |= yaml.safe_load(file.read_text()).get(name, {}).get("ros__parameters", {})
+    for key, value in given.items():
+        found = node.get_parameter(key).value
+        assert (list(found) if isinstance(value, list) else found) == value
+    names = [n for n in node.get_parameters_by_prefix("") if not n.startswith("qos_overrides")]
+    own = set(names) - {"use_sim_time", "start_type_description_service"}
+    assert all(node.describe_parameter(n).description for n in own)
+
+
+@pytest.mark.parametrize("name", node_names())
+def test_node_refuses_a_parameter_that_nobody_reads(start, name):
+    from tactile_dynamics_ros.core.errors import BadInputError
+
+    with pytest.raises(BadInputError, match="unknown parameter mistyped"):
+        start(name, "-p", "mistyped:=1")
+
+

@@ -1,0 +1,31 @@
+"""The yaml files that come with the package: every key is a field of some configuration."""
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+import tactile_dynamics_ros
+from tactile_dynamics_ros.cli.live import node_names, nodes_of
+from tactile_dynamics_ros.sim.objects import list_objects, load_object
+
+CONFIG = Path(tactile_dynamics_ros.__file__).parents[1] / "config"
+ROBOTS = sorted(CONFIG.glob("*.yaml"))
+
+
+def test_there_are_robots_and_objects():
+    assert ROBOTS
+    assert {f"box_{k}" for k in range(5)} <= set(list_objects())
+    assert len(list_objects()) >= 13
+
+
+@pytest.mark.parametrize("path", ROBOTS, ids=lambda path: path.stem)
+def test_robot_files_list_nodes_that_exist(path):
+    assert set(nodes_of(path)) <= set(node_names())
+    for entry in yaml.safe_load(path.read_text()).values():
+        assert set(entry) == {"ros__parameters"}
+
+
+@pytest.mark.parametrize("name", list_objects())
+def test_object_files_load(name):
+    assert load_object(name).name == name
