@@ -29,6 +29,11 @@ def add_recording_arguments(parser: ArgumentParser) -> None:
         metavar="RECORDED:=MEANT",
         help="read a recorded topic under the name that it stands for; repeatable",
     )
+    parser.add_argument(
+        "--between",
+        metavar="START,STOP",
+        help="use only this part, in seconds from the first pose",
+    )
 
 
 def read_recording(args: Namespace) -> Recording:
@@ -39,10 +44,24 @@ def read_recording(args: Namespace) -> Recording:
     """
     from tactile_dynamics_ros.recording import Recording
 
+    span = _parse_span(args.between)
     recording = Recording.from_bag(args.bag, remap=_parse_remappings(args.remap))
     for line in recording.problem_lines():
         print(f"note: {line}", file=sys.stderr)
-    return recording
+    return recording.between(*span) if span else recording
+
+
+def _parse_span(argument: str | None) -> tuple[float, float] | None:
+    """Return start and stop in seconds, or None if the whole recording is meant."""
+    if argument is None:
+        return None
+    try:
+        start, stop = (float(part) for part in argument.split(","))
+    except ValueError as error:
+        raise BadInputError(f"--between {argument}: expected two numbers START,STOP") from error
+    if not start < stop:
+        raise BadInputError(f"--between {argument}: expected START before STOP, in seconds")
+    return start, stop
 
 
 def _parse_remappings(arguments: list[str]) -> dict[str, str]:

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from tactile_dynamics_ros.core.inertia.fitted_model import FittedModel
 
 ADEQUATE = 1.3
+_FEWEST_LIVE_ESTIMATES = 5
 MILLI = 1e3
 
 
@@ -127,8 +128,8 @@ def _convergence(
     model: FittedModel, history: EstimateHistory | None, truth: InertialParameters | None
 ) -> Section:
     """Return how the estimate settles."""
-    live = history is not None
-    history = history or settle(model)
+    live = history is not None and len(history.time) >= _FEWEST_LIVE_ESTIMATES
+    history = history if history is not None and live else settle(model)
     caption = "Bands are two standard deviations."
     pictures = [
         Picture(

@@ -88,7 +88,9 @@ def _view(
     if true_values is not None:
         edges.append(true_values[None, rows])
     every = scale * np.concatenate(edges)
-    return float(every.min()), float(every.max())
+    every = every[np.isfinite(every)]
+    low, high = (float(every.min()), float(every.max())) if every.size else (0.0, 1.0)
+    return low, high if high > low else low + 1.0
 
 
 def draw_residuals(time: Array, residual: Array, white_residual: Array) -> Figure:

@@ -69,6 +69,14 @@ def test_estimate_reads_remapped_topics(bag, tmp_path, capsys):
     assert "expected /recorded/topic:=/meant/topic" in capsys.readouterr().err
 
 
+def test_estimate_uses_only_a_part_where_asked(bag, capsys):
+    assert main(["estimate", bag, "--between", "2,8", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["duration_s"] == pytest.approx(6.0, abs=0.1)
+    for wrong in ("2", "8,2", "a,b"):
+        assert main(["estimate", bag, "--between", wrong]) == 2
+        assert f"--between {wrong}: expected" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

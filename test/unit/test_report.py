@@ -21,7 +21,7 @@ from tactile_dynamics_ros.report.discrepancy_report import (
     write_discrepancy_report,
 )
 from tactile_dynamics_ros.report.estimate_report import write_estimate_report
-from tactile_dynamics_ros.report.history import settle
+from tactile_dynamics_ros.report.history import EstimateHistory, settle
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 
@@ -243,3 +243,17 @@ def test_a_folder_that_cannot_be_made_is_refused(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(BadInputError, match="cannot be written"):
         write_discrepancy_report(_findings(), tmp_path / "file")
+
+
+def test_live_estimates_are_drawn_even_before_they_settle(box, tmp_path):
+    recording, model, truth = box
+    time = np.arange(20.0)
+    value = np.tile([0.4, *COM, 9e-4, 0.0, 7e-4, 0.0, 0.0, 5e-4], (20, 1))
+    std = np.full((20, 10), np.inf)
+    std[10:] = 1e-4
+    live = EstimateHistory(time, value, std)
+    page = write_estimate_report(recording, model, tmp_path, live, truth)
+    assert "as they were published live" in page.read_text()
+    none = EstimateHistory(time[:0], value[:0], std[:0])
+    page = write_estimate_report(recording, model, tmp_path, none, truth)
+    assert "from the first seconds to all data" in page.read_text()
