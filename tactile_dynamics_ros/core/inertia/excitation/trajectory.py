@@ -1,0 +1,135 @@
+"""Candidate motions: sums of sines on six Cartesian axes, at rest at both ends."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.contact.wrench_samples import GRAVITY_W
+from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, log_so3
+
+Array = NDArray[np.float64]
+
+CHANNELS = 6
+_STENCIL = np.array([-2.0, -1.0, 0.0, 1.0, 2.0])
+_FIRST = np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / 12.0
+_SECOND = np.array([-1.0, 16.0, -30.0, 16.0, -1.0]) / 12.0
+_STEP = 2e-3
+
+
+@dataclass(frozen=True)
+class FourierOffsets:
+    """Offsets x_c(t) = w(t) sum_k a_ck sin(2 pi f_k t) + b_ck cos(2 pi f_k t), (6,) per instant.
+
+    [rotation vector (rad), translation (m)], world axes. The window w fades in and out over
+    `ramp`, with zero velocity and acceleration at both ends.
+
+    Attributes:
+        duration: s.
+        frequency_hz: (K,).
+        sine: (6, K); cosine: (6, K).
+        ramp: s.
+    """
+
+    duration: float
+    frequency_hz: Array
+    sine: Array
+    cosine: Array
+    ramp: float = 1.0
+
+    @property
+    def coefficients(self) -> Array:
+        """All amplitudes, (12 K,)."""
+        return np.concatenate([self.sine.ravel(), self.cosine.ravel()])
+
+    def with_coefficients(self, values: Array) -> FourierOffsets:
+        """Return the motion with other amplitudes, (12 K,)."""
+        sine, cosine = np.reshape(values, (2, CHANNELS, -1))
+        return FourierOffsets(self.duration, self.frequency_hz, sine, cosine, self.ramp)
+
+    def scaled(self, factors: Array | float) -> FourierOffsets:
+        """Return the motion with the amplitudes of each channel multiplied, (6,) or a number."""
+        column = np.broadcast_to(np.asarray(factors, dtype=float), (CHANNELS,))[:, None]
+        return self.with_coefficients(
+            np.concatenate([(column * self.sine).ravel(), (column * self.cosine).ravel()])
+        )
+
+    def evaluate(self, time: Array) -> Array:
+        """Offsets (N, 6) at times (N,) s; zero outside [0, duration]."""
+        angle = 2.0 * np.pi * np.asarray(time)[:, None] * self.frequency_hz
+        value = np.sin(angle) @ self.sine.T + np.cos(angle) @ self.cosine.T
+        ramp = min(self.ramp, 0.5 * self.duration)
+        inside = np.clip(np.minimum(time, self.duration - np.asarray(time)) / ramp, 0.0, 1.0)
+        window = inside**3 * (10.0 - 15.0 * inside + 6.0 * inside**2)
+        return np.asarray(window[:, None] * value)
+
+    def __call__(self, time: float) -> Array:
+        """Return the offset (6,) at one instant, as controllers take it."""
+        return np.asarray(self.evaluate(np.array([time]))[0])
+
+
+@dataclass(frozen=True)
+class ObjectMotion:
+    """Exact kinematics of the object at N instants; angular quantities and forces in body axes.
+
+    Attributes:
+        time: (N,) s; rotation: (N, 3, 3) R_WO.
+        position: (N, 3) m, velocity: (N, 3) m/s, acceleration: (N, 3) m/s^2, world axes.
+        angular_velocity: (N, 3) rad/s, angular_acceleration: (N, 3) rad/s^2, body axes.
+    """
+
+    time: Array
+    rotation: Array
+    position: Array
+    velocity: Array
+    acceleration: Array
+    angular_velocity: Array
+    angular_acceleration: Array
+
+    @property
+    def specific_acceleration(self) -> Array:
+        """R_OW (a - g), (N, 3) m/s^2."""
+        specific = np.einsum("nji,nj->ni", self.rotation, self.acceleration - GRAVITY_W)
+        return np.asarray(specific)
+
+
+@dataclass(frozen=True)
+class HeldPose:
+    """Where the object is when the motion starts, and the point about which offsets turn it.
+
+    Attributes:
+        rotation: (3, 3) R_WO.
+        position: (3,) p_WO, m.
+        pivot: (3,) m, world.
+    """
+
+    rotation: Array
+    position: Array
+    pivot: Array
+
+    def move(self, offsets: Array) -> tuple[Array, Array]:
+        """Rotations (..., 3, 3) and positions (..., 3) of the object at offsets (..., 6)."""
+        turn = exp_so3(offsets[..., :3])
+        arm = self.position - self.pivot
+        return np.asarray(turn @ self.rotation), np.asarray(
+            self.pivot + turn @ arm + offsets[..., 3:]
+        )
+
+    def follow(self, motion: FourierOffsets, time: Array) -> ObjectMotion:
+        """Kinematics along a motion, by five-point differences of the exact pose."""
+        stencil = np.asarray(time)[:, None] + _STEP * _STENCIL
+        offsets = motion.evaluate(stencil.ravel()).reshape(len(time), len(_STENCIL), CHANNELS)
+        rotation, position = self.move(offsets)
+        centre = rotation[:, 2]
+        local = log_so3(np.swapaxes(centre, 1, 2)[:, None] @ rotation)
+        return ObjectMotion(
+            time=np.asarray(time),
+            rotation=centre,
+            position=position[:, 2],
+            velocity=np.einsum("k,nki->ni", _FIRST, position) / _STEP,
+            acceleration=np.einsum("k,nki->ni", _SECOND, position) / _STEP**2,
+            angular_velocity=np.einsum("k,nki->ni", _FIRST, local) / _STEP,
+            angular_acceleration=np.einsum("k,nki->ni", _SECOND, local) / _STEP**2,
+        )
