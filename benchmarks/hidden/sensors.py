@@ -26,6 +26,7 @@ class SensorOptions:
         pose_gaps: how many gaps of up to 0.3 s the pose stream has.
         state_force_std: whether the force noise is stated in the recording.
         zero_when_lifted: a lifted finger sends zeros instead of nothing.
+        frames: contact frames turn with the "finger", or show the "normal" only.
     """
 
     force_rate_hz: float = 100.0
@@ -38,6 +39,7 @@ class SensorOptions:
     pose_gaps: int = 0
     state_force_std: bool = True
     zero_when_lifted: bool = False
+    frames: str = "finger"
 
 
 @dataclass(frozen=True)
@@ -53,6 +55,7 @@ class Readings:
         position: (N, 3) of the object, m.
         rotation: (N, 3, 3) R_WO.
         force_delay, contact_delay, pose_delay: s added to the stamps.
+        frames: what the reported contact frames show, "finger" or "normal".
     """
 
     time: np.ndarray
@@ -65,6 +68,7 @@ class Readings:
     force_delay: float = 0.0
     contact_delay: float = 0.0
     pose_delay: float = 0.0
+    frames: str = "finger"
 
     @property
     def period(self) -> float:
@@ -103,6 +107,14 @@ def read_sensors(truth: Truth, effects: tuple, options: SensorOptions, seed: int
     for index, name in enumerate(FINGERS):
         contacts[name] = _sample_contact(noisy, index, name, options, rng)
     return Streams(pose=poses, contacts=contacts)
+
+
+def frame_from_normal(normal: np.ndarray) -> np.ndarray:
+    """(N, 3, 3) the smallest rotation that takes world z to the normal (N, 3)."""
+    x, y, z = normal.T
+    half = np.sqrt(np.maximum(0.5 * (1 + z), 1e-12))
+    quaternion = np.stack([-y / (2 * half), x / (2 * half), np.zeros_like(x), half], axis=-1)
+    return Rotation.from_quat(quaternion).as_matrix()
 
 
 def _replace_force(readings: Readings, force: np.ndarray) -> Readings:
@@ -147,6 +159,8 @@ def _sample_contact(
         ticks = ticks[readings.weight[ticks, index] > 0.0]
     rotation = readings.contact_rotation[ticks, index]
     force = np.einsum("nij,nj->ni", rotation, readings.force[ticks, index])
+    if "normal" in (options.frames, readings.frames):
+        rotation = frame_from_normal(rotation[..., 2])
     scatter = options.contact_position_std * rng.normal(size=(len(ticks), 3))
     std = np.full(force.shape, options.force_std) if options.state_force_std else None
     return ContactStream(

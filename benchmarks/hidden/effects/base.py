@@ -36,6 +36,11 @@ class HiddenEffect:
         return {}
 
     @property
+    def variant(self) -> str:
+        """Which of several meanings of the name was drawn, or nothing."""
+        return ""
+
+    @property
     def signature(self) -> dict[str, object]:
         """What an attentive observer could see: channels, frequency."""
         return {}

@@ -61,8 +61,8 @@ class SloshingMass(HiddenEffect):
 
     @property
     def maximal_magnitude(self) -> float:
-        """No more than nine tenths of the mass can slosh."""
-        return 3.0
+        """No more than six tenths of the mass can slosh."""
+        return 2.0
 
     @property
     def parameters(self) -> dict[str, Quantity]:

@@ -31,12 +31,41 @@ def per_finger(values: np.ndarray, quantity: str, unit: str) -> dict[str, Quanti
     }
 
 
+def to_frame(readings: Readings, frame: str) -> np.ndarray:
+    """(N, C, 3, 3) rotations from contact axes to the axes of the named frame."""
+    if frame == "contact":
+        return np.broadcast_to(np.eye(3), readings.contact_rotation.shape)
+    return readings.rotation.transpose(0, 2, 1)[:, None] @ readings.contact_rotation
+
+
+def add_in_frame(readings: Readings, force: np.ndarray, frame: str) -> Readings:
+    """Add forces (..., C, 3), given in the named frame, to the readings."""
+    turn = to_frame(readings, frame)
+    added = np.einsum("ncji,ncj->nci", turn, np.broadcast_to(force, readings.force.shape))
+    return dataclasses.replace(readings, force=readings.force + added)
+
+
+def draw_frame(rng: np.random.Generator) -> str:
+    """A sensor that turns with its finger, or one that keeps its attitude to the object."""
+    return str(rng.choice(["contact", "body"]))
+
+
 @dataclass(frozen=True)
 class ContactTorsion(HiddenEffect):
-    """A soft fingertip resists spin about the normal with at most mu_t times its normal force."""
+    """A soft fingertip resists spin about the normal with at most mu_t times its normal force.
+
+    Either the fingers roll as the contact frames show, or they keep their attitude in the world and
+    the whole rotation of the object is spin; the contact frames then show the normal only.
+    """
 
     name = "contact_torsion"
+    fingers_roll: bool = True
     regularisation: float = 0.05
+
+    @property
+    def variant(self) -> str:
+        """What the object spins against."""
+        return "finger" if self.fingers_roll else "world"
 
     @property
     def coefficient(self) -> float:
@@ -50,44 +79,58 @@ class ContactTorsion(HiddenEffect):
 
     def contact_torque(self, scene: Scene) -> np.ndarray:
         """-mu_t tanh(spin / spin_0) n n^T: Coulomb friction that is smooth near rest."""
-        normal = scene.contacts.normal
-        strength = -self.coefficient * np.tanh(scene.contacts.spin / self.regularisation)
+        normal, spin = scene.contacts.normal, scene.contacts.spin
+        if not self.fingers_roll:
+            omega = scene.motion.to_body(scene.motion.angular_velocity)
+            spin = np.einsum("nci,ni->nc", normal, omega)
+        strength = -self.coefficient * np.tanh(spin / self.regularisation)
         return strength[..., None, None] * normal[..., :, None] * normal[..., None, :]
+
+    def transduce(self, readings: Readings) -> Readings:
+        """Fingers that do not roll show no roll."""
+        if self.fingers_roll:
+            return readings
+        return dataclasses.replace(readings, frames="normal")
 
     @classmethod
     def draw(cls, rng: np.random.Generator, magnitude: float, scenario: Scenario) -> ContactTorsion:
-        """Nothing but the size is free."""
-        return cls(magnitude)
+        """Rolling fingers or fingers that keep their attitude."""
+        return cls(magnitude, bool(rng.uniform() < 0.5))
 
 
 @dataclass(frozen=True)
 class ContactOffset(HiddenEffect):
-    """Contact points are reported beside their true place by a constant in the object frame."""
+    """Contact points are reported beside their true place by a constant in the object frame.
+
+    Either all points are off alike (the object frame is not where the tracker says) or one finger's
+    are (its geometry is wrong).
+    """
 
     name = "contact_offset"
     direction: np.ndarray
 
     @property
     def offset(self) -> np.ndarray:
-        """Offset in m, body axes."""
+        """(C, 3) m, body axes."""
         return 0.005 * self.magnitude * self.direction
 
     @property
     def parameters(self) -> dict[str, Quantity]:
         """True values by name."""
-        return {"offset": Quantity(self.offset.tolist(), "m")}
+        return per_finger(self.offset, "offset", "m")
 
     def transduce(self, readings: Readings) -> Readings:
-        """Shift every contact point."""
-        shift = readings.rotation @ self.offset
-        return dataclasses.replace(
-            readings, contact_position=readings.contact_position + shift[:, None]
-        )
+        """Shift the contact points."""
+        shift = np.einsum("nij,cj->nci", readings.rotation, self.offset)
+        return dataclasses.replace(readings, contact_position=readings.contact_position + shift)
 
     @classmethod
     def draw(cls, rng: np.random.Generator, magnitude: float, scenario: Scenario) -> ContactOffset:
-        """Any direction."""
-        return cls(magnitude, randomness.unit_vector(rng))
+        """Any direction, for one finger or alike for all."""
+        direction = randomness.unit_vector(rng)
+        alone = np.eye(len(FINGERS))[rng.integers(len(FINGERS))]
+        share = alone if rng.uniform() < 0.5 else np.ones(len(FINGERS))
+        return cls(magnitude, np.outer(share, direction))
 
 
 @dataclass(frozen=True)
@@ -96,10 +139,16 @@ class ForceBias(HiddenEffect):
 
     name = "force_bias"
     direction: np.ndarray
+    frame: str = "contact"
+
+    @property
+    def variant(self) -> str:
+        """Frame in which the bias is constant."""
+        return self.frame
 
     @property
     def bias(self) -> np.ndarray:
-        """(C, 3) N, sensor axes."""
+        """(C, 3) N, axes of the frame."""
         return 0.2 * self.magnitude * self.direction
 
     @property
@@ -109,12 +158,12 @@ class ForceBias(HiddenEffect):
 
     def transduce(self, readings: Readings) -> Readings:
         """Add the offset."""
-        return dataclasses.replace(readings, force=readings.force + self.bias)
+        return add_in_frame(readings, self.bias, self.frame)
 
     @classmethod
     def draw(cls, rng: np.random.Generator, magnitude: float, scenario: Scenario) -> ForceBias:
         """Any direction on one or all fingers."""
-        return cls(magnitude, draw_affected(rng)[:, None] * _unit_rows(rng))
+        return cls(magnitude, draw_affected(rng)[:, None] * _unit_rows(rng), draw_frame(rng))
 
 
 @dataclass(frozen=True)
@@ -123,10 +172,16 @@ class ForceDrift(HiddenEffect):
 
     name = "force_drift"
     direction: np.ndarray
+    frame: str = "contact"
+
+    @property
+    def variant(self) -> str:
+        """Frame in which the rate is constant."""
+        return self.frame
 
     @property
     def rate(self) -> np.ndarray:
-        """(C, 3) N/s, sensor axes."""
+        """(C, 3) N/s, axes of the frame."""
         return 0.02 * self.magnitude * self.direction
 
     @property
@@ -137,12 +192,12 @@ class ForceDrift(HiddenEffect):
     def transduce(self, readings: Readings) -> Readings:
         """Add rate times the time since the start."""
         elapsed = (readings.time - readings.time[0])[:, None, None]
-        return dataclasses.replace(readings, force=readings.force + elapsed * self.rate)
+        return add_in_frame(readings, elapsed * self.rate, self.frame)
 
     @classmethod
     def draw(cls, rng: np.random.Generator, magnitude: float, scenario: Scenario) -> ForceDrift:
         """Any direction on one or all fingers."""
-        return cls(magnitude, draw_affected(rng)[:, None] * _unit_rows(rng))
+        return cls(magnitude, draw_affected(rng)[:, None] * _unit_rows(rng), draw_frame(rng))
 
 
 @dataclass(frozen=True)
@@ -216,6 +271,12 @@ class SensorLag(HiddenEffect):
     """The force sensors answer with a first-order lag in their own axes."""
 
     name = "sensor_lag"
+    frame: str = "contact"
+
+    @property
+    def variant(self) -> str:
+        """Frame in which the force lags."""
+        return self.frame
 
     @property
     def time_constant(self) -> float:
@@ -229,14 +290,15 @@ class SensorLag(HiddenEffect):
 
     def transduce(self, readings: Readings) -> Readings:
         """Filter the force that the skin feels."""
-        return dataclasses.replace(
-            readings, force=low_pass(readings.force, self.time_constant, readings.period)
-        )
+        turn = to_frame(readings, self.frame)
+        force = np.einsum("ncij,ncj->nci", turn, readings.force)
+        late = low_pass(force, self.time_constant, readings.period)
+        return dataclasses.replace(readings, force=np.einsum("ncji,ncj->nci", turn, late))
 
     @classmethod
     def draw(cls, rng: np.random.Generator, magnitude: float, scenario: Scenario) -> SensorLag:
-        """Nothing but the size is free."""
-        return cls(magnitude)
+        """Sensors that turn with the finger or keep their attitude to the object."""
+        return cls(magnitude, draw_frame(rng))
 
 
 @dataclass(frozen=True)
@@ -246,6 +308,11 @@ class TimeOffset(HiddenEffect):
     name = "time_offset"
     sign: float
     moves_contact_poses: bool
+
+    @property
+    def variant(self) -> str:
+        """What is on the other clock."""
+        return "forces and contact poses" if self.moves_contact_poses else "forces"
 
     @property
     def delay(self) -> float:
