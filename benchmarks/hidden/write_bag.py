@@ -43,6 +43,7 @@ def _generate(options: argparse.Namespace) -> HiddenRecording:
         stagger=options.stagger,
         pose_gaps=options.pose_gaps,
         state_force_std=not options.no_force_std,
+        frames=options.frames,
     )
     if options.magnitude is not None:
         sizes = dict.fromkeys(options.effect, options.magnitude)
@@ -79,6 +80,12 @@ def _parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--contact-breaks", type=int, default=0)
     parser.add_argument("--pose-gaps", type=int, default=0)
     parser.add_argument("--stagger", action="store_true", help="sensors sample at different phases")
+    parser.add_argument(
+        "--frames",
+        choices=["finger", "normal"],
+        default="finger",
+        help="contact frames turn with the finger, or show the normal only",
+    )
     parser.add_argument(
         "--no-force-std", action="store_true", help="leave the force noise unstated"
     )
