@@ -136,6 +136,15 @@ def test_the_measured_payload_agrees_with_its_reference():
         np.testing.assert_allclose(body.com, [0.0003, 0.0001, 0.0439], atol=1e-3)
 
 
+def test_a_toss_is_stored_scalar_first(tmp_path):
+    turned = Rotation.from_rotvec([0.1, 0.2, 0.3])
+    row = [*np.roll(turned.as_quat(), 1), 0.1, 0.2, 0.3, *np.zeros(6)]
+    np.savez(tmp_path / "cube_tosses_550.npz", toss_000=np.tile(row, (20, 1)))
+    pose = _read("contactnets-cube-tosses", tmp_path / "toss_000").streams.pose
+    np.testing.assert_allclose(pose.rotation[0], turned.as_matrix(), atol=1e-9)
+    np.testing.assert_allclose(pose.position[0], [0.1, 0.2, 0.3])
+
+
 def test_a_tossed_cube_has_poses_and_no_contacts(tmp_path):
     folder = _shared("contactnets_cube_tosses")
     recording = _read("contactnets-cube-tosses", folder / "toss_017")

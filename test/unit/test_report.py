@@ -191,13 +191,16 @@ def test_a_browser_shows_all_pictures(which, request, tmp_path):
 
 
 def test_the_history_ends_at_the_estimate_and_narrows(box):
-    _, model, truth = box
+    recording, model, truth = box
     history = settle(model)
     estimate = model.to_estimate()
     assert history.value[-1, 0] == pytest.approx(estimate.inertia.mass, rel=1e-6)
     np.testing.assert_allclose(history.value[-1, 1:4], estimate.inertia.com, rtol=1e-6)
     np.testing.assert_allclose(history.std[-1], estimate.parameter_std, rtol=1e-6)
     quarter = len(history.time) // 4
+    early = fit_recording(recording.between(0.0, history.time[quarter]).streams).to_estimate()
+    difference = np.abs(history.value[quarter, :4] - [early.inertia.mass, *early.inertia.com])
+    assert np.all(difference < 0.5 * history.std[quarter, :4])
     assert np.all(history.std[quarter] > 1.2 * history.std[-1])
     inside = np.abs(history.value[quarter:, 0] - truth.mass) < 3.5 * history.std[quarter:, 0]
     assert inside.mean() > 0.9
