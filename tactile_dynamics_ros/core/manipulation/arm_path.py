@@ -45,7 +45,8 @@ def join_joints(start: Array, goal: Array, speed: float = 0.5) -> ArmPath:
     """Return the minimum-jerk path between two joint positions (7,).
 
     Args:
-        start, goal: rad.
+        start: rad.
+        goal: rad.
         speed: share of the joints' speed limits.
     """
     longest = float(np.max(np.abs(goal - start) / (speed * SPEED_LIMIT)))

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.contact.hand_kinematics import ARM_DOF, HandKinematics
 from tactile_dynamics_ros.core.contact.robot_description import FINGERS
+from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.core.manipulation.arm_path import (
     ArmPath,
     excite,
@@ -179,6 +180,16 @@ class GraspController:
         return self._target.copy()
 
     def _begin(self, time: float, positions: Array, object_pose: Array) -> None:
+        try:
+            self._plan_approach(positions, object_pose)
+        except NotIdentifiableError as error:
+            self.outcome = str(error)
+            self._enter(Phase.FAILED, time)
+            return
+        self._hand_from = np.array(positions[ARM_DOF:], dtype=float)
+        self._enter(Phase.APPROACH, time)
+
+    def _plan_approach(self, positions: Array, object_pose: Array) -> None:
         self._plan = plan_grasp(self._kinematics, self._site, object_pose, self.config.geometry)
         start = np.concatenate([self._plan.arm, self._plan.open])
         above = self._plan.palm.copy()
@@ -187,8 +198,6 @@ class GraspController:
         self._path = join_joints(
             positions[:ARM_DOF], rise(rise.duration), self.config.approach_speed
         )
-        self._hand_from = np.array(positions[ARM_DOF:], dtype=float)
-        self._enter(Phase.APPROACH, time)
 
     def _enter(self, phase: Phase, time: float) -> None:
         self.phase, self._since = phase, time

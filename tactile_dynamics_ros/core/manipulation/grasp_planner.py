@@ -31,8 +31,7 @@ class GraspGeometry:
     depth: float = parameter(
         0.12, "grasp centre beyond the palm along the approach", "m", 0.05, 0.2
     )
-    thumb: float = parameter(0.055, "thumb tip behind the knuckles along the pinch", "m", 0.0, 0.1)
-    thumb_lateral: float = parameter(0.012, "thumb beside the middle finger", "m", -0.03, 0.03)
+    thumb_lateral: float = parameter(0.0, "thumb beside the middle finger", "m", -0.03, 0.03)
     opening: float = parameter(0.022, "gap of each fingertip before closing", "m", 0.005, 0.05)
 
     def __post_init__(self) -> None:
@@ -71,7 +70,8 @@ def plan_grasp(
 
     Args:
         kinematics: of the robot.
-        site: of the object. object_pose: (4, 4) X_WO.
+        site: of the object.
+        object_pose: (4, 4) X_WO.
         geometry: how the hand stands about the site.
 
     Raises:
@@ -93,7 +93,8 @@ def plan_grasp(
     if best is None or best[0] > 50.0:
         where = np.round(object_pose[:3, 3], 3).tolist()
         raise NotIdentifiableError(
-            f"grasp plan: the arm cannot reach the object at {where} m; move it to the table's middle"
+            f"grasp plan: the arm cannot reach the object at {where} m; "
+            "move it to the middle of the table"
         )
     return _plan_fingers(kinematics, site, geometry, best[1], best[2])
 
@@ -104,10 +105,10 @@ def _palm_in_grasp_frame(geometry: GraspGeometry, site: GraspSite) -> Array:
     pinch = np.array([-np.sin(angle), 0.0, np.cos(angle)])
     approach = np.array([np.cos(angle), 0.0, np.sin(angle)])
     rotation = np.stack([-pinch, [0.0, 1.0, 0.0], approach])
-    along = 0.5 * site.width + SKIN_RADIUS - geometry.thumb
+    along = 0.5 * site.width + SKIN_RADIUS - site.thumb
     pose = np.eye(4)
     pose[:3, :3] = rotation
-    pose[:3, 3] = [along, -0.5 * geometry.thumb_lateral, -geometry.depth]
+    pose[:3, 3] = [along, -0.5 * geometry.thumb_lateral, -site.depth]
     return pose
 
 
@@ -139,25 +140,31 @@ def _plan_fingers(
     grasp = palm @ np.linalg.inv(_palm_in_grasp_frame(geometry, site))
     world_points = points @ grasp[:3, :3].T + grasp[:3, 3]
     world_normals = normals @ grasp[:3, :3].T
-    joints = {}
-    for name, depth in (("touch", 0.0), ("open", -geometry.opening), ("closed", 0.008)):
-        tips = world_points + (depth - SKIN_RADIUS) * world_normals
-        joints[name], errors = solve_fingers(
-            kinematics, start, tips, world_normals, PAD_DIRECTIONS, iterations=60
-        )
-        limit = 2e-3 if name == "touch" else 8e-3
-        if float(errors.max()) > limit:
+    joints: dict[str, Array] = {}
+    depths = {"touch": (0.0,), "closed": (0.008, 0.004)}
+    depths["open"] = tuple(-share * geometry.opening for share in (1.0, 0.75, 0.5))
+    for name in ("touch", "closed", "open"):
+        start = joints.get("touch", start)
+        for depth in depths[name]:
+            tips = world_points + (depth - SKIN_RADIUS) * world_normals
+            joints[name], errors = solve_fingers(
+                kinematics, start, tips, world_normals, PAD_DIRECTIONS, iterations=60
+            )
+            if float(errors.max()) < 2e-3:
+                break
+        else:
             finger = FINGERS[int(errors.argmax())]
             raise NotIdentifiableError(
-                f"grasp plan: the {finger} finger misses its place by {errors.max() * 1e3:.1f} mm; "
-                f"the object's width of {site.width * 1e3:.0f} mm does not suit the hand"
+                f"grasp plan: the {finger} finger misses its place by {errors.max() * 1e3:.1f} mm "
+                f"({name}); a width of {site.width * 1e3:.0f} mm there does not suit the hand"
             )
-        start = joints["touch"]
     rotation = palm[:3, :3]
     return GraspPlan(
-        palm,
-        start[:ARM_DOF],
-        *(joints[name][ARM_DOF:] for name in ("touch", "open", "closed")),
+        palm=palm,
+        arm=joints["touch"][:ARM_DOF],
+        touch=joints["touch"][ARM_DOF:],
+        open=joints["open"][ARM_DOF:],
+        closed=joints["closed"][ARM_DOF:],
         points=(world_points - palm[:3, 3]) @ rotation,
         normals=world_normals @ rotation,
     )
@@ -169,7 +176,8 @@ def squeeze_forces(points: Array, normals: Array, thumb_force: float) -> Array:
     min |f - f_wanted|^2 with tangential parts weighted 4-fold, subject to zero net wrench.
 
     Args:
-        points: (4, 3) m. normals: (4, 3) into the object. Any common frame.
+        points: (4, 3) m, any frame.
+        normals: (4, 3) into the object, same frame.
         thumb_force: normal force of the thumb, N; the fingers share its reaction.
     """
     share = np.array([thumb_force / 3.0] * 3 + [thumb_force])

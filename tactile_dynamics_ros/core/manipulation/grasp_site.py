@@ -26,6 +26,9 @@ class GraspSite:
         spread: distance of index and ring from the middle finger, m.
         radius: of a round object whose axis is ``approach``, m; zero for flat faces.
         stagger: how much deeper the middle finger presses than index and ring, m.
+        depth: of the grasp centre beyond the palm along the approach, m. Less depth lets the thumb
+            press harder (heavier objects) but more with its very tip.
+        thumb: place of the thumb's tip behind the knuckles along the pinch, m.
     """
 
     centre: Array
@@ -35,6 +38,8 @@ class GraspSite:
     spread: float = 0.04
     radius: float = 0.0
     stagger: float = 0.015
+    depth: float = 0.12
+    thumb: float = 0.055
 
     def __post_init__(self) -> None:
         for name in ("centre", "pinch", "approach"):

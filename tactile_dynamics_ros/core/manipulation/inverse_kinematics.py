@@ -28,7 +28,8 @@ def pose_error(target: Array, pose: Array) -> Array:
     """Twist (6,) [rotation vector, translation] in world axes that turns ``pose`` into ``target``.
 
     Args:
-        target, pose: (4, 4).
+        target: (4, 4).
+        pose: (4, 4).
     """
     rotation = log_so3(target[:3, :3] @ pose[:3, :3].T)
     return np.concatenate([rotation, target[:3, 3] - pose[:3, 3]])

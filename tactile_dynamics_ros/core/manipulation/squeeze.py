@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.contact.hand_kinematics import ARM_DOF, HandKinematics
 from tactile_dynamics_ros.core.contact.robot_description import FINGERS, HAND_JOINTS, SKIN_RADIUS
-from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.manipulation.grasp_planner import squeeze_forces
 
 Array = NDArray[np.float64]
@@ -24,17 +23,15 @@ JOINT_EFFORT = np.array([joint.effort for joint in HAND_JOINTS])
 class SqueezeConfig:
     """How hard to hold."""
 
-    least: float = parameter(1.5, "thumb force of a light object", "N", 0.2, 5.0)
-    most: float = parameter(2.1, "thumb force at most; the joints bear about 2.3", "N", 0.2, 5.0)
-    load_factor: float = parameter(0.9, "thumb force per newton of carried weight", "", 0.0, 5.0)
+    least: float = parameter(1.8, "thumb force of a light object", "N", 0.2, 5.0)
+    effort_share: float = parameter(0.92, "share of the joints' torque caps to use", "", 0.1, 1.0)
+    load_factor: float = parameter(1.3, "thumb force per newton of carried weight", "", 0.0, 5.0)
     ramp: float = parameter(0.8, "time to build the grip up", "s", 0.05, 10.0)
     trim_rate: float = parameter(1.5, "gain of the trim by touch", "1/s", 0.0, 20.0)
     stiffness_scale: float = parameter(1.0, "factor on the drives' joint stiffness", "", 0.05, 3.0)
 
     def __post_init__(self) -> None:
         check_ranges(self)
-        if self.least > self.most:
-            raise BadInputError(f"SqueezeConfig: least = {self.least} exceeds most = {self.most}")
 
 
 class Squeeze:
@@ -68,10 +65,12 @@ class Squeeze:
         torque = np.einsum("fki,fi->fk", lever, forces).reshape(-1)
         self._torque = torque
         self._kinematics = kinematics
+        bearable = float((JOINT_EFFORT / np.maximum(np.abs(torque), 1e-9)).min())
+        self._most = self.config.effort_share * bearable
         self._growth = 0.0
         self._trim = 1.0
         self._weight = 0.0
-        self.wanted = self.config.least
+        self.wanted = min(self.config.least, self._most)
 
     def update(self, dt: float, positions: Array, forces: Mapping[str, Array]) -> Array:
         """Advance by ``dt`` and return the joint offsets (16,), rad.
@@ -94,12 +93,13 @@ class Squeeze:
         return np.asarray(torque / (self.config.stiffness_scale * JOINT_STIFFNESS))
 
     def _follow_load(self, dt: float, forces: Mapping[str, Array]) -> None:
-        """Let the wanted force follow the carried weight within half a second."""
+        """Let the wanted force follow the carried weight: up at once, down slowly."""
         carried = float(np.linalg.norm(np.sum([forces[name] for name in forces], axis=0)))
-        self._weight += min(1.0, dt / 0.3) * (carried - self._weight)
-        config = self.config
-        wanted = float(np.clip(config.load_factor * self._weight, config.least, config.most))
-        self.wanted += min(1.0, dt / 0.5) * (wanted - self.wanted)
+        self._weight += min(1.0, dt / 0.08) * (carried - self._weight)
+        wanted = max(self.config.load_factor * self._weight, self.config.least)
+        wanted = min(wanted, self._most)
+        delay = 0.08 if wanted > self.wanted else 2.0
+        self.wanted += min(1.0, dt / delay) * (wanted - self.wanted)
 
 
 def held_by(forces: Mapping[str, Array], threshold: float) -> bool:
