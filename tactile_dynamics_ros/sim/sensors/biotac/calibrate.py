@@ -6,6 +6,7 @@ Run as ``python -m tactile_dynamics_ros.sim.sensors.biotac.calibrate --seed 0``.
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ from tactile_dynamics_ros.core.tactile.calibration import (
     fit_calibration,
 )
 from tactile_dynamics_ros.core.tactile.signal_change import RestState
-from tactile_dynamics_ros.sim.sensors.biotac.presses import PressConfig, Presses, record_presses
+from tactile_dynamics_ros.sim.sensors.biotac.presses import Presses, protocols, record_presses
 
 HELD_OUT_SEED = 100_000
 
@@ -32,19 +33,35 @@ def label_presses(presses: Presses) -> LabelledPresses:
     return LabelledPresses(np.array(change), presses.force[:, start:], presses.point[:, start:])
 
 
-def calibrate(seed: int, units: int = 384) -> ForceCalibration:
-    """Press ``units`` simulated sensors and fit; a quarter as many others give the uncertainty."""
-    fitted = record_presses(PressConfig(units=units, seed=seed))
-    other = record_presses(PressConfig(units=max(units // 4, 1), seed=seed + HELD_OUT_SEED))
-    origin = f"simulated presses of {units} units, seed {seed}"
-    return fit_calibration(label_presses(fitted), label_presses(other), origin)
+def label_protocols(units: int, seed: int) -> dict[str, LabelledPresses]:
+    """Return the labelled presses of every protocol, ``units`` individual sensors each."""
+    configs = protocols(units, seed)
+    return {name: label_presses(record_presses(config)) for name, config in configs.items()}
+
+
+def join_presses(parts: Iterable[LabelledPresses]) -> LabelledPresses:
+    """Return the sequences of all parts in one set."""
+    parts = list(parts)
+    return LabelledPresses(
+        np.concatenate([part.change for part in parts]),
+        np.concatenate([part.force for part in parts]),
+        np.concatenate([part.point for part in parts]),
+    )
+
+
+def calibrate(seed: int, units: int = 160) -> ForceCalibration:
+    """Press ``units`` simulated sensors per protocol and fit; others give the uncertainty."""
+    fitted = join_presses(label_protocols(units, seed).values())
+    others = join_presses(label_protocols(max(units // 4, 1), seed + HELD_OUT_SEED).values())
+    origin = f"simulated presses, {units} units per protocol, seed {seed}"
+    return fit_calibration(fitted, others, origin)
 
 
 def main() -> None:
     """Write the calibration file."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--units", type=int, default=384)
+    parser.add_argument("--units", type=int, default=160)
     parser.add_argument("--out", type=Path, default=SHIPPED_CALIBRATION)
     arguments = parser.parse_args()
     calibration = calibrate(arguments.seed, arguments.units)

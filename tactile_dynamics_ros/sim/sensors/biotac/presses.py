@@ -28,11 +28,30 @@ class PressConfig:
     hold_share: float = parameter(
         0.4, "share of sequences that hold a nearly constant force", "", 0, 1
     )
+    flat_share: float = parameter(0.5, "share of sequences with a flat object", "", 0.0, 1.0)
+    roll: float = parameter(1.5e-3, "how far the contact rolls over the skin", "m", 0.0, 1e-2)
     sharpest: float = parameter(60.0, "largest curvature of the objects", "1/m", 0.0, 1e3)
     seed: int = parameter(0, "of units, noise and motion", "", 0)
 
     def __post_init__(self) -> None:
         check_ranges(self)
+
+
+def protocols(units: int, seed: int) -> dict[str, PressConfig]:
+    """Return the three protocols of the training set, ``units`` individual sensors each.
+
+    Flat pushes and a rolling ball of mostly up to 2 N, and a rig that presses and drags up to 10 N,
+    after the data set of Sundaralingam et al., 2019.
+    """
+    return {
+        "push": PressConfig(units=units, seed=seed, typical_force=0.9, flat_share=1.0),
+        "ball": PressConfig(
+            units=units, seed=seed + 1, typical_force=0.9, flat_share=0.0, sharpest=100.0, roll=3e-3
+        ),
+        "rig": PressConfig(
+            units=units, seed=seed + 2, typical_force=2.5, strongest_force=10.0, roll=0.5e-3
+        ),
+    }
 
 
 @dataclass(frozen=True)
@@ -58,7 +77,7 @@ def record_presses(config: PressConfig, sensor: BioTacConfig | None = None) -> P
     array = BioTacArray(config.units, sensor, seed=config.seed)
     point = _contact_paths(config, rng)
     force = _forces(config, point, rng)
-    flat = rng.random(config.units) < 0.5
+    flat = rng.random(config.units) < config.flat_share
     curvature = np.where(flat, 0.0, config.sharpest * rng.random(config.units))
     raw = np.empty((config.units, config.frames, 44), dtype=np.uint16)
     for k in range(config.frames):
@@ -70,8 +89,8 @@ def record_presses(config: PressConfig, sensor: BioTacConfig | None = None) -> P
 def _contact_paths(config: PressConfig, rng: np.random.Generator) -> Array:
     """Return contact points (U, T, 3) on the pad that roll slowly over a few millimetres."""
     shape = (config.units, 1)
-    along = rng.uniform(-13e-3, 6.3e-3, shape) + 1.5e-3 * _waves(config, rng, 0.5)
-    across = rng.uniform(-1.1, 1.1, shape) + 0.2 * _waves(config, rng, 0.5)
+    along = rng.uniform(-13e-3, 6.3e-3, shape) + config.roll * _waves(config, rng, 0.5)
+    across = rng.uniform(-1.1, 1.1, shape) + config.roll / OUTER_RADIUS * _waves(config, rng, 0.5)
     along, across = np.clip(along, -14e-3, 6.6e-3), np.clip(across, -1.2, 1.2)
     tip = np.clip(along / OUTER_RADIUS, 0.0, 0.95)
     ring = OUTER_RADIUS * np.sqrt(1.0 - tip**2)

@@ -1,0 +1,1 @@
+"""Networks that turn tared BioTac signals into force: inference in numpy, training in torch."""

@@ -1,0 +1,62 @@
+"""Inputs of the force network: signal pattern, its recent change, and its size."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+from tactile_dynamics_ros.core.tactile.features import PATTERN_FLOOR, signal_size
+
+Array = NDArray[np.float64]
+
+MEMORY = np.array([0.03, 0.25, 4.0])
+"""Time constants of the low-passes that give the network a past, s."""
+
+INPUTS = 20 * (1 + len(MEMORY)) + 2
+
+
+def lagged(change: Array, period: float) -> Array:
+    """Return (T, 3, 20) low-passed copies of a sequence (T, 20), zero before it starts."""
+    follow = 1.0 - np.exp(-period / MEMORY)
+    copies = [lfilter([f], [1.0, f - 1.0], change, axis=0) for f in follow]
+    return np.stack(copies, axis=1)
+
+
+class Memory:
+    """The same low-passes frame by frame.
+
+    Args:
+        period: s between frames.
+    """
+
+    def __init__(self, period: float) -> None:
+        self._follow = (1.0 - np.exp(-period / MEMORY))[:, None]
+        self._state = np.zeros((len(MEMORY), 20))
+
+    def reset(self) -> None:
+        """Forget the past."""
+        self._state = np.zeros((len(MEMORY), 20))
+
+    def update(self, change: Array) -> Array:
+        """Return (3, 20) low-passed signals after the next frame (20,)."""
+        self._state = self._state + self._follow * (change - self._state)
+        return self._state
+
+
+def network_inputs(change: Array, past: Array) -> tuple[Array, Array]:
+    """Return inputs (..., 82) and signal size (..., 1).
+
+    The pattern change / size and the differences (change - past) / size tell where, how and since
+    when; the size tells how hard, and scales the network's output.
+
+    Args:
+        change: (..., 20) tared signals, hundreds of counts.
+        past: (..., 3, 20) low-passed copies.
+    """
+    size = signal_size(change) + PATTERN_FLOOR
+    pattern = change / size
+    recent = (change[..., None, :] - past) / size[..., None]
+    flat = recent.reshape(*recent.shape[:-2], -1)
+    scale = np.concatenate([np.log(size), size / 4.0], axis=-1)
+    return np.concatenate([pattern, flat, scale], axis=-1), size

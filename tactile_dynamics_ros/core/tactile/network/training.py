@@ -1,0 +1,199 @@
+"""Train the force network on labelled presses and calibrate its uncertainty."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from tactile_dynamics_ros.core.configuration import check_ranges, parameter
+from tactile_dynamics_ros.core.tactile.calibration import (
+    MIRROR_AXES,
+    NORMAL_90,
+    LabelledPresses,
+)
+from tactile_dynamics_ros.core.tactile.features import MIRROR
+from tactile_dynamics_ros.core.tactile.network.estimator import predict_sequence
+from tactile_dynamics_ros.core.tactile.network.inputs import INPUTS, lagged, network_inputs
+from tactile_dynamics_ros.core.tactile.network.weights import (
+    PLACE_SCALE,
+    SMALLEST_STD,
+    STRENGTH_KNOTS,
+    NetworkWeights,
+)
+
+Array = NDArray[np.float64]
+
+OUTPUTS = 10
+
+
+@dataclass(frozen=True)
+class TrainingConfig:
+    """Size of the network and of its training."""
+
+    width: int = parameter(128, "units of the first two hidden layers", "", 4, 2048)
+    epochs: int = parameter(40, "passes over the frames", "", 1, 10000)
+    batch: int = parameter(1024, "frames per step", "", 8, 65536)
+    every: int = parameter(4, "use every such frame of a sequence", "", 1, 100)
+    learning_rate: float = parameter(3e-3, "largest step size", "", 1e-6, 1.0)
+    weight_decay: float = parameter(1e-4, "decay of weights", "", 0.0, 1.0)
+    place_share: float = parameter(0.1, "weight of the contact point in the loss", "", 0.0, 10.0)
+    seed: int = parameter(0, "of initial weights and order of frames", "", 0)
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+
+@dataclass(frozen=True)
+class Frames:
+    """Frames ready for training: inputs (N, 82), size (N, 1), force (N, 3), point (N, 3)."""
+
+    inputs: Tensor
+    size: Tensor
+    force: Tensor
+    point: Tensor
+
+
+def prepare_frames(presses: LabelledPresses, every: int) -> Frames:
+    """Return every ``every``-th frame of all sequences, and of their mirrored copies."""
+    parts: list[tuple[Array, Array, Array, Array]] = []
+    for mirror, axes in ((np.arange(20), np.ones(3)), (MIRROR, MIRROR_AXES)):
+        for change, force, point in zip(presses.change, presses.force, presses.point, strict=True):
+            seen = change[:, mirror]
+            inputs, size = network_inputs(seen, lagged(seen, presses.period))
+            parts.append(
+                (inputs[::every], size[::every], (force * axes)[::every], (point * axes)[::every])
+            )
+    stacked = [
+        torch.tensor(np.concatenate(part), dtype=torch.float32) for part in zip(*parts, strict=True)
+    ]
+    return Frames(*stacked)
+
+
+def build_network(width: int) -> nn.Sequential:
+    """Return the perceptron 82 - width - width - width / 2 - 10 with ReLU."""
+    return nn.Sequential(
+        nn.Linear(INPUTS, width),
+        nn.ReLU(),
+        nn.Linear(width, width),
+        nn.ReLU(),
+        nn.Linear(width, width // 2),
+        nn.ReLU(),
+        nn.Linear(width // 2, OUTPUTS),
+    )
+
+
+def train_network(
+    presses: LabelledPresses,
+    held_out: LabelledPresses,
+    origin: str,
+    config: TrainingConfig | None = None,
+    report: Callable[[int, float], None] | None = None,
+) -> NetworkWeights:
+    """Train on ``presses`` and calibrate standard deviations on units of ``held_out``.
+
+    Args:
+        presses: to train on.
+        held_out: of other units.
+        origin: description that is stored with the weights.
+        config: size and length of the training.
+        report: called with the epoch and its mean loss.
+    """
+    config = config or TrainingConfig()
+    torch.manual_seed(config.seed)
+    frames = prepare_frames(presses, config.every)
+    mean, scale = frames.inputs.mean(dim=0), frames.inputs.std(dim=0) + 1e-3
+    network = build_network(config.width)
+    optimiser = torch.optim.AdamW(
+        network.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay
+    )
+    steps = config.epochs * (len(frames.size) // config.batch + 1)
+    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, config.learning_rate, steps)
+    standard = Frames((frames.inputs - mean) / scale, frames.size, frames.force, frames.point)
+    for epoch in range(config.epochs):
+        losses = []
+        order = torch.randperm(len(frames.size))
+        for start in range(0, len(order), config.batch):
+            rows = order[start : start + config.batch]
+            batch = Frames(*(getattr(standard, name)[rows] for name in _FIELDS))
+            optimiser.zero_grad()
+            loss = contact_loss(network(batch.inputs), batch, config.place_share)
+            torch.autograd.backward(loss)
+            optimiser.step()
+            schedule.step()
+            losses.append(float(loss.detach()))
+        if report is not None:
+            report(epoch, float(np.mean(losses)))
+    return _calibrated(network, mean, scale, held_out, origin)
+
+
+_FIELDS = ("inputs", "size", "force", "point")
+
+
+def contact_loss(output: Tensor, frames: Frames, place_share: float) -> Tensor:
+    """Return the beta-weighted Gaussian likelihood of force and contact point, beta = 1/2.
+
+    Weak contacts say little about their place, so the point counts by |f| / (|f| + 0.2 N).
+
+    Source: Seitzer et al., 2022 (beta negative log-likelihood).
+    """
+    std = frames.size * (nn.functional.softplus(output[:, 3:6]) + 0.01 * SMALLEST_STD)
+    force_loss = _likelihood(frames.size * output[:, :3] - frames.force, std)
+    place_std = nn.functional.softplus(output[:, 9:10]) + 0.02
+    place_loss = _likelihood(output[:, 6:9] - frames.point / PLACE_SCALE, place_std)
+    strength = frames.force.norm(dim=1, keepdim=True)
+    touched = strength / (strength + 0.2)
+    total: Tensor = force_loss.mean() + place_share * (touched * place_loss).mean()
+    return total
+
+
+def _likelihood(error: Tensor, std: Tensor) -> Tensor:
+    return std.detach() * (0.5 * (error / std) ** 2 + std.log())
+
+
+def _calibrated(
+    network: nn.Sequential, mean: Tensor, scale: Tensor, held_out: LabelledPresses, origin: str
+) -> NetworkWeights:
+    """Return weights whose 90 % intervals hold on held-out units in every band of force."""
+    linear = [layer for layer in network if isinstance(layer, nn.Linear)]
+    layers = tuple(
+        (layer.weight.detach().numpy().T.copy(), layer.bias.detach().numpy().copy())
+        for layer in linear
+    )
+    knots = len(STRENGTH_KNOTS)
+    plain = NetworkWeights(
+        mean.numpy(), scale.numpy(), layers, np.ones((knots, 3)), np.ones(knots), origin
+    )
+    found = [predict_sequence(change, plain, held_out.period) for change in held_out.change]
+    force = np.concatenate([each.force for each in found])
+    strength = np.linalg.norm(force, axis=1)
+    _, truth, place = held_out.frames()
+    error = np.abs(force - truth) / np.concatenate([each.std for each in found])
+    gap = np.linalg.norm(np.concatenate([each.point for each in found]) - place, axis=1)
+    place_error = gap / np.sqrt(3.0) / np.concatenate([each.point_std for each in found])
+    temperature = np.stack([_knot_factors(strength, axis) for axis in error.T], axis=1)
+    return NetworkWeights(
+        plain.mean,
+        plain.scale,
+        layers,
+        temperature,
+        _knot_factors(strength, place_error),
+        origin,
+    )
+
+
+def _knot_factors(strength: Array, error: Array) -> Array:
+    """Return (6,) factors: 90 % quantile of normalised errors around each knot over 1.645."""
+    factors = np.ones(len(STRENGTH_KNOTS))
+    edges = np.concatenate([[-1.0], 0.5 * (STRENGTH_KNOTS[1:] + STRENGTH_KNOTS[:-1]), [np.inf]])
+    for k, (low, high) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
+        inside = (strength >= low) & (strength < high)
+        if inside.sum() > 50:
+            factors[k] = float(np.quantile(error[inside], 0.9)) / NORMAL_90
+        elif k > 0:
+            factors[k] = factors[k - 1]
+    return factors

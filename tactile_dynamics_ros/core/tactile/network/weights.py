@@ -1,0 +1,122 @@
+"""Weights of the force network and its forward pass in numpy."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.contact.skin_surface import project_to_skin
+from tactile_dynamics_ros.core.errors import BadInputError
+
+Array = NDArray[np.float64]
+Single = NDArray[np.float32]
+
+SHIPPED_NETWORK = Path(__file__).parent.parent / "data" / "force_network.npz"
+
+SMALLEST_STD = 0.3
+"""Lower bound of the force's standard deviation in hundredths of a newton per unit of size."""
+
+PLACE_SCALE = 1e-3
+STRENGTH_KNOTS = np.array([0.0, 0.2, 0.5, 1.0, 2.0, 4.0])
+"""Forces (N) at which the calibration of standard deviations is stated, linear in between."""
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Contacts as the network sees them, N of them.
+
+    Attributes:
+        force: (N, 3) N. std: (N, 3) N. point: (N, 3) m. point_std: (N,) m.
+    """
+
+    force: Array
+    std: Array
+    point: Array
+    point_std: Array
+
+
+@dataclass(frozen=True)
+class NetworkWeights:
+    """A multilayer perceptron with standardised inputs and calibrated uncertainty.
+
+    Attributes:
+        mean, scale: (82,) of the inputs.
+        layers: matrix (n_in, n_out) and bias (n_out,) per layer; ReLU between them.
+        force_temperature: (6, 3) factors on the force std at STRENGTH_KNOTS.
+        place_temperature: (6,) factors on the point std.
+        origin: what it was trained on.
+    """
+
+    mean: Single
+    scale: Single
+    layers: tuple[tuple[Single, Single], ...]
+    force_temperature: Array
+    place_temperature: Array
+    origin: str
+
+    def evaluate(self, inputs: Array, size: Array) -> Prediction:
+        """Return contacts for inputs (N, 82) and signal sizes (N, 1).
+
+        f = size o_1..3, std = size (softplus(o_4..6) + floor) temperature(|f|).
+        """
+        hidden = ((inputs - self.mean) / self.scale).astype(np.float32)
+        for matrix, bias in self.layers[:-1]:
+            hidden = np.maximum(hidden @ matrix + bias, 0.0)
+        matrix, bias = self.layers[-1]
+        output = (hidden @ matrix + bias).astype(np.float64)
+        force = size * output[:, :3]
+        strength = np.linalg.norm(force, axis=1)
+        std = size * (np.logaddexp(0.0, output[:, 3:6]) + 0.01 * SMALLEST_STD)
+        std = std * interpolate(self.force_temperature, strength)
+        place_std = PLACE_SCALE * (np.logaddexp(0.0, output[:, 9]) + 0.02)
+        place_std = place_std * interpolate(self.place_temperature[:, None], strength)[:, 0]
+        return Prediction(force, std, project_to_skin(PLACE_SCALE * output[:, 6:9]), place_std)
+
+    def save(self, path: Path) -> None:
+        """Write as a compressed npz file."""
+        arrays: dict[str, NDArray[Any]] = {
+            f"matrix_{k}": layer[0] for k, layer in enumerate(self.layers)
+        }
+        arrays |= {f"bias_{k}": layer[1] for k, layer in enumerate(self.layers)}
+        arrays |= {"mean": self.mean, "scale": self.scale, "origin": np.array(self.origin)}
+        arrays["force_temperature"] = self.force_temperature
+        arrays["place_temperature"] = self.place_temperature
+        np.savez_compressed(path, allow_pickle=False, **arrays)
+
+    @classmethod
+    def load(cls, path: Path) -> NetworkWeights:
+        """Read what `save` wrote.
+
+        Raises:
+            BadInputError: the file is missing or holds no such network.
+        """
+        try:
+            with np.load(path) as content:
+                count = sum(name.startswith("matrix_") for name in content.files)
+                layers = tuple((content[f"matrix_{k}"], content[f"bias_{k}"]) for k in range(count))
+                return cls(
+                    content["mean"],
+                    content["scale"],
+                    layers,
+                    content["force_temperature"],
+                    content["place_temperature"],
+                    str(content["origin"]),
+                )
+        except (OSError, ValueError, KeyError) as error:
+            raise BadInputError(f"network file {path}: {error}") from error
+
+
+def interpolate(factors: Array, strength: Array) -> Array:
+    """Return factors (N, k) at forces (N,), linear between those (6, k) at STRENGTH_KNOTS."""
+    return np.stack([np.interp(strength, STRENGTH_KNOTS, column) for column in factors.T], axis=-1)
+
+
+@lru_cache(maxsize=1)
+def shipped_network() -> NetworkWeights:
+    """Return the network that comes with the package."""
+    return NetworkWeights.load(SHIPPED_NETWORK)
