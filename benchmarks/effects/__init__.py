@@ -1,0 +1,1 @@
+"""Hidden-effect benchmark: does the diagnosis find what recordings hide, and say when it cannot?"""

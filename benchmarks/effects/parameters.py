@@ -1,0 +1,61 @@
+"""True parameters of hidden effects in the names that the product prints."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+_NAMES: dict[str, dict[str, str]] = {
+    "viscous_drag": {"c": "c"},
+    "quadratic_drag": {"c": "c"},
+    "rotational_drag": {"c": "c"},
+    "tether_spring": {"stiffness": "k", "anchor": "a_{axis}", "point": "b_{axis}"},
+    "hanging_cable": {"force": "F_{axis}", "point": "p_{axis}"},
+    "unsensed_contact": {"force": "f_{axis}", "point": "p_{axis}"},
+    "spinning_rotor": {"angular_momentum": "h_{axis}"},
+    "sloshing_mass": {
+        "mass": "m_s",
+        "frequency": "f_n",
+        "damping_ratio": "zeta",
+        "point": "r_{axis}",
+    },
+    "added_mass": {"mass": "m_a"},
+    "mass_change": {"rate": "rate"},
+    "gravity_tilt": {"tilt": "tilt_{axis}"},
+    "contact_torsion": {"mu_t": "mu"},
+    "contact_offset": {"offset": "{finger}_d_{axis}"},
+    "force_bias": {"bias": "{finger}_b_{axis}"},
+    "force_drift": {"rate": "{finger}_d_{axis}"},
+    "force_scale": {"gain_error": "{finger}_gain"},
+    "sensor_rotation": {"rotation": "{finger}_r_{axis}"},
+    "sensor_lag": {"time_constant": "tau"},
+    "time_offset": {"offset": "offset"},
+}
+
+
+def true_parameters(effect: str, truth: dict[str, Any]) -> dict[str, float]:
+    """True values by the product's name of each parameter."""
+    return dict(_spread(effect, truth["effects"][effect]["parameters"]))
+
+
+def parameter_errors(
+    effect: str, truth: dict[str, Any], estimate: dict[str, Any]
+) -> dict[str, tuple[float, float]]:
+    """(error, stated standard deviation) of every parameter that both sides name."""
+    found = estimate["effects"].get(effect, {})
+    errors = {}
+    for name, value in true_parameters(effect, truth).items():
+        if name in found and found[name]["std"]:
+            errors[name] = (found[name]["value"] - value, found[name]["std"])
+    return errors
+
+
+def _spread(effect: str, parameters: dict[str, Any]) -> Iterator[tuple[str, float]]:
+    for key, entry in parameters.items():
+        finger, _, quantity = key.rpartition(".")
+        template = _NAMES[effect][quantity]
+        values = np.atleast_1d(entry["value"])
+        for axis, value in zip("xyz", values, strict=False):
+            yield template.format(finger=finger, axis=axis), float(value)

@@ -1,0 +1,114 @@
+"""Run cases, one JSON line each, so that a stopped benchmark goes on where it was."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import os
+import sys
+import tempfile
+import time
+import traceback
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.effects.cases import Case
+from benchmarks.effects.product import Answer, Ask, ask_command
+from benchmarks.hidden.bag import write_bag
+from benchmarks.hidden.calibration import excess_rms
+
+
+def run_case(case: Case, ask: Ask = ask_command) -> dict[str, Any]:
+    """Make the recording, ask the product about it and return both, ready for JSON."""
+    recording = case.record()
+    record: dict[str, Any] = {"key": case.key, **vars(case), "truth": recording.truth()}
+    record["reached"] = [
+        float(np.hypot(1.0, excess_rms(effect, recording.scenario, case.sensors())))
+        for effect in recording.effects
+    ]
+    with tempfile.TemporaryDirectory() as folder:
+        bag = str(write_bag(recording.streams, Path(folder) / "recording"))
+        if case.kind == "pair":
+            record["explain"] = _plain(ask(["explain", bag]))
+        else:
+            record["diagnose"] = _plain(ask(["diagnose", bag]))
+        if case.kind == "clean":
+            record["compare"] = _plain(ask(["compare", bag]))
+        if case.kind == "single":
+            record["estimates"] = _estimates(case.effects[0], record["diagnose"], bag, ask)
+    return record
+
+
+def run_all(cases: Sequence[Case], path: Path, workers: int) -> list[dict[str, Any]]:
+    """Run the cases that the file does not hold yet; return all records of these cases."""
+    done = {record["key"]: record for record in read_records(path)}
+    missing = [case for case in cases if case.key not in done]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    _limit_threads()
+    spawn = multiprocessing.get_context("spawn")
+    begin = time.monotonic()
+    with path.open("a") as file, ProcessPoolExecutor(workers, mp_context=spawn) as pool:
+        futures = {pool.submit(_run_safely, case): case for case in missing}
+        for count, future in enumerate(as_completed(futures), start=1):
+            record = future.result()
+            done[record["key"]] = record
+            file.write(json.dumps(record) + "\n")
+            file.flush()
+            _show_progress(count, len(missing), begin, record["key"])
+    return [done[case.key] for case in cases if case.key in done]
+
+
+def read_records(path: Path) -> list[dict[str, Any]]:
+    """Return the records of a file; a line that was cut off is left out."""
+    if not path.exists():
+        return []
+    records = []
+    for line in path.read_text().splitlines():
+        with_end = line.strip()
+        if with_end.endswith("}"):
+            records.append(json.loads(with_end))
+    return records
+
+
+def named_effects(diagnosis: dict[str, Any]) -> list[str]:
+    """The effect and the group that a diagnosis names, the first choice first."""
+    names = [diagnosis.get("effect"), *(diagnosis.get("group") or [])]
+    return list(dict.fromkeys(name for name in names if name))
+
+
+def _estimates(effect: str, asked: dict[str, Any], bag: str, ask: Ask) -> dict[str, Any]:
+    """Refit with the true effect and with every member of an ambiguous group."""
+    diagnosis = asked["json"] or {}
+    names = named_effects(diagnosis)
+    if effect not in names:
+        return {}
+    members = names if diagnosis.get("verdict") == "ambiguous" else [effect]
+    return {name: _plain(ask(["estimate", bag, "--effects", name])) for name in members}
+
+
+def _plain(answer: Answer) -> dict[str, Any]:
+    return vars(answer).copy()
+
+
+def _run_safely(case: Case) -> dict[str, Any]:
+    try:
+        return run_case(case)
+    except Exception:
+        return {"key": case.key, **vars(case), "crash": traceback.format_exc(limit=8)}
+
+
+def _limit_threads() -> None:
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
+
+
+def _show_progress(count: int, total: int, begin: float, key: str) -> None:
+    left = (time.monotonic() - begin) / count * (total - count)
+    filled = round(30 * count / total)
+    bar = "#" * filled + "." * (30 - filled)
+    line = f"\r[{bar}] {count}/{total}, {left / 60:.0f} min left, {key[:40]:40s}"
+    print(line, end="\n" if count == total else "", file=sys.stderr, flush=True)
