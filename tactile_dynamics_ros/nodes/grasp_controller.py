@@ -42,6 +42,8 @@ from tactile_dynamics_ros.share import share_file
 Array = NDArray[np.float64]
 
 VISION = "/object/pose/vision"
+PERIOD = 0.01
+PAUSE = 0.1
 OFF_THE_TABLE = (Phase.CARRY, Phase.EXCITE, Phase.RETURN)
 
 
@@ -52,6 +54,7 @@ class GraspNodeConfig:
     object: str = parameter("box_0", "file in config/objects, or a path, with the grasp site")
     start_poses: int = parameter(10, "poses from vision that are averaged to start", "", 2, 1000)
     force_timeout: float = parameter(0.3, "a finger silent for longer has no contact", "s", 0.02)
+    touch_lag: float = parameter(0.06, "the motion waits where touch is older", "s", 0.02)
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -91,6 +94,8 @@ class GraspControllerNode(Shell):
         self._resumed: tuple[float, ArmPath] | None = None
         self._seen: deque[Array] = deque(maxlen=self.config.start_poses)
         self._forces: dict[str, tuple[float, Array]] = {}
+        self._waiting: tuple[float, Array] | None = None
+        self._last, self._paused = -np.inf, 0.0
         return "a new cycle begins"
 
     def _force_taker(self, finger: str) -> Callable[[WrenchStamped], None]:
@@ -99,6 +104,7 @@ class GraspControllerNode(Shell):
         def take(message: WrenchStamped) -> None:
             wrench = wrench_to_core(message, topic, "world")
             self._forces[finger] = (to_seconds(message.header.stamp), wrench[3:])
+            self._advance()
 
         return take
 
@@ -110,12 +116,27 @@ class GraspControllerNode(Shell):
         if self._gate.check(message.header.stamp):
             self.faults.add("clock_restarted")
             self.start()
-        time = to_seconds(message.header.stamp)
+        self._waiting = (to_seconds(message.header.stamp), positions)
+        self._advance()
+
+    def _advance(self) -> None:
+        """Act on the newest joint states, unless touch lags behind: then the motion pauses."""
+        if self._waiting is None or len(self._forces) < len(FINGERS):
+            return
+        time, positions = self._waiting
+        if time - max(stamp for stamp, _ in self._forces.values()) > self.config.touch_lag:
+            return
+        self._waiting = None
+        gap = time - self._last
+        if PAUSE < gap < np.inf:
+            self.faults.add("paused", f"no touch or joint states for {gap:.2f} s; motion paused")
+            self._paused += gap - PERIOD
+        self._last = time
         if self._resumed is not None:
             self._repeat(time)
         elif self._behaviour is not None:
             self._act(self._behaviour, time, positions)
-        elif len(self._forces) == len(FINGERS):
+        else:
             self._begin(time, positions)
 
     def _begin(self, time: float, positions: Array) -> None:
@@ -125,7 +146,7 @@ class GraspControllerNode(Shell):
             tips = self.kinematics.locate(positions).sensors[:, :3, 3]
             motion = SumOfSines(config.excitation)
             path = excite(self.kinematics, positions, tips.mean(axis=0), motion, motion.duration)
-            self._resumed = (time, path)
+            self._resumed = (time - self._paused, path)
             self._announce("resumed", held=True)
             return
         if self._tare.service_is_ready():
@@ -137,7 +158,7 @@ class GraspControllerNode(Shell):
         if len(self._seen) == self.config.start_poses:
             pose = average_poses(np.stack(self._seen))[0]
         forces = self._touching(time)
-        target = behaviour.update(time, positions, forces, pose)
+        target = behaviour.update(time - self._paused, positions, forces, pose)
         self._announce(behaviour.phase.value, behaviour.phase in OFF_THE_TABLE, behaviour.outcome)
         if not behaviour.done and behaviour.phase is not Phase.OPEN:
             self._command.publish(joints_to_message(self.kinematics.joint_names, time, target))
@@ -146,7 +167,7 @@ class GraspControllerNode(Shell):
         """Move the arm on, with the fingers left to hold as they do."""
         assert self._resumed is not None
         start, path = self._resumed
-        arm = path((time - start) % path.duration)
+        arm = path((time - self._paused - start) % path.duration)
         names = self.kinematics.joint_names[:ARM_DOF]
         self._command.publish(joints_to_message(names, time, arm))
 

@@ -7,6 +7,7 @@ import time
 from collections import deque
 from dataclasses import dataclass
 
+import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped, WrenchStamped
 from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock
@@ -21,6 +22,7 @@ from tactile_dynamics_ros.nodes.conversions import (
     camera_info,
     depth_to_message,
     joints_to_message,
+    to_seconds,
     to_stamp,
     uncertain_pose_to_message,
     wrench_to_message,
@@ -45,6 +47,8 @@ class RobotSimConfig:
     real_time_factor: float = parameter(1.0, "simulated over real time", "", 0.05, 20.0)
     touch_latency: float = parameter(0.005, "delay of raw counts behind their stamp", "s", 0, 1.0)
     vision_latency: float = parameter(0.02, "delay of poses and images", "s", 0.0, 1.0)
+    command_lag: float = parameter(0.1, "the simulation waits for later commands", "s", 0.02)
+    command_timeout: float = parameter(1.0, "real time after which it goes on", "s", 0.0)
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -53,7 +57,8 @@ class RobotSimConfig:
 class RobotSim(Shell):
     """Simulates 10 ms, publishes what the sensors say, waits until that time has passed.
 
-    Where the machine is too slow, simulated time falls behind real time; nothing is skipped.
+    Where the machine is too slow, simulated time falls behind real time; nothing is skipped, and
+    the simulation waits for a controller that is working but late.
     """
 
     def __init__(self) -> None:
@@ -72,6 +77,7 @@ class RobotSim(Shell):
         self.serve("/robot_sim/reveal", lambda: json.dumps(self.robot.reveal()))
         self._delayed: deque[tuple[float, Publisher, object]] = deque()
         self._start: float | None = None
+        self._commanded = (0.0, -np.inf)
         self._measured = (time.monotonic(), 0.0)
         self.every(PERIOD / self.config.real_time_factor, self._tick)
         self.every(2.0, self._measure_pace)
@@ -79,8 +85,7 @@ class RobotSim(Shell):
     def _tick(self) -> None:
         """Advance until simulated time has caught up with real time, in bounded steps."""
         for _ in range(3):
-            ahead = self._ahead()
-            if ahead > 0.5 * PERIOD:
+            if self._ahead() > 0.5 * PERIOD or self._must_wait():
                 return
             self._publish(self.robot.advance())
 
@@ -91,6 +96,13 @@ class RobotSim(Shell):
         if self._start is None or now - self._start - simulated > CATCH_UP:
             self._start = now - simulated
         return simulated - (now - self._start)
+
+    def _must_wait(self) -> bool:
+        """Whether a controller works on joint states that are long past."""
+        stamp, came = self._commanded
+        lag = self.robot.world.time - stamp
+        waited = time.monotonic() - came
+        return lag > self.config.command_lag and waited < self.config.command_timeout
 
     def _publish(self, readings: Readings) -> None:
         self._ticks.publish(Clock(clock=to_stamp(readings.time)))
@@ -143,6 +155,8 @@ class RobotSim(Shell):
             raise MessageError("unknown_joint", f"/joint_command: no joint '{unknown[0]}'")
         reader = self._reader.setdefault(names, JointReader(names, "/joint_command"))
         self.robot.world.command(reader.positions(message), names)
+        if to_seconds(message.header.stamp) > 0.0:
+            self._commanded = (to_seconds(message.header.stamp), time.monotonic())
 
     def _measure_pace(self) -> None:
         before, simulated = self._measured

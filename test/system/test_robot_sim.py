@@ -1,0 +1,110 @@
+"""The simulated robot as a process: topics, physics of commands, truth on request."""
+
+import json
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import PoseWithCovarianceStamped, WrenchStamped
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import CameraInfo, Image, JointState
+
+from tactile_dynamics_ros.cli.topics import call_trigger
+from tactile_dynamics_ros.core.contact.robot_description import ACTUATED_JOINTS, JOINT_NAMES
+from tactile_dynamics_ros.nodes import conversions as cv
+
+TOPICS = {
+    "/clock": Clock,
+    "/joint_states": JointState,
+    "/biotac/raw": Image,
+    "/wrist/wrench": WrenchStamped,
+    "/object/pose/vision": PoseWithCovarianceStamped,
+    "/camera/depth/image_rect": Image,
+    "/camera/depth/camera_info": CameraInfo,
+}
+
+
+@pytest.fixture
+def robot(system, listener):
+    """A running robot_sim with a camera, and a listener that hears all its topics."""
+    system.start_node("robot_sim", depth_rate_hz=2.0, world__object_name="box_3", seed=4)
+    for topic, kind in TOPICS.items():
+        listener.follow(kind, topic)
+    for topic in TOPICS:
+        listener.wait(lambda topic=topic: listener.seen[topic], 60.0, topic)
+    return listener
+
+
+def test_topics_are_as_the_contract_says(robot):
+    joints = robot.wait_for_new("/joint_states")
+    assert tuple(joints.name) == JOINT_NAMES
+    assert len(joints.position) == len(joints.velocity) == len(joints.effort) == 23
+    counts = cv.biotac_to_core(robot.wait_for_new("/biotac/raw"), "/biotac/raw")
+    assert counts.shape == (4, 44)
+    assert ((counts[:, :19] > 1500) & (counts[:, :19] < 3900)).all()
+    pose, covariance = cv.uncertain_pose_to_core(
+        robot.wait_for_new("/object/pose/vision"), "/object/pose/vision", "world"
+    )
+    assert 0.0 < pose[2, 3] < 0.2
+    assert (np.diag(covariance) > 0).all()
+    depth = cv.depth_to_core(robot.wait_for_new("/camera/depth/image_rect"), "/camera")
+    info = robot.wait_for_new("/camera/depth/camera_info")
+    assert depth.shape == (info.height, info.width)
+    assert 0.3 < np.nanmedian(depth) < 3.5
+    stamps = [cv.to_seconds(m.header.stamp) for m in robot.seen["/joint_states"]]
+    robot.wait_for_new("/joint_states", count=30)
+    stamps = [cv.to_seconds(m.header.stamp) for m in robot.seen["/joint_states"]]
+    assert np.median(np.diff(stamps)) == pytest.approx(0.01, abs=1e-6)
+
+
+def test_wrist_feels_the_weight_of_the_hand_downwards(robot):
+    wrench = cv.wrench_to_core(robot.wait_for_new("/wrist/wrench"), "/wrist/wrench")
+    assert 5.0 < np.linalg.norm(wrench[3:]) < 25.0
+
+
+def test_commanded_positions_are_approached_not_jumped_to(robot):
+    publisher = robot.node.create_publisher(JointState, "/joint_command", 10)
+    start = np.array(robot.wait_for_new("/joint_states").position)
+    wanted = start[1] - 0.4
+    message = JointState(name=[JOINT_NAMES[1]], position=[float(wanted)])
+    robot.wait(lambda: publisher.get_subscription_count() > 0, 10.0, "/joint_command heard")
+    publisher.publish(message)
+    robot.seen["/joint_states"].clear()
+
+    def arrived():
+        states = robot.seen["/joint_states"]
+        return bool(states) and abs(states[-1].position[1] - wanted) < 0.01
+
+    robot.wait(arrived, 30.0, "arm at its target")
+    path = np.array([m.position[1] for m in robot.seen["/joint_states"]])
+    time = np.array([cv.to_seconds(m.header.stamp) for m in robot.seen["/joint_states"]])
+    speed = np.abs(np.diff(path) / np.diff(time)).max()
+    assert 0.05 < speed < 1.3 * ACTUATED_JOINTS[1].velocity
+    assert abs(robot.seen["/joint_states"][-1].position[0] - start[0]) < 0.02
+
+
+def test_command_for_a_joint_that_does_not_exist_is_counted_and_harmless(robot):
+    from diagnostic_msgs.msg import DiagnosticArray
+
+    from tactile_dynamics_ros.nodes.diagnostics import status_values
+
+    robot.follow(DiagnosticArray, "/diagnostics")
+    publisher = robot.node.create_publisher(JointState, "/joint_command", 10)
+    robot.wait(lambda: publisher.get_subscription_count() > 0, 10.0, "/joint_command heard")
+    publisher.publish(JointState(name=["elbow"], position=[1.0]))
+    publisher.publish(JointState(name=[JOINT_NAMES[0]], position=[float("nan")]))
+
+    def counted():
+        found = [status_values(s) for m in robot.seen["/diagnostics"] for s in m.status]
+        return any("unknown_joint" in f and "not_finite" in f for f in found)
+
+    robot.wait(counted, 20.0, "fault counts")
+    robot.wait_for_new("/joint_states", count=5)
+
+
+def test_reveal_tells_the_truth_as_json(robot):
+    success, message = call_trigger(robot.node, "/robot_sim/reveal", 20.0)
+    truth = json.loads(message)
+    assert success
+    assert truth["object"] == "box_3"
+    assert truth["mass"] > 0.05
+    assert truth["hidden_effect"]["name"] == "none"

@@ -1,0 +1,112 @@
+"""The command's frame: exit codes, one-line errors, verbs."""
+
+import json
+import os
+import subprocess
+import sys
+from types import ModuleType
+
+import pytest
+
+from tactile_dynamics_ros.cli import main as cli
+from tactile_dynamics_ros.cli.domain import private_domain
+from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
+
+
+def verb(run):
+    """Return a module that registers one verb."""
+    module = ModuleType("verb")
+
+    def add_parser(verbs):
+        parser = verbs.add_parser("work")
+        parser.add_argument("--size", type=float)
+        parser.set_defaults(run=run)
+
+    module.add_parser = add_parser
+    return module
+
+
+def call(monkeypatch, run, *arguments):
+    monkeypatch.setattr(cli, "load_modules", lambda: [verb(run)])
+    return cli.main(["work", *arguments])
+
+
+@pytest.mark.parametrize(
+    ("error", "code"), [(BadInputError("bad\nline"), 2), (NotIdentifiableError("no motion"), 3)]
+)
+def test_errors_become_exit_codes_and_one_line(monkeypatch, capsys, error, code):
+    def run(args):
+        raise error
+
+    assert call(monkeypatch, run) == code
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.count("\n") == 1
+    assert captured.err.startswith("error: ")
+
+
+def test_wrong_argument_is_bad_input(monkeypatch, capsys):
+    assert call(monkeypatch, lambda args: 0, "--size", "big") == 2
+    assert "--size" in capsys.readouterr().err
+
+
+def test_every_verb_takes_json(monkeypatch):
+    seen = []
+    assert call(monkeypatch, lambda args: seen.append(args.json), "--json") == 0
+    assert seen == [True]
+
+
+def test_all_verbs_have_help_and_json():
+    parser = cli.build_parser(cli.load_modules())
+    verbs = parser._subparsers._group_actions[0].choices
+    assert {"demo", "sim", "run", "up", "echo", "record", "probe", "estimate"} <= set(verbs)
+    for sub in verbs.values():
+        assert "--json" in sub.format_help()
+
+
+def test_unknown_verb_exits_with_2_and_no_traceback():
+    command = [sys.executable, "-m", "tactile_dynamics_ros.cli.main", "fly"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+
+
+def test_unknown_node_is_refused_with_the_known_ones(capsys):
+    assert cli.main(["run", "robot"]) == 2
+    assert "robot_sim" in capsys.readouterr().err
+
+
+def test_parallel_runs_get_different_domains():
+    program = (
+        "from tactile_dynamics_ros.cli.domain import private_domain\n"
+        "import os, sys\n"
+        "with private_domain() as domain:\n"
+        "    print(domain, os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'], flush=True)\n"
+        "    sys.stdin.read()\n"
+    )
+    command = [sys.executable, "-c", program]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    runs = [subprocess.Popen(command, **pipes) for _ in range(4)]
+    try:
+        lines = [run.stdout.readline().split() for run in runs]
+    finally:
+        for run in runs:
+            run.communicate("", timeout=30)
+    domains = [line[0] for line in lines]
+    assert len(set(domains)) == 4
+    assert os.environ["ROS_DOMAIN_ID"] not in domains
+    assert {line[1] for line in lines} == {"LOCALHOST"}
+
+
+def test_claimed_domain_is_free_again_after_the_context(monkeypatch):
+    monkeypatch.setenv("ROS_DOMAIN_ID", os.environ["ROS_DOMAIN_ID"])
+    monkeypatch.setattr("tactile_dynamics_ros.cli.domain.DOMAINS", range(98, 99))
+    for _ in range(2):
+        with private_domain() as domain:
+            assert domain == 98
+
+
+def test_demo_summary_is_plain_json_text():
+    from tactile_dynamics_ros.cli.topics import to_plain
+
+    assert json.dumps(to_plain([float("nan"), 1.5, b"\x01", (1, 2)])) == '["nan", 1.5, 1, [1, 2]]'
