@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -174,7 +174,7 @@ def assemble_contact(
     if not len(kept.time) or not np.any(kept.force):
         log.note(wrench.label, "no force at all (contact left out)", 1)
         return None
-    poses = _clean_poses(pose, log)
+    poses = _clean_poses(_with_some_orientation(pose, log), log)
     normal = quaternion_to_matrix(poses.quaternion)[:, :, 2]
     poses = _drop_leaps(poses, find_glitches(poses.position, normal), log)
     if not len(poses.time):
@@ -193,6 +193,14 @@ def assemble_contact(
         rotation=quaternion_to_matrix(poses.quaternion),
         carries_torque=bool(np.any(kept.torque)),
     )
+
+
+def _with_some_orientation(pose: PoseColumns, log: ProblemLog) -> PoseColumns:
+    """Return contact poses with the world's axes where no orientation was ever set."""
+    if not len(pose.time) or np.any(pose.quaternion):
+        return pose
+    log.note(pose.label, "orientation not set (normal not known)", len(pose.time))
+    return replace(pose, quaternion=np.tile([0.0, 0.0, 0.0, 1.0], (len(pose.time), 1)))
 
 
 def _clean_wrenches(columns: WrenchColumns, log: ProblemLog) -> WrenchColumns:

@@ -10,17 +10,19 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.report.estimates import draw_vector
+from tactile_dynamics_ros.report.estimates import draw_vector, running_mean
 from tactile_dynamics_ros.report.style import (
     AXIS_COLOURS,
     BLUE,
     GREY,
     INK,
     ORANGE,
+    PURPLE,
     QUIET,
     RED,
     label_lines,
     new_figure,
+    thinning,
 )
 
 Array = NDArray[np.float64]
@@ -28,6 +30,7 @@ Array = NDArray[np.float64]
 _MOST_CANDIDATES = 10
 _MOST_PLACES = 8
 _BAR = 0.62
+_BINS = 10
 
 
 def draw_error_steps(steps: Sequence[Mapping[str, Any]], noise_floor: float = 1.0) -> Figure:
@@ -124,7 +127,7 @@ def draw_candidates(
         chosen: names that the verdict names.
     """
     shown = list(candidates)[:_MOST_CANDIDATES]
-    figure = new_figure(0.9 + 0.27 * len(shown), 7.4)
+    figure = new_figure(0.8 + 0.29 * len(shown), 7.4)
     axes = figure.subplots()
     places = np.arange(len(shown))[::-1]
     for place, candidate in zip(places, shown, strict=True):
@@ -145,6 +148,7 @@ def draw_candidates(
         )  # fmt: skip
     axes.set_yticks(places, [str(candidate["name"]) for candidate in shown])
     axes.tick_params(axis="y", labelsize=9, labelcolor=INK)
+    axes.set_ylim(-0.6, len(shown) - 0.4)
     axes.grid(axis="y", visible=False)
     span = max(error - noise_floor, 0.1)
     axes.set_xlim(min(noise_floor, error) - 0.2 * span, error + 0.06 * span)
@@ -172,8 +176,67 @@ def draw_fails_where(places: Sequence[Mapping[str, Any]]) -> Figure:
     axes.set_yticks(rows, [f"{place['channel']}, {place['condition']}" for place in shown])
     axes.tick_params(axis="y", labelsize=9, labelcolor=INK)
     axes.set_xlim(0.0, 1.15 * max([*shares, 1.0]))
+    axes.set_ylim(-0.6, len(shown) - 0.4)
     axes.grid(axis="y", visible=False)
     axes.set_xlabel("share of the error in %")
+    return figure
+
+
+def draw_error_over_time(
+    time: Array, white: Array, intervals: Sequence[tuple[float, float]] = ()
+) -> Figure:
+    """Draw when the model is wrong: RMS over half a second, in units of the noise.
+
+    Args:
+        time: (N,) s.
+        white: (N, 6) whitened residual [torque, force].
+        intervals: starts and ends in s of spans to shade.
+    """
+    figure = new_figure(2.2)
+    axes = figure.subplots()
+    for start, stop in intervals:
+        axes.axvspan(start, stop, color=ORANGE, alpha=0.15, linewidth=0)
+    for part, name, colour in ((slice(3, 6), "force", BLUE), (slice(0, 3), "torque", PURPLE)):
+        square = np.mean(white[:, part] ** 2, axis=1, keepdims=True)
+        rms = np.sqrt(running_mean(time, square)[:, 0])
+        axes.plot(time[thinning(len(time))], rms[thinning(len(time))], color=colour, label=name)
+    axes.set_ylim(bottom=0.0)
+    axes.margins(x=0.01)
+    axes.set_xlabel("time in s")
+    axes.set_ylabel("error in units of the noise")
+    _mark_floor(axes, 1.0)
+    label_lines(axes, ["force", "torque"])
+    return figure
+
+
+def draw_error_by_condition(white: Array, conditions: Mapping[str, Array]) -> Figure:
+    """Draw how the error depends on what was going on: RMS in ten equally filled bins.
+
+    Args:
+        white: (N, 6) whitened residual [torque, force].
+        conditions: (N,) values by label, such as "speed in m/s".
+    """
+    columns = min(3, len(conditions))
+    rows = -(-len(conditions) // columns)
+    figure = new_figure(0.3 + 1.8 * rows)
+    grid = figure.subplots(rows, columns, sharey=True, squeeze=False).flat
+    highest = 1.0
+    for axes, (label, values) in zip(grid, conditions.items(), strict=False):
+        order = np.argsort(values)
+        for part, name, colour in ((slice(3, 6), "force", BLUE), (slice(0, 3), "torque", PURPLE)):
+            bins = np.array_split(order, min(_BINS, len(order)))
+            middle = [float(np.median(values[rows])) for rows in bins]
+            rms = [float(np.sqrt(np.mean(white[rows][:, part] ** 2))) for rows in bins]
+            axes.plot(middle, rms, "o-", color=colour, label=name, markersize=3.5)
+            highest = max(highest, *rms)
+        axes.axhline(1.0, color=RED, linestyle=(0, (4, 3)), linewidth=1.0)
+        axes.set_xlabel(label)
+    figure.axes[0].set_ylim(0.0, 1.12 * highest)
+    for axes in list(figure.axes)[len(conditions) :]:
+        axes.set_visible(False)
+    for axes in list(figure.axes)[::columns]:
+        axes.set_ylabel("error / noise")
+    label_lines(figure.axes[columns - 1], ["force", "torque"])
     return figure
 
 

@@ -14,6 +14,8 @@ from tactile_dynamics_ros.report.discrepancies import (
     draw_before_after,
     draw_candidates,
     draw_channels,
+    draw_error_by_condition,
+    draw_error_over_time,
     draw_error_steps,
     draw_fails_where,
     draw_spectrum,
@@ -41,6 +43,9 @@ class DiscrepancyFindings:
         comparison: the document of `compare`; `channels` may map channel names to whitened RMS.
         diagnosis: the document of `diagnose`.
         explanation: the document of `explain`.
+        white: (N, 6) whitened residual of the compared model.
+        conditions: (N,) what was going on, by label such as "speed in m/s".
+        intervals: starts and ends in s of spans in which the model fails.
         frequency: (K,) Hz of `power`.
         power: (K,) spectral density of the unexplained part by channel.
         extra: further sections.
@@ -56,6 +61,9 @@ class DiscrepancyFindings:
     comparison: Mapping[str, Any] = field(default_factory=dict)
     diagnosis: Mapping[str, Any] = field(default_factory=dict)
     explanation: Mapping[str, Any] = field(default_factory=dict)
+    white: Array | None = None
+    conditions: Mapping[str, Array] = field(default_factory=dict)
+    intervals: Sequence[tuple[float, float]] = ()
     frequency: Array | None = None
     power: Mapping[str, Array] = field(default_factory=dict)
     extra: Sequence[Section] = ()
@@ -205,20 +213,43 @@ def _group_sentence(group: Sequence[str]) -> list[str]:
 def _places(findings: DiscrepancyFindings) -> list[Section]:
     """Return where the model fails."""
     places = list(findings.comparison.get("fails_where", ()))
-    if not places:
-        return []
-    worst = places[0]
-    sentence = (
-        f"{100 * float(worst['share_of_error']):.0f} % of the error of {worst['channel']} "
-        f"comes with this condition: {worst['condition']}."
-    )
-    picture = Picture(
-        "fails_where",
-        draw_fails_where(places),
-        "conditions with the largest share of the error",
-        "Share of a channel's error that comes with a condition.",
-    )
-    return [Section("Where it fails", [sentence], [picture])]
+    sentences, pictures = [], []
+    if places:
+        worst = places[0]
+        sentences.append(
+            f"{100 * float(worst['share_of_error']):.0f} % of the error of {worst['channel']} "
+            f"comes with this condition: {worst['condition']}."
+        )
+        pictures.append(
+            Picture(
+                "fails_where",
+                draw_fails_where(places),
+                "conditions with the largest share of the error",
+                "Share of a channel's error that comes with a condition.",
+            )
+        )
+    if findings.white is not None:
+        pictures.append(
+            Picture(
+                "over_time",
+                draw_error_over_time(findings.time, findings.white, findings.intervals),
+                "error over time in units of the noise",
+                "Error over time; shaded where the model fails most."
+                if findings.intervals
+                else "Error over time.",
+            )
+        )
+        if findings.conditions:
+            pictures.append(
+                Picture(
+                    "by_condition",
+                    draw_error_by_condition(findings.white, findings.conditions),
+                    "error by condition in units of the noise",
+                    "Error against what was going on; a slope points at the cause. Each point "
+                    "holds a tenth of the recording.",
+                )
+            )
+    return [Section("Where it fails", sentences, pictures)] if pictures else []
 
 
 def _unexplained(findings: DiscrepancyFindings) -> list[Section]:

@@ -123,7 +123,7 @@ def draw_vector(axes: Axes, time: Array, values: Array) -> None:
         values: (N, 3).
     """
     thin = thinning(len(time))
-    smooth = _running_mean(time, values)
+    smooth = running_mean(time, values)
     for k, colour in enumerate(AXIS_COLOURS.values()):
         axes.plot(time[thin], values[thin, k], color=colour, linewidth=0.4, alpha=0.3)
     for k, (axis, colour) in enumerate(AXIS_COLOURS.items()):
@@ -131,7 +131,7 @@ def draw_vector(axes: Axes, time: Array, values: Array) -> None:
     axes.margins(x=0.01)
 
 
-def _running_mean(time: Array, values: Array) -> Array:
+def running_mean(time: Array, values: Array) -> Array:
     """Return the mean over half a second around each sample."""
     first = np.searchsorted(time, time - 0.5 * _SMOOTHING)
     last = np.searchsorted(time, time + 0.5 * _SMOOTHING, side="right")

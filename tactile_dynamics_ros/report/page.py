@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from tactile_dynamics_ros import __version__
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.report.style import to_png
+from tactile_dynamics_ros.report.style import WIDTH, to_png
 
 PAGE_NAME = "report.html"
 
@@ -92,7 +92,7 @@ def write_page(page: Page, folder: Path) -> Path:
     )
     encoded = {name: base64.b64encode(png).decode() for name, png in images.items()}
     html = environment.get_template(PAGE_NAME).render(
-        page=page, images=encoded, version=__version__
+        page=page, images=encoded, version=__version__, full_width=WIDTH
     )
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -250,6 +250,18 @@ def test_a_finger_that_never_touches_is_left_out(edited):
     assert recording.problems == {f"{FORCE}: no force at all (contact left out)": 1}
 
 
+def test_contact_poses_may_lack_an_orientation(edited):
+    def unset(message, k):
+        q = message.pose.orientation
+        q.x = q.y = q.z = q.w = 0.0
+
+    recording = Recording.from_bag(edited("/contact/index/pose", unset))
+    assert recording.problems == {
+        "/contact/index/pose: orientation not set (normal not known)": 200
+    }
+    assert len(recording.streams.contacts["index"].position) == 200
+
+
 @pytest.mark.parametrize("share", [0.3, 0.6, 0.95])
 @pytest.mark.parametrize("compression", [None, CompressionFormat.ZSTD])
 def test_a_truncated_mcap_gives_what_it_still_holds(tmp_path, bag, share, compression):

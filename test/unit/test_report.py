@@ -120,6 +120,9 @@ def _findings() -> DiscrepancyFindings:
             "steps": [{"added": None, "error": 3.0}, {"added": "viscous_drag", "error": 1.02}],
             "error": {"before": 3.0, "after": 1.02, "noise_floor": 1.0},
         },
+        white=noise,
+        conditions={"speed in m/s": np.abs(np.cos(time)), "grip force in N": time},
+        intervals=[(2.0, 4.0)],
         frequency=np.linspace(0.0, 25.0, 100),
         power={"force x": random.random(100)},
     )
