@@ -18,6 +18,7 @@ VERB_MODULES: tuple[str, ...] = (
     "tactile_dynamics_ros.cli.record",
     "tactile_dynamics_ros.cli.estimate",
     "tactile_dynamics_ros.cli.import_",
+    "tactile_dynamics_ros.cli.train",
 )
 """Modules with `add_parser(subparsers)`; every parser sets `run=callable(args) -> int`.
 

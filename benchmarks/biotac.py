@@ -1,0 +1,240 @@
+"""Force of fingertips that no model has seen: accuracy, honesty, speed, and in the hand.
+
+Usage: ./dev bench biotac [--json] [--quick]
+
+The compared voxel networks are trained here on the same presses as ours (about ten minutes on one
+core; kept under out/benchmarks for the next time).
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.tactile.analytic_force import (
+    classic_force,
+    electrode_centroid,
+    estimate_point,
+    estimate_sequence,
+)
+from tactile_dynamics_ros.core.tactile.calibration import (
+    NORMAL_90,
+    LabelledPresses,
+    shipped_calibration,
+)
+from tactile_dynamics_ros.core.tactile.network.estimator import (
+    NetworkForceEstimator,
+    predict_sequence,
+)
+from tactile_dynamics_ros.core.tactile.network.voxel import (
+    VoxelConfig,
+    VoxelNetwork,
+    predict_voxel,
+    train_voxel_network,
+)
+from tactile_dynamics_ros.core.tactile.network.weights import SHIPPED_NETWORK, shipped_network
+from tactile_dynamics_ros.core.tactile.unit_gain import fit_unit_gain
+from tactile_dynamics_ros.sim.sensors.biotac import BioTacConfig
+from tactile_dynamics_ros.sim.sensors.biotac.calibrate import (
+    join_presses,
+    label_presses,
+    label_protocols,
+)
+from tactile_dynamics_ros.sim.sensors.biotac.presses import protocols, record_presses
+
+Array = NDArray[np.float64]
+
+TEST_SEED = 777_000
+BANDS = ((0.2, 0.5), (0.5, 1.0), (1.0, 2.0), (2.0, 5.0))
+CACHE = Path(__file__).parent.parent / "out" / "benchmarks"
+REAL_NOISE = BioTacConfig(noise=0.5, wander=0.3, pressure_noise=0.4)
+"""Noise of the raw logs of a real unit with 19 electrodes (0.44 counts white, 0.38 in PDC)."""
+
+
+def score_force(force: Array, std: Array | None, truth: Array) -> dict[str, Any]:
+    """Median errors of forces (N, 3) between 0.2 and 2 N, and coverage of 90 % intervals."""
+    strength = np.linalg.norm(truth, axis=1)
+    size = np.linalg.norm(force, axis=1)
+    cosine = np.sum(force * truth, axis=1) / np.maximum(size * strength, 1e-9)
+    angle = np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0)))
+    useful = (strength >= 0.2) & (strength <= 2.0)
+    result: dict[str, Any] = {
+        "magnitude_n": float(np.median(np.abs(size - strength)[useful])),
+        "direction_deg": float(np.median(angle[useful])),
+        "vector_n": float(np.median(np.linalg.norm(force - truth, axis=1)[useful])),
+    }
+    if std is not None:
+        inside = np.abs(force - truth) < NORMAL_90 * std
+        result["coverage_90"] = float(inside[strength >= 0.2].mean())
+        result["coverage_90_bands"] = {
+            f"{low}-{high} N": float(inside[(strength >= low) & (strength < high)].mean())
+            for low, high in BANDS
+        }
+    return result
+
+
+def score_point(point: Array, truth: Array, force: Array) -> float:
+    """Median distance (m) of contact points where the force is between 0.2 and 2 N."""
+    strength = np.linalg.norm(force, axis=1)
+    useful = (strength >= 0.2) & (strength <= 2.0)
+    return float(np.median(np.linalg.norm(point - truth, axis=1)[useful]))
+
+
+def score_models(test: LabelledPresses, voxels: dict[str, VoxelNetwork]) -> dict[str, Any]:
+    """Score every estimator on held-out units."""
+    change, truth, place = test.frames()
+    unit = classic_force(change, np.ones(3))
+    scale = np.sum(unit * truth, axis=0) / np.sum(unit * unit, axis=0)
+    results = {"classic formula": score_force(scale * unit, None, truth)}
+    results["classic formula"]["point_mm"] = 1e3 * score_point(
+        electrode_centroid(change), place, truth
+    )
+    found = [estimate_sequence(part, shipped_calibration()) for part in test.change]
+    force, std = (np.concatenate(part) for part in zip(*found, strict=True))
+    results["analytic"] = score_force(force, std, truth)
+    point, _ = estimate_point(change, force, shipped_calibration())
+    results["analytic"]["point_mm"] = 1e3 * score_point(point, place, truth)
+    for name, network in voxels.items():
+        force, std = predict_voxel(network, change)
+        results[name] = score_force(force, std if network.heads > 1 else None, truth)
+    ours = [predict_sequence(part, shipped_network()) for part in test.change]
+    force = np.concatenate([each.force for each in ours])
+    results["ours"] = score_force(force, np.concatenate([each.std for each in ours]), truth)
+    point = np.concatenate([each.point for each in ours])
+    results["ours"]["point_mm"] = 1e3 * score_point(point, place, truth)
+    results["ours, unit gain known"] = score_with_gain(test, [each.force for each in ours])
+    return results
+
+
+def score_with_gain(test: LabelledPresses, found: Sequence[Array]) -> dict[str, Any]:
+    """Score with the gain of each unit fitted on the first half of its sequence."""
+    half = test.change.shape[1] // 2
+    corrected = [
+        force[half:] * fit_unit_gain(force[:half], truth[:half]).scale
+        for force, truth in zip(found, test.force, strict=True)
+    ]
+    return score_force(np.concatenate(corrected), None, test.force[:, half:].reshape(-1, 3))
+
+
+def voxel_networks(quick: bool) -> dict[str, VoxelNetwork]:
+    """Train the compared networks, or read what an earlier run has trained."""
+    CACHE.mkdir(parents=True, exist_ok=True)
+    units, epochs = (40, 3) if quick else (320, 10)
+    presses: LabelledPresses | None = None
+    networks = {}
+    for name, heads in (("ICRA 2019", 1), ("paper A", 10)):
+        path = CACHE / f"voxel_{heads}_{units}_{epochs}.pt"
+        network = VoxelNetwork(heads)
+        if path.exists():
+            network.load_state_dict(torch.load(path, weights_only=True))
+        else:
+            if presses is None:
+                presses = join_presses(label_protocols(units, seed=0).values())
+            print(f"training the voxel network, {name} ...", file=sys.stderr)
+            network = train_voxel_network(presses, VoxelConfig(heads=heads, epochs=epochs))
+            torch.save(network.state_dict(), path)
+        networks[name] = network.eval() if heads == 1 else network
+    return networks
+
+
+def measure_speed(test: LabelledPresses, baseline: VoxelNetwork) -> dict[str, float]:
+    """Time four fingers per frame, ours and the voxel network, ms."""
+    rng = np.random.default_rng(0)
+    raw = rng.normal(2900.0, 3.0, (500, 4, 44))
+    fingers = [NetworkForceEstimator() for _ in range(4)]
+    for k, finger in enumerate(fingers):
+        finger.tare(raw[:50, k])
+
+    def frame(k: int) -> None:
+        for finger, counts in zip(fingers, raw[k], strict=True):
+            finger.observe(counts)
+
+    def voxel_frame(k: int) -> None:
+        predict_voxel(baseline, test.change[:4, k])
+
+    ours, theirs = _times(frame, 500), _times(voxel_frame, 100)
+    return {
+        "frame_ms_median": float(np.median(ours)),
+        "frame_ms_p99": float(np.quantile(ours, 0.99)),
+        "voxel_frame_ms_median": float(np.median(theirs)),
+        "ratio": float(np.median(theirs) / np.median(ours)),
+    }
+
+
+def _times(call: Callable[[int], None], count: int) -> Array:
+    spent = []
+    for k in range(count):
+        start = time.perf_counter()
+        call(k)
+        spent.append(1e3 * (time.perf_counter() - start))
+    return np.array(spent[count // 10 :])
+
+
+def run(quick: bool = False, in_hand: bool = True) -> dict[str, Any]:
+    """Run everything and return the numbers."""
+    from benchmarks.biotac_in_hand import balance_in_hand
+
+    torch.set_num_threads(1)
+    units = 12 if quick else 60
+    test = join_presses(label_protocols(units, TEST_SEED).values())
+    quiet = [record_presses(p, REAL_NOISE) for p in protocols(units, TEST_SEED + 50).values()]
+    voxels = voxel_networks(quick)
+    results: dict[str, Any] = {
+        "held_out_units": 3 * units,
+        "models": score_models(test, voxels),
+        "models_at_noise_of_real_unit": score_models(
+            join_presses(label_presses(each) for each in quiet), voxels
+        ),
+        "speed": measure_speed(test, voxels["ICRA 2019"]),
+        "weights_kib": SHIPPED_NETWORK.stat().st_size / 1024,
+        "weights_from": shipped_network().origin,
+    }
+    baseline, ours = results["models"]["ICRA 2019"], results["models"]["ours"]
+    results["improvement_over_icra_2019"] = {
+        name: baseline[name] / ours[name] for name in ("magnitude_n", "direction_deg")
+    }
+    if in_hand:
+        results["in_hand"] = balance_in_hand(seconds=20.0 if quick else 40.0)
+    return results
+
+
+def describe(results: dict[str, Any]) -> str:
+    """Return the numbers as a table."""
+    lines = []
+    for key in ("models", "models_at_noise_of_real_unit"):
+        lines.append(f"{key.replace('_', ' ')} ({results['held_out_units']} units, 0.2 to 2 N)")
+        for name, score in results[key].items():
+            cover = score.get("coverage_90")
+            lines.append(
+                f"  {name:22s} {score['magnitude_n']:.3f} N  {score['direction_deg']:5.2f} deg"
+                + (f"  point {score['point_mm']:.2f} mm" if "point_mm" in score else "")
+                + (f"  90 % intervals cover {100 * cover:.1f} %" if cover is not None else "")
+            )
+    for key in ("improvement_over_icra_2019", "speed", "in_hand"):
+        if key in results:
+            lines.append(f"{key.replace('_', ' ')}: {json.dumps(results[key])}")
+    return "\n".join(lines)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Print the numbers."""
+    parser = argparse.ArgumentParser(prog="./dev bench biotac", description=__doc__)
+    parser.add_argument("--json", action="store_true", help="print only JSON")
+    parser.add_argument("--quick", action="store_true", help="fewer units, shorter training")
+    args = parser.parse_args(arguments)
+    results = run(args.quick)
+    print(json.dumps(results) if args.json else describe(results))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

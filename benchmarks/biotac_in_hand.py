@@ -1,0 +1,92 @@
+"""Whole chain in the simulated hand: do the estimated contact forces add up to m (a - g)?"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.contact.contact_state import Contact, ContactState
+from tactile_dynamics_ros.core.contact.hand_kinematics import HandKinematics
+from tactile_dynamics_ros.core.contact.robot_description import FINGERS
+from tactile_dynamics_ros.core.manipulation.grasp_controller import GraspController
+from tactile_dynamics_ros.core.tactile.calibration import NORMAL_90
+from tactile_dynamics_ros.core.tactile.network.estimator import NetworkForceEstimator
+from tactile_dynamics_ros.sim.simulated_robot import Readings, SimulatedRobot, SimulatedRobotConfig
+
+Array = NDArray[np.float64]
+
+TARE_FRAMES = 40
+
+
+class Touch:
+    """Forces of the four fingers in the world, as the live nodes compute them."""
+
+    def __init__(self, kinematics: HandKinematics) -> None:
+        self._fingers = {finger: NetworkForceEstimator() for finger in FINGERS}
+        self._state = ContactState(kinematics)
+        self._rest: list[Array] = []
+
+    def update(self, readings: Readings) -> dict[str, Contact]:
+        """Return the fingers in contact; the first frames are the tare."""
+        if len(self._rest) < TARE_FRAMES:
+            self._rest.append(readings.counts)
+            if len(self._rest) == TARE_FRAMES:
+                for k, finger in enumerate(FINGERS):
+                    self._fingers[finger].tare(np.array(self._rest)[:, k])
+            return {}
+        contacts = {}
+        for k, finger in enumerate(FINGERS):
+            seen = self._fingers[finger].observe(readings.counts[k])
+            if seen.in_contact:
+                contacts[finger] = self._state.update(
+                    finger, readings.position, seen.force, seen.std, seen.torque
+                )
+        return contacts
+
+
+def balance_in_hand(seed: int = 0, seconds: float = 40.0) -> dict[str, Any]:
+    """Grasp, lift and move an object; compare the net force with what moves it.
+
+    Returns:
+        rms and mean of the difference per world axis (N), the weight (N), and the share of samples
+        within the 90 % interval of the stated covariance.
+    """
+    robot = SimulatedRobot(SimulatedRobotConfig(seed=seed))
+    kinematics = HandKinematics()
+    controller = GraspController(kinematics, robot.world.model.grasp)
+    touch = Touch(kinematics)
+    inertia = robot.world.model.inertia
+    net, variance, velocity, pose = [], [], [], None
+    while robot.world.time < seconds and not controller.done:
+        readings = robot.advance()
+        contacts = touch.update(readings)
+        pose = readings.vision if readings.vision is not None else pose
+        forces = {finger: contact.force for finger, contact in contacts.items()}
+        known = pose if robot.world.time > 0.01 * TARE_FRAMES else None
+        robot.world.command(controller.update(readings.time, readings.position, forces, known))
+        if controller.holding and contacts:
+            net.append(sum(forces.values()))
+            variance.append(sum(np.diag(c.force_covariance) for c in contacts.values()))
+            velocity.append(_com_velocity(robot, inertia.com))
+    robot.world.close()
+    acceleration = np.gradient(np.array(velocity), robot.period, axis=0)
+    needed = inertia.mass * (acceleration + np.array([0.0, 0.0, 9.81]))
+    error = np.array(net) - needed
+    inside = np.abs(error) < NORMAL_90 * np.sqrt(np.array(variance))
+    return {
+        "object": robot.world.model.name,
+        "weight_n": 9.81 * inertia.mass,
+        "samples": len(error),
+        "mean_error_n": error.mean(axis=0).round(4).tolist(),
+        "rms_error_n": np.sqrt((error**2).mean(axis=0)).round(4).tolist(),
+        "stated_std_n": np.sqrt(np.mean(variance, axis=0)).round(4).tolist(),
+        "coverage_90": float(inside.mean()),
+    }
+
+
+def _com_velocity(robot: SimulatedRobot, com: Array) -> Array:
+    """Return the true velocity (3,) of the centre of mass, world axes, m/s."""
+    angular, linear = robot.world.object_velocity()
+    return linear + np.cross(angular, robot.world.object_pose()[:3, :3] @ com)

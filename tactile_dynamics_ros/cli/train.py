@@ -1,0 +1,56 @@
+"""`tactile-dynamics train`: retrain what the package ships with learnt weights."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from argparse import Namespace, _SubParsersAction
+from pathlib import Path
+from typing import Any
+
+
+def add_parser(verbs: _SubParsersAction[Any]) -> None:
+    """Add the verb."""
+    parser = verbs.add_parser("train", help="retrain the force network on simulated presses")
+    parser.add_argument("what", choices=["biotac"], help="what to train")
+    parser.add_argument("--seed", type=int, default=0, help="of units, presses and weights (0)")
+    parser.add_argument(
+        "--units", type=int, default=320, help="simulated sensors per protocol (320)"
+    )
+    parser.add_argument("--epochs", type=int, default=50, help="passes over the frames (50)")
+    parser.add_argument("--out", metavar="FILE", help="where to write (the shipped file)")
+    parser.set_defaults(run=run)
+
+
+def run(args: Namespace) -> int:
+    """Press, train, calibrate and write the weights."""
+    from tactile_dynamics_ros.core.tactile.network.training import TrainingConfig, train_network
+    from tactile_dynamics_ros.core.tactile.network.weights import SHIPPED_NETWORK
+    from tactile_dynamics_ros.sim.sensors.biotac.calibrate import (
+        HELD_OUT_SEED,
+        join_presses,
+        label_protocols,
+    )
+
+    start = time.monotonic()
+    print("pressing simulated fingertips ...", file=sys.stderr)
+    presses = join_presses(label_protocols(args.units, args.seed).values())
+    others = max(args.units // 3, 2)
+    held_out = join_presses(label_protocols(others, args.seed + HELD_OUT_SEED).values())
+    command = f"train biotac --seed {args.seed} --units {args.units} --epochs {args.epochs}"
+    config = TrainingConfig(epochs=args.epochs, seed=args.seed)
+
+    def report(epoch: int, loss: float) -> None:
+        print(f"\repoch {epoch + 1}/{args.epochs}  loss {loss:.4f}", end="", file=sys.stderr)
+
+    weights = train_network(presses, held_out, f"tactile-dynamics {command}", config, report)
+    print(file=sys.stderr)
+    path = Path(args.out) if args.out else SHIPPED_NETWORK
+    weights.save(path)
+    seconds = time.monotonic() - start
+    if args.json:
+        print(json.dumps({"file": str(path), "seconds": seconds, "origin": weights.origin}))
+    else:
+        print(f"wrote {path} ({path.stat().st_size / 1024:.0f} KiB) in {seconds:.0f} s")
+    return 0
