@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from argparse import Namespace, _SubParsersAction
+from argparse import SUPPRESS, Namespace, _SubParsersAction
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,12 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
         form = forms.add_parser(importer.name, help=importer.summary, description=importer.summary)
         form.add_argument("source", metavar="SOURCE", help=importer.source_help)
         form.add_argument("out", metavar="OUT", help="new .mcap file or rosbag2 directory")
-        form.add_argument("--json", action="store_true", help="print only JSON on stdout")
+        form.add_argument(
+            "--json",
+            action="store_true",
+            default=SUPPRESS,
+            help="print only JSON on stdout",
+        )
         importer.add_arguments(form)
         form.set_defaults(run=run, importer=importer)
 
