@@ -94,7 +94,7 @@ class GroundTruth:
 class HandWorld:
     """Arm, hand, table and object; use as a context manager or call `close`.
 
-    ``step`` advances by one or more simulation steps. ``command`` sets joint targets that the drives
+    ``step`` advances by simulation steps. ``command`` sets joint targets that the drives
     follow with limited torque. ``contacts`` returns the mean contact forces since its last call.
     ``add_pre_step`` registers a callback that may push, pull or disturb before each step.
 

@@ -17,7 +17,7 @@ from tactile_dynamics_ros.core.rigid_body.rotation import skew
 
 Array = NDArray[np.float64]
 
-ARM_HOME = np.array([0.0, 0.5, 0.0, -1.5, 0.0, 1.14, 0.0])
+ARM_HOME = np.array([0.0, 0.0, 0.0, -1.8, 0.0, 1.34, 0.0])
 HAND_SEED = np.array([0.0, 0.4, 0.5, 0.9] * 3 + [1.3, 0.45, 0.3, 0.6])
 # Directions into the object that suit the pads best, in the sensor frames.
 PAD_DIRECTIONS = np.array([[0.35, 0.0, -0.94]] * 3 + [[0.5, -0.3, -0.81]])
