@@ -54,7 +54,7 @@ def write_estimate_report(
     with house_style():
         sections = [
             _result(estimate, truth),
-            _convergence(model, history, truth),
+            _convergence(model, estimate, history, truth),
             _scene(model, estimate, truth),
             _residual(model),
             _measurements(recording),
@@ -101,7 +101,7 @@ def _advice(estimate: InertialEstimate) -> list[str]:
         sentences.append(
             f"What the model leaves unexplained is {rms:.1f} times the noise that the sensors "
             "state: something acts here that the model lacks. "
-            "`tactile-dynamics diagnose` looks for what it is."
+            "Run tactile-dynamics diagnose to look for what it is."
         )
     if estimate.not_excited:
         sentences.append(
@@ -125,7 +125,10 @@ def _result(estimate: InertialEstimate, truth: InertialParameters | None) -> Sec
 
 
 def _convergence(
-    model: FittedModel, history: EstimateHistory | None, truth: InertialParameters | None
+    model: FittedModel,
+    estimate: InertialEstimate,
+    history: EstimateHistory | None,
+    truth: InertialParameters | None,
 ) -> Section:
     """Return how the estimate settles."""
     live = history is not None and len(history.time) >= _FEWEST_LIVE_ESTIMATES
@@ -134,7 +137,7 @@ def _convergence(
     pictures = [
         Picture(
             "convergence",
-            draw_convergence(history, truth),
+            draw_convergence(history, truth, estimate.not_excited),
             "mass, centre of mass and inertia over seconds of data, with bands that narrow",
             f"{caption} Dashed lines are the truth." if truth else caption,
         )
@@ -156,13 +159,15 @@ def _scene(
     model: FittedModel, estimate: InertialEstimate, truth: InertialParameters | None
 ) -> Section:
     """Return the contacts on the object."""
+    open_inertia = any(name.startswith("inertia") for name in estimate.not_excited)
+    warning = " Its shape is open: this motion does not determine the inertia." * open_inertia
     longest = max(model.samples, key=lambda samples: len(samples.time))
     picture = Picture(
         "scene",
         draw_scene(longest, estimate.inertia, truth),
         "contact points with mean forces, centre of mass, ellipsoid of the same inertia",
         "Dots are where each contact touched, arrows its mean force on the object. The grey "
-        "ellipsoid is the solid of even density with the estimated mass and inertia.",
+        f"ellipsoid is the solid of even density with the estimated mass and inertia.{warning}",
     )
     return Section("The object between its contacts", (), [picture])
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.inertia.estimate import PARAMETER_NAMES
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
 from tactile_dynamics_ros.report.history import EstimateHistory
 from tactile_dynamics_ros.report.style import (
@@ -36,30 +39,45 @@ _VIEW_STDS = 10.0
 _SMOOTHING = 0.5
 
 
-def draw_convergence(history: EstimateHistory, truth: InertialParameters | None = None) -> Figure:
+def draw_convergence(
+    history: EstimateHistory,
+    truth: InertialParameters | None = None,
+    not_excited: Collection[str] = (),
+) -> Figure:
     """Draw estimates with bands of two standard deviations; dashed lines are the truth.
 
     Args:
         history: estimates after more and more data.
         truth: true parameters where they are known.
+        not_excited: parameters (of PARAMETER_NAMES) that the motion did not determine; left out.
     """
     figure = new_figure(4.6)
     true_values = None if truth is None else _values_of(truth)
     for axes, (title, unit, scale, rows) in zip(figure.subplots(2, 2).flat, PANELS, strict=True):
-        for k, row in enumerate(rows):
-            colour = LINE_COLOURS[0] if len(rows) == 1 else LINE_COLOURS[1 + k]
+        axes.set_title(title)
+        shown = [row for row in rows if PARAMETER_NAMES[row] not in not_excited]
+        if not shown:
+            _leave_out(axes)
+            continue
+        for row in shown:
+            colour = LINE_COLOURS[0] if len(rows) == 1 else LINE_COLOURS[1 + rows.index(row)]
             _draw_band(axes, history, row, scale, colour)
             if true_values is not None:
                 axes.axhline(scale * true_values[row], color=colour, linestyle=(0, (4, 3)))
-        axes.set_ylim(_view(history, list(rows), scale, true_values))
-        axes.set_title(title)
+        axes.set_ylim(_view(history, shown, scale, true_values))
         axes.set_ylabel(unit)
+        axes.set_xlabel("seconds of data used")
         axes.margins(x=0.01)
         if len(rows) > 1:
-            label_lines(axes, [LABELS[row] for row in rows])
-    for axes in figure.axes[2:]:
-        axes.set_xlabel("seconds of data used")
+            label_lines(axes, [LABELS[row] for row in shown])
     return figure
+
+
+def _leave_out(axes: Axes) -> None:
+    """Say in an empty panel that its parameters are not determined."""
+    axes.set_axis_off()
+    text = "not determined by this motion"
+    axes.text(0.0, 0.9, text, transform=axes.transAxes, color=QUIET)
 
 
 def _values_of(body: InertialParameters) -> Array:

@@ -31,6 +31,7 @@ Array = NDArray[np.float64]
 MILLI = 1e3
 _PANEL_HEIGHT = 1.25
 _SCENE_POINTS = 60
+_AT_ORIGIN_MM = 5.0
 
 
 def draw_forces(streams: Streams) -> Figure:
@@ -157,7 +158,8 @@ def _draw_contacts(axes: Axes3D, samples: WrenchSamples, reach: float) -> None:
     touching = samples.in_contact
     largest = max(1e-9, float(np.linalg.norm(_mean_forces(samples), axis=1).max(initial=0.0)))
     furthest = MILLI * float(np.abs(samples.contact_point[touching]).max(initial=0.0))
-    longest = 0.8 * max(10.0, furthest, min(reach, 4.0 * furthest))
+    spread = min(reach, 4.0 * furthest) if furthest > _AT_ORIGIN_MM else 0.5 * reach
+    longest = 0.8 * max(10.0, furthest, spread)
     for k, name in enumerate(samples.contact_names):
         points = MILLI * samples.contact_point[touching[:, k], k]
         if not len(points):
