@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
+from tactile_dynamics_ros.core.contact.hand_kinematics import ARM_DOF, HandKinematics
+from tactile_dynamics_ros.core.contact.robot_description import ARM_JOINTS
 from tactile_dynamics_ros.core.inertia.excitation.grip import Grip
 from tactile_dynamics_ros.core.inertia.excitation.trajectory import FourierOffsets, HeldPose
 
@@ -49,6 +51,25 @@ class ArmLimits:
     lower: Array
     upper: Array
     velocity: Array
+
+    @classmethod
+    def of_robot(cls, kinematics: HandKinematics, positions: Array, pivot: Array) -> ArmLimits:
+        """Read limits and Jacobian of the arm from the robot's table.
+
+        Args:
+            kinematics: of the robot.
+            positions: (23,) rad.
+            pivot: (3,) m, world.
+        """
+        where = kinematics.locate(positions)
+        axes, centres = where.axes[:ARM_DOF], where.centres[:ARM_DOF]
+        return cls(
+            np.concatenate([axes, np.cross(axes, pivot - centres)], axis=1).T,
+            np.asarray(positions, dtype=float)[:ARM_DOF],
+            np.array([joint.lower for joint in ARM_JOINTS]),
+            np.array([joint.upper for joint in ARM_JOINTS]),
+            np.array([joint.velocity for joint in ARM_JOINTS]),
+        )
 
     def share(self, offsets: Array, rates: Array, speed_share: float) -> float:
         """Largest factor on the motion that keeps all joints within limits.

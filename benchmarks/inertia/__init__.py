@@ -1,0 +1,1 @@
+"""Accuracy, honesty and cost of the inertial estimators, side by side."""

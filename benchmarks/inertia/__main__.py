@@ -1,0 +1,68 @@
+"""Run the inertial benchmark: `./dev bench inertia [--json] [--quick] [--only SECTION ...]`."""
+
+from __future__ import annotations
+
+import os
+
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
+
+import argparse
+import json
+import platform
+import sys
+from collections.abc import Callable, Sequence
+from typing import Any
+
+SECTIONS = (
+    "table_one",
+    "four_fingers",
+    "coverage",
+    "feasibility",
+    "live",
+    "batch_time",
+    "excitation",
+)
+
+
+def run(sections: Sequence[str], quick: bool, say: Callable[[str], None]) -> dict[str, Any]:
+    """Results by section."""
+    from benchmarks.inertia import accuracy, cost, gain, honesty
+
+    runs: dict[str, Callable[[], dict[str, Any]]] = {
+        "table_one": lambda: accuracy.run_table_one(*((2, 1) if quick else (20, 5)), say),
+        "four_fingers": lambda: accuracy.run_four_fingers(*((3, 1) if quick else (24, 6)), say),
+        "coverage": lambda: honesty.run_coverage(
+            *((12, 2, 4, 6.0) if quick else (240, 40, 40, 10.0)), say
+        ),
+        "feasibility": lambda: honesty.run_feasibility(1 if quick else 5, say),
+        "live": lambda: cost.run_live(*((2000, 300) if quick else (60000, 2900)), say),
+        "batch_time": lambda: cost.run_batch_time(2 if quick else 10, say),
+        "excitation": lambda: gain.run_excitation(2 if quick else 20, 15.0, say),
+    }
+    results = {name: runs[name]() for name in SECTIONS if name in sections}
+    machine = {"cpus": os.cpu_count(), "python": platform.python_version(), "quick": quick}
+    return {"machine": machine, **results}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Print tables, or JSON alone with `--json`."""
+    parser = argparse.ArgumentParser(prog="./dev bench inertia", description=__doc__)
+    parser.add_argument("--json", action="store_true", help="print only JSON on stdout")
+    parser.add_argument("--quick", action="store_true", help="few seeds, a minute or two")
+    parser.add_argument("--only", nargs="+", choices=SECTIONS, default=SECTIONS, metavar="SECTION")
+    options = parser.parse_args(arguments)
+    results = run(
+        options.only, options.quick, lambda text: print(text, file=sys.stderr, flush=True)
+    )
+    if options.json:
+        print(json.dumps(results, indent=2))
+    else:
+        from benchmarks.inertia.tables import render
+
+        print(render(results))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,102 @@
+"""Cramer-Rao bounds on the ten parameters, from exact motion and forces.
+
+Two bounds are given. `forces_only`: the motion is known exactly and only the stated white force
+noise remains; no estimator of any kind can do better on average. `with_poses`: the poses carry
+their stated noise as well and nothing is presumed of the motion but that a quartic polynomial
+describes each stretch of nine poses; regressors and covariance are exact.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from benchmarks.inertia.scenarios import Case
+from tactile_dynamics_ros.core.inertia.wrench_problem import WrenchProblem
+from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
+    InertialParameters,
+    affine_invariant_distance,
+    com_inertia_jacobian,
+    pseudo_inertia,
+    trace_error,
+)
+from tactile_dynamics_ros.core.rigid_body.newton_euler import regressor
+from tactile_dynamics_ros.core.rigid_body.rotation import skew
+
+Array = np.ndarray
+_DRAWS = 200
+
+
+def exact_regressor(case: Case) -> Array:
+    """(N, 6, 10) at the true motion."""
+    scene = case.scene
+    motion = scene.motion
+    specific = motion.to_body(motion.acceleration - scene.gravity)
+    return regressor(
+        specific,
+        motion.to_body(motion.angular_velocity),
+        motion.to_body(motion.angular_acceleration),
+    )
+
+
+def forces_only(case: Case) -> Array:
+    """Bound (10, 10) on the covariance of phi with exactly known motion."""
+    points = case.scene.contacts.point
+    loaded = case.scene.contacts.weight > 0.0
+    unit = np.broadcast_to(np.eye(3), (*points.shape, 3))
+    maps = np.concatenate([skew(points), unit], axis=2) * loaded[..., None, None]
+    covariance = case.sensors.force_std**2 * np.einsum("ncij,nckj->nik", maps, maps)
+    factor = np.linalg.cholesky(covariance)
+    white = np.linalg.solve(factor, exact_regressor(case)).reshape(-1, 10)
+    return np.linalg.inv(white.T @ white)
+
+
+def with_poses(case: Case) -> Array:
+    """Bound (10, 10) with noisy poses, whitened as the estimators' model has it."""
+    exact = dataclasses.replace(
+        case.streams.pose,
+        position=case.scene.motion.position,
+        rotation=case.scene.motion.rotation,
+    )
+    streams = dataclasses.replace(case.streams, pose=exact)
+    noisy = WrenchProblem.from_streams(case.streams)
+    problem = WrenchProblem.from_streams(streams)
+    signals = {
+        name: dataclasses.replace(signal, noise_factor=noisy.motion.signals[name].noise_factor)
+        for name, signal in problem.motion.signals.items()
+    }
+    motion = dataclasses.replace(problem.motion, signals=signals)
+    problem = dataclasses.replace(problem, motion=motion, denoised_motion=motion)
+    linearisation = problem.linearise(case.truth.dynamic_parameters)
+    matrix = exact_regressor(case)
+    stamps = np.searchsorted(case.streams.pose.time, problem.grid[problem.valid] - 1e-4)
+    white = linearisation.whiten(matrix[stamps])
+    return np.linalg.inv(white.T @ white)
+
+
+@dataclasses.dataclass(frozen=True)
+class Spread:
+    """Median errors of an estimator that is normal about the truth with a bound's covariance."""
+
+    trace_error: float
+    distance: float
+    mass_percent: float
+    com_mm: float
+
+
+def spread(truth: InertialParameters, covariance: Array, seed: int = 0) -> Spread:
+    """Median error measures under a bound, from 200 draws."""
+    rng = np.random.default_rng(seed)
+    phi = truth.dynamic_parameters
+    draws = rng.multivariate_normal(np.zeros(10), covariance, _DRAWS, method="cholesky")
+    jacobian = com_inertia_jacobian(phi)
+    matrices = pseudo_inertia(phi + draws)
+    physical = draws @ jacobian.T
+    exact = truth.pseudo_inertia
+    return Spread(
+        float(np.median([trace_error(exact, m) for m in matrices])),
+        float(np.median([affine_invariant_distance(exact, m) for m in matrices])),
+        float(np.median(np.abs(physical[:, 0])) / truth.mass * 100.0),
+        float(np.median(np.linalg.norm(physical[:, 1:4], axis=1)) * 1e3),
+    )

@@ -1,0 +1,160 @@
+"""Sections `coverage` and `feasibility`: intervals that hold, estimates that can exist."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from benchmarks.hidden.scenario import ScenarioOptions
+from benchmarks.inertia.scenarios import Case, four_fingers
+from benchmarks.inertia.scores import physical
+from tactile_dynamics_ros.core.inertia.batch import estimate_inertia
+from tactile_dynamics_ros.core.inertia.estimate import PARAMETER_NAMES, InertialEstimate
+from tactile_dynamics_ros.core.inertia.incremental.replay import replay_streams
+from tactile_dynamics_ros.core.rigid_body.inertial_parameters import is_feasible
+from tactile_dynamics_ros.core.streams import PoseStream, Streams
+
+_NINETY = 1.6449
+_FIRST_SEED = 1000
+
+
+def run_coverage(
+    runs: int, live_runs: int, misfit_runs: int, duration: float, say: Callable[[str], None]
+) -> dict[str, Any]:
+    """Share of 90 % intervals that hold the truth, per parameter; clean and with a hidden error."""
+    say(f"coverage: {runs} batch runs of {duration} s")
+    batch = [_z(*_estimate(_FIRST_SEED + k, duration)) for k in range(runs)]
+    say(f"coverage: {live_runs} live runs")
+    live = [_z(*_live(_FIRST_SEED + k, duration)) for k in range(live_runs)]
+    say(f"coverage: {misfit_runs} runs with a force scale of 20 % on one finger")
+    clean = [_estimate(_FIRST_SEED + k, duration) for k in range(misfit_runs)]
+    wrong = [_estimate(_FIRST_SEED + k, duration, {"force_scale": 0.2}) for k in range(misfit_runs)]
+    growth = [w[1].parameter_std / c[1].parameter_std for w, c in zip(wrong, clean, strict=True)]
+    missed = [np.abs(_z(*w)) * _NINETY for w in wrong]
+    return {
+        "runs": runs,
+        "duration_s": duration,
+        "batch": _shares(batch),
+        "live_runs": live_runs,
+        "live": _shares(live) if live else {},
+        "misfit": {
+            "runs": misfit_runs,
+            "interval_growth_median": _named(np.median(growth, axis=0)),
+            "interval_growth_smallest": float(np.min(growth)),
+            "coverage": _shares([_z(*w) for w in wrong]),
+            "whitened_rms_median": float(np.median([w[1].error.whitened_rms for w in wrong])),
+            "error_in_deviations_median": _named(np.median(missed, axis=0) / _NINETY),
+        },
+    }
+
+
+def _estimate(
+    seed: int, duration: float, effects: dict[str, float] | None = None
+) -> tuple[Case, InertialEstimate]:
+    case = four_fingers(seed, duration, effects)
+    return case, estimate_inertia(case.streams)
+
+
+def _live(seed: int, duration: float) -> tuple[Case, InertialEstimate]:
+    case = four_fingers(seed, duration)
+    return case, list(replay_streams(case.streams))[-1]
+
+
+def _z(case: Case, estimate: InertialEstimate) -> np.ndarray:
+    """Errors in stated standard deviations, (10,)."""
+    return (physical(estimate.inertia) - physical(case.truth)) / estimate.parameter_std
+
+
+def _shares(scores: list[np.ndarray]) -> dict[str, float]:
+    return _named(np.mean(np.abs(np.array(scores)) <= _NINETY, axis=0))
+
+
+def _named(values: np.ndarray) -> dict[str, float]:
+    return {name: float(value) for name, value in zip(PARAMETER_NAMES, values, strict=True)}
+
+
+def run_feasibility(seeds: int, say: Callable[[str], None]) -> dict[str, Any]:
+    """Published live estimates that are feasible, by situation; from the first sample on."""
+    say("feasibility of every published estimate")
+    situations: dict[str, Callable[[Case], Streams]] = {
+        "moving": lambda case: case.streams,
+        "standing still": _standing_still,
+        "no contacts": lambda case: dataclasses.replace(case.streams, contacts={}),
+        "one dead finger": _dead_finger,
+        "contacts break": lambda case: case.streams,
+        "5 % of samples dropped": _dropped,
+        "forces spiked": _spiked,
+    }
+    result = {}
+    for name, change in situations.items():
+        breaks = 3 if name == "contacts break" else 0
+        counts = [
+            _count(change(four_fingers(seed, 8.0, options=ScenarioOptions(contact_breaks=breaks))))
+            for seed in range(seeds)
+        ]
+        published, feasible = (sum(column) for column in zip(*counts, strict=True))
+        result[name] = {"published": published, "feasible": feasible}
+    return {"seeds": seeds, "situations": result}
+
+
+def _count(streams: Streams) -> tuple[int, int]:
+    checks = [is_feasible(e.inertia.dynamic_parameters) for e in replay_streams(streams)]
+    return len(checks), sum(checks)
+
+
+def _standing_still(case: Case) -> Streams:
+    rng, pose = np.random.default_rng(case.scenario.seed), case.streams.pose
+    count = len(pose.time)
+    still = PoseStream(
+        pose.time,
+        pose.position[:1] + rng.normal(0.0, 5e-4, (count, 3)),
+        np.repeat(pose.rotation[:1], count, axis=0),
+        pose.covariance,
+    )
+    contacts = {
+        name: dataclasses.replace(
+            c,
+            force=c.force[:1] + rng.normal(0.0, 0.03, c.force.shape),
+            position=np.repeat(c.position[:1], len(c.pose_time), axis=0),
+            rotation=np.repeat(c.rotation[:1], len(c.pose_time), axis=0),
+        )
+        for name, c in case.streams.contacts.items()
+    }
+    return Streams(still, contacts)
+
+
+def _dead_finger(case: Case) -> Streams:
+    return _changed(case, lambda name, c: c.time < (3.0 if name == "thumb" else np.inf))
+
+
+def _dropped(case: Case) -> Streams:
+    rng = np.random.default_rng(case.scenario.seed)
+    return _changed(case, lambda _, c: rng.random(len(c.time)) > 0.05)
+
+
+def _changed(case: Case, keep: Callable[[str, Any], np.ndarray]) -> Streams:
+    contacts = {}
+    for name, c in case.streams.contacts.items():
+        mask = keep(name, c)
+        contacts[name] = dataclasses.replace(
+            c,
+            time=c.time[mask],
+            force=c.force[mask],
+            torque=c.torque[mask],
+            force_std=c.force_std[mask],
+        )
+    return dataclasses.replace(case.streams, contacts=contacts)
+
+
+def _spiked(case: Case) -> Streams:
+    rng = np.random.default_rng(case.scenario.seed)
+    contacts = {}
+    for name, c in case.streams.contacts.items():
+        force = c.force.copy()
+        hit = rng.random(len(force)) < 0.01
+        force[hit] += rng.normal(0.0, 10.0, (int(hit.sum()), 3))
+        contacts[name] = dataclasses.replace(c, force=force)
+    return dataclasses.replace(case.streams, contacts=contacts)

@@ -1,0 +1,219 @@
+"""The results as Markdown tables."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from benchmarks.inertia.accuracy import PUBLISHED_EQ_34
+
+
+def render(results: dict[str, Any]) -> str:
+    """All sections present in the results."""
+    writers = {
+        "table_one": _table_one,
+        "four_fingers": _four_fingers,
+        "coverage": _coverage,
+        "feasibility": _feasibility,
+        "live": _live,
+        "batch_time": _batch_time,
+        "excitation": _excitation,
+        "in_hand": _in_hand,
+    }
+    parts = [write(results[name]) for name, write in writers.items() if name in results]
+    return "\n\n".join(parts)
+
+
+def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    lines = ["| " + " | ".join(header) + " |", "|" + "---|" * len(header)]
+    return "\n".join(lines + ["| " + " | ".join(row) + " |" for row in rows])
+
+
+_MEASURES = (
+    ("trace_error", "Eq. 34", 3),
+    ("distance", "affine-inv. distance", 4),
+    ("mass_kg", "mass, kg", 5),
+    ("com_mm", "CoM, mm", 3),
+    ("inertia", "inertia, kg m^2", 6),
+)
+
+
+def _method_row(name: str, found: dict[str, float]) -> list[str]:
+    values = [f"{found[key]:.{digits}f}" for key, _, digits in _MEASURES]
+    return [name, *values, f"{100 * found['feasible']:.0f} %", f"{found['seconds']:.2f}"]
+
+
+_METHOD_HEADER = ["method", *(title for _, title, _ in _MEASURES), "feasible", "CPU s"]
+
+
+def _table_one(result: dict[str, Any]) -> str:
+    text = [
+        f"### Table I scenario (medians of {result['seeds']} seeds; paper's methods on "
+        f"{result['published_seeds']} seeds, {result['triples']} pose triples)"
+    ]
+    for variance, row in result["rows"].items():
+        lines = [_method_row(name, found) for name, found in row["methods"].items()]
+        limit = row["bound"]
+        lines.append(
+            [
+                "Cramer-Rao bound",
+                f"{limit['trace_error']:.3f}",
+                f"{limit['distance']:.4f}",
+                f"{limit['mass_percent'] * 0.013:.5f}",
+                f"{limit['com_mm']:.3f}",
+                "",
+                "",
+                "",
+            ]
+        )
+        text.append(f"Force noise variance {variance} N^2\n\n" + _table(_METHOD_HEADER, lines))
+    printed = ", ".join(f"{name} {value}" for name, value in PUBLISHED_EQ_34.items())
+    text.append(f"The paper's own Table I scores, by Eq. 34: {printed}.")
+    return "\n\n".join(text)
+
+
+def _four_fingers(result: dict[str, Any]) -> str:
+    lines = [_method_row(name, found) for name, found in result["methods"].items()]
+    titles = {
+        "bound_with_pose_noise": "bound, poses and forces noisy",
+        "bound_forces_only": "bound, motion known exactly",
+    }
+    limits = [
+        [
+            title,
+            f"{result[key]['distance']:.4f}",
+            f"{result[key]['mass_percent']:.4f}",
+            f"{result[key]['com_mm']:.4f}",
+        ]
+        for key, title in titles.items()
+    ]
+    found = result["methods"]["ours (batch)"]
+    limits.append(
+        [
+            "ours (batch)",
+            f"{found['distance']:.4f}",
+            f"{found['mass_percent']:.4f}",
+            f"{found['com_mm']:.4f}",
+        ]
+    )
+    limits += [
+        [title, *(f"{result[key][name]:.2f}" for name in ("distance", "mass_percent", "com_mm"))]
+        for key, title in (
+            ("ratio_to_bound", "ours / bound with noisy poses"),
+            ("ratio_to_strict_bound", "ours / bound with exact motion"),
+            ("paired_ratio", "geometric mean of ours / bound, recording by recording"),
+        )
+    ]
+    return (
+        f"### Four fingers, 30 s, 0.03 N, 0.5 mm, 0.2 deg, 100 Hz (medians of {result['seeds']}; "
+        f"live: {result['live_seeds']})\n\n"
+        + _table(_METHOD_HEADER, lines)
+        + "\n\n"
+        + _table(["", "distance", "mass, %", "CoM, mm"], limits)
+    )
+
+
+def _coverage(result: dict[str, Any]) -> str:
+    misfit = result["misfit"]
+    lines = [
+        [
+            name,
+            f"{100 * result['batch'][name]:.0f} %",
+            f"{100 * result['live'][name]:.0f} %" if result["live"] else "",
+            f"{misfit['interval_growth_median'][name]:.1f}",
+            f"{100 * misfit['coverage'][name]:.0f} %",
+        ]
+        for name in result["batch"]
+    ]
+    header = ["parameter", "batch", "live", "growth under misfit", "coverage under misfit"]
+    return (
+        f"### 90 % intervals that hold the truth ({result['runs']} batch and {result['live_runs']} "
+        f"live runs of {result['duration_s']} s; misfit: one finger reads 20 % wrong, "
+        f"{misfit['runs']} runs, whitened RMS {misfit['whitened_rms_median']:.1f})\n\n"
+        + _table(header, lines)
+    )
+
+
+def _feasibility(result: dict[str, Any]) -> str:
+    lines = [
+        [name, str(row["published"]), str(row["feasible"])]
+        for name, row in result["situations"].items()
+    ]
+    return f"### Published live estimates ({result['seeds']} seeds)\n\n" + _table(
+        ["situation", "published", "feasible"], lines
+    )
+
+
+def _live(result: dict[str, Any]) -> str:
+    lines = [
+        [kind, *(f"{result[key][name]:.2f}" for name in ("p50", "p90", "p99", "max"))]
+        for kind, key in (("CPU, ms", "cpu_ms"), ("wall clock, ms", "wall_ms"))
+    ]
+    other = result["alternatives"]
+    growth = [
+        ["plain iSAM2, one global variable", *_growth(other["plain_isam2"])],
+        ["batch GTSAM solved again", *_growth(other["batch_resolved"])],
+    ]
+    steps = list(other["plain_isam2"]["ms_at_step"])
+    memory = result["memory_mib"]
+    return (
+        f"### Live: {result['updates']} updates at 100 Hz, four fingers\n\n"
+        + _table(["update", "median", "90 %", "99 %", "max"], lines)
+        + f"\n\nLast over first decile: {result['last_over_first_decile']:.3f}. Memory "
+        f"{memory['after_first_tenth']:.0f} MiB after a tenth, {memory['last']:.0f} MiB at the end, "
+        f"peak {memory['peak']:.0f} MiB. All estimates feasible: {result['all_feasible']}.\n\n"
+        + _table(
+            ["alternative", *(f"ms at step {k}" for k in steps), "times ours", "distance"], growth
+        )
+    )
+
+
+def _growth(row: dict[str, Any]) -> list[str]:
+    costs = [f"{value:.1f}" for value in row["ms_at_step"].values()]
+    return [*costs, f"{row['over_ours_at_last']:.0f}", f"{row['distance']:.3f}"]
+
+
+def _batch_time(result: dict[str, Any]) -> str:
+    cpu, wall = result["cpu_s"], result["wall_s"]
+    return (
+        f"### Batch, 30 s recording ({result['recordings']} recordings)\n\nCPU {cpu['median']:.2f} s "
+        f"(at most {cpu['max']:.2f} s), wall clock {wall['median']:.2f} s (at most "
+        f"{wall['max']:.2f} s)."
+    )
+
+
+def _excitation(result: dict[str, Any]) -> str:
+    lines = []
+    for name, found in result["methods"].items():
+        gain = f"{result['gain'][name]:.1f}" if name in result["gain"] else "1.0"
+        lines.append(
+            [
+                name,
+                f"{result['expected_distance'][name]:.3f}",
+                f"{found['distance']:.3f}",
+                f"{found['com_mm']:.3f}",
+                f"{result['largest_grip_usage'][name]:.2f}",
+                gain,
+            ]
+        )
+    header = ["motion", "expected distance", "distance", "CoM, mm", "friction cone used", "gain"]
+    return (
+        f"### Excitation, {result['duration_s']} s, medians of {result['seeds']} objects\n\n"
+        + _table(header, lines)
+    )
+
+
+def _in_hand(result: dict[str, Any]) -> str:
+    lines = [
+        [
+            row["object"],
+            f"{row['mass_percent']:.2f}",
+            f"{row['com_mm']:.2f}",
+            f"{row['distance']:.2f}",
+            f"{100 * row['coverage']:.0f} %",
+        ]
+        for row in result["rows"]
+    ]
+    return "### In hand, whole chain\n\n" + _table(
+        ["object", "mass, %", "CoM, mm", "distance", "90 % intervals that hold"], lines
+    )
