@@ -25,20 +25,17 @@ def run(args: Namespace) -> int:
     """Record until Ctrl-C, SIGTERM or the end of the duration."""
     stay_on_this_host()
     import rclpy
-    from rclpy.executors import SingleThreadedExecutor
     from rclpy.signals import SignalHandlerOptions
 
     from tactile_dynamics_ros.nodes.recorder import Recorder
+    from tactile_dynamics_ros.nodes.shell import spin
 
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     try:
         recorder = Recorder(Path(args.out), args.topics)
-        executor = SingleThreadedExecutor()
-        executor.add_node(recorder)
         end = time.monotonic() + (args.duration or float("inf"))
         with StopRequest() as stop:
-            while not stop.requested and time.monotonic() < end:
-                executor.spin_once(timeout_sec=0.2)
+            spin(recorder, lambda: stop.requested or time.monotonic() > end)
             recorder.close()
     finally:
         rclpy.try_shutdown()

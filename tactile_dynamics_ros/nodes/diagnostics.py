@@ -6,10 +6,7 @@ from collections import Counter
 from collections.abc import Mapping
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-
-STEADY_CLOCK = Clock(clock_type=ClockType.STEADY_TIME)
 
 
 class Faults:
@@ -17,17 +14,15 @@ class Faults:
 
     Args:
         node: that publishes.
-        period: seconds of wall time between messages.
     """
 
-    def __init__(self, node: Node, period: float = 1.0) -> None:
+    def __init__(self, node: Node) -> None:
         self.counts: Counter[str] = Counter()
         self._node = node
         self._reported: Counter[str] = Counter()
         self._shown: dict[str, object] = {}
         self._last = ""
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        node.create_timer(period, self.publish, clock=STEADY_CLOCK)
 
     def add(self, kind: str, message: str = "") -> None:
         """Count one fault; the first of its kind is logged too."""

@@ -9,20 +9,19 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosbags.interfaces import Connection
 from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
 from rosbags.typesys import Stores, get_typestore
 
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.nodes.diagnostics import STEADY_CLOCK
+from tactile_dynamics_ros.nodes.shell import Shell
 
 IGNORED = ("/rosout", "/parameter_events")
 IMAGES = ("/camera/depth/image_rect",)
 
 
-class Recorder(Node):
+class Recorder(Shell):
     """Subscribes to topics as they appear and writes their serialised messages.
 
     Messages are not decoded, so that recording costs little, and the file is independent of the
@@ -46,7 +45,7 @@ class Recorder(Node):
         self._writer.open()
         self._connections: dict[str, Connection] = {}
         self._discover()
-        self.create_timer(0.2, self._discover, clock=STEADY_CLOCK)
+        self.every(0.2, self._discover)
 
     def close(self) -> None:
         """Finish the file."""
@@ -79,7 +78,7 @@ class Recorder(Node):
             self.counts[topic] += 1
             self._writer.write(connection, time.time_ns(), data)
 
-        self.create_subscription(message_class, topic, write, self._profile(topic), raw=True)
+        self.listen(message_class, topic, write, self._profile(topic), raw=True)
 
     def _profile(self, topic: str) -> QoSProfile:
         """Return the strongest profile that every publisher of the topic can serve."""
