@@ -1,7 +1,7 @@
 """Recordings from the Bullet simulator with its own hidden effects, without nodes between.
 
-The hand grasps, lifts and shakes an object; contacts come straight from the engine with white noise,
-so that what is tested is the physics of an effect and not the fingertip sensors.
+The hand grasps, lifts and shakes an object; contacts come straight from the engine with white
+noise, so that what is tested is the physics of an effect and not the fingertip sensors.
 """
 
 from __future__ import annotations
@@ -51,7 +51,11 @@ def record_in_bullet(
     sensors: SensorOptions | None = None,
     time_limit: float = 90.0,
 ) -> SimulatedRecording:
-    """Grasp, lift and shake the object with the hidden effect; keep the shaking."""
+    """Grasp, lift and shake the object with the hidden effect; keep the shaking.
+
+    Raises:
+        RuntimeError: the hand never came to shake the object; tells why.
+    """
     sensors = sensors or SensorOptions()
     hidden = create_hidden_effect(effect, magnitude, seed)
     log = _Log()
@@ -72,6 +76,10 @@ def record_in_bullet(
             readings = world.contacts()
             if controller.phase is Phase.EXCITE:
                 _note(log, world, hidden, readings)
+        if not log.pose:
+            raise RuntimeError(
+                f"{object_name} with {hidden.name}: {controller.outcome or 'no shaking'}"
+            )
         inertia = world.model.inertia
         truth = {"mass": inertia.mass, "com": inertia.com.tolist(), **hidden.describe()}
     return SimulatedRecording(

@@ -101,14 +101,14 @@ class ViscousDrag(ForceEffect):
 
 @dataclass
 class QuadraticDrag(ForceEffect):
-    """Force -c |v| v on the body origin: the typical force at 0.3 m/s."""
+    """Force -c |v| v on the body origin: the typical force at 0.17 m/s."""
 
     name = "quadratic_drag"
 
     @property
     def coefficient(self) -> float:
         """Drag coefficient c in N s^2/m^2."""
-        return self.size / 0.3**2
+        return self.size / 0.17**2
 
     def act(self, plant: Plant) -> None:
         """Drag the body origin."""
@@ -123,14 +123,14 @@ class QuadraticDrag(ForceEffect):
 
 @dataclass
 class RotationalDrag(ForceEffect):
-    """Torque -c w: the typical force at an arm of 4 cm for 1 rad/s."""
+    """Torque -c w: the typical force at an arm of 2 cm for 1 rad/s."""
 
     name = "rotational_drag"
 
     @property
     def coefficient(self) -> float:
         """Drag coefficient c in N m s/rad."""
-        return 0.04 * self.size
+        return 0.02 * self.size
 
     def act(self, plant: Plant) -> None:
         """Brake the rotation."""
@@ -144,7 +144,7 @@ class RotationalDrag(ForceEffect):
 
 @dataclass
 class TetherSpring(PullEffect):
-    """Spring of zero rest length from a point above the start: the typical force at 15 cm."""
+    """Spring of zero rest length from a point above the start: the typical force at 30 cm."""
 
     name = "tether_spring"
     anchor: Array = field(default_factory=lambda: np.zeros(3))
@@ -158,12 +158,12 @@ class TetherSpring(PullEffect):
 
     def pull(self, plant: Plant, pose: Array, here: Array) -> Array:
         """Pull towards the anchor."""
-        return np.asarray(self.size / 0.15 * (self.anchor - here))
+        return np.asarray(self.size / 0.3 * (self.anchor - here))
 
     def truth(self) -> dict[str, Any]:
         """Stiffness, anchor and point."""
         return {
-            "stiffness": quantity(self.size / 0.15, "N/m"),
+            "stiffness": quantity(self.size / 0.3, "N/m"),
             "anchor": quantity(self.anchor, "m"),
             "point": quantity(self.point, "m"),
         }
