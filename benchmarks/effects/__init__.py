@@ -1,1 +1,1 @@
-"""Hidden-effect benchmark: does the diagnosis find what recordings hide, and say when it cannot?"""
+"""Hidden-effect benchmark of the diagnosis."""

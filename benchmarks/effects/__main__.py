@@ -1,4 +1,4 @@
-"""Command of the hidden-effect benchmark: ./dev bench effects."""
+"""Does the diagnosis find what recordings hide, and say when it cannot?"""
 
 from __future__ import annotations
 

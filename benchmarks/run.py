@@ -1,0 +1,36 @@
+"""Run a benchmark by name: ./dev bench NAME [ARGUMENTS]; without a name, list them."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE.parent))
+
+
+def find_benchmarks() -> dict[str, tuple[str, str]]:
+    """Return (module with `main`, one sentence) by name: every folder here with a `__main__.py`."""
+    found = {}
+    for path in sorted(HERE.glob("*/__main__.py")):
+        name = path.parent.name
+        sentence = ast.get_docstring(ast.parse(path.read_text())) or ""
+        found[name] = (f"benchmarks.{name}.__main__", sentence.splitlines()[0])
+    return found
+
+
+def main(arguments: list[str]) -> int:
+    """Run the named benchmark and return its exit code; 2 if there is none of that name."""
+    benchmarks = find_benchmarks()
+    if not arguments or arguments[0] not in benchmarks:
+        for name, (_, sentence) in benchmarks.items():
+            print(f"  {name:12s} {sentence}")
+        return 0 if not arguments or arguments[0] in ("-h", "--help") else 2
+    module = importlib.import_module(benchmarks[arguments[0]][0])
+    return int(module.main(arguments[1:]) or 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
