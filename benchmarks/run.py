@@ -12,12 +12,17 @@ sys.path.insert(0, str(HERE.parent))
 
 
 def find_benchmarks() -> dict[str, tuple[str, str]]:
-    """Return (module with `main`, one sentence) by name: every folder here with a `__main__.py`."""
+    """Return (module, its first sentence) by name: modules and folders here that have a `main`."""
     found = {}
-    for path in sorted(HERE.glob("*/__main__.py")):
-        name = path.parent.name
-        sentence = ast.get_docstring(ast.parse(path.read_text())) or ""
-        found[name] = (f"benchmarks.{name}.__main__", sentence.splitlines()[0])
+    for path in sorted([*HERE.glob("*.py"), *HERE.glob("*/__main__.py")]):
+        tree = ast.parse(path.read_text())
+        has_main = any(
+            isinstance(node, ast.FunctionDef) and node.name == "main" for node in tree.body
+        )
+        if has_main and path != Path(__file__).resolve():
+            parts = path.relative_to(HERE.parent).with_suffix("").parts
+            sentence = (ast.get_docstring(tree) or "").split("\n")[0]
+            found[parts[1]] = (".".join(parts), sentence)
     return found
 
 
