@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,6 +16,7 @@ from tactile_dynamics_ros.core.contact.robot_description import rpy_to_matrix
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.manipulation.grasp_site import GraspSite
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
+from tactile_dynamics_ros.share import share_file
 
 Array = NDArray[np.float64]
 
@@ -82,21 +82,8 @@ class ObjectModel:
 
 
 def object_directory() -> Path:
-    """Folder of the object files: of the source tree if there is one, else of the installation.
-
-    Raises:
-        BadInputError: neither exists.
-    """
-    source = Path(__file__).resolve().parents[2] / "config" / "objects"
-    shared = Path(sys.prefix) / "share" / "tactile_dynamics_ros" / "config" / "objects"
-    installed = [
-        parent / "share" / "tactile_dynamics_ros" / "config" / "objects"
-        for parent in Path(__file__).resolve().parents
-    ]
-    for folder in (source, shared, *installed):
-        if folder.is_dir():
-            return folder
-    raise BadInputError(f"object files: no folder {source} or {shared}; reinstall the package")
+    """Folder of the object files: of the source tree if there is one, else of the installation."""
+    return share_file("config/objects/box_0.yaml").parent
 
 
 def list_objects() -> tuple[str, ...]:
