@@ -1,0 +1,25 @@
+"""The force models that come with the package, by name."""
+
+from __future__ import annotations
+
+from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.tactile.analytic_force import AnalyticForceEstimator
+from tactile_dynamics_ros.core.tactile.fingertip import FingertipConfig, FingertipEstimator
+from tactile_dynamics_ros.core.tactile.network.estimator import NetworkForceEstimator
+
+FORCE_MODELS = ("network", "analytic")
+
+
+def create_force_estimator(
+    model: str = "network", config: FingertipConfig | None = None
+) -> FingertipEstimator:
+    """Return the live estimator of one fingertip.
+
+    Raises:
+        BadInputError: there is no such model.
+    """
+    if model == "network":
+        return NetworkForceEstimator(config)
+    if model == "analytic":
+        return AnalyticForceEstimator(config)
+    raise BadInputError(f"force model '{model}': expected one of {', '.join(FORCE_MODELS)}")

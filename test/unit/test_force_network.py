@@ -1,0 +1,192 @@
+"""The force network: better than the analytic estimator, honest, fast and retrainable."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+
+from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
+from tactile_dynamics_ros.core.tactile.analytic_force import estimate_sequence
+from tactile_dynamics_ros.core.tactile.calibration import (
+    LabelledPresses,
+    fit_calibration,
+    shipped_calibration,
+)
+from tactile_dynamics_ros.core.tactile.electrodes import CHANNELS
+from tactile_dynamics_ros.core.tactile.network.estimator import (
+    NetworkForceEstimator,
+    predict_sequence,
+)
+from tactile_dynamics_ros.core.tactile.network.inputs import Memory, lagged
+from tactile_dynamics_ros.core.tactile.network.training import TrainingConfig, train_network
+from tactile_dynamics_ros.core.tactile.network.voxel import (
+    VoxelConfig,
+    alignment_weight,
+    fill_voxels,
+    predict_voxel,
+    train_voxel_network,
+)
+from tactile_dynamics_ros.core.tactile.network.weights import (
+    SHIPPED_NETWORK,
+    NetworkWeights,
+    shipped_network,
+)
+from tactile_dynamics_ros.core.tactile.unit_gain import fit_unit_gain
+from tactile_dynamics_ros.sim.sensors.biotac.calibrate import label_presses
+from tactile_dynamics_ros.sim.sensors.biotac.presses import PressConfig, record_presses
+
+
+def presses(units: int, seed: int, frames: int = 500) -> LabelledPresses:
+    return label_presses(record_presses(PressConfig(units=units, frames=frames, seed=seed)))
+
+
+@pytest.fixture(scope="module")
+def unseen() -> LabelledPresses:
+    return presses(48, seed=90_001)
+
+
+def median_errors(force: np.ndarray, truth: np.ndarray) -> tuple[float, float]:
+    """Median error of magnitude (N) and direction (deg) between 0.2 and 2 N."""
+    strength, size = np.linalg.norm(truth, axis=1), np.linalg.norm(force, axis=1)
+    useful = (strength > 0.2) & (strength < 2.0)
+    cosine = np.sum(force * truth, axis=1)[useful] / (size * strength)[useful]
+    angle = np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0)))
+    return float(np.median(np.abs(size - strength)[useful])), float(np.median(angle))
+
+
+def test_shipped_network_beats_the_analytic_estimator_on_unseen_units(unseen):
+    truth = unseen.force.reshape(-1, 3)
+    network = [predict_sequence(change, shipped_network()) for change in unseen.change]
+    ours = median_errors(np.concatenate([each.force for each in network]), truth)
+    analytic = [estimate_sequence(change, shipped_calibration())[0] for change in unseen.change]
+    theirs = median_errors(np.concatenate(analytic), truth)
+    assert ours[0] < 0.03
+    assert ours[1] < 2.6
+    assert ours[0] < 0.85 * theirs[0]
+    assert ours[1] < 0.7 * theirs[1]
+
+
+def test_intervals_and_contact_point_of_the_shipped_network(unseen):
+    _, truth, place = unseen.frames()
+    found = [predict_sequence(change, shipped_network()) for change in unseen.change]
+    force, std, point, point_std = (
+        np.concatenate([getattr(each, name) for each in found])
+        for name in ("force", "std", "point", "point_std")
+    )
+    strength = np.linalg.norm(truth, axis=1)
+    inside = np.abs(force - truth) < 1.645 * std
+    for low, high in [(0.2, 0.5), (0.5, 1.0), (1.0, 2.0)]:
+        assert 0.8 < inside[(strength > low) & (strength < high)].mean() < 0.97
+    gap = np.linalg.norm(point - place, axis=1)[strength > 0.2]
+    assert np.median(gap) < 0.6e-3
+    assert 0.3 < np.median(gap / point_std[strength > 0.2]) < 3.0
+
+
+def test_tiny_retraining_beats_the_analytic_estimator_fitted_to_the_same(unseen):
+    few, others = presses(192, seed=5, frames=400), presses(24, seed=6, frames=400)
+    config = TrainingConfig(epochs=20, every=6, width=64, batch=256, learning_rate=6e-3)
+    weights = train_network(few, others, "a test", config)
+    fitted = fit_calibration(few, others, "a test", every=8)
+    truth = unseen.force.reshape(-1, 3)
+    network = [predict_sequence(change, weights).force for change in unseen.change]
+    analytic = [estimate_sequence(change, fitted)[0] for change in unseen.change]
+    ours = median_errors(np.concatenate(network), truth)
+    theirs = median_errors(np.concatenate(analytic), truth)
+    assert ours[0] < theirs[0]
+    assert ours[1] < 0.9 * theirs[1]
+
+
+def test_live_memory_equals_the_filtered_sequence():
+    change = np.random.default_rng(0).normal(size=(200, 20))
+    memory = Memory(0.01)
+    live = np.array([memory.update(sample).copy() for sample in change])
+    assert np.allclose(live, lagged(change, 0.01))
+
+
+def test_live_estimator_equals_the_offline_prediction():
+    recorded = record_presses(PressConfig(units=1, frames=300, seed=31))
+    labelled = label_presses(recorded)
+    estimator = NetworkForceEstimator()
+    estimator.tare(recorded.raw[0, :55])
+    live = [estimator.observe(frame) for frame in recorded.raw[0, 60:]]
+    offline = predict_sequence(labelled.change[0], shipped_network())
+    touching = np.array([each.in_contact for each in live])
+    assert touching[60:].mean() > 0.5
+    force = np.array([each.force for each in live])
+    difference = np.linalg.norm(force - offline.force, axis=1)[touching]
+    assert np.median(difference) < 0.02
+
+
+def test_four_fingers_take_less_than_two_milliseconds():
+    raw = np.random.default_rng(0).normal(2900.0, 3.0, (250, CHANNELS))
+    fingers = [NetworkForceEstimator() for _ in range(4)]
+    for finger in fingers:
+        finger.tare(raw[:50])
+    spent = []
+    for frame in raw[50:]:
+        start = time.perf_counter()
+        for finger in fingers:
+            finger.observe(frame)
+        spent.append(time.perf_counter() - start)
+    assert np.median(spent) < 2e-3
+
+
+def test_shipped_weights_are_small_and_say_where_they_come_from():
+    assert SHIPPED_NETWORK.stat().st_size < 2e6
+    assert shipped_network().origin.startswith("tactile-dynamics train biotac --seed")
+
+
+def test_weights_file_round_trip_and_damage(tmp_path):
+    path = tmp_path / "weights.npz"
+    shipped_network().save(path)
+    again = NetworkWeights.load(path)
+    inputs, size = np.random.default_rng(1).normal(size=(5, 82)), np.ones((5, 1))
+    expected = shipped_network().evaluate(inputs, size)
+    assert np.array_equal(again.evaluate(inputs, size).force, expected.force)
+    path.write_bytes(b"nothing")
+    with pytest.raises(BadInputError, match=r"weights\.npz"):
+        NetworkWeights.load(path)
+    with pytest.raises(BadInputError, match="absent"):
+        NetworkWeights.load(tmp_path / "absent.npz")
+
+
+@pytest.mark.parametrize("heads", [1, 10])
+def test_compared_voxel_networks_learn(heads):
+    few = presses(12, seed=7, frames=300)
+    trained = train_voxel_network(few, VoxelConfig(heads=heads, epochs=15, every=6, batch=32))
+    change, force, _ = few.frames(every=6)
+    found, spread = predict_voxel(trained, change)
+    error = np.linalg.norm(found - force, axis=1).mean()
+    assert error < 0.75 * np.linalg.norm(force, axis=1).mean()
+    assert (spread > 0.0).any() == (heads > 1)
+
+
+def test_voxels_hold_electrodes_and_contact():
+    change = np.zeros((1, 20))
+    change[0, 16], change[0, 19] = -2.0, 0.7
+    grid = fill_voxels(change).numpy()
+    assert grid.shape == (1, 2, 16, 16, 8)
+    assert grid[0, 0].sum() == pytest.approx(-2.0)
+    assert grid[0, 1].sum() == pytest.approx(0.7)
+    every = fill_voxels(np.ones((1, 20))).numpy()
+    assert np.count_nonzero(every[0, 0]) == 19
+
+
+def test_alignment_weight_follows_the_published_formula():
+    normal = np.array([[0.0, 0.0, 1.0]] * 2)
+    force = np.array([[0.0, 0.0, 2.0], [0.5, 0.0, 0.0]])
+    assert alignment_weight(force, normal) == pytest.approx([2.0**10 / 2.0, 2.0**5 / 0.5])
+
+
+def test_gain_of_a_unit_from_a_known_force():
+    rng = np.random.default_rng(3)
+    truth = rng.normal(size=(600, 3))
+    gain = fit_unit_gain(truth / 1.08 + 0.02 * rng.normal(size=(600, 3)), truth)
+    assert gain.scale == pytest.approx(1.08, abs=4 * gain.std)
+    assert gain.std < 0.01
+    with pytest.raises(NotIdentifiableError, match="press harder"):
+        fit_unit_gain(np.zeros((50, 3)), np.zeros((50, 3)))
+    with pytest.raises(BadInputError, match=r"\(N, 3\)"):
+        fit_unit_gain(np.zeros((50, 3)), np.zeros((49, 3)))
