@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ast
-import importlib
+import runpy
 import sys
 from pathlib import Path
 
@@ -27,14 +27,15 @@ def find_benchmarks() -> dict[str, tuple[str, str]]:
 
 
 def main(arguments: list[str]) -> int:
-    """Run the named benchmark and return its exit code; 2 if there is none of that name."""
+    """Run the named benchmark as `python -m` would; return 2 if there is none of that name."""
     benchmarks = find_benchmarks()
     if not arguments or arguments[0] not in benchmarks:
         for name, (_, sentence) in benchmarks.items():
             print(f"  {name:12s} {sentence}")
         return 0 if not arguments or arguments[0] in ("-h", "--help") else 2
-    module = importlib.import_module(benchmarks[arguments[0]][0])
-    return int(module.main(arguments[1:]) or 0)
+    sys.argv = [f"bench {arguments[0]}", *arguments[1:]]
+    runpy.run_module(benchmarks[arguments[0]][0], run_name="__main__", alter_sys=False)
+    return 0
 
 
 if __name__ == "__main__":

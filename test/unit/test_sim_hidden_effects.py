@@ -28,6 +28,8 @@ POSE[:3, 3] = [0.5, 0.1, 0.6]
 STEP = 1e-3
 TYPICAL = float(np.clip(0.3 * 9.81 * load_object("box_0").inertia.mass, 0.2, 0.6))
 
+PULL = 0.5 * TYPICAL
+
 
 class FreeBody:
     """One object without robot, table or contacts."""
@@ -149,7 +151,7 @@ def expect_magnetic_pull(effect):
     point = value(effect, "point")
     gap = value(effect, "magnet") - POSE[:3, 3] - POSE[:3, :3] @ point
     distance = np.sqrt(gap @ gap + 9e-4)
-    return at_point(point, TYPICAL * (0.1 / distance) ** 4 * gap / distance)
+    return at_point(point, PULL * (0.1 / distance) ** 4 * gap / distance)
 
 
 def expect_dry_rubbing(effect):
@@ -184,7 +186,7 @@ def test_motor_vibrates_at_its_frequency():
         wrench_in_one_step(create_hidden_effect("motor_vibration", 1.0, seed=4), share / frequency)
         for share in (0.25, 0.5)
     )
-    assert np.linalg.norm(peak[3:]) == pytest.approx(TYPICAL, rel=1e-3)
+    assert np.linalg.norm(peak[3:]) == pytest.approx(PULL, rel=1e-3)
     assert np.linalg.norm(zero[3:]) < 1e-3
 
 
@@ -200,7 +202,7 @@ def test_pull_waits_until_the_object_is_lifted():
             lifted[2, 3] += height
             body.body.set_pose(lifted)
             effect.act(body)
-    assert sizes == pytest.approx([0.5 * TYPICAL, TYPICAL], rel=1e-3)
+    assert sizes == pytest.approx([0.5 * PULL, PULL], rel=1e-3)
 
 
 def test_stuck_cable_pulls_like_a_spring_and_then_slips():
@@ -214,9 +216,9 @@ def test_stuck_cable_pulls_like_a_spring_and_then_slips():
             moved[0, 3] += shift
             body.body.set_pose(moved)
             effect.act(body)
-    assert forces[9] == pytest.approx(TYPICAL / 2, rel=1e-6)
-    assert max(forces) <= TYPICAL + 1e-9
-    assert min(forces[19:22]) == pytest.approx(TYPICAL / 3, rel=1e-6)
+    assert forces[9] == pytest.approx(PULL / 2, rel=1e-6)
+    assert max(forces) <= PULL + 1e-9
+    assert min(forces[19:22]) == pytest.approx(PULL / 3, rel=1e-6)
 
 
 def test_taps_are_short_and_rare():
@@ -227,7 +229,7 @@ def test_taps_are_short_and_rare():
         effect.attach(body)
         body.step(20000)
     assert 0.01 < np.mean(np.array(sizes) > 0) < 0.1
-    assert max(sizes) == pytest.approx(3 * TYPICAL, rel=0.02)
+    assert max(sizes) == pytest.approx(3 * PULL, rel=0.02)
 
 
 def test_sloshing_ball_and_object_swing_at_the_two_body_frequency():

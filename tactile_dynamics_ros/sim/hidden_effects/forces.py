@@ -51,6 +51,8 @@ class ForceEffect(HiddenEffect):
 class PullEffect(ForceEffect):
     """A force at a body point that grows taut while the object is lifted off its table.
 
+    Half the typical force: a pull that lasts loads the grasp more than drag does.
+
     Attributes:
         point: (3,) where it acts, body frame, m.
         start_height: of the object when the effect was attached, m.
@@ -61,6 +63,7 @@ class PullEffect(ForceEffect):
 
     def prepare(self, plant: Plant) -> None:
         """Draw the point; without a table the pull is taut at once."""
+        self.size *= 0.5
         self.point = self.surface_point(plant)
         if plant.table >= 0:
             self.start_height = float(plant.object_pose()[2, 3])
