@@ -82,5 +82,5 @@ setup(
             *(f"{node} = {NAME}.nodes.{node}:main" for node in NODES),
         ],
     },
-    zip_safe=True,
+    zip_safe=False,
 )
