@@ -17,7 +17,7 @@ from sensor_msgs.msg import Image
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.contact.robot_description import FINGERS, sensor_frame
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
-from tactile_dynamics_ros.core.tactile.analytic_force import AnalyticForceEstimator
+from tactile_dynamics_ros.core.tactile.estimators import create_force_estimator
 from tactile_dynamics_ros.core.tactile.fingertip import FingertipConfig
 from tactile_dynamics_ros.nodes.conversions import (
     StampGate,
@@ -33,8 +33,9 @@ RAW = "/biotac/raw"
 
 @dataclass(frozen=True)
 class BiotacForceConfig:
-    """How the rest state is found and kept."""
+    """Which model estimates the force, and how the rest state is found and kept."""
 
+    model: str = parameter("network", "force model: network or analytic")
     tare_frames: int = parameter(30, "frames without contact that make a tare", "", 1, 1000)
     tare_file: str = parameter("", "where the tare outlives the node (empty: one per ROS domain)")
     tare_max_age: float = parameter(600.0, "age up to which a kept tare is used", "s", 0.0)
@@ -53,7 +54,7 @@ class BiotacForce(Shell):
         super().__init__("biotac_force")
         self.config = declare_config(self, BiotacForceConfig)
         estimator = declare_config(self, FingertipConfig, "fingertip.")
-        self.estimators = [AnalyticForceEstimator(estimator) for _ in FINGERS]
+        self.estimators = [create_force_estimator(self.config.model, estimator) for _ in FINGERS]
         self._kept = KeptTare(self.config.tare_file)
         self._rest: deque[NDArray[np.float64]] | None = None
         frames = self._kept.read(self.config.tare_max_age)
