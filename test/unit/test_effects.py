@@ -193,7 +193,7 @@ def test_timing_effects_undo_a_delay_and_a_lag():
     load = SAMPLES.measured_wrench
     inner = slice(30, -30)
     for effect, theta, force in (
-        ("time_offset:sensor", 0.03, late),
+        ("time_offset:body", 0.03, late),
         ("sensor_lag", 0.05, lagged),
     ):
         samples = replace(SAMPLES, contact_force=force)

@@ -9,6 +9,7 @@ from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
 from tactile_dynamics_ros.core.effects.effect import Effect, EffectParameter
 from tactile_dynamics_ros.core.effects.fingers import FingerEffect
 from tactile_dynamics_ros.core.effects.geometry import (
+    contact_rate,
     force_at,
     force_columns,
     point_columns,
@@ -165,9 +166,10 @@ class ContactTorsion(Effect):
     def _spin(self, samples: WrenchSamples) -> Array:
         """Spin of the object about each normal, rad/s, (N, C)."""
         normals = samples.contact_rotation[..., 2]
-        spin = np.einsum("nci,ni->nc", normals, samples.angular_velocity)
+        rate = samples.angular_velocity[:, None]
         if self.reading.startswith("relative"):
-            spin = np.einsum("nci,nci->nc", normals, -_frame_rate(samples))
+            rate = rate - contact_rate(samples)
+        spin = np.einsum("nci,nci->nc", normals, np.broadcast_to(rate, normals.shape))
         return np.asarray(spin * samples.in_contact)
 
     def _about_normals(self, samples: WrenchSamples, torque: Array) -> Array:
@@ -187,23 +189,12 @@ def _bounded_viscous(spin: Array, force: Array, theta: Array) -> tuple[Array, Ar
 def _normal_force(samples: WrenchSamples) -> Array:
     """Pressing force of each contact, N, (N, C)."""
     along = np.einsum("nci,nci->nc", samples.contact_rotation[..., 2], samples.contact_force)
-    return np.maximum(along, 0.0)
+    return np.asarray(np.maximum(along, 0.0))
 
 
 def _turned(samples: WrenchSamples) -> Array:
     """Rotation of the contact frames in the body since the first sample, (N, C, 3, 3)."""
     return samples.contact_rotation @ np.swapaxes(samples.contact_rotation[:1], 2, 3)
-
-
-def _frame_rate(samples: WrenchSamples) -> Array:
-    """Angular velocity of the contact frames relative to the body, body axes, (N, C, 3)."""
-    if len(samples.time) < 2:
-        return np.zeros_like(samples.contact_force)
-    frames = samples.contact_rotation
-    steps = log_so3(frames[1:] @ np.swapaxes(frames[:-1], 2, 3))
-    rates = steps / np.diff(samples.time)[:, None, None]
-    padded = np.concatenate([rates[:1], rates, rates[-1:]])
-    return np.asarray(0.5 * (padded[1:] + padded[:-1]))
 
 
 @register_effect
@@ -223,7 +214,7 @@ class ContactOffset(FingerEffect):
 
     def axis_parameters(self) -> tuple[EffectParameter, ...]:
         """Displacement d (3)."""
-        return vector_parameters("d", "m", 0.02, "displacement, object frame", 0.004)
+        return vector_parameters("d", "m", 0.1, "displacement, object frame", 0.004)
 
     def finger_wrench(self, samples: WrenchSamples, contact: int, theta: Array) -> Array:
         """-[d x f, 0]."""

@@ -5,18 +5,22 @@ from __future__ import annotations
 from abc import abstractmethod
 from dataclasses import replace
 from itertools import combinations
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
 from tactile_dynamics_ros.core.effects.effect import Effect, EffectParameter
+from tactile_dynamics_ros.core.effects.geometry import body_from_world
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.rigid_body.rotation import log_so3
 
 Array = NDArray[np.float64]
 
 _COMMON = "common"
 _MOST_SUBSETS = 6
+_LEAST_TURN = 0.02
 
 
 class FingerEffect(Effect):
@@ -133,6 +137,76 @@ class FingerEffect(Effect):
         if self.common:
             return [(c, theta) for c in chosen]
         return list(zip(chosen, np.split(theta, len(chosen)), strict=True))
+
+
+class FramedFingerEffect(FingerEffect):
+    """A finger effect that is constant in one of several frames.
+
+    A reading is written `index+thumb@world`; the first of `frames` needs no suffix.
+
+    Attributes:
+        frames: of `body`, `sensor` (the contact frame) and `world`; the default first.
+    """
+
+    frames: ClassVar[tuple[str, ...]] = ("body", "sensor")
+
+    def __init__(
+        self, contacts: tuple[str, ...] = (), common: bool = False, frame: str = ""
+    ) -> None:
+        """Choose contacts and frame.
+
+        Args:
+            contacts: names; empty means all.
+            common: all contacts share one set of parameters.
+            frame: one of `frames`; the first by default.
+        """
+        super().__init__(contacts, common)
+        self.frame = frame or self.frames[0]
+
+    @property
+    def variant(self) -> str:
+        """Contacts, and the frame if it is not the default."""
+        suffix = "" if self.frame == self.frames[0] else f"@{self.frame}"
+        return "+".join(self.contacts) + suffix
+
+    def with_variant(self, variant: str) -> Effect:
+        """`index+thumb`, `@sensor` or both."""
+        contacts, _, frame = variant.partition("@")
+        if frame not in ("", *self.frames):
+            raise BadInputError(
+                f"effect '{self.name}' has no frame '{frame}': expected {', '.join(self.frames)}"
+            )
+        return type(self)(tuple(contacts.split("+")) if contacts else (), False, frame)
+
+    def variants(self, samples: WrenchSamples) -> tuple[Effect, ...]:
+        """Every frame; body and sensor frame are told apart only if contact frames turn."""
+        frames = self.frames
+        if not frames_turn(samples):
+            frames = frames[:1] + tuple(f for f in frames[1:] if f == "world")
+        return tuple(type(self)((), False, frame) for frame in frames)
+
+    def restrictions(self, samples: WrenchSamples) -> tuple[tuple[Effect, tuple[int, ...]], ...]:
+        """Subsets of the contacts in the same frame."""
+        return tuple(
+            (type(self)(effect.contacts, False, self.frame), columns)
+            for effect, columns in super().restrictions(samples)
+            if isinstance(effect, FingerEffect)
+        )
+
+    def axes(self, samples: WrenchSamples, contact: int) -> Array:
+        """Axes of the frame at one contact, as columns in the body frame, (N, 3, 3)."""
+        if self.frame == "sensor":
+            return samples.contact_rotation[:, contact]
+        if self.frame == "world":
+            return body_from_world(samples)
+        return np.broadcast_to(np.eye(3), (len(samples.time), 3, 3))
+
+
+def frames_turn(samples: WrenchSamples) -> bool:
+    """Whether the contact frames turn in the body frame."""
+    frames = samples.contact_rotation
+    turned = frames @ np.swapaxes(frames[:1], 2, 3)
+    return bool(np.median(np.linalg.norm(log_so3(turned), axis=-1)) > _LEAST_TURN)
 
 
 def _proper_subsets(count: int) -> list[tuple[int, ...]]:

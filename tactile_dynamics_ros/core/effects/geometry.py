@@ -7,11 +7,13 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
 from tactile_dynamics_ros.core.effects.effect import EffectParameter
-from tactile_dynamics_ros.core.rigid_body.rotation import skew
+from tactile_dynamics_ros.core.rigid_body.rotation import log_so3, skew
 
 Array = NDArray[np.float64]
 
 AXES = "xyz"
+
+_REACH = 2
 
 
 def to_body(samples: WrenchSamples, vectors: Array) -> Array:
@@ -79,3 +81,31 @@ def right_jacobian(phi: Array) -> Array:
     first = (1.0 - np.cos(angle)) / angle**2
     second = (angle - np.sin(angle)) / angle**3
     return np.asarray(np.eye(3) - first * cross + second * (cross @ cross))
+
+
+def contact_rate(samples: WrenchSamples) -> Array:
+    """Angular velocity of the contact frames in the world, body axes, (N, C, 3) rad/s."""
+    if len(samples.time) < 2 * _REACH + 1:
+        return np.zeros_like(samples.contact_force)
+    frames = samples.rotation[:, None] @ samples.contact_rotation
+    ahead, behind, step = _neighbours(samples.time)
+    turns = log_so3(frames[ahead] @ np.swapaxes(frames[behind], 2, 3))
+    rates = turns / step[:, None, None]
+    return np.asarray(body_from_world(samples)[:, None] @ rates[..., None])[..., 0]
+
+
+def contact_point_rate(samples: WrenchSamples) -> Array:
+    """Velocity of the contact points relative to the body, body axes, (N, C, 3) m/s."""
+    if len(samples.time) < 2 * _REACH + 1:
+        return np.zeros_like(samples.contact_point)
+    ahead, behind, step = _neighbours(samples.time)
+    moved = samples.contact_point[ahead] - samples.contact_point[behind]
+    return np.asarray(moved / step[:, None, None])
+
+
+def _neighbours(time: Array) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
+    """Indices ahead and behind of each sample and the time between them."""
+    index = np.arange(len(time))
+    ahead = np.minimum(index + _REACH, len(time) - 1)
+    behind = np.maximum(index - _REACH, 0)
+    return ahead, behind, time[ahead] - time[behind]

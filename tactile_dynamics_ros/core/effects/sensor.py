@@ -8,28 +8,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
-from tactile_dynamics_ros.core.effects.effect import Effect, EffectParameter
-from tactile_dynamics_ros.core.effects.fingers import FingerEffect
+from tactile_dynamics_ros.core.effects.effect import EffectParameter
+from tactile_dynamics_ros.core.effects.fingers import FingerEffect, FramedFingerEffect
 from tactile_dynamics_ros.core.effects.geometry import right_jacobian, vector_parameters
 from tactile_dynamics_ros.core.effects.registry import register_effect
-from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, log_so3, skew
+from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, skew
 
 Array = NDArray[np.float64]
 
 _LEAST_GAIN = -0.9
-_LEAST_TURN = 0.02
 
 
 def carries_torque(samples: WrenchSamples) -> bool:
     """Whether any contact measures torque (a wrist force/torque sensor)."""
     return bool(np.any(samples.contact_torque != 0.0))
-
-
-def frames_turn(samples: WrenchSamples) -> bool:
-    """Whether the contact frames turn in the body frame."""
-    frames = samples.contact_rotation
-    turned = frames @ np.swapaxes(frames[:1], 2, 3)
-    return bool(np.median(np.linalg.norm(log_so3(turned), axis=-1)) > _LEAST_TURN)
 
 
 def contact_map(samples: WrenchSamples, contact: int) -> Array:
@@ -40,45 +32,8 @@ def contact_map(samples: WrenchSamples, contact: int) -> Array:
     return result
 
 
-class _OffsetEffect(FingerEffect):
-    """A constant error of each sensor, fixed in the body or in the turning contact frame."""
-
-    def __init__(
-        self, contacts: tuple[str, ...] = (), common: bool = False, frame: str = "body"
-    ) -> None:
-        """Choose contacts and frame.
-
-        Args:
-            contacts: names; empty means all.
-            common: unused, offsets are always per contact.
-            frame: `body` or `sensor`.
-        """
-        super().__init__(contacts, common)
-        self.frame = frame
-
-    @property
-    def variant(self) -> str:
-        """Contacts, with `@sensor` where fixed in the turning contact frame."""
-        return "+".join(self.contacts) + ("@sensor" if self.frame == "sensor" else "")
-
-    def with_variant(self, variant: str) -> Effect:
-        """`index+thumb`, `@sensor` or both."""
-        contacts, _, frame = variant.partition("@")
-        return type(self)(tuple(contacts.split("+")) if contacts else (), False, frame or "body")
-
-    def variants(self, samples: WrenchSamples) -> tuple[Effect, ...]:
-        """Body frame, and sensor frame where the contact frames turn in the body."""
-        frames = ("body", "sensor") if frames_turn(samples) else ("body",)
-        return tuple(type(self)((), False, frame) for frame in frames)
-
-    def restrictions(self, samples: WrenchSamples) -> tuple[tuple[Effect, tuple[int, ...]], ...]:
-        """Subsets of the contacts in the same frame."""
-        found = super().restrictions(samples)
-        return tuple(
-            (type(self)(effect.contacts, False, self.frame), columns)
-            for effect, columns in found
-            if isinstance(effect, FingerEffect)
-        )
+class _OffsetEffect(FramedFingerEffect):
+    """An error of each sensor that is constant in the body or in the contact frame."""
 
     def contact_parameters(
         self, samples: WrenchSamples, contact: int
@@ -93,10 +48,8 @@ class _OffsetEffect(FingerEffect):
 
     def finger_jacobian(self, samples: WrenchSamples, contact: int, theta: Array) -> Array:
         """-[p x b, b] while in contact, times the course over time."""
-        columns = contact_map(samples, contact)
-        if self.frame == "sensor":
-            turn = samples.contact_rotation[:, contact]
-            columns = np.concatenate([columns[:, :, :3] @ turn, columns[:, :, 3:] @ turn], axis=2)
+        columns, turn = contact_map(samples, contact), self.axes(samples, contact)
+        columns = np.concatenate([columns[:, :, :3] @ turn, columns[:, :, 3:] @ turn], axis=2)
         course = -self.course(samples) * samples.in_contact[:, contact]
         return course[:, None, None] * columns[:, :, : len(theta)]
 
@@ -186,19 +139,20 @@ def _contact_wrench(samples: WrenchSamples, contact: int) -> Array:
 
 
 @register_effect
-class SensorRotation(FingerEffect):
-    """Measured force = exp(r) true force in the sensor frame, per finger."""
+class SensorRotation(FramedFingerEffect):
+    """Measured force = exp(r) true force in the contact, body or world frame, per finger."""
 
     name = "sensor_rotation"
     family = "sensor"
-    formula = "measured f_i = exp([r_i]) true f_i, r_i in the sensor frame"
+    formula = "measured f_i = exp([r_i]) true f_i, r_i in the contact (or body, world) frame"
     looks_like = "A residual at right angles to the force of one finger and in proportion to it."
     sentence = "a fingertip sensor is mounted at an angle"
     remedy = "Correct the mounting angle in the robot description, or add it to the model."
+    frames = ("sensor", "body", "world")
 
     def axis_parameters(self) -> tuple[EffectParameter, ...]:
         """Rotation vector (3)."""
-        return vector_parameters("r", "rad", 0.3, "rotation, sensor frame", 0.1)
+        return vector_parameters("r", "rad", 0.3, "rotation vector", 0.1)
 
     def finger_wrench(self, samples: WrenchSamples, contact: int, theta: Array) -> Array:
         """Wrench of (exp(-r) - 1) f, and of the torque likewise."""
@@ -213,15 +167,15 @@ class SensorRotation(FingerEffect):
         return self._to_wrench(samples, contact, force, torque)
 
     def _readings(self, samples: WrenchSamples, contact: int) -> tuple[Array, Array]:
-        """Force and torque in the sensor frame."""
-        frame = samples.contact_rotation[:, contact]
+        """Force and torque in the frame of the rotation."""
+        frame = self.axes(samples, contact)
         force, torque = samples.contact_force[:, contact], samples.contact_torque[:, contact]
         return np.einsum("nji,nj->ni", frame, force), np.einsum("nji,nj->ni", frame, torque)
 
     def _to_wrench(
         self, samples: WrenchSamples, contact: int, force: Array, torque: Array
     ) -> Array:
-        """Wrench columns of force and torque columns (N, 3, m) in the sensor frame."""
-        frame = samples.contact_rotation[:, contact]
+        """Wrench columns of force and torque columns (N, 3, m) in the frame of the rotation."""
+        frame = self.axes(samples, contact)
         stacked = np.concatenate([frame @ force, frame @ torque], axis=1)
         return np.asarray(contact_map(samples, contact) @ stacked)

@@ -11,6 +11,7 @@ from scipy.interpolate import CubicSpline
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
 from tactile_dynamics_ros.core.effects.effect import Effect, EffectParameter
 from tactile_dynamics_ros.core.effects.filters import first_order_lag
+from tactile_dynamics_ros.core.effects.geometry import contact_point_rate, contact_rate
 from tactile_dynamics_ros.core.effects.gravity import load_regressor
 from tactile_dynamics_ros.core.effects.registry import register_effect
 from tactile_dynamics_ros.core.errors import BadInputError
@@ -54,20 +55,20 @@ class _ReadingEffect(Effect):
 
 @register_effect
 class SensorLag(_ReadingEffect):
-    """First-order lag of the measured forces, in the sensor or in the world frame.
+    """First-order lag of the measured forces z_i in the body, contact or world frame.
 
-    Sensor frame: the measured wrench is the lagged Y phi, so Delta = Y phi - L Y phi with L the
-    lag. World frame: R turns while the sensor responds; measured z obeys
-    z + tau (z' + w x z) = true, so Delta = Y phi - L [Y phi - tau W (w x z)].
+    In a frame that turns with w_F, tau (z' + (w - w_F) x z) + z = true force (body axes), so the
+    measured wrench W z is L [Y phi - tau Q] with L the lag, Q = sum W_i ((w - w_F) x z_i) -
+    [sum p_i' x z_i, 0], and Delta = Y phi - L [Y phi - tau Q].
     """
 
     name = "sensor_lag"
     family = "timing"
-    formula = "tau f' + f = true force, f the measured force (sensor or world frame)"
+    formula = "tau f' + f = true force, f the measured force (body, contact or world frame)"
     looks_like = "A residual that follows the change of the forces: sensors answer late."
     sentence = "the force sensors answer with a lag"
     remedy = "Reduce the filtering of the sensors, move more slowly, or add the lag to the model."
-    readings = ("sensor", "world")
+    readings = ("body", "sensor", "world")
 
     def parameters(self, samples: WrenchSamples) -> tuple[EffectParameter, ...]:
         """The time constant."""
@@ -96,14 +97,20 @@ class SensorLag(_ReadingEffect):
         return share * (matrix - first_order_lag(samples.time, matrix, used)[0])
 
     def _signals(self, samples: WrenchSamples, inertia: Array) -> tuple[Array, Array]:
-        """Y phi and W (w x z), both (N, 6)."""
-        signal = load_regressor(samples) @ inertia
-        if self.reading == "sensor":
-            return signal, np.zeros_like(signal)
-        spin = samples.angular_velocity[:, None]
-        force = np.cross(spin, samples.contact_force)
-        torque = np.cross(samples.contact_point, force) + np.cross(spin, samples.contact_torque)
-        return signal, np.concatenate([torque.sum(axis=1), force.sum(axis=1)], axis=1)
+        """Y phi and Q, both (N, 6)."""
+        force = np.cross(self._turning(samples), samples.contact_force)
+        torque = np.cross(samples.contact_point, force)
+        torque = torque + np.cross(self._turning(samples), samples.contact_torque)
+        torque = torque - np.cross(contact_point_rate(samples), samples.contact_force)
+        turned = np.concatenate([torque.sum(axis=1), force.sum(axis=1)], axis=1)
+        return load_regressor(samples) @ inertia, turned
+
+    def _turning(self, samples: WrenchSamples) -> Array:
+        """Angular velocity of the body relative to the frame of the lag, (N, C, 3)."""
+        spin = np.broadcast_to(samples.angular_velocity[:, None], samples.contact_force.shape)
+        if self.reading == "body":
+            return np.zeros_like(spin)
+        return spin - contact_rate(samples) if self.reading == "sensor" else np.asarray(spin)
 
 
 def _usable_lag(tau: float) -> tuple[float, float]:
@@ -118,7 +125,8 @@ class TimeOffset(_ReadingEffect):
     """Forces stamped late by a constant: measured f(t) = f(t - offset).
 
     `force`: world-frame forces are late, contact poses are not. `contact`: forces and contact
-    poses are late against the object's pose. `sensor`: forces are late in the sensor frame.
+    poses are late against the object's pose. `body` and `sensor`: forces are late in the body or
+    contact frame and are turned into the world by the pose of now.
     """
 
     name = "time_offset"
@@ -127,7 +135,7 @@ class TimeOffset(_ReadingEffect):
     looks_like = "A residual that follows the rate of change of the predicted wrench, like a delay."
     sentence = "forces and poses are stamped by clocks that differ"
     remedy = "Synchronise the clocks, or add the offset to the model."
-    readings = ("force", "contact", "sensor")
+    readings = ("force", "contact", "body", "sensor")
 
     def parameters(self, samples: WrenchSamples) -> tuple[EffectParameter, ...]:
         """The offset, positive where forces come late."""
@@ -137,16 +145,12 @@ class TimeOffset(_ReadingEffect):
         """Change of Y phi and of the body-frame measured wrench when motion is read earlier."""
         then = _Shifted(samples, float(theta[0]))
         change = (load_regressor(samples) - then.regressor) @ inertia
-        if self.reading == "sensor":
-            return np.asarray(change)
         return np.asarray(change + self._measured(samples, then) - samples.measured_wrench)
 
     def jacobian(self, samples: WrenchSamples, inertia: Array, theta: Array) -> Array:
         """By the offset."""
         then = _Shifted(samples, float(theta[0]))
-        change = -then.regressor_change @ inertia
-        if self.reading != "sensor":
-            change = change + self._measured_change(samples, then)
+        change = self._measured_change(samples, then) - then.regressor_change @ inertia
         return np.asarray(change[..., None])
 
     def inertia_jacobian(self, samples: WrenchSamples, inertia: Array, theta: Array) -> Array:
@@ -156,29 +160,48 @@ class TimeOffset(_ReadingEffect):
     def _measured(self, samples: WrenchSamples, then: _Shifted) -> Array:
         """Contact wrench (N, 6) with the forces of now in the body frame of then."""
         point, _ = self._points(samples, then)
-        force, torque = then.turn(samples.contact_force), then.turn(samples.contact_torque)
+        turn, _ = self._turn(samples, then)
+        force, torque = _apply(turn, samples.contact_force), _apply(turn, samples.contact_torque)
         moment = np.cross(point, force) + torque
         return np.concatenate([moment.sum(axis=1), force.sum(axis=1)], axis=1)
 
     def _measured_change(self, samples: WrenchSamples, then: _Shifted) -> Array:
         """Derivative of `_measured` by the offset."""
         point, point_change = self._points(samples, then)
-        force = then.turn(samples.contact_force)
-        force_change = then.turn_change(samples.contact_force)
+        turn, turn_change = self._turn(samples, then)
+        force = _apply(turn, samples.contact_force)
+        force_change = _apply(turn_change, samples.contact_force)
         moment = np.cross(point_change, force) + np.cross(point, force_change)
-        moment = moment + then.turn_change(samples.contact_torque)
+        moment = moment + _apply(turn_change, samples.contact_torque)
         return np.concatenate([moment.sum(axis=1), force_change.sum(axis=1)], axis=1)
+
+    def _turn(self, samples: WrenchSamples, then: _Shifted) -> tuple[Array, Array]:
+        """Rotation (N, C, 3, 3) of readings into the body frame of then, and its derivative."""
+        count = samples.contact_force.shape[1]
+        if self.reading == "sensor":
+            back = np.swapaxes(samples.contact_rotation, 2, 3)
+            return then.contact_rotation @ back, then.contact_rotation_change @ back
+        if self.reading == "body":
+            unit = np.broadcast_to(np.eye(3), (len(samples.time), count, 3, 3))
+            return unit, np.zeros_like(unit)
+        turn, change = then.to_body @ samples.rotation, then.to_body_change @ samples.rotation
+        return turn[:, None], change[:, None]
 
     def _points(self, samples: WrenchSamples, then: _Shifted) -> tuple[Array, Array]:
         """Contact points in the body frame of then and their derivative by the offset."""
-        if self.reading == "force":
+        if self.reading != "contact":
             return then.point, then.point_change
+        turn, change = self._turn(samples, then)
         shift = np.einsum("nij,nj->ni", then.to_body, samples.position - then.position)
-        moved = then.turn(samples.contact_point) + shift[:, None]
-        shift_change = np.einsum("nij,nj->ni", then.to_body_change, samples.position) - (
-            then.origin_change
-        )
-        return moved, then.turn_change(samples.contact_point) + shift_change[:, None]
+        shift_change = np.einsum("nij,nj->ni", then.to_body_change, samples.position)
+        shift_change = shift_change - then.origin_change
+        moved = _apply(turn, samples.contact_point) + shift[:, None]
+        return moved, _apply(change, samples.contact_point) + shift_change[:, None]
+
+
+def _apply(turn: Array, vectors: Array) -> Array:
+    """Matrices (N, C, 3, 3) times vectors (N, C, 3)."""
+    return np.asarray((turn @ vectors[..., None])[..., 0])
 
 
 class _Shifted:
@@ -187,7 +210,6 @@ class _Shifted:
     def __init__(self, samples: WrenchSamples, offset: float) -> None:
         offset = float(np.clip(offset, -_LONGEST_SHIFT, _LONGEST_SHIFT))
         matrix = load_regressor(samples)
-        self.now = samples.rotation
         then = samples.time - offset
 
         def read(values: Array) -> tuple[Array, Array]:
@@ -200,14 +222,7 @@ class _Shifted:
         self.to_body_change = np.swapaxes(rotation_change, 1, 2)
         self.position, position_change = read(samples.position)
         self.point, self.point_change = read(samples.contact_point)
+        self.contact_rotation, self.contact_rotation_change = read(samples.contact_rotation)
         self.origin_change = np.einsum("nij,nj->ni", self.to_body_change, self.position) + (
             np.einsum("nij,nj->ni", self.to_body, position_change)
         )
-
-    def turn(self, vectors: Array) -> Array:
-        """Vectors (N, C, 3) of the body frame of now, in the body frame of then."""
-        return np.asarray((self.to_body @ self.now)[:, None] @ vectors[..., None])[..., 0]
-
-    def turn_change(self, vectors: Array) -> Array:
-        """Derivative of `turn` by the offset."""
-        return np.asarray((self.to_body_change @ self.now)[:, None] @ vectors[..., None])[..., 0]

@@ -32,6 +32,7 @@ from tactile_dynamics_ros.core.inertia.contact_grid import (
 )
 from tactile_dynamics_ros.core.inertia.latent import LatentSignal
 from tactile_dynamics_ros.core.inertia.motion import Motion, MotionSignals, motion_signals
+from tactile_dynamics_ros.core.inertia.outliers import noise_share
 from tactile_dynamics_ros.core.inertia.sensitivity import (
     contact_sensitivity,
     force_sensitivity_of_effects,
@@ -330,8 +331,12 @@ class Linearisation:
         return self.whitener.whiten(values.reshape(-1, *values.shape[2:]))
 
     def denoise(self, white_residual: Array) -> dict[str, Array]:
-        """Expected errors x - z = -S A^T L^-T r of every signal, (K, 3) by name."""
-        weighted = self.whitener.whiten_transposed(white_residual)
+        """Expected errors x - z = -S A^T L^-T r of every signal, (K, 3) by name.
+
+        Of residuals that stay large only the share of the noise is taken.
+        """
+        noise = white_residual * noise_share(white_residual)
+        weighted = self.whitener.whiten_transposed(noise)
         corrections = {}
         for name, matrix, factor in zip(self.names, self.sensitivities, self.factors, strict=True):
             standard = -(matrix.T @ weighted).reshape(-1, 3)
