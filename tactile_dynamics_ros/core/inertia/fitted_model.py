@@ -171,7 +171,9 @@ class FittedModel:
                 torque_rms_nm=float(np.sqrt(np.mean(smooth[:, :3] ** 2))),
                 whitened_rms=self.whitened_rms,
             ),
-            not_excited=unexcited_parameters(self.xi, data[:10, :10], prior[:10, :10]),
+            not_excited=unexcited_parameters(
+                self.xi, data[:10, :10] / max(1.0, self.whitened_rms) ** 2, prior[:10, :10]
+            ),
             samples=sum(block.problem.count for block in self.blocks),
             duration=float(times[-1][-1] - times[0][0]),
             converged=self.converged,

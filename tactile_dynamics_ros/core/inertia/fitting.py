@@ -64,7 +64,8 @@ def fit_model(
     unexcited = _unexcited_directions(blocks, prior)
     converged = False
     for iteration in range(iterations):
-        present, values, converged = _solve(blocks, present, effects, values, prior, unexcited)
+        trusted = prior.weighted(_misfit(blocks))
+        present, values, converged = _solve(blocks, present, effects, values, trusted, unexcited)
         problems = _denoise(blocks, present, effects, values, first=iteration == 0)
         blocks = _whiten(problems, present, effects, values)
     return FittedModel(blocks, present, tuple(effects), tuple(values), prior, unexcited, converged)
@@ -100,6 +101,12 @@ def _whiten(
             by_phi -= effect.inertia_jacobian(problem.samples, phi, value)
         blocks.append(Block(problem, linearisation, residual, linearisation.whiten(by_phi)))
     return tuple(blocks)
+
+
+def _misfit(blocks: Sequence[Block]) -> float:
+    """RMS of the white residual, at least 1: misfit is no evidence against the prior."""
+    squares = sum(float(block.residual @ block.residual) for block in blocks)
+    return max(1.0, float(np.sqrt(squares / sum(len(block.residual) for block in blocks))))
 
 
 def _unexcited_directions(blocks: Sequence[Block], prior: LogCholeskyPrior) -> Array:

@@ -37,6 +37,10 @@ class LogCholeskyPrior:
         """(10, 10) inverse covariance."""
         return np.diag(self.std**-2.0)
 
+    def weighted(self, factor: float) -> LogCholeskyPrior:
+        """Return the prior with standard deviations divided by a factor."""
+        return LogCholeskyPrior(self.mean, self.std / factor)
+
 
 def contact_prior(samples: WrenchSamples) -> LogCholeskyPrior:
     """A body that weighs what is carried, centred between the contacts and about as large.
