@@ -10,21 +10,22 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.core.contact.contact_state import Contact, ContactState
 from tactile_dynamics_ros.core.contact.hand_kinematics import HandKinematics
 from tactile_dynamics_ros.core.contact.robot_description import FINGERS
-from tactile_dynamics_ros.core.manipulation.grasp_controller import GraspController
+from tactile_dynamics_ros.core.manipulation.grasp_controller import GraspController, Phase
 from tactile_dynamics_ros.core.tactile.calibration import NORMAL_90
-from tactile_dynamics_ros.core.tactile.network.estimator import NetworkForceEstimator
+from tactile_dynamics_ros.core.tactile.estimators import create_force_estimator
 from tactile_dynamics_ros.sim.simulated_robot import Readings, SimulatedRobot, SimulatedRobotConfig
 
 Array = NDArray[np.float64]
 
 TARE_FRAMES = 40
+ALOFT = (Phase.CARRY, Phase.EXCITE, Phase.RETURN)
 
 
 class Touch:
     """Forces of the four fingers in the world, as the live nodes compute them."""
 
-    def __init__(self, kinematics: HandKinematics) -> None:
-        self._fingers = {finger: NetworkForceEstimator() for finger in FINGERS}
+    def __init__(self, kinematics: HandKinematics, model: str) -> None:
+        self._fingers = {finger: create_force_estimator(model) for finger in FINGERS}
         self._state = ContactState(kinematics)
         self._rest: list[Array] = []
 
@@ -46,7 +47,7 @@ class Touch:
         return contacts
 
 
-def balance_in_hand(seed: int = 0, seconds: float = 40.0) -> dict[str, Any]:
+def balance_in_hand(seed: int = 0, seconds: float = 40.0, model: str = "network") -> dict[str, Any]:
     """Grasp, lift and move an object; compare the net force with what moves it.
 
     Returns:
@@ -56,7 +57,7 @@ def balance_in_hand(seed: int = 0, seconds: float = 40.0) -> dict[str, Any]:
     robot = SimulatedRobot(SimulatedRobotConfig(seed=seed))
     kinematics = HandKinematics()
     controller = GraspController(kinematics, robot.world.model.grasp)
-    touch = Touch(kinematics)
+    touch = Touch(kinematics, model)
     inertia = robot.world.model.inertia
     net, variance, velocity, pose = [], [], [], None
     while robot.world.time < seconds and not controller.done:
@@ -66,7 +67,7 @@ def balance_in_hand(seed: int = 0, seconds: float = 40.0) -> dict[str, Any]:
         forces = {finger: contact.force for finger, contact in contacts.items()}
         known = pose if robot.world.time > 0.01 * TARE_FRAMES else None
         robot.world.command(controller.update(readings.time, readings.position, forces, known))
-        if controller.holding and contacts:
+        if controller.phase in ALOFT and contacts:
             net.append(sum(forces.values()))
             variance.append(sum(np.diag(c.force_covariance) for c in contacts.values()))
             velocity.append(_com_velocity(robot, inertia.com))
