@@ -89,6 +89,7 @@ def _start(supervisor: Supervisor, args: Namespace, out: Path) -> None:
     config = share_file(DEFAULT_CONFIG)
     extra: dict[str, dict[str, object]] = {
         "robot_sim": simulation_parameters(args),
+        "biotac_force": {"tare_file": out / "tare.npy"},
         "grasp_controller": {
             "object": args.object,
             "excitation.duration": float(args.duration),

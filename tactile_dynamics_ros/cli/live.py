@@ -8,6 +8,7 @@ import json
 import pkgutil
 import signal
 import sys
+import tempfile
 import time
 from argparse import Namespace, _SubParsersAction
 from pathlib import Path
@@ -111,9 +112,13 @@ def run_all(args: Namespace) -> int:
     config = share_file(args.config)
     left_out = {name for name in args.without.split(",") if name}
     wanted = [name for name in nodes_of(config) if name not in left_out]
-    with Supervisor(Path(args.logs) if args.logs else None) as supervisor:
+    with (
+        tempfile.TemporaryDirectory() as scratch,
+        Supervisor(Path(args.logs) if args.logs else None) as supervisor,
+    ):
+        extra = {"biotac_force": {"tare_file": f"{scratch}/tare.npy"}}
         for name in wanted:
-            supervisor.start(name, node_command(name, config))
+            supervisor.start(name, node_command(name, config, extra.get(name)))
         print(json.dumps({"nodes": wanted}) if args.json else f"started {', '.join(wanted)}")
         sys.stdout.flush()
         with StopRequest() as stop:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import tempfile
 import time
@@ -38,7 +39,7 @@ class BiotacForceConfig:
     model: str = parameter("network", "force model: network or analytic")
     tare_frames: int = parameter(30, "frames without contact that make a tare", "", 1, 1000)
     tare_file: str = parameter("", "where the tare outlives the node (empty: one per ROS domain)")
-    tare_max_age: float = parameter(600.0, "age up to which a kept tare is used", "s", 0.0)
+    tare_max_age: float = parameter(30.0, "pause after which a kept tare is not used", "s", 0.0)
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -67,6 +68,7 @@ class BiotacForce(Shell):
         self._force = [self.stream(WrenchStamped, f"/biotac/{f}/force") for f in FINGERS]
         self._std = [self.stream(Vector3Stamped, f"/biotac/{f}/force_std") for f in FINGERS]
         self.serve("/biotac_force/tare", self.start_tare)
+        self.every(1.0, self._kept.refresh)
 
     def start_tare(self) -> str:
         """Take the coming frames as the state without contact."""
@@ -129,7 +131,7 @@ class KeptTare:
         self.path = Path(path) if path else Path(tempfile.gettempdir()) / name
 
     def read(self, max_age: float) -> NDArray[np.float64] | None:
-        """Return the frames (K, 4, 44), or None if there are none or they are too old (s)."""
+        """Return the frames (K, 4, 44), or None if none were in use within `max_age` seconds."""
         try:
             if time.time() - self.path.stat().st_mtime > max_age:
                 return None
@@ -137,6 +139,11 @@ class KeptTare:
         except (OSError, ValueError, EOFError):
             return None
         return frames if frames.ndim == 3 and frames.shape[1:] == (len(FINGERS), 44) else None
+
+    def refresh(self) -> None:
+        """Note that the tare is in use."""
+        with contextlib.suppress(OSError):
+            os.utime(self.path)
 
     def write(self, frames: NDArray[np.float64]) -> None:
         """Keep frames (K, 4, 44)."""

@@ -64,5 +64,3 @@ def test_node_refuses_a_parameter_that_nobody_reads(start, name):
 
     with pytest.raises(BadInputError, match="unknown parameter mistyped"):
         start(name, "-p", "mistyped:=1")
-
-

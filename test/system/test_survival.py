@@ -62,9 +62,12 @@ def estimate_grows(listener, timeout=60.0):
 def test_any_node_may_be_killed(system, listener, tmp_path):
     recording = tmp_path / "recording"
     system.start_verb("recorder", "record", str(recording))
+    extra = {
+        "grasp_controller": {"excite_forever": True},
+        "biotac_force": {"tare_file": tmp_path / "tare.npy"},
+    }
     for name in nodes_of(share_file(DEFAULT_CONFIG)):
-        extra = {"excite_forever": True} if name == "grasp_controller" else {}
-        system.start_node(name, **extra)
+        system.start_node(name, **extra.get(name, {}))
     for topic, kind in TYPES.items():
         listener.follow(kind, topic)
     listener.follow(DiagnosticArray, "/inertial_estimator/status", latched=True)

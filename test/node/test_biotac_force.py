@@ -1,0 +1,113 @@
+"""The force node in this process: tare, restart, bad frames."""
+
+import time
+
+import numpy as np
+import pytest
+import rclpy
+from geometry_msgs.msg import WrenchStamped
+from sensor_msgs.msg import Image
+
+from tactile_dynamics_ros.nodes import conversions as cv
+from tactile_dynamics_ros.nodes.biotac_force import BiotacForce, KeptTare
+from tactile_dynamics_ros.nodes.shell import STREAM
+from tactile_dynamics_ros.sim.sensors.biotac import BioTacArray
+
+PAD = np.array([-6e-3, 0.0, -7e-3])
+
+
+@pytest.fixture
+def node(tmp_path, ros):
+    """Return a function that makes a node; all share one kept tare."""
+    ros.try_shutdown()
+    nodes = []
+
+    def create():
+        if not rclpy.ok():
+            rclpy.init(args=["--ros-args", "-p", f"tare_file:={tmp_path / 'tare.npy'}"])
+        nodes.append(BiotacForce())
+        return nodes[-1]
+
+    yield create
+    for made in nodes:
+        made.destroy_node()
+
+
+class Driver:
+    """Publishes simulated frames and collects the forces of the index finger."""
+
+    def __init__(self, node):
+        self.node = node
+        self.sensors = BioTacArray(4, seed=3)
+        self.publisher = node.create_publisher(Image, "/biotac/raw", STREAM)
+        self.forces = []
+        node.listen(WrenchStamped, "/biotac/index/force", self.forces.append)
+        self.time = 1.0
+
+    def frame(self, force=(0.0, 0.0, 0.0), time=None):
+        """Publish one frame with a force on the index finger and let the node work."""
+        forces = np.zeros((4, 3))
+        forces[0] = force
+        counts = self.sensors.measure(forces, np.tile(PAD, (4, 1)))
+        self.time += 0.01
+        message = cv.biotac_to_message(counts, self.time if time is None else time, "hand")
+        self.send(message)
+
+    def send(self, message):
+        """Publish a message and let the node work on it."""
+        self.publisher.publish(message)
+        deadline = time.monotonic() + 0.02
+        while time.monotonic() < deadline:
+            self.node.work()
+
+    def until(self, condition, force=(0.0, 0.0, 0.0), frames=400):
+        """Publish frames until the condition holds."""
+        for _ in range(frames):
+            if condition():
+                return
+            self.frame(force)
+        raise AssertionError("condition not met")
+
+
+def test_forces_come_after_the_tare_and_point_into_the_object(node):
+    driver = Driver(node())
+    driver.until(lambda: driver.forces)
+    assert not cv.wrench_to_core(driver.forces[-1], "/f").any()
+    driver.until(lambda: driver.forces[-1].wrench.force.z < -0.5, force=(0.0, 0.0, -1.0))
+    wrench = cv.wrench_to_core(driver.forces[-1], "/f", "biotac_index")
+    assert wrench[5] == pytest.approx(-1.0, abs=0.4)
+
+
+def test_restarted_node_continues_with_the_kept_tare_under_load(node):
+    first = Driver(node())
+    first.until(lambda: first.forces)
+    second = Driver(node())
+    second.sensors = first.sensors
+    second.until(lambda: second.forces and second.forces[-1].wrench.force.z < -0.5, (0, 0, -1.0))
+
+
+def test_kept_tare_expires_and_survives_damage(tmp_path):
+    kept = KeptTare(str(tmp_path / "tare.npy"))
+    assert kept.read(30.0) is None
+    kept.write(np.zeros((5, 4, 44)))
+    assert kept.read(30.0).shape == (5, 4, 44)
+    assert kept.read(0.0) is None
+    kept.path.write_bytes(b"not an array")
+    assert kept.read(30.0) is None
+
+
+def test_bad_frames_are_counted_and_harmless(node):
+    driver = Driver(node())
+    driver.until(lambda: driver.forces)
+    wrong = cv.biotac_to_message(np.zeros((2, 44), np.uint16), 9.0, "hand")
+    driver.send(wrong)
+    driver.frame(time=driver.time - 0.5)
+    driver.send(cv.biotac_to_message(np.full((4, 44), 5000, np.uint16), driver.time + 0.01, "h"))
+    driver.until(lambda: {"wrong_shape", "stamp_jumped_back", "bad_input"} <= set(counts(driver)))
+    before = len(driver.forces)
+    driver.until(lambda: len(driver.forces) > before + 3)
+
+
+def counts(driver):
+    """Return the node's fault counts."""
+    return driver.node.faults.counts
