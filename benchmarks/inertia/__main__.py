@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import os
-
-for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-    os.environ.setdefault(_name, "1")
-
 import argparse
 import json
+import os
 import platform
 import sys
 from collections.abc import Callable, Sequence
@@ -27,6 +23,8 @@ SECTIONS = (
 
 def run(sections: Sequence[str], quick: bool, say: Callable[[str], None]) -> dict[str, Any]:
     """Results by section."""
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
     from benchmarks.inertia import accuracy, cost, gain, honesty
 
     runs: dict[str, Callable[[], dict[str, Any]]] = {

@@ -18,6 +18,7 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import is_feasible
 from tactile_dynamics_ros.core.streams import PoseStream, Streams
 
 _NINETY = 1.6449
+_TWENTY_PERCENT = 2.0
 _FIRST_SEED = 1000
 
 
@@ -31,7 +32,10 @@ def run_coverage(
     live = [_z(*_live(_FIRST_SEED + k, duration)) for k in range(live_runs)]
     say(f"coverage: {misfit_runs} runs with a force scale of 20 % on one finger")
     clean = [_estimate(_FIRST_SEED + k, duration) for k in range(misfit_runs)]
-    wrong = [_estimate(_FIRST_SEED + k, duration, {"force_scale": 0.2}) for k in range(misfit_runs)]
+    wrong = [
+        _estimate(_FIRST_SEED + k, duration, {"force_scale": _TWENTY_PERCENT})
+        for k in range(misfit_runs)
+    ]
     growth = [w[1].parameter_std / c[1].parameter_std for w, c in zip(wrong, clean, strict=True)]
     missed = [np.abs(_z(*w)) * _NINETY for w in wrong]
     return {

@@ -123,7 +123,7 @@ def _prior_factor(data: SmoothedData) -> gtsam.NonlinearFactor:
 
 
 def plain_isam2(data: SmoothedData, steps: int) -> tuple[Array, Array]:
-    """A factor per sample on one global variable: estimate (10,) and seconds per update (steps,)."""
+    """A factor per sample on one global variable: estimate (10,), seconds per update (steps,)."""
     parameters = gtsam.ISAM2Params()
     parameters.setOptimizationParams(gtsam.ISAM2DoglegParams())
     parameters.relinearizeSkip = 1

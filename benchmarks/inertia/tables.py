@@ -160,8 +160,8 @@ def _live(result: dict[str, Any]) -> str:
         f"### Live: {result['updates']} updates at 100 Hz, four fingers\n\n"
         + _table(["update", "median", "90 %", "99 %", "max"], lines)
         + f"\n\nLast over first decile: {result['last_over_first_decile']:.3f}. Memory "
-        f"{memory['after_first_tenth']:.0f} MiB after a tenth, {memory['last']:.0f} MiB at the end, "
-        f"peak {memory['peak']:.0f} MiB. All estimates feasible: {result['all_feasible']}.\n\n"
+        f"{memory['after_first_tenth']:.0f} MiB after a tenth, {memory['last']:.0f} at the end, peak "
+        f" {memory['peak']:.0f} MiB. All estimates feasible: {result['all_feasible']}.\n\n"
         + _table(
             ["alternative", *(f"ms at step {k}" for k in steps), "times ours", "distance"], growth
         )
@@ -176,8 +176,8 @@ def _growth(row: dict[str, Any]) -> list[str]:
 def _batch_time(result: dict[str, Any]) -> str:
     cpu, wall = result["cpu_s"], result["wall_s"]
     return (
-        f"### Batch, 30 s recording ({result['recordings']} recordings)\n\nCPU {cpu['median']:.2f} s "
-        f"(at most {cpu['max']:.2f} s), wall clock {wall['median']:.2f} s (at most "
+        f"### Batch, 30 s recording ({result['recordings']} recordings)\n\n"
+        f"CPU {cpu['median']:.2f} s (at most {cpu['max']:.2f} s), wall clock {wall['median']:.2f} s (at most "
         f"{wall['max']:.2f} s)."
     )
 

@@ -143,6 +143,16 @@ def test_spikes_in_forces_are_rejected(recording):
     assert last.rejected >= 7
 
 
+def test_intervals_widen_until_they_hold_when_a_finger_reads_wrong():
+    """A hidden 20 % gain error biases the estimate; the intervals must admit it."""
+    wrong = generate(1001, {"force_scale": 2.0}, ScenarioOptions(duration=6.0))
+    last = list(replay_streams(wrong.streams))[-1]
+    error = np.abs(physical(last.inertia) - physical(truth_of(wrong)))
+    assert last.error.whitened_rms > 2.0
+    assert np.mean(error < 1.645 * last.parameter_std) >= 0.8
+    assert np.all(error < 4.0 * last.parameter_std)
+
+
 def test_stamps_that_jump_back_and_values_that_are_not_numbers_are_counted(recording):
     estimator = IncrementalInertialEstimator()
     for _ in replay_streams(recording.streams, estimator):

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.core.inertia.incremental.config import IncrementalConfig
 from tactile_dynamics_ros.core.inertia.incremental.information import (
     BlockScores,
+    LastingErrors,
     SquareRootInformation,
     positive_part,
 )
@@ -23,6 +24,7 @@ from tactile_dynamics_ros.core.inertia.incremental.residuals import (
 from tactile_dynamics_ros.core.inertia.incremental.sample_stream import Layout, SampleStream
 from tactile_dynamics_ros.core.inertia.incremental.solver import DivergencePrior, SummarySolver
 from tactile_dynamics_ros.core.inertia.prior import contact_prior
+from tactile_dynamics_ros.core.inertia.systematic import systematic_lever
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     dynamic_parameters_from_log_cholesky,
 )
@@ -144,6 +146,8 @@ class Accumulation:
         self.solver = SummarySolver(prior, np.array(stds))
         self.information = SquareRootInformation(10 + len(stds))
         self.noise_information = np.zeros((10 + len(stds), 10 + len(stds)))
+        self.lasting = LastingErrors(10 + len(stds))
+        self._lever = systematic_lever(samples)
         self.scores = BlockScores(10 + len(stds), _BLOCK_SAMPLES)
         self.first_time = self.last_time = float(samples.time[0])
         if self.assumed is None:
@@ -155,7 +159,9 @@ class Accumulation:
         pipeline = self._pipeline
         if pipeline is None or pipeline.layout != layout or first > self.next:
             size = self.information.size
-            pipeline = WhiteningPipeline(self._config, self._stream, layout, size, self.judge)
+            pipeline = WhiteningPipeline(
+                self._config, self._stream, layout, size, self._lever, self.judge
+            )
             self._pipeline = pipeline
         state, covariance = self._assumption or (self.state, self.state_covariance())
         sizes = np.cumsum([len(parameters) for parameters in self.effect_parameters])[:-1]
@@ -169,6 +175,7 @@ class Accumulation:
             root = np.sqrt(rows.weight)
             self.information.add(root * rows.jacobian, root * rows.target)
             self.noise_information += rows.weight * rows.noise.T @ rows.noise
+            self.lasting.add(root * rows.jacobian, root * rows.target, root * rows.systematic)
             self.scores.add(root * rows.jacobian, root * rows.target)
             self.samples += 1
             gain = 1.0 / min(self.samples, _ERROR_SAMPLES)

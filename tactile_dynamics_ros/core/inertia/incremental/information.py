@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 from scipy.linalg import lapack
 from scipy.stats import chi2
 
+from tactile_dynamics_ros.core.inertia.systematic import SYSTEMATIC_SIZE, systematic_covariance
+
 Array = NDArray[np.float64]
 
 _FEWEST_BLOCKS = 8
@@ -132,6 +134,32 @@ class BlockScores:
             even = len(influence) // 2 * 2
             influence = influence[0:even:2] + influence[1:even:2]
         return factors
+
+
+class LastingErrors:
+    """Sums that tell how presumed lasting errors B would show and shift the estimate."""
+
+    def __init__(self, size: int) -> None:
+        """Start empty, for `size` parameters."""
+        self._hessian = np.zeros((size, size))
+        self._gradient = np.zeros(size)
+        self._cross = np.zeros((size, SYSTEMATIC_SIZE))
+        self._gram = np.zeros((SYSTEMATIC_SIZE, SYSTEMATIC_SIZE))
+        self._target = np.zeros(SYSTEMATIC_SIZE)
+
+    def add(self, jacobian: Array, target: Array, basis: Array) -> None:
+        """Add one sample's white rows J (6, n), t (6,) and B (6, 9)."""
+        self._hessian += jacobian.T @ jacobian
+        self._gradient += jacobian.T @ target
+        self._cross += jacobian.T @ basis
+        self._gram += basis.T @ basis
+        self._target += basis.T @ target
+
+    def covariance(self, state: Array, inverse: Array) -> Array:
+        """Covariance (n, n) to add to that of the estimate (n,), see `systematic_covariance`."""
+        remaining = self._gradient - self._hessian @ state
+        score = self._target - self._cross.T @ (state + inverse @ remaining)
+        return systematic_covariance(inverse, self._cross, self._gram, score)
 
 
 def positive_part(information: Array, scale: Array) -> Array:

@@ -133,7 +133,7 @@ class Summariser:
         """Start without a past."""
         self._calls = 0
         self._model: Accumulation | None = None
-        self._widen = np.ones(0)
+        self._widen, self._lasting = np.ones(0), np.zeros(0)
         self._not_excited: tuple[str, ...] = ()
 
     def summarise(self, model: Accumulation, latency: float, pending: int) -> LiveEstimate:
@@ -145,10 +145,11 @@ class Summariser:
         if model is not self._model or self._calls % self._EVERY == 0:
             inverse = np.asarray(np.linalg.inv(covariance))
             self._widen = np.sqrt(model.scores.inflation(model.state, inverse))
+            self._lasting = model.lasting.covariance(model.state, covariance)
             self._not_excited = unexcited_parameters(solver.xi, data, prior)
             self._model = model
         self._calls += 1
-        covariance = covariance * np.outer(self._widen, self._widen)
+        covariance = covariance * np.outer(self._widen, self._widen) + self._lasting
         return LiveEstimate(
             inertia=InertialParameters.from_log_cholesky(solver.xi),
             covariance=covariance[:10, :10],

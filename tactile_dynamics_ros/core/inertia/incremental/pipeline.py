@@ -24,6 +24,7 @@ from tactile_dynamics_ros.core.inertia.incremental.whitening import (
     DelayedSubstitution,
     StreamWhitener,
 )
+from tactile_dynamics_ros.core.inertia.systematic import SYSTEMATIC_SIZE, systematic_basis
 
 Array = NDArray[np.float64]
 
@@ -38,6 +39,7 @@ class WhiteRows:
         time: s.
         jacobian: (6, n); target: (6,).
         noise: (6, n) a draw of the noise that J carries.
+        systematic: (6, 9) presumed errors that last, see `systematic_basis`.
         weight: share of it that is believed, 0 to 1.
         residual: (6,) unwhitened, at the parameters it was linearised at.
     """
@@ -46,6 +48,7 @@ class WhiteRows:
     jacobian: Array
     target: Array
     noise: Array
+    systematic: Array
     weight: float
     residual: Array
 
@@ -75,6 +78,7 @@ class WhiteningPipeline:
         stream: SampleStream,
         layout: Layout,
         size: int,
+        lever: float,
         judge: Judge,
     ) -> None:
         """Start at the beginning of a segment.
@@ -84,14 +88,16 @@ class WhiteningPipeline:
             stream: of raw samples.
             layout: of the segment.
             size: n, number of parameters.
+            lever: m, of the presumed errors that last.
             judge: of innovations.
         """
         self.layout = layout
         self._config, self._stream, self._judge = config, stream, judge
+        self._size, self._lever = size, lever
+        self._columns = 2 * size + SYSTEMATIC_SIZE + 1
         self._whitener = StreamWhitener(2 * layout.short, size + 1)
         self._decorrelator = Decorrelator[_Record](layout.short, layout.long)
-        self._substitution = DelayedSubstitution(2 * layout.short, 2 * size + 1)
-        self._size = size
+        self._substitution = DelayedSubstitution(2 * layout.short, self._columns)
         self._rng = np.random.default_rng(1)
 
     def process(
@@ -160,17 +166,17 @@ class WhiteningPipeline:
         found = [item for item in complete if item is not None]
         if not found:
             for _ in complete:
-                self._substitution.remember(np.zeros((6, 2 * self._size + 1)))
+                self._substitution.remember(np.zeros((6, self._columns)))
             return
         jacobians = iter(self._jacobians(found, model))
         for item in complete:
             if item is None:
-                self._substitution.remember(np.zeros((6, 2 * self._size + 1)))
+                self._substitution.remember(np.zeros((6, self._columns)))
                 continue
             yield self._white_rows(item[0], next(jacobians))
 
     def _jacobians(self, found: list[tuple[_Record, Array]], model: LinearisedModel) -> Array:
-        """Jacobians at the corrected motion and draws of their noise, (B, 6, 2 n)."""
+        """Jacobians at the corrected motion, draws of their noise, presumed errors."""
         corrections = np.stack([correction for _, correction in found])
         motion = DenoisedMotion.stack([record.motion for record, _ in found])
         contacts = ContactRows.stack([record.contacts for record, _ in found])
@@ -180,7 +186,8 @@ class WhiteningPipeline:
         noisy = denoised.corrected(motion.draw + corrections[:, 1, :18])
         jacobian = model.jacobian(denoised.samples(contacts, model.origin))
         noise = model.jacobian(noisy.samples(contacts, model.origin)) - jacobian
-        return np.concatenate([jacobian, noise], axis=2)
+        lasting = systematic_basis(denoised.rotation, self._lever)
+        return np.concatenate([jacobian, noise, lasting], axis=2)
 
     def _white_rows(self, record: _Record, columns: Array) -> WhiteRows:
         size = self._size
@@ -194,7 +201,8 @@ class WhiteningPipeline:
             float(record.motion.time[0]),
             white[:, :size],
             white[:, -1],
-            white[:, size:-1],
+            white[:, size : 2 * size],
+            white[:, 2 * size : -1],
             record.weight,
             record.residual,
         )

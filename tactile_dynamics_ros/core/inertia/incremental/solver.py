@@ -22,6 +22,7 @@ EFFECTS_KEY = gtsam.symbol("t", 0)
 _UPPER_ROWS = np.array([0, 1, 0, 0, 1, 2])
 _UPPER_COLUMNS = np.array([1, 2, 2, 3, 3, 3])
 _NEAR_ONE = 1e-4
+_SMALLEST_RATIO = 1e-150
 _MAXIMUM_ROUNDS = 8
 _STEP_TOLERANCE = 1e-3
 _LARGEST_LOGARITHM = 40.0
@@ -30,6 +31,11 @@ _WIDEST_RATIO = 12.0
 
 class _LeftRange(Exception):
     """An undamped step led to a body beyond all scales."""
+
+
+def _bounded(xi: Array) -> Array:
+    """Coordinates with logarithms that can be exponentiated."""
+    return np.concatenate([np.clip(xi[:4], -_LARGEST_LOGARITHM, _LARGEST_LOGARITHM), xi[4:]])
 
 
 def upper_factor(xi: Array) -> Array:
@@ -94,7 +100,7 @@ def _root_excess(x: Array) -> tuple[Array, Array]:
     """sign(x - 1) sqrt(x^2 - 2 log x - 1) and its derivative, smooth through x = 1."""
     gap = x - 1.0
     near = np.abs(gap) < _NEAR_ONE
-    safe = np.where(near, 2.0, x)
+    safe = np.where(near, 2.0, np.maximum(x, _SMALLEST_RATIO))
     root = np.sign(safe - 1.0) * np.sqrt(safe**2 - 2.0 * np.log(safe) - 1.0)
     value = np.where(near, math.sqrt(2.0) * (gap - gap**2 / 6.0), root)
     slope = np.where(near, math.sqrt(2.0) * (1.0 - gap / 3.0), (safe - 1.0 / safe) / root)
@@ -249,7 +255,7 @@ class SummarySolver:
         def error(
             _: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None
         ) -> Array:
-            value, jacobian = self._prior.error(values.atVector(INERTIA_KEY))
+            value, jacobian = self._prior.error(_bounded(values.atVector(INERTIA_KEY)))
             if jacobians is not None:
                 jacobians[0] = jacobian
             return value
@@ -264,7 +270,8 @@ class SummarySolver:
             _: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None
         ) -> Array:
             theta = values.atVector(EFFECTS_KEY) if has_effects else np.zeros(0)
-            value, jacobian = _summary_error(values.atVector(INERTIA_KEY), theta, factor, target)
+            xi = _bounded(values.atVector(INERTIA_KEY))
+            value, jacobian = _summary_error(xi, theta, factor, target)
             if jacobians is not None:
                 jacobians[0] = jacobian
                 if has_effects:

@@ -1,0 +1,46 @@
+"""Presumed lasting errors: nothing on clean data, their true size where they are."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tactile_dynamics_ros.core.inertia.systematic import (
+    SYSTEMATIC_SIZE,
+    systematic_basis,
+    systematic_covariance_of_rows,
+    systematic_variance,
+)
+from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
+
+
+def white_rows(seed: int, size: float):
+    """A regression with a lasting error of the given size, as white rows."""
+    rng = np.random.default_rng(seed)
+    rotation = exp_so3(rng.normal(0, 0.5, (400, 3)))
+    basis = systematic_basis(rotation, 0.05).reshape(-1, SYSTEMATIC_SIZE)
+    jacobian = rng.normal(size=(len(basis), 4)) + basis[:, 2:6]
+    error = size * rng.normal(size=SYSTEMATIC_SIZE)
+    measured = rng.normal(size=len(basis)) + basis @ error
+    inverse = np.linalg.inv(jacobian.T @ jacobian)
+    shift = -inverse @ jacobian.T @ measured
+    return inverse, jacobian, basis, measured + jacobian @ shift, shift
+
+
+def test_clean_residuals_presume_nothing():
+    found = [systematic_covariance_of_rows(*white_rows(k, 0.0)[:4])[0, 0] for k in range(60)]
+    assert np.mean(np.array(found) > 0.0) < 0.15
+
+
+@pytest.mark.parametrize("size", [0.5, 3.0])
+def test_lasting_errors_are_covered(size):
+    inside = []
+    for seed in range(60):
+        inverse, jacobian, basis, residual, shift = white_rows(seed, size)
+        added = systematic_covariance_of_rows(inverse, jacobian, basis, residual)
+        inside.append(np.abs(shift) < 1.645 * np.sqrt(np.diag(inverse + added)))
+    assert 0.75 < np.mean(inside) < 0.98
+
+
+def test_no_information_gives_no_variance():
+    assert systematic_variance(np.zeros((9, 9)), np.zeros(9)) == 0.0
