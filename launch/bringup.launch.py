@@ -20,7 +20,7 @@ def start_nodes(context):
     """Return one action per node that the configuration lists."""
     config = Path(LaunchConfiguration("config").perform(context))
     simulate = LaunchConfiguration("simulate").perform(context).lower() in ("true", "1", "yes")
-    names = [name for name in yaml.safe_load(config.read_text())]
+    names = list(yaml.safe_load(config.read_text()))
     if not simulate:
         names.remove("robot_sim")
     parameters = [str(config), {"use_sim_time": simulate}]
