@@ -61,16 +61,19 @@ class SpinningRotor(LinearEffect):
 
 @dataclass(frozen=True)
 class _Response:
-    """Acceleration u'' of the mass relative to its rest point, world axes, with derivatives.
+    """Motion of the mass relative to its rest point, world axes.
+
+    Columns of the last axis: value, derivatives by f_n, by zeta and by the rest point (3).
 
     Attributes:
-        value: (N, 3); by_hz: (N, 3); by_damping: (N, 3); by_point: (N, 3, 3).
+        displacement: (N, 3, 6) u.
+        sliding: (N, 3, 6) u' - omega x u, the velocity seen from the body.
+        acceleration: (N, 3, 6) u''.
     """
 
-    value: Array
-    by_hz: Array
-    by_damping: Array
-    by_point: Array
+    displacement: Array
+    sliding: Array
+    acceleration: Array
 
 
 @register_effect
@@ -78,8 +81,9 @@ class SloshingMass(Effect):
     """A point mass on an isotropic internal spring-damper about a rest point r of the body.
 
     With u the displacement from the rest point q = p_WO + R_WO r, world axes, w_n = 2 pi f_n:
-    u'' + 2 z w_n (u' - omega x u) + w_n^2 u = g - q''; what the rigid model (which holds the mass
-    at rest) lacks is the force -m_s u'' at r.
+    u'' + 2 zeta w_n (u' - omega x u) + w_n^2 u = g - q''; what the rigid model (which holds the
+    mass at rest) lacks is the force -m_s u'' at r and, as the mass is not at r but displaced, the
+    torque 2 m_s zeta w_n u x (u' - omega x u).
     """
 
     name = "sloshing_mass"
@@ -93,39 +97,42 @@ class SloshingMass(Effect):
     sentence = "part of the load swings inside the object"
     remedy = "Fill or empty the container, fix the loose part, or move more smoothly."
 
-    def __init__(
-        self, unsettled: bool = False, screened_hz: tuple[float, ...] = _SCREENED_HZ
-    ) -> None:
-        """Choose the state of the spring at the first sample.
+    readings = ("", "unsettled", "anchored", "anchored_unsettled")
+
+    def __init__(self, reading: str = "", screened_hz: tuple[float, ...] = _SCREENED_HZ) -> None:
+        """Choose the start and where the force acts.
 
         Args:
-            unsettled: the spring starts unstretched; otherwise it hangs at rest.
+            reading: `unsettled` starts with the spring unstretched rather than hanging at rest,
+                `anchored` lets the spring-damper push at r only (no torque of the damper).
             screened_hz: natural frequencies tried before a refit.
         """
-        self.unsettled = unsettled
+        self.reading = reading
         self.screened_hz = screened_hz
 
     @property
     def variant(self) -> str:
-        """Empty, or `unsettled`."""
-        return "unsettled" if self.unsettled else ""
+        """The reading."""
+        return self.reading
 
     def with_variant(self, variant: str) -> Effect:
-        """`unsettled`."""
-        if variant != "unsettled":
-            raise BadInputError(f"effect '{self.name}' has no variant '{variant}': unsettled")
-        return SloshingMass(unsettled=True)
+        """Return the reading of that name."""
+        if variant not in self.readings:
+            raise BadInputError(
+                f"effect '{self.name}' has no variant '{variant}': {', '.join(self.readings[1:])}"
+            )
+        return SloshingMass(variant)
 
     def variants(self, samples: WrenchSamples) -> tuple[Effect, ...]:
-        """Hanging at rest, or unstretched, at the first sample."""
-        return (SloshingMass(), SloshingMass(unsettled=True))
+        """All readings."""
+        return tuple(SloshingMass(reading) for reading in self.readings)
 
     def restrictions(self, samples: WrenchSamples) -> tuple[tuple[Effect, tuple[int, ...]], ...]:
         """One screened frequency each."""
         if len(self.screened_hz) == 1:
             return ()
         return tuple(
-            (SloshingMass(self.unsettled, (hz,)), tuple(range(4 * i, 4 * i + 4)))
+            (SloshingMass(self.reading, (hz,)), tuple(range(4 * i, 4 * i + 4)))
             for i, hz in enumerate(self.screened_hz)
         )
 
@@ -139,27 +146,31 @@ class SloshingMass(Effect):
         )
 
     def wrench(self, samples: WrenchSamples, inertia: Array, theta: Array) -> Array:
-        """Force -m_s u'' at r."""
+        """Force -m_s u'' at r and the torque of the damper."""
         response = self._respond(samples, theta, derivatives=False)
-        return force_at(theta[3:], -theta[0] * to_body(samples, response.value))
+        force = -theta[0] * to_body(samples, response.acceleration[..., 0])
+        wrench = force_at(theta[3:], force)
+        wrench[:, :3] += theta[0] * to_body(samples, self._damping(theta, response)[..., 0])
+        return wrench
 
     def jacobian(self, samples: WrenchSamples, inertia: Array, theta: Array) -> Array:
         """By mass, frequency, damping and rest point."""
         mass, point = theta[0], theta[3:]
         response = self._respond(samples, theta, derivatives=True)
-        unit_force = -to_body(samples, response.value)
-        shape = [-mass * to_body(samples, d) for d in (response.by_hz, response.by_damping)]
-        by_point = force_columns(point, -mass * body_from_world(samples) @ response.by_point)
-        by_point = by_point + point_columns(mass * unit_force)
-        columns = [force_at(point, f)[..., None] for f in (unit_force, *shape)]
-        return np.concatenate([*columns, by_point], axis=2)
+        world = body_from_world(samples)
+        force, torque = -world @ response.acceleration, world @ self._damping(theta, response)
+        columns = force_columns(point, force) + torque_columns(torque)
+        columns[..., 1:] *= mass
+        columns[..., 3:] += point_columns(mass * force[..., 0])
+        return columns
 
     def screening_basis(self, samples: WrenchSamples, inertia: Array) -> Array:
-        """Responses of an filter bank over natural frequencies: force and arms."""
+        """Responses of a filter bank over natural frequencies: force and arms."""
         acceleration = samples.acceleration - samples.gravity
+        unsettled = self.reading.endswith("unsettled")
         columns = []
         for hz in self.screened_hz:
-            response = _filtered(samples.time, -acceleration, hz, self.unsettled)
+            response = _filtered(samples.time, -acceleration, hz, unsettled)
             force = -to_body(samples, response)
             arms = torque_columns(-skew(force))
             columns += [force_at(np.zeros(3), force)[..., None], arms]
@@ -175,20 +186,30 @@ class SloshingMass(Effect):
         point = np.clip(table[best, 1:] / mass, -0.05, 0.05)
         return np.concatenate([[mass, self.screened_hz[best], _SCREENED_DAMPING], point])
 
+    def _damping(self, theta: Array, response: _Response) -> Array:
+        """2 zeta w_n u x (u' - omega x u) per kg and its derivatives, world axes, (N, 3, 6)."""
+        u, v = response.displacement, response.sliding
+        if self.reading.startswith("anchored"):
+            return np.zeros_like(u)
+        hz, damping = _used_shape(theta)
+        rate = 4.0 * np.pi * hz * damping
+        product = np.cross(u[..., 0], v[..., 0])
+        columns = np.cross(u, v[..., :1], axis=1) + np.cross(u[..., :1], v, axis=1)
+        columns[..., 0] = product
+        columns *= rate
+        columns[..., 1] += 4.0 * np.pi * damping * product
+        columns[..., 2] += 4.0 * np.pi * hz * product
+        return columns
+
     def _respond(self, samples: WrenchSamples, theta: Array, derivatives: bool) -> _Response:
-        hz = max(float(theta[1]), _SLOWEST_HZ)
-        damping = max(float(theta[2]), _LEAST_DAMPING)
+        hz, damping = _used_shape(theta)
         parts = [
             self._respond_segment(samples, part, 2.0 * np.pi * hz, damping, theta[3:], derivatives)
             for part in uniform_segments(samples.time)
         ]
-        stacked = np.concatenate(parts)
-        return _Response(
-            stacked[:, :, 0],
-            2.0 * np.pi * stacked[:, :, 1] * float(theta[1] > _SLOWEST_HZ),
-            stacked[:, :, 2] * float(theta[2] > _LEAST_DAMPING),
-            stacked[:, :, 3:],
-        )
+        stacked = np.concatenate(parts, axis=1)
+        stacked[..., 1] *= 2.0 * np.pi
+        return _Response(*stacked)
 
     def _respond_segment(
         self,
@@ -199,63 +220,53 @@ class SloshingMass(Effect):
         point: Array,
         derivatives: bool,
     ) -> Array:
-        """Columns [u'', d/dw_n, d/dzeta, d/dr (3)] of one gap-free stretch, (n, 3, 6)."""
+        """Displacement, sliding and acceleration of one gap-free stretch, (3, n, 3, 6)."""
         spin = samples.rotation[part] @ samples.angular_velocity[part][..., None]
         system = _system(spin[..., 0], omega_n, damping)
-        turn = samples.rotation[part] @ (
-            skew(samples.angular_acceleration[part])
-            + skew(samples.angular_velocity[part]) @ skew(samples.angular_velocity[part])
-        )
+        omega = skew(samples.angular_velocity[part])
+        turn = samples.rotation[part] @ (skew(samples.angular_acceleration[part]) + omega @ omega)
         offset = (turn @ point[:, None])[..., 0]
         drive = (samples.gravity - samples.acceleration[part] - offset)[..., None]
         if derivatives:
             drive = np.concatenate([drive, -turn], axis=2)
         middle = 0.5 * (system[1:] + system[:-1])
-        transition, step = _discretise(middle, sample_period(samples.time))
-        states = integrate_linear(
-            transition, _trapezoid(step, drive), self._start(drive[0], omega_n)
-        )
-        second = _output(system, states, drive)
-        if not derivatives:
-            blank = np.zeros((*second.shape[:2], 5))
-            return np.concatenate([second, blank], axis=2)
-        shape = self._shape_derivatives(
-            system, transition, step, states[..., :1], spin, omega_n, damping, drive[0]
-        )
-        return np.concatenate([second[..., :1], shape, second[..., 1:]], axis=2)
+        step = _discretise(middle, sample_period(samples.time))
+        states = integrate_linear(step[0], _trapezoid(step[1], drive), self._start(drive, omega_n))
+        found = np.zeros((3, *drive.shape[:2], 6))
+        columns = [0, 3, 4, 5] if derivatives else [0]
+        found[..., columns] = _motion(system, states, drive, spin)
+        if derivatives:
+            shape = _shape_drive(found[..., :1], omega_n, damping)
+            start = np.zeros((6, 2))
+            start[:3] = self._start(drive, omega_n)[:3, :1] * np.array([-2.0 / omega_n, 0.0])
+            states = integrate_linear(step[0], _trapezoid(step[1], shape), start)
+            found[..., 1:3] = _motion(system, states, shape, spin)
+        return found
 
-    def _shape_derivatives(
-        self,
-        system: Array,
-        transition: Array,
-        step: Array,
-        states: Array,
-        spin: Array,
-        omega_n: float,
-        damping: float,
-        first_drive: Array,
-    ) -> Array:
-        """Derivatives of u'' by w_n and zeta, (n, 3, 2)."""
-        displacement, velocity = states[:, :3], states[:, 3:]
-        relative = velocity - skew(spin[..., 0]) @ displacement
-        drive = np.concatenate(
-            [
-                -2.0 * damping * relative - 2.0 * omega_n * displacement,
-                -2.0 * omega_n * relative,
-            ],
-            axis=2,
-        )
-        start = np.zeros((6, 2))
-        if not self.unsettled:
-            start[:3, 0] = -2.0 * first_drive[:, 0] / omega_n**3
-        found = integrate_linear(transition, _trapezoid(step, drive), start)
-        return _output(system, found, drive)
-
-    def _start(self, first_drive: Array, omega_n: float) -> Array:
-        start = np.zeros((6, first_drive.shape[1]))
-        if not self.unsettled:
-            start[:3] = first_drive / omega_n**2
+    def _start(self, drive: Array, omega_n: float) -> Array:
+        start = np.zeros((6, drive.shape[2]))
+        if not self.reading.endswith("unsettled"):
+            start[:3] = drive[0] / omega_n**2
         return start
+
+
+def _used_shape(theta: Array) -> tuple[float, float]:
+    """Natural frequency and damping ratio, kept where the response is defined."""
+    return max(float(theta[1]), _SLOWEST_HZ), max(float(theta[2]), _LEAST_DAMPING)
+
+
+def _shape_drive(motion: Array, omega_n: float, damping: float) -> Array:
+    """Drives (n, 3, 2) of the derivatives by w_n and zeta."""
+    displacement, sliding = motion[0], motion[1]
+    by_frequency = -2.0 * damping * sliding - 2.0 * omega_n * displacement
+    return np.concatenate([by_frequency, -2.0 * omega_n * sliding], axis=2)
+
+
+def _motion(system: Array, states: Array, drive: Array, spin: Array) -> Array:
+    """Displacement, sliding and acceleration (3, n, 3, m) of states [u, u']."""
+    displacement, velocity = states[:, :3], states[:, 3:]
+    sliding = velocity - skew(spin[..., 0]) @ displacement
+    return np.stack([displacement, sliding, system[:, 3:] @ states + drive])
 
 
 def _system(spin: Array, omega_n: float, damping: float) -> Array:
@@ -285,11 +296,6 @@ def _trapezoid(step: Array, drive: Array) -> Array:
     """Input of one step for the mean drive, (n - 1, 6, m)."""
     mean = 0.5 * (drive[1:] + drive[:-1])
     return np.asarray(step[:, :, 3:] @ mean)
-
-
-def _output(system: Array, states: Array, drive: Array) -> Array:
-    """Accelerations u'' (n, 3, m) of states [u, u']."""
-    return np.asarray(system[:, 3:] @ states + drive)
 
 
 def _filtered(time: Array, drive: Array, hz: float, unsettled: bool) -> Array:
