@@ -33,7 +33,10 @@ def set_mass(plant: Plant, mass: float) -> None:
 
 @dataclass
 class SloshingMass(ForceEffect):
-    """A third of the mass is a second body, held at the centre of mass by a spring and a damper."""
+    """A third of the mass is a second body, held at the centre of mass by a spring and a damper.
+
+    It swings at 1 to 1.6 Hz, slowly enough for the motions of an arm to wake it.
+    """
 
     name = "sloshing_mass"
     frequency_hz: float = 3.0
@@ -43,7 +46,7 @@ class SloshingMass(ForceEffect):
 
     def prepare(self, plant: Plant) -> None:
         """Take the mass out of the object and put it into a ball that touches nothing."""
-        self.frequency_hz = float(self.rng.uniform(2.0, 4.0))
+        self.frequency_hz = float(self.rng.uniform(1.0, 1.6))
         self.damping_ratio = float(self.rng.uniform(0.05, 0.2))
         total = plant.model.inertia.mass
         self.mass = min(self.magnitude / 3.0, 0.9) * total
@@ -92,14 +95,14 @@ class SloshingMass(ForceEffect):
 
 @dataclass
 class AddedMass(ForceEffect):
-    """The object carries 0.3 of its mass in fluid that has to be accelerated but weighs nothing."""
+    """The object carries its own mass in fluid that has to be accelerated but weighs nothing."""
 
     name = "added_mass"
     mass: float = 0.0
 
     def prepare(self, plant: Plant) -> None:
         """Make the body heavier."""
-        self.mass = 0.3 * self.magnitude * plant.model.inertia.mass
+        self.mass = self.magnitude * plant.model.inertia.mass
         set_mass(plant, plant.model.inertia.mass + self.mass)
 
     def act(self, plant: Plant) -> None:

@@ -80,7 +80,7 @@ class ForceBias(TouchEffect):
 
 @dataclass
 class ForceDrift(TouchEffect):
-    """The zero wanders by about 0.03 N/s from the moment at which the effect is attached."""
+    """The zero wanders by about 0.01 N/s from the moment at which the effect is attached."""
 
     name = "force_drift"
     rows: Array = field(default_factory=lambda: np.zeros((4, 3)))
@@ -89,7 +89,7 @@ class ForceDrift(TouchEffect):
     def attach(self, plant: Plant) -> None:
         """Draw the rates."""
         directions = np.stack([self.unit_vector() for _ in FINGERS])
-        self.rows = 0.03 * self.magnitude * self.draw_affected()[:, None] * directions
+        self.rows = 0.01 * self.magnitude * self.draw_affected()[:, None] * directions
         self.start = plant.time
 
     def change(self, finger: str, force: Array, time: float) -> Array:
@@ -192,55 +192,82 @@ class TimeOffset(HiddenEffect):
 
 @dataclass
 class ContactOffset(HiddenEffect):
-    """Contact points are reported 2 cm beside their place, constant in the object frame."""
+    """One finger reports its contact point 8 mm beside its place, constant in the object frame."""
 
     name = "contact_offset"
+    finger: str = ""
     offset: Array = field(default_factory=lambda: np.zeros(3))
 
     def attach(self, plant: Plant) -> None:
-        """Draw the direction."""
-        self.offset = 0.02 * self.magnitude * self.unit_vector()
+        """Draw finger and direction."""
+        self.finger = FINGERS[self.rng.integers(len(FINGERS))]
+        self.offset = 0.008 * self.magnitude * self.unit_vector()
 
     def feel(self, view: SensorView) -> dict[str, ContactReading]:
-        """Shift the points."""
+        """Shift the point."""
+        reading = view.contacts[self.finger]
         shift = view.object_pose[:3, :3] @ self.offset
-        moved = {
-            finger: dataclasses.replace(
-                view.contacts[finger], point=view.contacts[finger].point + shift
-            )
-            for finger in view.sensor_rotation
+        return {
+            **view.contacts,
+            self.finger: dataclasses.replace(reading, point=reading.point + shift),
         }
-        return {**view.contacts, **moved}
 
     def truth(self) -> dict[str, Any]:
         """Offset in the object frame."""
-        return {"offset": quantity(self.offset, "m")}
+        return {f"{self.finger}.offset": quantity(self.offset, "m")}
 
 
 @dataclass
 class ContactTorsion(HiddenEffect):
-    """The skins resist spin about the contact normal with at most 2 mm times the normal force."""
+    """The skins resist spin about the contact normal with up to 2 mm times the normal force.
+
+    torque = -mu_t f_n tanh(spin / 0.1 rad/s) n on the object, the opposite on the fingertip.
+    """
 
     name = "contact_torsion"
+    skins: frozenset[int] = frozenset()
+
+    @property
+    def coefficient(self) -> float:
+        """mu_t in m."""
+        return 0.002 * self.magnitude
 
     def attach(self, plant: Plant) -> None:
-        """Let Bullet's solver bear a torque about the normal of every fingertip contact.
+        """Act before every step."""
+        self.skins = frozenset(_skins(plant))
+        if self.magnitude != 0.0 and self.skins:
+            plant.add_pre_step(self.act)
 
-        Bullet multiplies the torsional coefficient of one body by the lateral one of the other.
-        """
-        coefficient = 0.002 * self.magnitude / plant.model.friction
-        for link in _skins(plant):
-            pybullet.changeDynamics(
-                plant.robot, link, spinningFriction=coefficient, physicsClientId=plant.client
-            )
+    def act(self, plant: Plant) -> None:
+        """Brake the spin at every contact with a skin."""
+        points = pybullet.getContactPoints(
+            plant.object_id, plant.robot, physicsClientId=plant.client
+        )
+        angular, _ = plant.object_velocity()
+        for point in points:
+            link, normal, pressure = point[4], np.array(point[7]), point[9]
+            if link in self.skins and pressure > 0.0:
+                state = pybullet.getLinkState(
+                    plant.robot, link, computeLinkVelocity=1, physicsClientId=plant.client
+                )
+                spin = normal @ (angular - np.array(state[7]))
+                torque = -self.coefficient * pressure * np.tanh(spin / 0.1) * normal
+                plant.apply_torque(torque)
+                pybullet.applyExternalTorque(
+                    plant.robot,
+                    link,
+                    (-torque).tolist(),
+                    pybullet.WORLD_FRAME,
+                    physicsClientId=plant.client,
+                )
 
     def truth(self) -> dict[str, Any]:
         """Torque per normal force."""
-        return {"mu_t": quantity(0.002 * self.magnitude, "m")}
+        return {"mu_t": quantity(self.coefficient, "m")}
 
 
 def _skins(plant: Plant) -> list[int]:
     names = {sensor_frame(finger) for finger in FINGERS}
-    count = pybullet.getNumJoints(plant.robot, plant.client)
+    count = pybullet.getNumJoints(plant.robot, plant.client) if plant.robot >= 0 else 0
     infos = (pybullet.getJointInfo(plant.robot, joint, plant.client) for joint in range(count))
     return [info[0] for info in infos if info[12].decode() in names]
