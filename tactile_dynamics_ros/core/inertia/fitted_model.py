@@ -13,6 +13,11 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
 from tactile_dynamics_ros.core.inertia.estimate import EffectEstimate, InertialEstimate, ModelError
 from tactile_dynamics_ros.core.inertia.prior import LogCholeskyPrior
+from tactile_dynamics_ros.core.inertia.systematic import (
+    systematic_basis,
+    systematic_covariance_of_rows,
+    systematic_lever,
+)
 from tactile_dynamics_ros.core.inertia.uncertainty import misfit_inflation, unexcited_parameters
 from tactile_dynamics_ros.core.inertia.wrench_problem import Linearisation, WrenchProblem
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
@@ -135,7 +140,19 @@ class FittedModel:
         filling = data + prior + to_excited.T @ self.noise_information @ to_excited
         covariance = mapping @ bread @ filling @ bread @ mapping.T
         widen = misfit_inflation(self.white_residual, self.white_jacobian)
-        return np.asarray(covariance * np.outer(widen, widen))
+        inverse = np.asarray(mapping @ bread @ mapping.T)
+        return np.asarray(covariance * np.outer(widen, widen) + self._lasting_covariance(inverse))
+
+    def _lasting_covariance(self, inverse: Array) -> Array:
+        """Covariance that presumed lasting errors add, see `systematic`."""
+        lever = systematic_lever(self.samples[0])
+        basis = [
+            block.linearisation.whiten(systematic_basis(samples.rotation, lever))
+            for block, samples in zip(self.blocks, self.samples, strict=True)
+        ]
+        return systematic_covariance_of_rows(
+            inverse, self.white_jacobian, np.concatenate(basis), self.white_residual
+        )
 
     @property
     def samples(self) -> tuple[WrenchSamples, ...]:
