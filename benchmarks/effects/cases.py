@@ -41,16 +41,18 @@ class Case:
         return f"{self.kind}:{hidden}:{self.level:g}:{self.seed}:{self.duration:g}"
 
     def scenario(self) -> ScenarioOptions:
-        """Every second recording has a re-grasp, every fourth loses contact now and then."""
+        """Half of the recordings have a re-grasp, a quarter loses contact, a third has no roll."""
         return ScenarioOptions(
             duration=self.duration,
+            finger_roll=self.seed % 3 != 0,
             regrasp=self.seed % 2 == 1,
             contact_breaks=2 if self.seed % 4 == 3 else 0,
         )
 
     def sensors(self) -> SensorOptions:
-        """Every fourth recording has sensors that sample at different phases."""
-        return SensorOptions(stagger=self.seed % 4 == 2)
+        """A quarter of the recordings samples at different phases, a third shows normals only."""
+        frames = "finger" if self.seed % 3 else "normal"
+        return SensorOptions(stagger=self.seed % 4 == 2, frames=frames)
 
     def record(self) -> HiddenRecording:
         """Generate the recording."""

@@ -26,6 +26,10 @@ class SumOfSines:
         rate = (self.amplitude * omega * cosine).sum(-1)
         return value, rate, -(self.amplitude * omega**2 * sine).sum(-1)
 
+    def scaled(self, factor: float) -> SumOfSines:
+        """The same tones with all amplitudes multiplied."""
+        return SumOfSines(factor * self.amplitude, self.frequency_hz, self.phase)
+
     @classmethod
     def draw(
         cls,

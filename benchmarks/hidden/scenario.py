@@ -34,6 +34,7 @@ class ScenarioOptions:
         band_hz: lowest and highest frequency of the motion.
         position_peak: (lowest, highest) peak excursion per axis, m.
         angle_peak_deg: (lowest, highest) peak rotation per axis.
+        finger_roll: fingers turn about the contact normals, or keep their attitude to the object.
         regrasp: index, middle and ring move to new places around half-time.
         contact_breaks: how many times some finger loses contact and comes back.
     """
@@ -43,6 +44,7 @@ class ScenarioOptions:
     band_hz: tuple[float, float] = (0.2, 2.0)
     position_peak: tuple[float, float] = (0.03, 0.10)
     angle_peak_deg: tuple[float, float] = (20.0, 60.0)
+    finger_roll: bool = True
     regrasp: bool = False
     contact_breaks: int = 0
 
@@ -105,6 +107,8 @@ class Scenario:
         motion = _draw_motion(randomness.stream(seed, "motion"), options)
         lifts = _draw_lifts(randomness.stream(seed, "lifts"), options)
         grasp = draw_grasp(randomness.stream(seed, "grasp"), body, lifts)
+        if not options.finger_roll:
+            grasp = dataclasses.replace(grasp, roll=grasp.roll.scaled(0.0))
         loose = cls(seed, options, body, motion, grasp)
         return dataclasses.replace(loose, grasp=loose._tightened())
 

@@ -37,7 +37,10 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _generate(options: argparse.Namespace) -> HiddenRecording:
     scenario = ScenarioOptions(
-        duration=options.duration, regrasp=options.regrasp, contact_breaks=options.contact_breaks
+        duration=options.duration,
+        finger_roll=options.frames == "finger",
+        regrasp=options.regrasp,
+        contact_breaks=options.contact_breaks,
     )
     sensors = SensorOptions(
         stagger=options.stagger,
@@ -84,7 +87,7 @@ def _parse(arguments: list[str] | None) -> argparse.Namespace:
         "--frames",
         choices=["finger", "normal"],
         default="finger",
-        help="contact frames turn with the finger, or show the normal only",
+        help="fingers roll and contact frames show it, or there is no roll and only a normal",
     )
     parser.add_argument(
         "--no-force-std", action="store_true", help="leave the force noise unstated"

@@ -94,8 +94,8 @@ class ContactTorsion(HiddenEffect):
 
     @classmethod
     def draw(cls, rng: np.random.Generator, magnitude: float, scenario: Scenario) -> ContactTorsion:
-        """Rolling fingers or fingers that keep their attitude."""
-        return cls(magnitude, bool(rng.uniform() < 0.5))
+        """Rolling fingers, if they do roll, or fingers that keep their attitude."""
+        return cls(magnitude, scenario.options.finger_roll and bool(rng.uniform() < 0.5))
 
 
 @dataclass(frozen=True)
