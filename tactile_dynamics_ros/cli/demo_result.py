@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.image import imread
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.cli.demo_monitor import NAMES
@@ -14,9 +18,16 @@ from tactile_dynamics_ros.cli.text_table import align_rows
 from tactile_dynamics_ros.core.inertia.batch import fit_recording
 from tactile_dynamics_ros.core.inertia.estimate import InertialEstimate
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
+from tactile_dynamics_ros.core.rigid_body.rotation import quaternion_to_matrix
 from tactile_dynamics_ros.recording import Recording
 from tactile_dynamics_ros.report.estimate_report import write_estimate_report
 from tactile_dynamics_ros.report.history import EstimateHistory
+from tactile_dynamics_ros.report.page import Picture, Section
+from tactile_dynamics_ros.report.style import house_style
+from tactile_dynamics_ros.report.summary import draw_summary
+
+PORTRAIT = "tactile_dynamics_ros.sim.portrait"
+FEWEST_ESTIMATES = 10
 
 Array = NDArray[np.float64]
 
@@ -48,7 +59,15 @@ def summarise_demo(
     effect = truth["hidden_effect"]
     if hidden != "none":
         say(f"hidden effect: {effect['name']}, {effect['parameters']}")
-    report = write_estimate_report(recording, model, out, history, body)
+    report = write_estimate_report(
+        recording,
+        model,
+        out,
+        history,
+        body,
+        command=f"tactile-dynamics demo --object {truth['object']}",
+        introduction=_introduce(out, history, body, truth["object"]),
+    )
     live = history.value[-1].tolist() if len(history.time) else None
     return {
         "recording": str(out / "recording"),
@@ -58,6 +77,49 @@ def summarise_demo(
         "truth": truth,
         "error": _errors(offline, body),
     }
+
+
+def _introduce(
+    out: Path, history: EstimateHistory, truth: InertialParameters, name: str
+) -> list[Section]:
+    """Return a section that shows the hand with the object in the middle of the motion."""
+    if len(history.time) < FEWEST_ESTIMATES:
+        return []
+    middle = 0.5 * float(history.time[0] + history.time[-1])
+    with house_style(), tempfile.TemporaryDirectory() as scratch:
+        poses, picture = Path(scratch) / "poses.npz", Path(scratch) / "hand.png"
+        positions, object_pose = read_poses(out / "recording", middle)
+        np.savez(poses, positions=positions, object_pose=object_pose)
+        command = [sys.executable, "-m", PORTRAIT, name, str(poses), str(picture)]
+        subprocess.run(command, check=True, capture_output=True, timeout=120)
+        portrait = (255 * imread(picture)[:, :, :3]).astype(np.uint8)
+        figure = draw_summary(portrait, history, truth)
+    text = "The hand in the middle of the motion, and the live estimates; dashed: the truth."
+    shown = Picture("summary", figure, "hand holding the object, and estimates over time", text)
+    return [Section("From grasp to estimate", (), [shown])]
+
+
+def read_poses(recording: Path, time: float) -> tuple[Array, Array]:
+    """Return joint positions (23,) and object pose (4, 4) nearest to a time in a recording, s."""
+    from rosbags.rosbag2 import Reader
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_JAZZY)
+    nearest: dict[str, tuple[float, Any]] = {}
+    with Reader(recording) as reader:
+        wanted = [c for c in reader.connections if c.topic in ("/joint_states", "/object/pose")]
+        for connection, _, raw in reader.messages(connections=wanted):
+            message: Any = store.deserialize_cdr(raw, connection.msgtype)
+            stamp = message.header.stamp
+            gap = abs(stamp.sec + 1e-9 * stamp.nanosec - time)
+            if gap < nearest.get(connection.topic, (np.inf, None))[0]:
+                nearest[connection.topic] = (gap, message)
+    joints, pose = nearest["/joint_states"][1], nearest["/object/pose"][1].pose.pose
+    matrix = np.eye(4)
+    q, p = pose.orientation, pose.position
+    matrix[:3, :3] = quaternion_to_matrix(np.array([q.x, q.y, q.z, q.w]))
+    matrix[:3, 3] = [p.x, p.y, p.z]
+    return np.array(joints.position), matrix
 
 
 def _values(body: InertialParameters) -> Array:

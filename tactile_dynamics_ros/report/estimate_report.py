@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -36,6 +37,7 @@ def write_estimate_report(
     history: EstimateHistory | None = None,
     truth: InertialParameters | None = None,
     command: str = "",
+    introduction: Sequence[Section] = (),
 ) -> Path:
     """Write the report of an estimate.
 
@@ -46,6 +48,7 @@ def write_estimate_report(
         history: estimates as they came live; computed from the fit if absent.
         truth: true parameters where they are known.
         command: how to make the page again.
+        introduction: sections that come before all others.
 
     Returns:
         The path of report.html.
@@ -53,6 +56,7 @@ def write_estimate_report(
     estimate = model.to_estimate()
     with house_style():
         sections = [
+            *introduction,
             _result(estimate, truth),
             _convergence(model, estimate, history, truth),
             _scene(model, estimate, truth),
