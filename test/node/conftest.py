@@ -1,0 +1,66 @@
+"""Nodes in the test's process, driven by messages over real DDS."""
+
+import time
+
+import pytest
+import rclpy
+
+
+class Bench:
+    """Makes nodes, publishes to them and collects what they publish."""
+
+    def __init__(self):
+        self.nodes = []
+        self.publishers = {}
+        self.seen = {}
+
+    def start(self, factory, *arguments):
+        """Create a node with ROS arguments."""
+        if not rclpy.ok():
+            rclpy.init(args=["--ros-args", *arguments] if arguments else [])
+        self.nodes.append(factory())
+        return self.nodes[-1]
+
+    def follow(self, kind, topic, **options):
+        """Collect the messages of a topic."""
+        self.seen[topic] = []
+        self.nodes[0].listen(kind, topic, self.seen[topic].append, **options)
+        return self.seen[topic]
+
+    def send(self, topic, message, **options):
+        """Publish a message; the first time, wait until somebody listens."""
+        if topic not in self.publishers:
+            from tactile_dynamics_ros.nodes.shell import STREAM
+
+            profile = options.get("profile", STREAM)
+            publisher = self.nodes[0].create_publisher(type(message), topic, profile)
+            self.publishers[topic] = publisher
+            self.until(lambda: publisher.get_subscription_count() > 0)
+        self.publishers[topic].publish(message)
+
+    def work(self, seconds=0.005):
+        """Let the nodes work for a moment."""
+        deadline = time.monotonic() + seconds
+        while True:
+            for node in self.nodes:
+                node.work()
+            if time.monotonic() > deadline:
+                return
+            time.sleep(5e-4)
+
+    def until(self, condition, timeout=20.0):
+        """Let the nodes work until the condition holds."""
+        deadline = time.monotonic() + timeout
+        while not condition():
+            assert time.monotonic() < deadline, "condition not met"
+            self.work()
+
+
+@pytest.fixture
+def bench():
+    """A bench that takes everything down after the test."""
+    made = Bench()
+    yield made
+    for node in made.nodes:
+        node.destroy_node()
+    rclpy.try_shutdown()

@@ -1,0 +1,132 @@
+"""The estimator node on a box with known inertia: signs, frames and units from end to end."""
+
+import math
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import InertiaStamped
+from rclpy.parameter import Parameter
+from synthetic_recording import COM, FORCE_STD, INERTIA_COM, MASS, held_box
+
+from tactile_dynamics_ros.nodes import conversions as cv
+from tactile_dynamics_ros.nodes.diagnostics import status_values
+from tactile_dynamics_ros.nodes.inertial_estimator import InertialEstimatorNode
+from tactile_dynamics_ros.nodes.shell import LATCHED
+
+INERTIA = "/inertial_estimator/inertia"
+STATUS = "/inertial_estimator/status"
+
+
+def matrix(position, rotation):
+    """Return a pose (4, 4)."""
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation, position
+    return pose
+
+
+def play(bench, streams, start=0, stop=None, shift=0.0):
+    """Publish what was measured, as the nodes before the estimator would."""
+    pose = streams.pose
+    for k in range(start, stop or len(pose.time)):
+        time = float(pose.time[k]) + shift
+        where = matrix(pose.position[k], pose.rotation[k])
+        bench.send(
+            "/object/pose",
+            cv.uncertain_pose_to_message(where, pose.covariance[k], time, "world"),
+        )
+        for name, contact in streams.contacts.items():
+            place = matrix(contact.position[k], contact.rotation[k])
+            wrench = np.concatenate([np.zeros(3), contact.force[k]])
+            std = np.full(3, FORCE_STD)
+            topic = f"/contact/{name}"
+            bench.send(f"{topic}/pose", cv.pose_to_message(place, time, "world"))
+            bench.send(f"{topic}/force_std", cv.std_to_message(std, time, "world"))
+            bench.send(f"{topic}/force", cv.wrench_to_message(wrench, time, "world"))
+        if k % 10 == 9:
+            bench.work()
+
+
+@pytest.fixture
+def estimator(bench):
+    """A running estimator whose results are collected."""
+    bench.start(InertialEstimatorNode, "-p", "update_rate_hz:=100.0")
+    bench.follow(InertiaStamped, INERTIA, profile=LATCHED)
+    bench.follow(DiagnosticArray, STATUS, profile=LATCHED)
+    return bench
+
+
+def status(bench, name):
+    """Return the values of the newest status of a name."""
+    return next(status_values(s) for s in bench.seen[STATUS][-1].status if s.name == name)
+
+
+def settled(bench, samples):
+    """Whether the newest status has used so many samples and has none left."""
+    found = bench.seen[STATUS]
+    return bool(found) and int(status(bench, "solver")["samples"]) >= samples
+
+
+def test_known_box_is_found_with_its_uncertainty(estimator):
+    streams = held_box(seconds=8.0).streams
+    play(estimator, streams)
+    estimator.until(lambda: settled(estimator, 700))
+    inertia = estimator.seen[INERTIA][-1].inertia
+    assert inertia.m == pytest.approx(MASS, rel=0.01)
+    com = np.array([inertia.com.x, inertia.com.y, inertia.com.z])
+    assert com == pytest.approx(COM, abs=1.5e-3)
+    values = status(estimator, "parameters")
+    for name, truth in (("mass", MASS), ("com_x", COM[0]), ("inertia_xx", INERTIA_COM[0, 0])):
+        std = float(values[f"{name}_std"])
+        assert 0.0 < std < math.inf
+        assert abs(float(values[name]) - truth) < 5 * std
+    assert len(status(estimator, "directions")) == 10
+    assert float(status(estimator, "solver")["whitened_rms"]) == pytest.approx(1.0, abs=0.15)
+
+
+def test_model_changes_live_and_unknown_effects_are_refused(estimator):
+    streams = held_box(seconds=3.0).streams
+    play(estimator, streams)
+    node = estimator.nodes[0]
+    assert node.set_parameters([Parameter("effects", value=["viscous_drag"])])[0].successful
+    estimator.until(
+        lambda: any(s.name == "effect viscous_drag" for s in estimator.seen[STATUS][-1].status)
+    )
+    assert "c" in " ".join(status(estimator, "effect viscous_drag"))
+    assert not node.set_parameters([Parameter("effects", value=["magic"])])[0].successful
+
+
+def test_reset_and_restarted_clock_forget_the_measurements(estimator):
+    streams = held_box(seconds=3.0).streams
+    play(estimator, streams)
+    estimator.until(lambda: settled(estimator, 200))
+    estimator.nodes[0].reset()
+    play(estimator, streams, stop=60, shift=10.0)
+    estimator.until(lambda: estimator.seen[STATUS][-1].header.stamp.sec >= 10)
+    assert int(status(estimator, "solver")["samples"]) < 100
+    play(estimator, streams, stop=60, shift=0.0)
+    estimator.until(lambda: estimator.seen[STATUS][-1].header.stamp.sec < 5)
+    assert estimator.nodes[0].faults.counts["clock_restarted"] == 1
+
+
+def test_bad_messages_are_counted_and_harmless(estimator):
+    streams = held_box(seconds=3.0).streams
+    play(estimator, streams, stop=100)
+    pose = np.eye(4)
+    nan = np.full(6, np.nan)
+    estimator.send("/contact/index/force", cv.wrench_to_message(nan, 1.0, "world"))
+    estimator.send("/contact/index/force", cv.wrench_to_message(np.ones(6), 1.0, "palm"))
+    estimator.send("/object/pose", cv.uncertain_pose_to_message(pose, np.eye(6), 0.5, "world"))
+    estimator.send("/object/pose", cv.uncertain_pose_to_message(pose, np.eye(6), 2.0, "hand"))
+    counts = estimator.nodes[0].faults.counts
+    estimator.until(lambda: {"not_finite", "wrong_frame", "stamp_jumped_back"} <= set(counts))
+    assert counts["wrong_frame"] == 2
+    play(estimator, streams, start=100)
+    estimator.until(lambda: settled(estimator, 200))
+
+
+def test_contact_names_are_free(bench):
+    node = bench.start(InertialEstimatorNode, "-p", "contacts:=[wrist]")
+    topics = {name for name, _ in node.get_topic_names_and_types()}
+    assert "/contact/wrist/force" in topics
+    assert "/contact/index/force" not in topics
