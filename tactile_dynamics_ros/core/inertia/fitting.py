@@ -246,6 +246,7 @@ def _denoise(
     for block in blocks:
         white = block.linearisation.whiten(block.problem.residual(phi, effects, theta))
         problem = block.problem.denoised(block.linearisation.denoise(white))
+        problem = problem.balanced(phi, effects, theta)
         if first:
             residual = problem.residual(phi, effects, theta)
             problem = problem.with_extra_variance(isolated_outlier_variance(white, residual))

@@ -24,6 +24,7 @@ from scipy.sparse import bsr_array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.contact.wrench_samples import GRAVITY_W, WrenchSamples
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.inertia.balance import balance_contacts
 from tactile_dynamics_ros.core.inertia.banded import BandedWhitener
 from tactile_dynamics_ros.core.inertia.contact_grid import (
     ContactSignals,
@@ -87,6 +88,8 @@ class WrenchProblem:
         denoised_motion, denoised_contacts: wide windows on signals at their expected true values.
         valid: (N,) grid times that enter the estimation.
         extra_variance: (N,) additional variance of each residual, for isolated outliers.
+        lacking: (valid samples, 6) wrench that the contact forces of `samples` take on so that they
+            balance the model; None before the first fit.
     """
 
     grid: Array
@@ -97,6 +100,7 @@ class WrenchProblem:
     denoised_contacts: tuple[ContactSignals, ...]
     valid: NDArray[np.bool_]
     extra_variance: Array
+    lacking: Array | None = None
 
     @classmethod
     def from_streams(
@@ -168,7 +172,8 @@ class WrenchProblem:
     @cached_property
     def samples(self) -> WrenchSamples:
         """Denoised forces and motion by wide windows, valid samples only; what effects see."""
-        return self._sample(self.denoised_motion.evaluate(), self.denoised_contacts)
+        samples = self._sample(self.denoised_motion.evaluate(), self.denoised_contacts)
+        return samples if self.lacking is None else balance_contacts(samples, self.lacking)
 
     @cached_property
     def regressor(self) -> Array:
@@ -240,7 +245,16 @@ class WrenchProblem:
             )
             for contact in self.contacts
         )
-        return replace(self, denoised_motion=smooth, denoised_contacts=contacts)
+        return replace(self, denoised_motion=smooth, denoised_contacts=contacts, lacking=None)
+
+    def balanced(
+        self, phi: Array, effects: Sequence[Effect] = (), theta: Sequence[Array] = ()
+    ) -> WrenchProblem:
+        """Return the problem whose denoised contact forces balance the model."""
+        lacking = self.regressor @ phi - self.samples.measured_wrench
+        for effect, parameters in zip(effects, theta, strict=True):
+            lacking = lacking - effect.wrench(self.samples, phi, parameters)
+        return replace(self, lacking=lacking)
 
     def _wide_motion(self) -> MotionSignals:
         """Measured signals with the wide windows."""
@@ -333,12 +347,14 @@ class Linearisation:
     def denoise(self, white_residual: Array) -> dict[str, Array]:
         """Expected errors x - z = -S A^T L^-T r of every signal, (K, 3) by name.
 
-        Of residuals that stay large only the share of the noise is taken.
+        Of residuals that stay large, motion is charged with the share of the noise only; contacts
+        with all, so that effects see forces that balance the model.
         """
         noise = white_residual * noise_share(white_residual)
-        weighted = self.whitener.whiten_transposed(noise)
+        share = self.whitener.whiten_transposed(np.stack([white_residual, noise], axis=1))
         corrections = {}
         for name, matrix, factor in zip(self.names, self.sensitivities, self.factors, strict=True):
+            weighted = share[:, 0 if ":" in name else 1]
             standard = -(matrix.T @ weighted).reshape(-1, 3)
             corrections[name] = np.einsum("kij,kj->ki", factor, standard)
         return corrections

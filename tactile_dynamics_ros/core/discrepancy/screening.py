@@ -1,0 +1,139 @@
+"""Score tests: how much of the residual could each effect explain, before any refit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from tactile_dynamics_ros.core.discrepancy.model import Family, ResidualModel
+from tactile_dynamics_ros.core.discrepancy.windows import window_starts
+
+Array = NDArray[np.float64]
+
+_WINDOW = 0.5
+_DEPENDENT = 1e-7
+
+
+@dataclass(frozen=True)
+class Score:
+    """Score test of one family.
+
+    Attributes:
+        family: what was tested.
+        coefficients: (m,) expected parameters of the family.
+        gain: expected fall of the squared white residual.
+        freedom: rank of the family beside the model.
+        p_value: of the gain, robust against leftover correlation.
+        predicted_rms: expected white RMS after the refit.
+        criterion: squared residual left, in units of the noise floor, plus penalties.
+    """
+
+    family: Family
+    coefficients: Array
+    gain: float
+    freedom: int
+    p_value: float
+    predicted_rms: float
+    criterion: float
+
+
+def screen(model: ResidualModel, families: Sequence[Family], floor: float = 1.0) -> list[Score]:
+    """Score every family on what the model cannot already explain.
+
+    With B projected on the complement of the Jacobian, c = (B^T B)^-1 B^T r and the gain is
+    r^T B c. The variance of the score is taken from its sums over windows of 0.5 s where these
+    scatter more than white noise (the gain then counts for less).
+
+    Args:
+        model: fitted.
+        families: to be scored.
+        floor: white RMS of the noise alone.
+
+    Source: Rao 1948; Newey, West 1987 (block form).
+    """
+    basis = orthonormal(model.jacobian)
+    residual = model.residual - basis @ (basis.T @ model.residual)
+    starts = window_starts(model.time, _WINDOW)
+    projected: dict[int, tuple[Array, Array, Array]] = {}
+    scores = []
+    for family in families:
+        key = id(family.columns)
+        if key not in projected:
+            projected[key] = _project(family.columns, basis, residual)
+        scores.append(_score(family, projected[key], residual, starts, basis.shape[1], floor))
+    return scores
+
+
+def orthonormal(matrix: Array) -> Array:
+    """Orthonormal basis (M, rank) of the columns of a matrix."""
+    scale = np.linalg.norm(matrix, axis=0)
+    scaled = matrix[:, scale > 0] / scale[scale > 0]
+    values, vectors = np.linalg.eigh(scaled.T @ scaled)
+    keep = values > _DEPENDENT * max(values[-1], 1e-300)
+    return np.asarray(scaled @ (vectors[:, keep] / np.sqrt(values[keep])))
+
+
+def _project(columns: Array, basis: Array, residual: Array) -> tuple[Array, Array, Array]:
+    """Unit columns beside the model, the lengths they had there, and their whole lengths."""
+    whole = np.linalg.norm(columns, axis=0)
+    beside = columns - basis @ (basis.T @ columns)
+    length = np.linalg.norm(beside, axis=0)
+    usable = length > 1e-4 * np.maximum(whole, 1e-300)
+    scale = np.where(usable, length, np.inf)
+    return beside / scale, scale, whole
+
+
+def _score(
+    family: Family,
+    projected: tuple[Array, Array, Array],
+    residual: Array,
+    starts: NDArray[np.int64],
+    used: int,
+    floor: float,
+) -> Score:
+    kept = list(family.kept)
+    unit, scale = projected[0][:, kept], projected[1][kept]
+    values, vectors = np.linalg.eigh(unit.T @ unit)
+    sound = values > _DEPENDENT * max(float(values[-1]), 1e-300)
+    half = vectors[:, sound] / np.sqrt(np.maximum(values[sound], 1e-300))
+    score = half.T @ (unit.T @ residual)
+    gain, freedom = float(score @ score), int(sound.sum())
+    total = float(residual @ residual)
+    remaining = max(len(residual) - used - freedom, 1)
+    variance = max((total - gain) / remaining, 1e-300)
+    direction = unit @ half
+    unexplained = residual - direction @ score
+    scatter = np.add.reduceat(direction * unexplained[:, None], starts, axis=0)
+    excess = np.mean(np.sum(scatter**2, axis=0)) / variance if freedom else 1.0
+    statistic = gain / (variance * max(1.0, float(excess)))
+    rows = len(residual)
+    return Score(
+        family=family,
+        coefficients=np.asarray(half @ score) / scale,
+        gain=gain,
+        freedom=freedom,
+        p_value=float(chi2.sf(statistic, freedom)) if freedom else 1.0,
+        predicted_rms=float(np.sqrt(max(total - gain, 0.0) / remaining)),
+        criterion=(total - gain) / floor**2
+        + freedom * float(np.log(rows))
+        + 2.0 * float(np.log(family.choices)),
+    )
+
+
+def best_by_effect(scores: Sequence[Score]) -> list[Score]:
+    """The best family of every effect, best effect first."""
+    best: dict[str, Score] = {}
+    for score in scores:
+        present = best.get(score.family.name)
+        if present is None or score.criterion < present.criterion:
+            best[score.family.name] = score
+    return sorted(best.values(), key=lambda score: score.criterion)
+
+
+def adjusted_p_value(scores: Sequence[Score]) -> float:
+    """Smallest p-value of all scored families, corrected for their number (Bonferroni)."""
+    return min((min(1.0, s.p_value * len(scores)) for s in scores), default=1.0)

@@ -1,0 +1,126 @@
+"""Is the residual white noise? Spectrum and bursts, without knowing what could be missing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+Array = NDArray[np.float64]
+
+_BANDS = 24
+_FEWEST_BINS = 4
+_BURST = 10
+_TOLERATED_POWER = 0.05
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """Periodogram of white residuals, 1 on average where nothing is missing.
+
+    Attributes:
+        hz: (K,) frequencies without zero.
+        power: (K, D).
+    """
+
+    hz: Array
+    power: Array
+
+
+@dataclass(frozen=True)
+class Structure:
+    """What distinguishes a residual from white noise.
+
+    Attributes:
+        p_value: that white noise looks like this, corrected for the number of tests.
+        floor: white RMS of the noise alone, from the median of the spectrum.
+        peak_hz: frequency of the strongest line, or None.
+        bursts: times (n, 2) in s of short stretches that stick out.
+    """
+
+    p_value: float
+    floor: float
+    peak_hz: float | None
+    bursts: Array
+
+
+def periodogram(time: Array, white: Array) -> Spectrum:
+    """Spectrum of (N, D) residuals at an even rate (gaps are closed)."""
+    period = float(np.median(np.diff(time)))
+    count = len(white)
+    transform = np.fft.rfft(white - white.mean(axis=0), axis=0)[1:]
+    hz = np.asarray(np.fft.rfftfreq(count, period)[1:], dtype=np.float64)
+    return Spectrum(hz, np.abs(transform) ** 2 / count)
+
+
+def noise_floor(spectrum: Spectrum) -> float:
+    """White RMS of the noise: the median of exponential variates is ln 2 times their mean."""
+    return float(np.sqrt(np.median(spectrum.power, axis=0).mean() / np.log(2.0)))
+
+
+def examine(time: Array, white: Array) -> Structure:
+    """Test bands of the spectrum, single lines and short bursts against white noise.
+
+    The level of each channel is taken from its own spectrum, so that a misstated noise level is
+    no structure.
+
+    Args:
+        time: (N,) s.
+        white: (N, D).
+    """
+    spectrum = periodogram(time, white)
+    level = np.median(spectrum.power, axis=0) / np.log(2.0)
+    scaled = spectrum.power / np.maximum(level, 1e-300)
+    band_p = _band_p_values(scaled)
+    line_p, line = _line(spectrum.hz, scaled)
+    burst_p, bursts = _bursts(time, white / np.sqrt(np.maximum(level, 1e-300)))
+    smallest = min(3.0 * float(band_p.min()) * len(band_p), 3.0 * line_p, 3.0 * burst_p, 1.0)
+    return Structure(
+        p_value=smallest,
+        floor=noise_floor(spectrum),
+        peak_hz=line if line_p < 1e-3 else None,
+        bursts=bursts,
+    )
+
+
+def band_edges(count: int) -> NDArray[np.int64]:
+    """Edges of bands that widen with frequency, at least four bins each."""
+    edges = np.geomspace(_FEWEST_BINS, count, _BANDS + 1).astype(np.int64)
+    edges = np.unique(np.concatenate([[0], edges]))
+    return np.asarray(edges[np.concatenate([[True], np.diff(edges) >= _FEWEST_BINS])])
+
+
+def _band_p_values(scaled: Array) -> Array:
+    """Of every band, for all channels together and for each channel alone."""
+    edges = band_edges(len(scaled))
+    sums = np.add.reduceat(scaled, edges[:-1], axis=0)
+    bins = np.diff(np.append(edges[:-1], len(scaled)))
+    share = 1.0 + _TOLERATED_POWER
+    together = chi2.sf(2.0 * sums.sum(axis=1) / share, 2.0 * bins * scaled.shape[1])
+    alone = chi2.sf(2.0 * sums / share, 2.0 * bins[:, None])
+    return np.concatenate([together, alone.ravel()])
+
+
+def _line(hz: Array, scaled: Array) -> tuple[float, float]:
+    """P-value and frequency of the strongest line, single channels and their sum."""
+    channels = scaled.shape[1]
+    total = scaled.sum(axis=1)
+    p_total = float(chi2.sf(2.0 * total.max(), 2 * channels)) * len(hz)
+    p_single = float(np.exp(-scaled.max())) * scaled.size
+    if p_total <= p_single:
+        return min(1.0, p_total), float(hz[np.argmax(total)])
+    return min(1.0, p_single), float(hz[np.argmax(scaled.max(axis=1))])
+
+
+def _bursts(time: Array, white: Array) -> tuple[float, Array]:
+    """P-value of the largest energy in 10 samples, and the stretches that stick out."""
+    count = len(white) // _BURST
+    energy = (white[: count * _BURST] ** 2).sum(axis=1).reshape(count, _BURST).sum(axis=1)
+    freedom = _BURST * white.shape[1]
+    p_values = chi2.sf(energy / (1.0 + _TOLERATED_POWER), freedom) * count
+    found = np.flatnonzero(p_values < 1e-3)
+    starts = time[found * _BURST]
+    ends = time[np.minimum((found + 1) * _BURST, len(time) - 1)]
+    return float(min(1.0, p_values.min())), np.stack([starts, ends], axis=1)
