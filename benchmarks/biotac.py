@@ -33,7 +33,7 @@ from tactile_dynamics_ros.core.tactile.calibration import (
 )
 from tactile_dynamics_ros.core.tactile.network.estimator import (
     NetworkForceEstimator,
-    predict_sequence,
+    predict_presses,
 )
 from tactile_dynamics_ros.core.tactile.network.voxel import (
     VoxelConfig,
@@ -106,7 +106,7 @@ def score_models(test: LabelledPresses, voxels: dict[str, VoxelNetwork]) -> dict
     for name, network in voxels.items():
         force, std = predict_voxel(network, change)
         results[name] = score_force(force, std if network.heads > 1 else None, truth)
-    ours = [predict_sequence(part, shipped_network()) for part in test.change]
+    ours = predict_presses(test, shipped_network())
     force = np.concatenate([each.force for each in ours])
     results["ours"] = score_force(force, np.concatenate([each.std for each in ours]), truth)
     point = np.concatenate([each.point for each in ours])

@@ -41,10 +41,11 @@ _BLOCK = re.compile(
 
 @dataclass(frozen=True)
 class NormalTrial:
-    """One recording: tared signals (N, 20), measured directions (N, 3), touching frames (N,)."""
+    """One recording: tared signals (N, 20), rest counts (19,), directions (N, 3), touch (N,)."""
 
     name: str
     change: Array
+    rest: Array
     direction: Array
     touching: NDArray[np.bool_]
 
@@ -62,9 +63,9 @@ def read_trial(path: Path) -> NormalTrial:
     electrodes = np.array([[float(v) for v in block[1].split(",")] for block in blocks])
     direction = np.array([[float(v) for v in block[2:]] for block in blocks])
     floor = np.percentile(pressure, 1)
-    rest = electrodes[pressure < floor + 4]
-    change = np.column_stack([electrodes - np.median(rest, axis=0), pressure - floor]) / 100.0
-    return NormalTrial(path.name, change, direction, pressure - floor > TOUCH_COUNTS)
+    rest = np.median(electrodes[pressure < floor + 4], axis=0)
+    change = np.column_stack([electrodes - rest, pressure - floor]) / 100.0
+    return NormalTrial(path.name, change, rest, direction, pressure - floor > TOUCH_COUNTS)
 
 
 def angles(found: Array, truth: Array) -> Array:
@@ -93,17 +94,21 @@ def score_pair(train: NormalTrial, test: NormalTrial) -> dict[str, float]:
         weights = np.linalg.solve(gram, (features / scale).T @ known) / scale[:, None]
         result[name] = float(np.median(angles(unseen @ weights, truth)))
     for name, points in (
-        ("electrode centroid, sensor rotation from the other trial", electrode_centroid),
+        ("electrode centroid, sensor rotation from the other trial", _centroids),
         ("network from simulation, sensor rotation from the other trial", _network_points),
     ):
-        normals = [skin_normal(points(t.change))[t.touching] for t in (train, test)]
+        normals = [skin_normal(points(t))[t.touching] for t in (train, test)]
         rotation = best_rotation(normals[0], known)
         result[name] = float(np.median(angles(normals[1] @ rotation.T, truth)))
     return result
 
 
-def _network_points(change: Array) -> Array:
-    return predict_sequence(change, shipped_network(), PERIOD).point
+def _centroids(trial: NormalTrial) -> Array:
+    return electrode_centroid(trial.change)
+
+
+def _network_points(trial: NormalTrial) -> Array:
+    return predict_sequence(trial.change, trial.rest, shipped_network(), PERIOD).point
 
 
 def run(folder: Path = DATA) -> dict[str, Any]:

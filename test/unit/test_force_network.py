@@ -17,6 +17,7 @@ from tactile_dynamics_ros.core.tactile.calibration import (
 from tactile_dynamics_ros.core.tactile.electrodes import CHANNELS
 from tactile_dynamics_ros.core.tactile.network.estimator import (
     NetworkForceEstimator,
+    predict_presses,
     predict_sequence,
 )
 from tactile_dynamics_ros.core.tactile.network.inputs import Memory, lagged
@@ -58,7 +59,7 @@ def median_errors(force: np.ndarray, truth: np.ndarray) -> tuple[float, float]:
 
 def test_shipped_network_beats_the_analytic_estimator_on_unseen_units(unseen):
     truth = unseen.force.reshape(-1, 3)
-    network = [predict_sequence(change, shipped_network()) for change in unseen.change]
+    network = predict_presses(unseen, shipped_network())
     ours = median_errors(np.concatenate([each.force for each in network]), truth)
     analytic = [estimate_sequence(change, shipped_calibration())[0] for change in unseen.change]
     theirs = median_errors(np.concatenate(analytic), truth)
@@ -70,7 +71,7 @@ def test_shipped_network_beats_the_analytic_estimator_on_unseen_units(unseen):
 
 def test_intervals_and_contact_point_of_the_shipped_network(unseen):
     _, truth, place = unseen.frames()
-    found = [predict_sequence(change, shipped_network()) for change in unseen.change]
+    found = predict_presses(unseen, shipped_network())
     force, std, point, point_std = (
         np.concatenate([getattr(each, name) for each in found])
         for name in ("force", "std", "point", "point_std")
@@ -90,7 +91,7 @@ def test_tiny_retraining_beats_the_analytic_estimator_fitted_to_the_same(unseen)
     weights = train_network(few, others, "a test", config)
     fitted = fit_calibration(few, others, "a test", every=8)
     truth = unseen.force.reshape(-1, 3)
-    network = [predict_sequence(change, weights).force for change in unseen.change]
+    network = [each.force for each in predict_presses(unseen, weights)]
     analytic = [estimate_sequence(change, fitted)[0] for change in unseen.change]
     ours = median_errors(np.concatenate(network), truth)
     theirs = median_errors(np.concatenate(analytic), truth)
@@ -111,7 +112,7 @@ def test_live_estimator_equals_the_offline_prediction():
     estimator = NetworkForceEstimator()
     estimator.tare(recorded.raw[0, :55])
     live = [estimator.observe(frame) for frame in recorded.raw[0, 60:]]
-    offline = predict_sequence(labelled.change[0], shipped_network())
+    offline = predict_sequence(labelled.change[0], labelled.rest[0], shipped_network())
     touching = np.array([each.in_contact for each in live])
     assert touching[60:].mean() > 0.5
     force = np.array([each.force for each in live])
@@ -142,7 +143,7 @@ def test_weights_file_round_trip_and_damage(tmp_path):
     path = tmp_path / "weights.npz"
     shipped_network().save(path)
     again = NetworkWeights.load(path)
-    inputs, size = np.random.default_rng(1).normal(size=(5, 82)), np.ones((5, 1))
+    inputs, size = np.random.default_rng(1).normal(size=(5, 101)), np.ones((5, 1))
     expected = shipped_network().evaluate(inputs, size)
     assert np.array_equal(again.evaluate(inputs, size).force, expected.force)
     path.write_bytes(b"nothing")

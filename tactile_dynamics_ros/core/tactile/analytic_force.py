@@ -38,8 +38,8 @@ class AnalyticForceModel:
         self.calibration = calibration or shipped_calibration()
         self._creep = CreepFilter(self.calibration.creep, period)
 
-    def reset(self) -> None:
-        """Forget past frames."""
+    def reset(self, rest: Array) -> None:
+        """Forget past frames; the rest counts (19,) do not matter here."""
         self._creep.reset()
 
     def predict(self, change: Array) -> tuple[Array, Array, Array, float]:

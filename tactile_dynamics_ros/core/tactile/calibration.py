@@ -86,12 +86,13 @@ class LabelledPresses:
 
     Attributes:
         change: (U, T, 20) hundreds of counts. force: (U, T, 3) N. point: (U, T, 3) m.
-        period: s between frames.
+        rest: (U, 19) electrode counts without contact. period: s between frames.
     """
 
     change: Array
     force: Array
     point: Array
+    rest: Array
     period: float = 0.01
 
     def frames(self, every: int = 1) -> tuple[Array, Array, Array]:

@@ -71,8 +71,8 @@ class TactileEstimate:
 class ForceModel(Protocol):
     """Turns tared signals, frame by frame, into a contact."""
 
-    def reset(self) -> None:
-        """Forget past frames."""
+    def reset(self, rest: Array) -> None:
+        """Forget past frames; the electrodes rest at (19,) counts."""
 
     def predict(self, change: Array) -> tuple[Array, Array, Array, float]:
         """Return force (3,), std (3,), contact point (3,) and its std for the next frame (20,)."""
@@ -113,7 +113,7 @@ class FingertipEstimator:
         self._rest = RestState.from_frames(raw)
         self._in_contact, self._streak = False, 0
         self.dead = find_dead_electrodes(np.atleast_2d(np.asarray(raw, dtype=float)))
-        self.model.reset()
+        self.model.reset(self._rest.electrodes)
 
     def estimate(self, raw: ArrayLike) -> tuple[Array, Array, bool]:
         """Return force (3,), std (3,) in the sensor frame, and whether there is contact.

@@ -5,8 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.tactile.calibration import LabelledPresses
 from tactile_dynamics_ros.core.tactile.fingertip import FingertipConfig, FingertipEstimator
-from tactile_dynamics_ros.core.tactile.network.inputs import Memory, lagged, network_inputs
+from tactile_dynamics_ros.core.tactile.network.inputs import (
+    REST_MEAN,
+    Memory,
+    lagged,
+    network_inputs,
+)
 from tactile_dynamics_ros.core.tactile.network.weights import (
     NetworkWeights,
     Prediction,
@@ -27,14 +33,16 @@ class NetworkForceModel:
     def __init__(self, weights: NetworkWeights | None = None, period: float = 0.01) -> None:
         self.weights = weights or shipped_network()
         self._memory = Memory(period)
+        self._rest = np.full(19, REST_MEAN)
 
-    def reset(self) -> None:
-        """Forget past frames."""
+    def reset(self, rest: Array) -> None:
+        """Forget past frames and take the electrodes' rest counts (19,)."""
         self._memory.reset()
+        self._rest = rest
 
     def predict(self, change: Array) -> tuple[Array, Array, Array, float]:
         """Return force (3,), std (3,), contact point (3,) and its std for the next frame (20,)."""
-        inputs, size = network_inputs(change, self._memory.update(change))
+        inputs, size = network_inputs(change, self._memory.update(change), self._rest)
         found = self.weights.evaluate(inputs[None], size[None])
         return found.force[0], found.std[0], found.point[0], float(found.point_std[0])
 
@@ -54,6 +62,16 @@ class NetworkForceEstimator(FingertipEstimator):
         super().__init__(NetworkForceModel(weights, config.period), config)
 
 
-def predict_sequence(change: Array, weights: NetworkWeights, period: float = 0.01) -> Prediction:
-    """Return contacts for a sequence of tared signals (T, 20)."""
-    return weights.evaluate(*network_inputs(change, lagged(change, period)))
+def predict_sequence(
+    change: Array, rest: Array, weights: NetworkWeights, period: float = 0.01
+) -> Prediction:
+    """Return contacts for a sequence of tared signals (T, 20) of a unit with rest counts (19,)."""
+    return weights.evaluate(*network_inputs(change, lagged(change, period), rest))
+
+
+def predict_presses(presses: LabelledPresses, weights: NetworkWeights) -> list[Prediction]:
+    """Return contacts for every sequence of labelled presses."""
+    return [
+        predict_sequence(change, rest, weights, presses.period)
+        for change, rest in zip(presses.change, presses.rest, strict=True)
+    ]

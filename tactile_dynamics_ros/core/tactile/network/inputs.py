@@ -13,7 +13,10 @@ Array = NDArray[np.float64]
 MEMORY = np.array([0.03, 0.25, 4.0])
 """Time constants of the low-passes that give the network a past, s."""
 
-INPUTS = 20 * (1 + len(MEMORY)) + 2
+INPUTS = 20 * (1 + len(MEMORY)) + 2 + 19
+
+REST_MEAN, REST_SPREAD = 3100.0, 300.0
+"""Usual electrode counts without contact, and how far units differ."""
 
 
 def lagged(change: Array, period: float) -> Array:
@@ -44,19 +47,22 @@ class Memory:
         return self._state
 
 
-def network_inputs(change: Array, past: Array) -> tuple[Array, Array]:
-    """Return inputs (..., 82) and signal size (..., 1).
+def network_inputs(change: Array, past: Array, rest: Array) -> tuple[Array, Array]:
+    """Return inputs (..., 101) and signal size (..., 1).
 
     The pattern change / size and the differences (change - past) / size tell where, how and since
-    when; the size tells how hard, and scales the network's output.
+    when; the size tells how hard, and scales the output. The rest state tells how sensitive each
+    electrode of this unit is.
 
     Args:
         change: (..., 20) tared signals, hundreds of counts.
         past: (..., 3, 20) low-passed copies.
+        rest: (19,) electrode counts without contact.
     """
     size = signal_size(change) + PATTERN_FLOOR
     pattern = change / size
     recent = (change[..., None, :] - past) / size[..., None]
     flat = recent.reshape(*recent.shape[:-2], -1)
     scale = np.concatenate([np.log(size), size / 4.0], axis=-1)
-    return np.concatenate([pattern, flat, scale], axis=-1), size
+    level = np.broadcast_to((rest - REST_MEAN) / REST_SPREAD, (*change.shape[:-1], 19))
+    return np.concatenate([pattern, flat, scale, level], axis=-1), size

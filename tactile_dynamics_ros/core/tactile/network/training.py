@@ -17,7 +17,7 @@ from tactile_dynamics_ros.core.tactile.calibration import (
     LabelledPresses,
 )
 from tactile_dynamics_ros.core.tactile.features import MIRROR
-from tactile_dynamics_ros.core.tactile.network.estimator import predict_sequence
+from tactile_dynamics_ros.core.tactile.network.estimator import predict_presses
 from tactile_dynamics_ros.core.tactile.network.inputs import INPUTS, lagged, network_inputs
 from tactile_dynamics_ros.core.tactile.network.weights import (
     PLACE_SCALE,
@@ -50,7 +50,7 @@ class TrainingConfig:
 
 @dataclass(frozen=True)
 class Frames:
-    """Frames ready for training: inputs (N, 82), size (N, 1), force (N, 3), point (N, 3)."""
+    """Frames ready for training: inputs (N, 101), size (N, 1), force (N, 3), point (N, 3)."""
 
     inputs: Tensor
     size: Tensor
@@ -62,9 +62,10 @@ def prepare_frames(presses: LabelledPresses, every: int) -> Frames:
     """Return every ``every``-th frame of all sequences, and of their mirrored copies."""
     parts: list[tuple[Array, Array, Array, Array]] = []
     for mirror, axes in ((np.arange(20), np.ones(3)), (MIRROR, MIRROR_AXES)):
-        for change, force, point in zip(presses.change, presses.force, presses.point, strict=True):
-            seen = change[:, mirror]
-            inputs, size = network_inputs(seen, lagged(seen, presses.period))
+        columns = (presses.change, presses.force, presses.point, presses.rest)
+        for change, force, point, rest in zip(*columns, strict=True):
+            seen, level = change[:, mirror], rest[mirror[:19]]
+            inputs, size = network_inputs(seen, lagged(seen, presses.period), level)
             parts.append(
                 (inputs[::every], size[::every], (force * axes)[::every], (point * axes)[::every])
             )
@@ -75,7 +76,7 @@ def prepare_frames(presses: LabelledPresses, every: int) -> Frames:
 
 
 def build_network(width: int) -> nn.Sequential:
-    """Return the perceptron 82 - width - width - width / 2 - 10 with ReLU."""
+    """Return the perceptron 101 - width - width - width / 2 - 10 with ReLU."""
     return nn.Sequential(
         nn.Linear(INPUTS, width),
         nn.ReLU(),
@@ -168,7 +169,7 @@ def _calibrated(
     plain = NetworkWeights(
         mean.numpy(), scale.numpy(), layers, np.ones((knots, 3)), np.ones(knots), origin
     )
-    found = [predict_sequence(change, plain, held_out.period) for change in held_out.change]
+    found = predict_presses(held_out, plain)
     force = np.concatenate([each.force for each in found])
     strength = np.linalg.norm(force, axis=1)
     _, truth, place = held_out.frames()

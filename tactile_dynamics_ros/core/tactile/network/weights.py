@@ -45,7 +45,7 @@ class NetworkWeights:
     """A multilayer perceptron with standardised inputs and calibrated uncertainty.
 
     Attributes:
-        mean, scale: (82,) of the inputs.
+        mean, scale: (101,) of the inputs.
         layers: matrix (n_in, n_out) and bias (n_out,) per layer; ReLU between them.
         force_temperature: (6, 3) factors on the force std at STRENGTH_KNOTS.
         place_temperature: (6,) factors on the point std.
@@ -60,7 +60,7 @@ class NetworkWeights:
     origin: str
 
     def evaluate(self, inputs: Array, size: Array) -> Prediction:
-        """Return contacts for inputs (N, 82) and signal sizes (N, 1).
+        """Return contacts for inputs (N, 101) and signal sizes (N, 1).
 
         f = size o_1..3, std = size (softplus(o_4..6) + floor) temperature(|f|).
         """

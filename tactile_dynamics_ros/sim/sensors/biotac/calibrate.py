@@ -26,11 +26,17 @@ HELD_OUT_SEED = 100_000
 def label_presses(presses: Presses) -> LabelledPresses:
     """Return tared signals of the frames after rest, with their true force and point."""
     start = presses.rest_frames
+    rest = [RestState.from_frames(raw[: start - 5]) for raw in presses.raw]
     change = [
-        RestState.from_frames(raw[: start - 5]).change(raw[start:].astype(float))
-        for raw in presses.raw
+        state.change(raw[start:].astype(float))
+        for state, raw in zip(rest, presses.raw, strict=True)
     ]
-    return LabelledPresses(np.array(change), presses.force[:, start:], presses.point[:, start:])
+    return LabelledPresses(
+        np.array(change),
+        presses.force[:, start:],
+        presses.point[:, start:],
+        np.array([state.electrodes for state in rest]),
+    )
 
 
 def label_protocols(units: int, seed: int) -> dict[str, LabelledPresses]:
@@ -46,6 +52,7 @@ def join_presses(parts: Iterable[LabelledPresses]) -> LabelledPresses:
         np.concatenate([part.change for part in parts]),
         np.concatenate([part.force for part in parts]),
         np.concatenate([part.point for part in parts]),
+        np.concatenate([part.rest for part in parts]),
     )
 
 
