@@ -21,6 +21,7 @@ from tactile_dynamics_ros.core.tracking.kinematic_tracker import (
     KinematicTrackerConfig,
 )
 from tactile_dynamics_ros.core.tracking.pose_average import average_poses
+from tactile_dynamics_ros.core.tracking.pose_fusion import PoseFusion, PoseFusionConfig
 from tactile_dynamics_ros.nodes.conversions import (
     JointReader,
     StampGate,
@@ -41,11 +42,12 @@ WORLD = "world"
 
 @dataclass(frozen=True)
 class TrackerNodeConfig:
-    """When tracking starts and ends."""
+    """When tracking starts and ends, and what /object/pose is."""
 
     start_poses: int = parameter(15, "poses from vision that are averaged to start", "", 2, 1000)
     release_time: float = parameter(0.5, "time without thumb that ends the grasp", "s", 0.02, 10.0)
     publish_fused: bool = parameter(True, "publish /object/pose too, where no fusion node runs")
+    follow_vision: bool = parameter(True, "/object/pose follows slip that vision sees")
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -56,7 +58,8 @@ class KinematicTrackerNode(Shell):
 
     Poses from vision are averaged in the thumb's frame, so the object may move meanwhile. Where
     someone says on /object/held when the object is off the table, tracking starts anew at that
-    moment, and /object/pose is silent before and after.
+    moment, and /object/pose is silent before and after. /object/pose/kinematic knows vision only
+    from the start; /object/pose is corrected by it for slip in the hand.
     """
 
     def __init__(self) -> None:
@@ -65,6 +68,7 @@ class KinematicTrackerNode(Shell):
         self.kinematics = HandKinematics()
         tracker = declare_config(self, KinematicTrackerConfig)
         self.tracker = KinematicTracker(self.kinematics, tracker)
+        self.fusion = PoseFusion(declare_config(self, PoseFusionConfig, "fusion."))
         self._reader = JointReader(self.kinematics.joint_names)
         self._joints = JointHistory()
         self._gate, self._vision_gate = StampGate("/joint_states"), StampGate(VISION)
@@ -103,6 +107,12 @@ class KinematicTrackerNode(Shell):
             return
         anchor = self.kinematics.sensor_pose(ANCHOR, positions)
         self._seen.append(np.linalg.inv(anchor) @ pose)
+        if self.tracker.initialised and self.config.follow_vision:
+            covariance = self.tracker.vision_covariance()
+            if self._vision_covariance is not None:
+                covariance = self._vision_covariance
+            if not self.fusion.correct(pose, covariance, to_seconds(message.header.stamp)):
+                self.faults.add("vision_rejected")
 
     def _on_joints(self, message: JointState) -> None:
         positions = self._reader.positions(message)
@@ -127,14 +137,16 @@ class KinematicTrackerNode(Shell):
         if covariance is None:
             covariance = turn @ spread @ turn.T
         self.tracker.initialise(anchor @ mean, positions, covariance, time)
+        self.fusion.reset()
 
     def _follow(self, message: JointState, positions: Array, time: float) -> None:
         touching = [f for f, last in self._touched.items() if time - last < 0.05]
         pose, covariance = self.tracker.update(positions, time, touching)
-        result = uncertain_pose_to_message(pose, covariance, message.header.stamp, WORLD)
-        self._kinematic.publish(result)
+        stamp = message.header.stamp
+        self._kinematic.publish(uncertain_pose_to_message(pose, covariance, stamp, WORLD))
+        fused, fused_covariance = self.fusion.predict(pose, covariance, time)
         if self._held and self.config.publish_fused:
-            self._fused.publish(result)
+            self._fused.publish(uncertain_pose_to_message(fused, fused_covariance, stamp, WORLD))
 
     def _grasped(self, time: float) -> bool:
         """Whether thumb and another finger have touched within the release time."""

@@ -94,10 +94,13 @@ class KinematicTracker:
         ):
             raise BadInputError("initial object pose: expected a rigid transform (4, 4)")
         if covariance is None:
-            covariance = _diagonal(
-                np.deg2rad(self.config.vision_rotation_std_deg), self.config.vision_position_std
-            )
+            covariance = self.vision_covariance()
         self._grasp = _Grasp(self.kinematics, pose, joint_positions, np.array(covariance), time)
+
+    def vision_covariance(self) -> Array:
+        """Return the covariance (6, 6) taken for a pose from vision that states none."""
+        turn = np.deg2rad(self.config.vision_rotation_std_deg)
+        return _diagonal(turn, self.config.vision_position_std)
 
     def reset(self) -> None:
         """Forget the object."""

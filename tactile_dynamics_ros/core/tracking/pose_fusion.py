@@ -54,6 +54,12 @@ class PoseFusion:
 
     def __init__(self, config: PoseFusionConfig | None = None) -> None:
         self.config = config or PoseFusionConfig()
+        turn, shift = np.deg2rad(self.config.slip_rotation_deg), self.config.slip_position
+        self._growth = np.diag([turn**2] * 3 + [shift**2] * 3)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the slip and all poses: the object was grasped anew."""
         self.rejected = 0
         self.slip_factor = 1.0
         self._history: deque[tuple[float, Array]] = deque()
@@ -61,8 +67,6 @@ class PoseFusion:
         self._slip = np.eye(4)
         self._corrected = -np.inf
         self._covariance: Array | None = None
-        turn, shift = np.deg2rad(self.config.slip_rotation_deg), self.config.slip_position
-        self._growth = np.diag([turn**2] * 3 + [shift**2] * 3)
 
     def predict(self, kinematic: Array, covariance: Array, time: float) -> tuple[Array, Array]:
         """Take a kinematic pose and return the fused one.
