@@ -178,3 +178,17 @@ def test_fused_pose_is_silent_while_the_object_stands_on_the_table(grasp):
     for _ in range(30):
         grasp.step()
     assert grasp.poses()
+
+
+def test_fused_pose_follows_slip_in_the_hand_that_vision_sees(grasp):
+    start_tracking(grasp)
+    for _ in range(60):
+        grasp.offset[0, 3] += 5e-5
+        grasp.step()
+    truth = grasp.truth(POSITIONS)[:3, 3]
+    errors = []
+    for topic in ("/object/pose", "/object/pose/kinematic"):
+        pose, _ = cv.uncertain_pose_to_core(grasp.poses(topic)[-1], topic, "world")
+        errors.append(np.linalg.norm(pose[:3, 3] - truth))
+    assert errors[0] < 1e-3
+    assert errors[1] > 2.5e-3
