@@ -182,8 +182,8 @@ def test_fused_pose_is_silent_while_the_object_stands_on_the_table(grasp):
 
 def test_fused_pose_follows_slip_in_the_hand_that_vision_sees(grasp):
     start_tracking(grasp)
-    for _ in range(60):
-        grasp.offset[0, 3] += 5e-5
+    for k in range(120):
+        grasp.offset[0, 3] += 4e-5 if k < 80 else 0.0
         grasp.step()
     truth = grasp.truth(POSITIONS)[:3, 3]
     errors = []
