@@ -8,13 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
-from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 from tactile_dynamics_ros.core.inertia.excitation.criterion import Criterion
 from tactile_dynamics_ros.core.inertia.excitation.grip import Grip
 from tactile_dynamics_ros.core.inertia.excitation.limits import (
     ArmLimits,
     MotionLimits,
     fit_to_limits,
+    usage_at_rest,
 )
 from tactile_dynamics_ros.core.inertia.excitation.trajectory import (
     CHANNELS,
@@ -87,9 +88,18 @@ def design_motion(
         arm: joint limits; None if the arm does not limit.
         config: family and effort.
 
+    Raises:
+        NotIdentifiableError: the grip would slip even at rest.
+
     Source: Schwefel 1995 (log-normal step sizes); Swevers et al. 1997 on Fourier excitation.
     """
     config, limits = config or DesignConfig(), limits or MotionLimits()
+    resting = usage_at_rest(start, grip, phi)
+    if resting > 1.0:
+        raise NotIdentifiableError(
+            f"excitation: holding still takes {resting:.0%} of the friction cones, so that no "
+            "motion is safe: squeeze harder or state more friction"
+        )
     rng = np.random.default_rng(config.seed)
     time = np.arange(0.0, config.duration, 1.0 / config.grid_rate_hz)
     family = _family(config)

@@ -14,6 +14,8 @@ from tactile_dynamics_ros.core.rigid_body.rotation import skew
 
 Array = NDArray[np.float64]
 
+_HELD_PERCENTILE = 99.5
+
 
 @dataclass(frozen=True)
 class Grip:
@@ -39,7 +41,7 @@ class Grip:
         Args:
             samples: of the held object; the mean over samples in contact is taken.
             phi: (10,) dynamic parameters.
-            friction: coefficient.
+            friction: coefficient; raised to what the samples show to hold.
         """
         count = np.maximum(samples.in_contact.sum(axis=0), 1)[:, None]
         held = np.flatnonzero(samples.in_contact.mean(axis=0) > 0.5)
@@ -53,7 +55,8 @@ class Grip:
         )
         carried = loose.share(matrix @ phi)
         squeeze = (samples.contact_force[:, held] - carried).mean(axis=0)
-        return cls(names, point, normal, squeeze, friction)
+        shown = float(np.percentile(_sliding_ratio(squeeze + carried, normal), _HELD_PERCENTILE))
+        return cls(names, point, normal, squeeze, max(friction, shown))
 
     def share(self, wrench: Array) -> Array:
         """Smallest additional forces (N, C, 3) that apply wrenches (N, 6), beside the squeeze."""
@@ -89,10 +92,14 @@ class Grip:
 
     def usage(self, samples: WrenchSamples) -> float:
         """Largest share of the friction cone in use; above 1 a finger slips."""
-        force = samples.contact_force
-        pressing = np.einsum("nci,ci->nc", force, self.normal)
-        sliding = np.linalg.norm(force - pressing[..., None] * self.normal, axis=-1)
-        return float(np.max(sliding / np.maximum(self.friction * pressing, 1e-6)))
+        return float(np.max(_sliding_ratio(samples.contact_force, self.normal)) / self.friction)
+
+
+def _sliding_ratio(force: Array, normal: Array) -> Array:
+    """Tangential over normal force, (N, C)."""
+    pressing = np.sum(force * normal, axis=-1)
+    sliding = np.linalg.norm(force - pressing[..., None] * normal, axis=-1)
+    return np.asarray(sliding / np.maximum(pressing, 1e-6))
 
 
 def _frames(normal: Array) -> Array:

@@ -11,11 +11,16 @@ from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.contact.hand_kinematics import ARM_DOF, HandKinematics
 from tactile_dynamics_ros.core.contact.robot_description import ARM_JOINTS
 from tactile_dynamics_ros.core.inertia.excitation.grip import Grip
-from tactile_dynamics_ros.core.inertia.excitation.trajectory import FourierOffsets, HeldPose
+from tactile_dynamics_ros.core.inertia.excitation.trajectory import (
+    CHANNELS,
+    FourierOffsets,
+    HeldPose,
+)
 
 Array = NDArray[np.float64]
 
 _BISECTIONS = 12
+_MORE_THAN_REST = 1.1
 
 
 @dataclass(frozen=True)
@@ -100,7 +105,8 @@ def fit_to_limits(
 ) -> FourierOffsets:
     """Scale a motion to the largest that is allowed.
 
-    Each axis is first scaled to its amplitude, the whole then to joint and grip limits.
+    Each axis is first scaled to its amplitude, the whole then to joint and grip limits. Where
+    holding still takes more of the grip than the share allowed, a tenth more than that is allowed.
 
     Args:
         motion: candidate.
@@ -118,7 +124,15 @@ def fit_to_limits(
         rates = (fitted.evaluate(time + step) - fitted.evaluate(time - step)) / (2.0 * step)
         share = arm.share(fitted.evaluate(time), rates, limits.speed_share)
         fitted = fitted.scaled(min(1.0, share))
-    return fitted.scaled(_grip_share(fitted, start, grip, phi, limits.grip_share, time))
+    allowed = max(limits.grip_share, _MORE_THAN_REST * usage_at_rest(start, grip, phi))
+    return fitted.scaled(_grip_share(fitted, start, grip, phi, allowed, time))
+
+
+def usage_at_rest(start: HeldPose, grip: Grip, phi: Array) -> float:
+    """Share of the friction cones that holding still takes."""
+    nothing = np.zeros((CHANNELS, 1))
+    still = FourierOffsets(1.0, np.ones(1), nothing, nothing)
+    return grip.usage(grip.load(start.follow(still, np.array([0.5])), phi))
 
 
 def _grip_share(

@@ -55,6 +55,7 @@ class IncrementalInertialEstimator:
         """Forget all measurements; the model stays."""
         self._stream = SampleStream(self._config)
         self._newest = -np.inf
+        self._seen = 0
         self._summariser = Summariser()
         self._successor: Accumulation | None = None
         self._restart()
@@ -124,8 +125,9 @@ class IncrementalInertialEstimator:
         self._stream.align(self._newest if now is None else max(now, self._newest))
         if self._stream.names != self._model.names and self._effects:
             self._restart()
-        self._model.advance(self._config.replay_batch)
-        self._revise()
+        arrived, self._seen = self._stream.end - self._seen, self._stream.end
+        self._model.advance(self._config.replay_batch + arrived)
+        self._revise(arrived)
         if self._model.solver is None:
             return None
         pending = 0 if self._model.is_current else self._stream.end - self._model.next
@@ -138,10 +140,10 @@ class IncrementalInertialEstimator:
     def _restarted(self) -> Accumulation:
         return Accumulation(self._config, self._stream, self._effects, self._stream.first)
 
-    def _revise(self) -> None:
+    def _revise(self, arrived: int) -> None:
         """Process the kept samples again if their whitening assumed quite another body."""
         if self._successor is not None:
-            self._successor.advance(self._config.replay_batch)
+            self._successor.advance(self._config.replay_batch + arrived)
             if self._successor.is_current:
                 self._successor.resume()
                 self._model, self._successor = self._successor, None

@@ -1,0 +1,140 @@
+"""An excitation for the object, grip and estimate that a fitted recording shows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.contact.hand_kinematics import HandKinematics
+from tactile_dynamics_ros.core.inertia.estimate import PARAMETER_NAMES
+from tactile_dynamics_ros.core.inertia.excitation.criterion import (
+    InertiaCriterion,
+    wrench_information,
+)
+from tactile_dynamics_ros.core.inertia.excitation.design import DesignConfig, design_motion
+from tactile_dynamics_ros.core.inertia.excitation.grip import Grip
+from tactile_dynamics_ros.core.inertia.excitation.limits import ArmLimits, MotionLimits
+from tactile_dynamics_ros.core.inertia.excitation.trajectory import FourierOffsets, HeldPose
+from tactile_dynamics_ros.core.inertia.fitted_model import FittedModel
+from tactile_dynamics_ros.core.rigid_body.inertial_parameters import com_inertia_jacobian
+
+Array = NDArray[np.float64]
+
+CARRYING_ARM = (0.0, 0.5, 0.0, -1.5, 0.0, 1.14, 0.0)
+_HAND = 0.5
+_SAMPLE_RATE_HZ = 100.0
+_TABLE_RATE_HZ = 100.0
+_UNITS = ("kg", *("m",) * 3, *("kg m^2",) * 6)
+_PIVOT_IN_PALM = np.array([0.09, 0.0, 0.08])
+
+
+@dataclass(frozen=True)
+class ExcitationPlan:
+    """A designed motion and what it is expected to bring.
+
+    Attributes:
+        offsets: the motion.
+        grip_usage: largest share of the friction cones that it needs.
+        std_before: (10,) standard deviations of [m, com, inertia about the com] now.
+        std_after: (10,) expected after the motion.
+        expected_before: expected affine-invariant distance to the truth now.
+        expected_after: after the motion.
+    """
+
+    offsets: FourierOffsets
+    grip_usage: float
+    std_before: Array
+    std_after: Array
+    expected_before: float
+    expected_after: float
+
+    def deviations(self) -> dict[str, tuple[float, float, str]]:
+        """Standard deviation now, expected after the motion, and unit, by parameter."""
+        columns = (PARAMETER_NAMES, self.std_before, self.std_after, _UNITS)
+        return {
+            name: (float(now), float(after), unit)
+            for name, now, after, unit in zip(*columns, strict=True)
+        }
+
+    def motion_table(self) -> dict[str, Any]:
+        """The motion as samples: {"time": [N], "offsets": [[6] x N]}."""
+        time = np.arange(0.0, self.offsets.duration + 0.5 / _TABLE_RATE_HZ, 1.0 / _TABLE_RATE_HZ)
+        offsets = np.round(self.offsets.evaluate(time), 7)
+        return {"time": np.round(time, 4).tolist(), "offsets": offsets.tolist()}
+
+    def to_json(self) -> dict[str, Any]:
+        """The document that `tactile-dynamics excite --json` prints."""
+        peak = np.abs(self.offsets.evaluate(np.linspace(0.0, self.offsets.duration, 2000)))
+        return {
+            "duration_s": self.offsets.duration,
+            "frequency_hz": self.offsets.frequency_hz.tolist(),
+            "largest_offsets": peak.max(axis=0).tolist(),
+            "grip_usage": self.grip_usage,
+            "expected_distance": {"before": self.expected_before, "after": self.expected_after},
+            "std": {
+                name: {"before": now, "after": after, "unit": unit}
+                for name, (now, after, unit) in self.deviations().items()
+            },
+        }
+
+
+def plan_excitation(
+    model: FittedModel,
+    config: DesignConfig | None = None,
+    limits: MotionLimits | None = None,
+    friction: float = 0.6,
+    kind: Literal["A", "D"] = "A",
+    arm: Sequence[float] | None = None,
+) -> ExcitationPlan:
+    """Design the next motion for what a recording shows.
+
+    Args:
+        model: fitted to the recording; it gives the estimate, its covariance and the grip.
+        config: duration and effort of the search.
+        limits: amplitudes and margins.
+        friction: coefficient between fingertips and object.
+        kind: of criterion, see `InertiaCriterion`.
+        arm: (7,) rad, joints at the start; the carrying posture by default.
+    """
+    config = config or DesignConfig()
+    samples, phi = model.samples[-1], model.phi
+    grip = Grip.from_samples(samples, phi, friction)
+    kinematics = HandKinematics()
+    joints = np.concatenate([CARRYING_ARM if arm is None else arm, np.full(16, _HAND)])
+    palm = kinematics.locate(joints).palm
+    reach = ArmLimits.of_robot(kinematics, joints, palm[:3, 3] + palm[:3, :3] @ _PIVOT_IN_PALM)
+    pivot = samples.position[-1] + samples.rotation[-1] @ grip.point.mean(axis=0)
+    start = HeldPose(samples.rotation[-1], samples.position[-1], pivot)
+    known = np.asarray(np.linalg.inv(model.covariance[:10, :10]))
+    std = _force_std(model)
+    ratio = _SAMPLE_RATE_HZ / config.grid_rate_hz
+    criterion = InertiaCriterion(phi, 0.5 * (known + known.T), std, ratio, kind)
+    designed = design_motion(criterion, start, grip, phi, limits, reach, config)
+    time = np.arange(0.0, config.duration, 1.0 / config.grid_rate_hz)
+    moved = grip.load(start.follow(designed.offsets, time), phi)
+    after = np.linalg.inv(known + ratio * wrench_information(moved, std))
+    mapping = com_inertia_jacobian(phi)
+    before = model.covariance[:10, :10]
+    return ExcitationPlan(
+        designed.offsets,
+        designed.grip_usage,
+        np.sqrt(np.diag(mapping @ before @ mapping.T)),
+        np.sqrt(np.diag(mapping @ after @ mapping.T)),
+        float(np.sqrt(np.trace(criterion.metric @ before))),
+        float(np.sqrt(np.trace(criterion.metric @ after))),
+    )
+
+
+def _force_std(model: FittedModel) -> float:
+    """Median standard deviation of the forces, N."""
+    factors = [
+        contact.signals["force"].noise_factor
+        for block in model.blocks
+        for contact in block.problem.contacts
+    ]
+    stds = np.concatenate([np.sqrt(np.einsum("kij,kij->k", f, f) / 3.0) for f in factors])
+    return max(float(np.median(stds)), 1e-4)
