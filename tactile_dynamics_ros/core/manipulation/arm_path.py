@@ -109,12 +109,7 @@ def excite(
     for scale in (1.0, 0.85, 0.7, 0.55, 0.4, 0.25, 0.1):
 
         def palm(time: float, scale: float = scale) -> Array:
-            offset = scale * offsets(time)
-            pose = np.eye(4)
-            turn = exp_so3(offset[:3])
-            pose[:3, :3] = turn @ start[:3, :3]
-            pose[:3, 3] = pivot + turn @ (start[:3, 3] - pivot) + offset[3:]
-            return pose
+            return _move_about(start, pivot, scale * offsets(time))
 
         try:
             return _follow(kinematics, positions, palm, duration, scale)
@@ -123,6 +118,15 @@ def excite(
     raise NotIdentifiableError(
         "excitation: the arm cannot make even a tenth of the motion here; lift to another place"
     )
+
+
+def _move_about(palm: Array, pivot: Array, offset: Array) -> Array:
+    """Turn a pose (4, 4) about a pivot (3,) and shift it by offset (6,) [rotation, translation]."""
+    turn = exp_so3(offset[:3])
+    pose = np.eye(4)
+    pose[:3, :3] = turn @ palm[:3, :3]
+    pose[:3, 3] = pivot + turn @ (palm[:3, 3] - pivot) + offset[3:]
+    return pose
 
 
 def minimum_jerk(fraction: Array) -> Array:

@@ -79,24 +79,24 @@ def plan_grasp(
     """
     geometry = geometry or GraspGeometry()
     frame_palm = _palm_in_grasp_frame(geometry, site)
-    best: tuple[float, Array, Array] | None = None
+    ways = []
     for flip in (np.eye(3), np.diag([-1.0, -1.0, 1.0])):
         grasp = object_pose @ site.frame()
         grasp[:3, :3] = grasp[:3, :3] @ flip
         palm = grasp @ frame_palm
         start = np.concatenate([ARM_HOME, HAND_SEED])
         start[0] = np.arctan2(palm[1, 3], palm[0, 3])
-        arm, error = solve_arm(kinematics, start, palm, ARM_HOME)
-        cost = float(np.abs(arm[:ARM_DOF] - ARM_HOME).max()) + (100.0 if error > 1e-3 else 0.0)
-        if best is None or cost < best[0]:
-            best = (cost, palm, arm)
-    if best is None or best[0] > 50.0:
+        positions, error = solve_arm(kinematics, start, palm, ARM_HOME)
+        if error < 1e-3:
+            ways.append((float(np.abs(positions[:ARM_DOF] - ARM_HOME).max()), palm, positions))
+    if not ways:
         where = np.round(object_pose[:3, 3], 3).tolist()
         raise NotIdentifiableError(
             f"grasp plan: the arm cannot reach the object at {where} m; "
             "move it to the middle of the table"
         )
-    return _plan_fingers(kinematics, site, geometry, best[1], best[2])
+    _, palm, positions = min(ways, key=lambda way: way[0])
+    return _plan_fingers(kinematics, site, geometry, palm, positions)
 
 
 def _palm_in_grasp_frame(geometry: GraspGeometry, site: GraspSite) -> Array:
@@ -145,18 +145,11 @@ def _plan_fingers(
     depths["open"] = tuple(-share * geometry.opening for share in (1.0, 0.75, 0.5))
     for name in ("touch", "closed", "open"):
         start = joints.get("touch", start)
-        for depth in depths[name]:
-            tips = world_points + (depth - SKIN_RADIUS) * world_normals
-            joints[name], errors = solve_fingers(
-                kinematics, start, tips, world_normals, PAD_DIRECTIONS, iterations=60
-            )
-            if float(errors.max()) < 2e-3:
-                break
-        else:
-            finger = FINGERS[int(errors.argmax())]
+        joints[name], missed = _reach(kinematics, start, world_points, world_normals, depths[name])
+        if missed is not None:
             raise NotIdentifiableError(
-                f"grasp plan: the {finger} finger misses its place by {errors.max() * 1e3:.1f} mm "
-                f"({name}); a width of {site.width * 1e3:.0f} mm there does not suit the hand"
+                f"grasp plan ({name}): the {missed} cannot get to its place; "
+                f"a width of {site.width * 1e3:.0f} mm there does not suit the hand"
             )
     rotation = palm[:3, :3]
     return GraspPlan(
@@ -168,6 +161,28 @@ def _plan_fingers(
         points=(world_points - palm[:3, 3]) @ rotation,
         normals=world_normals @ rotation,
     )
+
+
+def _reach(
+    kinematics: HandKinematics,
+    start: Array,
+    points: Array,
+    normals: Array,
+    depths: tuple[float, ...],
+) -> tuple[Array, str | None]:
+    """Joint positions with the skins at the first depth behind the faces that can be reached.
+
+    Returns also the name of the finger that reaches none, or None.
+    """
+    positions, errors = start, np.full(len(FINGERS), np.inf)
+    for depth in depths:
+        tips = points + (depth - SKIN_RADIUS) * normals
+        positions, errors = solve_fingers(
+            kinematics, start, tips, normals, PAD_DIRECTIONS, iterations=60
+        )
+        if float(errors.max()) < 2e-3:
+            return positions, None
+    return positions, FINGERS[int(errors.argmax())]
 
 
 def squeeze_forces(points: Array, normals: Array, thumb_force: float) -> Array:
