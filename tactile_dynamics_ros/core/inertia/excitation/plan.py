@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -17,7 +17,11 @@ from tactile_dynamics_ros.core.inertia.excitation.criterion import (
 )
 from tactile_dynamics_ros.core.inertia.excitation.design import DesignConfig, design_motion
 from tactile_dynamics_ros.core.inertia.excitation.grip import Grip
-from tactile_dynamics_ros.core.inertia.excitation.limits import ArmLimits, MotionLimits
+from tactile_dynamics_ros.core.inertia.excitation.limits import (
+    ArmLimits,
+    MotionLimits,
+    usage_at_rest,
+)
 from tactile_dynamics_ros.core.inertia.excitation.trajectory import FourierOffsets, HeldPose
 from tactile_dynamics_ros.core.inertia.fitted_model import FittedModel
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import com_inertia_jacobian
@@ -96,7 +100,7 @@ def plan_excitation(
         model: fitted to the recording; it gives the estimate, its covariance and the grip.
         config: duration and effort of the search.
         limits: amplitudes and margins.
-        friction: coefficient between fingertips and object.
+        friction: coefficient between fingertips and object; raised to what holding it takes.
         kind: of criterion, see `InertiaCriterion`.
         arm: (7,) rad, joints at the start; the carrying posture by default.
     """
@@ -109,6 +113,7 @@ def plan_excitation(
     reach = ArmLimits.of_robot(kinematics, joints, palm[:3, 3] + palm[:3, :3] @ _PIVOT_IN_PALM)
     pivot = samples.position[-1] + samples.rotation[-1] @ grip.point.mean(axis=0)
     start = HeldPose(samples.rotation[-1], samples.position[-1], pivot)
+    grip = replace(grip, friction=grip.friction * max(usage_at_rest(start, grip, phi), 1.0))
     known = np.asarray(np.linalg.inv(model.covariance[:10, :10]))
     std = _force_std(model)
     ratio = _SAMPLE_RATE_HZ / config.grid_rate_hz
