@@ -16,9 +16,9 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
     parser.add_argument("what", choices=["biotac"], help="what to train")
     parser.add_argument("--seed", type=int, default=0, help="of units, presses and weights (0)")
     parser.add_argument(
-        "--units", type=int, default=320, help="simulated sensors per protocol (320)"
+        "--units", type=int, default=800, help="simulated sensors per protocol (800)"
     )
-    parser.add_argument("--epochs", type=int, default=50, help="passes over the frames (50)")
+    parser.add_argument("--epochs", type=int, default=60, help="passes over the frames (60)")
     parser.add_argument("--out", metavar="FILE", help="where to write (the shipped file)")
     parser.set_defaults(run=run)
 
@@ -36,7 +36,7 @@ def run(args: Namespace) -> int:
     start = time.monotonic()
     print("pressing simulated fingertips ...", file=sys.stderr)
     presses = join_presses(label_protocols(args.units, args.seed).values())
-    others = max(args.units // 3, 2)
+    others = max(args.units // 6, 2)
     held_out = join_presses(label_protocols(others, args.seed + HELD_OUT_SEED).values())
     command = f"train biotac --seed {args.seed} --units {args.units} --epochs {args.epochs}"
     config = TrainingConfig(epochs=args.epochs, seed=args.seed)

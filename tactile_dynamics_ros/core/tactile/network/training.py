@@ -35,10 +35,10 @@ OUTPUTS = 10
 class TrainingConfig:
     """Size of the network and of its training."""
 
-    width: int = parameter(160, "units of the first two hidden layers", "", 4, 2048)
-    epochs: int = parameter(50, "passes over the frames", "", 1, 10000)
+    width: int = parameter(192, "units of the first two hidden layers", "", 4, 2048)
+    epochs: int = parameter(60, "passes over the frames", "", 1, 10000)
     batch: int = parameter(1024, "frames per step", "", 8, 65536)
-    every: int = parameter(6, "use every such frame of a sequence", "", 1, 100)
+    every: int = parameter(15, "use every such frame of a sequence", "", 1, 100)
     learning_rate: float = parameter(3e-3, "largest step size", "", 1e-6, 1.0)
     weight_decay: float = parameter(1e-4, "decay of weights", "", 0.0, 1.0)
     place_share: float = parameter(0.1, "weight of the contact point in the loss", "", 0.0, 10.0)
