@@ -299,7 +299,7 @@ def test_tilted_gravity_falls_aside():
         body.step(10)
         fall = np.array(pybullet.getBaseVelocity(body.object_id, body.client)[0])
     fall /= np.linalg.norm(fall)
-    assert np.degrees(np.arccos(-fall[2])) == pytest.approx(3.0, rel=1e-3)
+    assert np.degrees(np.arccos(-fall[2])) == pytest.approx(5.0, rel=1e-3)
     tilt = np.array([*value(effect, "tilt"), 0.0])
     assert fall == pytest.approx(Rotation.from_rotvec(tilt).apply([0.0, 0.0, -1.0]), abs=1e-6)
 

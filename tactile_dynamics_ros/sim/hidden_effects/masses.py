@@ -33,9 +33,9 @@ def set_mass(plant: Plant, mass: float) -> None:
 
 @dataclass
 class SloshingMass(ForceEffect):
-    """A third of the mass is a second body, held at the centre of mass by a spring and a damper.
+    """Half of the mass is a second body, held at the centre of mass by a spring and a damper.
 
-    It swings at 1 to 1.6 Hz, slowly enough for the motions of an arm to wake it.
+    It swings at 0.8 to 1.1 Hz, slowly enough for the motions of an arm to wake it.
     """
 
     name = "sloshing_mass"
@@ -46,10 +46,10 @@ class SloshingMass(ForceEffect):
 
     def prepare(self, plant: Plant) -> None:
         """Take the mass out of the object and put it into a ball that touches nothing."""
-        self.frequency_hz = float(self.rng.uniform(1.0, 1.6))
+        self.frequency_hz = float(self.rng.uniform(0.8, 1.1))
         self.damping_ratio = float(self.rng.uniform(0.05, 0.2))
         total = plant.model.inertia.mass
-        self.mass = min(self.magnitude / 3.0, 0.9) * total
+        self.mass = min(0.5 * self.magnitude, 0.9) * total
         if self.mass == 0.0:
             return
         set_mass(plant, total - self.mass)
@@ -141,7 +141,7 @@ class MassChange(ForceEffect):
 
 @dataclass
 class GravityTilt(HiddenEffect):
-    """Gravity is turned by 3 degrees about a level axis: the world frame is not upright."""
+    """Gravity is turned by 5 degrees about a level axis: the world frame is not upright."""
 
     name = "gravity_tilt"
     heading: float = 0.0
@@ -149,7 +149,7 @@ class GravityTilt(HiddenEffect):
     @property
     def angle(self) -> float:
         """Tilt in rad."""
-        return float(np.radians(3.0) * self.magnitude)
+        return float(np.radians(5.0) * self.magnitude)
 
     def attach(self, plant: Plant) -> None:
         """Turn gravity for everything."""
