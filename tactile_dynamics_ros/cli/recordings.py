@@ -22,6 +22,7 @@ def add_recording_arguments(parser: ArgumentParser) -> None:
         metavar="A,B",
         help="effects added to the rigid body (see `tactile-dynamics effects`)",
     )
+    add_effect_file(parser)
     parser.add_argument(
         "--remap",
         action="append",
@@ -33,6 +34,18 @@ def add_recording_arguments(parser: ArgumentParser) -> None:
         "--between",
         metavar="START,STOP",
         help="use only this part, in seconds from the first pose",
+    )
+
+
+def add_effect_file(parser: ArgumentParser) -> None:
+    """Add the option that makes effects of one's own known."""
+    parser.add_argument(
+        "--effect-file",
+        action="append",
+        default=[],
+        metavar="FILE",
+        help="make the effects of a .yaml or .py file known, for --effects and as candidates; "
+        "repeatable",
     )
 
 
@@ -76,15 +89,32 @@ def _parse_remappings(arguments: list[str]) -> dict[str, str]:
 
 
 def read_effects(args: Namespace) -> list[Effect]:
-    """Return the effects that the arguments name.
+    """Return the effects that the arguments name, those of files included.
 
     Raises:
-        BadInputError: a name is unknown or given twice.
+        BadInputError: a name is unknown or given twice, or a file cannot be read.
     """
     from tactile_dynamics_ros.core.effects import create_effect
 
+    own = read_effect_files(args)
     names = [name.strip() for name in args.effects.split(",") if name.strip()]
     repeated = {name for name in names if names.count(name) > 1}
     if repeated:
         raise BadInputError(f"--effects {args.effects}: '{min(repeated)}' is named twice")
+    if own and not set(own) & {name.partition(":")[0] for name in names}:
+        known = ",".join(own)
+        print(f"note: known now, not yet in the model: --effects {known}", file=sys.stderr)
     return [create_effect(name) for name in names]
+
+
+def read_effect_files(args: Namespace) -> list[str]:
+    """Make the effects of all named files known and return their names.
+
+    Raises:
+        BadInputError: a file cannot be read.
+    """
+    if not args.effect_file:
+        return []
+    from tactile_dynamics_ros.core.effects.formula import load_effects
+
+    return [effect.name for path in args.effect_file for effect in load_effects(path)]

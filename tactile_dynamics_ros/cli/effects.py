@@ -1,0 +1,103 @@
+"""`tactile-dynamics effects`: the catalogue of what a rigid-body model can lack."""
+
+from __future__ import annotations
+
+import json
+import textwrap
+from argparse import Namespace, _SubParsersAction
+from typing import TYPE_CHECKING, Any
+
+from tactile_dynamics_ros.cli.recordings import add_effect_file, read_effect_files
+
+if TYPE_CHECKING:
+    from tactile_dynamics_ros.core.effects.catalogue import CatalogueEntry
+
+_WIDTH = 96
+_QUANTITY_NOTE = """\
+Vectors have components: v_x. Without suffix they are in the axes of the wrench; v_x_world and
+v_x_body say otherwise. A contact is named, as in grip_thumb, f_x_thumb, or left out in wrenches
+`at: contacts`, which are summed over all contacts."""
+
+
+def add_parser(verbs: _SubParsersAction[Any]) -> None:
+    """Add the verb."""
+    parser = verbs.add_parser(
+        "effects", help="the catalogue of effects: formula, parameters, what it looks like, remedy"
+    )
+    parser.add_argument("name", metavar="NAME", nargs="?", help="only this effect, at length")
+    add_effect_file(parser)
+    parser.add_argument(
+        "--quantities", action="store_true", help="what formulas in a yaml file can name instead"
+    )
+    parser.set_defaults(run=run)
+
+
+def run(args: Namespace) -> int:
+    """Print the catalogue, one effect, or the quantities of formulas."""
+    from tactile_dynamics_ros.core.effects import create_effect, registered_names
+    from tactile_dynamics_ros.core.effects.catalogue import describe_effect
+
+    read_effect_files(args)
+    if args.quantities:
+        return _print_quantities(args.json)
+    names = [args.name] if args.name else registered_names()
+    entries = [describe_effect(create_effect(name)) for name in names]
+    if args.json:
+        print(json.dumps({"effects": [entry.to_json() for entry in entries]}))
+    else:
+        print("\n\n".join(_describe(entry, bool(args.name)) for entry in entries))
+    return 0
+
+
+def _describe(entry: CatalogueEntry, at_length: bool) -> str:
+    """Return an entry for people."""
+    from tactile_dynamics_ros.core.effects.catalogue import group_parameters
+
+    rows = group_parameters(entry.parameters)
+    parameters = "; ".join(f"{symbols} [{unit or 1}] {text}" for symbols, unit, text in rows)
+    facts = [
+        ("formula", entry.formula),
+        ("parameters", parameters + (" (for every finger)" if entry.per_finger else "")),
+        ("looks like", entry.looks_like),
+        ("remedy", entry.remedy),
+    ]
+    if at_length:
+        paragraphs = entry.meaning.split("\n\n")
+        facts[1:1] = [("" if k else "meaning", part) for k, part in enumerate(paragraphs)]
+        facts += [("in verdicts", entry.sentence), ("readings", ", ".join(entry.readings))]
+    lines = [f"{entry.name}  ({entry.family})"]
+    for title, text in facts:
+        head = f"  {title:11s} "
+        lines += textwrap.wrap(text, _WIDTH, initial_indent=head, subsequent_indent=" " * len(head))
+    return "\n".join(lines)
+
+
+def _print_quantities(as_json: bool) -> int:
+    """Print what formulas can name."""
+    from tactile_dynamics_ros.core.effects.formula.expression import FUNCTIONS
+    from tactile_dynamics_ros.core.effects.formula.quantities import (
+        CONTACT_SCALARS,
+        CONTACT_VECTORS,
+        SCALARS,
+        VECTORS,
+    )
+
+    tables = {
+        "scalars": SCALARS,
+        "vectors": VECTORS,
+        "contact_scalars": CONTACT_SCALARS,
+        "contact_vectors": CONTACT_VECTORS,
+    }
+    if as_json:
+        parts = {
+            title: {name: {"unit": unit, "description": text} for name, (unit, text) in t.items()}
+            for title, t in tables.items()
+        }
+        print(json.dumps({**parts, "functions": list(FUNCTIONS)}))
+        return 0
+    for title, table in tables.items():
+        print(title.replace("contact_", "of a contact: "))
+        for name, (unit, text) in table.items():
+            print(f"  {name:10s} {unit:8s} {text}")
+    print(f"functions\n  {', '.join(FUNCTIONS)}\n{_QUANTITY_NOTE}")
+    return 0

@@ -1,0 +1,180 @@
+"""An effect whose wrench is given by formulas."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
+from tactile_dynamics_ros.core.effects.effect import Effect, EffectParameter
+from tactile_dynamics_ros.core.effects.formula.law import Exponents, Law
+from tactile_dynamics_ros.core.errors import BadInputError
+
+Array = NDArray[np.float64]
+
+_SCREENED = (0.3, 1.0, 3.0)
+_TORQUE_WEIGHT = 20.0
+_PRIOR_WEIGHT = 1e-2
+_MOST_STEPS = 40
+
+
+class FormulaEffect(Effect):
+    """Sum of wrenches given by formulas; each formula makes a subclass.
+
+    Derivatives come from the formulas. Parameters in which the wrench is a polynomial give the
+    screening family exactly; the others are tried at a third, once and three times their typical
+    value. Derivatives without a finite value (at corners, as of |v| at rest) count as zero.
+
+    Attributes:
+        laws: the wrenches.
+        definition: parameters.
+    """
+
+    laws: ClassVar[tuple[Law, ...]] = ()
+    definition: ClassVar[tuple[EffectParameter, ...]] = ()
+
+    def parameters(self, samples: WrenchSamples) -> tuple[EffectParameter, ...]:
+        """Parameters that the file declares."""
+        return self.definition
+
+    def wrench(self, samples: WrenchSamples, inertia: Array, theta: Array) -> Array:
+        """Sum of the wrenches.
+
+        Raises:
+            BadInputError: a formula has no finite value at some sample.
+        """
+        total = self._sum(samples, inertia, theta)
+        bad = ~np.isfinite(total).all(axis=1)
+        if bad.any():
+            named = zip(self.definition, theta, strict=True)
+            values = ", ".join(f"{p.name} = {x:.3g}" for p, x in named)
+            raise BadInputError(
+                f"effect '{self.name}': the formula has no finite value at "
+                f"t = {samples.time[bad][0]:.3f} s with {values}; keep roots, logarithms and "
+                "divisors positive with max(.., ..)"
+            )
+        return total
+
+    def jacobian(self, samples: WrenchSamples, inertia: Array, theta: Array) -> Array:
+        """By theta."""
+        parts = [law.jacobian(samples, inertia, theta) for law in self.laws]
+        return _finite(np.sum(parts, axis=0))
+
+    def inertia_jacobian(self, samples: WrenchSamples, inertia: Array, theta: Array) -> Array:
+        """By mass and first moment, through m and com = moment / m."""
+        parts = [law.load_jacobian(samples, inertia, theta) for law in self.laws]
+        by_load = _finite(np.sum(parts, axis=0))
+        mass, com = inertia[0], inertia[1:4] / inertia[0]
+        result = np.zeros((len(by_load), 6, 10))
+        result[..., 0] = by_load[..., 0] - by_load[..., 1:] @ com / mass
+        result[..., 1:4] = by_load[..., 1:] / mass
+        return result
+
+    def screening_basis(self, samples: WrenchSamples, inertia: Array) -> Array:
+        """Columns of the powers of the linear parameters, the others at screened values."""
+        if self._is_linear():
+            return self.jacobian(samples, inertia, self.zero(samples))
+        linear = self._linear()
+        columns: list[Array] = []
+        for theta in self._screened(linear):
+            columns += self._powers(samples, inertia, theta, linear).values()
+            columns += self._tangents(samples, inertia, theta, linear)
+        return _finite(np.stack([c for c in columns if np.any(_finite(c))], axis=2))
+
+    def initial_guess(
+        self, samples: WrenchSamples, inertia: Array, coefficients: Array, residual: Array
+    ) -> Array:
+        """Parameters whose wrench comes nearest to the screened one."""
+        if self._is_linear():
+            return np.asarray(coefficients, dtype=float)
+        target = self.screening_basis(samples, inertia) @ coefficients
+        typical = self.typical(samples)
+        scale = np.array([p.prior_std for p in self.definition])
+        weight = np.array([_TORQUE_WEIGHT] * 3 + [1.0] * 3)
+        size = max(float(np.sqrt(np.mean((weight * target) ** 2))), 1e-12)
+        weight = weight / (size * np.sqrt(target.size))
+
+        def misfit(theta: Array) -> Array:
+            found = _finite(self._sum(samples, inertia, theta))
+            return np.append(((found - target) * weight).ravel(), _PRIOR_WEIGHT * theta / scale)
+
+        def slope(theta: Array) -> Array:
+            found = self.jacobian(samples, inertia, theta) * weight[:, None]
+            flat = found.reshape(-1, len(theta))
+            return np.concatenate([flat, np.diag(_PRIOR_WEIGHT / scale)])
+
+        starts = [sign * typical * size for sign in (1, -1) for size in (1.0, 0.1)]
+        fits = [
+            least_squares(misfit, s, slope, x_scale=scale, max_nfev=_MOST_STEPS) for s in starts
+        ]
+        return np.asarray(min(fits, key=lambda fit: fit.cost).x)
+
+    def _sum(self, samples: WrenchSamples, inertia: Array, theta: Array) -> Array:
+        return np.asarray(
+            np.sum([law.wrench(samples, inertia, theta) for law in self.laws], axis=0)
+        )
+
+    @classmethod
+    @cache
+    def _linear(cls) -> tuple[int, ...]:
+        """Indices of the parameters in which every wrench is a polynomial."""
+        indices = range(len(cls.definition))
+        return tuple(i for i in indices if all(law.is_polynomial([i]) for law in cls.laws))
+
+    @classmethod
+    @cache
+    def _is_linear(cls) -> bool:
+        everything = len(cls._linear()) == len(cls.definition)
+        return everything and all(law.degree() <= 1 for law in cls.laws)
+
+    def _screened(self, linear: tuple[int, ...]) -> list[Array]:
+        """Values of the parameters about which the wrench is expanded.
+
+        Scalars in which it is not a polynomial take several values, components of vectors zero
+        (their directions must not depend on the choice of axes).
+        """
+        typical = np.array([p.typical for p in self.definition])
+        bent = [i for i in range(len(typical)) if i not in linear and not self._in_vector(i)]
+        start = np.zeros_like(typical)
+        start[list(linear)] = typical[list(linear)]
+        if not bent:
+            return [start]
+        found = []
+        for share in _SCREENED:
+            theta = start.copy()
+            theta[bent] = share * typical[bent]
+            found.append(theta)
+        return found
+
+    def _in_vector(self, index: int) -> bool:
+        """Whether a parameter is a component of a vector."""
+        name = self.definition[index].name
+        names = {p.name for p in self.definition}
+        return all(f"{name[:-2]}_{axis}" in names for axis in "xyz")
+
+    def _powers(
+        self, samples: WrenchSamples, inertia: Array, theta: Array, linear: tuple[int, ...]
+    ) -> dict[Exponents, Array]:
+        found: dict[Exponents, Array] = {}
+        for law in self.laws:
+            for exponents, column in law.terms(samples, inertia, theta, linear).items():
+                found[exponents] = found[exponents] + column if exponents in found else column
+        return found
+
+    def _tangents(
+        self, samples: WrenchSamples, inertia: Array, theta: Array, linear: tuple[int, ...]
+    ) -> list[Array]:
+        """Derivatives by the components of vectors in which the wrench is not a polynomial."""
+        bent = [i for i in range(len(theta)) if i not in linear and self._in_vector(i)]
+        if not bent:
+            return []
+        jacobian = self.jacobian(samples, inertia, theta)
+        return [jacobian[..., i] for i in bent]
+
+
+def _finite(values: Array) -> Array:
+    return np.where(np.isfinite(values), values, 0.0)

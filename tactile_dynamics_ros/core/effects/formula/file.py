@@ -1,0 +1,304 @@
+"""Reads files of user effects: formulas in yaml, classes in Python."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+from typing import Any
+
+import sympy
+import yaml
+
+from tactile_dynamics_ros.core.effects.effect import Effect, EffectParameter
+from tactile_dynamics_ros.core.effects.formula.effect import FormulaEffect
+from tactile_dynamics_ros.core.effects.formula.expression import ExpressionReader, Term
+from tactile_dynamics_ros.core.effects.formula.law import Law
+from tactile_dynamics_ros.core.effects.formula.quantities import (
+    COM,
+    FRAMES,
+    QuantityTable,
+    is_reserved,
+    unknown_name,
+)
+from tactile_dynamics_ros.core.effects.geometry import AXES, vector_parameters
+from tactile_dynamics_ros.core.effects.registry import (
+    EFFECT_NAMES,
+    create_effect,
+    register_effect,
+    registered_names,
+)
+from tactile_dynamics_ros.core.effects.units import format_dimension, parse_unit
+from tactile_dynamics_ros.core.errors import BadInputError
+
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*$")
+_EFFECT_NAME = re.compile(r"[a-z][a-z0-9_]*$")
+_EFFECT_FIELDS = (
+    "formula", "sentence", "looks_like", "remedy", "parameters", "constants", "definitions",
+    "wrench",
+)  # fmt: skip
+_PARAMETER_FIELDS = ("unit", "prior_std", "typical", "description", "vector")
+_WRENCH_FIELDS = ("axes", "at", "force", "torque")
+_TEXTS = {
+    "sentence": "the effect '{}' acts on the object",
+    "looks_like": "A residual that follows the formula.",
+    "remedy": "Remove its cause, or keep it in the model.",
+}
+
+
+def load_effects(path: str | Path) -> tuple[Effect, ...]:
+    """Make the effects of a file known by name and return them.
+
+    Args:
+        path: a .yaml file of formulas, or a .py file with `@register_effect` classes.
+
+    Raises:
+        BadInputError: names file, field, and what to do.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise BadInputError(f"{path}: no such file, expected effects in .yaml or .py")
+    if path.suffix == ".py":
+        return _load_classes(path)
+    effects = _read_table(_read_yaml(path), str(path), ("effects",))
+    entries = _read_table(effects.get("effects"), f"{path}: effects")
+    if not entries:
+        raise BadInputError(f"{path}: effects: expected at least one effect by name")
+    classes = [_EffectFile(str(name), entry, path).read() for name, entry in entries.items()]
+    return tuple(register_effect(found)() for found in classes)
+
+
+def _load_classes(path: Path) -> tuple[Effect, ...]:
+    spec = spec_from_file_location(path.stem, path)
+    if spec is None or spec.loader is None:
+        raise BadInputError(f"{path}: cannot be read as Python")
+    module = module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:  # whatever a user's file raises is told in one line
+        raise BadInputError(f"{path}: {type(error).__name__}: {error}") from error
+    classes = (v for v in vars(module).values() if isinstance(v, type) and issubclass(v, Effect))
+    names = {found.name for found in classes} - set(EFFECT_NAMES)
+    added = [name for name in registered_names() if name in names]
+    if not added:
+        raise BadInputError(f"{path}: registers no effect: decorate a class with @register_effect")
+    return tuple(create_effect(name) for name in added)
+
+
+def _read_yaml(path: Path) -> object:
+    try:
+        return yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        mark = getattr(error, "problem_mark", None)
+        line = f" line {mark.line + 1}:" if mark else ""
+        problem = getattr(error, "problem", None) or error
+        raise BadInputError(f"{path}:{line} not valid yaml: {problem}") from error
+
+
+def _read_table(value: object, where: str, fields: tuple[str, ...] = ()) -> dict[str, Any]:
+    """Return a mapping, empty for None; other keys than `fields` are refused."""
+    if value is None:
+        return {}
+    if not isinstance(value, Mapping):
+        raise BadInputError(f"{where}: {value!r} is not a table of names and values")
+    unknown = [str(key) for key in value if fields and key not in fields]
+    if unknown:
+        raise BadInputError(f"{where}: '{unknown[0]}' is unknown, expected {', '.join(fields)}")
+    return {str(key): entry for key, entry in value.items()}
+
+
+class _EffectFile:
+    """One effect of a file."""
+
+    def __init__(self, name: str, entry: object, path: Path) -> None:
+        self._name, self._where = name, f"{path}: {name}"
+        if not _EFFECT_NAME.match(name) or name in EFFECT_NAMES:
+            reason = "taken by the catalogue" if name in EFFECT_NAMES else "not a name"
+            raise BadInputError(f"{self._where}: {reason}; use letters, digits and _")
+        self._entry = _read_table(entry, self._where, _EFFECT_FIELDS)
+        self._declared: dict[str, Term] = {}
+        self._parameters: list[EffectParameter] = []
+        self._symbols: list[Any] = []
+
+    def read(self) -> type[FormulaEffect]:
+        """Class of the effect."""
+        for kind, declare in (("parameters", self._parameter), ("constants", self._constant)):
+            where = f"{self._where}.{kind}"
+            for name, value in _read_table(self._entry.get(kind), where).items():
+                self._require_free(name, f"{where}.{name}")
+                declare(name, value, f"{where}.{name}")
+        if not self._parameters:
+            raise BadInputError(f"{self._where}.parameters: expected at least one parameter")
+        wrenches = self._entry.get("wrench")
+        pieces = wrenches if isinstance(wrenches, list) else [wrenches]
+        laws = tuple(
+            self._law(piece, f"{self._where}.wrench" + (f"[{i}]" if len(pieces) > 1 else ""))
+            for i, piece in enumerate(pieces)
+        )
+        texts = {key: self._text(key) for key in _TEXTS}
+        body = {
+            "__doc__": f"Effect '{self._name}' of a file.",
+            "name": self._name,
+            "family": "user",
+            "formula": str(self._entry.get("formula") or self._written(pieces)),
+            "laws": laws,
+            "definition": tuple(self._parameters),
+            **texts,
+        }
+        return type(self._name, (FormulaEffect,), body)
+
+    def _text(self, key: str) -> str:
+        return str(self._entry.get(key) or _TEXTS[key].format(self._name)).strip()
+
+    def _written(self, pieces: list[Any]) -> str:
+        """The formulas as they stand in the file."""
+        parts = [
+            f"{kind} = {_plain(piece[kind])} ({piece.get('axes', 'body')} axes, "
+            f"at {_plain(piece.get('at', 'origin'))})"
+            for piece in pieces
+            for kind in ("force", "torque")
+            if kind in piece
+        ]
+        return "; ".join(parts)
+
+    def _require_free(self, name: str, where: str) -> None:
+        if not _NAME.match(name) or name in self._declared:
+            raise BadInputError(f"{where}: not a free name: use letters, digits and _, once")
+        if is_reserved(name):
+            raise BadInputError(f"{where}: '{name}' is a measured quantity, choose another name")
+
+    def _parameter(self, name: str, value: object, where: str) -> None:
+        entry = _read_table(value, where, _PARAMETER_FIELDS)
+        missing = [key for key in ("unit", "prior_std") if key not in entry]
+        if missing:
+            raise BadInputError(f"{where}: '{missing[0]}' is missing, expected unit and prior_std")
+        prior = _read_number(entry["prior_std"], f"{where}.prior_std")
+        typical = _read_number(entry.get("typical", 0.2 * prior), f"{where}.typical")
+        if prior <= 0.0 or typical == 0.0:
+            raise BadInputError(f"{where}: expected prior_std above zero and typical unlike zero")
+        unit, text = str(entry["unit"]), str(entry.get("description") or name)
+        if entry.get("vector"):
+            added = vector_parameters(name, unit, prior, text, typical)
+        else:
+            added = (EffectParameter(name, unit, prior, text, typical),)
+        self._declare(name, added, where)
+
+    def _declare(self, name: str, added: tuple[EffectParameter, ...], where: str) -> None:
+        dimension = _read_unit(added[0].unit, where)
+        symbols = [sympy.Symbol(f"theta_{p.name}", real=True) for p in added]
+        for parameter, symbol in zip(added, symbols, strict=True):
+            if parameter.name in self._declared or is_reserved(parameter.name):
+                raise BadInputError(f"{where}: component '{parameter.name}' is not a free name")
+            self._declared[parameter.name] = Term(symbol, dimension)
+        if len(added) == len(AXES):
+            self._declared[name] = Term(sympy.Matrix(symbols), dimension)
+        self._parameters += added
+        self._symbols += symbols
+
+    def _constant(self, name: str, value: object, where: str) -> None:
+        entry = _read_table(value, where, ("value", "unit"))
+        number = _read_number(entry.get("value"), f"{where}.value")
+        dimension = _read_unit(str(entry.get("unit", "1")), where)
+        self._declared[name] = Term(sympy.Float(number), dimension)
+
+    def _law(self, piece: object, where: str) -> Law:
+        entry = _read_table(piece, where, _WRENCH_FIELDS)
+        frame, place = entry.get("axes", "body"), entry.get("at", "origin")
+        if frame not in FRAMES:
+            raise BadInputError(f"{where}.axes: '{frame}', expected {', '.join(FRAMES)}")
+        if "force" not in entry and "torque" not in entry:
+            raise BadInputError(f"{where}: expected force, torque or both")
+        table = QuantityTable(str(frame), place == "contacts")
+        lookup = self._lookup(table)
+        turn = self._turn(table, where)
+        parts = {}
+        for kind, unit in (("force", "N"), ("torque", "N m")):
+            term = ExpressionReader(lookup, f"{where}.{kind}").read_vector(entry.get(kind, "0"))
+            _require_unit(term, unit, f"{where}.{kind}")
+            parts[kind] = turn * term.value
+        point = self._point(place, table, where)
+        torque = parts["torque"] + point.cross(parts["force"])
+        law = Law(
+            (*torque, *parts["force"]), dict(table.used), tuple(self._symbols), table.each_contact
+        )
+        self._require_absence(law, where)
+        return law
+
+    def _turn(self, table: QuantityTable, where: str) -> Any:
+        try:
+            return table.rotation(table.frame)
+        except BadInputError as error:
+            raise BadInputError(f"{where}.axes: {error}") from error
+
+    def _lookup(self, table: QuantityTable) -> Callable[[str], Term]:
+        """Names of this wrench; definitions see those above them and the axes of the wrench."""
+        known = dict(self._declared)
+
+        def lookup(name: str) -> Term:
+            found = known.get(name) or table.find(name)
+            if found is None:
+                raise unknown_name(name, known)
+            return found
+
+        where = f"{self._where}.definitions"
+        for name, text in _read_table(self._entry.get("definitions"), where).items():
+            self._require_free(name, f"{where}.{name}")
+            reader = ExpressionReader(lookup, f"{where}.{name}")
+            vector = isinstance(text, list)
+            known[name] = reader.read_vector(text) if vector else reader.read(str(text))
+        return lookup
+
+    def _point(self, place: object, table: QuantityTable, where: str) -> Any:
+        """Where the force acts, body axes."""
+        if place == "origin":
+            return sympy.zeros(3, 1)
+        if place == "com":
+            return COM
+        inner = QuantityTable("body", table.each_contact)
+        reader = ExpressionReader(self._lookup(inner), f"{where}.at")
+        term = reader.read_vector("r" if place == "contacts" else place)
+        _require_unit(term, "m", f"{where}.at")
+        table.used.update(inner.used)
+        return term.value
+
+    def _require_absence(self, law: Law, where: str) -> None:
+        for value in law.at_absence():
+            if value.has(sympy.nan, sympy.zoo, sympy.oo, -sympy.oo):
+                raise BadInputError(
+                    f"{where}: has no value where all parameters are 0 (absent): keep divisors "
+                    "away from 0, for example max(abs(w_0), w_least) with a constant w_least"
+                )
+            if value != 0:
+                raise BadInputError(
+                    f"{where}: does not vanish where all parameters are 0 (absent): multiply it "
+                    "by a parameter"
+                )
+
+
+def _plain(value: object) -> str:
+    """A formula as text; components in brackets."""
+    return f"[{', '.join(map(str, value))}]" if isinstance(value, list) else str(value)
+
+
+def _read_number(value: object, where: str) -> float:
+    """Return a number; yaml reads 1e-3 as text."""
+    try:
+        return float(str(value))
+    except ValueError as error:
+        raise BadInputError(f"{where}: {value!r} is not a number") from error
+
+
+def _read_unit(unit: str, where: str) -> Any:
+    try:
+        return parse_unit(unit)
+    except BadInputError as error:
+        raise BadInputError(f"{where}: {error}") from error
+
+
+def _require_unit(term: Term, unit: str, where: str) -> None:
+    if term.dimension is not None and term.dimension != parse_unit(unit):
+        raise BadInputError(
+            f"{where}: has the unit {format_dimension(term.dimension)}, expected {unit} "
+            f"({format_dimension(parse_unit(unit))}): check the units of the parameters"
+        )
