@@ -6,6 +6,7 @@ import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
@@ -307,12 +308,12 @@ class TimeOffset(HiddenEffect):
 
     name = "time_offset"
     sign: float
-    moves_contact_poses: bool
+    late: str
 
     @property
     def variant(self) -> str:
         """What is on the other clock."""
-        return "forces and contact poses" if self.moves_contact_poses else "forces"
+        return self.late
 
     @property
     def delay(self) -> float:
@@ -325,16 +326,24 @@ class TimeOffset(HiddenEffect):
         return {"offset": Quantity(self.delay, "s")}
 
     def transduce(self, readings: Readings) -> Readings:
-        """Stamp the forces late or early, and the contact poses if one computer sends both."""
-        contact_delay = readings.contact_delay + self.delay * self.moves_contact_poses
+        """Stamp the forces late or early, alone or with the contact poses.
+
+        Where only the sensor is late, its old force is turned into the world by the pose of now.
+        """
+        if self.late == "sensor":
+            then = np.clip(readings.time - self.delay, readings.time[0], readings.time[-1])
+            old = CubicSpline(readings.time, readings.force, axis=0)(then)
+            return dataclasses.replace(readings, force=old)
+        contact_delay = readings.contact_delay + self.delay * (self.late == "contacts")
         return dataclasses.replace(
             readings, force_delay=readings.force_delay + self.delay, contact_delay=contact_delay
         )
 
     @classmethod
     def draw(cls, rng: np.random.Generator, magnitude: float, scenario: Scenario) -> TimeOffset:
-        """Late or early, with or without the contact poses."""
-        return cls(magnitude, float(rng.choice([-1.0, 1.0])), bool(rng.uniform() < 0.5))
+        """Late or early; the forces, all of the contacts, or the sensors in the fingertips."""
+        late = str(rng.choice(["forces", "contacts", "sensor"]))
+        return cls(magnitude, float(rng.choice([-1.0, 1.0])), late)
 
 
 def low_pass(signal: np.ndarray, time_constant: float, period: float) -> np.ndarray:
