@@ -86,7 +86,7 @@ def example_samples(
         gravity=GRAVITY_W,
     )
     grip = 1.5 + 0.5 * np.sin(2.0 * np.pi * np.array([0.3, 0.4, 0.55, 0.7]) * time[:, None])
-    return replace(samples, contact_force=_balanced_forces(samples, grip))
+    return replace(samples, contact_force=balance_forces(samples, grip))
 
 
 def example_inertia() -> Array:
@@ -105,8 +105,8 @@ def _integrate(omega: Array, period: float) -> Array:
     return rotation
 
 
-def _balanced_forces(samples: WrenchSamples, grip: Array) -> Array:
-    """Point forces (N, C, 3) with grip along the normals whose sum is Y phi."""
+def balance_forces(samples: WrenchSamples, grip: Array) -> Array:
+    """Point forces (N, C, 3) that carry the example load, with grip (N, C) along the normals."""
     target = _load(samples) @ example_inertia()
     arms = samples.contact_point
     unit = np.broadcast_to(np.eye(3), (*arms.shape, 3))
