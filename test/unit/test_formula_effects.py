@@ -154,7 +154,13 @@ def test_contacts_that_do_not_touch_add_nothing(tmp_path):
         (drag(wrench="{force: -c*v, axes: contact}"), "axes `contact` need `at: contacts`"),
         (drag(wrench="{force: [grip, 0, 0]}"), "of which contact: write grip_thumb"),
         (drag(wrench="{force: m*g}"), "does not vanish where all parameters are 0"),
-        (drag(wrench="{force: -c*v*tanh(grip_thumb/(c*speed))}"), "has no value where"),
+        (
+            drag(
+                parameters="{c: {unit: N s/m, prior_std: 1}, d: {unit: '1', prior_std: 1}}",
+                wrench="{force: -c*v/d}",
+            ),
+            "has no value where all parameters are 0",
+        ),
         (drag(wrench='{force: \'__import__("os").system("true")*v\'}'), "not allowed|expression"),
         (drag(wrench="{force: v.T}"), "not allowed in a formula"),
         (drag(wrench="{force: -c*v)}"), "not an expression|not valid yaml"),

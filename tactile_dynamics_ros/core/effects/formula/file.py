@@ -263,17 +263,16 @@ class _EffectFile:
         return term.value
 
     def _require_absence(self, law: Law, where: str) -> None:
-        for value in law.at_absence():
-            if value.has(sympy.nan, sympy.zoo, sympy.oo, -sympy.oo):
-                raise BadInputError(
-                    f"{where}: has no value where all parameters are 0 (absent): keep divisors "
-                    "away from 0, for example max(abs(w_0), w_least) with a constant w_least"
-                )
-            if value != 0:
-                raise BadInputError(
-                    f"{where}: does not vanish where all parameters are 0 (absent): multiply it "
-                    "by a parameter"
-                )
+        if not law.has_value_at_absence():
+            raise BadInputError(
+                f"{where}: has no value where all parameters are 0 (absent): keep divisors "
+                "away from 0, for example max(abs(w_0), w_least) with a constant w_least"
+            )
+        if any(value != 0 for value in law.at_absence()):
+            raise BadInputError(
+                f"{where}: does not vanish where all parameters are 0 (absent): multiply it "
+                "by a parameter"
+            )
 
 
 def _plain(value: object) -> str:

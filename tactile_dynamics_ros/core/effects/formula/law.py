@@ -83,6 +83,13 @@ class Law:
         zero = dict.fromkeys(self.parameters, 0)
         return tuple(sympy.simplify(e.subs(zero)) for e in self.expressions)
 
+    def has_value_at_absence(self) -> bool:
+        """Whether the wrench is finite with all parameters zero, at unremarkable quantities."""
+        ordinary = 0.3 + 0.1 * np.arange(len(self.quantities) + len(_LOAD))
+        with np.errstate(all="ignore"):
+            found = self._value(*ordinary, *np.zeros(len(self.parameters)))
+        return bool(np.isfinite(np.asarray(found, dtype=float)).all())
+
     @cached_property
     def _value(self) -> Callable[..., Any]:
         return self._compile(self.expressions)
