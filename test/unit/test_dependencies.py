@@ -1,6 +1,8 @@
 """Who may import whom: walks the imports of every module."""
 
 import ast
+import re
+import sys
 from pathlib import Path
 
 import pytest
@@ -22,6 +24,13 @@ ROS = {
     "std_srvs",
     "tf2_msgs",
     "visualization_msgs",
+}
+DISTRIBUTION = {
+    "PIL": "pillow",
+    "backports": "backports.zstd",
+    "mpl_toolkits": "matplotlib",
+    "pybullet_data": "pybullet",
+    "yaml": "pyyaml",
 }
 PACKAGE = "tactile_dynamics_ros"
 
@@ -115,3 +124,12 @@ def test_effects_know_no_estimator_and_rigid_body_knows_nobody():
 def test_heavy_libraries_stay_where_they_are_needed():
     for layer in ("core/rigid_body", "core/contact", "core/effects", "core/tracking", "nodes"):
         assert offenders(layer, ["torch", "gtsam"]) == []
+
+
+def test_every_library_that_is_imported_is_declared():
+    tree = ast.parse((ROOT.parent / "setup.py").read_text())
+    texts = [n.value for n in ast.walk(tree) if isinstance(n, ast.Constant)]
+    declared = {re.split(r"[<>=; ]", text)[0] for text in texts if isinstance(text, str)}
+    imported = {name.split(".")[0] for names in imports_of(ROOT).values() for name in names}
+    outside = imported - set(sys.stdlib_module_names) - ROS - {PACKAGE, "ament_index_python"}
+    assert {DISTRIBUTION.get(name, name) for name in outside} - declared == set()
