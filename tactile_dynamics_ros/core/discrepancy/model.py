@@ -23,7 +23,8 @@ class Family:
 
     Attributes:
         name: the effect.
-        label: the reading of the effect that the family belongs to.
+        label: the reading of the effect that the family belongs to, with its restriction.
+        reading: the reading alone.
         columns: (M, m) white columns; families that share an array are projected once.
         kept: the columns that belong to this family.
         choices: number of families searched for the same effect, for its penalty.
@@ -32,6 +33,7 @@ class Family:
 
     name: str
     label: str
+    reading: str
     columns: Array
     kept: tuple[int, ...]
     choices: int = 1
@@ -102,10 +104,6 @@ class ResidualModel(Protocol):
     @property
     def freedom(self) -> float:
         """Number of effect parameters that the data determine."""
-
-    @property
-    def log_determinant(self) -> float:
-        """Log determinant of the covariance that whitens, up to a constant of the recording."""
 
     def families(self, names: Sequence[str] | None = None) -> Sequence[Family]:
         """Families of the effects that the model could have."""

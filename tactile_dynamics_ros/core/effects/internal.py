@@ -33,7 +33,9 @@ Array = NDArray[np.float64]
 _SCREENED_HZ = (0.5, 0.7, 1.0, 1.4, 1.9, 2.6, 3.5, 4.8, 6.5)
 _SCREENED_DAMPING = 0.1
 _SLOWEST_HZ = 0.2
+_FASTEST_HZ = 15.0
 _LEAST_DAMPING = 0.003
+_MOST_DAMPING = 2.0
 
 
 @register_effect
@@ -252,7 +254,8 @@ class SloshingMass(Effect):
 
 def _used_shape(theta: Array) -> tuple[float, float]:
     """Natural frequency and damping ratio, kept where the response is defined."""
-    return max(float(theta[1]), _SLOWEST_HZ), max(float(theta[2]), _LEAST_DAMPING)
+    hz = float(np.clip(theta[1], _SLOWEST_HZ, _FASTEST_HZ))
+    return hz, float(np.clip(theta[2], _LEAST_DAMPING, _MOST_DAMPING))
 
 
 def _shape_drive(motion: Array, omega_n: float, damping: float) -> Array:

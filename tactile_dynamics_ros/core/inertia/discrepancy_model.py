@@ -26,7 +26,8 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
 
 Array = NDArray[np.float64]
 
-_REFINEMENTS = 3
+_MOST_REFINEMENTS = 8
+_SETTLED = 0.995
 _HOLD = 100.0
 _FLATTEST = 0.1
 
@@ -44,10 +45,14 @@ class _Whitening:
         return self._whiten([b.problem.regressor for b in self.model.blocks])
 
     @cached_property
-    def measured(self) -> Array:
-        """(M,) white residual without effects at the parameters of the model."""
-        phi = self.model.phi
-        return self._whiten([b.problem.residual(phi) for b in self.model.blocks])
+    def start(self) -> Array:
+        """(M,) white residual of the model plus its effects at the denoised samples."""
+        model = self.model
+        total = [np.zeros((b.problem.count, 6)) for b in model.blocks]
+        for effect, theta in zip(model.effects, model.theta, strict=True):
+            for delta, block in zip(total, model.blocks, strict=True):
+                delta += effect.wrench(block.problem.samples, model.phi, theta)
+        return model.white_residual + self._whiten(total)
 
     def _whiten(self, values: Sequence[Array]) -> Array:
         parts = zip(self.model.blocks, values, strict=True)
@@ -141,12 +146,6 @@ class HeldObjectModel:
         return float(np.sum(values / (1.0 + values)))
 
     @property
-    def log_determinant(self) -> float:
-        """Log determinant of the covariance of the residuals."""
-        bands = [block.linearisation.whitener.band[0] for block in self.fitted.blocks]
-        return float(2.0 * sum(np.sum(np.log(band)) for band in bands))
-
-    @property
     def _prior_stds(self) -> Array:
         return np.array([p.prior_std for e in self.effects for p in e.parameters(self._samples)])
 
@@ -161,12 +160,16 @@ class HeldObjectModel:
 
     def _families(self, name: str) -> list[Family]:
         samples = self._samples
-        found: list[tuple[Effect, Array, tuple[int, ...]]] = []
+        found: list[tuple[Effect, str, Array, tuple[int, ...]]] = []
         for reading in create_effect(name).variants(samples):
             columns = self.whitening.family_columns(reading)
-            found.append((reading, columns, tuple(range(columns.shape[1]))))
-            found += [(e, columns, kept) for e, kept in reading.restrictions(samples)]
-        return [Family(name, e.label, c, kept, len(found), e) for e, c, kept in found]
+            found.append((reading, reading.label, columns, tuple(range(columns.shape[1]))))
+            for restricted, kept in reading.restrictions(samples):
+                found.append((restricted, reading.label, columns, kept))
+        return [
+            Family(name, effect.label, reading, columns, kept, len(found), effect)
+            for effect, reading, columns, kept in found
+        ]
 
     def with_effect(self, family: Family, coefficients: Array) -> HeldObjectModel:
         """Fit with one more effect at fixed whitening."""
@@ -183,10 +186,22 @@ class HeldObjectModel:
 
     def refined(self) -> HeldObjectModel:
         """Fit again with new denoised signals and whitening."""
-        problems = [b.problem for b in self.fitted.blocks]
-        xi = _nearest_body(self.phi, self.fitted.phi)
-        model = fit_model(problems, self.effects, self.theta, xi, _REFINEMENTS)
-        return HeldObjectModel.from_fit(model, self.catalogue)
+        problems = [
+            b.problem.denoised({}).balanced(self.phi, self.effects, self.theta)
+            for b in self.fitted.blocks
+        ]
+        xi, theta = _nearest_body(self.phi, self.fitted.phi), self.theta
+        best: FittedModel | None = None
+        for _ in range(_MOST_REFINEMENTS):
+            model = fit_model(problems, self.effects, theta, xi, 2)
+            if best is not None and model.whitened_rms > _SETTLED * best.whitened_rms:
+                best = min(best, model, key=lambda fitted: fitted.whitened_rms)
+                break
+            best = model
+            problems = [b.problem for b in model.blocks]
+            xi, theta = model.xi, model.theta
+        assert best is not None
+        return HeldObjectModel.from_fit(best, self.catalogue)
 
     def parameters(self) -> ParameterTable:
         """{effect: {parameter: {"value", "std", "unit"}}} from the quick covariance."""
@@ -246,7 +261,7 @@ class _FrozenSystem:
     def evaluate(self, x: Array) -> tuple[Array, Array]:
         """Rows of the data, then rows of the prior."""
         whitening, phi = self._whitening, x[:10]
-        residual = whitening.measured + whitening.regressor @ (phi - self._model.phi)
+        residual = whitening.start + whitening.regressor @ (phi - self._model.phi)
         jacobian = np.empty((len(residual), len(x)))
         jacobian[:, :10] = whitening.regressor
         first = 10

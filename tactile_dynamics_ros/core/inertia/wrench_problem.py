@@ -200,11 +200,23 @@ class WrenchProblem:
     def residual(
         self, phi: Array, effects: Sequence[Effect] = (), theta: Sequence[Array] = ()
     ) -> Array:
-        """Residual e = Y phi - w - sum Delta(theta), (N, 6) [torque, force], body frame."""
+        """Residual e = Y phi - w - sum Delta(theta), (N, 6) [torque, force], body frame.
+
+        Effects on the forces correct the measured ones, noise included, as `linearise` assumes.
+        """
         value = self.measured_regressor @ phi - self.measured.measured_wrench
         for effect, parameters in zip(effects, theta, strict=True):
-            value = value - effect.wrench(self.samples, phi, parameters)
+            value = value - effect.wrench(self._measured_contacts, phi, parameters)
         return np.asarray(value)
+
+    @cached_property
+    def _measured_contacts(self) -> WrenchSamples:
+        """Denoised motion with measured forces and torques."""
+        return replace(
+            self.samples,
+            contact_force=self.measured.contact_force,
+            contact_torque=self.measured.contact_torque,
+        )
 
     def smooth_residual(
         self, phi: Array, effects: Sequence[Effect] = (), theta: Sequence[Array] = ()

@@ -1,0 +1,167 @@
+"""Which effect is missing: score tests, refits, held-out validation, honest verdict."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from tactile_dynamics_ros.core.configuration import check_ranges, parameter
+from tactile_dynamics_ros.core.discrepancy.assessment import Assessment, assess
+from tactile_dynamics_ros.core.discrepancy.model import ResidualModel
+from tactile_dynamics_ros.core.discrepancy.selection import Choice, choose_effect
+from tactile_dynamics_ros.core.discrepancy.validation import HeldOut, fits_equally, held_out
+
+
+@dataclass(frozen=True)
+class DiagnosisConfig:
+    """Levels and depths of the diagnosis."""
+
+    significance: float = parameter(0.01, "family-wise level of the adequacy test", "", 1e-9, 0.5)
+    depth: int = parameter(3, "effects tried together before giving up", "", 1, 6)
+    explained: float = parameter(
+        0.95, "share of the excess error that counts as explained in any case", "", 0.5, 1.0
+    )
+    near_floor: float = parameter(
+        1.12, "white RMS over its floor that counts as explained in any case", "", 1.0, 2.0
+    )
+    least_progress: float = parameter(
+        0.25, "share of the excess error that each added effect must explain to go on", "", 0.0, 1.0
+    )
+    indifference: float = parameter(
+        10.0, "difference of -2 log evidence that does not decide", "", 0.0, 100.0
+    )
+
+    def __post_init__(self) -> None:
+        """Check ranges."""
+        check_ranges(self)
+
+
+@dataclass(frozen=True)
+class Step:
+    """One effect added to a model.
+
+    Attributes:
+        choice: the effect and its rivals.
+        before: assessment of the model without it.
+        after: assessment of the model with it.
+    """
+
+    choice: Choice
+    before: Assessment
+    after: Assessment
+
+    @property
+    def name(self) -> str:
+        """The effect."""
+        return self.choice.best.name
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """Outcome of `diagnose`.
+
+    Attributes:
+        verdict: adequate, missing_effect, ambiguous or unexplained.
+        effect: the missing effect, or None.
+        group: effects that the data cannot tell from it, itself first; empty where there is none.
+        model: the model that was diagnosed.
+        assessment: of that model.
+        steps: the effects that were added one after the other to explain the residual.
+        before: held-out error of the model.
+        after: held-out error with the missing effect (of the model if there is none).
+        floor: white RMS of the noise alone.
+    """
+
+    verdict: str
+    effect: str | None
+    group: tuple[str, ...]
+    model: ResidualModel
+    assessment: Assessment
+    steps: tuple[Step, ...]
+    before: HeldOut
+    after: HeldOut
+    floor: float
+    extras: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def explained_model(self) -> ResidualModel:
+        """The model with the missing effect, or as it was."""
+        return self.steps[0].choice.model if self.effect else self.model
+
+
+def diagnose(model: ResidualModel, config: DiagnosisConfig | None = None) -> Diagnosis:
+    """Find out whether an effect is missing from a fitted model, and which.
+
+    The residual is tested; if something is missing, effects are added until nothing is. One effect
+    that leaves nothing is the answer. If several are needed, the first is the answer provided that
+    together they explain the residual. Otherwise the cause is none of the known effects.
+
+    Args:
+        model: fitted.
+        config: levels and depths.
+    """
+    config = config or DiagnosisConfig()
+    first = assess(model, config.significance)
+    before = held_out(model)
+    if first.adequate:
+        return Diagnosis(
+            "adequate", None, (), model, first, (), before, before, first.structure.floor
+        )
+    steps = _explain(model, first, config)
+    floor = min([first.structure.floor] + [s.after.structure.floor for s in steps])
+    if not steps or not _settled(first, steps[-1].after, floor, config):
+        return Diagnosis("unexplained", None, (), model, first, steps, before, before, floor)
+    step = steps[0]
+    group, ambiguous = _group(step.choice, config)
+    verdict = "ambiguous" if ambiguous else "missing_effect"
+    after = held_out(step.choice.model)
+    return Diagnosis(verdict, step.name, group, model, first, steps, before, after, floor)
+
+
+def _explain(model: ResidualModel, first: Assessment, config: DiagnosisConfig) -> tuple[Step, ...]:
+    """Add effects until the residual is explained, nothing helps, or the depth is reached."""
+    steps: list[Step] = []
+    present, assessment = model, first
+    while len(steps) < config.depth:
+        step = _add_one(present, assessment, config)
+        if step is None:
+            break
+        steps.append(step)
+        present, assessment = step.choice.model, step.after
+        floor = assessment.structure.floor
+        hopeless = _explained_share(first, assessment, floor) < config.least_progress * len(steps)
+        if hopeless or _settled(first, assessment, floor, config):
+            break
+    return tuple(steps)
+
+
+def _add_one(model: ResidualModel, before: Assessment, config: DiagnosisConfig) -> Step | None:
+    """Add the effect with the best evidence, if it has any."""
+    choice = choose_effect(model, before.scores, before.structure.floor)
+    if choice is None or choice.best.criterion > choice.without - config.indifference:
+        return None
+    return Step(choice, before, assess(choice.model, config.significance))
+
+
+def _settled(first: Assessment, after: Assessment, floor: float, config: DiagnosisConfig) -> bool:
+    """Whether what is left is noise, or too little to speak of."""
+    if after.adequate:
+        return True
+    share = _explained_share(first, after, floor)
+    return share >= config.explained and after.rms <= config.near_floor * floor
+
+
+def _explained_share(first: Assessment, after: Assessment, floor: float) -> float:
+    """Share of the squared error above the floor that the added effects explain."""
+    excess = first.rms**2 - floor**2
+    left = max(after.rms**2 - floor**2, 0.0)
+    return 1.0 - left / excess if excess > 0 else 0.0
+
+
+def _group(choice: Choice, config: DiagnosisConfig) -> tuple[tuple[str, ...], bool]:
+    """Rivals that fit held-out blocks as well, and whether one of them is as plausible."""
+    best = choice.best
+    equal = [r for r in choice.rivals if fits_equally(best.held_out, r.held_out)]
+    ambiguous = any(r.criterion < best.criterion + config.indifference for r in equal)
+    names = (best.name, *(r.name for r in equal)) if equal else ()
+    return names, ambiguous

@@ -1,0 +1,143 @@
+"""Which effect, and which others the data cannot tell from it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.discrepancy.model import ResidualModel
+from tactile_dynamics_ros.core.discrepancy.screening import Score, best_by_effect, screen
+from tactile_dynamics_ros.core.discrepancy.validation import HeldOut, held_out
+
+Array = NDArray[np.float64]
+
+_READINGS = 4
+_REACH = 0.25
+_MOST_RIVALS = 4
+_CHANCE = 12.0
+_ROUNDS = 3
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One model with one effect more, fitted.
+
+    Attributes:
+        name: the effect.
+        label: the reading of it.
+        model: the fitted model.
+        criterion: its `evidence`, comparable between trials at the same whitening.
+        source: the score that it started from.
+    """
+
+    name: str
+    label: str
+    model: ResidualModel
+    criterion: float
+    source: Score
+
+    @cached_property
+    def held_out(self) -> HeldOut:
+        """Held-out error."""
+        return held_out(self.model)
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The best effect and its rivals, all fitted at the whitening of the best.
+
+    Attributes:
+        model: thoroughly fitted with the best effect.
+        best: the best effect as a trial on common ground with its rivals.
+        rivals: the others, best first.
+        without: `evidence` of the same model without the effect.
+    """
+
+    model: ResidualModel
+    best: Trial
+    rivals: tuple[Trial, ...]
+    without: float
+
+
+def evidence(model: ResidualModel, floor: float, choices: int = 1) -> float:
+    """-2 log evidence of a model up to a constant of its whitening (Schwarz 1978).
+
+    Args:
+        model: fitted.
+        floor: white RMS of the noise alone.
+        choices: number of families searched.
+    """
+    residual = model.residual
+    return (
+        float(residual @ residual) / floor**2
+        + model.freedom * float(np.log(len(residual)))
+        + 2.0 * float(np.log(choices))
+    )
+
+
+def choose_effect(model: ResidualModel, scores: Sequence[Score], floor: float) -> Choice | None:
+    """Refit the effects that could compete, and the best one thoroughly.
+
+    A thorough refit moves the denoised signals and the whitening, on which rivals must then be
+    compared with it; should one of them win there, it is refitted in turn.
+
+    Args:
+        model: to be extended.
+        scores: of all families.
+        floor: white RMS of the noise alone.
+    """
+    trials = _try_all(model, scores, floor)
+    if not trials:
+        return None
+    present = evidence(model, floor)
+    reach = trials[0].criterion + _REACH * max(present - trials[0].criterion, 0.0) + _CHANCE
+    names = [t.name for t in trials if t.criterion <= reach][: 1 + _MOST_RIVALS]
+    best, tried = trials[0], set[str]()
+    while True:
+        tried.add(best.label)
+        refined = best.model.refined()
+        bare = refined.without_effect(best.name)
+        trials = _try_all(bare, screen(bare, bare.families(names), floor), floor, np.inf)
+        if trials[0].label in tried or len(tried) == _ROUNDS:
+            break
+        best = trials[0]
+    own = next((t for t in trials if t.name == best.name), best)
+    rivals = tuple(t for t in trials if t.name != best.name)
+    return Choice(refined, own, rivals, evidence(bare, floor))
+
+
+def _try_all(
+    model: ResidualModel, scores: Sequence[Score], floor: float, reach: float = _REACH
+) -> list[Trial]:
+    """Refit effects at the whitening of the model, best first.
+
+    The score of a linear family bounds what its effect can reach; effects whose bound is far
+    behind the best refit are left out.
+    """
+    present = evidence(model, floor)
+    trials: list[Trial] = []
+    for score in best_by_effect(scores):
+        best = min((t.criterion for t in trials), default=np.inf)
+        allowance = reach * max(present - best, 0.0) if trials else 0.0
+        if score.criterion > best + allowance + _CHANCE:
+            break
+        trials.append(_try_one(model, scores, score.family.name, floor))
+    return sorted(trials, key=lambda trial: trial.criterion)
+
+
+def _try_one(model: ResidualModel, scores: Sequence[Score], name: str, floor: float) -> Trial:
+    """Best of the promising readings of one effect."""
+    own = sorted((s for s in scores if s.family.name == name), key=lambda s: s.criterion)
+    first = {s.family.reading: s for s in reversed(own)}
+    picked = sorted(first.values(), key=lambda s: s.criterion)[:_READINGS]
+    picked += [s for s in own[:2] if s not in picked]
+    tried = []
+    for score in picked:
+        fitted = model.with_effect(score.family, score.coefficients)
+        criterion = evidence(fitted, floor, score.family.choices)
+        tried.append(Trial(name, score.family.label, fitted, criterion, score))
+    return min(tried, key=lambda trial: trial.criterion)
