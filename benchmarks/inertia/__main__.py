@@ -18,6 +18,7 @@ SECTIONS = (
     "live",
     "batch_time",
     "excitation",
+    "in_hand",
 )
 
 
@@ -25,11 +26,11 @@ def run(sections: Sequence[str], quick: bool, say: Callable[[str], None]) -> dic
     """Results by section."""
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")
-    from benchmarks.inertia import accuracy, cost, gain, honesty
+    from benchmarks.inertia import accuracy, cost, gain, honesty, in_hand
 
     runs: dict[str, Callable[[], dict[str, Any]]] = {
-        "table_one": lambda: accuracy.run_table_one(*((2, 1) if quick else (20, 5)), say),
-        "four_fingers": lambda: accuracy.run_four_fingers(*((3, 1) if quick else (24, 6)), say),
+        "table_one": lambda: accuracy.run_table_one(*((2, 1) if quick else (20, 3)), say),
+        "four_fingers": lambda: accuracy.run_four_fingers(*((3, 1) if quick else (48, 6)), say),
         "coverage": lambda: honesty.run_coverage(
             *((12, 2, 4, 6.0) if quick else (240, 40, 40, 10.0)), say
         ),
@@ -37,6 +38,7 @@ def run(sections: Sequence[str], quick: bool, say: Callable[[str], None]) -> dic
         "live": lambda: cost.run_live(*((2000, 300) if quick else (60000, 2900)), say),
         "batch_time": lambda: cost.run_batch_time(2 if quick else 10, say),
         "excitation": lambda: gain.run_excitation(2 if quick else 20, 15.0, say),
+        "in_hand": lambda: in_hand.run_in_hand(1 if quick else 3, say),
     }
     results = {name: runs[name]() for name in SECTIONS if name in sections}
     machine = {"cpus": os.cpu_count(), "python": platform.python_version(), "quick": quick}

@@ -155,13 +155,13 @@ def _live(result: dict[str, Any]) -> str:
         ["batch GTSAM solved again", *_growth(other["batch_resolved"])],
     ]
     steps = list(other["plain_isam2"]["ms_at_step"])
-    memory = result["memory_mib"]
+    memory = {name: f"{value:.0f} MiB" for name, value in result["memory_mib"].items()}
     return (
         f"### Live: {result['updates']} updates at 100 Hz, four fingers\n\n"
         + _table(["update", "median", "90 %", "99 %", "max"], lines)
         + f"\n\nLast over first decile: {result['last_over_first_decile']:.3f}. Memory "
-        f"{memory['after_first_tenth']:.0f} MiB after a tenth, {memory['last']:.0f} at the end, peak "
-        f" {memory['peak']:.0f} MiB. All estimates feasible: {result['all_feasible']}.\n\n"
+        f"{memory['after_first_tenth']} after a tenth, {memory['last']} at the end, peak "
+        f"{memory['peak']}. All estimates feasible: {result['all_feasible']}.\n\n"
         + _table(
             ["alternative", *(f"ms at step {k}" for k in steps), "times ours", "distance"], growth
         )
@@ -177,8 +177,8 @@ def _batch_time(result: dict[str, Any]) -> str:
     cpu, wall = result["cpu_s"], result["wall_s"]
     return (
         f"### Batch, 30 s recording ({result['recordings']} recordings)\n\n"
-        f"CPU {cpu['median']:.2f} s (at most {cpu['max']:.2f} s), wall clock {wall['median']:.2f} s (at most "
-        f"{wall['max']:.2f} s)."
+        f"CPU {cpu['median']:.2f} s (at most {cpu['max']:.2f} s), "
+        f"wall clock {wall['median']:.2f} s (at most {wall['max']:.2f} s)."
     )
 
 
@@ -204,16 +204,18 @@ def _excitation(result: dict[str, Any]) -> str:
 
 
 def _in_hand(result: dict[str, Any]) -> str:
+    columns = ("mass_percent", "com_mm", "inertia", "distance", "trace_error")
     lines = [
         [
             row["object"],
-            f"{row['mass_percent']:.2f}",
-            f"{row['com_mm']:.2f}",
-            f"{row['distance']:.2f}",
+            str(row["runs"]),
+            *(f"{row[name]:.3g}" for name in columns),
+            f"{row['live_mass_percent']:.2f}",
+            f"{row['live_com_mm']:.2f}",
             f"{100 * row['coverage']:.0f} %",
         ]
         for row in result["rows"]
     ]
-    return "### In hand, whole chain\n\n" + _table(
-        ["object", "mass, %", "CoM, mm", "distance", "90 % intervals that hold"], lines
-    )
+    header = ["object", "runs", "mass, %", "CoM, mm", "inertia, kg m^2", "distance", "Eq. 34"]
+    header += ["live mass, %", "live CoM, mm", "90 % intervals that hold"]
+    return "### In hand, whole chain (medians)\n\n" + _table(header, lines)

@@ -11,8 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from benchmarks.hidden.recordings import generate
+from benchmarks.hidden.recordings import generate, generate_at_whitened_rms
 from benchmarks.hidden.scenario import ScenarioOptions
+from tactile_dynamics_ros.core.effects.registry import create_effect
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.batch import estimate_inertia
 from tactile_dynamics_ros.core.inertia.incremental import (
@@ -185,6 +186,36 @@ def test_cost_per_update_does_not_grow(recording):
         costs.append(time.thread_time() - started)
     early, late = np.median(costs[400:800]), np.median(costs[1400:])
     assert late / early < 1.2
+
+
+@pytest.mark.parametrize(("name", "truth"), [("viscous_drag", "c"), ("sensor_lag", "time")])
+def test_effects_join_the_live_model(name, truth):
+    """Also one that remembers samples before."""
+    hidden = generate_at_whitened_rms(4, {name: 3.0}, ScenarioOptions(duration=5.0))
+    estimator = IncrementalInertialEstimator()
+    for _ in zip(replay_streams(hidden.streams, estimator), range(300), strict=False):
+        pass
+    without = estimator.update()
+    estimator.set_effects([create_effect(name)])
+    for _ in range(100):
+        last = estimator.update()
+    assert last.pending == 0
+    assert last.error.whitened_rms < 0.6 * without.error.whitened_rms
+    (value,) = last.effects[name].value.values()
+    (expected,) = (
+        abs(float(q["value"]))
+        for key, q in hidden.truth()["effects"][name]["parameters"].items()
+        if truth in key
+    )
+    assert abs(value) == pytest.approx(expected, rel=0.2)
+
+
+def test_an_effect_that_looks_ahead_keeps_the_estimate_feasible(recording):
+    estimator = IncrementalInertialEstimator()
+    estimator.set_effects([create_effect("time_offset")])
+    for estimate, _ in zip(replay_streams(recording.streams, estimator), range(150), strict=False):
+        assert is_feasible(estimate.inertia.dynamic_parameters)
+    assert "offset" in estimate.effects["time_offset"].value
 
 
 def test_reset_forgets(recording):

@@ -8,6 +8,7 @@ independent of every residual near by, as in the Gauss-Helmert solution of the b
 
 from __future__ import annotations
 
+from itertools import takewhile
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -50,6 +51,12 @@ class Decorrelator(Generic[Record]):
     def centre(self) -> Record | None:
         """What was stored with the centre row; None for a row without residual."""
         return self._records[self.lag]
+
+    @property
+    def later(self) -> list[Record]:
+        """What was stored with the rows after the centre, up to the first without residual."""
+        rows = self._records[self.lag + 1 :]
+        return list(takewhile(lambda record: record is not None, rows))  # type: ignore[arg-type]
 
     def push(self, noise: Array, factor_row: Array, white: Array, record: Record | None) -> None:
         """Add the newest row.

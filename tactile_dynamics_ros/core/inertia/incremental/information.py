@@ -103,7 +103,7 @@ class BlockScores:
         self._filled = half
         self._length *= 2
 
-    def inflation(self, state: Array, information: Array) -> Array:
+    def inflation(self, state: Array, inverse: Array) -> Array:
         """Factors >= 1 by which variances grow because residuals are large or stay correlated.
 
         The influence of a block on the estimate is H^-1 (g_b - H_b x). The ratio of its variance
@@ -112,7 +112,7 @@ class BlockScores:
 
         Args:
             state: (n,) estimate x.
-            information: (n, n) total information, data and prior.
+            inverse: (n, n) of the total information, data and prior.
 
         Returns:
             (n,) factors for the variances of x.
@@ -124,7 +124,6 @@ class BlockScores:
         factors = np.ones(len(state))
         if count < _FEWEST_BLOCKS:
             return factors
-        inverse = np.linalg.inv(information)
         influence = (gradients - hessians @ state) @ inverse
         expected = np.einsum("ij,jk,ki->i", inverse, hessians.sum(axis=0), inverse)
         while len(influence) >= _FEWEST_BLOCKS:

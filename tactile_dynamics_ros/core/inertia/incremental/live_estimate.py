@@ -143,8 +143,7 @@ class Summariser:
         covariance = model.state_covariance()
         data, prior = (part[:10, :10] for part in model.coordinate_information())
         if model is not self._model or self._calls % self._EVERY == 0:
-            inverse = np.asarray(np.linalg.inv(covariance))
-            self._widen = np.sqrt(model.scores.inflation(model.state, inverse))
+            self._widen = np.sqrt(model.scores.inflation(model.state, covariance))
             self._lasting = model.lasting.covariance(model.state, covariance)
             self._not_excited = unexcited_parameters(solver.xi, data, prior)
             self._model = model

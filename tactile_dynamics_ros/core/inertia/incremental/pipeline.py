@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -29,6 +30,8 @@ from tactile_dynamics_ros.core.inertia.systematic import SYSTEMATIC_SIZE, system
 Array = NDArray[np.float64]
 
 _FLOOR = 1e-14 * np.eye(6)
+_HISTORY = 50
+_LEAST_CONTEXT = 4
 
 
 @dataclass(frozen=True)
@@ -98,6 +101,9 @@ class WhiteningPipeline:
         self._whitener = StreamWhitener(2 * layout.short, size + 1)
         self._decorrelator = Decorrelator[_Record](layout.short, layout.long)
         self._substitution = DelayedSubstitution(2 * layout.short, self._columns)
+        self._history: tuple[deque[DenoisedMotion], deque[DenoisedMotion]]
+        self._history = deque(maxlen=_HISTORY), deque(maxlen=_HISTORY)
+        self._history_contacts: deque[ContactRows] = deque(maxlen=_HISTORY)
         self._rng = np.random.default_rng(1)
 
     def process(
@@ -112,12 +118,16 @@ class WhiteningPipeline:
             state: (n,) parameters to linearise at.
             covariance: (n, n) of the state, for judging innovations.
         """
-        contacts = self._stream.contacts(first, last)
-        windows = self._stream.windows(first, last, self.layout)
+        begin = self._stream.lowest(first - _HISTORY, self.layout) if model.effects else first
+        if model.effects and last - begin < _LEAST_CONTEXT:
+            self._skip(last - first)
+            return
+        contacts = self._stream.contacts(begin, last)
+        windows = self._stream.windows(begin, last, self.layout)
         batch = linearise_residuals(windows, contacts, self._config.window_degree, model)
-        usable, doubtful = self._stream.flags(first, last)
+        usable, doubtful = self._stream.flags(begin, last)
         complete: list[tuple[_Record, Array] | None] = []
-        for k in range(last - first):
+        for k in range(first - begin, last - begin):
             if usable[k]:
                 self._judge_row(batch, contacts, k, state, covariance, bool(doubtful[k]))
             else:
@@ -125,6 +135,12 @@ class WhiteningPipeline:
                 self._decorrelator.skip()
             complete.append(self._centre(bool(model.effects)))
         yield from self._finish(complete, model)
+
+    def _skip(self, count: int) -> None:
+        for _ in range(count):
+            self._whitener.skip()
+            self._decorrelator.skip()
+            self._substitution.remember(np.zeros((6, self._columns)))
 
     def _judge_row(
         self,
@@ -154,6 +170,9 @@ class WhiteningPipeline:
         record = self._decorrelator.centre
         if record is None:
             return None
+        known = len(self._history_contacts) + 1 + len(self._decorrelator.later)
+        if with_forces and known < _LEAST_CONTEXT:
+            return None
         own = np.zeros((6, 0))
         if with_forces:
             own = contact_noise_response(record.motion, record.contacts)
@@ -180,14 +199,39 @@ class WhiteningPipeline:
         corrections = np.stack([correction for _, correction in found])
         motion = DenoisedMotion.stack([record.motion for record, _ in found])
         contacts = ContactRows.stack([record.contacts for record, _ in found])
-        if model.effects:
-            contacts = contacts.corrected(corrections[:, 0, 18:])
         denoised = motion.corrected(corrections[:, 0, :18])
         noisy = denoised.corrected(motion.draw + corrections[:, 1, :18])
-        jacobian = model.jacobian(denoised.samples(contacts, model.origin))
-        noise = model.jacobian(noisy.samples(contacts, model.origin)) - jacobian
+        if model.effects:
+            contacts = contacts.corrected(corrections[:, 0, 18:])
+            jacobian, disturbed = self._jacobians_in_context(denoised, noisy, contacts, model)
+        else:
+            jacobian, disturbed = (
+                model.jacobian(moved.samples(contacts)) for moved in (denoised, noisy)
+            )
         lasting = systematic_basis(denoised.rotation, self._lever)
-        return np.concatenate([jacobian, noise, lasting], axis=2)
+        return np.concatenate([jacobian, disturbed - jacobian, lasting], axis=2)
+
+    def _jacobians_in_context(
+        self,
+        denoised: DenoisedMotion,
+        noisy: DenoisedMotion,
+        contacts: ContactRows,
+        model: LinearisedModel,
+    ) -> tuple[Array, Array]:
+        """Jacobians of effects with memory need the samples before and after."""
+        later = self._decorrelator.later
+        after = [record.motion for record in later], [record.contacts for record in later]
+        held = ContactRows.stack([*self._history_contacts, contacts, *after[1]])
+        jacobians = []
+        for history, motion in zip(self._history, (denoised, noisy), strict=True):
+            rows = slice(len(history), len(history) + len(motion.time))
+            joined = DenoisedMotion.stack([*history, motion, *after[0]])
+            jacobians.append(model.jacobian(joined.samples(held, model.origin))[rows])
+        for k in range(len(denoised.time)):
+            self._history_contacts.append(contacts.row(k))
+            for history, motion in zip(self._history, (denoised, noisy), strict=True):
+                history.append(motion.row(k))
+        return jacobians[0], jacobians[1]
 
     def _white_rows(self, record: _Record, columns: Array) -> WhiteRows:
         size = self._size

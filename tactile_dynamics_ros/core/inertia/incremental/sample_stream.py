@@ -170,6 +170,11 @@ class SampleStream:
                 return begin, end, layout
         return None
 
+    def lowest(self, first: int, layout: Layout) -> int:
+        """First row from `first` on whose window and contacts are still kept."""
+        kept = max(layout.start, self._poses.start) + layout.long
+        return max(first, kept, self._contacts.start)
+
     def windows(self, first: int, last: int, layout: Layout) -> PoseWindows:
         """Pose windows around rows first <= k < last."""
         span, width = (first - layout.long, last + layout.long), 2 * layout.long + 1

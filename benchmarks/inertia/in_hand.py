@@ -1,0 +1,172 @@
+"""Section `in_hand`: paper A's five boxes through the whole chain, counts to inertia.
+
+The simulated hand grasps, lifts and moves each box; forces come from the fingertips' raw counts,
+contact points and object pose from the joints (and, for the pose, slow corrections from vision).
+The same core objects run as in the nodes.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict, deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from benchmarks.biotac_in_hand import ALOFT, Touch
+from benchmarks.inertia.scores import Score, physical
+from tactile_dynamics_ros.core.contact.contact_state import Contact
+from tactile_dynamics_ros.core.contact.hand_kinematics import HandKinematics
+from tactile_dynamics_ros.core.inertia.batch import estimate_inertia
+from tactile_dynamics_ros.core.inertia.estimate import PARAMETER_NAMES, InertialEstimate
+from tactile_dynamics_ros.core.inertia.incremental.replay import replay_streams
+from tactile_dynamics_ros.core.manipulation.grasp_controller import GraspConfig, GraspController
+from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
+from tactile_dynamics_ros.core.streams import ContactStream, PoseStream, Streams
+from tactile_dynamics_ros.core.tracking.kinematic_tracker import ANCHOR, KinematicTracker
+from tactile_dynamics_ros.core.tracking.pose_average import average_poses
+from tactile_dynamics_ros.core.tracking.pose_fusion import PoseFusion
+from tactile_dynamics_ros.sim.simulated_robot import SimulatedRobot, SimulatedRobotConfig
+from tactile_dynamics_ros.sim.world import WorldConfig
+
+BOXES = ("box_0", "box_1", "box_2", "box_3", "box_4")
+
+_SIGHTINGS = 15
+_NINETY = 1.6449
+_TARE_S = 0.5
+_LIMIT_S = 90.0
+_FORCE_MODEL = "network"
+
+
+@dataclass
+class _Tracking:
+    """Pose of the object while it is held, as the tracker's node follows it."""
+
+    kinematics: HandKinematics
+    tracker: KinematicTracker = field(init=False)
+    fusion: PoseFusion = field(default_factory=PoseFusion)
+    seen: deque[np.ndarray] = field(default_factory=lambda: deque(maxlen=_SIGHTINGS))
+
+    def __post_init__(self) -> None:
+        self.tracker = KinematicTracker(self.kinematics)
+
+    def update(
+        self, time: float, positions: np.ndarray, vision: np.ndarray | None, touching: list[str]
+    ) -> tuple[np.ndarray, np.ndarray] | None:
+        """Fused pose and covariance, or None until enough has been seen."""
+        anchor = self.kinematics.sensor_pose(ANCHOR, positions)
+        if vision is not None:
+            self.seen.append(np.linalg.inv(anchor) @ vision)
+        if not self.tracker.initialised:
+            if len(self.seen) < _SIGHTINGS:
+                return None
+            mean, _ = average_poses(np.stack(self.seen))
+            self.tracker.initialise(anchor @ mean, positions, None, time)
+        fused = self.fusion.predict(*self.tracker.update(positions, time, touching), time)
+        if vision is not None:
+            self.fusion.correct(vision, self.tracker.vision_covariance(), time)
+        return fused
+
+
+@dataclass
+class _Tape:
+    """What the estimator's topics carry, while the object is aloft."""
+
+    poses: list[tuple[float, np.ndarray, np.ndarray]] = field(default_factory=list)
+    contacts: dict[str, list[tuple[float, Contact]]] = field(
+        default_factory=lambda: defaultdict(list)
+    )
+
+    def streams(self) -> Streams:
+        """As a recording."""
+        time, pose, covariance = (np.array(column) for column in zip(*self.poses, strict=True))
+        contacts = {}
+        for name, rows in self.contacts.items():
+            stamps = np.array([stamp for stamp, _ in rows])
+            force = np.array([contact.force for _, contact in rows])
+            contacts[name] = ContactStream(
+                name,
+                stamps,
+                force,
+                np.zeros_like(force),
+                np.array([contact.force_std for _, contact in rows]),
+                stamps,
+                np.array([contact.point for _, contact in rows]),
+                np.array([contact.rotation for _, contact in rows]),
+            )
+        return Streams(PoseStream(time, pose[:, :3, 3], pose[:, :3, :3], covariance), contacts)
+
+
+def record_in_hand(
+    box: str, seed: int, behaviour: GraspConfig | None = None
+) -> tuple[Streams, InertialParameters, str]:
+    """Grasp, lift and move a box; return what was published, the truth and the outcome."""
+    robot = SimulatedRobot(SimulatedRobotConfig(seed=seed, world=WorldConfig(object_name=box)))
+    kinematics, truth = HandKinematics(), robot.world.model.inertia
+    controller = GraspController(kinematics, robot.world.model.grasp, behaviour)
+    touch, tracking, tape, pose = Touch(kinematics, _FORCE_MODEL), None, _Tape(), None
+    while robot.world.time < _LIMIT_S and not controller.done:
+        readings = robot.advance()
+        contacts = touch.update(readings)
+        pose = readings.vision if readings.vision is not None else pose
+        forces = {name: contact.force for name, contact in contacts.items()}
+        known = pose if readings.time > _TARE_S else None
+        robot.world.command(controller.update(readings.time, readings.position, forces, known))
+        if controller.phase not in ALOFT:
+            continue
+        tracking = tracking or _Tracking(kinematics)
+        fused = tracking.update(
+            readings.joint_time, readings.position, readings.vision, list(contacts)
+        )
+        if fused is not None:
+            tape.poses.append((readings.joint_time, *fused))
+            for name, contact in contacts.items():
+                tape.contacts[name].append((readings.touch_time, contact))
+    robot.world.close()
+    return tape.streams(), truth, controller.outcome or controller.phase.value
+
+
+def run_in_hand(seeds: int, say: Callable[[str], None]) -> dict[str, Any]:
+    """Errors and interval coverage per box."""
+    rows = []
+    for box in BOXES:
+        scores, inside, deviations, live = [], [], [], []
+        for seed in range(seeds):
+            say(f"in hand: {box}, seed {seed}")
+            streams, truth, outcome = record_in_hand(box, seed)
+            if not streams.contacts:
+                say(f"  {outcome}")
+                continue
+            estimate = estimate_inertia(streams)
+            scores.append(Score.of(truth, estimate.inertia.dynamic_parameters, 0.0))
+            z = _deviations(estimate, truth)
+            inside.append(np.abs(z) < _NINETY)
+            deviations.append(z)
+            last = list(replay_streams(streams))[-1]
+            live.append(Score.of(truth, last.inertia.dynamic_parameters, 0.0))
+        rows.append(
+            {
+                "object": box,
+                "runs": len(scores),
+                "mass_percent": float(np.median([s.mass_percent for s in scores])),
+                "com_mm": float(np.median([s.com_mm for s in scores])),
+                "inertia": float(np.median([s.inertia for s in scores])),
+                "distance": float(np.median([s.distance for s in scores])),
+                "trace_error": float(np.median([s.trace_error for s in scores])),
+                "live_mass_percent": float(np.median([s.mass_percent for s in live])),
+                "live_com_mm": float(np.median([s.com_mm for s in live])),
+                "coverage": float(np.mean(inside)),
+                "deviations": {
+                    name: float(value)
+                    for name, value in zip(
+                        PARAMETER_NAMES, np.median(np.abs(deviations), axis=0), strict=True
+                    )
+                },
+            }
+        )
+    return {"seeds": seeds, "rows": rows}
+
+
+def _deviations(estimate: InertialEstimate, truth: InertialParameters) -> np.ndarray:
+    return (physical(estimate.inertia) - physical(truth)) / estimate.parameter_std
