@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
@@ -14,11 +15,15 @@ from tactile_dynamics_ros.core.inertia.contact_grid import choose_grid
 from tactile_dynamics_ros.core.inertia.estimate import InertialEstimate
 from tactile_dynamics_ros.core.inertia.fitted_model import FittedModel
 from tactile_dynamics_ros.core.inertia.fitting import fit_model
+from tactile_dynamics_ros.core.inertia.hull import CentreHull, keep_in_hull
 from tactile_dynamics_ros.core.inertia.wrench_problem import ProblemConfig, WrenchProblem
 from tactile_dynamics_ros.core.streams import Streams
 
 if TYPE_CHECKING:
     from tactile_dynamics_ros.core.effects.effect import Effect
+
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -71,7 +76,22 @@ def fit_recording(
 
 
 def estimate_inertia(
-    streams: Streams, effects: Sequence[Effect] = (), config: BatchConfig | None = None
+    streams: Streams,
+    effects: Sequence[Effect] = (),
+    config: BatchConfig | None = None,
+    hull: Array | None = None,
 ) -> InertialEstimate:
-    """Estimate mass, centre of mass and inertia of a held object from a recording."""
-    return fit_recording(streams, effects, config).to_estimate()
+    """Estimate mass, centre of mass and inertia of a held object from a recording.
+
+    Args:
+        streams: the recording.
+        effects: of the model.
+        config: of the estimator.
+        hull: (N, 3) mesh vertices, body frame, m; the centre of mass is kept in their convex hull.
+    """
+    model = fit_recording(streams, effects, config)
+    if hull is not None:
+        data, prior = (part[:10, :10] for part in model.coordinate_information)
+        xi = keep_in_hull(model.xi, data + prior, CentreHull.of_points(hull))
+        model = replace(model, xi=xi)
+    return model.to_estimate()

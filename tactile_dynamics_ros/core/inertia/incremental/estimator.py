@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.inertia.hull import CentreHull
 from tactile_dynamics_ros.core.inertia.incremental.accumulation import Accumulation
 from tactile_dynamics_ros.core.inertia.incremental.config import IncrementalConfig
 from tactile_dynamics_ros.core.inertia.incremental.contact_queue import ContactReading
@@ -44,6 +45,7 @@ class IncrementalInertialEstimator:
         """Start without data."""
         self._config = config or IncrementalConfig()
         self._effects: tuple[Effect, ...] = ()
+        self._hull: CentreHull | None = None
         self.reset()
 
     @property
@@ -56,7 +58,7 @@ class IncrementalInertialEstimator:
         self._stream = SampleStream(self._config)
         self._newest = -np.inf
         self._seen = 0
-        self._summariser = Summariser()
+        self._summariser = Summariser(self._hull)
         self._successor: Accumulation | None = None
         self._restart()
 
@@ -64,6 +66,15 @@ class IncrementalInertialEstimator:
         """Change the model; the estimate starts again from the samples of the last 30 s."""
         self._effects = tuple(effects)
         self._restart()
+
+    def set_hull(self, vertices: Array | None) -> None:
+        """Keep the centre of mass inside the convex hull of mesh vertices (N, 3), body frame, m.
+
+        Raises:
+            BadInputError: the vertices do not span a volume.
+        """
+        self._hull = None if vertices is None else CentreHull.of_points(vertices)
+        self._summariser = Summariser(self._hull)
 
     def add_pose(self, t: float, X_WO: Array, covariance: Array | None) -> None:
         """Add a pose of the object.

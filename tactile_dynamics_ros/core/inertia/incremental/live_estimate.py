@@ -14,6 +14,7 @@ from tactile_dynamics_ros.core.inertia.estimate import (
     InertialEstimate,
     ModelError,
 )
+from tactile_dynamics_ros.core.inertia.hull import CentreHull, keep_in_hull
 from tactile_dynamics_ros.core.inertia.incremental.accumulation import Accumulation
 from tactile_dynamics_ros.core.inertia.uncertainty import unexcited_parameters
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
@@ -129,8 +130,9 @@ class Summariser:
 
     _EVERY = 10
 
-    def __init__(self) -> None:
-        """Start without a past."""
+    def __init__(self, hull: CentreHull | None = None) -> None:
+        """Start without a past; a hull bounds the centre of mass."""
+        self._hull = hull
         self._calls = 0
         self._model: Accumulation | None = None
         self._widen, self._lasting = np.ones(0), np.zeros(0)
@@ -148,9 +150,12 @@ class Summariser:
             self._not_excited = unexcited_parameters(solver.xi, data, prior)
             self._model = model
         self._calls += 1
+        xi = solver.xi
+        if self._hull is not None:
+            xi = keep_in_hull(xi, data + prior, self._hull)
         covariance = covariance * np.outer(self._widen, self._widen) + self._lasting
         return LiveEstimate(
-            inertia=InertialParameters.from_log_cholesky(solver.xi),
+            inertia=InertialParameters.from_log_cholesky(xi),
             covariance=covariance[:10, :10],
             effects=_effect_estimates(model, covariance[10:, 10:]),
             error=ModelError(
@@ -164,7 +169,7 @@ class Summariser:
             converged=True,
             time=model.last_time,
             information=np.stack([data, prior]),
-            coordinates=solver.xi,
+            coordinates=xi,
             rejected=model.judge.rejected,
             latency=latency,
             pending=pending,
