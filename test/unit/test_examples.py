@@ -10,7 +10,16 @@ import numpy as np
 import pytest
 from synthetic_recording import MASS, held_box
 
+from tactile_dynamics_ros.core.effects import registered_names, registry
+
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+
+
+@pytest.fixture(autouse=True)
+def forget_user_effects(monkeypatch):
+    """Effects that an example makes known are not candidates of other tests."""
+    registered_names()
+    monkeypatch.setattr(registry, "_registry", dict(registry._registry))
 
 
 def _run(name: str, arguments: list[str], capsys) -> str:
@@ -105,3 +114,33 @@ def test_05_adds_the_effect_that_was_hidden(tmp_path, capsys):
     assert _number(r"rigid body alone: ([\d.]+)", text) > 2.0
     assert _number(r"added viscous_drag: ([\d.]+)", text) < 1.15
     assert (tmp_path / "steps.png").exists()
+
+
+def _hide(name: str, folder: Path) -> str:
+    from benchmarks.hidden import ScenarioOptions, generate_at_whitened_rms
+    from benchmarks.hidden.bag import write_bag
+
+    made = generate_at_whitened_rms(3, {name: 3.0}, ScenarioOptions(duration=8.0))
+    return str(write_bag(made.streams, folder / "run"))
+
+
+def test_06_fits_an_effect_of_its_own_class(tmp_path, capsys):
+    text = _run("06", [_hide("cross_talk", tmp_path)], capsys)
+    assert "all requirements hold" in text
+    assert _number(r"rigid body alone: ([\d.]+)", text) > 2.0
+    assert _number(r"with crosstalk: +([\d.]+)", text) < 1.15
+    shares = [float(share) for share in re.findall(r"([-\d.]+) ±", text)]
+    assert len(shares) == 12
+    assert sum(share > 1.5 for share in shares) == 4, "each finger reads one other"
+    assert all(abs(share) < 1.5 for share in sorted(shares)[:8])
+
+
+def test_07_fits_an_effect_from_a_formula(tmp_path, capsys):
+    path = tmp_path / "rubbing.yaml"
+    text = _run("07", [_hide("dry_rubbing", tmp_path), "--out", str(path)], capsys)
+    assert "all requirements hold" in text
+    assert re.search(r"refused: .*wrong.yaml: dry_friction.wrench.force: has the unit", text)
+    errors = dict(re.findall(r"  (rigid body alone|\w+) +([\d.]+)\n", text))
+    assert float(errors["dry_friction"]) < 1.15 < 0.9 * float(errors["viscous_drag"])
+    assert _number(r"friction ([\d.]+)", text) > 0.05
+    assert "dry_friction" in path.read_text()

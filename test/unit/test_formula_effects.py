@@ -150,6 +150,7 @@ def test_contacts_that_do_not_touch_add_nothing(tmp_path):
         (drag(wrench="{force: -c*speed}"), "scalar, expected a vector or three"),
         (drag(wrench="{force: [1, 2]}"), "2 components, expected three"),
         (drag(wrench="{force: -c*v, axis: world}"), "'axis' is unknown, expected axes, at"),
+        (drag(wrench="{force: -c*dot(v, v)}"), "a formula with commas needs quotes"),
         (drag(wrench="{force: -c*v, axes: moon}"), "'moon', expected world, body, contact"),
         (drag(wrench="{force: -c*v, axes: contact}"), "axes `contact` need `at: contacts`"),
         (drag(wrench="{force: [grip, 0, 0]}"), "of which contact: write grip_thumb"),

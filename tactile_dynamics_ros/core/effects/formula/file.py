@@ -104,7 +104,9 @@ def _read_table(value: object, where: str, fields: tuple[str, ...] = ()) -> dict
         raise BadInputError(f"{where}: {value!r} is not a table of names and values")
     unknown = [str(key) for key in value if fields and key not in fields]
     if unknown:
-        raise BadInputError(f"{where}: '{unknown[0]}' is unknown, expected {', '.join(fields)}")
+        hint = "; a formula with commas needs quotes between braces" if ")" in unknown[0] else ""
+        expected = ", ".join(fields)
+        raise BadInputError(f"{where}: '{unknown[0]}' is unknown, expected {expected}{hint}")
     return {str(key): entry for key, entry in value.items()}
 
 
