@@ -70,6 +70,7 @@ class InertialEstimatorNode(Shell):
 
     def _change_model(self, config: InertialEstimatorConfig) -> None:
         self.estimator.set_effects([create_effect(name) for name in config.effects])
+        self._model = config.effects
 
     def _on_pose(self, message: PoseWithCovarianceStamped) -> None:
         pose, covariance = uncertain_pose_to_core(message, POSE, "world")
@@ -98,12 +99,17 @@ class InertialEstimatorNode(Shell):
         self._last_time = estimate.time
         self._inertia.publish(inertia_to_message(estimate.inertia, estimate.time, "object"))
         message = DiagnosticArray(header=header(estimate.time, "object"))
-        message.status = status_of(estimate)
+        message.status = status_of(estimate, self._model)
         self._status.publish(message)
 
 
-def status_of(estimate: LiveEstimate) -> Sequence[DiagnosticStatus]:
-    """Return the statuses: parameters with standard deviations, directions, effects, solver."""
+def status_of(estimate: LiveEstimate, model: Sequence[str]) -> Sequence[DiagnosticStatus]:
+    """Return the statuses: parameters with standard deviations, directions, solver, effects.
+
+    Args:
+        estimate: the newest.
+        model: names of the effects in the model.
+    """
     body = estimate.inertia
     tensor = body.inertia_com
     rows, columns = (0, 0, 1, 0, 1, 2), (0, 1, 1, 2, 2, 2)
@@ -116,6 +122,7 @@ def status_of(estimate: LiveEstimate) -> Sequence[DiagnosticStatus]:
     level = DiagnosticStatus.OK if len(found) == len(directions) else DiagnosticStatus.WARN
     text = "; ".join(estimate.remarks) or f"{len(found)} of {len(directions)} directions identified"
     solver: dict[str, object] = {
+        "effects": ",".join(model),
         "samples": estimate.samples,
         "duration": estimate.duration,
         "latency": estimate.latency,

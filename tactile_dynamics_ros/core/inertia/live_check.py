@@ -107,6 +107,17 @@ class LiveModelCheck:
         for entries in (buffer.wrenches, buffer.poses):
             _drop_before(entries, t - self._config.diagnosis_window)
 
+    def snapshot(self) -> LiveModelCheck:
+        """Return a copy to compute on while measurements go on coming in here."""
+        copy = LiveModelCheck(self._config)
+        copy._effects = self._effects
+        copy._poses = self._poses.copy()
+        copy._contacts = {
+            name: _ContactBuffer(buffer.wrenches.copy(), buffer.poses.copy())
+            for name, buffer in self._contacts.items()
+        }
+        return copy
+
     def compare(self) -> LiveComparison:
         """Fit the model to the last `error_window` seconds.
 

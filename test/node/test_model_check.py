@@ -1,0 +1,67 @@
+"""The model check as a node: error near one on clean data, above it where a drag is missing."""
+
+import json
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import WrenchStamped
+from rclpy.executors import SingleThreadedExecutor
+from std_msgs.msg import Float64
+from std_srvs.srv import Trigger
+from synthetic_recording import held_box
+from test_inertial_estimator import play
+
+from tactile_dynamics_ros.nodes.conversions import header
+from tactile_dynamics_ros.nodes.diagnostics import status_message
+from tactile_dynamics_ros.nodes.model_check import ModelCheckNode
+from tactile_dynamics_ros.nodes.shell import LATCHED
+
+ERROR = "/model_check/error"
+
+
+@pytest.fixture
+def checker(bench):
+    """A running model_check whose results are collected."""
+    arguments = ["period:=0.5", "error_window:=5.0", "iterations:=1"]
+    bench.start(ModelCheckNode, *[word for a in arguments for word in ("-p", a)])
+    bench.follow(Float64, ERROR, profile=LATCHED)
+    bench.follow(WrenchStamped, "/model_check/residual")
+    bench.follow(DiagnosticArray, "/model_check/diagnosis", profile=LATCHED)
+    return bench
+
+
+def test_error_is_near_one_where_only_noise_remains(checker):
+    play(checker, held_box(seconds=5.0).streams)
+    checker.until(lambda: checker.seen[ERROR], timeout=60.0)
+    assert checker.seen[ERROR][-1].data == pytest.approx(1.0, abs=0.15)
+    checker.until(lambda: checker.seen["/model_check/residual"], timeout=10.0)
+
+
+def test_effects_of_the_estimator_are_taken_over(checker):
+    message = DiagnosticArray(header=header(1.0, "object"))
+    message.status = [status_message("solver", {"effects": "viscous_drag,force_bias"})]
+    checker.send("/inertial_estimator/status", message, profile=LATCHED)
+    check = checker.nodes[0].check
+    checker.until(lambda: [e.name for e in check.effects] == ["viscous_drag", "force_bias"])
+
+
+def test_diagnosis_answers_while_messages_go_on(checker):
+    streams = held_box(seconds=6.0).streams
+    play(checker, streams)
+    node = checker.nodes[0]
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    client = node.create_client(Trigger, "/model_check/diagnose")
+    future = client.call_async(Trigger.Request())
+
+    def answered():
+        executor.spin_once(timeout_sec=0.0)
+        return future.done()
+
+    checker.until(answered, timeout=120.0)
+    document = json.loads(future.result().message)
+    assert document["verdict"] == "adequate"
+    assert document["effect"] is None
+    assert np.isfinite(document["error"]["before"])
+    checker.until(lambda: checker.seen["/model_check/diagnosis"])
