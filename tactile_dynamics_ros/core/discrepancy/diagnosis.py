@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.discrepancy.assessment import Assessment, assess
 from tactile_dynamics_ros.core.discrepancy.model import ResidualModel
 from tactile_dynamics_ros.core.discrepancy.selection import Choice, choose_effect
+from tactile_dynamics_ros.core.discrepancy.signature import Signature, describe_residual
 from tactile_dynamics_ros.core.discrepancy.validation import HeldOut, fits_equally, held_out
 
 
@@ -70,6 +71,8 @@ class Diagnosis:
         before: held-out error of the model.
         after: held-out error with the missing effect (of the model if there is none).
         floor: white RMS of the noise alone.
+        separating_motion: plan of the motion that would tell the group apart, or None.
+        signature: of a residual that no effect explains, or None.
     """
 
     verdict: str
@@ -81,7 +84,8 @@ class Diagnosis:
     before: HeldOut
     after: HeldOut
     floor: float
-    extras: dict[str, Any] = field(default_factory=dict)
+    separating_motion: dict[str, Any] | None = None
+    signature: Signature | None = None
 
     @property
     def explained_model(self) -> ResidualModel:
@@ -110,12 +114,26 @@ def diagnose(model: ResidualModel, config: DiagnosisConfig | None = None) -> Dia
     steps = _explain(model, first, config)
     floor = min([first.structure.floor] + [s.after.structure.floor for s in steps])
     if not steps or not _settled(first, steps[-1].after, floor, config):
-        return Diagnosis("unexplained", None, (), model, first, steps, before, before, floor)
+        return Diagnosis(
+            "unexplained", None, (), model, first, steps, before, before, floor,
+            signature=describe_residual(model),
+        )  # fmt: skip
     step = steps[0]
-    group, ambiguous = _group(step.choice, config)
-    verdict = "ambiguous" if ambiguous else "missing_effect"
+    group, ambiguous = find_group(step.choice, config)
     after = held_out(step.choice.model)
-    return Diagnosis(verdict, step.name, group, model, first, steps, before, after, floor)
+    motion = step.choice.model.separating_motion(group) if len(group) > 1 else None
+    return Diagnosis(
+        verdict="ambiguous" if ambiguous else "missing_effect",
+        effect=step.name,
+        group=group,
+        model=model,
+        assessment=first,
+        steps=steps,
+        before=before,
+        after=after,
+        floor=floor,
+        separating_motion=motion,
+    )
 
 
 def _explain(model: ResidualModel, first: Assessment, config: DiagnosisConfig) -> tuple[Step, ...]:
@@ -123,19 +141,21 @@ def _explain(model: ResidualModel, first: Assessment, config: DiagnosisConfig) -
     steps: list[Step] = []
     present, assessment = model, first
     while len(steps) < config.depth:
-        step = _add_one(present, assessment, config)
+        step = add_effect(present, assessment, config)
         if step is None:
             break
         steps.append(step)
         present, assessment = step.choice.model, step.after
         floor = assessment.structure.floor
-        hopeless = _explained_share(first, assessment, floor) < config.least_progress * len(steps)
+        hopeless = explained_share(first.rms, assessment.rms, floor) < config.least_progress * len(
+            steps
+        )
         if hopeless or _settled(first, assessment, floor, config):
             break
     return tuple(steps)
 
 
-def _add_one(model: ResidualModel, before: Assessment, config: DiagnosisConfig) -> Step | None:
+def add_effect(model: ResidualModel, before: Assessment, config: DiagnosisConfig) -> Step | None:
     """Add the effect with the best evidence, if it has any."""
     choice = choose_effect(model, before.scores, before.structure.floor)
     if choice is None or choice.best.criterion > choice.without - config.indifference:
@@ -147,18 +167,18 @@ def _settled(first: Assessment, after: Assessment, floor: float, config: Diagnos
     """Whether what is left is noise, or too little to speak of."""
     if after.adequate:
         return True
-    share = _explained_share(first, after, floor)
+    share = explained_share(first.rms, after.rms, floor)
     return share >= config.explained and after.rms <= config.near_floor * floor
 
 
-def _explained_share(first: Assessment, after: Assessment, floor: float) -> float:
-    """Share of the squared error above the floor that the added effects explain."""
-    excess = first.rms**2 - floor**2
-    left = max(after.rms**2 - floor**2, 0.0)
+def explained_share(before: float, after: float, floor: float) -> float:
+    """Share of the squared error above the floor that is gone, from three RMS values."""
+    excess = before**2 - floor**2
+    left = max(after**2 - floor**2, 0.0)
     return 1.0 - left / excess if excess > 0 else 0.0
 
 
-def _group(choice: Choice, config: DiagnosisConfig) -> tuple[tuple[str, ...], bool]:
+def find_group(choice: Choice, config: DiagnosisConfig) -> tuple[tuple[str, ...], bool]:
     """Rivals that fit held-out blocks as well, and whether one of them is as plausible."""
     best = choice.best
     equal = [r for r in choice.rivals if fits_equally(best.held_out, r.held_out)]

@@ -29,6 +29,8 @@ class Family:
         kept: the columns that belong to this family.
         choices: number of families searched for the same effect, for its penalty.
         source: what the model needs to fit the effect itself.
+        symbols: of the columns, where they can stand in a formula.
+        frame: in which the columns are constant or turn with what they depend on.
     """
 
     name: str
@@ -38,25 +40,23 @@ class Family:
     kept: tuple[int, ...]
     choices: int = 1
     source: Any = None
+    symbols: tuple[str, ...] = ()
+    frame: str = ""
 
 
 @dataclass(frozen=True)
-class Quantity:
-    """A named measured quantity at each instant, for correlations and formulas.
+class Condition:
+    """A scalar that says what was going on at each instant.
 
     Attributes:
-        name: what it is, for example ``velocity``.
-        symbol: for formulas, for example ``v``.
+        name: for example ``speed``.
         unit: SI.
-        values: (N, 3) or (N, 1).
-        frame: in which the values are given, empty for scalars.
+        values: (N,).
     """
 
     name: str
-    symbol: str
     unit: str
     values: Array
-    frame: str = ""
 
 
 @dataclass(frozen=True)
@@ -67,10 +67,11 @@ class Residuals:
         time: (N,) s.
         white: (N, D) residual, N(0, 1) where the model is right.
         physical: (N, D) measured minus predicted in the units of the channels.
-        channels: D names; channels of one vector are named ``<vector>_<axis>``.
+        channels: D names.
         units: D units.
-        frames: `physical` in other frames by name, (N, D) each.
-        quantities: named quantities.
+        frames: matrices (N, D, D) that turn channels into other frames, by name of the frame.
+        conditions: what was going on.
+        drivers: (N, k) motion that may drive the residual, or None.
     """
 
     time: Array
@@ -79,7 +80,8 @@ class Residuals:
     channels: tuple[str, ...]
     units: tuple[str, ...]
     frames: dict[str, Array] = field(default_factory=dict)
-    quantities: tuple[Quantity, ...] = ()
+    conditions: tuple[Condition, ...] = ()
+    drivers: Array | None = None
 
 
 class ResidualModel(Protocol):
@@ -124,4 +126,10 @@ class ResidualModel(Protocol):
         """What an effect does to the system, as a clause without a full stop."""
 
     def residuals(self) -> Residuals:
-        """Residuals for people, with named quantities."""
+        """Residuals for people, with what was going on."""
+
+    def library(self) -> Sequence[Family]:
+        """Families of named quantities, for a residual that no effect explains."""
+
+    def separating_motion(self, names: Sequence[str]) -> dict[str, Any] | None:
+        """Plan of the motion that would tell effects apart, or None if none would."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from tactile_dynamics_ros.core.effects.registry import create_effect, registered
 from tactile_dynamics_ros.core.inertia.fitted_model import FittedModel
 from tactile_dynamics_ros.core.inertia.fitting import fit_model
 from tactile_dynamics_ros.core.inertia.least_squares import levenberg_marquardt
+from tactile_dynamics_ros.core.inertia.term_library import wrench_terms
 from tactile_dynamics_ros.core.inertia.wrench_residuals import wrench_residuals
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     log_cholesky,
@@ -234,6 +236,29 @@ class HeldObjectModel:
         xi = _nearest_body(self.phi, self.fitted.phi)
         model = replace(self.fitted, xi=xi, effects=self.effects, theta=self.theta)
         return wrench_residuals(model, self.residual.reshape(-1, 6))
+
+    def library(self) -> list[Family]:
+        """Simple functions of named quantities as wrenches."""
+        terms = [list(wrench_terms(block.problem.samples)) for block in self.fitted.blocks]
+        families = []
+        for parts in zip(*terms, strict=True):
+            columns = self.whitening.whiten([part.columns for part in parts])
+            families.append(
+                Family(
+                    parts[0].quantity,
+                    parts[0].label,
+                    parts[0].label,
+                    columns,
+                    tuple(range(columns.shape[1])),
+                    symbols=parts[0].symbols,
+                    frame=parts[0].frame,
+                )
+            )
+        return families
+
+    def separating_motion(self, names: Sequence[str]) -> dict[str, Any] | None:
+        """Plan of the motion that would tell effects apart."""
+        return None
 
     def _fitted(self, effects: tuple[Effect, ...], theta: tuple[Array, ...]) -> HeldObjectModel:
         system = _FrozenSystem(self.whitening, effects)

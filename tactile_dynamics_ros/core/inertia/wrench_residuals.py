@@ -1,4 +1,4 @@
-"""Wrench residuals of a fitted model for people: channels, frames, what they may depend on."""
+"""Wrench residuals of a fitted model for people: channels, frames, what was going on."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
-from tactile_dynamics_ros.core.discrepancy.model import Quantity, Residuals
+from tactile_dynamics_ros.core.discrepancy.model import Condition, Residuals
 from tactile_dynamics_ros.core.inertia.fitted_model import FittedModel
 
 Array = NDArray[np.float64]
@@ -16,48 +16,53 @@ UNITS = ("N m", "N m", "N m", "N", "N", "N")
 
 
 def wrench_residuals(model: FittedModel, white: Array) -> Residuals:
-    """Measured minus predicted wrench about the body origin, with named quantities.
+    """Measured minus predicted wrench about the body origin, with what was going on.
 
     Args:
         model: whose parameters predict.
         white: (N, 6) white residual of the same samples.
     """
-    physical = -model.smooth_residual()
-    rotation = np.concatenate([s.rotation for s in model.samples])
-    world = (rotation[:, None] @ physical.reshape(-1, 2, 3, 1)).reshape(-1, 6)
-    parts = [_quantities(samples) for samples in model.samples]
+    rotation = np.concatenate([samples.rotation for samples in model.samples])
+    to_world = np.zeros((len(rotation), 6, 6))
+    to_world[:, :3, :3] = to_world[:, 3:, 3:] = rotation
+    parts = [conditions(samples) for samples in model.samples]
     joined = tuple(
-        Quantity(q.name, q.symbol, q.unit, np.concatenate([p[k].values for p in parts]), q.frame)
-        for k, q in enumerate(parts[0])
+        Condition(first.name, first.unit, np.concatenate([part[k].values for part in parts]))
+        for k, first in enumerate(parts[0])
     )
-    time = np.concatenate([samples.time for samples in model.samples])
-    return Residuals(time, white, physical, CHANNELS, UNITS, {"world": world}, joined)
-
-
-def _quantities(samples: WrenchSamples) -> list[Quantity]:
-    """Motion, gravity and forces by name."""
-
-    def world(vectors: Array) -> Array:
-        return np.asarray(np.einsum("nij,nj->ni", samples.rotation, vectors))
-
-    force = samples.contact_force
-    normal = np.einsum("nci,nci->nc", samples.contact_rotation[..., 2], force)
-    up = np.broadcast_to(-samples.gravity / 9.81, samples.position.shape)
-    found = [
-        Quantity("time", "t", "s", samples.time[:, None]),
-        Quantity("position", "p", "m", samples.position, "world"),
-        Quantity("velocity", "v", "m/s", samples.velocity, "world"),
-        Quantity("acceleration", "a", "m/s^2", samples.acceleration, "world"),
-        Quantity("angular_velocity", "omega", "rad/s", world(samples.angular_velocity), "world"),
-        Quantity(
-            "angular_acceleration", "alpha", "rad/s^2", world(samples.angular_acceleration), "world"
+    return Residuals(
+        time=np.concatenate([samples.time for samples in model.samples]),
+        white=white,
+        physical=-model.smooth_residual(),
+        channels=CHANNELS,
+        units=UNITS,
+        frames={"world": to_world},
+        conditions=joined,
+        drivers=np.concatenate(
+            [np.concatenate([s.velocity, s.angular_velocity], axis=1) for s in model.samples]
         ),
-        Quantity("gravity", "up", "", up, "world"),
-        Quantity("grip", "f_n", "N", normal.sum(axis=1, keepdims=True)),
+    )
+
+
+def conditions(samples: WrenchSamples) -> list[Condition]:
+    """Speeds, tilt, grip and contact state, (N,) each."""
+    size = np.linalg.norm
+    up = -samples.rotation[:, 2]
+    force = size(samples.contact_force, axis=2)
+    tilt = np.degrees(np.arccos(np.clip(up @ (up.mean(axis=0) / size(up.mean(axis=0))), -1, 1)))
+    found = [
+        Condition("speed", "m/s", size(samples.velocity, axis=1)),
+        Condition("rate of turn", "rad/s", size(samples.angular_velocity, axis=1)),
+        Condition("acceleration", "m/s^2", size(samples.acceleration, axis=1)),
+        Condition("tilt from the mean orientation", "deg", tilt),
+        Condition("height", "m", samples.position[:, 2]),
+        Condition("grip force", "N", force.sum(axis=1)),
+        Condition("time", "s", samples.time),
     ]
-    for index, name in enumerate(samples.contact_names):
-        found.append(Quantity(f"force:{name}", f"f_{name}", "N", force[:, index], "body"))
-        found.append(
-            Quantity(f"point:{name}", f"r_{name}", "m", samples.contact_point[:, index], "body")
-        )
+    if samples.contact_force.shape[1] > 1:
+        found += [
+            Condition(f"force of {name}", "N", force[:, index])
+            for index, name in enumerate(samples.contact_names)
+        ]
+        found.append(Condition("contacts", "", samples.in_contact.sum(axis=1).astype(float)))
     return found

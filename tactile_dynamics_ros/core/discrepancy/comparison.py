@@ -1,0 +1,151 @@
+"""How large the error of a model is, whether the model is adequate, and where it fails."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.discrepancy.assessment import Assessment, assess
+from tactile_dynamics_ros.core.discrepancy.model import Condition, ResidualModel, Residuals
+from tactile_dynamics_ros.core.discrepancy.windows import window_index
+
+Array = NDArray[np.float64]
+
+_THIRD = 1.0 / 3.0
+_NOTABLE_SHARE = 0.45
+_MOST_PLACES = 8
+_WINDOW = 1.0
+_FAILING = 1.5
+_SIGNIFICANT = 5.0
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a model fails.
+
+    Attributes:
+        channel: of the residual.
+        condition: in words.
+        share_of_error: of the channel's excess error that comes with the condition.
+    """
+
+    channel: str
+    condition: str
+    share_of_error: float
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A model held against its data.
+
+    Attributes:
+        assessment: is it adequate.
+        residuals: of the model.
+        channel_rms: white RMS by channel.
+        places: where it fails, worst first; empty if it is adequate.
+        intervals: stretches (start, end) in s in which the error is far above its median.
+    """
+
+    assessment: Assessment
+    residuals: Residuals
+    channel_rms: dict[str, float]
+    places: tuple[Place, ...]
+    intervals: tuple[tuple[float, float], ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """Fields of the document of `compare` that do not depend on the kind of model."""
+        return {
+            "channels": self.channel_rms,
+            "adequate": self.assessment.adequate,
+            "p_value": self.assessment.p_value,
+            "noise_floor": self.assessment.structure.floor,
+            "fails_where": [vars(place) for place in self.places],
+            "intervals": [list(interval) for interval in self.intervals],
+        }
+
+
+def compare(model: ResidualModel, significance: float = 0.01) -> Comparison:
+    """Hold a fitted model against its data.
+
+    Args:
+        model: fitted.
+        significance: family-wise level of the adequacy test.
+    """
+    assessment = assess(model, significance)
+    residuals = model.residuals()
+    rms = np.sqrt(np.mean(residuals.white**2, axis=0))
+    intervals = () if assessment.adequate else _failing_intervals(residuals)
+    return Comparison(
+        assessment=assessment,
+        residuals=residuals,
+        channel_rms=dict(zip(residuals.channels, map(float, rms), strict=True)),
+        places=() if assessment.adequate else _places(residuals, assessment.structure.floor),
+        intervals=intervals,
+    )
+
+
+def _places(residuals: Residuals, floor: float) -> tuple[Place, ...]:
+    """The condition with which most of the error of every failing channel comes."""
+    excess = residuals.white**2 - floor**2
+    found = []
+    for index, channel in enumerate(residuals.channels):
+        total = float(excess[:, index].sum())
+        if total < _SIGNIFICANT * np.sqrt(2.0 * len(excess)):
+            continue
+        found += _places_of_channel(channel, excess[:, index] / total, residuals)
+    found.sort(key=lambda place: place.share_of_error, reverse=True)
+    return tuple(found[:_MOST_PLACES])
+
+
+def _places_of_channel(channel: str, share: Array, residuals: Residuals) -> list[Place]:
+    options = [
+        Place(channel, words, float(np.clip(share[inside].sum(), 0.0, 1.0)))
+        for condition in residuals.conditions
+        for words, inside in _subsets(condition)
+    ]
+    notable = sorted((p for p in options if p.share_of_error > _NOTABLE_SHARE), key=_by_share)
+    return notable[-2:] if notable else [Place(channel, "at all times", 1.0)]
+
+
+def _by_share(place: Place) -> float:
+    return place.share_of_error
+
+
+def _subsets(condition: Condition) -> list[tuple[str, NDArray[np.bool_]]]:
+    """Highest and lowest third of a condition; thirds of the time by their times."""
+    values, unit = condition.values, f" {condition.unit}".rstrip()
+    low, high = np.quantile(values, [_THIRD, 1.0 - _THIRD])
+    if condition.name == "contacts":
+        return [("a finger lost contact", values < values.max())] if np.ptp(values) > 0 else []
+    if not low < high:
+        return []
+    if condition.name == "time":
+        middle = (values >= low) & (values <= high)
+        return [
+            (f"before {low:.1f} s", values < low),
+            (f"from {low:.1f} s to {high:.1f} s", middle),
+            (f"after {high:.1f} s", values > high),
+        ]
+    return [
+        (f"{condition.name} below {low:.3g}{unit}", values < low),
+        (f"{condition.name} above {high:.3g}{unit}", values > high),
+    ]
+
+
+def _failing_intervals(residuals: Residuals) -> tuple[tuple[float, float], ...]:
+    """Stretches of seconds whose RMS exceeds 1.5 times the median, neighbours joined."""
+    index = window_index(residuals.time, _WINDOW)
+    square = np.bincount(index, (residuals.white**2).mean(axis=1))
+    count = np.maximum(np.bincount(index), 1)
+    rms = np.sqrt(square / count)
+    failing = np.flatnonzero(rms > _FAILING * np.median(rms[np.bincount(index) > 0]))
+    runs = np.split(failing, np.flatnonzero(np.diff(failing) > 1) + 1)
+    start = float(residuals.time[0])
+    return tuple(
+        (start + float(run[0]) * _WINDOW, start + float(run[-1] + 1) * _WINDOW)
+        for run in runs
+        if len(run)
+    )

@@ -1,0 +1,178 @@
+"""Findings as the JSON documents that `diagnose` and `explain` print."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from tactile_dynamics_ros.core.discrepancy.diagnosis import Diagnosis, explained_share
+from tactile_dynamics_ros.core.discrepancy.explanation import Explanation
+from tactile_dynamics_ros.core.discrepancy.model import ParameterTable, ResidualModel
+from tactile_dynamics_ros.core.discrepancy.screening import Score, best_by_effect
+from tactile_dynamics_ros.core.discrepancy.selection import Choice, Trial
+from tactile_dynamics_ros.core.discrepancy.sentences import (
+    capitalise,
+    join_names,
+    write_parameters,
+    write_percent,
+)
+
+Document = dict[str, Any]
+
+
+def diagnosis_document(diagnosis: Diagnosis) -> Document:
+    """The document of `diagnose`."""
+    signature = diagnosis.signature
+    return {
+        "verdict": diagnosis.verdict,
+        "effect": diagnosis.effect,
+        "group": list(diagnosis.group),
+        "separating_motion": diagnosis.separating_motion,
+        "candidates": _candidates(diagnosis),
+        "error": {
+            "before": diagnosis.before.rms,
+            "after": diagnosis.after.rms,
+            "noise_floor": diagnosis.floor,
+        },
+        "unexplained": signature.to_json() if signature else None,
+        "p_value": diagnosis.assessment.p_value,
+        "sentence": diagnosis_sentence(diagnosis),
+    }
+
+
+def explanation_document(explanation: Explanation) -> Document:
+    """The document of `explain`."""
+    names = explanation.effects
+    errors = [explanation.before.rms, *(step.error for step in explanation.steps)]
+    added = [None, *(step.name for step in explanation.steps)]
+    signature = explanation.signature
+    return {
+        "steps": [{"added": a, "error": e} for a, e in zip(added, errors, strict=True)],
+        "verdict": explanation.verdict,
+        "effects": list(names),
+        "error": {
+            "before": explanation.before.rms,
+            "after": explanation.after.rms,
+            "noise_floor": explanation.floor,
+        },
+        "parameters": explanation.model.parameters(),
+        "groups": {step.name: list(step.group) for step in explanation.steps if step.group},
+        "unexplained": signature.to_json() if signature else None,
+        "sentence": explanation_sentence(explanation),
+    }
+
+
+def _candidates(diagnosis: Diagnosis) -> list[Document]:
+    """Candidates of the first step, best first: those that were refitted, then the others."""
+    scores = {s.family.name: s for s in best_by_effect(diagnosis.assessment.scores)}
+    tests = len(diagnosis.assessment.scores)
+    trials = _first_trials(diagnosis)
+    rest = [name for name in scores if name not in {t.name for t in trials}]
+    found = [_refitted(t, scores[t.name], diagnosis, tests) for t in trials if t.name in scores]
+    return found + [_scored(scores[name], tests) for name in rest]
+
+
+def _first_trials(diagnosis: Diagnosis) -> list[Trial]:
+    if not diagnosis.steps:
+        return []
+    choice: Choice = diagnosis.steps[0].choice
+    return sorted([choice.best, *choice.rivals], key=lambda trial: trial.criterion)
+
+
+def _refitted(trial: Trial, score: Score, diagnosis: Diagnosis, tests: int) -> Document:
+    model: ResidualModel = trial.model
+    if trial.name == diagnosis.effect:
+        model = diagnosis.explained_model
+    without = diagnosis.steps[0].choice.without
+    return {
+        **_scored(score, tests),
+        "score": 0.5 * (without - trial.criterion),
+        "reading": trial.label,
+        "refitted_whitened_rms": float(np.sqrt(np.mean(trial.model.residual**2))),
+        "parameters": model.parameters().get(trial.name, {}),
+    }
+
+
+def _scored(score: Score, tests: int) -> Document:
+    return {
+        "name": score.family.name,
+        "score": 0.5 * (score.gain - score.freedom * float(np.log(len(score.family.columns)))),
+        "p_value": min(1.0, score.p_value * tests),
+        "predicted_whitened_rms": score.predicted_rms,
+        "parameters": {},
+        "reading": score.family.label,
+    }
+
+
+def diagnosis_sentence(diagnosis: Diagnosis) -> str:
+    """The verdict for people."""
+    if diagnosis.verdict == "adequate":
+        return (
+            "Nothing is missing: the model explains the recording to within the stated noise "
+            f"(whitened error {diagnosis.before.rms:.2f}, p = {diagnosis.assessment.p_value:.2g})."
+        )
+    if diagnosis.effect is None:
+        return _unexplained_sentence(diagnosis)
+    named = _effect_sentence(
+        diagnosis.model, diagnosis.explained_model.parameters(), diagnosis.effect
+    )
+    share = explained_share(diagnosis.before.rms, diagnosis.after.rms, diagnosis.floor)
+    text = f"{named} explains {write_percent(share)} of the excess error"
+    if len(diagnosis.steps) > 1:
+        text += f"; {diagnosis.steps[1].name} is missing too"
+    if diagnosis.verdict == "ambiguous":
+        others = [name for name in diagnosis.group if name != diagnosis.effect]
+        text += f"; this recording cannot tell it from {join_names(others)}"
+        if diagnosis.separating_motion:
+            text += f": {diagnosis.separating_motion['description']}"
+    return f"{text}."
+
+
+def _effect_sentence(model: ResidualModel, parameters: ParameterTable, name: str) -> str:
+    return f"{capitalise(model.sentence(name))}: {write_parameters(parameters.get(name, {}))}"
+
+
+def _unexplained_sentence(diagnosis: Diagnosis) -> str:
+    if not diagnosis.assessment.noise_stated_well and diagnosis.assessment.p_value >= (
+        diagnosis.assessment.significance
+    ):
+        return (
+            f"The residual is white noise, but {diagnosis.floor:.2f} times as large as the sensors "
+            "state: correct the stated noise, or look for vibration."
+        )
+    signature = diagnosis.signature
+    assert signature is not None
+    facts = [f"it acts on {_channels(signature.channels)}"]
+    if signature.frame:
+        facts.append(f"is simplest in the {signature.frame} frame")
+    if signature.frequency_hz is not None:
+        facts.append(f"oscillates at {signature.frequency_hz:.3g} Hz")
+    if signature.intervals:
+        facts.append(f"comes in {len(signature.intervals)} bursts")
+    if signature.correlates_with:
+        facts.append(
+            f"goes with {signature.correlates_with.replace('_', ' ')} "
+            f"({write_percent(signature.share)} of the excess error)"
+        )
+    if signature.formula:
+        facts.append(f"looks like {signature.formula}")
+    return f"Something is missing that is not in the catalogue: {', '.join(facts)}."
+
+
+def _channels(names: Sequence[str]) -> str:
+    return ", ".join(name.replace("_", " ") for name in names) or "all channels"
+
+
+def explanation_sentence(explanation: Explanation) -> str:
+    """The outcome of all steps for people."""
+    before, after = explanation.before.rms, explanation.after.rms
+    if not explanation.steps:
+        return diagnosis_sentence(explanation.first)
+    parameters = explanation.model.parameters()
+    clauses = [
+        _effect_sentence(explanation.model, parameters, name) for name in explanation.effects
+    ]
+    end = "" if explanation.verdict == "adequate" else "; something else remains"
+    return f"{'. '.join(clauses)}. The error falls from {before:.2f} to {after:.2f}{end}."

@@ -1,0 +1,137 @@
+"""Add what is missing, step by step, until nothing is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from tactile_dynamics_ros.core.discrepancy.assessment import assess
+from tactile_dynamics_ros.core.discrepancy.diagnosis import (
+    Diagnosis,
+    DiagnosisConfig,
+    Step,
+    add_effect,
+    diagnose,
+    explained_share,
+    find_group,
+)
+from tactile_dynamics_ros.core.discrepancy.model import ResidualModel
+from tactile_dynamics_ros.core.discrepancy.selection import evidence
+from tactile_dynamics_ros.core.discrepancy.signature import Signature, describe_residual
+from tactile_dynamics_ros.core.discrepancy.validation import HeldOut, held_out
+
+_WORTHWHILE = 0.3
+
+
+@dataclass(frozen=True)
+class ExplanationStep:
+    """One effect that was added.
+
+    Attributes:
+        name: the effect.
+        error: held-out white RMS with it.
+        group: effects that could not be told from it.
+    """
+
+    name: str
+    error: float
+    group: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """Outcome of `explain`.
+
+    Attributes:
+        verdict: adequate or unexplained.
+        effects: of the final model that the first one lacked.
+        steps: in the order in which they were added.
+        model: the final model.
+        first: diagnosis of the first model.
+        before: held-out error of the first model.
+        after: held-out error of the final model.
+        floor: white RMS of the noise alone.
+        signature: of what remains, if something does.
+    """
+
+    verdict: str
+    effects: tuple[str, ...]
+    steps: tuple[ExplanationStep, ...]
+    model: ResidualModel
+    first: Diagnosis
+    before: HeldOut
+    after: HeldOut
+    floor: float
+    signature: Signature | None
+
+
+def explain(model: ResidualModel, config: DiagnosisConfig | None = None) -> Explanation:
+    """Diagnose, add, refit and repeat until the model is adequate or nothing helps.
+
+    Effects that lose their evidence when others are added are removed again.
+
+    Args:
+        model: fitted.
+        config: levels and depths.
+    """
+    config = config or DiagnosisConfig()
+    first = diagnose(model, config)
+    steps = list(first.steps) if first.effect else []
+    present = steps[-1].choice.model if steps else model
+    while steps and not steps[-1].after.adequate and len(steps) < 2 * config.depth:
+        step = add_effect(present, steps[-1].after, config)
+        if step is None or not _worthwhile(step):
+            break
+        steps.append(step)
+        present = step.choice.model
+    present = _prune(present, [step.name for step in steps], config)
+    return _summarise(first, steps, present, config)
+
+
+def _worthwhile(step: Step) -> bool:
+    """Whether an effect removes a good part of what was left, or all of it."""
+    if step.after.adequate:
+        return True
+    share = explained_share(step.before.rms, step.after.rms, step.after.structure.floor)
+    return share > _WORTHWHILE
+
+
+def _prune(model: ResidualModel, names: list[str], config: DiagnosisConfig) -> ResidualModel:
+    """Remove effects that add no evidence beside the others."""
+    for name in names[:-1]:
+        less = model.without_effect(name)
+        if evidence(less, 1.0) < evidence(model, 1.0) + config.indifference:
+            model = less.refined()
+    return model
+
+
+def _summarise(
+    first: Diagnosis, steps: list[Step], model: ResidualModel, config: DiagnosisConfig
+) -> Explanation:
+    kept = [step for step in steps if step.name in model.effect_names]
+    explained = tuple(
+        ExplanationStep(
+            step.name,
+            held_out(step.choice.model).rms,
+            find_group(step.choice, config)[0],
+        )
+        for step in kept
+    )
+    if not steps:
+        verdict = "adequate" if first.verdict == "adequate" else "unexplained"
+        return Explanation(
+            verdict, (), (), model, first, first.before, first.before, first.floor, first.signature
+        )
+    final = assess(model, config.significance)
+    floor = min(first.floor, final.structure.floor)
+    left = not final.adequate and final.rms > config.near_floor * floor
+    return Explanation(
+        verdict="unexplained" if left else "adequate",
+        effects=tuple(step.name for step in kept),
+        steps=explained,
+        model=model,
+        first=first,
+        before=first.before,
+        after=held_out(model),
+        floor=floor,
+        signature=describe_residual(model) if left else None,
+    )

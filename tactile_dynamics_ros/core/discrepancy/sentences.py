@@ -1,0 +1,60 @@
+"""Findings in one plain sentence."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+_AXES = ("x", "y", "z")
+_MOST_PARAMETERS = 3
+
+
+def write_parameters(parameters: Mapping[str, Mapping[str, Any]]) -> str:
+    """``c = 0.41 +- 0.03 N s/m``; the three components of a vector together; a few at most."""
+    texts, done = [], set[str]()
+    for name, entry in parameters.items():
+        if name in done:
+            continue
+        stem = name[:-2]
+        group = [f"{stem}_{axis}" for axis in _AXES]
+        if name[-2:] == "_x" and all(member in parameters for member in group):
+            values = ", ".join(_number(float(parameters[m]["value"])) for m in group)
+            texts.append(f"{stem} = ({values}) {entry['unit']}".rstrip())
+            done.update(group)
+        else:
+            texts.append(f"{name} = {write_value(entry)}")
+    shown = ", ".join(texts[:_MOST_PARAMETERS])
+    return shown + (", ..." if len(texts) > _MOST_PARAMETERS else "")
+
+
+def write_value(entry: Mapping[str, Any]) -> str:
+    """Value and standard deviation with the digits that count, and the unit."""
+    value, std, unit = float(entry["value"]), float(entry["std"]), str(entry["unit"])
+    if not (math.isfinite(std) and std > 0):
+        return f"{value:.3g} {unit}".rstrip()
+    digits = max(0, 1 - math.floor(math.log10(std)))
+    if digits > 6 or abs(value) >= 1e5:
+        return f"{value:.3g} +- {std:.1g} {unit}".rstrip()
+    return f"{value:.{digits}f} +- {std:.{digits}f} {unit}".rstrip()
+
+
+def _number(value: float) -> str:
+    return f"{value:.2g}" if abs(value) < 1 else f"{value:.3g}"
+
+
+def capitalise(text: str) -> str:
+    """First letter upper case, the rest as it is."""
+    return text[:1].upper() + text[1:]
+
+
+def join_names(names: Sequence[str]) -> str:
+    """``a``, ``a or b``, ``a, b or c``."""
+    if len(names) < 2:
+        return "".join(names)
+    return f"{', '.join(names[:-1])} or {names[-1]}"
+
+
+def write_percent(share: float) -> str:
+    """Percent without pretending to be exact."""
+    return f"{min(99.9, 100.0 * share):.3g} %" if share > 0.99 else f"{100.0 * share:.0f} %"

@@ -1,0 +1,159 @@
+"""Wrenches that are simple functions of named quantities, for residuals without a known cause."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
+from tactile_dynamics_ros.core.effects.filters import first_order_lag
+from tactile_dynamics_ros.core.effects.geometry import (
+    AXES,
+    body_from_world,
+    force_columns,
+    to_body,
+    torque_columns,
+)
+
+Array = NDArray[np.float64]
+
+_RELAXATION = 2.0
+_SLOWEST = 0.02
+
+
+@dataclass(frozen=True)
+class Term:
+    """Wrench columns that depend on one quantity.
+
+    Attributes:
+        quantity: its name.
+        label: the dependence in words.
+        columns: (N, 6, m) [torque, force], body frame.
+        symbols: of the columns, empty where they are too many for a formula.
+        frame: in which the dependence is simple.
+    """
+
+    quantity: str
+    label: str
+    columns: Array
+    symbols: tuple[str, ...]
+    frame: str
+
+
+def wrench_terms(samples: WrenchSamples) -> Iterator[Term]:
+    """All terms of the library, one after the other."""
+    yield from _constants(samples)
+    yield from _motion_terms(samples)
+    yield from _rotation_terms(samples)
+    yield from _contact_terms(samples)
+
+
+def _forces(vectors: Array) -> Array:
+    """Force columns at the origin (N, 6, m) of (N, 3, m)."""
+    return force_columns(np.zeros(3), vectors)
+
+
+def _isotropic(
+    quantity: str, label: str, vectors: Array, symbol: str, frame: str
+) -> Iterator[Term]:
+    """One force along a vector (N, 3), body axes."""
+    yield Term(quantity, label, _forces(vectors[..., None]), (symbol,), frame)
+
+
+def _linear(samples: WrenchSamples, quantity: str, vectors: Array) -> Iterator[Term]:
+    """World force and body torque that depend linearly on the components of a vector."""
+    world = body_from_world(samples)
+    products = np.einsum("nij,nk->nijk", world, vectors).reshape(len(vectors), 3, 9)
+    yield Term(quantity, f"world force linear in {quantity}", _forces(products), (), "world")
+    local = np.einsum("ij,nk->nijk", np.eye(3), to_body(samples, vectors))
+    local = local.reshape(len(vectors), 3, 9)
+    yield Term(quantity, f"body force linear in {quantity}", _forces(local), (), "body")
+    yield Term(quantity, f"torque linear in {quantity}", torque_columns(local), (), "body")
+
+
+def _constants(samples: WrenchSamples) -> Iterator[Term]:
+    count = len(samples.time)
+    ramp = (samples.time - samples.time.mean()) / max(float(np.ptp(samples.time)), 1e-9)
+    world = body_from_world(samples)
+    fixed = np.tile(np.eye(6), (count, 1, 1))
+    symbols = tuple(f"[force_{a}, world]" for a in AXES)
+    yield Term("gravity", "constant world force", _forces(world), symbols, "world")
+    yield Term("constant", "constant body wrench", fixed, (), "body")
+    powers = [fixed * ramp[:, None, None] ** k for k in (1, 2, 3)]
+    yield Term("time", "body wrench that drifts", np.concatenate(powers, axis=2), (), "body")
+    steps = [fixed * (ramp > level)[:, None, None] for level in (-0.25, 0.0, 0.25)]
+    yield Term("time", "body wrench that steps", np.concatenate(steps, axis=2), (), "body")
+    moved = [_forces(world) * ramp[:, None, None] ** k for k in (1, 2)]
+    yield Term("time", "world force that drifts", np.concatenate(moved, axis=2), (), "world")
+
+
+def _motion_terms(samples: WrenchSamples) -> Iterator[Term]:
+    velocity = to_body(samples, samples.velocity)
+    speed = np.linalg.norm(velocity, axis=1, keepdims=True)
+    yield from _isotropic("velocity", "force along v", velocity, "v", "world")
+    yield from _isotropic("velocity", "force along |v| v", speed * velocity, "|v| v", "world")
+    direction = velocity / np.maximum(speed, _SLOWEST)
+    yield from _isotropic("velocity", "force along v/|v|", direction, "v/|v|", "world")
+    yield from _linear(samples, "velocity", samples.velocity)
+    acceleration = to_body(samples, samples.acceleration)
+    yield from _isotropic("acceleration", "force along a", acceleration, "a", "world")
+    yield from _linear(samples, "acceleration", samples.acceleration)
+    middle = samples.position - samples.position.mean(axis=0)
+    away = to_body(samples, middle)
+    yield from _isotropic("position", "force along p - mean", away, "(p - <p>)", "world")
+    yield from _linear(samples, "position", middle)
+    yield _curved(samples, middle)
+
+
+def _curved(samples: WrenchSamples, middle: Array) -> Term:
+    """World force that depends on position to second order."""
+    products = [middle[:, i] * middle[:, j] for i in range(3) for j in range(i, 3)]
+    shape = np.stack([*middle.T, *products], axis=1)
+    columns = np.einsum("nij,nk->nijk", body_from_world(samples), shape)
+    columns = columns.reshape(len(middle), 3, -1)
+    return Term("position", "world force curved in position", _forces(columns), (), "world")
+
+
+def _rotation_terms(samples: WrenchSamples) -> Iterator[Term]:
+    omega, alpha = samples.angular_velocity, samples.angular_acceleration
+    velocity = to_body(samples, samples.velocity)
+    lift = np.cross(omega, velocity)
+    yield from _isotropic("angular_velocity", "force along omega x v", lift, "omega x v", "world")
+    rate = np.linalg.norm(omega, axis=1, keepdims=True)
+    for symbol, torque in (
+        ("omega", omega),
+        ("|omega| omega", rate * omega),
+        ("omega/|omega|", omega / np.maximum(rate, _SLOWEST)),
+    ):
+        columns = torque_columns(torque[..., None])
+        label = f"torque along {symbol}"
+        yield Term("angular_velocity", label, columns, (f"[torque] {symbol}",), "body")
+    yield from _linear(
+        samples, "angular_velocity", np.einsum("nij,nj->ni", samples.rotation, omega)
+    )
+    yield from _linear(
+        samples, "angular_acceleration", np.einsum("nij,nj->ni", samples.rotation, alpha)
+    )
+
+
+def _contact_terms(samples: WrenchSamples) -> Iterator[Term]:
+    """Wrenches at each contact that depend on its own force."""
+    for index, name in enumerate(samples.contact_names):
+        force = samples.contact_force[:, index]
+        point = samples.contact_point[:, index]
+        size = np.linalg.norm(force, axis=1, keepdims=True)
+        slow = first_order_lag(samples.time, force, _RELAXATION)[0]
+        shapes = np.stack([force, size * force, size**2 * force, force / np.maximum(size, 0.05)], 2)
+        columns = force_columns(point, shapes)
+        yield Term("force", f"{name}: along its force", columns, (), "contact")
+        creeping = np.stack([force - slow, slow], axis=2)
+        yield Term(
+            "force", f"{name}: lags its force", force_columns(point, creeping), (), "contact"
+        )
+        mixed = np.einsum("nk,ij->nijk", force, np.eye(3)).reshape(len(force), 3, 9)
+        yield Term(
+            "force", f"{name}: linear in its force", force_columns(point, mixed), (), "contact"
+        )
