@@ -1,4 +1,4 @@
-"""Run the inertial benchmark: `./dev bench inertia [--json] [--quick] [--only SECTION ...]`."""
+"""Inertial estimation: accuracy beside paper A, the bound and peers; honesty; cost per update."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import os
 import platform
 import sys
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 SECTIONS = (
@@ -49,12 +50,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Print tables, or JSON alone with `--json`."""
     parser = argparse.ArgumentParser(prog="./dev bench inertia", description=__doc__)
     parser.add_argument("--json", action="store_true", help="print only JSON on stdout")
-    parser.add_argument("--quick", action="store_true", help="few seeds, a minute or two")
+    parser.add_argument("--quick", action="store_true", help="few seeds, a few minutes")
     parser.add_argument("--only", nargs="+", choices=SECTIONS, default=SECTIONS, metavar="SECTION")
-    options = parser.parse_args(arguments)
-    results = run(
-        options.only, options.quick, lambda text: print(text, file=sys.stderr, flush=True)
+    parser.add_argument(
+        "--load", nargs="+", type=Path, metavar="JSON", help="saved results instead"
     )
+    parser.add_argument("--write", type=Path, metavar="PAGE", help="Markdown page to write into")
+    options = parser.parse_args(arguments)
+
+    def say(text: str) -> None:
+        print(text, file=sys.stderr, flush=True)
+
+    results: dict[str, Any] = {}
+    for path in options.load or ():
+        results |= json.loads(path.read_text())
+    if not options.load:
+        results = run(options.only, options.quick, say)
+    if options.write:
+        from benchmarks.inertia.page import write_page
+
+        write_page(results, options.write)
     if options.json:
         print(json.dumps(results, indent=2))
     else:

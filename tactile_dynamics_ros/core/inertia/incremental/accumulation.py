@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -38,6 +39,15 @@ _BLOCK_SAMPLES = 25
 _ERROR_SAMPLES = 500
 
 
+@dataclass(frozen=True)
+class _Knowledge:
+    """Information of data and prior on [xi, theta], and covariance of [phi, theta]."""
+
+    data: Array
+    prior: Array
+    covariance: Array
+
+
 class Accumulation:
     """All that is known from the samples since `start`, in constant memory."""
 
@@ -64,6 +74,7 @@ class Accumulation:
         self.judge = Judge(config.huber_threshold, config.outlier_gate)
         self._assumption: tuple[Array, Array] | None = None
         self._pipeline: WhiteningPipeline | None = None
+        self._known: _Knowledge | None = None
         self._squared_error = np.zeros(6)
 
     @property
@@ -97,6 +108,7 @@ class Accumulation:
             budget -= last - first
         if self.samples > before and self.solver is not None:
             self.solver.replace_summary(self.information.factor, self.information.target)
+            self._known = None
         return self.samples - before
 
     def assume(self, other: Accumulation) -> None:
@@ -111,11 +123,23 @@ class Accumulation:
 
     def coordinate_information(self) -> tuple[Array, Array]:
         """Information of the data, without that of noise, and of the prior on [xi, theta]."""
+        return self._knowledge().data, self._knowledge().prior
+
+    def _knowledge(self) -> _Knowledge:
+        """What follows from the present summary; kept until it changes."""
+        if self._known is None:
+            self._known = self._derive()
+        return self._known
+
+    def _derive(self) -> _Knowledge:
         assert self.solver is not None
         mapping, prior = self.solver.coordinate_jacobian(), self.solver.prior_information()
         seen = self.information.factor @ mapping
         data = seen.T @ seen - mapping.T @ self.noise_information @ mapping
-        return positive_part(data, prior), prior
+        data = positive_part(data, prior)
+        bread = mapping @ np.linalg.inv(data + prior)
+        filling = data + prior + mapping.T @ self.noise_information @ mapping
+        return _Knowledge(data, prior, np.asarray(bread @ filling @ bread.T))
 
     def state_covariance(self) -> Array:
         """Covariance of [phi, theta], data and prior, as the stated noise has it.
@@ -123,12 +147,7 @@ class Accumulation:
         With M = J^T J - E[dJ^T dJ] + prior: M^-1 (J^T J + prior) M^-1, since noise of the
         regressors adds scatter and no information. Source: Fuller 1987, Eq. 3.1.12.
         """
-        assert self.solver is not None
-        mapping = self.solver.coordinate_jacobian()
-        data, prior = self.coordinate_information()
-        bread = mapping @ np.linalg.inv(data + prior)
-        filling = data + prior + mapping.T @ self.noise_information @ mapping
-        return np.asarray(bread @ filling @ bread.T)
+        return self._knowledge().covariance
 
     def _begin(self, first: int, last: int, layout: Layout) -> bool:
         """Place the prior at the first held sample."""
@@ -149,6 +168,7 @@ class Accumulation:
         self.lasting = LastingErrors(10 + len(stds))
         self._lever = systematic_lever(samples)
         self.scores = BlockScores(10 + len(stds), _BLOCK_SAMPLES)
+        self._known = None
         self.first_time = self.last_time = float(samples.time[0])
         if self.assumed is None:
             self.assumed = self.state[:10]

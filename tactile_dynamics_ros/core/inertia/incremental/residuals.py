@@ -248,7 +248,7 @@ def contact_covariance(samples: WrenchSamples, contacts: ContactRows) -> Array:
     loaded = samples.in_contact
     by_force = to_body * (contacts.std * loaded[..., None])[:, :, None]
     factors = np.concatenate([skew(samples.contact_point) @ by_force, by_force], axis=2)
-    covariance = np.einsum("bcij,bckj->bik", factors, factors, optimize=True)
+    covariance = (factors @ np.swapaxes(factors, 2, 3)).sum(axis=1)
     arm = contacts.point_std[:, None, None] * skew(samples.contact_force)
     covariance[:, :3, :3] += np.einsum("bcij,bckj->bik", arm, arm)
     covariance[:, :3, :3] += (loaded @ contacts.torque_std**2)[:, None, None] * np.eye(3)
@@ -314,6 +314,20 @@ def _pose_response(weights: Array, noise: Array) -> Array:
     return response.reshape(count, width, 6, 18)
 
 
+def _residual_noise(weights: Array, response: Array, noise: Array) -> Array:
+    """Response (B, 6, 6 w) of the residual to one deviation of each pose.
+
+    Args:
+        weights: (B, 3, w) by derivative order and pose.
+        response: (B, 2, 3, 6, 3) of the residual to [rotation, position] by order.
+        noise: (B, w, 2, 3, 3) square roots of the poses' covariance.
+    """
+    count, _, width = weights.shape
+    orders = np.moveaxis(response, 2, 1).reshape(count, 3, -1)
+    by_pose = (np.swapaxes(weights, 1, 2) @ orders).reshape(count, width, 2, 6, 3) @ noise
+    return np.asarray(np.transpose(by_pose, (0, 3, 1, 2, 4)).reshape(count, 6, -1))
+
+
 def linearise_residuals(
     windows: PoseWindows, contacts: ContactRows, degree: int, model: LinearisedModel
 ) -> ResidualBatch:
@@ -329,12 +343,8 @@ def linearise_residuals(
     samples = motion.samples(contacts, model.origin)
     sensitivity = motion_sensitivity(samples, model.phi, False, False)
     response = np.stack([sensitivity["orientation"], sensitivity["position"]], axis=1)
-    per_pose = np.einsum("bok,bsoij->bkisj", weights, response, optimize=True)
-    noise = np.einsum(
-        "bkisj,bksjl->biksl", per_pose, windows.noise[:, _inner(windows)], optimize=True
-    )
+    noise = _residual_noise(weights, response, windows.noise[:, _inner(windows)])
     residual = model.residual(samples) + np.einsum("bsoij,bsoj->bi", response, steps)
-    noise = noise.reshape(len(residual), 6, -1)
     drawn = windows.draw[:, _inner(windows)].reshape(len(residual), -1)
     return ResidualBatch(
         motion,

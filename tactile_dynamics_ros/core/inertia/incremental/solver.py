@@ -220,7 +220,7 @@ class SummarySolver:
                 return np.full(rows, np.inf), np.zeros((rows, len(x)))
             return self._stacked(x[:10], x[10:], factor, target)
 
-        best, _ = levenberg_marquardt(evaluate, start, iterations=60)
+        best, _ = levenberg_marquardt(evaluate, start, iterations=15)
         self._start(best[:10], best[10:])
         graph = gtsam.NonlinearFactorGraph()
         graph.add(self._summary_factor(factor, target))
