@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import os
 import tempfile
 import time
@@ -37,12 +38,15 @@ class BiotacForceConfig:
     """Which model estimates the force, and how the rest state is found and kept."""
 
     model: str = parameter("network", "force model: network or analytic")
+    gains: tuple[float, ...] = parameter((1.0, 1.0, 1.0, 1.0), "of index, middle, ring, thumb")
     tare_frames: int = parameter(30, "frames without contact that make a tare", "", 1, 1000)
     tare_file: str = parameter("", "where the tare outlives the node (empty: one per ROS domain)")
     tare_max_age: float = parameter(30.0, "pause after which a kept tare is not used", "s", 0.0)
 
     def __post_init__(self) -> None:
         check_ranges(self)
+        if len(self.gains) != len(FINGERS):
+            raise BadInputError(f"gains: {len(self.gains)} values, expected {len(FINGERS)}")
 
 
 class BiotacForce(Shell):
@@ -54,8 +58,13 @@ class BiotacForce(Shell):
     def __init__(self) -> None:
         super().__init__("biotac_force")
         self.config = declare_config(self, BiotacForceConfig)
-        estimator = declare_config(self, FingertipConfig, "fingertip.")
-        self.estimators = [create_force_estimator(self.config.model, estimator) for _ in FINGERS]
+        tip = declare_config(self, FingertipConfig, "fingertip.")
+        self.estimators = [
+            create_force_estimator(
+                self.config.model, dataclasses.replace(tip, force_scale=gain * tip.force_scale)
+            )
+            for gain in self.config.gains
+        ]
         self._kept = KeptTare(self.config.tare_file)
         self._rest: deque[NDArray[np.float64]] | None = None
         frames = self._kept.read(self.config.tare_max_age)

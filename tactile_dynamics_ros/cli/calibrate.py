@@ -1,0 +1,93 @@
+"""`tactile-dynamics calibrate`: gain of a fingertip from presses against a known force."""
+
+from __future__ import annotations
+
+import json
+from argparse import Namespace, _SubParsersAction
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tactile_dynamics_ros.core.contact.robot_description import FINGERS
+from tactile_dynamics_ros.core.errors import BadInputError
+
+if TYPE_CHECKING:
+    from tactile_dynamics_ros.recording.cdr import MessageTable
+
+GAP_NS = 50_000_000
+"""Largest pause of the reference over which it is interpolated."""
+
+
+def add_parser(verbs: _SubParsersAction[Any]) -> None:
+    """Add the verb."""
+    parser = verbs.add_parser(
+        "calibrate", help="gain of a fingertip from a recording of presses against a known force"
+    )
+    parser.add_argument("bag", metavar="BAG", help="rosbag2 directory, .mcap or .db3 file")
+    parser.add_argument("--finger", required=True, choices=FINGERS, help="which finger")
+    parser.add_argument(
+        "--reference",
+        required=True,
+        metavar="TOPIC",
+        help="WrenchStamped of the known force: on the object, in the frame of the finger's sensor",
+    )
+    parser.set_defaults(run=run)
+
+
+def run(args: Namespace) -> int:
+    """Fit the gain and print it."""
+    from tactile_dynamics_ros.core.tactile.unit_gain import fit_unit_gain
+    from tactile_dynamics_ros.recording.bag_files import read_tables
+
+    topic = f"/biotac/{args.finger}/force"
+    bag = read_tables(Path(args.bag), lambda name: name in (topic, args.reference))
+    tables = [_table(bag.tables, args.bag, name) for name in (topic, args.reference)]
+    frames = [
+        _frame(table, name) for table, name in zip(tables, (topic, args.reference), strict=True)
+    ]
+    if frames[0] != frames[1]:
+        raise BadInputError(
+            f"{args.reference}: frame '{frames[1]}', expected '{frames[0]}' as on {topic}; "
+            "turn the reference into the sensor's frame"
+        )
+    gain = fit_unit_gain(*_match(*tables))
+    result = {"finger": args.finger, "gain": gain.scale, "std": gain.std, "samples": gain.samples}
+    if args.json:
+        print(json.dumps(result))
+        return 0
+    place = FINGERS.index(args.finger) + 1
+    print(f"gain of {args.finger}: {gain.scale:.3f} +- {gain.std:.3f} ({gain.samples} frames)")
+    print(
+        f"multiply number {place} of biotac_force's parameter `gains` ({', '.join(FINGERS)}) by it"
+    )
+    return 0
+
+
+def _table(tables: dict[str, MessageTable], bag: str, topic: str) -> MessageTable:
+    table = tables.get(topic)
+    if table is None or not len(table):
+        raise BadInputError(
+            f"{bag}: no WrenchStamped messages on {topic}; record it with the presses"
+        )
+    return table
+
+
+def _frame(table: MessageTable, topic: str) -> str:
+    frames = np.unique(table.frame_id)
+    if len(frames) != 1:
+        raise BadInputError(f"{topic}: {len(frames)} different frames, expected one")
+    return bytes(frames[0]).rstrip(b"\0").decode()
+
+
+def _match(estimated: MessageTable, reference: MessageTable) -> tuple[Any, Any]:
+    """Return estimated and known forces (N, 3) at the times of the estimates."""
+    order = np.argsort(reference.stamp_ns, kind="stable")
+    stamps, known = reference.stamp_ns[order], reference.values[order, :3]
+    after = np.clip(np.searchsorted(stamps, estimated.stamp_ns), 1, max(len(stamps) - 1, 1))
+    inside = (estimated.stamp_ns >= stamps[0]) & (estimated.stamp_ns <= stamps[-1])
+    inside &= stamps[np.minimum(after, len(stamps) - 1)] - stamps[after - 1] <= GAP_NS
+    base = stamps[0]
+    when = (estimated.stamp_ns - base)[inside].astype(float)
+    columns = [np.interp(when, (stamps - base).astype(float), column) for column in known.T]
+    return estimated.values[inside, :3], np.column_stack(columns)
