@@ -1,0 +1,143 @@
+"""`tactile-dynamics compare | diagnose | explain`: what is missing from the model?"""
+
+from __future__ import annotations
+
+import json
+import sys
+from argparse import Namespace, _SubParsersAction
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from tactile_dynamics_ros.cli.recordings import (
+    add_recording_arguments,
+    read_effects,
+    read_recording,
+)
+
+if TYPE_CHECKING:
+    from tactile_dynamics_ros.core.inertia.discrepancy_model import HeldObjectModel
+    from tactile_dynamics_ros.recording import Recording
+
+
+def add_parser(verbs: _SubParsersAction[Any]) -> None:
+    """Add the three verbs."""
+    texts: dict[str, tuple[str, Callable[[Namespace], int]]] = {
+        "compare": ("how far the model is from a recording, and where it fails", run_compare),
+        "diagnose": ("which effect is missing from the model of a recording", run_diagnose),
+        "explain": ("add missing effects one by one and watch the error fall", run_explain),
+    }
+    for name, (text, run) in texts.items():
+        parser = verbs.add_parser(name, help=text)
+        add_recording_arguments(parser)
+        parser.add_argument("--out", metavar="DIR", help="also write DIR/report.html with figures")
+        parser.set_defaults(run=run)
+
+
+def run_compare(args: Namespace) -> int:
+    """Compare and print."""
+    from tactile_dynamics_ros.core.discrepancy.comparison import compare
+
+    recording, model = _fit(args)
+    comparison = compare(model)
+    error = model.fitted.to_estimate().error.to_json()
+    document = {"error": error} | comparison.to_json()
+    _print(args, document, _compare_lines(document))
+    if args.out:
+        from tactile_dynamics_ros.report.discrepancy_findings import findings_of_comparison
+
+        _write(args, findings_of_comparison(recording, document, comparison))
+    return 0
+
+
+def run_diagnose(args: Namespace) -> int:
+    """Diagnose and print."""
+    from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
+    from tactile_dynamics_ros.core.discrepancy.documents import diagnosis_document
+
+    recording, model = _fit(args)
+    diagnosis = diagnose(model)
+    document = diagnosis_document(diagnosis)
+    _print(args, document, _diagnose_lines(document))
+    if args.out:
+        from tactile_dynamics_ros.report.discrepancy_findings import findings_of_diagnosis
+
+        _write(args, findings_of_diagnosis(recording, document, diagnosis))
+    return 0
+
+
+def run_explain(args: Namespace) -> int:
+    """Explain and print."""
+    from tactile_dynamics_ros.core.discrepancy.documents import explanation_document
+    from tactile_dynamics_ros.core.discrepancy.explanation import explain
+
+    recording, model = _fit(args)
+    explanation = explain(model)
+    document = explanation_document(explanation)
+    _print(args, document, _explain_lines(document))
+    if args.out:
+        from tactile_dynamics_ros.report.discrepancy_findings import findings_of_explanation
+
+        _write(args, findings_of_explanation(recording, document, explanation))
+    return 0
+
+
+def _fit(args: Namespace) -> tuple[Recording, HeldObjectModel]:
+    from tactile_dynamics_ros.core.inertia.batch import fit_recording
+    from tactile_dynamics_ros.core.inertia.discrepancy_model import HeldObjectModel
+
+    recording = read_recording(args)
+    effects = read_effects(args)
+    return recording, HeldObjectModel.from_fit(fit_recording(recording.streams, effects))
+
+
+def _print(args: Namespace, document: dict[str, Any], lines: list[str]) -> None:
+    print(json.dumps(document) if args.json else "\n".join(lines))
+
+
+def _write(args: Namespace, findings: Any) -> None:
+    from tactile_dynamics_ros.report.discrepancy_report import write_discrepancy_report
+
+    page = write_discrepancy_report(findings, Path(args.out), f"tactile-dynamics {args.verb} ...")
+    print(f"report: {page}", file=sys.stderr)
+
+
+def _compare_lines(document: dict[str, Any]) -> list[str]:
+    error = document["error"]
+    lines = [
+        f"error: {error['whitened_rms']:.2f} times the stated sensor noise (whitened RMS), "
+        f"{error['force_rms_n']:.3g} N, {error['torque_rms_nm']:.3g} N m",
+        f"the model is {'adequate' if document['adequate'] else 'not adequate'} "
+        f"(p = {document['p_value']:.2g})",
+    ]
+    for place in document["fails_where"]:
+        share = 100.0 * place["share_of_error"]
+        lines.append(f"  {place['channel']}: {share:.0f} % of its error {place['condition']}")
+    return lines
+
+
+def _diagnose_lines(document: dict[str, Any]) -> list[str]:
+    error = document["error"]
+    lines = [
+        document["sentence"],
+        f"held-out error {error['before']:.3f} -> {error['after']:.3f}, "
+        f"noise floor {error['noise_floor']:.3f}",
+    ]
+    if document["verdict"] != "adequate":
+        lines.append("candidates, best first (error expected before refitting):")
+        lines += [
+            f"  {c['name']:<18} {c['predicted_whitened_rms']:.3f}  p = {c['p_value']:.2g}"
+            for c in document["candidates"][:5]
+        ]
+    if document["separating_motion"]:
+        lines.append(f"to tell them apart: {document['separating_motion']}")
+    return lines
+
+
+def _explain_lines(document: dict[str, Any]) -> list[str]:
+    lines = [
+        f"  {step['added'] or 'rigid body alone':<22} error {step['error']:.3f}"
+        for step in document["steps"]
+    ]
+    floor = document["error"]["noise_floor"]
+    return [*lines, f"  {'noise floor':<22} error {floor:.3f}", document["sentence"]]

@@ -1,0 +1,114 @@
+"""Outcomes of comparison, diagnosis and explanation as what the report shows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from tactile_dynamics_ros.core.discrepancy.comparison import Comparison, compare
+from tactile_dynamics_ros.core.discrepancy.diagnosis import Diagnosis
+from tactile_dynamics_ros.core.discrepancy.documents import diagnosis_document
+from tactile_dynamics_ros.core.discrepancy.explanation import Explanation
+from tactile_dynamics_ros.core.discrepancy.model import ResidualModel
+from tactile_dynamics_ros.core.discrepancy.structure import periodogram
+from tactile_dynamics_ros.recording import Recording
+from tactile_dynamics_ros.report.discrepancy_report import DiscrepancyFindings
+
+_MOST_CONDITIONS = 6
+
+
+def findings_of_comparison(
+    recording: Recording, document: Mapping[str, Any], comparison: Comparison
+) -> DiscrepancyFindings:
+    """What the report of `compare` shows."""
+    good = bool(document["adequate"])
+    verdict = (
+        "The model explains this recording down to the sensor noise."
+        if good
+        else "The model leaves more than sensor noise: see where it fails."
+    )
+    residuals = comparison.residuals
+    return DiscrepancyFindings(
+        source=recording.source,
+        verdict=verdict,
+        good=good,
+        time=residuals.time,
+        before=residuals.physical,
+        comparison=document,
+        **_circumstances(comparison),
+    )
+
+
+def findings_of_diagnosis(
+    recording: Recording, document: Mapping[str, Any], diagnosis: Diagnosis
+) -> DiscrepancyFindings:
+    """What the report of `diagnose` shows."""
+    after = diagnosis.explained_model if diagnosis.effect else None
+    added = [diagnosis.effect] if diagnosis.effect else []
+    return _findings(recording, diagnosis.model, after, added, document["sentence"], document, {})
+
+
+def findings_of_explanation(
+    recording: Recording, document: Mapping[str, Any], explanation: Explanation
+) -> DiscrepancyFindings:
+    """What the report of `explain` shows."""
+    first = diagnosis_document(explanation.first)
+    return _findings(
+        recording,
+        explanation.first.model,
+        explanation.model if explanation.effects else None,
+        list(explanation.effects),
+        document["sentence"],
+        first | {"unexplained": document["unexplained"]},
+        document,
+        good=explanation.verdict == "adequate",
+    )
+
+
+def _findings(
+    recording: Recording,
+    model: ResidualModel,
+    after: ResidualModel | None,
+    added: list[str],
+    verdict: str,
+    diagnosis: Mapping[str, Any],
+    explanation: Mapping[str, Any],
+    good: bool | None = None,
+) -> DiscrepancyFindings:
+    comparison = compare(model)
+    residuals = comparison.residuals
+    spectrum = periodogram(residuals.time, residuals.white)
+    return DiscrepancyFindings(
+        source=recording.source,
+        verdict=verdict,
+        good=diagnosis["verdict"] == "adequate" if good is None else good,
+        time=residuals.time,
+        before=residuals.physical,
+        after=None if after is None else after.residuals().physical,
+        added=added,
+        comparison=comparison.to_json(),
+        diagnosis=diagnosis,
+        explanation=explanation,
+        frequency=spectrum.hz,
+        power=dict(zip(residuals.channels, spectrum.power.T, strict=True)),
+        **_circumstances(comparison),
+    )
+
+
+def _circumstances(comparison: Comparison) -> dict[str, Any]:
+    """White residual, what was going on, and when the model fails."""
+    residuals = comparison.residuals
+    conditions = {
+        f"{condition.name} in {condition.unit}" if condition.unit else condition.name: (
+            condition.values
+        )
+        for condition in residuals.conditions
+        if np.ptp(condition.values) > 0
+    }
+    return {
+        "white": residuals.white,
+        "conditions": dict(list(conditions.items())[:_MOST_CONDITIONS]),
+        "intervals": comparison.intervals,
+    }
