@@ -22,6 +22,7 @@ VERB_MODULES: tuple[str, ...] = (
     "tactile_dynamics_ros.cli.excite",
     "tactile_dynamics_ros.cli.import_",
     "tactile_dynamics_ros.cli.train",
+    "tactile_dynamics_ros.cli.calibrate",
 )
 """Modules with `add_parser(subparsers)`; every parser sets `run=callable(args) -> int`.
 
