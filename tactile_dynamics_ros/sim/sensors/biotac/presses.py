@@ -29,7 +29,6 @@ class PressConfig:
         0.4, "share of sequences that hold a nearly constant force", "", 0, 1
     )
     flat_share: float = parameter(0.5, "share of sequences with a flat object", "", 0.0, 1.0)
-    tip_share: float = parameter(0.4, "share of sequences on the tip, where hands grasp", "", 0, 1)
     roll: float = parameter(1.5e-3, "how far the contact rolls over the skin", "m", 0.0, 1e-2)
     sharpest: float = parameter(60.0, "largest curvature of the objects", "1/m", 0.0, 1e3)
     seed: int = parameter(0, "of units, noise and motion", "", 0)
@@ -90,9 +89,7 @@ def record_presses(config: PressConfig, sensor: BioTacConfig | None = None) -> P
 def _contact_paths(config: PressConfig, rng: np.random.Generator) -> Array:
     """Return contact points (U, T, 3) on the pad that roll slowly over a few millimetres."""
     shape = (config.units, 1)
-    tip = rng.random(shape) < config.tip_share
-    place = np.where(tip, rng.uniform(2e-3, 6.3e-3, shape), rng.uniform(-13e-3, 6.3e-3, shape))
-    along = place + config.roll * _waves(config, rng, 0.5)
+    along = rng.uniform(-13e-3, 6.3e-3, shape) + config.roll * _waves(config, rng, 0.5)
     across = rng.uniform(-1.1, 1.1, shape) + config.roll / OUTER_RADIUS * _waves(config, rng, 0.5)
     along, across = np.clip(along, -14e-3, 6.6e-3), np.clip(across, -1.2, 1.2)
     ahead = np.clip(along / OUTER_RADIUS, 0.0, 0.95)
