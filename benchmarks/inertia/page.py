@@ -1,0 +1,132 @@
+"""The section of docs/benchmarks.md on inertial estimation, and its figure."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from benchmarks.inertia.tables import render
+from tactile_dynamics_ros.report.style import (
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PURPLE,
+    RED,
+    house_style,
+    new_figure,
+    to_png,
+)
+
+BEGIN = "<!-- inertial estimation: begin -->"
+END = "<!-- inertial estimation: end -->"
+FIGURE = "figures/inertia_benchmark.png"
+COMMAND = "./dev bench inertia --write docs/benchmarks.md"
+
+_INTRODUCTION = f"""## Inertial estimation
+
+```bash
+{COMMAND}
+./dev bench inertia --quick        # a few minutes
+./dev bench inertia --only live    # one section; --json prints the numbers only
+```
+
+All data are generated with exact rigid-body dynamics by programs that share no code with the
+estimators, or come from the simulated hand. The figures are medians over seeds on two cores; times
+are processor time of one thread.
+
+Two Cramer-Rao bounds are computed from the exact motion and forces of each recording. *Motion
+known exactly*: only the white force noise remains; nothing can beat it on average. *Poses and
+forces noisy*: the poses have their noise too, and of the motion no more is presumed than that a
+quartic describes each stretch of nine poses. "Errors under a bound" are medians over draws from a
+normal distribution with the bound as its covariance.
+
+Eq. 34 is paper A's inertial error |4 - tr(P_gt^-1 P)|, which is zero for many wrong bodies; the
+affine-invariant distance beside it is a distance. The peers get the same smoothed motion (quartics
+over 25 poses) and the true force noise.
+"""
+
+
+def write_page(results: dict[str, Any], page: Path) -> None:
+    """Put the section between its markers in a Markdown page, and the figure beside it."""
+    body = "\n\n".join([_INTRODUCTION.strip(), f"![Errors and cost]({FIGURE})", render(results)])
+    section = f"{BEGIN}\n{body}\n{END}\n"
+    text = page.read_text() if page.exists() else "# Benchmarks\n"
+    if BEGIN in text:
+        before, _, rest = text.partition(BEGIN)
+        text = before + section + rest.partition(END)[2].lstrip("\n")
+    else:
+        text = text.rstrip("\n") + "\n\n" + section
+    page.write_text(text)
+    image = page.parent / FIGURE
+    image.parent.mkdir(exist_ok=True)
+    with house_style():
+        image.write_bytes(to_png(draw(results)))
+
+
+def draw(results: dict[str, Any]) -> Figure:
+    """Table I errors over noise, coverage of the intervals, and cost of an update."""
+    figure = new_figure(3.2)
+    panels = figure.subplots(1, 3)
+    for name, panel, paint in zip(
+        ("table_one", "coverage", "live"),
+        panels,
+        (_draw_table_one, _draw_coverage, _draw_cost),
+        strict=True,
+    ):
+        if name in results:
+            paint(panel, results[name])
+        else:
+            panel.set_axis_off()
+    return figure
+
+
+def _draw_table_one(axes: Axes, result: dict[str, Any]) -> None:
+    rows = {float(v): row for v, row in result["rows"].items() if float(v) > 0.0}
+    series = {
+        "ours (batch)": BLUE,
+        "weighted least squares": GREEN,
+        "paper A: Baseline": GREY,
+        "paper A: C, No G": ORANGE,
+    }
+    for name, colour in series.items():
+        values = [row["methods"][name]["trace_error"] for row in rows.values()]
+        axes.plot(list(rows), values, "o-", color=colour, label=name, markersize=3)
+    limit = [row["bound"]["trace_error"] for row in rows.values()]
+    axes.plot(list(rows), limit, "--", color=RED, label="Cramer-Rao")
+    axes.set(yscale="log", xlabel="force noise variance, N^2", title="Table I, Eq. 34")
+    axes.legend(fontsize=7)
+
+
+def _draw_coverage(axes: Axes, result: dict[str, Any]) -> None:
+    names = list(result["batch"])
+    places = range(len(names))
+    axes.axhspan(85, 95, color=GREY, alpha=0.25, linewidth=0)
+    kinds = [("clean", result["batch"], BLUE), ("misfit", result["misfit"]["coverage"], ORANGE)]
+    for label, shares, colour in kinds:
+        values = [100 * shares[name] for name in names]
+        axes.plot(places, values, "o", color=colour, label=label, markersize=4)
+    axes.set_xticks(list(places), [name.replace("inertia_", "I ") for name in names], rotation=90)
+    axes.set(ylim=(0, 102), title="90 % intervals that hold, %")
+    axes.legend(fontsize=7, loc="lower left")
+
+
+def _draw_cost(axes: Axes, result: dict[str, Any]) -> None:
+    other = result["alternatives"]
+    for name, colour in (("plain_isam2", PURPLE), ("batch_resolved", ORANGE)):
+        costs = other[name]["ms_at_step"]
+        axes.plot(
+            [int(k) for k in costs],
+            list(costs.values()),
+            "o-",
+            color=colour,
+            label=name.replace("_", " "),
+            markersize=3,
+        )
+    ours = result["cpu_ms"]["p50"]
+    axes.plot([100, result["updates"]], [ours, ours], "-", color=BLUE, label="ours")
+    axes.set(xscale="log", yscale="log", xlabel="samples so far", title="one update, ms")
+    axes.legend(fontsize=7)
