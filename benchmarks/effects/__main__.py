@@ -59,6 +59,8 @@ def describe(summary: dict[str, Any]) -> str:
         f"{'before':>6s} {'from':>5s}  called",
     ]
     for name, entry in single["effects"].items():
+        if not entry["count"]:
+            continue
         called = ", ".join(f"{label} {count}" for label, count in entry["called"].items())
         lines.append(
             f"{name:18s} {entry['count']:3d} {_percent(entry['right_alone'])} "

@@ -43,12 +43,18 @@ def true_parameters(effect: str, truth: dict[str, Any]) -> dict[str, float]:
 def parameter_errors(
     effect: str, truth: dict[str, Any], estimate: dict[str, Any]
 ) -> dict[str, tuple[float, float]]:
-    """(error, stated standard deviation) of every parameter that both sides name."""
-    found = estimate["effects"].get(effect, {})
+    """(error, stated standard deviation) of every parameter that both sides name.
+
+    What the product says of all fingers together is compared with the truth of one of them.
+    """
+    found = next(
+        (entry for name, entry in estimate["effects"].items() if name.split(":")[0] == effect), {}
+    )
     errors = {}
     for name, value in true_parameters(effect, truth).items():
-        if name in found and found[name]["std"]:
-            errors[name] = (found[name]["value"] - value, found[name]["std"])
+        said = name if name in found else name.partition("_")[2]
+        if said in found and found[said]["std"]:
+            errors[said] = (found[said]["value"] - value, found[said]["std"])
     return errors
 
 

@@ -81,13 +81,17 @@ def named_effects(diagnosis: dict[str, Any]) -> list[str]:
 
 
 def _estimates(effect: str, asked: dict[str, Any], bag: str, ask: Ask) -> dict[str, Any]:
-    """Refit with the true effect and with every member of an ambiguous group."""
+    """Refit with the true effect and every member of an ambiguous group, as they were read."""
     diagnosis = asked["json"] or {}
     names = named_effects(diagnosis)
     if effect not in names:
         return {}
     members = names if diagnosis.get("verdict") == "ambiguous" else [effect]
-    return {name: _plain(ask(["estimate", bag, "--effects", name])) for name in members}
+    readings = {entry["name"]: entry.get("reading") for entry in diagnosis.get("candidates") or []}
+    return {
+        name: _plain(ask(["estimate", bag, "--effects", readings.get(name) or name]))
+        for name in members
+    }
 
 
 def _plain(answer: Answer) -> dict[str, Any]:

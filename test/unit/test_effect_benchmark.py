@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from benchmarks.effects.__main__ import describe
+from benchmarks.effects.__main__ import describe, main
 from benchmarks.effects.cases import Case, plan
 from benchmarks.effects.figures import draw_confusion, draw_thresholds
 from benchmarks.effects.grading import (
@@ -178,3 +178,13 @@ def test_pictures_are_drawn(records, tmp_path):
     thresholds = draw_thresholds(singles, is_in_group, tmp_path / "thresholds.png")
     for picture in (confusion, thresholds):
         assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_quick_benchmark_asks_the_real_command(tmp_path, capsys):
+    code = main(["--quick", "--json", "--records", str(tmp_path / "records.jsonl")])
+    summary = json.loads(capsys.readouterr().out)
+    assert code == 0
+    assert summary["crashes"] == []
+    assert summary["clean"]["count"] == summary["single"]["count"] == 1
+    assert summary["single"]["right_or_group"] == 1.0
+    assert len(read_records(tmp_path / "records.jsonl")) == 3
