@@ -24,6 +24,7 @@ from tactile_dynamics_ros.share import share_file
 
 if TYPE_CHECKING:
     from tactile_dynamics_ros.cli.demo_monitor import Monitor
+    from tactile_dynamics_ros.cli.demo_story import Story
 
 AROUND_MOTION = 60.0
 """Simulated seconds of grasping, lifting and putting down around the excitation."""
@@ -36,7 +37,7 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
     )
     add_simulation_arguments(parser)
     parser.add_argument(
-        "--duration", type=float, default=30.0, metavar="S", help="of the motion with the object"
+        "--duration", type=float, metavar="S", help="of the motion (30; with --hidden 60)"
     )
     parser.add_argument("--out", metavar="DIR", help="recording, report and logs; new directory")
     parser.set_defaults(run=run)
@@ -45,19 +46,22 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
 def run(args: Namespace) -> int:
     """Play the story; afterwards everything is stopped."""
     started = time.monotonic()
+    args.duration = args.duration or (30.0 if args.hidden == "none" else 60.0)
     out = Path(args.out or f"out/demo-{datetime.now():%Y%m%d-%H%M%S}").absolute()
     out.mkdir(parents=True, exist_ok=True)
     say = _Speaker(quiet=args.json)
     with private_domain() as domain, StopRequest() as stop:
         from tactile_dynamics_ros.cli.demo_monitor import Monitor
+        from tactile_dynamics_ros.cli.demo_story import Story
 
         say(f"nodes run on ROS domain {domain} of this host; look in with")
         say(f"  ROS_DOMAIN_ID={domain} tactile-dynamics echo /inertial_estimator/status")
         with Supervisor(out / "logs", respawn=False) as supervisor:
             monitor = Monitor(say)
+            story = Story(monitor.node, say) if args.hidden != "none" else None
             try:
                 _start(supervisor, args, out)
-                _play(supervisor, monitor, stop, args)
+                _play(supervisor, monitor, stop, args, story)
                 truth = monitor.reveal()
             finally:
                 monitor.close()
@@ -67,6 +71,8 @@ def run(args: Namespace) -> int:
     from tactile_dynamics_ros.cli.demo_result import summarise_demo
 
     result = summarise_demo(out, monitor.history(), truth, args.hidden, say)
+    if story is not None:
+        result |= story.document()
     result["wall_time_s"] = round(time.monotonic() - started, 1)
     if args.json:
         print(json.dumps(result))
@@ -101,7 +107,13 @@ def _start(supervisor: Supervisor, args: Namespace, out: Path) -> None:
         supervisor.start(name, node_command(name, config, extra.get(name)))
 
 
-def _play(supervisor: Supervisor, monitor: Monitor, stop: StopRequest, args: Namespace) -> None:
+def _play(
+    supervisor: Supervisor,
+    monitor: Monitor,
+    stop: StopRequest,
+    args: Namespace,
+    story: Story | None,
+) -> None:
     """Wait until the object has been put down, showing what comes.
 
     Raises:
@@ -110,8 +122,10 @@ def _play(supervisor: Supervisor, monitor: Monitor, stop: StopRequest, args: Nam
     """
     limit = 5.0 * (AROUND_MOTION + args.duration) / min(args.real_time_factor, 1.0)
     deadline = time.monotonic() + limit
-    while not monitor.finished:
+    while not monitor.finished or (story is not None and story.waiting):
         monitor.spin_once()
+        if story is not None:
+            story.advance(monitor.seconds_of_data)
         if stop.requested:
             raise KeyboardInterrupt
         for member in supervisor.watch():

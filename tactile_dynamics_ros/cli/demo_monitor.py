@@ -12,6 +12,7 @@ import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from numpy.typing import NDArray
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rich.console import Console
@@ -54,6 +55,8 @@ class Monitor:
         self._say = say
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
         self.node = Node("demo_monitor", enable_rosout=False, start_parameter_services=False)
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self.node)
         self.phase, self.failure = "starting", ""
         self._estimates: list[tuple[float, Array, Array]] = []
         self._pace: list[float] = []
@@ -71,13 +74,19 @@ class Monitor:
         """Whether the object has been put down, or lost."""
         return self.phase in ("done", "failed")
 
+    @property
+    def seconds_of_data(self) -> float:
+        """Span of the live estimates so far, s."""
+        return self._estimates[-1][0] - self._estimates[0][0] if self._estimates else 0.0
+
     def spin_once(self) -> None:
         """Handle what has come, or wait a moment."""
-        rclpy.spin_once(self.node, timeout_sec=0.1)
+        self._executor.spin_once(timeout_sec=0.1)
 
     def reveal(self) -> dict[str, Any]:
         """Ask the simulator for the truth."""
         self._stop_table()
+        self._executor.remove_node(self.node)
         success, message = call_trigger(self.node, "/robot_sim/reveal", 30.0)
         if not success:
             raise TactileDynamicsError(f"/robot_sim/reveal: {message}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import Any
@@ -40,6 +41,8 @@ from tactile_dynamics_ros.nodes.shell import LATCHED, Shell, run_node
 POSE = "/object/pose"
 MODEL = "/inertial_estimator/status"
 MOST_CANDIDATES = 10
+REST = 3.0
+"""Pause after a comparison, in multiples of the time that it took."""
 
 
 @dataclass(frozen=True)
@@ -67,8 +70,8 @@ class ModelCheckNode(Shell):
         self._gate = StampGate(POSE)
         self._model: tuple[str, ...] = ()
         self._comparison: Future[LiveComparison] | None = None
-        self._newest = 0.0
-        self._compared = 0.0
+        self._newest = self._compared = 0.0
+        self._started = self._rest_until = 0.0
         self.listen(PoseWithCovarianceStamped, POSE, self._on_pose)
         self.listen(DiagnosticArray, MODEL, self._on_model, LATCHED)
         self._contacts = [ContactAssembly(self, name, self._on_contact) for name in config.contacts]
@@ -111,10 +114,11 @@ class ModelCheckNode(Shell):
             self._model = names
 
     def _compare(self) -> None:
-        """Start a comparison if something new has come and nothing runs."""
-        if self._background.busy or self._newest == self._compared:
+        """Start a comparison if something new has come, nothing runs, and there is time for it."""
+        now = time.monotonic()
+        if self._background.busy or self._newest == self._compared or now < self._rest_until:
             return
-        self._compared = self._newest
+        self._compared, self._started = self._newest, now
         self._comparison = self._background.submit(self.check.snapshot().compare)
 
     def _report(self) -> None:
@@ -122,6 +126,9 @@ class ModelCheckNode(Shell):
         if self._comparison is None or not self._comparison.done():
             return
         future, self._comparison = self._comparison, None
+        now = time.monotonic()
+        self._rest_until = now + REST * (now - self._started)
+        self.faults.show("comparison_s", round(now - self._started, 3))
         try:
             result = future.result()
         except TactileDynamicsError as error:
