@@ -13,12 +13,17 @@ from numpy.testing import assert_allclose
 
 from benchmarks.hidden.recordings import generate, generate_at_whitened_rms
 from benchmarks.hidden.scenario import ScenarioOptions
+from benchmarks.hidden.sensors import SensorOptions
 from tactile_dynamics_ros.core.effects.registry import create_effect
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.batch import estimate_inertia
 from tactile_dynamics_ros.core.inertia.incremental import (
     IncrementalConfig,
     IncrementalInertialEstimator,
+)
+from tactile_dynamics_ros.core.inertia.incremental.contact_queue import (
+    ContactQueue,
+    ContactReading,
 )
 from tactile_dynamics_ros.core.inertia.incremental.information import SquareRootInformation
 from tactile_dynamics_ros.core.inertia.incremental.live_estimate import describe
@@ -72,6 +77,21 @@ def test_live_answer_equals_batch_within_its_uncertainty(recording):
     assert_allclose(live.parameter_std, batch.parameter_std, rtol=0.35)
     assert live.error.whitened_rms == pytest.approx(1.0, abs=0.06)
     assert live.not_excited == () and live.rejected == 0
+
+
+def test_pose_noise_does_not_shrink_the_inertia():
+    """Regressors read from noisy poses would, if their noise were that of the residuals too."""
+    errors = []
+    for seed in (1, 8):
+        noisy = generate(
+            seed,
+            scenario=ScenarioOptions(duration=5.0),
+            sensors=SensorOptions(rotation_std_deg=0.4),
+        )
+        last = list(replay_streams(noisy.streams))[-1]
+        difference = physical(last.inertia) - physical(truth_of(noisy))
+        errors.append(difference / last.parameter_std)
+    assert np.sqrt(np.mean(np.square(errors))) < 1.4
 
 
 def test_every_estimate_is_feasible_from_the_first_sample(recording):
@@ -313,6 +333,43 @@ def test_rolling_table_keeps_the_newest_rows():
         table.append({"value": np.full(2, k)})
     assert table.end == 23 and table.start == 18
     assert_allclose(table.rows("value", 19, 22)[:, 0], [19, 20, 21])
+
+
+def reading(force: float) -> ContactReading:
+    return ContactReading(
+        np.zeros(3), np.eye(3), np.array([0.0, 0.0, force]), np.zeros(3), np.full(3, 0.03)
+    )
+
+
+def test_contacts_are_read_between_their_samples():
+    queue = ContactQueue(timeout=0.1)
+    for k in range(10):
+        queue.append(0.01 * k, reading(1.0 + 0.1 * k))
+    assert queue.read(0.05, 0.01).force[2] == pytest.approx(1.5)
+    assert queue.read(0.053, 0.01).force[2] == pytest.approx(1.53)
+    assert not queue.append(0.05, reading(9.0))
+    assert queue.read(0.2, 0.01) is None
+
+
+def test_loaded_samples_that_were_dropped_are_lost_and_a_let_go_is_absence():
+    for after, lost in ((1.0, True), (0.0, False)):
+        queue = ContactQueue(timeout=0.1)
+        for stamp in (0.0, 0.01, 0.02, 0.03):
+            queue.append(stamp, reading(1.0))
+        queue.append(0.09, reading(after))
+        found = queue.read(0.06, 0.01)
+        assert (found is not None and found.lost) is lost
+
+
+def test_fast_forces_are_averaged_and_their_noise_shrinks():
+    rng = np.random.default_rng(0)
+    queue = ContactQueue(timeout=0.1)
+    for k in range(1000):
+        queue.append(0.001 * k, reading(1.0 + 0.03 * rng.normal()))
+    values = [queue.read(0.1 + 0.01 * k, 0.01) for k in range(80)]
+    spread = np.std([value.force[2] for value in values])
+    assert spread == pytest.approx(values[0].std[2], rel=0.35)
+    assert values[0].std[2] == pytest.approx(0.03 / np.sqrt(10), rel=0.1)
 
 
 def test_parameters_are_described_in_plain_words():

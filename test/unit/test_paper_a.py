@@ -11,6 +11,7 @@ from benchmarks.hidden.recordings import generate
 from benchmarks.hidden.scenario import ScenarioOptions
 from benchmarks.hidden.sensors import SensorOptions
 from tactile_dynamics_ros.core.inertia.paper_a import METHODS, TimeSteps, estimate_as_published
+from tactile_dynamics_ros.core.inertia.paper_a.dynamics import differentiate
 from tactile_dynamics_ros.core.inertia.paper_a.factors import (
     AXES_KEY,
     VECTOR_KEY,
@@ -93,9 +94,27 @@ def test_factor_jacobians_match_finite_differences(principal):
     check_jacobians(dynamics_factor(inertia, poses, forces, points, time, unit), values, 1.0)
     prior = np.array([1.0, 0.1, 0.0, 0.1, 1.0, 0.1, 1.2, 0.0, 0.1, 0.9])
     check_jacobians(prior_factor(inertia, prior, 4.0, corrected=False), values, 0.5)
+    body = np.array([0.9, 0.1, -0.1, 0.05, 1.1, 0.2, 1.0, 0.1, -0.1, 1.3])
+    values.update(VECTOR_KEY, body if not principal else principal_of_phi(body)[0])
+    check_jacobians(prior_factor(inertia, prior, 4.0, corrected=True), values, 0.5)
     if principal:
         box = consistency_factor(np.full(3, 0.3), np.full(3, 0.4), 0.5)
         check_jacobians(box, values, 0.5)
+
+
+def test_finite_differences_are_those_of_the_paper():
+    """Angular velocities of both steps, the later one moved to the first frame by Eq. 10."""
+    early, late, steps = np.array([0.3, -0.2, 0.5]), np.array([0.5, 0.1, 0.2]), (0.1, 0.2)
+    first = exp_so3(np.array([0.1, 0.2, 0.3]))
+    second = first @ exp_so3(early * steps[0])
+    rotation = np.stack([first, second, second @ exp_so3(late * steps[1])])
+    position = np.zeros((3, 3))
+    found = differentiate(rotation, position, np.array([0.0, steps[0], sum(steps)]))
+    assert_allclose(found.early, early, atol=1e-9)
+    assert_allclose(found.late, late, atol=1e-9)
+    turned = late + np.cross(early, late) * steps[1]
+    assert_allclose(found.acceleration, (turned - early) / steps[1], atol=1e-9)
+    assert_allclose(found.specific, first.T @ np.array([0.0, 0.0, 9.81]), atol=1e-9)
 
 
 def test_corrected_prior_is_least_at_its_own_mean_and_the_printed_one_is_not():

@@ -1,0 +1,67 @@
+"""The inertial benchmark measures what it says."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from benchmarks.inertia.__main__ import main
+from benchmarks.inertia.bound import forces_only, spread, with_poses
+from benchmarks.inertia.page import BEGIN, END, write_page
+from benchmarks.inertia.peers import PEERS, SmoothedData, plain_isam2
+from benchmarks.inertia.scenarios import four_fingers, table_one
+from benchmarks.inertia.scores import Score, medians
+from tactile_dynamics_ros.core.rigid_body.inertial_parameters import inertia_vector, is_feasible
+
+
+def test_table_one_object_is_the_paper_s():
+    truth = table_one(0.1, 0, duration=2.0).truth
+    assert truth.mass == pytest.approx(1.3)
+    assert truth.com == pytest.approx([0.2, 0.5, 0.1])
+    printed = [0.4015, -0.1297, 0.1292, -0.0259, -0.0649, 0.4799]
+    assert inertia_vector(truth.inertia_origin) == pytest.approx(printed)
+    assert is_feasible(truth.dynamic_parameters)
+
+
+def test_bounds_are_ordered_and_shrink_with_noise():
+    case = four_fingers(2, 4.0)
+    exact, noisy = forces_only(case), with_poses(case)
+    assert np.all(np.linalg.eigvalsh(noisy - exact) > -1e-9 * np.trace(exact))
+    assert spread(case.truth, noisy).distance > spread(case.truth, exact).distance
+    small, large = (
+        spread(c.truth, forces_only(c)).com_mm
+        for c in (table_one(v, 3, duration=4.0) for v in (0.1, 1.0))
+    )
+    assert large / small == pytest.approx(np.sqrt(10.0), rel=0.05)
+
+
+def test_peers_find_the_truth_without_noise():
+    case = table_one(0.0, 1, duration=4.0)
+    data = SmoothedData.of(case)
+    for name, solve in PEERS.items():
+        assert Score.of(case.truth, solve(data), 0.0).distance < 0.1, name
+    phi, costs = plain_isam2(SmoothedData.of(four_fingers(0, 2.0)), 60)
+    assert len(costs) == 60 and is_feasible(phi)
+
+
+def test_infeasible_and_failed_estimates_score_as_such():
+    truth = table_one(0.1, 0, duration=2.0).truth
+    wrong = Score.of(truth, truth.dynamic_parameters * np.array([1.0] * 4 + [0.1] * 6), 0.0)
+    failed = Score.of(truth, np.full(10, np.nan), 0.0)
+    assert not wrong.feasible and wrong.distance == np.inf
+    assert medians([wrong, failed])["feasible"] == 0.0
+
+
+def test_command_prints_json_and_writes_the_page(tmp_path, capsys):
+    assert main(["--only", "batch_time", "--quick", "--json"]) == 0
+    results = json.loads(capsys.readouterr().out)
+    assert results["batch_time"]["cpu_s"]["median"] > 0.0
+    page = tmp_path / "page.md"
+    page.write_text("# Benchmarks\n\nbefore\n")
+    for _ in range(2):
+        write_page(results, page)
+    text = page.read_text()
+    assert text.count(BEGIN) == text.count(END) == 1 and "before" in text
+    assert (tmp_path / "figures" / "inertia_benchmark.png").stat().st_size > 1000
