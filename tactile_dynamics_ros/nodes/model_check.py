@@ -17,7 +17,7 @@ from std_srvs.srv import Trigger
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.contact.robot_description import FINGERS
 from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
-from tactile_dynamics_ros.core.discrepancy.screening import best_by_effect
+from tactile_dynamics_ros.core.discrepancy.documents import diagnosis_document
 from tactile_dynamics_ros.core.effects.registry import create_effect
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
 from tactile_dynamics_ros.core.inertia.live_check import (
@@ -40,7 +40,6 @@ from tactile_dynamics_ros.nodes.shell import LATCHED, Shell, run_node
 
 POSE = "/object/pose"
 MODEL = "/inertial_estimator/status"
-MOST_CANDIDATES = 10
 REST = 3.0
 """Pause after a comparison, in multiples of the time that it took."""
 
@@ -166,31 +165,8 @@ class ModelCheckNode(Shell):
 
 
 def _document(check: LiveModelCheck) -> dict[str, Any]:
-    """Diagnose and return verdict, effect, group, candidates and error as plain values."""
-    found = diagnose(check.model())
-    scores = best_by_effect(found.assessment.scores)[:MOST_CANDIDATES]
-    sentence = found.explained_model.sentence(found.effect) if found.effect else found.verdict
-    return {
-        "verdict": found.verdict,
-        "effect": found.effect,
-        "group": list(found.group),
-        "sentence": sentence,
-        "candidates": [
-            {
-                "name": score.family.name,
-                "score": score.gain,
-                "p_value": score.p_value,
-                "predicted_whitened_rms": score.predicted_rms,
-            }
-            for score in scores
-        ],
-        "parameters": found.explained_model.parameters() if found.effect else {},
-        "error": {
-            "before": found.before.rms,
-            "after": found.after.rms,
-            "noise_floor": found.floor,
-        },
-    }
+    """Diagnose and return the document of `tactile-dynamics diagnose --json`."""
+    return diagnosis_document(diagnose(check.model()))
 
 
 def main() -> int:
