@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import yaml
@@ -18,7 +19,7 @@ from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.contact.hand_kinematics import ARM_DOF, HandKinematics
 from tactile_dynamics_ros.core.contact.robot_description import FINGERS
 from tactile_dynamics_ros.core.manipulation.arm_path import ArmPath, excite
-from tactile_dynamics_ros.core.manipulation.excitation import SumOfSines
+from tactile_dynamics_ros.core.manipulation.excitation import OffsetTable, SumOfSines
 from tactile_dynamics_ros.core.manipulation.grasp_controller import (
     GraspConfig,
     GraspController,
@@ -53,6 +54,7 @@ class GraspNodeConfig:
 
     object: str = parameter("box_0", "file in config/objects, or a path, with the grasp site")
     start_poses: int = parameter(10, "poses from vision that are averaged to start", "", 2, 1000)
+    motion: str = parameter("", "file of a motion from `tactile-dynamics excite`; else sines")
     force_timeout: float = parameter(0.3, "a finger silent for longer has no contact", "s", 0.02)
     touch_lag: float = parameter(0.06, "the motion waits where touch is older", "s", 0.02)
 
@@ -73,6 +75,9 @@ class GraspControllerNode(Shell):
         self._behaviour_config = declare_config(self, GraspConfig)
         path = share_file(_object_file(self.config.object))
         self._site = GraspSite.from_mapping(yaml.safe_load(path.read_text())["grasp"])
+        self._motion: SumOfSines | OffsetTable = SumOfSines(self._behaviour_config.excitation)
+        if self.config.motion:
+            self._motion = OffsetTable.from_file(Path(self.config.motion))
         self.kinematics = HandKinematics()
         self._reader = JointReader(self.kinematics.joint_names)
         self._gate = StampGate("/joint_states")
@@ -144,14 +149,16 @@ class GraspControllerNode(Shell):
         config = self._behaviour_config
         if held_by(self._touching(time), config.hold_force):
             tips = self.kinematics.locate(positions).sensors[:, :3, 3]
-            motion = SumOfSines(config.excitation)
+            motion = self._motion
             path = excite(self.kinematics, positions, tips.mean(axis=0), motion, motion.duration)
             self._resumed = (time - self._paused, path)
             self._announce("resumed", held=True)
             return
         if self._tare.service_is_ready():
             self._tare.call_async(Trigger.Request())
-        self._behaviour = GraspController(self.kinematics, self._site, config)
+        self._behaviour = GraspController(
+            self.kinematics, self._site, config, self._motion, self._motion.duration
+        )
 
     def _act(self, behaviour: GraspController, time: float, positions: Array) -> None:
         pose = None

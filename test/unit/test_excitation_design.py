@@ -26,6 +26,7 @@ from tactile_dynamics_ros.core.inertia.excitation import (
     design_motion,
 )
 from tactile_dynamics_ros.core.inertia.excitation.plan import CARRYING_ARM, plan_excitation
+from tactile_dynamics_ros.core.manipulation.excitation import OffsetTable
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 
@@ -166,3 +167,13 @@ def test_command_writes_the_motion(short_recording, tmp_path, capsys):
     assert len(table["time"]) == len(table["offsets"]) == 501
     assert_allclose(table["offsets"][-1], 0.0, atol=1e-6)
     assert main(["excite", str(bag), "--arm", "1,2"]) == 2
+    motion = OffsetTable.from_file(out)
+    assert motion.duration == pytest.approx(5.0)
+    assert_allclose(motion(2.0), table["offsets"][200])
+
+
+def test_a_file_that_is_no_motion_is_refused(tmp_path):
+    path = tmp_path / "motion.json"
+    path.write_text('{"time": [0, 1]}')
+    with pytest.raises(BadInputError, match="excite --out"):
+        OffsetTable.from_file(path)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -97,6 +99,22 @@ class OffsetTable:
             )
         if len(self._time) < 2 or self._time[0] != 0.0 or (np.diff(self._time) <= 0).any():
             raise BadInputError("excitation: times must increase and start at 0")
+
+    @classmethod
+    def from_file(cls, path: Path) -> OffsetTable:
+        """Read a motion that `tactile-dynamics excite` wrote: JSON with time and offsets.
+
+        Raises:
+            BadInputError: there is no such file, or it holds something else.
+        """
+        try:
+            table = json.loads(path.read_text())
+            return cls(np.array(table["time"], float), np.array(table["offsets"], float))
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise BadInputError(
+                f"motion {path}: expected JSON with 'time' and 'offsets', as "
+                f"`tactile-dynamics excite --out` writes it ({error})"
+            ) from error
 
     @property
     def duration(self) -> float:
