@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import median_filter
 
 from tactile_dynamics_ros.core.discrepancy.assessment import noise_floor
 from tactile_dynamics_ros.core.discrepancy.model import Family, ResidualModel, Residuals
@@ -19,7 +20,7 @@ Array = NDArray[np.float64]
 _PADDING = 8
 _SIDE_BAND = 0.5
 _LINE_OVER_BAND = 12.0
-_LINE_SHARE = 0.2
+_LINE_SHARE = 0.1
 _FEWEST_CYCLES = 6.0
 _DRIVEN_SHARE = 0.01
 _CHANNEL_SHARE = 0.15
@@ -131,14 +132,19 @@ def in_frames(residuals: Residuals) -> dict[str, Array]:
 
 
 def strongest_line(time: Array, white: Array, floor: float) -> Line | None:
-    """The strongest line of white residuals (N, D), if it stands out."""
+    """The line of white residuals (N, D) that stands out most from its surroundings, if any.
+
+    Misfit of the motion is stronger at times than a vibration, but spread over a band.
+    """
     hz, power, resolution = _fine_spectrum(time, white)
     power = np.where(hz < _FEWEST_CYCLES * resolution, 0.0, power)
-    peak = int(np.argmax(power))
+    around = int(2.0 * max(_SIDE_BAND, 10.0 * resolution) / (hz[1] - hz[0])) | 1
+    surroundings = median_filter(power, around, mode="nearest")
+    peak = int(np.argmax(power / np.maximum(surroundings, np.median(power))))
     distance = np.abs(hz - hz[peak])
     width = 2.5 * resolution
-    around = (distance < max(_SIDE_BAND, 4.0 * width)) & (distance > width)
-    level = max(float(np.mean(power[around])), float(np.median(power)) / np.log(2.0), 1e-300)
+    beside = (distance < max(_SIDE_BAND, 4.0 * width)) & (distance > width)
+    level = max(float(np.mean(power[beside])), float(np.median(power)) / np.log(2.0), 1e-300)
     noise = floor**2 * power.size
     share = float(power[distance <= width].sum()) / max(float(power.sum()) - noise, 1e-300)
     strength = float(power[peak]) / level
