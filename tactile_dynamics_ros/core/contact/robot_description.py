@@ -1,6 +1,6 @@
 """The robot as plain data: KUKA LBR iiwa 14 with a right Allegro hand v4 and four BioTac tips.
 
-One table for the kinematics, the simulator's URDF and the controllers. Frames follow URDF: a joint's
+One table for kinematics, the simulator's URDF and the controllers. Frames follow URDF: a joint's
 origin is the pose of the child frame in the parent frame at zero, rpy is fixed-axis roll-pitch-yaw.
 In the palm frame z points to the finger tips, x out of the palm on the grasping side and y towards
 the index finger. In a sensor frame x points to the tip and -z out of the pad.
