@@ -33,6 +33,9 @@ DATA = Path(__file__).parent.parent.parent / "shared" / "data" / "biotac_contact
 PERIOD = 0.0165
 TOUCH_COUNTS = 60.0
 RIDGE = 30.0
+LIGHT = 1.5
+"""PDC (hundreds of counts) below which presses are light, about 1.5 N."""
+
 _BLOCK = re.compile(
     r"pdc: \n(\d+)\nelectrode: \n\(([^)]*)\)\nz_dir: \n"
     r"\[\[([^\]]*)\]\n \[([^\]]*)\]\n \[([^\]]*)\]\]"
@@ -99,7 +102,10 @@ def score_pair(train: NormalTrial, test: NormalTrial) -> dict[str, float]:
     ):
         normals = [skin_normal(points(t))[t.touching] for t in (train, test)]
         rotation = best_rotation(normals[0], known)
-        result[name] = float(np.median(angles(normals[1] @ rotation.T, truth)))
+        error = angles(normals[1] @ rotation.T, truth)
+        light = test.change[test.touching, 19] < LIGHT
+        result[name] = float(np.median(error))
+        result[f"{name}, light presses"] = float(np.median(error[light]))
     return result
 
 
