@@ -4,10 +4,13 @@ import json
 
 import numpy as np
 import pytest
+import rclpy
 from geometry_msgs.msg import PoseWithCovarianceStamped, WrenchStamped
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image, JointState
+from system_listener import Listener
 
+from tactile_dynamics_ros.cli.supervisor import Supervisor, node_command
 from tactile_dynamics_ros.cli.topics import call_trigger
 from tactile_dynamics_ros.core.contact.robot_description import ACTUATED_JOINTS, JOINT_NAMES
 from tactile_dynamics_ros.nodes import conversions as cv
@@ -23,15 +26,19 @@ TOPICS = {
 }
 
 
-@pytest.fixture
-def robot(system, listener):
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory):
     """A running robot_sim with a camera, and a listener that hears all its topics."""
-    system.start_node("robot_sim", depth_rate_hz=2.0, world__object_name="box_3", seed=4)
-    for topic, kind in TOPICS.items():
-        listener.follow(kind, topic)
-    for topic in TOPICS:
-        listener.wait(lambda topic=topic: listener.seen[topic], 60.0, topic)
-    return listener
+    parameters = {"depth_rate_hz": 2.0, "world.object_name": "box_3", "seed": 4}
+    with Supervisor(tmp_path_factory.mktemp("logs")) as supervisor:
+        supervisor.start("robot_sim", node_command("robot_sim", None, parameters))
+        listener = Listener()
+        for topic, kind in TOPICS.items():
+            listener.follow(kind, topic)
+        for topic in TOPICS:
+            listener.wait(lambda topic=topic: listener.seen[topic], 60.0, topic)
+        yield listener
+        rclpy.try_shutdown()
 
 
 def test_topics_are_as_the_contract_says(robot):

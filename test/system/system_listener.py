@@ -1,0 +1,36 @@
+"""A node of the test that hears what processes publish."""
+
+import time
+from collections import defaultdict
+
+import rclpy
+from rclpy.node import Node
+
+from tactile_dynamics_ros.nodes.shell import LATCHED, STREAM
+
+
+class Listener:
+    """A node of the test that collects messages."""
+
+    def __init__(self):
+        rclpy.init(args=[])
+        self.node = Node("listener", enable_rosout=False, start_parameter_services=False)
+        self.seen = defaultdict(list)
+
+    def follow(self, kind, topic, latched=False):
+        """Collect messages of a topic."""
+        profile = LATCHED if latched else STREAM
+        self.node.create_subscription(kind, topic, self.seen[topic].append, profile)
+
+    def wait(self, condition, timeout, what):
+        """Spin until the condition holds; fail with `what` otherwise."""
+        deadline = time.monotonic() + timeout
+        while not condition():
+            assert time.monotonic() < deadline, f"{what}: not within {timeout} s"
+            rclpy.spin_once(self.node, timeout_sec=0.05)
+
+    def wait_for_new(self, topic, timeout=30.0, count=1):
+        """Forget what came on a topic and wait for new messages."""
+        self.seen[topic].clear()
+        self.wait(lambda: len(self.seen[topic]) >= count, timeout, f"{count} new on {topic}")
+        return self.seen[topic][-1]
