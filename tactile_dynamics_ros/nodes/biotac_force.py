@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
-import os
-import tempfile
-import time
 from collections import deque
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from geometry_msgs.msg import Vector3Stamped, WrenchStamped
@@ -18,7 +13,7 @@ from sensor_msgs.msg import Image
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.contact.robot_description import FINGERS, sensor_frame
-from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
+from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.tactile.estimators import create_force_estimator
 from tactile_dynamics_ros.core.tactile.fingertip import FingertipConfig
 from tactile_dynamics_ros.nodes.conversions import (
@@ -27,6 +22,7 @@ from tactile_dynamics_ros.nodes.conversions import (
     std_to_message,
     wrench_to_message,
 )
+from tactile_dynamics_ros.nodes.kept_tare import KeptTare
 from tactile_dynamics_ros.nodes.parameters import declare_config
 from tactile_dynamics_ros.nodes.shell import Shell, run_node
 
@@ -126,42 +122,6 @@ class BiotacForce(Shell):
             if estimator.dead.any():
                 names = ", ".join(f"E{n + 1}" for n in np.flatnonzero(estimator.dead))
                 self.faults.add(f"dead_electrodes_{FINGERS[k]}", f"{FINGERS[k]}: {names}")
-
-
-class KeptTare:
-    """Frames of the last tare in a file, so that a restarted node need not open the hand.
-
-    Args:
-        path: of the file; if empty, one per user and ROS domain in the temporary folder.
-    """
-
-    def __init__(self, path: str = "") -> None:
-        name = f"biotac_tare_{os.getuid()}_{os.environ.get('ROS_DOMAIN_ID', '0')}.npy"
-        self.path = Path(path) if path else Path(tempfile.gettempdir()) / name
-
-    def read(self, max_age: float) -> NDArray[np.float64] | None:
-        """Return the frames (K, 4, 44), or None if none were in use within `max_age` seconds."""
-        try:
-            if time.time() - self.path.stat().st_mtime > max_age:
-                return None
-            frames = np.load(self.path)
-        except (OSError, ValueError, EOFError):
-            return None
-        return frames if frames.ndim == 3 and frames.shape[1:] == (len(FINGERS), 44) else None
-
-    def refresh(self) -> None:
-        """Note that the tare is in use."""
-        with contextlib.suppress(OSError):
-            os.utime(self.path)
-
-    def write(self, frames: NDArray[np.float64]) -> None:
-        """Keep frames (K, 4, 44)."""
-        part = self.path.with_suffix(f".{os.getpid()}.part.npy")
-        try:
-            np.save(part, frames)
-            part.replace(self.path)
-        except OSError as error:
-            raise NotIdentifiableError(f"tare cannot be kept in {self.path}: {error}") from error
 
 
 def main() -> int:

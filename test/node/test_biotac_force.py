@@ -9,7 +9,8 @@ from geometry_msgs.msg import WrenchStamped
 from sensor_msgs.msg import Image
 
 from tactile_dynamics_ros.nodes import conversions as cv
-from tactile_dynamics_ros.nodes.biotac_force import BiotacForce, KeptTare
+from tactile_dynamics_ros.nodes.biotac_force import BiotacForce
+from tactile_dynamics_ros.nodes.kept_tare import KeptTare
 from tactile_dynamics_ros.nodes.shell import STREAM
 from tactile_dynamics_ros.sim.sensors.biotac import BioTacArray
 
