@@ -4,16 +4,18 @@ import json
 import subprocess
 
 import psutil
+import pytest
 
 from tactile_dynamics_ros.cli.supervisor import verb_command
 from tactile_dynamics_ros.recording import Recording
 
 
+@pytest.mark.timeout(560)
 def test_demo_leaves_recording_report_and_no_process(tmp_path):
     out = tmp_path / "demo"
     words = ["demo", "--object", "box_0", "--seed", "1", "--duration", "6", "--out", str(out)]
     done = subprocess.run(
-        verb_command(*words, "--json"), capture_output=True, text=True, timeout=280
+        verb_command(*words, "--json"), capture_output=True, text=True, timeout=500
     )
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout)

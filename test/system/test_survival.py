@@ -5,6 +5,7 @@ import signal
 import time
 
 import numpy as np
+import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped, WrenchStamped
 from sensor_msgs.msg import JointState
@@ -59,6 +60,7 @@ def estimate_grows(listener, timeout=60.0):
     listener.wait(lambda: samples(listener) > before + 5, timeout, "more samples")
 
 
+@pytest.mark.timeout(500)
 def test_any_node_may_be_killed(system, listener, tmp_path):
     recording = tmp_path / "recording"
     system.start_verb("recorder", "record", str(recording))
