@@ -74,10 +74,10 @@ def test_commanded_positions_are_approached_not_jumped_to(robot):
     wanted = start[1] - 0.4
     message = JointState(name=[JOINT_NAMES[1]], position=[float(wanted)])
     robot.wait(lambda: publisher.get_subscription_count() > 0, 10.0, "/joint_command heard")
-    publisher.publish(message)
     robot.seen["/joint_states"].clear()
 
     def arrived():
+        publisher.publish(message)
         states = robot.seen["/joint_states"]
         return bool(states) and abs(states[-1].position[1] - wanted) < 0.01
 
@@ -97,10 +97,10 @@ def test_command_for_a_joint_that_does_not_exist_is_counted_and_harmless(robot):
     robot.follow(DiagnosticArray, "/diagnostics")
     publisher = robot.node.create_publisher(JointState, "/joint_command", 10)
     robot.wait(lambda: publisher.get_subscription_count() > 0, 10.0, "/joint_command heard")
-    publisher.publish(JointState(name=["elbow"], position=[1.0]))
-    publisher.publish(JointState(name=[JOINT_NAMES[0]], position=[float("nan")]))
 
     def counted():
+        publisher.publish(JointState(name=["elbow"], position=[1.0]))
+        publisher.publish(JointState(name=[JOINT_NAMES[0]], position=[float("nan")]))
         found = [status_values(s) for m in robot.seen["/diagnostics"] for s in m.status]
         return any("unknown_joint" in f and "not_finite" in f for f in found)
 
