@@ -64,6 +64,9 @@ class Story:
             self.diagnosis = json.loads(answer.message)
         found = self.diagnosis
         self._say(f"diagnosis after {took:.0f} s: {found['verdict']}: {found['sentence']}")
+        for candidate in found.get("candidates", [])[:3]:
+            expected = candidate["predicted_whitened_rms"]
+            self._say(f"  candidate {candidate['name']}: error expected with it {expected:.2f}")
         if found["effect"]:
             self._say(f"adding {found['effect']} to the live model")
             value = Parameter("effects", value=[found["effect"]])
