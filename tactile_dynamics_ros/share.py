@@ -29,3 +29,18 @@ def share_file(name: str) -> Path:
         if candidate.is_file():
             return candidate
     raise BadInputError(f"no file '{name}', neither as a path nor in {folders[0]}")
+
+
+def object_file(name: str) -> Path:
+    """Return the file of an object by its name in config/objects, or by a path that ends in yaml.
+
+    Raises:
+        BadInputError: there is no such object; lists those that are known.
+    """
+    if name.endswith((".yaml", ".yml")):
+        return share_file(name)
+    folder = share_file("config/objects/box_0.yaml").parent
+    known = sorted(path.stem for path in folder.glob("*.yaml"))
+    if name not in known:
+        raise BadInputError(f"object '{name}' is unknown: expected one of {', '.join(known)}")
+    return folder / f"{name}.yaml"

@@ -20,7 +20,7 @@ from tactile_dynamics_ros.cli.live import (
 )
 from tactile_dynamics_ros.cli.supervisor import Supervisor, node_command, verb_command
 from tactile_dynamics_ros.core.errors import NotIdentifiableError, TactileDynamicsError
-from tactile_dynamics_ros.share import share_file
+from tactile_dynamics_ros.share import object_file, share_file
 
 if TYPE_CHECKING:
     from tactile_dynamics_ros.cli.demo_monitor import Monitor
@@ -46,6 +46,7 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
 def run(args: Namespace) -> int:
     """Play the story; afterwards everything is stopped."""
     started = time.monotonic()
+    object_file(args.object)
     args.duration = args.duration or (30.0 if args.hidden == "none" else 60.0)
     out = Path(args.out or f"out/demo-{datetime.now():%Y%m%d-%H%M%S}").absolute()
     out.mkdir(parents=True, exist_ok=True)

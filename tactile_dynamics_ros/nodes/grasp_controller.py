@@ -38,7 +38,7 @@ from tactile_dynamics_ros.nodes.conversions import (
 )
 from tactile_dynamics_ros.nodes.parameters import declare_config
 from tactile_dynamics_ros.nodes.shell import Shell, run_node
-from tactile_dynamics_ros.share import share_file
+from tactile_dynamics_ros.share import object_file
 
 Array = NDArray[np.float64]
 
@@ -73,7 +73,7 @@ class GraspControllerNode(Shell):
         super().__init__("grasp_controller")
         self.config = declare_config(self, GraspNodeConfig)
         self._behaviour_config = declare_config(self, GraspConfig)
-        path = share_file(_object_file(self.config.object))
+        path = object_file(self.config.object)
         self._site = GraspSite.from_mapping(yaml.safe_load(path.read_text())["grasp"])
         self._motion: SumOfSines | OffsetTable = SumOfSines(self._behaviour_config.excitation)
         if self.config.motion:
@@ -192,10 +192,6 @@ class GraspControllerNode(Shell):
         self.get_logger().info(text)
         self._phase.publish(String(data=text))
         self._held.publish(Bool(data=held))
-
-
-def _object_file(name: str) -> str:
-    return name if name.endswith((".yaml", ".yml")) else f"config/objects/{name}.yaml"
 
 
 def main() -> int:

@@ -76,6 +76,12 @@ def test_unknown_node_is_refused_with_the_known_ones(capsys):
     assert "robot_sim" in capsys.readouterr().err
 
 
+def test_demo_of_an_unknown_object_is_refused_before_anything_starts(capsys, tmp_path):
+    assert cli.main(["demo", "--object", "anvil", "--out", str(tmp_path / "out")]) == 2
+    assert "box_0" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
 def test_parallel_runs_get_different_domains():
     program = (
         "from tactile_dynamics_ros.cli.domain import private_domain\n"
