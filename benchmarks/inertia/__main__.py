@@ -36,7 +36,7 @@ def run(sections: Sequence[str], quick: bool, say: Callable[[str], None]) -> dic
             *((12, 2, 4, 6.0) if quick else (240, 40, 40, 10.0)), say
         ),
         "feasibility": lambda: honesty.run_feasibility(1 if quick else 5, say),
-        "live": lambda: cost.run_live(*((2000, 300) if quick else (60000, 2900)), say),
+        "live": lambda: cost.run_live(*((2000, 300) if quick else (60000, 1700)), say),
         "batch_time": lambda: cost.run_batch_time(2 if quick else 10, say),
         "excitation": lambda: gain.run_excitation(2 if quick else 20, 15.0, say),
         "in_hand": lambda: in_hand.run_in_hand(1 if quick else 3, say),
