@@ -40,7 +40,8 @@ def run_compare(args: Namespace) -> int:
 
     recording, model = _fit(args)
     comparison = compare(model)
-    error = model.fitted.to_estimate().error.to_json()
+    error: dict[str, Any] = model.fitted.to_estimate().error.to_json()
+    error["channels"] = comparison.channel_rms
     document = {"error": error} | comparison.to_json()
     _print(args, document, _compare_lines(document))
     if args.out:
@@ -83,12 +84,12 @@ def run_explain(args: Namespace) -> int:
 
 
 def _fit(args: Namespace) -> tuple[Recording, HeldObjectModel]:
-    from tactile_dynamics_ros.core.inertia.batch import fit_recording
     from tactile_dynamics_ros.core.inertia.discrepancy_model import HeldObjectModel
+    from tactile_dynamics_ros.core.inertia.readings import fit_with_readings
 
     recording = read_recording(args)
     effects = read_effects(args)
-    return recording, HeldObjectModel.from_fit(fit_recording(recording.streams, effects))
+    return recording, HeldObjectModel.from_fit(fit_with_readings(recording.streams, effects))
 
 
 def _print(args: Namespace, document: dict[str, Any], lines: list[str]) -> None:

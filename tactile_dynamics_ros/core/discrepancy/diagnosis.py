@@ -8,6 +8,7 @@ from typing import Any
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.discrepancy.assessment import Assessment, assess
 from tactile_dynamics_ros.core.discrepancy.model import ResidualModel
+from tactile_dynamics_ros.core.discrepancy.screening import best_by_effect, screen
 from tactile_dynamics_ros.core.discrepancy.selection import Choice, choose_effect
 from tactile_dynamics_ros.core.discrepancy.signature import Signature, describe_residual
 from tactile_dynamics_ros.core.discrepancy.validation import HeldOut, fits_equally, held_out
@@ -25,8 +26,11 @@ class DiagnosisConfig:
     near_floor: float = parameter(
         1.12, "white RMS over its floor that counts as explained in any case", "", 1.0, 2.0
     )
-    least_progress: float = parameter(
-        0.25, "share of the excess error that each added effect must explain to go on", "", 0.0, 1.0
+    first_progress: float = parameter(
+        0.25, "share of the excess error that one effect must explain to go on", "", 0.0, 1.0
+    )
+    second_progress: float = parameter(
+        0.8, "share of the excess error that two effects must explain to go on", "", 0.0, 1.0
     )
     indifference: float = parameter(
         10.0, "difference of -2 log evidence that does not decide", "", 0.0, 100.0
@@ -113,7 +117,7 @@ def diagnose(model: ResidualModel, config: DiagnosisConfig | None = None) -> Dia
         )
     steps = _explain(model, first, config)
     floor = min([first.structure.floor] + [s.after.structure.floor for s in steps])
-    if not steps or not _settled(first, steps[-1].after, floor, config):
+    if not _accounts_for(steps, first, floor, config):
         return Diagnosis(
             "unexplained", None, (), model, first, steps, before, before, floor,
             signature=describe_residual(model),
@@ -147,9 +151,8 @@ def _explain(model: ResidualModel, first: Assessment, config: DiagnosisConfig) -
         steps.append(step)
         present, assessment = step.choice.model, step.after
         floor = assessment.structure.floor
-        hopeless = explained_share(first.rms, assessment.rms, floor) < config.least_progress * len(
-            steps
-        )
+        share = explained_share(first.rms, assessment.rms, floor)
+        hopeless = share < (config.first_progress if len(steps) == 1 else config.second_progress)
         if hopeless or _settled(first, assessment, floor, config):
             break
     return tuple(steps)
@@ -161,6 +164,30 @@ def add_effect(model: ResidualModel, before: Assessment, config: DiagnosisConfig
     if choice is None or choice.best.criterion > choice.without - config.indifference:
         return None
     return Step(choice, before, assess(choice.model, config.significance))
+
+
+def _accounts_for(
+    steps: tuple[Step, ...], first: Assessment, floor: float, config: DiagnosisConfig
+) -> bool:
+    """Whether the added effects are the cause.
+
+    They explain the residual, and what little is left is not the trace of another law.
+    """
+    if not steps or not _settled(first, steps[-1].after, floor, config):
+        return False
+    return steps[-1].after.adequate or not _follows_other_law(steps[-1], floor, config)
+
+
+def _follows_other_law(step: Step, floor: float, config: DiagnosisConfig) -> bool:
+    """Whether a law of named quantities explains most of what is left, better than any effect."""
+    model = step.choice.model
+    laws = best_by_effect(screen(model, model.library(), floor))
+    effects = best_by_effect(step.after.scores)
+    if not laws:
+        return False
+    left = float(model.residual @ model.residual) - floor**2 * len(model.residual)
+    known = effects[0].criterion if effects else float("inf")
+    return laws[0].gain > 0.5 * left and laws[0].criterion < known - config.indifference
 
 
 def _settled(first: Assessment, after: Assessment, floor: float, config: DiagnosisConfig) -> bool:

@@ -125,12 +125,19 @@ def _try_all(
         allowance = reach * max(present - best, 0.0) if trials else 0.0
         if score.criterion > best + allowance + _CHANCE:
             break
-        trials.append(_try_one(model, scores, score.family.name, floor))
+        trials.append(try_effect(model, scores, score.family.name, floor))
     return sorted(trials, key=lambda trial: trial.criterion)
 
 
-def _try_one(model: ResidualModel, scores: Sequence[Score], name: str, floor: float) -> Trial:
-    """Best of the promising readings of one effect."""
+def try_effect(model: ResidualModel, scores: Sequence[Score], name: str, floor: float) -> Trial:
+    """Fit the promising readings of one effect quickly; return the best.
+
+    Args:
+        model: to be extended.
+        scores: of families, those of the effect among them.
+        name: of the effect.
+        floor: white RMS of the noise alone.
+    """
     own = sorted((s for s in scores if s.family.name == name), key=lambda s: s.criterion)
     first = {s.family.reading: s for s in reversed(own)}
     picked = sorted(first.values(), key=lambda s: s.criterion)[:_READINGS]

@@ -31,6 +31,8 @@ Array = NDArray[np.float64]
 _MOST_REFINEMENTS = 8
 _SETTLED = 0.995
 _HOLD = 100.0
+_QUICK_ITERATIONS = 12
+_QUICK_TOLERANCE = 2e-5
 _FLATTEST = 0.1
 
 
@@ -179,7 +181,27 @@ class HeldObjectModel:
         block = self.fitted.blocks[0]
         lacking = block.problem.residual(self.phi, self.effects, self.theta)
         start = effect.initial_guess(block.problem.samples, self.phi, coefficients, lacking)
-        return self._fitted((*self.effects, effect), (*self.theta, start))
+        system = _ExtendedSystem(self, effect)
+        solution, _ = levenberg_marquardt(
+            system.evaluate,
+            np.concatenate([np.zeros(system.present), start]),
+            _QUICK_ITERATIONS,
+            _QUICK_TOLERANCE,
+        )
+        return self._moved(solution[: system.present], effect, solution[system.present :])
+
+    def _moved(self, change: Array, effect: Effect, theta: Array) -> HeldObjectModel:
+        """The model with its parameters changed and one effect more."""
+        sizes = np.cumsum([10, *[len(t) for t in self.theta]])
+        parts = np.split(change, sizes[:-1])
+        moved = [t + d for t, d in zip(self.theta, parts[1:], strict=True)]
+        return HeldObjectModel(
+            self.whitening,
+            self.phi + parts[0],
+            (*self.effects, effect),
+            (*moved, theta),
+            self.catalogue,
+        )
 
     def without_effect(self, name: str) -> HeldObjectModel:
         """Fit with one effect less at fixed whitening."""
@@ -263,10 +285,42 @@ class HeldObjectModel:
     def _fitted(self, effects: tuple[Effect, ...], theta: tuple[Array, ...]) -> HeldObjectModel:
         system = _FrozenSystem(self.whitening, effects)
         start = np.concatenate([self.phi, *theta])
-        solution, _ = levenberg_marquardt(system.evaluate, start, 25, 1e-6)
+        solution, _ = levenberg_marquardt(
+            system.evaluate, start, _QUICK_ITERATIONS, _QUICK_TOLERANCE
+        )
         sizes = np.cumsum([10, *[len(t) for t in theta]])
         parts = np.split(solution, sizes[:-1])
         return HeldObjectModel(self.whitening, parts[0], effects, tuple(parts[1:]), self.catalogue)
+
+
+class _ExtendedSystem:
+    """Residual and Jacobian by the change of a model's parameters, linear, and a new effect's."""
+
+    def __init__(self, model: HeldObjectModel, effect: Effect) -> None:
+        self._model, self._effect = model, effect
+        self._frozen = _FrozenSystem(model.whitening, model.effects)
+        self._residual, self._jacobian = self._frozen.evaluate(
+            np.concatenate([model.phi, *model.theta])
+        )
+        stds = [p.prior_std for p in effect.parameters(model.fitted.blocks[0].problem.samples)]
+        self._prior = np.diag(1.0 / np.array(stds, dtype=float))
+        self.present = self._jacobian.shape[1]
+
+    def evaluate(self, x: Array) -> tuple[Array, Array]:
+        """Rows of the data, then rows of the priors."""
+        change, theta = x[: self.present], x[self.present :]
+        phi = self._model.phi + change[:10]
+        delta, by_phi, by_theta = self._frozen.white_effect(self._effect, phi, theta)
+        rows, count = len(delta), len(theta)
+        residual = self._residual + self._jacobian @ change
+        residual[:rows] -= delta
+        jacobian = np.zeros((len(residual) + count, len(x)))
+        jacobian[: len(residual), : self.present] = self._jacobian
+        jacobian[:rows, self.present :] = -by_theta
+        if by_phi is not None:
+            jacobian[:rows, :10] -= by_phi
+        jacobian[len(residual) :, self.present :] = self._prior
+        return np.concatenate([residual, self._prior @ theta]), jacobian
 
 
 class _FrozenSystem:
@@ -292,7 +346,7 @@ class _FrozenSystem:
         first = 10
         for effect, count in zip(self._effects, self._counts, strict=True):
             part = slice(first, first + count)
-            delta, by_phi, by_theta = self._white_effect(effect, phi, x[part])
+            delta, by_phi, by_theta = self.white_effect(effect, phi, x[part])
             residual = residual - delta
             jacobian[:, part] = -by_theta
             if by_phi is not None:
@@ -301,9 +355,10 @@ class _FrozenSystem:
         prior = self._prior_rows @ x + self._prior_values
         return np.concatenate([residual, prior]), np.concatenate([jacobian, self._prior_rows])
 
-    def _white_effect(
+    def white_effect(
         self, effect: Effect, phi: Array, theta: Array
     ) -> tuple[Array, Array | None, Array]:
+        """White Delta with its derivatives by phi (None if zero) and theta."""
         values, by_phi, by_theta = [], [], []
         for block in self._model.blocks:
             samples = block.problem.samples

@@ -1,0 +1,42 @@
+"""Fits in which the data choose the reading of effects whose name leaves it open."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from tactile_dynamics_ros.core.discrepancy.assessment import noise_floor
+from tactile_dynamics_ros.core.discrepancy.screening import screen
+from tactile_dynamics_ros.core.discrepancy.selection import try_effect
+from tactile_dynamics_ros.core.inertia.batch import BatchConfig, fit_recording
+from tactile_dynamics_ros.core.inertia.discrepancy_model import HeldObjectModel
+from tactile_dynamics_ros.core.inertia.fitted_model import FittedModel
+from tactile_dynamics_ros.core.streams import Streams
+
+if TYPE_CHECKING:
+    from tactile_dynamics_ros.core.effects.effect import Effect
+
+
+def fit_with_readings(
+    streams: Streams, effects: Sequence[Effect] = (), config: BatchConfig | None = None
+) -> FittedModel:
+    """Fit a recording; effects named without a reading get the one with the best evidence.
+
+    Readings are the frame of a lag, the fingers that have a bias, the law of a torsion.
+
+    Args:
+        streams: of the recording.
+        effects: of the model, in the order of the result.
+        config: of the fit.
+    """
+    open_names = [effect.name for effect in effects if not effect.variant]
+    model = HeldObjectModel.from_fit(
+        fit_recording(streams, [e for e in effects if e.variant], config)
+    )
+    for name in open_names:
+        floor = noise_floor(model)
+        scores = screen(model, model.families([name]), floor)
+        best = try_effect(model, scores, name, floor).model
+        assert isinstance(best, HeldObjectModel)
+        model = best.refined()
+    return model.fitted
