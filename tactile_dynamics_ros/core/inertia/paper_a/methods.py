@@ -26,6 +26,8 @@ from tactile_dynamics_ros.core.inertia.paper_a.factors import (
 )
 from tactile_dynamics_ros.core.inertia.paper_a.parameters import principal_of_phi
 from tactile_dynamics_ros.core.inertia.paper_a.time_steps import TimeSteps
+from tactile_dynamics_ros.core.rigid_body.inertial_parameters import inertia_vector
+from tactile_dynamics_ros.core.rigid_body.rotation import skew
 
 Array = NDArray[np.float64]
 
@@ -34,6 +36,7 @@ METHODS: tuple[Method, ...] = ("Baseline", "Baseline-FG", "No C, No G", "C, No G
 
 _SMOOTHING_WINDOW = 51
 _SMOOTHING_DEGREE = 3
+_LARGEST_DAMPING = 1e12
 
 
 @dataclass(frozen=True)
@@ -93,6 +96,7 @@ def estimate_as_published(
         graph.add(prior_factor(inertia, prior, config.prior_weight, config.corrected_prior))
     settings = gtsam.LevenbergMarquardtParams()
     settings.setMaxIterations(config.iterations)
+    settings.setlambdaUpperBound(_LARGEST_DAMPING)
     try:
         result = gtsam.LevenbergMarquardtOptimizer(graph, values, settings).optimize()
     except RuntimeError:
@@ -145,12 +149,19 @@ def _measurement_graph(
 
 
 def _start(values: gtsam.Values, inertia: InertiaVariables, steps: TimeSteps) -> None:
-    """Begin with what gravity says about the mass and a ball of 0.1 m radius of gyration."""
+    """Begin with the body that balances gravity alone, as large as the contacts are apart."""
     mass = float(np.median(np.linalg.norm(steps.force.sum(axis=1), axis=1))) / 9.81
-    vector = np.concatenate([[mass], np.zeros(3), 1e-2 * mass * np.array([1, 0, 1, 0, 0, 1])])
+    up = steps.rotation[:, 0, 2]
+    torque = np.cross(steps.point, steps.force).sum(axis=1)
+    com = np.linalg.lstsq((-mass * 9.81 * skew(up)).reshape(-1, 3), torque.reshape(-1), rcond=None)[
+        0
+    ]
+    spread = float(np.var(steps.point.reshape(-1, 3), axis=0).sum())
+    moments = mass * ((spread + com @ com) * np.eye(3) - np.outer(com, com))
+    vector = np.concatenate([[mass], com, inertia_vector(moments)])
     if not inertia.principal:
         values.insert(VECTOR_KEY, vector)
         return
-    start, axes = principal_of_phi(vector)
+    start, axes = principal_of_phi(np.concatenate([[mass], mass * com, vector[4:]]))
     values.insert(VECTOR_KEY, start)
     values.insert(AXES_KEY, gtsam.Rot3(axes))
