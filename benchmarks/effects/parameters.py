@@ -50,12 +50,30 @@ def parameter_errors(
     found = next(
         (entry for name, entry in estimate["effects"].items() if name.split(":")[0] == effect), {}
     )
+    if effect == "force_scale":
+        return _gain_errors(true_parameters(effect, truth), found)
     errors = {}
     for name, value in true_parameters(effect, truth).items():
         said = name if name in found else name.partition("_")[2]
         if said in found and found[said]["std"]:
             errors[said] = (found[said]["value"] - value, found[said]["std"])
     return errors
+
+
+def _gain_errors(true: dict[str, float], found: dict[str, Any]) -> dict[str, tuple[float, float]]:
+    """Errors of gains against the mean gain: a gain that all fingers share looks like mass.
+
+    A finger that the product does not mention has gain one.
+    """
+    names = list(true)
+    wanted = np.log1p([true[name] for name in names])
+    said = np.log1p([found.get(name, {"value": 0.0})["value"] for name in names])
+    error = (said - said.mean()) - (wanted - wanted.mean())
+    return {
+        name: (float(error[k]), found[name]["std"])
+        for k, name in enumerate(names)
+        if name in found and found[name]["std"]
+    }
 
 
 def _spread(effect: str, parameters: dict[str, Any]) -> Iterator[tuple[str, float]]:

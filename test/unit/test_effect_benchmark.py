@@ -152,6 +152,20 @@ def test_every_parameter_of_the_catalogue_has_a_product_name():
         assert len(errors) == len(values)
 
 
+def test_a_gain_that_all_fingers_share_is_not_held_against_the_product():
+    gains = {"index": 0.2, "middle": 0.0, "ring": 0.0, "thumb": 0.0}
+    quantities = {f"{finger}.gain_error": {"value": gain} for finger, gain in gains.items()}
+    truth = {"effects": {"force_scale": {"parameters": quantities}}}
+    shared = {
+        f"{finger}_gain": {"value": 1.05 * (1 + gain) - 1, "std": 0.01}
+        for finger, gain in gains.items()
+    }
+    alone = {"index_gain": {"value": 0.2, "std": 0.01}}
+    for said in (shared, alone):
+        errors = parameter_errors("force_scale", truth, {"effects": {"force_scale": said}})
+        assert errors["index_gain"] == (pytest.approx(0.0, abs=1e-12), 0.01)
+
+
 def test_records_survive_a_cut_off_line(records, tmp_path):
     path = tmp_path / "records.jsonl"
     lines = [json.dumps(record) for record in records[:2]]
