@@ -19,6 +19,7 @@ SECTIONS = (
     "live",
     "batch_time",
     "excitation",
+    "wrist_ft",
     "in_hand",
 )
 
@@ -27,7 +28,7 @@ def run(sections: Sequence[str], quick: bool, say: Callable[[str], None]) -> dic
     """Results by section."""
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")
-    from benchmarks.inertia import accuracy, cost, gain, honesty, in_hand
+    from benchmarks.inertia import accuracy, boxes, cost, gain, honesty
 
     runs: dict[str, Callable[[], dict[str, Any]]] = {
         "table_one": lambda: accuracy.run_table_one(*((2, 1) if quick else (20, 3)), say),
@@ -39,7 +40,8 @@ def run(sections: Sequence[str], quick: bool, say: Callable[[str], None]) -> dic
         "live": lambda: cost.run_live(*((2000, 300) if quick else (60000, 1700)), say),
         "batch_time": lambda: cost.run_batch_time(2 if quick else 10, say),
         "excitation": lambda: gain.run_excitation(2 if quick else 20, 15.0, say),
-        "in_hand": lambda: in_hand.run_in_hand(1 if quick else 3, say),
+        "wrist_ft": lambda: boxes.run_wrist(1 if quick else 5, say),
+        "in_hand": lambda: boxes.run_in_hand(1 if quick else 3, say),
     }
     results = {name: runs[name]() for name in SECTIONS if name in sections}
     machine = {"cpus": os.cpu_count(), "python": platform.python_version(), "quick": quick}

@@ -1,6 +1,6 @@
-"""Section `in_hand`: paper A's five boxes through the whole chain, counts to inertia.
+"""Recordings of the simulated hand through the whole chain, from raw counts to contact forces.
 
-The simulated hand grasps, lifts and moves each box; forces come from the fingertips' raw counts,
+The simulated hand grasps, lifts and moves an object; forces come from the fingertips' raw counts,
 contact points and object pose from the joints (and, for the pose, slow corrections from vision).
 The same core objects run as in the nodes.
 """
@@ -8,19 +8,13 @@ The same core objects run as in the nodes.
 from __future__ import annotations
 
 from collections import defaultdict, deque
-from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
 from benchmarks.biotac_in_hand import ALOFT, Touch
-from benchmarks.inertia.scores import Score, physical
 from tactile_dynamics_ros.core.contact.contact_state import Contact
 from tactile_dynamics_ros.core.contact.hand_kinematics import HandKinematics
-from tactile_dynamics_ros.core.inertia.batch import estimate_inertia
-from tactile_dynamics_ros.core.inertia.estimate import PARAMETER_NAMES, InertialEstimate
-from tactile_dynamics_ros.core.inertia.incremental.replay import replay_streams
 from tactile_dynamics_ros.core.manipulation.grasp_controller import GraspConfig, GraspController
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
 from tactile_dynamics_ros.core.streams import ContactStream, PoseStream, Streams
@@ -30,10 +24,7 @@ from tactile_dynamics_ros.core.tracking.pose_fusion import PoseFusion
 from tactile_dynamics_ros.sim.simulated_robot import SimulatedRobot, SimulatedRobotConfig
 from tactile_dynamics_ros.sim.world import WorldConfig
 
-BOXES = ("box_0", "box_1", "box_2", "box_3", "box_4")
-
 _SIGHTINGS = 15
-_NINETY = 1.6449
 _TARE_S = 0.5
 _LIMIT_S = 90.0
 _FORCE_MODEL = "network"
@@ -125,48 +116,3 @@ def record_in_hand(
                 tape.contacts[name].append((readings.touch_time, contact))
     robot.world.close()
     return tape.streams(), truth, controller.outcome or controller.phase.value
-
-
-def run_in_hand(seeds: int, say: Callable[[str], None]) -> dict[str, Any]:
-    """Errors and interval coverage per box."""
-    rows = []
-    for box in BOXES:
-        scores, inside, deviations, live = [], [], [], []
-        for seed in range(seeds):
-            say(f"in hand: {box}, seed {seed}")
-            streams, truth, outcome = record_in_hand(box, seed)
-            if not streams.contacts:
-                say(f"  {outcome}")
-                continue
-            estimate = estimate_inertia(streams)
-            scores.append(Score.of(truth, estimate.inertia.dynamic_parameters, 0.0))
-            z = _deviations(estimate, truth)
-            inside.append(np.abs(z) < _NINETY)
-            deviations.append(z)
-            last = list(replay_streams(streams))[-1]
-            live.append(Score.of(truth, last.inertia.dynamic_parameters, 0.0))
-        rows.append(
-            {
-                "object": box,
-                "runs": len(scores),
-                "mass_percent": float(np.median([s.mass_percent for s in scores])),
-                "com_mm": float(np.median([s.com_mm for s in scores])),
-                "inertia": float(np.median([s.inertia for s in scores])),
-                "distance": float(np.median([s.distance for s in scores])),
-                "trace_error": float(np.median([s.trace_error for s in scores])),
-                "live_mass_percent": float(np.median([s.mass_percent for s in live])),
-                "live_com_mm": float(np.median([s.com_mm for s in live])),
-                "coverage": float(np.mean(inside)),
-                "deviations": {
-                    name: float(value)
-                    for name, value in zip(
-                        PARAMETER_NAMES, np.median(np.abs(deviations), axis=0), strict=True
-                    )
-                },
-            }
-        )
-    return {"seeds": seeds, "rows": rows}
-
-
-def _deviations(estimate: InertialEstimate, truth: InertialParameters) -> np.ndarray:
-    return (physical(estimate.inertia) - physical(truth)) / estimate.parameter_std

@@ -18,6 +18,7 @@ def render(results: dict[str, Any]) -> str:
         "live": _live,
         "batch_time": _batch_time,
         "excitation": _excitation,
+        "wrist_ft": _wrist,
         "in_hand": _in_hand,
     }
     parts = [write(results[name]) for name, write in writers.items() if name in results]
@@ -203,19 +204,36 @@ def _excitation(result: dict[str, Any]) -> str:
     )
 
 
+def _wrist(result: dict[str, Any]) -> str:
+    return (
+        f"### Boxes on a wrist force/torque sensor, 30 s (medians of {result['seeds']}; paper: its "
+        "Table II, C, No G)\n\n" + _box_table(result, ("paper", "ours"))
+    )
+
+
 def _in_hand(result: dict[str, Any]) -> str:
-    columns = ("mass_percent", "com_mm", "inertia", "distance", "trace_error")
-    lines = [
-        [
-            row["object"],
-            str(row["runs"]),
-            *(f"{row[name]:.3g}" for name in columns),
-            f"{row['live_mass_percent']:.2f}",
-            f"{row['live_com_mm']:.2f}",
-            f"{100 * row['coverage']:.0f} %",
-        ]
-        for row in result["rows"]
-    ]
-    header = ["object", "runs", "mass, %", "CoM, mm", "inertia, kg m^2", "distance", "Eq. 34"]
-    header += ["live mass, %", "live CoM, mm", "90 % intervals that hold"]
-    return "### In hand, whole chain (medians)\n\n" + _table(header, lines)
+    return (
+        f"### Boxes in the simulated hand, whole chain (medians of {result['seeds']}; paper: its "
+        "Table IV, C, No G; the same method on our recordings)\n\n"
+        + _box_table(result, ("paper", "paper's method here", "ours", "live"))
+    )
+
+
+def _box_table(result: dict[str, Any], kinds: Sequence[str]) -> str:
+    lines = []
+    for row in result["rows"]:
+        for kind in kinds:
+            found = row[kind]
+            if not found:
+                continue
+            values = (
+                f"{found['trace_error']:.2f}",
+                f"{found['distance']:.2f}",
+                f"{found['mass_percent']:.2f}",
+                f"{found['com_mm']:.2f}",
+                f"{1e5 * found['inertia']:.1f}",
+            )
+            held = f"{100 * row['coverage']:.0f} %" if kind == "ours" else ""
+            lines.append([row["object"], kind, *values, held])
+    header = ["object", "method", "Eq. 34", "distance", "mass, %", "CoM, mm"]
+    return _table([*header, "inertia, 1e-5 kg m^2", "90 % intervals that hold"], lines)

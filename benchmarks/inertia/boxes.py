@@ -1,0 +1,152 @@
+"""Sections `wrist_ft` and `in_hand`: paper A's boxes on a force/torque sensor and in the hand."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from benchmarks.hidden import randomness
+from benchmarks.hidden.objects import HeldObject
+from benchmarks.hidden.scenario import GRAVITY, Scenario, ScenarioOptions
+from benchmarks.inertia.in_hand import record_in_hand
+from benchmarks.inertia.published import (
+    RELAXED_RIGIDITY,
+    WRIST,
+    published_score,
+    published_truth,
+)
+from benchmarks.inertia.scores import Score, physical
+from tactile_dynamics_ros.core.inertia.batch import estimate_inertia
+from tactile_dynamics_ros.core.inertia.estimate import PARAMETER_NAMES
+from tactile_dynamics_ros.core.inertia.incremental.replay import replay_streams
+from tactile_dynamics_ros.core.inertia.paper_a import METHODS, TimeSteps, estimate_as_published
+from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
+from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
+from tactile_dynamics_ros.core.streams import ContactStream, PoseStream, Streams
+
+BOXES = ("box_0", "box_1", "box_2", "box_3", "box_4")
+MEASURES = ("trace_error", "distance", "mass_percent", "com_mm", "inertia")
+
+_NINETY = 1.6449
+_TRIPLES = 60
+_FORCE_STD = np.array([0.035, 0.035, 0.13])
+_TORQUE_STD = np.array([1.7e-3, 1.7e-3, 3.5e-4])
+_POSITION_STD, _ROTATION_STD = 1e-4, 3.5e-4
+
+
+def wrist_recording(box: str, seed: int) -> tuple[Streams, InertialParameters]:
+    """A box bolted to a HEX-E on an arm: 30 s, 100 Hz, its noise, poses from encoders."""
+    truth = published_truth(box)
+    body = HeldObject("box", np.full(3, 0.2), truth.mass, truth.com, truth.inertia_com)
+    scenario = dataclasses.replace(Scenario.draw(seed, ScenarioOptions()), body=body)
+    time = np.arange(0.0, scenario.options.duration, 0.01)
+    motion = scenario.motion.evaluate(time)
+    wrench = body.inertial_wrench(motion, GRAVITY)
+    rng = randomness.stream(seed, "noise")
+    count = len(time)
+    noise = [
+        motion.to_world(std * rng.normal(size=(count, 3))) for std in (_TORQUE_STD, _FORCE_STD)
+    ]
+    tilt = exp_so3(_ROTATION_STD * rng.normal(size=(count, 3)))
+    variance = np.repeat([_ROTATION_STD**2, _POSITION_STD**2], 3)
+    pose = PoseStream(
+        time,
+        motion.position + _POSITION_STD * rng.normal(size=(count, 3)),
+        tilt @ motion.rotation,
+        np.broadcast_to(np.diag(variance), (count, 6, 6)).copy(),
+    )
+    spread = np.einsum("nij,j,nij->ni", motion.rotation, _FORCE_STD**2, motion.rotation)
+    wrist = ContactStream(
+        "wrist",
+        time,
+        wrench[:, 3:] + noise[1],
+        wrench[:, :3] + noise[0],
+        np.sqrt(spread),
+        time,
+        motion.position,
+        motion.rotation,
+        carries_torque=True,
+    )
+    return Streams(pose, {"wrist": wrist}), truth
+
+
+def run_wrist(seeds: int, say: Callable[[str], None]) -> dict[str, Any]:
+    """Errors per box on the wrist sensor, beside the paper's Table II."""
+
+    def record(box: str, seed: int) -> tuple[Streams, InertialParameters]:
+        say(f"wrist F/T: {box}, seed {seed}")
+        return wrist_recording(box, seed)
+
+    return {
+        "seeds": seeds,
+        "rows": [_box_row(box, WRIST, seeds, record, live=False) for box in BOXES],
+    }
+
+
+def run_in_hand(seeds: int, say: Callable[[str], None]) -> dict[str, Any]:
+    """Errors per box in the simulated hand, beside the paper's Table IV."""
+
+    def record(box: str, seed: int) -> tuple[Streams, InertialParameters]:
+        say(f"in hand: {box}, seed {seed}")
+        streams, truth, outcome = record_in_hand(box, seed)
+        say(f"  {outcome}")
+        return streams, truth
+
+    rows = [_box_row(box, RELAXED_RIGIDITY, seeds, record, live=True) for box in BOXES]
+    return {"seeds": seeds, "rows": rows}
+
+
+def _box_row(
+    box: str,
+    table: int,
+    seeds: int,
+    record: Callable[[str, int], tuple[Streams, InertialParameters]],
+    live: bool,
+) -> dict[str, Any]:
+    ours, lively, deviations = [], [], []
+    reproduced: Score | None = None
+    for seed in range(seeds):
+        streams, truth = record(box, seed)
+        if not streams.contacts:
+            continue
+        estimate = estimate_inertia(streams)
+        ours.append(Score.of(truth, estimate.inertia.dynamic_parameters, 0.0))
+        deviations.append((physical(estimate.inertia) - physical(truth)) / estimate.parameter_std)
+        if live:
+            last = list(replay_streams(streams))[-1]
+            lively.append(Score.of(truth, last.inertia.dynamic_parameters, 0.0))
+        if reproduced is None and not any(c.carries_torque for c in streams.contacts.values()):
+            reproduced = _reproduce(streams, truth)
+    return {
+        "object": box,
+        "runs": len(ours),
+        "ours": _measures(ours),
+        "live": _measures(lively),
+        "paper": _measures([published_score(table, box)]),
+        "paper's method here": _measures([reproduced] if reproduced else []),
+        "coverage": float(np.mean(np.abs(deviations) < _NINETY)) if deviations else 0.0,
+        "deviations": {
+            name: float(value)
+            for name, value in zip(
+                PARAMETER_NAMES, np.median(np.abs(deviations), axis=0), strict=True
+            )
+        },
+    }
+
+
+def _reproduce(streams: Streams, truth: InertialParameters) -> Score:
+    """Paper A's best method on our recording."""
+    stride = max(len(streams.pose.time) // _TRIPLES, 1)
+    bounds = truth.com - 0.1, truth.com + 0.1
+    steps = TimeSteps.from_streams(streams, stride)
+    found = estimate_as_published(steps, METHODS[3], None, bounds)
+    return Score.of(truth, found.dynamic_parameters, 0.0)
+
+
+def _measures(scores: list[Score]) -> dict[str, float]:
+    if not scores:
+        return {}
+    return {name: float(np.median([getattr(s, name) for s in scores])) for name in MEASURES}
