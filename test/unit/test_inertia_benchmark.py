@@ -55,11 +55,11 @@ def test_peers_find_the_truth_without_noise():
 
 
 def test_published_rows_score_as_the_errata_say():
-    """With the products' signs flipped all boxes can exist; Eq. 34 of the paper's best is above 6."""
+    """With the products' signs flipped all boxes can exist; in hand the masses are 60-75 % low."""
     for box in BOXES:
         assert is_feasible(published_truth(box).dynamic_parameters)
         assert published_score(WRIST, box).trace_error > 5.0
-        assert 2.0 < published_score(RELAXED_RIGIDITY, box).trace_error < 4.0
+        assert 55.0 < published_score(RELAXED_RIGIDITY, box).mass_percent < 85.0
 
 
 def test_box_on_the_wrist_sensor_is_found():
