@@ -208,10 +208,12 @@ def test_cost_per_update_does_not_grow(recording):
     assert late / early < 1.2
 
 
-@pytest.mark.parametrize(("name", "truth"), [("viscous_drag", "c"), ("sensor_lag", "time")])
-def test_effects_join_the_live_model(name, truth):
+@pytest.mark.parametrize(
+    ("name", "truth", "level"), [("viscous_drag", "c", 3.0), ("sensor_lag", "time", 2.0)]
+)
+def test_effects_join_the_live_model(name, truth, level):
     """Also one that remembers samples before."""
-    hidden = generate_at_whitened_rms(4, {name: 3.0}, ScenarioOptions(duration=5.0))
+    hidden = generate_at_whitened_rms(4, {name: level}, ScenarioOptions(duration=5.0))
     estimator = IncrementalInertialEstimator()
     for _ in zip(replay_streams(hidden.streams, estimator), range(300), strict=False):
         pass
