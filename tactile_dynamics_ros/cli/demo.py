@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import subprocess
 import sys
 import time
 from argparse import Namespace, _SubParsersAction
+from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -71,14 +73,30 @@ def run(args: Namespace) -> int:
     say(f"recorded {out / 'recording'}; all processes are stopped; estimating from the recording")
     from tactile_dynamics_ros.cli.demo_result import summarise_demo
 
+    explanation = None if story is None else _explain(out, say)
     result = summarise_demo(out, monitor.history(), truth, args.hidden, say)
     if story is not None:
-        result |= story.document()
+        result |= story.document() | {"explanation": explanation}
     result["wall_time_s"] = round(time.monotonic() - started, 1)
     if args.json:
         print(json.dumps(result))
     say(f"done in {result['wall_time_s']:.0f} s; open {result['report']}")
     return 0
+
+
+def _explain(out: Path, say: Callable[[str], None]) -> dict[str, Any] | None:
+    """Explain the recording as a user would; the page goes to OUT/explain."""
+    say("explaining the recording: which effects are missing? ...")
+    words = ["explain", str(out / "recording"), "--out", str(out / "explain"), "--json"]
+    done = subprocess.run(verb_command(*words), capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        say(f"no explanation: {done.stderr.strip().splitlines()[-1]}")
+        return None
+    document: dict[str, Any] = json.loads(done.stdout)
+    for step in document["steps"]:
+        say(f"  {step['added'] or 'rigid body alone'}: error {step['error']:.2f}")
+    say(f"{document['sentence']} See {out / 'explain' / 'report.html'}")
+    return document
 
 
 class _Speaker:

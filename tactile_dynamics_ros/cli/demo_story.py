@@ -17,6 +17,8 @@ from tactile_dynamics_ros.nodes.shell import LATCHED
 
 ENOUGH_DATA = 25.0
 PATIENCE = 120.0
+PROMISING = 0.6
+"""Share of the error that a candidate must be expected to leave, at most, to be tried."""
 
 
 class Story:
@@ -67,9 +69,10 @@ class Story:
         for candidate in found.get("candidates", [])[:3]:
             expected = candidate["predicted_whitened_rms"]
             self._say(f"  candidate {candidate['name']}: error expected with it {expected:.2f}")
-        if found["effect"]:
-            self._say(f"adding {found['effect']} to the live model")
-            value = Parameter("effects", value=[found["effect"]])
+        effect = found["effect"] or _worth_trying(found)
+        if effect:
+            self._say(f"adding {effect} to the live model")
+            value = Parameter("effects", value=[effect])
             self._change = self._estimator.set_parameters([value])
 
     def _on_error(self, message: Float64) -> None:
@@ -85,3 +88,13 @@ class Story:
             "live_error_before": before[-1] if before else None,
             "live_error_after": after[-1] if after else None,
         }
+
+
+def _worth_trying(document: dict[str, Any]) -> str | None:
+    """Return the best candidate if it promises much, though it does not explain everything."""
+    candidates = document.get("candidates", [])
+    if document["verdict"] != "unexplained" or not candidates:
+        return None
+    best = candidates[0]
+    promising = best["predicted_whitened_rms"] < PROMISING * document["error"]["before"]
+    return str(best["name"]) if promising else None
