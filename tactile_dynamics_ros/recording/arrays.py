@@ -31,6 +31,8 @@ from tactile_dynamics_ros.recording.cleaning import ProblemLog
 
 Array = NDArray[np.float64]
 
+_DOWN = -0.999
+
 POSE_KEYS = frozenset(
     ["time", "position", "quaternion", "rotation", "position_std", "rotation_std", "covariance"]
 )
@@ -187,14 +189,15 @@ def frame_of_normal(normal: Array) -> Array:
         normal: (N, 3), any length but zero.
 
     Returns:
-        (N, 3, 3); half a turn about x where the normal points straight down.
+        (N, 3, 3); with half a turn about x first where the normal points nearly straight down.
     """
     n = normal / np.linalg.norm(normal, axis=1, keepdims=True)
+    half_turn = np.diag([1.0, -1.0, -1.0])
+    down = n[:, 2] < _DOWN
+    n = np.where(down[:, None], n @ half_turn, n)
     cross = skew(np.cross([0.0, 0.0, 1.0], n))
-    down = n[:, 2] < -1.0 + 1e-9
-    scale = 1.0 / np.where(down, 1.0, 1.0 + n[:, 2])
-    frames = np.eye(3) + cross + scale[:, None, None] * (cross @ cross)
-    return np.where(down[:, None, None], np.diag([1.0, -1.0, -1.0]), frames)
+    frames = np.eye(3) + cross + (cross @ cross) / (1.0 + n[:, 2])[:, None, None]
+    return np.where(down[:, None, None], half_turn @ frames, frames)
 
 
 def _imu(group: _Group) -> ImuColumns:
