@@ -10,7 +10,7 @@ from tactile_dynamics_ros.core.discrepancy.assessment import Assessment, assess
 from tactile_dynamics_ros.core.discrepancy.model import ResidualModel
 from tactile_dynamics_ros.core.discrepancy.screening import best_by_effect, screen
 from tactile_dynamics_ros.core.discrepancy.selection import Choice, choose_effect
-from tactile_dynamics_ros.core.discrepancy.signature import Signature, describe_residual
+from tactile_dynamics_ros.core.discrepancy.signature import Signature, describe_residual, find_line
 from tactile_dynamics_ros.core.discrepancy.validation import HeldOut, fits_equally, held_out
 
 
@@ -117,7 +117,7 @@ def diagnose(model: ResidualModel, config: DiagnosisConfig | None = None) -> Dia
         )
     steps = _explain(model, first, config)
     floor = min([first.structure.floor] + [s.after.structure.floor for s in steps])
-    if not _accounts_for(steps, first, floor, config):
+    if not _accounts_for(model, steps, first, floor, config):
         return Diagnosis(
             "unexplained", None, (), model, first, steps, before, before, floor,
             signature=describe_residual(model),
@@ -125,7 +125,8 @@ def diagnose(model: ResidualModel, config: DiagnosisConfig | None = None) -> Dia
     step = steps[0]
     group, ambiguous = find_group(step.choice, config)
     after = held_out(step.choice.model)
-    motion = step.choice.model.separating_motion(group) if len(group) > 1 else None
+    rivals = [r.model for r in step.choice.rivals if r.name in group]
+    motion = step.choice.best.model.separating_motion(rivals) if rivals else None
     return Diagnosis(
         verdict="ambiguous" if ambiguous else "missing_effect",
         effect=step.name,
@@ -167,13 +168,21 @@ def add_effect(model: ResidualModel, before: Assessment, config: DiagnosisConfig
 
 
 def _accounts_for(
-    steps: tuple[Step, ...], first: Assessment, floor: float, config: DiagnosisConfig
+    model: ResidualModel,
+    steps: tuple[Step, ...],
+    first: Assessment,
+    floor: float,
+    config: DiagnosisConfig,
 ) -> bool:
     """Whether the added effects are the cause.
 
-    They explain the residual, and what little is left is not the trace of another law.
+    They explain the residual; a vibration that the motion does not have needs an effect that can
+    ring; and what little is left is not the trace of another law.
     """
     if not steps or not _settled(first, steps[-1].after, floor, config):
+        return False
+    vibrates = find_line(model.residuals(), floor)[1] is not None
+    if vibrates and not any(step.choice.best.source.family.rings for step in steps):
         return False
     return steps[-1].after.adequate or not _follows_other_law(steps[-1], floor, config)
 

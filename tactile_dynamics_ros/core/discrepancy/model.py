@@ -29,6 +29,7 @@ class Family:
         kept: the columns that belong to this family.
         choices: number of families searched for the same effect, for its penalty.
         source: what the model needs to fit the effect itself.
+        rings: whether the effect can oscillate at a frequency of its own.
         symbols: of the columns, where they can stand in a formula.
         frame: in which the columns are constant or turn with what they depend on.
     """
@@ -40,6 +41,7 @@ class Family:
     kept: tuple[int, ...]
     choices: int = 1
     source: Any = None
+    rings: bool = False
     symbols: tuple[str, ...] = ()
     frame: str = ""
 
@@ -131,5 +133,5 @@ class ResidualModel(Protocol):
     def library(self) -> Sequence[Family]:
         """Families of named quantities, for a residual that no effect explains."""
 
-    def separating_motion(self, names: Sequence[str]) -> dict[str, Any] | None:
-        """Plan of the motion that would tell effects apart, or None if none would."""
+    def separating_motion(self, rivals: Sequence[ResidualModel]) -> dict[str, Any] | None:
+        """Plan of what would tell this model from others, or None if nothing would."""

@@ -53,6 +53,7 @@ class Effect(ABC):
         looks_like: one plain sentence on the residual that it leaves.
         sentence: subject and verb for a verdict, "the object drags through something viscous".
         remedy: what to do about it.
+        rings: whether it can oscillate at a frequency that the motion does not have.
     """
 
     name: ClassVar[str] = ""
@@ -61,6 +62,7 @@ class Effect(ABC):
     looks_like: ClassVar[str] = ""
     sentence: ClassVar[str] = ""
     remedy: ClassVar[str] = ""
+    rings: ClassVar[bool] = False
 
     @property
     def variant(self) -> str:

@@ -98,6 +98,7 @@ class SloshingMass(Effect):
     )
     sentence = "part of the load swings inside the object"
     remedy = "Fill or empty the container, fix the loose part, or move more smoothly."
+    rings = True
 
     readings = ("", "unsettled", "anchored", "anchored_unsettled")
 

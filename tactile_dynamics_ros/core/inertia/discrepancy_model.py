@@ -11,13 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
-from tactile_dynamics_ros.core.discrepancy.model import Family, ParameterTable, Residuals
+from tactile_dynamics_ros.core.discrepancy.model import (
+    Family,
+    ParameterTable,
+    ResidualModel,
+    Residuals,
+)
 from tactile_dynamics_ros.core.discrepancy.screening import orthonormal
 from tactile_dynamics_ros.core.effects.effect import Effect
 from tactile_dynamics_ros.core.effects.registry import create_effect, registered_names
 from tactile_dynamics_ros.core.inertia.fitted_model import FittedModel
 from tactile_dynamics_ros.core.inertia.fitting import fit_model
 from tactile_dynamics_ros.core.inertia.least_squares import levenberg_marquardt
+from tactile_dynamics_ros.core.inertia.separating_motion import plan_separation
 from tactile_dynamics_ros.core.inertia.term_library import wrench_terms
 from tactile_dynamics_ros.core.inertia.wrench_residuals import wrench_residuals
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
@@ -151,10 +157,11 @@ class HeldObjectModel:
 
     @property
     def _prior_stds(self) -> Array:
-        return np.array([p.prior_std for e in self.effects for p in e.parameters(self._samples)])
+        return np.array([p.prior_std for e in self.effects for p in e.parameters(self.samples)])
 
     @property
-    def _samples(self) -> WrenchSamples:
+    def samples(self) -> WrenchSamples:
+        """Denoised samples of the first stretch."""
         return self.fitted.blocks[0].problem.samples
 
     def families(self, names: Sequence[str] | None = None) -> list[Family]:
@@ -163,7 +170,7 @@ class HeldObjectModel:
         return [family for name in wanted for family in self._families(name)]
 
     def _families(self, name: str) -> list[Family]:
-        samples = self._samples
+        samples = self.samples
         found: list[tuple[Effect, str, Array, tuple[int, ...]]] = []
         for reading in create_effect(name).variants(samples):
             columns = self.whitening.family_columns(reading)
@@ -171,7 +178,7 @@ class HeldObjectModel:
             for restricted, kept in reading.restrictions(samples):
                 found.append((restricted, reading.label, columns, kept))
         return [
-            Family(name, effect.label, reading, columns, kept, len(found), effect)
+            Family(name, effect.label, reading, columns, kept, len(found), effect, effect.rings)
             for effect, reading, columns, kept in found
         ]
 
@@ -242,7 +249,7 @@ class HeldObjectModel:
             result[effect.name] = {
                 p.name: {"value": float(v), "std": float(rms * s), "unit": p.unit}
                 for p, v, s in zip(
-                    effect.parameters(self._samples), theta, spread[first:], strict=False
+                    effect.parameters(self.samples), theta, spread[first:], strict=False
                 )
             }
             first += len(theta)
@@ -278,9 +285,10 @@ class HeldObjectModel:
             )
         return families
 
-    def separating_motion(self, names: Sequence[str]) -> dict[str, Any] | None:
-        """Plan of the motion that would tell effects apart."""
-        return None
+    def separating_motion(self, rivals: Sequence[ResidualModel]) -> dict[str, Any] | None:
+        """Plan of the motion or re-grasp that would tell this model from others."""
+        others = [rival for rival in rivals if isinstance(rival, HeldObjectModel)]
+        return plan_separation(self, others)
 
     def _fitted(self, effects: tuple[Effect, ...], theta: tuple[Array, ...]) -> HeldObjectModel:
         system = _FrozenSystem(self.whitening, effects)

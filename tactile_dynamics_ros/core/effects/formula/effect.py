@@ -34,6 +34,7 @@ class FormulaEffect(Effect):
         definition: parameters.
     """
 
+    rings = True
     laws: ClassVar[tuple[Law, ...]] = ()
     definition: ClassVar[tuple[EffectParameter, ...]] = ()
 

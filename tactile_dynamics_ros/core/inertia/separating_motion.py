@@ -1,0 +1,220 @@
+"""The motion, or the re-grasp, after which effects that look alike can be told apart."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
+from tactile_dynamics_ros.core.effects.effect import Effect
+from tactile_dynamics_ros.core.effects.gravity import load_regressor
+from tactile_dynamics_ros.core.errors import TactileDynamicsError
+from tactile_dynamics_ros.core.inertia.excitation.criterion import wrench_covariance
+from tactile_dynamics_ros.core.inertia.excitation.design import (
+    DesignConfig,
+    DesignedMotion,
+    design_motion,
+)
+from tactile_dynamics_ros.core.inertia.excitation.grip import Grip
+from tactile_dynamics_ros.core.inertia.excitation.limits import MotionLimits
+from tactile_dynamics_ros.core.inertia.excitation.trajectory import FourierOffsets, HeldPose
+from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
+
+if TYPE_CHECKING:
+    from tactile_dynamics_ros.core.inertia.discrepancy_model import HeldObjectModel
+
+Array = NDArray[np.float64]
+
+_DECISIVE = 30.0
+_RATE_HZ = 20.0
+_RECORDED_HZ = 100.0
+_FRICTION = 0.8
+_REGRASP_ANGLE = 0.8
+_EFFORT = DesignConfig(
+    duration=20.0, lowest_hz=0.15, highest_hz=1.2, sines=4, evaluations=80, grid_rate_hz=_RATE_HZ
+)
+_LIMITS = MotionLimits(rotation=0.7, translation=0.08)
+_AXES = ("x", "y", "z")
+
+
+@dataclass(frozen=True)
+class Rival:
+    """One explanation of the recording: load, effects and what is known of them.
+
+    Attributes:
+        phi: (10,).
+        effects: with their parameters theta.
+        theta: of each effect.
+        information: (10 + k, 10 + k) of the recording and the priors on [phi, theta].
+    """
+
+    phi: Array
+    effects: tuple[Effect, ...]
+    theta: tuple[Array, ...]
+    information: Array
+
+    @classmethod
+    def from_model(cls, model: HeldObjectModel) -> Rival:
+        """Read a fitted model."""
+        jacobian = model.jacobian
+        information = jacobian.T @ jacobian + 1e-9 * np.eye(jacobian.shape[1])
+        stds = [p.prior_std for e in model.effects for p in e.parameters(model.samples)]
+        information[10:, 10:] += np.diag(np.array(stds, dtype=float) ** -2.0)
+        return cls(model.phi, model.effects, model.theta, information)
+
+    def wrench(self, samples: WrenchSamples) -> Array:
+        """Contact wrench (N, 6) that this explanation predicts: Y phi - Delta."""
+        value = load_regressor(samples) @ self.phi
+        for effect, theta in zip(self.effects, self.theta, strict=True):
+            value = value - effect.wrench(samples, self.phi, theta)
+        return np.asarray(value)
+
+    def columns(self, samples: WrenchSamples) -> Array:
+        """Derivative (N, 6, 10 + k) of that wrench."""
+        by_phi = load_regressor(samples)
+        columns = []
+        for effect, theta in zip(self.effects, self.theta, strict=True):
+            by_phi = by_phi - effect.inertia_jacobian(samples, self.phi, theta)
+            columns.append(-effect.jacobian(samples, self.phi, theta))
+        return np.concatenate([by_phi, *columns], axis=2)
+
+
+@dataclass(frozen=True)
+class SeparationCriterion:
+    """How little the least different rivals would differ after a motion (smaller is better).
+
+    chi^2 = min_d |W^-1/2 (w_a - w_b - G_b d)|^2 + d^T H_b d, with w the predicted wrenches, G_b
+    their derivatives and H_b what is known of rival b; minus the smallest over the rivals.
+    Source: Box, Hill 1967, on discrimination among mechanistic models.
+    """
+
+    best: Rival
+    others: tuple[Rival, ...]
+    force_std: float
+
+    def __call__(self, samples: WrenchSamples) -> float:
+        """Evaluate the criterion."""
+        return -min(self.chi_square(samples, other) for other in self.others)
+
+    def chi_square(self, samples: WrenchSamples, other: Rival) -> float:
+        """Squared difference that the other cannot adapt to, in units of the noise."""
+        factor = np.linalg.cholesky(wrench_covariance(samples, self.force_std))
+        difference = (self.best.wrench(samples) - other.wrench(samples))[..., None]
+        both = np.concatenate([difference, other.columns(samples)], axis=2)
+        white = np.linalg.solve(factor, both).reshape(-1, both.shape[2])
+        target, columns = white[:, 0], white[:, 1:]
+        rate = _RECORDED_HZ / _RATE_HZ
+        information = rate * columns.T @ columns + other.information
+        gradient = rate * columns.T @ target
+        scale = np.sqrt(np.diag(information))
+        solution = np.linalg.lstsq(information / np.outer(scale, scale), gradient / scale)[0]
+        return float(rate * target @ target - gradient @ (solution / scale))
+
+
+def plan_separation(
+    best: HeldObjectModel, others: Sequence[HeldObjectModel]
+) -> dict[str, Any] | None:
+    """Find the motion after which rival explanations would differ, or the re-grasp that does it.
+
+    Args:
+        best: the model with the effect that was chosen.
+        others: the same with the effects that cannot be told from it.
+
+    Returns:
+        Kind, description in words, numbers, expected chi^2; None if nothing would help.
+    """
+    samples = best.samples
+    force_std = _force_std(best)
+    criterion = SeparationCriterion(
+        Rival.from_model(best), tuple(Rival.from_model(model) for model in others), force_std
+    )
+    try:
+        grip = Grip.from_samples(samples, best.phi, _FRICTION)
+        start = _start(samples)
+        motion = design_motion(criterion, start, grip, best.phi, _LIMITS, None, _EFFORT)
+    except TactileDynamicsError:
+        return None
+    if -motion.value >= _DECISIVE:
+        return _motion_plan(motion)
+    regrasped = criterion(_regrasp(grip).load(start.follow(motion.offsets, _times()), best.phi))
+    if -regrasped >= _DECISIVE:
+        return _regrasp_plan(-regrasped, motion)
+    return None
+
+
+def _times() -> Array:
+    return np.arange(0.0, _EFFORT.duration, 1.0 / _RATE_HZ)
+
+
+def _force_std(model: HeldObjectModel) -> float:
+    """Typical noise of one force axis, N."""
+    contacts = model.fitted.blocks[0].problem.contacts
+    factors = [contact.signals["force"].noise_factor for contact in contacts]
+    return float(np.median([np.sqrt(np.mean(f**2) * 3.0) for f in factors]))
+
+
+def _start(samples: WrenchSamples) -> HeldPose:
+    """The recorded pose nearest to the mean orientation."""
+    mean = samples.rotation.mean(axis=0)
+    nearest = int(np.argmin(np.sum((samples.rotation - mean) ** 2, axis=(1, 2))))
+    position = samples.position.mean(axis=0)
+    return HeldPose(samples.rotation[nearest], position, position)
+
+
+def _regrasp(grip: Grip) -> Grip:
+    """The same hand with its contacts turned about the object's z axis and moved along it."""
+    turn = exp_so3(np.array([0.0, 0.0, _REGRASP_ANGLE]))
+    shift = 0.3 * float(np.linalg.norm(grip.point, axis=1).mean()) * np.array([0.0, 0.0, 1.0])
+    return replace(
+        grip,
+        point=grip.point @ turn.T + shift,
+        normal=grip.normal @ turn.T,
+        squeeze=grip.squeeze @ turn.T,
+    )
+
+
+def _motion_plan(motion: DesignedMotion) -> dict[str, Any]:
+    peaks = np.abs(motion.offsets.evaluate(_times())).max(axis=0)
+    turns = [f"{_AXES[k]} by +-{np.degrees(peaks[k]):.0f} deg" for k in range(3)]
+    shifts = [f"{_AXES[k]} by +-{100 * peaks[3 + k]:.0f} cm" for k in range(3)]
+    rates = motion.offsets.frequency_hz
+    return {
+        "kind": "motion",
+        "description": (
+            f"turn the object about world {', '.join(turns)} and shift it along "
+            f"{', '.join(shifts)}, sums of sines of {rates[0]:.2g} to {rates[-1]:.2g} Hz for "
+            f"{motion.offsets.duration:.0f} s"
+        ),
+        "expected_chi_square": -motion.value,
+        "grip_usage": motion.grip_usage,
+        **_table(motion.offsets),
+    }
+
+
+def _regrasp_plan(chi_square: float, motion: DesignedMotion) -> dict[str, Any]:
+    return {
+        "kind": "regrasp",
+        "description": (
+            f"grasp the object at other points (contacts turned by {np.degrees(_REGRASP_ANGLE):.0f}"
+            " deg about it and moved along it) and record again in the same session; no motion "
+            "with the present grasp separates them"
+        ),
+        "expected_chi_square": chi_square,
+        "grip_usage": motion.grip_usage,
+        **_table(motion.offsets),
+    }
+
+
+def _table(offsets: FourierOffsets) -> dict[str, Any]:
+    return {
+        "duration_s": offsets.duration,
+        "ramp_s": offsets.ramp,
+        "channels": ["turn_x", "turn_y", "turn_z", "shift_x", "shift_y", "shift_z"],
+        "frequency_hz": offsets.frequency_hz.tolist(),
+        "sine": offsets.sine.tolist(),
+        "cosine": offsets.cosine.tolist(),
+    }
