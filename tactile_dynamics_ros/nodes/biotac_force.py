@@ -16,9 +16,11 @@ from tactile_dynamics_ros.core.contact.robot_description import FINGERS, sensor_
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.tactile.estimators import create_force_estimator
 from tactile_dynamics_ros.core.tactile.fingertip import FingertipConfig
+from tactile_dynamics_ros.core.tactile.slip import SlipConfig, SlipDetector
 from tactile_dynamics_ros.nodes.conversions import (
     StampGate,
     biotac_to_core,
+    slip_to_message,
     std_to_message,
     wrench_to_message,
 )
@@ -55,12 +57,14 @@ class BiotacForce(Shell):
         super().__init__("biotac_force")
         self.config = declare_config(self, BiotacForceConfig)
         tip = declare_config(self, FingertipConfig, "fingertip.")
+        slip = declare_config(self, SlipConfig, "slip.")
         self.estimators = [
             create_force_estimator(
                 self.config.model, dataclasses.replace(tip, force_scale=gain * tip.force_scale)
             )
             for gain in self.config.gains
         ]
+        self._slip = [SlipDetector(slip) for _ in FINGERS]
         self._kept = KeptTare(self.config.tare_file)
         self._rest: deque[NDArray[np.float64]] | None = None
         frames = self._kept.read(self.config.tare_max_age)
@@ -72,6 +76,7 @@ class BiotacForce(Shell):
         self.listen(Image, RAW, self._on_raw)
         self._force = [self.stream(WrenchStamped, f"/biotac/{f}/force") for f in FINGERS]
         self._std = [self.stream(Vector3Stamped, f"/biotac/{f}/force_std") for f in FINGERS]
+        self._slips = [self.stream(Vector3Stamped, f"/biotac/{f}/slip") for f in FINGERS]
         self.serve("/biotac_force/tare", self.start_tare)
         self.every(1.0, self._kept.refresh)
 
@@ -99,6 +104,10 @@ class BiotacForce(Shell):
             stamp, frame = message.header.stamp, sensor_frame(finger)
             self._std[k].publish(std_to_message(seen.std, stamp, frame))
             self._force[k].publish(wrench_to_message(wrench, stamp, frame))
+            heard = self._slip[k].update(counts[k], seen.in_contact)
+            self._slips[k].publish(
+                slip_to_message(heard.score, heard.level, heard.slipping, stamp, frame)
+            )
 
     def _collect(self, counts: NDArray[np.float64]) -> None:
         assert self._rest is not None
@@ -119,6 +128,7 @@ class BiotacForce(Shell):
         """Tare all fingers with frames (K, 4, 44)."""
         for k, estimator in enumerate(self.estimators):
             estimator.tare(frames[:, k])
+            self._slip[k].tare(frames[:, k])
             if estimator.dead.any():
                 names = ", ".join(f"E{n + 1}" for n in np.flatnonzero(estimator.dead))
                 self.faults.add(f"dead_electrodes_{FINGERS[k]}", f"{FINGERS[k]}: {names}")

@@ -166,6 +166,13 @@ def std_to_message(values: Array, time: float | Time, frame: str) -> Vector3Stam
     return Vector3Stamped(header=header(time, frame), vector=array_to_vector(values))
 
 
+def slip_to_message(
+    score: float, level: float, slipping: bool, time: float | Time, frame: str
+) -> Vector3Stamped:
+    """Return a slip as message: x the score, y the level over rest, z whether it slips (0 or 1)."""
+    return std_to_message(np.array([score, level, float(slipping)]), time, frame)
+
+
 def pose_to_matrix(pose: Pose, topic: str) -> Array:
     """Return a pose as (4, 4).
 

@@ -5,7 +5,7 @@ import time
 import numpy as np
 import pytest
 import rclpy
-from geometry_msgs.msg import WrenchStamped
+from geometry_msgs.msg import Vector3Stamped, WrenchStamped
 from sensor_msgs.msg import Image
 
 from tactile_dynamics_ros.nodes import conversions as cv
@@ -43,13 +43,16 @@ class Driver:
         self.publisher = node.create_publisher(Image, "/biotac/raw", STREAM)
         self.forces = []
         node.listen(WrenchStamped, "/biotac/index/force", self.forces.append)
+        self.slips = []
+        node.listen(Vector3Stamped, "/biotac/index/slip", self.slips.append)
+        self.slip_speed = 0.0
         self.time = 1.0
 
     def frame(self, force=(0.0, 0.0, 0.0), time=None):
         """Publish one frame with a force on the index finger and let the node work."""
         forces = np.zeros((4, 3))
         forces[0] = force
-        counts = self.sensors.measure(forces, np.tile(PAD, (4, 1)))
+        counts = self.sensors.measure(forces, np.tile(PAD, (4, 1)), self.slip_speed)
         self.time += 0.01
         message = cv.biotac_to_message(counts, self.time if time is None else time, "hand")
         self.send(message)
@@ -77,6 +80,18 @@ def test_forces_come_after_the_tare_and_point_into_the_object(node):
     driver.until(lambda: driver.forces[-1].wrench.force.z < -0.5, force=(0.0, 0.0, -1.0))
     wrench = cv.wrench_to_core(driver.forces[-1], "/f", "biotac_index")
     assert wrench[5] == pytest.approx(-1.0, abs=0.4)
+
+
+def test_slip_is_published_with_the_stamp_of_its_frame(node):
+    driver = Driver(node())
+    driver.until(lambda: driver.forces)
+    driver.until(lambda: driver.slips[-1].vector.y > 0.0 and driver.time > 2.0, (0.0, 0.0, -1.0))
+    assert driver.slips[-1].vector.x < 1.0 and driver.slips[-1].vector.z == 0.0
+    driver.slip_speed = 0.03
+    driver.until(lambda: driver.slips[-1].vector.z == 1.0, force=(0.0, 0.0, -1.0), frames=8)
+    assert driver.slips[-1].vector.x > 1.0
+    assert cv.to_seconds(driver.slips[-1].header.stamp) == pytest.approx(driver.time, abs=0.03)
+    driver.until(lambda: driver.slips[-1].vector.x == 0.0)
 
 
 def test_restarted_node_continues_with_the_kept_tare_under_load(node):

@@ -62,13 +62,16 @@ def test_warming_is_reported_and_flagged(frames):
 def test_slip_is_heard_within_50_ms_and_its_end_too():
     sensor, detector = BioTacArray(1, seed=2), SlipDetector()
     detector.tare([sensor.measure(np.zeros((1, 3)), PLACE)[0] for _ in range(50)])
-    levels, slips = [], []
+    levels, scores, slips = [], [], []
     for k in range(400):
         speed = 0.02 if 200 <= k < 300 else 0.0
-        level, slipping = detector.update(sensor.measure(PRESS, PLACE, slip_speed=speed)[0])
-        levels.append(level)
-        slips.append(slipping)
+        heard = detector.update(sensor.measure(PRESS, PLACE, slip_speed=speed)[0])
+        levels.append(heard.level)
+        scores.append(heard.score)
+        slips.append(heard.slipping)
     assert not any(slips[20:200])
     assert all(slips[205:300])
     assert not any(slips[306:])
     assert np.mean(levels[100:200]) == pytest.approx(1.0, abs=0.3)
+    assert max(scores[20:200]) < 1.0 < np.mean(scores[205:300])
+    assert detector.update(sensor.measure(PRESS, PLACE, slip_speed=0.02)[0], False).score == 0.0

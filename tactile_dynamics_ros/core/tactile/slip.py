@@ -34,6 +34,21 @@ class SlipConfig:
         check_ranges(self)
 
 
+@dataclass(frozen=True)
+class SlipEstimate:
+    """What one frame of one fingertip says about slip.
+
+    Attributes:
+        score: vibration over the threshold of slip, above 1 = slip; 0 without contact.
+        level: vibration over that of rest, 1 = silence.
+        slipping: the same with hysteresis and debouncing.
+    """
+
+    score: float
+    level: float
+    slipping: bool
+
+
 class SlipDetector:
     """Vibration level and slip of one fingertip, frame by frame.
 
@@ -60,17 +75,19 @@ class SlipDetector:
         self._slipping, self._streak = False, 0
         self._offset = float(samples.mean())
 
-    def update(self, raw: ArrayLike) -> tuple[float, bool]:
-        """Return the level over rest (1 = silence) and whether the object slips.
+    def update(self, raw: ArrayLike, touching: bool = True) -> SlipEstimate:
+        """Return what the next frame says about slip.
 
         Args:
             raw: (44,) counts.
+            touching: whether the fingertip touches anything; what is not touched does not slip.
         """
         samples = check_frame(raw)[PAC] - self._offset
         band, self._state = sosfilt(self._filter, samples, zi=self._state)
         level = float(np.sqrt(np.mean(band**2))) / self._rest_level
         limit = self.config.end if self._slipping else self.config.onset
-        self._streak = self._streak + 1 if (level > limit) != self._slipping else 0
+        changes = (touching and level > limit) != self._slipping
+        self._streak = self._streak + 1 if changes else 0
         if self._streak >= self.config.frames:
             self._slipping, self._streak = not self._slipping, 0
-        return level, self._slipping
+        return SlipEstimate(level / self.config.onset * touching, level, self._slipping)
