@@ -34,10 +34,12 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
 
 def run(args: Namespace) -> int:
     """Estimate and print; the exit code is 3 where the recording leaves something open."""
+    from tactile_dynamics_ros.core.inertia.batch import fit_body
     from tactile_dynamics_ros.core.inertia.readings import fit_with_readings
 
-    recording = read_recording(args)
-    model = fit_with_readings(recording.streams, read_effects(args))
+    recording, effects = read_recording(args), read_effects(args)
+    streams = recording.streams
+    model = fit_with_readings(streams, effects) if effects else fit_body(streams)
     estimate = model.to_estimate()
     print(json.dumps(estimate.to_json()) if args.json else _describe(recording, estimate))
     if args.out:

@@ -16,6 +16,7 @@ from tactile_dynamics_ros.core.inertia.estimate import InertialEstimate
 from tactile_dynamics_ros.core.inertia.fitted_model import FittedModel
 from tactile_dynamics_ros.core.inertia.fitting import fit_model
 from tactile_dynamics_ros.core.inertia.hull import CentreHull, keep_in_hull
+from tactile_dynamics_ros.core.inertia.rigid_grasp import sharpen_poses
 from tactile_dynamics_ros.core.inertia.wrench_problem import ProblemConfig, WrenchProblem
 from tactile_dynamics_ros.core.streams import Streams
 
@@ -75,6 +76,20 @@ def fit_recording(
     return model
 
 
+def fit_body(streams: Streams, config: BatchConfig | None = None) -> FittedModel:
+    """`fit_recording` of a rigid body, with poses sharpened where the contacts allow it.
+
+    Raises:
+        BadInputError: contacts and motion are missing or do not overlap.
+        NotIdentifiableError: the iteration diverged.
+    """
+    sharp = sharpen_poses(streams)
+    if sharp is None:
+        return fit_recording(streams, (), config)
+    model = fit_recording(sharp.streams, (), config)
+    return replace(model, frame_covariance=sharp.frame_covariance)
+
+
 def estimate_inertia(
     streams: Streams,
     effects: Sequence[Effect] = (),
@@ -89,7 +104,7 @@ def estimate_inertia(
         config: of the estimator.
         hull: (N, 3) mesh vertices, body frame, m; the centre of mass is kept in their convex hull.
     """
-    model = fit_recording(streams, effects, config)
+    model = fit_recording(streams, effects, config) if effects else fit_body(streams, config)
     if hull is not None:
         data, prior = (part[:10, :10] for part in model.coordinate_information)
         xi = keep_in_hull(model.xi, data + prior, CentreHull.of_points(hull))

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
 from tactile_dynamics_ros.core.inertia.estimate import EffectEstimate, InertialEstimate, ModelError
 from tactile_dynamics_ros.core.inertia.prior import LogCholeskyPrior
+from tactile_dynamics_ros.core.inertia.rigid_grasp import displacement_jacobian
 from tactile_dynamics_ros.core.inertia.systematic import (
     systematic_basis,
     systematic_covariance_of_rows,
@@ -62,6 +63,8 @@ class FittedModel:
         unexcited: (10, q) orthonormal directions of (xi - mean) / std that the motion does not
             excite beyond what pose noise feigns; the fit keeps them at the prior.
         converged: whether the iteration converged.
+        frame_covariance: (6, 6) of a displacement of the body frame that all poses share, body
+            axes [rotation, translation]; None where their noise is independent.
     """
 
     blocks: tuple[Block, ...]
@@ -71,6 +74,7 @@ class FittedModel:
     prior: LogCholeskyPrior
     unexcited: Array
     converged: bool
+    frame_covariance: Array | None = None
 
     @property
     def phi(self) -> Array:
@@ -141,7 +145,11 @@ class FittedModel:
         covariance = mapping @ bread @ filling @ bread @ mapping.T
         widen = misfit_inflation(self.white_residual, self.white_jacobian)
         inverse = np.asarray(mapping @ bread @ mapping.T)
-        return np.asarray(covariance * np.outer(widen, widen) + self._lasting_covariance(inverse))
+        covariance = covariance * np.outer(widen, widen) + self._lasting_covariance(inverse)
+        if self.frame_covariance is not None:
+            moved = displacement_jacobian(self.phi)
+            covariance[:10, :10] += moved @ self.frame_covariance @ moved.T
+        return np.asarray(covariance)
 
     def _lasting_covariance(self, inverse: Array) -> Array:
         """Covariance that presumed lasting errors add, see `systematic`."""
