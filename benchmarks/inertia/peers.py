@@ -10,7 +10,9 @@ import cvxpy
 import gtsam
 import numpy as np
 
+from benchmarks.inertia.mujoco_peer import identify_with_mujoco, mujoco_is_there
 from benchmarks.inertia.scenarios import Case
+from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
 from tactile_dynamics_ros.core.inertia.prior import contact_prior
 from tactile_dynamics_ros.core.inertia.wrench_problem import ProblemConfig, WrenchProblem
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
@@ -32,12 +34,15 @@ class SmoothedData:
     """Whitened regressor (6 N, 10) and wrench (6 N,) from smoothed poses, and a rough prior.
 
     Poses are smoothed by a quartic polynomial over 25 samples; rows are weighted by the stated
-    force noise at the contacts' places. Every peer below gets exactly this.
+    force noise at the contacts' places. Every peer below gets exactly this. `factor` (N, 6, 6) is
+    the square root of the wrenches' covariance.
     """
 
     matrix: Array
     wrench: Array
     prior: Array
+    samples: WrenchSamples
+    factor: Array
 
     @classmethod
     def of(cls, case: Case) -> SmoothedData:
@@ -51,14 +56,22 @@ class SmoothedData:
         covariance = std**2 * np.einsum("ncij,nckj->nik", maps, maps)
         factor = np.linalg.cholesky(covariance)
         matrix = np.linalg.solve(factor, problem.regressor).reshape(-1, 10)
-        wrench = np.linalg.solve(factor, samples.measured_wrench[..., None]).reshape(-1)
-        return cls(matrix, wrench, contact_prior(samples).mean)
+        wrench = _whiten(factor, samples.measured_wrench)
+        return cls(matrix, wrench, contact_prior(samples).mean, samples, factor)
+
+    def whiten(self, wrench: Array) -> Array:
+        """Wrenches (N, 6) in units of their noise, (6 N,)."""
+        return _whiten(self.factor, wrench)
 
     @property
     def reduced(self) -> tuple[Array, Array]:
         """Square root R (10, 10) and d (10,) of the normal equations."""
         stacked = np.linalg.qr(np.column_stack([self.matrix, self.wrench]), mode="r")
         return stacked[:10, :10], stacked[:10, 10]
+
+
+def _whiten(factor: Array, wrench: Array) -> Array:
+    return np.linalg.solve(factor, wrench[..., None]).reshape(-1)
 
 
 def weighted_least_squares(data: SmoothedData) -> Array:
@@ -99,11 +112,19 @@ def _solve_convex(data: SmoothedData, entropic: bool) -> Array:
     return np.asarray(variable.value) * scale
 
 
+def mujoco_system_identification(data: SmoothedData) -> Array:
+    """`mujoco.sysid` on inverse dynamics."""
+    guess = dynamic_parameters_from_log_cholesky(data.prior)
+    return identify_with_mujoco(data.samples, data.whiten, guess)
+
+
 PEERS: dict[str, Callable[[SmoothedData], Array]] = {
     "weighted least squares": weighted_least_squares,
     "LMI/SDP": semidefinite_program,
     "entropic": entropic_regularisation,
 }
+if mujoco_is_there():
+    PEERS["MuJoCo sysid"] = mujoco_system_identification
 
 
 def _sample_factor(matrix: Array, wrench: Array) -> gtsam.CustomFactor:
