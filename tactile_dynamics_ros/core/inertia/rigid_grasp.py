@@ -122,7 +122,7 @@ class _Place:
 
     def on_body(self, pose: PoseStream) -> Array:
         """(N, 3) its place on the object at every pose, m."""
-        return np.einsum("nji,nj->ni", pose.rotation, self.point - pose.position)
+        return np.asarray(np.einsum("nji,nj->ni", pose.rotation, self.point - pose.position))
 
     def _stays(self, pose: PoseStream) -> bool:
         """Whether means over half a second scatter as white noise has it, and the point pays."""
