@@ -54,6 +54,7 @@ setup(
         "rosbags",
         "scipy",
         "sympy",
+        "trimesh",
     ],
     extras_require={
         "ros": [

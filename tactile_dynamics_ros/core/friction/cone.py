@@ -1,0 +1,87 @@
+"""Coulomb's cone: the coefficient of a force, its parts, and directions along a surface."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.errors import BadInputError
+
+Array = NDArray[np.float64]
+
+
+def split_force(force: Array, normal: Array) -> tuple[Array, Array]:
+    """Return the normal part (...,) and the tangential part (..., 3) of forces.
+
+    Args:
+        force: (..., 3) N on the object.
+        normal: (3,) unit vector into the object, same frame.
+    """
+    force = np.asarray(force, dtype=float)
+    pressing = force @ normal
+    return pressing, force - pressing[..., None] * normal
+
+
+def friction_coefficient(force: Array, normal: Array) -> float:
+    """Return mu = tan(acos(f.n / |f|)), the slope of a force that is about to slip.
+
+    Args:
+        force: (3,) N on the object just before it slips.
+        normal: (3,) into the object, same frame; need not be a unit vector.
+
+    Raises:
+        BadInputError: the force does not press, or there is no normal.
+
+    Source: paper A, Eq. 1.
+    """
+    strength = float(np.linalg.norm(force) * np.linalg.norm(normal))
+    pressing = float(np.dot(force, normal))
+    if pressing <= 0.0:
+        raise BadInputError(
+            f"friction: the force {np.round(force, 3).tolist()} N does not press along the normal "
+            f"{np.round(normal, 3).tolist()}; expected a normal into the object"
+        )
+    return float(np.tan(np.arccos(min(pressing / strength, 1.0))))
+
+
+def tangent_basis(normal: Array, along: Array) -> Array:
+    """Return two unit vectors (2, 3) that span the plane of contact, e1 x e2 = normal.
+
+    Args:
+        normal: (3,) unit vector.
+        along: (3,) direction whose projection becomes e1; another is taken if it is too steep.
+    """
+    for candidate in (along, np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])):
+        first = candidate - (candidate @ normal) * normal
+        length = float(np.linalg.norm(first))
+        if length > 0.3 * float(np.linalg.norm(candidate)):
+            break
+    first = first / length
+    return np.stack([first, np.cross(normal, first)])
+
+
+def probing_angles(count: int) -> Array:
+    """Return angles (K,), rad, that cover the circle in opposite pairs, coarse to fine.
+
+    A slip moves the fingertip; the opposite slip that follows moves it back, and errors of the
+    force's direction cancel between the two.
+    """
+    pairs = np.array([0.0, 0.25, 0.125, 0.375])
+    turns = np.stack([pairs, pairs + 0.5], axis=1).reshape(-1)
+    return 2.0 * np.pi * np.resize(turns, count)
+
+
+def align_points(points: Array, reference: Array) -> tuple[Array, Array]:
+    """Return R (3, 3) and t (3,) that bring points onto a reference, min sum |R p_k + t - q_k|^2.
+
+    Args:
+        points: (K, 3), at least three.
+        reference: (K, 3).
+
+    Source: Kabsch 1976.
+    """
+    centre, goal = points.mean(axis=0), reference.mean(axis=0)
+    left, _, right = np.linalg.svd((points - centre).T @ (reference - goal))
+    sign = np.diag([1.0, 1.0, np.sign(np.linalg.det(right.T @ left.T))])
+    turn = right.T @ sign @ left.T
+    return np.asarray(turn), np.asarray(goal - turn @ centre)

@@ -1,0 +1,152 @@
+"""How the other fingers hold the object still while one of them probes it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.contact.hand_kinematics import (
+    ARM_DOF,
+    FINGER_DOF,
+    HandKinematics,
+    finger_index,
+)
+from tactile_dynamics_ros.core.contact.robot_description import HAND_JOINTS
+from tactile_dynamics_ros.core.friction.cone import align_points
+from tactile_dynamics_ros.core.rigid_body.rotation import log_so3, skew
+
+Array = NDArray[np.float64]
+
+_KP = np.array([joint.kp for joint in HAND_JOINTS])
+_EFFORT = np.array([joint.effort for joint in HAND_JOINTS])
+_SLIDING_COST = 3.0
+_STIFFNESS = np.array([2.0] * 3 + [150.0] * 3)
+_INTEGRAL = np.array([4.0] * 3 + [300.0] * 3)
+_MOST = np.array([0.06] * 3 + [1.2] * 3)
+
+
+def balance_forces(points: Array, normals: Array, wanted: Array, wrench: Array) -> Array:
+    """Return forces (K, 3) on the object that make a given wrench and press as wanted.
+
+    min sum |f_k - wanted_k n_k|^2, tangential parts weighted, subject to sum f_k = F and
+    sum (p_k - p_0) x f_k = M about the mean contact point p_0.
+
+    Args:
+        points: (K, 3) m.
+        normals: (K, 3) into the object.
+        wanted: (K,) normal forces, N.
+        wrench: (6,) [M, F], about the mean of ``points``.
+    """
+    count = len(points)
+    centre = points.mean(axis=0)
+    weight = np.zeros((3 * count, 3 * count))
+    grasp = np.zeros((6, 3 * count))
+    for k in range(count):
+        rows = slice(3 * k, 3 * k + 3)
+        across = np.eye(3) - np.outer(normals[k], normals[k])
+        weight[rows, rows] = np.eye(3) + _SLIDING_COST * across
+        grasp[:3, rows] = 10.0 * skew(points[k] - centre)
+        grasp[3:, rows] = np.eye(3)
+    target = (wanted[:, None] * normals).reshape(-1)
+    system = np.block([[weight, grasp.T], [grasp, -1e-9 * np.eye(6)]])
+    scaled = np.concatenate([10.0 * wrench[:3], wrench[3:]])
+    solution = np.linalg.lstsq(system, np.concatenate([weight @ target, scaled]), rcond=None)[0]
+    return np.asarray(solution[: 3 * count].reshape(count, 3))
+
+
+def total_wrench(points: Array, forces: Array, centre: Array) -> Array:
+    """Return [torque about ``centre``, force] (6,) of forces (K, 3) at points (K, 3)."""
+    return np.concatenate([np.cross(points - centre, forces).sum(axis=0), forces.sum(axis=0)])
+
+
+class Hold:
+    """Joint targets of the holding fingers that make up for what the probing finger does.
+
+    Their forces balance the probe's push, and a spring with integral action on the object brings it
+    back to where it was: stiffness 150 N/m and 2 N m/rad, as far as 1.2 N and 0.06 N m.
+
+    Source: facts on Allegro practice (object-level impedance 80 N/m, 2 N m/rad).
+
+    Args:
+        kinematics: of the robot.
+        fingers: that hold.
+        stiffness_scale: factor on the drives' joint stiffness.
+    """
+
+    def __init__(
+        self, kinematics: HandKinematics, fingers: Sequence[str], stiffness_scale: float = 1.0
+    ) -> None:
+        self._kinematics = kinematics
+        self._fingers = tuple(fingers)
+        self._kp = stiffness_scale * _KP
+        rows = [np.arange(FINGER_DOF) + FINGER_DOF * finger_index(f) for f in fingers]
+        self._joints = np.array(rows)
+
+    def begin(
+        self,
+        positions: Array,
+        targets: Array,
+        points: Array,
+        normals: Array,
+        forces: Array,
+        probe: tuple[Array, Array],
+    ) -> None:
+        """Start from a hold at rest.
+
+        Args:
+            positions: (23,) measured, rad.
+            targets: (23,) commanded, rad.
+            points: (K, 3) contact points, m.
+            normals: (K, 3) into the object.
+            forces: (K, 3) measured on the object, N.
+            probe: point (3,) and force (3,) of the probing finger.
+        """
+        self._targets = np.array(targets[ARM_DOF:], dtype=float)
+        self._points, self._normals, self._forces = points, normals, forces
+        self._centre = points.mean(axis=0)
+        self._total = total_wrench(points, forces, self._centre)
+        self._total += total_wrench(probe[0][None], probe[1][None], self._centre)
+        self._jacobians = [
+            self._kinematics.jacobian(f, positions, p)[3:, ARM_DOF + rows]
+            for f, p, rows in zip(self._fingers, points, self._joints, strict=True)
+        ]
+        given = self._kp * (self._targets - positions[ARM_DOF:])
+        self._given = np.clip(given, -_EFFORT, _EFFORT)
+        self._tips = self._locate_tips(positions)
+        self._pull = np.zeros(6)
+
+    def command(
+        self, dt: float, positions: Array, wanted: Array, probe: tuple[Array, Array]
+    ) -> Array:
+        """Return hand targets (16,).
+
+        Args:
+            dt: s since the last call.
+            positions: (23,) measured, rad.
+            wanted: (K,) normal forces, N.
+            probe: point (3,) and force (3,) of the probing finger.
+        """
+        others = total_wrench(probe[0][None], probe[1][None], self._centre)
+        back = self._bring_back(dt, positions)
+        forces = balance_forces(self._points, self._normals, wanted, self._total - others + back)
+        targets = self._targets.copy()
+        for k, rows in enumerate(self._joints):
+            torque = self._jacobians[k].T @ (forces[k] - self._forces[k])
+            room = np.clip(self._given[rows] + torque, -0.95 * _EFFORT[rows], 0.95 * _EFFORT[rows])
+            targets[rows] += (room - self._given[rows]) / self._kp[rows]
+        return targets
+
+    def _bring_back(self, dt: float, positions: Array) -> Array:
+        """Wrench (6,) on the object against its motion as the holding tips show it."""
+        tips = self._locate_tips(positions)
+        turn, _ = align_points(tips, self._tips)
+        shift = self._tips.mean(axis=0) - tips.mean(axis=0)
+        away = np.concatenate([log_so3(turn), shift])
+        self._pull = np.clip(self._pull + dt * _INTEGRAL * away, -_MOST, _MOST)
+        return np.asarray(np.clip(self._pull + _STIFFNESS * away, -_MOST, _MOST))
+
+    def _locate_tips(self, positions: Array) -> Array:
+        where = self._kinematics.locate(positions).sensors
+        return np.asarray(where[[finger_index(f) for f in self._fingers], :3, 3])

@@ -1,0 +1,132 @@
+"""Slip from vibration, electrodes and kinematics together, and when it began."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactile_dynamics_ros.core.configuration import check_ranges, parameter
+
+
+@dataclass(frozen=True)
+class SlipFusionConfig:
+    """What each channel does at rest and in a slip, and how sure the detector has to be."""
+
+    vibration: float = parameter(1.0, "weight of the vibration", "", 0.0, 10.0)
+    kinematics: float = parameter(1.0, "weight of the fingertip's motion", "", 0.0, 10.0)
+    electrodes: float = parameter(1.0, "weight of the electrodes' change", "", 0.0, 10.0)
+    vibration_std: float = parameter(0.25, "scatter of the log level at rest", "", 0.01, 2.0)
+    vibration_rise: float = parameter(0.6, "log level of a slow slip", "", 0.1, 3.0)
+    speed_std: float = parameter(1.2e-3, "scatter of the tip's speed at rest", "m/s", 1e-5, 0.1)
+    speed_rise: float = parameter(4e-3, "speed of a slow slip", "m/s", 1e-4, 0.1)
+    electrode_std: float = parameter(1.0, "scatter of the electrodes' change at rest", "", 0.01, 9)
+    electrode_rise: float = parameter(2.5, "their change in a slip, in rest levels", "", 0.1, 50.0)
+    threshold: float = parameter(9.0, "log likelihood ratio that is a slip", "", 1.0, 100.0)
+    window: float = parameter(0.04, "over which the tip's speed is taken", "s", 0.02, 0.5)
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+
+@dataclass(frozen=True)
+class SlipObservation:
+    """What is seen of a contact at one instant.
+
+    Attributes:
+        vibration: PAC level over rest (1 = silence), or None where the tip has no such channel.
+        electrodes: change of the electrodes between frames over its scatter at rest, or None.
+        path: of the fingertip on the object along the pull, m, or None.
+    """
+
+    vibration: float | None = None
+    electrodes: float | None = None
+    path: float | None = None
+
+
+@dataclass(frozen=True)
+class SlipState:
+    """What the detector says.
+
+    Attributes:
+        slipping: whether the contact slips now.
+        score: log likelihood ratio of slip against rest, accumulated.
+        onset: when the slip is thought to have begun, s (meaningful while slipping).
+        speed: along the pull, m/s.
+    """
+
+    slipping: bool
+    score: float
+    onset: float
+    speed: float
+
+
+class SlipFusion:
+    """Cumulative sum of log likelihood ratios of three channels.
+
+    S = max(0, S + sum_k w_k (m_k z_k - m_k^2 / 2)), with z_k a channel over its scatter at rest and
+    m_k its level in a slow slip. A slip is told where S passes the threshold; it began where S last
+    was zero, so that the delay of every detection is known by itself.
+
+    Args:
+        config: levels.
+
+    Source: Page 1954 (cumulative sum and change point).
+    """
+
+    def __init__(self, config: SlipFusionConfig | None = None) -> None:
+        self.config = config or SlipFusionConfig()
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past, for a contact at rest."""
+        self._score, self._onset = 0.0, -np.inf
+        self._path: deque[tuple[float, float]] = deque()
+        self._state = SlipState(False, 0.0, -np.inf, 0.0)
+
+    def update(self, time: float, seen: SlipObservation) -> SlipState:
+        """Take one instant (s) and return the state of the contact."""
+        speed = self._speed(time, seen.path)
+        gain = self._likelihood(seen, speed)
+        if self._score == 0.0:
+            self._onset = time
+        most = 2.0 * self.config.threshold
+        self._score = min(max(0.0, self._score + gain), most)
+        slipping = self._score > (0.5 if self._state.slipping else 1.0) * self.config.threshold
+        onset = self._state.onset if self._state.slipping else self._onset
+        self._state = SlipState(slipping, self._score, onset, 0.0 if speed is None else speed)
+        return self._state
+
+    def _likelihood(self, seen: SlipObservation, speed: float | None) -> float:
+        config = self.config
+        total = 0.0
+        if seen.vibration is not None:
+            level = float(np.log(max(seen.vibration, 1e-3)))
+            rise = config.vibration_rise / config.vibration_std
+            total += config.vibration * _ratio(level / config.vibration_std, rise)
+        if seen.electrodes is not None:
+            rise = config.electrode_rise / config.electrode_std
+            total += config.electrodes * _ratio(seen.electrodes / config.electrode_std, rise)
+        if speed is not None:
+            rise = config.speed_rise / config.speed_std
+            total += config.kinematics * _ratio(speed / config.speed_std, rise)
+        return total
+
+    def _speed(self, time: float, path: float | None) -> float | None:
+        """Slope of the path over the window, m/s."""
+        if path is None:
+            return None
+        self._path.append((time, path))
+        while time - self._path[0][0] > self.config.window + 1e-9:
+            self._path.popleft()
+        if len(self._path) < 3:
+            return 0.0
+        times, places = np.array(self._path).T
+        times = times - times.mean()
+        return float(times @ places / (times @ times))
+
+
+def _ratio(z: float, mean: float) -> float:
+    """Log likelihood ratio of N(mean, 1) against N(0, 1), bounded so that no channel rules."""
+    return float(np.clip(mean * z - 0.5 * mean**2, -4.0, 4.0))

@@ -1,0 +1,169 @@
+"""Forces and places around one slip, and what they say of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.friction.estimate import SlipEvent
+
+Array = NDArray[np.float64]
+
+_REACH = 0.45
+_BEFORE = 0.2
+_FEWEST = 6
+_LEAST_PATH = 6e-4
+_LEAST_TILT_PATH = 1e-3
+_LEAST_COSINE = 0.8
+_RATIO_STD = 0.02
+_PLACE_STD = 3e-5
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """What is known of an attempt beforehand.
+
+    Attributes:
+        angle: direction that was pulled, rad. region: of the surface. variant: of the ramp.
+        began: when the ramp began, s. detected: when the slip was noticed, s.
+        basis: (3, 3) rows normal, e1, e2 of the plane of contact, world axes.
+        skin_stiffness: normal stiffness of the fingertip, N/m.
+    """
+
+    angle: float
+    region: str
+    variant: str
+    began: float
+    detected: float
+    basis: Array
+    skin_stiffness: float = 4000.0
+
+
+class SlipLog:
+    """Collects one attempt from load to the end of the slide."""
+
+    def __init__(self) -> None:
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget the past attempt."""
+        self._time: list[float] = []
+        self._force: list[Array] = []
+        self._place: list[Array] = []
+
+    def add(self, time: float, force: Array, place: Array) -> None:
+        """Add one instant.
+
+        Args:
+            time: s.
+            force: (3,) normal force and two tangential components, N.
+            place: (3,) of the fingertip relative to the object, m, world axes.
+        """
+        self._time.append(time)
+        self._force.append(force)
+        self._place.append(place)
+
+    def event(self, attempt: Attempt) -> SlipEvent | None:
+        """Return the slip of the attempt, or None if too little was seen of it.
+
+        The onset is searched backwards from the detection; the forces before it are fitted with a
+        line each, whose value at the onset is the force just before the slip. So the delay of the
+        detection does not enter.
+        """
+        time, force = np.array(self._time), np.array(self._force)
+        place = np.array(self._place) @ attempt.basis.T
+        heading = np.array([np.cos(attempt.angle), np.sin(attempt.angle)])
+        window = (time >= max(attempt.detected - _REACH, attempt.began)) & (
+            time <= attempt.detected + 0.03
+        )
+        if window.sum() < 2 * _FEWEST or np.any(force[window, 0] < 0.03):
+            return None
+        onset = find_onset(
+            time[window],
+            np.linalg.norm(force[window, 1:], axis=1) / force[window, 0],
+            place[window, 1:] @ heading,
+        )
+        before = (time > onset - _BEFORE) & (time < onset + 1e-9) & (time >= attempt.began)
+        if before.sum() < 4:
+            return None
+        value, std = _at_end(time[before] - onset, force[before])
+        normal, tangential = float(value[0]), float(np.linalg.norm(value[1:]))
+        if (
+            normal <= 0.05
+            or tangential <= 0.02
+            or float(value[1:] @ heading) < _LEAST_COSINE * tangential
+        ):
+            return None
+        ratio = tangential / normal
+        kinetic, speed, tilt = _slide(time, force, place, time > attempt.detected, attempt)
+        return SlipEvent(
+            time=onset,
+            region=attempt.region,
+            angle=float(np.arctan2(value[2], value[1])),
+            normal=normal,
+            tangential=tangential,
+            std=ratio * float(np.hypot(std[0] / normal, np.linalg.norm(std[1:]) / tangential)),
+            kinetic=kinetic,
+            speed=speed,
+            variant=attempt.variant,
+            tilt=tilt,
+            delay=attempt.detected - onset,
+        )
+
+
+def find_onset(time: Array, ratio: Array, path: Array) -> float:
+    """Return when a slip began, from the knee that force ratio and path share.
+
+    Before the knee the ratio follows its ramp and the fingertip creeps along at most; after it the
+    ratio has a slope of its own and the path grows with the square of time on top. The knee with
+    the least squared error wins.
+
+    Args:
+        time: (T,) s.
+        ratio: (T,) tangential over normal force.
+        path: (T,) m along the pull.
+    """
+    best, least = float(time[-1]), np.inf
+    for knee in time[_FEWEST // 2 : -1]:
+        after = np.maximum(time - knee, 0.0)
+        line = np.column_stack([np.ones_like(time), time - knee])
+        error = _misfit(np.column_stack([line, after]), ratio) / _RATIO_STD**2
+        error += _misfit(np.column_stack([line, after, after**2]), path) / _PLACE_STD**2
+        if error < least:
+            best, least = float(knee), error
+    return best
+
+
+def _misfit(design: Array, values: Array) -> float:
+    solution = np.linalg.lstsq(design, values, rcond=None)[0]
+    return float(np.sum((values - design @ solution) ** 2))
+
+
+def _slide(
+    time: Array, force: Array, place: Array, after: NDArray[np.bool_], attempt: Attempt
+) -> tuple[float, float, float]:
+    """Ratio, speed (m/s) and slope against the mesh (rad) of the slide; nan if it was too short."""
+    nothing = float("nan")
+    if after.sum() < 4:
+        return nothing, 0.0, nothing
+    moved = place[after][-1] - place[after][0]
+    path = float(np.linalg.norm(moved[1:]))
+    speed = path / float(time[after][-1] - time[after][0])
+    mean = force[after].mean(axis=0)
+    if path < _LEAST_PATH or mean[0] <= 0.05:
+        return nothing, speed, nothing
+    sunk = (force[after][-1, 0] - force[after][0, 0]) / attempt.skin_stiffness
+    tilt = float(np.arctan2(moved[0] - sunk, path)) if path > _LEAST_TILT_PATH else nothing
+    return float(np.linalg.norm(mean[1:]) / mean[0]), speed, tilt
+
+
+def _at_end(time: Array, values: Array) -> tuple[Array, Array]:
+    """Value and standard deviation at time 0 of lines through (T, K) values."""
+    design = np.column_stack([np.ones_like(time), time])
+    inverse = np.linalg.inv(design.T @ design)
+    line = inverse @ design.T @ values
+    error = values - design @ line
+    variance = np.sum(error**2, axis=0) / max(len(time) - 2, 1)
+    return line[0], np.sqrt(variance * inverse[0, 0])
