@@ -177,3 +177,14 @@ def test_fingertips_take_world_forces_and_sense_slip():
     for _ in range(10):
         raw = tips.read(touch, poses, np.eye(4), sliding)
     assert raw[2, 22:].std() > 3 * quiet
+
+
+def test_depth_camera_stands_a_little_off_its_calibrated_pose(box_world):
+    config = DepthCameraConfig(noise_scale=0.0, edge_loss=0.0, shadows=False, pose_bias=0.02)
+    pose = look_at(np.array([0.0, 0.0, 0.8]), np.zeros(3))
+    first, again, other = (DepthCamera(config, seed).measure(box_world, pose) for seed in (1, 1, 2))
+    assert np.array_equal(first, again, equal_nan=True)
+    assert not np.array_equal(first, other, equal_nan=True)
+    exact = DepthCameraConfig(noise_scale=0.0, edge_loss=0.0, pose_bias=0.0, pose_bias_deg=0.0)
+    shift = np.nanmedian(first) - np.nanmedian(DepthCamera(exact, 1).measure(box_world, pose))
+    assert 1e-4 < abs(shift) < 0.08

@@ -256,3 +256,15 @@ def test_an_object_file_with_a_wrong_key_is_refused(tmp_path):
     path.write_text("name: brick\nweight: 3\n")
     with pytest.raises(BadInputError, match=r"brick.yaml: found keys \['name', 'weight'\]"):
         load_object(str(path))
+
+
+def test_cameras_see_a_can_at_its_true_size():
+    from tactile_dynamics_ros.sim.sensors.depth_camera import DepthCamera, look_at
+
+    with HandWorld(WorldConfig(object_name="soup_can")) as can:
+        pose = float_freely(can, np.eye(3))
+        for side in ([0.5, 0.0, 0.0], [0.3, 0.4, 0.0]):
+            depth = DepthCamera().render(can.client, look_at(pose[:3, 3] + side, pose[:3, 3]))
+            assert depth.min() == pytest.approx(0.5 - 0.033, abs=2e-4)
+        depth = DepthCamera().render(can.client, look_at(pose[:3, 3] + [0, 0, 0.5], pose[:3, 3]))
+        assert depth.min() == pytest.approx(0.5 - 0.101 / 2, abs=2e-4)

@@ -35,12 +35,14 @@ class HandConfiguration:
         sensors: (..., F, 4, 4) X_WS of the fingers' sensor frames, in the order of FINGERS.
         axes: (..., DOF, 3) joint axes in the world.
         centres: (..., DOF, 3) a point on each joint axis in the world, m.
+        frames: (..., DOF, 4, 4) pose of the link that each joint moves, in the world.
     """
 
     palm: Array
     sensors: Array
     axes: Array
     centres: Array
+    frames: Array
 
 
 class HandKinematics:
@@ -157,7 +159,8 @@ class HandKinematics:
             fingers[..., k, :, :] = tips
         frames[..., ARM_DOF:, :, :] = fingers.reshape(*lead, -1, 4, 4)
         axes = np.einsum("...kij,kj->...ki", frames[..., :3, :3], self._axes)
-        return HandConfiguration(palm, tips @ self._sensor_fixed, axes, frames[..., :3, 3])
+        sensors = tips @ self._sensor_fixed
+        return HandConfiguration(palm, sensors, axes, frames[..., :3, 3], frames)
 
 
 def finger_index(finger: str) -> int:

@@ -9,6 +9,7 @@ import pybullet
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
+from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
@@ -29,11 +30,13 @@ class DepthCameraConfig:
     width: int = parameter(320, "columns", "px", 16, 1280)
     height: int = parameter(240, "rows", "px", 16, 1024)
     horizontal_view_deg: float = parameter(58.0, "horizontal field of view", "deg", 10.0, 120.0)
-    nearest: float = parameter(0.35, "shortest range", "m", 0.05, 2.0)
+    nearest: float = parameter(0.45, "shortest range", "m", 0.05, 2.0)
     farthest: float = parameter(3.5, "longest range", "m", 0.5, 20.0)
     noise_scale: float = parameter(1.0, "factor on axial and lateral noise", "", 0.0, 10.0)
     shadows: bool = parameter(True, "leave out what the projector cannot see")
     edge_loss: float = parameter(0.5, "share of pixels lost at depth edges", "", 0.0, 1.0)
+    pose_bias: float = parameter(2e-4, "std of the calibrated position's error", "m", 0.0, 0.1)
+    pose_bias_deg: float = parameter(0.02, "std of the calibrated rotation's error", "deg", 0, 45)
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -64,6 +67,10 @@ class DepthCamera:
     def __init__(self, config: DepthCameraConfig | None = None, seed: int = 0) -> None:
         self.config = config or DepthCameraConfig()
         self._rng = np.random.default_rng([seed, 19])
+        turn = np.deg2rad(self.config.pose_bias_deg) * self._rng.standard_normal(3)
+        self._misplacement = np.eye(4)
+        self._misplacement[:3, :3] = exp_so3(turn)
+        self._misplacement[:3, 3] = self.config.pose_bias * self._rng.standard_normal(3)
 
     def render(self, client: int, pose: Array) -> Image:
         """Return the true depth image (H, W) in m of a Bullet world.
@@ -106,7 +113,8 @@ class DepthCamera:
         about a pixel; disparity is rounded to an eighth of a pixel.
         """
         config = self.config
-        depth = self._jitter(np.asarray(depth, dtype=np.float32))
+        depth = np.asarray(depth, dtype=np.float32)
+        depth = self._jitter(depth, self._tilt(depth))
         tilt = self._tilt(depth)
         sigma = 1.2e-3 + 1.9e-3 * (depth - 0.4) ** 2
         grazing = np.minimum(tilt, 1.5)
@@ -123,13 +131,18 @@ class DepthCamera:
         return np.where(lost, np.nan, measured).astype(np.float32)
 
     def measure(self, client: int, pose: Array) -> Image:
-        """Render and degrade; see `render` and `degrade`."""
-        return self.degrade(self.render(client, pose))
+        """Render and degrade; the camera stands a little off its calibrated pose (4, 4) X_WC."""
+        return self.degrade(self.render(client, pose @ self._misplacement))
 
-    def _jitter(self, depth: Image) -> Image:
-        """Sample each pixel from a place shifted by the lateral noise of 0.8 native pixels."""
+    def _jitter(self, depth: Image, tilt: Image) -> Image:
+        """Sample each pixel from a place shifted by the lateral noise, in native pixels.
+
+        sigma_L = 0.8 + 0.035 tilt / (pi/2 - tilt); jumps of depth have no tilt.
+        """
         config = self.config
-        spread = 0.8 * config.noise_scale * config.width / NATIVE_WIDTH
+        tilt = np.where(tilt < 1.4, tilt, 0.0)
+        native = 0.8 + 0.035 * tilt / (np.pi / 2 - tilt)
+        spread = config.noise_scale * config.width / NATIVE_WIDTH * native
         shift = np.rint(spread * self._rng.standard_normal((2, *depth.shape), dtype=np.float32))
         row = np.clip(np.arange(config.height)[:, None] + shift[0], 0, config.height - 1)
         column = np.clip(np.arange(config.width) + shift[1], 0, config.width - 1)
