@@ -8,6 +8,8 @@ from argparse import Namespace, _SubParsersAction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import yaml
+
 from tactile_dynamics_ros.cli.recordings import (
     add_recording_arguments,
     read_effects,
@@ -15,9 +17,11 @@ from tactile_dynamics_ros.cli.recordings import (
 )
 from tactile_dynamics_ros.cli.text_table import align_rows
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.share import object_file
 
 if TYPE_CHECKING:
     from tactile_dynamics_ros.core.inertia.excitation.plan import ExcitationPlan
+    from tactile_dynamics_ros.core.manipulation.grasp_site import GraspSite
 
 
 def add_parser(verbs: _SubParsersAction[Any]) -> None:
@@ -26,10 +30,15 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
         "excite",
         help="design the motion that reveals most about a held object, within arm and grip limits",
         description="Design a motion for the object, the grip and the present estimate that a "
-        "recording shows. The motion is a table of Cartesian offsets (rotation vector in rad and "
-        "translation in m, world axes) about the fingertips, zero at both ends.",
+        "recording shows or, before the first grasp, for an object's grasp site. The motion is a "
+        "table of Cartesian offsets (rotation vector in rad and translation in m, world axes) "
+        "about the fingertips, zero at both ends.",
     )
-    add_recording_arguments(parser)
+    add_recording_arguments(parser, optional=True)
+    parser.add_argument("--object", metavar="NAME", help="instead of BAG: file in config/objects")
+    parser.add_argument(
+        "--mass", type=float, default=0.3, metavar="KG", help="presumed, with --object (0.3)"
+    )
     parser.add_argument("--duration", type=float, default=15.0, metavar="S", help="length (15)")
     parser.add_argument("--rotation", type=float, default=0.45, metavar="RAD", help="(0.45)")
     parser.add_argument("--translation", type=float, default=0.05, metavar="M", help="(0.05)")
@@ -44,24 +53,41 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
 
 def run(args: Namespace) -> int:
     """Design, check on the arm, print and write."""
-    from tactile_dynamics_ros.core.inertia.batch import fit_recording
-    from tactile_dynamics_ros.core.inertia.excitation import DesignConfig, MotionLimits
-    from tactile_dynamics_ros.core.inertia.excitation.plan import plan_excitation
-
-    model = fit_recording(read_recording(args).streams, read_effects(args))
-    plan = plan_excitation(
-        model,
-        DesignConfig(duration=args.duration, highest_hz=args.highest_hz, seed=args.seed),
-        MotionLimits(rotation=args.rotation, translation=args.translation),
-        args.friction,
-        args.criterion,
-        _parse_arm(args.arm),
-    )
+    plan = _plan(args)
     if args.out:
         Path(args.out).write_text(json.dumps(plan.motion_table()) + "\n")
         print(f"motion: {args.out}", file=sys.stderr)
     print(json.dumps(plan.to_json()) if args.json else _describe(plan))
     return 0
+
+
+def _plan(args: Namespace) -> ExcitationPlan:
+    """Design for the recording or the object that the arguments name.
+
+    Raises:
+        BadInputError: both or none of them are named.
+    """
+    from tactile_dynamics_ros.core.inertia.batch import fit_recording
+    from tactile_dynamics_ros.core.inertia.excitation import DesignConfig, MotionLimits
+    from tactile_dynamics_ros.core.inertia.excitation.first_grasp import plan_first_excitation
+    from tactile_dynamics_ros.core.inertia.excitation.plan import plan_excitation
+
+    if (args.bag is None) == (args.object is None):
+        raise BadInputError("excite: expected a recording, or --object NAME before the first grasp")
+    config = DesignConfig(duration=args.duration, highest_hz=args.highest_hz, seed=args.seed)
+    limits = MotionLimits(rotation=args.rotation, translation=args.translation)
+    if args.object is not None:
+        site = _grasp_site(args.object)
+        return plan_first_excitation(site, config, limits, args.mass, args.friction, args.criterion)
+    model = fit_recording(read_recording(args).streams, read_effects(args))
+    arm = _parse_arm(args.arm)
+    return plan_excitation(model, config, limits, args.friction, args.criterion, arm)
+
+
+def _grasp_site(name: str) -> GraspSite:
+    from tactile_dynamics_ros.core.manipulation.grasp_site import GraspSite
+
+    return GraspSite.from_mapping(yaml.safe_load(object_file(name).read_text())["grasp"])
 
 
 def _parse_arm(argument: str | None) -> list[float] | None:

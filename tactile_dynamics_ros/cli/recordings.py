@@ -13,9 +13,11 @@ if TYPE_CHECKING:
     from tactile_dynamics_ros.recording import Recording
 
 
-def add_recording_arguments(parser: ArgumentParser) -> None:
+def add_recording_arguments(parser: ArgumentParser, optional: bool = False) -> None:
     """Add the recording, its remappings and the effects of the model."""
-    parser.add_argument("bag", metavar="BAG", help="rosbag2 directory, .mcap or .db3 file")
+    count = "?" if optional else None
+    bag_help = "rosbag2 directory, .mcap or .db3 file"
+    parser.add_argument("bag", metavar="BAG", nargs=count, help=bag_help)
     parser.add_argument(
         "--effects",
         default="",

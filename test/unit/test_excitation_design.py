@@ -177,3 +177,15 @@ def test_a_file_that_is_no_motion_is_refused(tmp_path):
     path.write_text('{"time": [0, 1]}')
     with pytest.raises(BadInputError, match="excite --out"):
         OffsetTable.from_file(path)
+
+
+def test_before_the_first_grasp_a_motion_is_designed_for_the_site(tmp_path, capsys):
+    out = tmp_path / "motion.json"
+    words = ["excite", "--object", "box_0", "--duration", "4", "--json", "--out", str(out)]
+    assert main(words) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["grip_usage"] < 0.81
+    assert document["expected_distance"]["after"] < 1.0 < document["expected_distance"]["before"]
+    assert OffsetTable.from_file(out).duration == pytest.approx(4.0)
+    assert main(["excite", "--object", "box_0", "--friction", "0.2"]) == 3
+    assert main(["excite"]) == 2 and main(["excite", "BAG", "--object", "box_0"]) == 2

@@ -52,11 +52,20 @@ def contact_prior(samples: WrenchSamples) -> LogCholeskyPrior:
     force = np.linalg.norm(samples.measured_wrench[:, 3:], axis=1)
     mass = max(float(np.median(force)) / 9.81, _MINIMUM_MASS)
     points = samples.contact_point[samples.in_contact]
+    return body_prior(mass, points, single=samples.contact_point.shape[1] == 1)
+
+
+def body_prior(mass: float, points: Array, single: bool = False) -> LogCholeskyPrior:
+    """A body of a mass that is centred between points and spreads about as far as they.
+
+    Args:
+        mass: kg.
+        points: (N, 3) m, where it is touched.
+        single: whether they are one contact, which says nothing of the size.
+    """
     centre = points.mean(axis=0)
     spread = float(np.sqrt(np.mean(np.sum((points - centre) ** 2, axis=1)) / 3.0))
-    radius = (
-        max(spread, _SMALLEST_RADIUS) if samples.contact_point.shape[1] > 1 else _DEFAULT_RADIUS
-    )
+    radius = _DEFAULT_RADIUS if single else max(spread, _SMALLEST_RADIUS)
     log_radius = np.full(3, np.log(radius))
     mean = np.concatenate([[0.5 * np.log(mass)], log_radius, np.zeros(3), centre])
     std = np.array(

@@ -114,16 +114,55 @@ def plan_excitation(
     pivot = samples.position[-1] + samples.rotation[-1] @ grip.point.mean(axis=0)
     start = HeldPose(samples.rotation[-1], samples.position[-1], pivot)
     grip = replace(grip, friction=grip.friction * max(usage_at_rest(start, grip, phi), 1.0))
-    known = np.asarray(np.linalg.inv(model.covariance[:10, :10]))
-    std = _force_std(model)
+    known = Knowledge(phi, model.covariance[:10, :10], _force_std(model))
+    return plan_motion(known, start, grip, reach, config, limits, kind)
+
+
+@dataclass(frozen=True)
+class Knowledge:
+    """What is known before a motion.
+
+    Attributes:
+        phi: (10,) present dynamic parameters.
+        covariance: (10, 10) of them.
+        force_std: N per axis and contact.
+    """
+
+    phi: Array
+    covariance: Array
+    force_std: float
+
+
+def plan_motion(
+    known: Knowledge,
+    start: HeldPose,
+    grip: Grip,
+    reach: ArmLimits,
+    config: DesignConfig,
+    limits: MotionLimits | None = None,
+    kind: Literal["A", "D"] = "A",
+) -> ExcitationPlan:
+    """Design a motion and say what it is expected to bring.
+
+    Args:
+        known: before the motion.
+        start: pose of the held object.
+        grip: of the hand.
+        reach: of the arm.
+        config: duration and effort of the search.
+        limits: amplitudes and margins.
+        kind: of criterion, see `InertiaCriterion`.
+    """
+    phi, before = known.phi, known.covariance
+    information = np.linalg.inv(before)
+    information = 0.5 * (information + information.T)
     ratio = _SAMPLE_RATE_HZ / config.grid_rate_hz
-    criterion = InertiaCriterion(phi, 0.5 * (known + known.T), std, ratio, kind)
+    criterion = InertiaCriterion(phi, information, known.force_std, ratio, kind)
     designed = design_motion(criterion, start, grip, phi, limits, reach, config)
     time = np.arange(0.0, config.duration, 1.0 / config.grid_rate_hz)
     moved = grip.load(start.follow(designed.offsets, time), phi)
-    after = np.linalg.inv(known + ratio * wrench_information(moved, std))
+    after = np.linalg.inv(information + ratio * wrench_information(moved, known.force_std))
     mapping = com_inertia_jacobian(phi)
-    before = model.covariance[:10, :10]
     return ExcitationPlan(
         designed.offsets,
         designed.grip_usage,
