@@ -8,6 +8,7 @@ NAME = "tactile_dynamics_ros"
 NODES = (
     "biotac_force",
     "contact_state",
+    "friction_probe",
     "grasp_controller",
     "inertial_estimator",
     "kinematic_tracker",
@@ -36,6 +37,7 @@ setup(
         (f"share/{NAME}", ["package.xml"]),
         shared("config", "*.yaml"),
         shared("config/objects", "*.yaml"),
+        shared("config/objects/friction", "*.yaml"),
         shared("launch", "*.launch.py"),
     ],
     python_requires=">=3.11,<3.14",

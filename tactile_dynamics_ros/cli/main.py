@@ -15,6 +15,7 @@ VERB_MODULES: tuple[str, ...] = (
     "tactile_dynamics_ros.cli.demo",
     "tactile_dynamics_ros.cli.live",
     "tactile_dynamics_ros.cli.topics",
+    "tactile_dynamics_ros.cli.probe",
     "tactile_dynamics_ros.cli.record",
     "tactile_dynamics_ros.cli.estimate",
     "tactile_dynamics_ros.cli.discrepancy",

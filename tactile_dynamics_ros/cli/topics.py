@@ -1,4 +1,4 @@
-"""Verbs that talk to running nodes: echo, call, set, probe."""
+"""Verbs that talk to running nodes: echo, call, set."""
 
 from __future__ import annotations
 
@@ -17,8 +17,6 @@ from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError
 
 if TYPE_CHECKING:
     from rclpy.node import Node
-
-PROBE = "/friction_probe/probe"
 
 
 def add_parser(verbs: _SubParsersAction[Any]) -> None:
@@ -40,10 +38,6 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
     change.add_argument("value", metavar="VALUE", help="yaml: 0.5, true, [viscous_drag], []")
     _add_timeout(change, 10.0, "wait this long for the answer")
     change.set_defaults(run=run_set)
-
-    probe = verbs.add_parser("probe", help="let a finger measure the friction coefficient")
-    _add_timeout(probe, 120.0, "wait this long for the answer")
-    probe.set_defaults(run=run_probe)
 
 
 def _add_timeout(parser: ArgumentParser, default: float, text: str) -> None:
@@ -152,11 +146,6 @@ def run_call(args: Namespace) -> int:
     else:
         print(message, file=sys.stdout if success else sys.stderr)
     return 0 if success else 1
-
-
-def run_probe(args: Namespace) -> int:
-    """Ask the friction probe and print its estimate."""
-    return run_call(Namespace(service=PROBE, timeout=args.timeout, json=args.json))
 
 
 def run_set(args: Namespace) -> int:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import yaml
+from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped, WrenchStamped
 from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
@@ -36,8 +37,9 @@ from tactile_dynamics_ros.nodes.conversions import (
     uncertain_pose_to_core,
     wrench_to_core,
 )
+from tactile_dynamics_ros.nodes.diagnostics import status_values
 from tactile_dynamics_ros.nodes.parameters import declare_config
-from tactile_dynamics_ros.nodes.shell import Shell, run_node
+from tactile_dynamics_ros.nodes.shell import LATCHED, Shell, run_node
 from tactile_dynamics_ros.share import object_file
 
 Array = NDArray[np.float64]
@@ -91,6 +93,8 @@ class GraspControllerNode(Shell):
         self.listen(PoseWithCovarianceStamped, VISION, self._on_vision)
         for finger in FINGERS:
             self.listen(WrenchStamped, f"/contact/{finger}/force", self._force_taker(finger))
+        self.listen(Bool, "/friction_probe/active", self._on_probe, LATCHED)
+        self.listen(DiagnosticStatus, "/friction_probe/estimate", self._on_friction, LATCHED)
         self.serve("/grasp_controller/start", self.start)
 
     def start(self) -> str:
@@ -100,7 +104,8 @@ class GraspControllerNode(Shell):
         self._seen: deque[Array] = deque(maxlen=self.config.start_poses)
         self._forces: dict[str, tuple[float, Array]] = {}
         self._waiting: tuple[float, Array] | None = None
-        self._last, self._paused = -np.inf, 0.0
+        self._last, self._paused, self._probing = -np.inf, 0.0, False
+        self._friction: float | None = None
         return "a new cycle begins"
 
     def _force_taker(self, finger: str) -> Callable[[WrenchStamped], None]:
@@ -124,6 +129,19 @@ class GraspControllerNode(Shell):
         self._waiting = (to_seconds(message.header.stamp), positions)
         self._advance()
 
+    def _on_probe(self, message: Bool) -> None:
+        """While the friction probe commands the hand, the motion waits."""
+        self._probing = message.data
+
+    def _on_friction(self, message: DiagnosticStatus) -> None:
+        """Grip as the least friction that was measured asks for."""
+        values = status_values(message)
+        lows = [float(value) for key, value in values.items() if key.endswith(".low")]
+        if values.get("final") == "True" and lows:
+            self._friction = min(lows)
+            if self._behaviour is not None:
+                self._behaviour.set_friction(self._friction)
+
     def _advance(self) -> None:
         """Act on the newest joint states, unless touch lags behind: then the motion pauses."""
         if self._waiting is None or len(self._forces) < len(FINGERS):
@@ -137,6 +155,9 @@ class GraspControllerNode(Shell):
             self.faults.add("paused", f"no touch or joint states for {gap:.2f} s; motion paused")
             self._paused += gap - PERIOD
         self._last = time
+        if self._probing:
+            self._paused += 0.0 if gap > PAUSE else gap
+            return
         if self._resumed is not None:
             self._repeat(time)
         elif self._behaviour is not None:
@@ -159,6 +180,8 @@ class GraspControllerNode(Shell):
         self._behaviour = GraspController(
             self.kinematics, self._site, config, self._motion, self._motion.duration
         )
+        if self._friction is not None:
+            self._behaviour.set_friction(self._friction)
 
     def _act(self, behaviour: GraspController, time: float, positions: Array) -> None:
         pose = None

@@ -101,7 +101,7 @@ def load_object(name: str) -> ObjectModel:
     if not path.is_file():
         raise BadInputError(f"object '{name}': no file {path}; known: {', '.join(list_objects())}")
     values = yaml.safe_load(path.read_text())
-    if not isinstance(values, dict) or set(values) != REQUIRED:
+    if not isinstance(values, dict) or set(values) - {"regions"} != REQUIRED:
         found = sorted(values) if isinstance(values, dict) else type(values).__name__
         raise BadInputError(f"{path}: found keys {found}, expected {sorted(REQUIRED)}")
     try:

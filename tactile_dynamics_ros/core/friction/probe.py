@@ -76,7 +76,7 @@ class FrictionProbe:
 
     Attributes:
         phase: what it does. outcome: why it ended early, or "".
-        events: slips so far. false_alarms: slips that were not confirmed.
+        events: slips so far. tried: attempts so far. false_alarms: slips that were not confirmed.
         unreachable: attempts in which the tangential force did not build up.
         slips: the running detector. slip_state: what it says.
         wanted: (2,) normal and tangential force, N.
@@ -92,7 +92,7 @@ class FrictionProbe:
         self.phase = ProbePhase.IDLE
         self.outcome = ""
         self.events: list[SlipEvent] = []
-        self.false_alarms = self.unreachable = 0
+        self.tried = self.false_alarms = self.unreachable = 0
         self.slips = SlipFusion(self.config.slip)
         self.slip_state = SlipState(False, 0.0, -np.inf, 0.0)
         self.wanted = np.zeros(2)
@@ -155,7 +155,7 @@ class FrictionProbe:
         self._angles = probing_angles(self.config.directions)
         self._log = SlipLog()
         self._tangential, self._press = self.config.tangential, self.config.press
-        self.events, self.outcome, self._tried = [], "", 0
+        self.events, self.outcome, self.tried = [], "", 0
         self.false_alarms = self.unreachable = 0
         self._touched = seen.time
         self._enter(ProbePhase.BRACE, seen.time)
@@ -166,6 +166,12 @@ class FrictionProbe:
             self.outcome = reason
             self._leave_at = self._targets.copy()
             self._enter(ProbePhase.RESTORE, self._last)
+
+    def halt(self, reason: str) -> None:
+        """End the probe at once: the hand stays where it is told to be now."""
+        if self.running:
+            self.outcome = reason
+            self._enter(ProbePhase.FAILED, self._last)
 
     def update(self, seen: ProbeInput) -> Array:
         """Return joint targets (23,), rad."""
@@ -254,7 +260,7 @@ class FrictionProbe:
                     self.unreachable += 1
                     self._next(seen.time)
                     return
-                drag = config.variant == "drag" or (config.variant == "both" and self._tried % 2)
+                drag = config.variant == "drag" or (config.variant == "both" and self.tried % 2)
                 self._ramp_began = seen.time
                 self._enter(ProbePhase.DRAG if drag else ProbePhase.UNLOAD, seen.time)
         elif self.phase is ProbePhase.UNLOAD:
@@ -272,7 +278,7 @@ class FrictionProbe:
             self.stop("")
             return
         self._impedance.anchor = self._impedance.tip(seen.positions)
-        angle = self._angles[self._tried % len(self._angles)]
+        angle = self._angles[self.tried % len(self._angles)]
         self._direction = np.cos(angle) * self._basis[0] + np.sin(angle) * self._basis[1]
         self._angle = float(angle)
         self.slips.reset()
@@ -283,6 +289,7 @@ class FrictionProbe:
     def _note_slip(self, seen: ProbeInput) -> None:
         self._slip_phase = self.phase
         self._detected = seen.time
+        self.wanted[1] += self.config.slide_push * (self.tried // 2 % 3)
         self._slid_from = self._contact_place(seen.positions)
         self._place = self._locate(seen, self._kinematics_point(seen.positions))
         self._enter(ProbePhase.SLIDE, seen.time)
@@ -319,15 +326,15 @@ class FrictionProbe:
         self._next(seen.time)
 
     def _next(self, time: float) -> None:
-        self._tried += 1
+        self.tried += 1
         self._impedance.anchor = None
         self._enter(ProbePhase.PRESS, time)
 
     def _finished(self, time: float) -> bool:
         config = self.config
-        if time - self._begin > config.time_limit - 1.0 or self._tried >= config.most_slips:
+        if time - self._begin > config.time_limit - 1.0 or self.tried >= config.most_slips:
             return True
-        if len(self.events) < config.fewest_slips or self._tried % 2:
+        if len(self.events) < config.fewest_slips or self.tried % 2:
             return False
         found = self.estimates().get(self._place.region)
         return found is not None and 2.0 * found.repeatable < config.width
@@ -338,7 +345,7 @@ class FrictionProbe:
         if share >= 1.0:
             failed = bool(self.outcome) or not self.estimates()
             if failed and not self.outcome:
-                self.outcome = f"only {len(self.events)} slips in {self._tried} attempts"
+                self.outcome = f"only {len(self.events)} slips in {self.tried} attempts"
             self._enter(ProbePhase.FAILED if failed else ProbePhase.DONE, time)
 
     def _unload_rate(self) -> float:

@@ -74,6 +74,7 @@ class GraspConfig:
     hold_force: float = parameter(0.15, "force below which a finger does not hold", "N", 0.0, 2.0)
     lost_time: float = parameter(0.5, "time without hold that counts as lost", "s", 0.05, 5.0)
     settle: float = parameter(0.7, "pause after squeezing and after carrying", "s", 0.0, 5.0)
+    stand: float = parameter(0.0, "time to hold the object on its support first", "s", 0.0, 600.0)
     attempts: int = parameter(2, "grasps to try before giving up", "", 1, 10)
     excite_forever: bool = parameter(False, "repeat the excitation instead of putting down")
     geometry: GraspGeometry = field(default_factory=GraspGeometry)
@@ -122,6 +123,7 @@ class GraspController:
         self._path: ArmPath | None = None
         self._back: ArmPath | None = None
         self._squeeze: Squeeze | None = None
+        self._friction: float | None = None
         self._hold = np.zeros(16)
         self._hand_from = np.zeros(16)
         self._target = np.zeros(23)
@@ -178,6 +180,12 @@ class GraspController:
             self._watch(time, forces)
         self._last = time
         return self._target.copy()
+
+    def set_friction(self, friction: float) -> None:
+        """Take a coefficient that the surface surely has; the grip then suits the carried weight."""
+        self._friction = friction
+        if self._squeeze is not None:
+            self._squeeze.set_friction(friction)
 
     def _begin(self, time: float, positions: Array, object_pose: Array) -> None:
         try:
@@ -247,13 +255,18 @@ class GraspController:
         palm = self._kinematics.locate(self._target).palm
         normals = self._plan.normals @ palm[:3, :3].T
         self._squeeze = Squeeze(self._kinematics, self._target, normals, self.config.squeeze)
+        if self._friction is not None:
+            self._squeeze.set_friction(self._friction)
         self._enter(Phase.SQUEEZE, time)
 
     def _settle_squeeze(self, time: float, positions: Array, forces: Mapping[str, Array]) -> None:
-        if self._elapsed(time) < self.config.squeeze.ramp + self.config.settle:
+        wait = self.config.squeeze.ramp + self.config.settle
+        if self._elapsed(time) < wait:
             return
         if not held_by(forces, self.config.hold_force):
             self._retry(time, "no grip after closing")
+            return
+        if self._elapsed(time) < wait + self.config.stand:
             return
         self._path = self._vertical(self.config.lift, self.config.lift_speed)
         self._enter(Phase.LIFT, time)

@@ -26,6 +26,7 @@ class SqueezeConfig:
     least: float = parameter(1.8, "thumb force of a light object", "N", 0.2, 5.0)
     effort_share: float = parameter(0.92, "share of the joints' torque caps to use", "", 0.1, 1.0)
     load_factor: float = parameter(1.3, "thumb force per newton of carried weight", "", 0.0, 5.0)
+    friction_margin: float = parameter(2.0, "grip over the least that friction needs", "", 1.0, 10)
     ramp: float = parameter(0.8, "time to build the grip up", "s", 0.05, 10.0)
     trim_rate: float = parameter(1.5, "gain of the trim by touch", "1/s", 0.0, 20.0)
     stiffness_scale: float = parameter(1.0, "factor on the drives' joint stiffness", "", 0.05, 3.0)
@@ -71,6 +72,15 @@ class Squeeze:
         self._trim = 1.0
         self._weight = 0.0
         self.wanted = min(self.config.least, self._most)
+        self.load_factor = self.config.load_factor
+
+    def set_friction(self, friction: float) -> None:
+        """Take a measured coefficient: the thumb and the fingers opposite bear W <= 2 mu F.
+
+        Args:
+            friction: lower end of its interval.
+        """
+        self.load_factor = self.config.friction_margin / (2.0 * max(friction, 0.05))
 
     def update(self, dt: float, positions: Array, forces: Mapping[str, Array]) -> Array:
         """Advance by ``dt`` and return the joint offsets (16,), rad.
@@ -96,7 +106,7 @@ class Squeeze:
         """Let the wanted force follow the carried weight: up at once, down slowly."""
         carried = float(np.linalg.norm(np.sum([forces[name] for name in forces], axis=0)))
         self._weight += min(1.0, dt / 0.08) * (carried - self._weight)
-        wanted = max(self.config.load_factor * self._weight, self.config.least)
+        wanted = max(self.load_factor * self._weight, self.config.least)
         wanted = min(wanted, self._most)
         delay = 0.08 if wanted > self.wanted else 2.0
         self.wanted += min(1.0, dt / delay) * (wanted - self.wanted)

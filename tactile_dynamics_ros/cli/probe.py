@@ -1,0 +1,83 @@
+"""`tactile-dynamics probe`: let a finger measure friction, and watch it."""
+
+from __future__ import annotations
+
+import json
+import sys
+from argparse import Namespace, _SubParsersAction
+from typing import Any
+
+from tactile_dynamics_ros.cli.topics import call_trigger, short_lived_node, spin_until
+from tactile_dynamics_ros.core.errors import TactileDynamicsError
+
+SERVICE = "/friction_probe/probe"
+PROGRESS = "/friction_probe/progress"
+ESTIMATE = "/friction_probe/estimate"
+
+
+def add_parser(verbs: _SubParsersAction[Any]) -> None:
+    """Add the verb."""
+    probe = verbs.add_parser("probe", help="let a finger measure the friction coefficient")
+    probe.add_argument(
+        "--timeout", type=float, default=120.0, metavar="S", help="wait this long for the result"
+    )
+    probe.set_defaults(run=run_probe)
+
+
+def run_probe(args: Namespace) -> int:
+    """Start a probe, print what it does, and print its estimate when it has ended.
+
+    Ends with 0 where there is an estimate, 3 where the probe was refused or ended without one.
+    """
+    from diagnostic_msgs.msg import DiagnosticStatus
+
+    from tactile_dynamics_ros.nodes.diagnostics import status_values
+    from tactile_dynamics_ros.nodes.shell import LATCHED
+
+    with short_lived_node() as node:
+        started, answer = call_trigger(node, SERVICE, 5.0)
+        if not started:
+            print(json.dumps({"started": False, "message": answer}) if args.json else answer)
+            return 3
+        estimates: list[dict[str, str]] = []
+        sentences: list[str] = []
+
+        def take_estimate(message: DiagnosticStatus) -> None:
+            estimates.append(status_values(message))
+            sentences.append(message.message)
+
+        def take_progress(message: DiagnosticStatus) -> None:
+            values = status_values(message)
+            text = f"  {values['phase']:<8} {values['slips']} slips"
+            print(f"{text}  {sentences[-1] if sentences else ''}", file=sys.stderr)
+
+        node.create_subscription(DiagnosticStatus, ESTIMATE, take_estimate, LATCHED)
+        node.create_subscription(DiagnosticStatus, PROGRESS, take_progress, LATCHED)
+        if not spin_until(node, lambda: _final(estimates), args.timeout):
+            raise TactileDynamicsError(f"friction probe: no result within {args.timeout} s")
+    document = estimate_document(estimates[-1], sentences[-1])
+    print(json.dumps(document) if args.json else document["message"])
+    return 0 if document["regions"] else 3
+
+
+def _final(estimates: list[dict[str, str]]) -> bool:
+    return bool(estimates) and estimates[-1].get("final") == "True"
+
+
+def estimate_document(values: dict[str, str], message: str) -> dict[str, Any]:
+    """Return {"started", "message", "regions": {name: {"static", "interval", ...}}}."""
+    regions = {}
+    for name in [part for part in values.get("regions", "").split(",") if part]:
+        number = {key: float(values[f"{name}.{key}"]) for key in _NUMBERS}
+        regions[name] = {
+            "static": number["static"],
+            "std": number["std"],
+            "interval": [number["low"], number["high"]],
+            "kinetic": None if number["kinetic"] != number["kinetic"] else number["kinetic"],
+            "slips": int(number["slips"]),
+            "normal_moves": values[f"{name}.normal_moves"] == "True",
+        }
+    return {"started": True, "message": message, "regions": regions}
+
+
+_NUMBERS = ("static", "std", "low", "high", "kinetic", "slips")

@@ -1,0 +1,235 @@
+"""Node: one finger measures the friction of the held object while the others hold it."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+
+import numpy as np
+import yaml
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3Stamped
+from numpy.typing import NDArray
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool
+
+from tactile_dynamics_ros.core.configuration import check_ranges, parameter
+from tactile_dynamics_ros.core.contact.hand_kinematics import ARM_DOF, HandKinematics
+from tactile_dynamics_ros.core.contact.robot_description import FINGERS
+from tactile_dynamics_ros.core.errors import NotIdentifiableError
+from tactile_dynamics_ros.core.friction.estimate import FrictionEstimate
+from tactile_dynamics_ros.core.friction.probe import FrictionProbe, ProbeContact, ProbeInput
+from tactile_dynamics_ros.core.friction.probe_config import FrictionProbeConfig
+from tactile_dynamics_ros.core.friction.surface import ObjectSurface
+from tactile_dynamics_ros.core.tracking.pose_average import average_poses
+from tactile_dynamics_ros.nodes.contact_assembly import AssembledContact, ContactAssembly
+from tactile_dynamics_ros.nodes.conversions import (
+    JointReader,
+    StampGate,
+    joints_to_message,
+    std_to_core,
+    to_seconds,
+    uncertain_pose_to_core,
+)
+from tactile_dynamics_ros.nodes.diagnostics import status_message
+from tactile_dynamics_ros.nodes.parameters import declare_config
+from tactile_dynamics_ros.nodes.shell import Shell, run_node
+from tactile_dynamics_ros.share import object_file
+
+Array = NDArray[np.float64]
+
+COMMAND = "/joint_command"
+POSES = 20
+RELIABLE = 10
+
+
+@dataclass(frozen=True)
+class ProbeNodeConfig:
+    """What is probed, and which pose of it is used."""
+
+    object: str = parameter("box_0", "file in config/objects, or a path, with shapes and regions")
+    mesh: str = parameter("", "mesh file (STL, OBJ, PLY; m) that replaces the shapes")
+    pose_topic: str = parameter("/object/pose/vision", "pose of the object")
+    touch_lag: float = parameter(0.06, "the probe waits where touch is older", "s", 0.02)
+    contact_timeout: float = parameter(0.3, "a finger silent for longer does not touch", "s", 0.02)
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+
+class FrictionProbeNode(Shell):
+    """Answers /friction_probe/probe at once; commands the hand's joints until the probe has ended.
+
+    /friction_probe/active tells whoever commands the hand otherwise to wait.
+    """
+
+    def __init__(self) -> None:
+        super().__init__("friction_probe")
+        self.config = declare_config(self, ProbeNodeConfig)
+        probe_config = declare_config(self, FrictionProbeConfig)
+        description = yaml.safe_load(object_file(self.config.object).read_text())
+        surface = ObjectSurface.from_mapping(description)
+        if self.config.mesh:
+            surface = ObjectSurface.from_file(self.config.mesh, surface.regions)
+        self.kinematics = HandKinematics()
+        self.probe = FrictionProbe(self.kinematics, surface, probe_config)
+        self._reader = JointReader(self.kinematics.joint_names)
+        self._gate = StampGate("/joint_states")
+        self._contacts: dict[str, AssembledContact] = {}
+        self._poses: deque[Array] = deque(maxlen=POSES)
+        self._positions: tuple[float, Array] | None = None
+        self._targets: dict[str, float] = {}
+        self._vibration: float | None = None
+        self._stopped = False
+        self._told, self._acted = ("", -1), -np.inf
+        self._command = self.stream(JointState, COMMAND)
+        self._active = self.latched(Bool, "/friction_probe/active")
+        self._progress = self.latched(DiagnosticStatus, "/friction_probe/progress")
+        self._estimate = self.latched(DiagnosticStatus, "/friction_probe/estimate")
+        self._slips = self.create_publisher(DiagnosticStatus, "/friction_probe/slip", RELIABLE)
+        self.listen(JointState, "/joint_states", self._on_joints)
+        self.listen(JointState, COMMAND, self._on_command)
+        self.listen(PoseWithCovarianceStamped, self.config.pose_topic, self._on_pose)
+        self.listen(Vector3Stamped, f"/biotac/{probe_config.finger}/slip", self._on_slip)
+        self.create_subscription(Bool, "/emergency_stop", self._on_stop, RELIABLE)
+        self._assemblies = [ContactAssembly(self, f, self._taker(f)) for f in FINGERS]
+        self.serve("/friction_probe/probe", self.start)
+
+    def start(self) -> str:
+        """Start a probe, or say why not."""
+        if self._stopped:
+            raise NotIdentifiableError("friction probe: the emergency stop is on")
+        if self.probe.running:
+            raise NotIdentifiableError(f"friction probe: already runs ({self.probe.phase.value})")
+        seen = self._see()
+        if seen is None:
+            raise NotIdentifiableError(f"friction probe: {self._missing()}")
+        targets = [self._targets.get(name, q) for name, q in self._named(seen.positions)]
+        self.probe.start(seen, np.array(targets))
+        self._active.publish(Bool(data=True))
+        self._told = ("", -1)
+        self._tell()
+        return f"probing with the {self.probe.config.finger} finger; watch /friction_probe/progress"
+
+    def destroy_node(self) -> None:
+        """Leave the hand where it is told to be."""
+        self._active.publish(Bool(data=False))
+        super().destroy_node()
+
+    def _taker(self, finger: str) -> Callable[[AssembledContact], None]:
+        def take(contact: AssembledContact) -> None:
+            self._contacts[finger] = contact
+            self._advance()
+
+        return take
+
+    def _on_pose(self, message: PoseWithCovarianceStamped) -> None:
+        self._poses.append(uncertain_pose_to_core(message, self.config.pose_topic, "world")[0])
+
+    def _on_slip(self, message: Vector3Stamped) -> None:
+        self._vibration = float(std_to_core(message, "/biotac/slip")[1])
+
+    def _on_command(self, message: JointState) -> None:
+        if not self.probe.running:
+            self._targets |= dict(zip(message.name, message.position, strict=False))
+
+    def _on_stop(self, message: Bool) -> None:
+        self._stopped = message.data
+        if message.data:
+            self.probe.halt("emergency stop")
+            self._tell()
+
+    def _on_joints(self, message: JointState) -> None:
+        positions = self._reader.positions(message)
+        if self._gate.check(message.header.stamp):
+            self.faults.add("clock_restarted")
+            self.probe.halt("the clock restarted")
+            self._contacts.clear()
+            self._acted = -np.inf
+        self._positions = (to_seconds(message.header.stamp), positions)
+        self._advance()
+
+    def _advance(self) -> None:
+        """Act once on the newest joint states, as soon as touch is as new, or surely stale."""
+        seen = self._see() if self.probe.running else None
+        if seen is None or seen.time <= self._acted:
+            return
+        late = seen.time - seen.touch_time
+        if self.config.touch_lag < late <= self.probe.config.stale_time:
+            return
+        self._acted = seen.time
+        hand = self.probe.update(seen)[ARM_DOF:]
+        names = self.kinematics.joint_names[ARM_DOF:]
+        self._command.publish(joints_to_message(names, seen.time, hand))
+        self._tell()
+
+    def _named(self, positions: Array) -> list[tuple[str, float]]:
+        return list(zip(self.kinematics.joint_names, positions.tolist(), strict=True))
+
+    def _see(self) -> ProbeInput | None:
+        """Return what is known now, or None while something is missing."""
+        if self._positions is None or not self._contacts or len(self._poses) < 2:
+            return None
+        time, positions = self._positions
+        touching = {
+            finger: ProbeContact(c.point, c.force, np.full(3, 0.05) if c.std is None else c.std)
+            for finger, c in self._contacts.items()
+            if time - c.time < self.config.contact_timeout and c.force.any()
+        }
+        newest = max(contact.time for contact in self._contacts.values())
+        pose = np.asarray(average_poses(np.stack(self._poses))[0])
+        return ProbeInput(time, newest, positions, touching, pose, self._vibration)
+
+    def _missing(self) -> str:
+        if self._positions is None:
+            return "no /joint_states yet"
+        return "the object is not held" if self._poses else f"no {self.config.pose_topic} yet"
+
+    def _tell(self) -> None:
+        """Publish progress, slips and estimate when they change."""
+        probe = self.probe
+        state = (probe.phase.value, len(probe.events))
+        if state == self._told:
+            return
+        for event in probe.events[max(self._told[1], 0) :]:
+            self._slips.publish(status_message("slip", asdict(event) | {"ratio": event.ratio}))
+        values = {"phase": state[0], "slips": state[1], "tried": probe.tried}
+        level = DiagnosticStatus.WARN if probe.outcome else DiagnosticStatus.OK
+        self._progress.publish(status_message("friction_probe", values, level, probe.outcome))
+        if state[1] != self._told[1] or probe.done:
+            self._estimate.publish(estimate_status(probe.estimates(), probe.done, probe.outcome))
+        if probe.done:
+            self._active.publish(Bool(data=False))
+        self._told = state
+
+
+def estimate_status(
+    found: dict[str, FrictionEstimate], final: bool, outcome: str
+) -> DiagnosticStatus:
+    """Return an estimate as message: keys `<region>.static`, `.low`, `.high`, `.kinetic` ..."""
+    values: dict[str, object] = {"final": final, "regions": ",".join(found)}
+    sentences = []
+    for name, region in found.items():
+        values |= {
+            f"{name}.static": region.static,
+            f"{name}.std": region.std,
+            f"{name}.low": region.interval[0],
+            f"{name}.high": region.interval[1],
+            f"{name}.kinetic": region.kinetic,
+            f"{name}.kinetic_std": region.kinetic_std,
+            f"{name}.slips": region.slips,
+            f"{name}.normal_moves": region.normal_moves,
+        }
+        low, high = region.interval
+        sentence = f"{name}: {region.static:.3f} ({low:.3f} to {high:.3f})"
+        sentences.append(sentence + ", its surface gives way" * region.normal_moves)
+    moves = any(region.normal_moves for region in found.values())
+    level = DiagnosticStatus.WARN if moves or outcome else DiagnosticStatus.OK
+    text = "; ".join([*sentences, outcome] if outcome else sentences) or "no slip yet"
+    return status_message("friction", values, level, text)
+
+
+def main() -> int:
+    """Run the node."""
+    return run_node(FrictionProbeNode)

@@ -1,0 +1,116 @@
+"""The friction probe's node: when it refuses, what it commands, and how it stops."""
+
+import time
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool
+from std_srvs.srv import Trigger
+
+from tactile_dynamics_ros.core.contact.contact_state import ContactState
+from tactile_dynamics_ros.core.contact.robot_description import FINGERS
+from tactile_dynamics_ros.core.manipulation.grasp_planner import ARM_HOME, HAND_SEED
+from tactile_dynamics_ros.nodes import conversions as cv
+from tactile_dynamics_ros.nodes.diagnostics import status_values
+from tactile_dynamics_ros.nodes.friction_probe import FrictionProbeNode
+from tactile_dynamics_ros.nodes.shell import LATCHED
+
+POSITIONS = np.concatenate([ARM_HOME, HAND_SEED])
+
+
+class Hand:
+    """Sends what a robot with a still hand publishes."""
+
+    def __init__(self, bench):
+        self.bench = bench
+        self.node = bench.start(FrictionProbeNode)
+        self.contacts = ContactState(self.node.kinematics)
+        self.time = 1.0
+
+    def send(self, presses):
+        """Publish one instant; ``presses``: newton by finger."""
+        self.time += 0.01
+        send, stamp = self.bench.send, self.time
+        pose = cv.uncertain_pose_to_message(np.eye(4), 1e-8 * np.eye(6), stamp, "world")
+        send("/object/pose/vision", pose)
+        for finger in FINGERS:
+            force = presses.get(finger, 0.0) * np.array([0.3, 0.0, -0.95])
+            seen = self.contacts.update(finger, POSITIONS, force, np.full(3, 0.03))
+            matrix = np.eye(4)
+            matrix[:3, :3], matrix[:3, 3] = seen.rotation, seen.point
+            wrench = np.concatenate([np.zeros(3), seen.force])
+            send(f"/contact/{finger}/pose", cv.pose_to_message(matrix, stamp, "world"))
+            send(f"/contact/{finger}/force", cv.wrench_to_message(wrench, stamp, "world"))
+        names = self.node.kinematics.joint_names
+        send("/joint_states", cv.joints_to_message(names, stamp, POSITIONS))
+        self.bench.work()
+
+    def ask(self):
+        """Call the service as a client in this process would be answered."""
+        started = time.perf_counter()
+        response = Trigger.Response()
+        try:
+            response.message, response.success = self.node.start(), True
+        except Exception as error:
+            response.message, response.success = str(error), False
+        return response, time.perf_counter() - started
+
+
+HOLDING = {"index": 0.6, "middle": 0.6, "ring": 0.6, "thumb": 1.8}
+
+
+@pytest.fixture
+def hand(bench):
+    return Hand(bench)
+
+
+def test_it_refuses_until_the_object_is_held(hand):
+    answer, _ = hand.ask()
+    assert not answer.success
+    assert "no /joint_states" in answer.message
+    for _ in range(4):
+        hand.send({**HOLDING, "ring": 0.0})
+    answer, spent = hand.ask()
+    assert not answer.success
+    assert "not held, ring" in answer.message
+    assert spent < 0.1
+
+
+def test_it_commands_the_hand_and_an_emergency_stop_ends_that(hand):
+    commands = hand.bench.follow(JointState, "/joint_command")
+    active = hand.bench.follow(Bool, "/friction_probe/active", profile=LATCHED)
+    for _ in range(4):
+        hand.send(HOLDING)
+    answer, spent = hand.ask()
+    assert answer.success, answer.message
+    assert spent < 0.1
+    assert not hand.ask()[0].success
+    for _ in range(10):
+        hand.send(HOLDING)
+    hand.bench.until(lambda: commands)
+    assert len(commands[-1].name) == 16
+    assert active[-1].data
+    hand.bench.send("/emergency_stop", Bool(data=True), profile=10)
+    hand.node._on_stop(Bool(data=True))
+    hand.bench.until(lambda: not active[-1].data)
+    count = len(commands)
+    for _ in range(5):
+        hand.send(HOLDING)
+    assert len(commands) == count
+    assert "emergency stop" in hand.ask()[0].message
+
+
+def test_a_probe_without_slips_ends_with_a_reason(hand):
+    estimates = hand.bench.follow(DiagnosticStatus, "/friction_probe/estimate", profile=LATCHED)
+    for _ in range(4):
+        hand.send(HOLDING)
+    assert hand.ask()[0].success
+    for _ in range(200):
+        hand.send({"thumb": 1.0})
+        if hand.node.probe.done:
+            break
+    hand.bench.until(lambda: estimates and status_values(estimates[-1])["final"] == "True")
+    assert status_values(estimates[-1])["regions"] == ""
+    assert "lost contact" in estimates[-1].message
