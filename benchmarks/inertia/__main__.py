@@ -31,7 +31,7 @@ def run(sections: Sequence[str], quick: bool, say: Callable[[str], None]) -> dic
     from benchmarks.inertia import accuracy, boxes, cost, gain, honesty
 
     runs: dict[str, Callable[[], dict[str, Any]]] = {
-        "table_one": lambda: accuracy.run_table_one(*((2, 1) if quick else (20, 4)), say),
+        "table_one": lambda: accuracy.run_table_one(*((2, 1, 1) if quick else (20, 5, 2)), say),
         "four_fingers": lambda: accuracy.run_four_fingers(*((3, 1) if quick else (48, 24)), say),
         "coverage": lambda: honesty.run_coverage(
             *((12, 2, 4, 6.0) if quick else (240, 40, 40, 10.0)), say

@@ -80,7 +80,9 @@ def _named(values: np.ndarray) -> dict[str, float]:
     return {name: float(value) for name, value in zip(PARAMETER_NAMES, values, strict=True)}
 
 
-def run_feasibility(seeds: int, say: Callable[[str], None]) -> dict[str, Any]:
+def run_feasibility(
+    seeds: int, say: Callable[[str], None], duration: float = 8.0
+) -> dict[str, Any]:
     """Published live estimates that are feasible, by situation; from the first sample on."""
     say("feasibility of every published estimate")
     situations: dict[str, Callable[[Case], Streams]] = {
@@ -94,10 +96,9 @@ def run_feasibility(seeds: int, say: Callable[[str], None]) -> dict[str, Any]:
     }
     result = {}
     for name, change in situations.items():
-        breaks = 3 if name == "contacts break" else 0
+        broken = ScenarioOptions(contact_breaks=3 if name == "contacts break" else 0)
         counts = [
-            _count(change(four_fingers(seed, 8.0, options=ScenarioOptions(contact_breaks=breaks))))
-            for seed in range(seeds)
+            _count(change(four_fingers(seed, duration, options=broken))) for seed in range(seeds)
         ]
         published, feasible = (sum(column) for column in zip(*counts, strict=True))
         result[name] = {"published": published, "feasible": feasible}
@@ -131,7 +132,8 @@ def _standing_still(case: Case) -> Streams:
 
 
 def _dead_finger(case: Case) -> Streams:
-    return _changed(case, lambda name, c: c.time < (3.0 if name == "thumb" else np.inf))
+    middle = float(np.median(case.streams.pose.time))
+    return _changed(case, lambda name, c: c.time < (middle if name == "thumb" else np.inf))
 
 
 def _dropped(case: Case) -> Streams:

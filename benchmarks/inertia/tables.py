@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from benchmarks.inertia.accuracy import PUBLISHED_EQ_34
+from benchmarks.inertia.verdicts import judge
 
 
 def render(results: dict[str, Any]) -> str:
@@ -22,7 +23,12 @@ def render(results: dict[str, Any]) -> str:
         "in_hand": _in_hand,
     }
     parts = [write(results[name]) for name, write in writers.items() if name in results]
-    return "\n\n".join(parts)
+    return "\n\n".join([_verdicts(results), *parts])
+
+
+def _verdicts(results: dict[str, Any]) -> str:
+    lines = [[*row[:3], "yes" if row[3] else "**no**"] for row in judge(results)]
+    return "### Aims\n\n" + _table(["", "aim", "measured", "met"], lines)
 
 
 def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -50,7 +56,8 @@ _METHOD_HEADER = ["method", *(title for _, title, _ in _MEASURES), "feasible", "
 def _table_one(result: dict[str, Any]) -> str:
     text = [
         f"### Table I scenario (medians of {result['seeds']} seeds, live of "
-        f"{result['live_seeds']}; paper's methods see {result['triples']} pose triples)"
+        f"{result['live_seeds']}, paper's methods of {result['published_seeds']} with "
+        f"{result['triples']} pose triples)"
     ]
     for variance, row in result["rows"].items():
         lines = [_method_row(name, found) for name, found in row["methods"].items()]
