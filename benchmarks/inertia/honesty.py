@@ -89,6 +89,7 @@ def run_feasibility(
         "moving": lambda case: case.streams,
         "standing still": _standing_still,
         "no contacts": lambda case: dataclasses.replace(case.streams, contacts={}),
+        "all contacts lost half-way": _let_go,
         "one dead finger": _dead_finger,
         "contacts break": lambda case: case.streams,
         "5 % of samples dropped": _dropped,
@@ -134,6 +135,11 @@ def _standing_still(case: Case) -> Streams:
 def _dead_finger(case: Case) -> Streams:
     middle = float(np.median(case.streams.pose.time))
     return _changed(case, lambda name, c: c.time < (middle if name == "thumb" else np.inf))
+
+
+def _let_go(case: Case) -> Streams:
+    middle = float(np.median(case.streams.pose.time))
+    return _changed(case, lambda _, c: c.time < middle)
 
 
 def _dropped(case: Case) -> Streams:
