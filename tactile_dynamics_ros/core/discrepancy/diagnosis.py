@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,6 +26,13 @@ class DiagnosisConfig:
     )
     near_floor: float = parameter(
         1.12, "white RMS over its floor that counts as explained in any case", "", 1.0, 2.0
+    )
+    dominating: float = parameter(
+        0.99,
+        "share of the excess error by which one effect is the cause of most of it",
+        "",
+        0.9,
+        1.0,
     )
     first_progress: float = parameter(
         0.25, "share of the excess error that one effect must explain to go on", "", 0.0, 1.0
@@ -92,24 +100,35 @@ class Diagnosis:
     signature: Signature | None = None
 
     @property
+    def remaining(self) -> float:
+        """Held-out error with the missing effect, over the noise floor."""
+        return self.after.rms / self.floor
+
+    @property
     def explained_model(self) -> ResidualModel:
         """The model with the missing effect, or as it was."""
         return self.steps[0].choice.model if self.effect else self.model
 
 
-def diagnose(model: ResidualModel, config: DiagnosisConfig | None = None) -> Diagnosis:
+def diagnose(
+    model: ResidualModel,
+    config: DiagnosisConfig | None = None,
+    assessment: Assessment | None = None,
+) -> Diagnosis:
     """Find out whether an effect is missing from a fitted model, and which.
 
     The residual is tested; if something is missing, effects are added until nothing is. One effect
-    that leaves nothing is the answer. If several are needed, the first is the answer provided that
-    together they explain the residual. Otherwise the cause is none of the known effects.
+    that leaves nothing, or dominates all else, is the answer. If several are needed, the first is
+    the answer provided that together they explain the residual. Otherwise the cause is none of the
+    known effects.
 
     Args:
         model: fitted.
         config: levels and depths.
+        assessment: of the model, if there is one already.
     """
     config = config or DiagnosisConfig()
-    first = assess(model, config.significance)
+    first = assessment or assess(model, config.significance)
     before = held_out(model)
     if first.adequate:
         return Diagnosis(
@@ -154,9 +173,19 @@ def _explain(model: ResidualModel, first: Assessment, config: DiagnosisConfig) -
         floor = assessment.structure.floor
         share = explained_share(first.rms, assessment.rms, floor)
         hopeless = share < (config.first_progress if len(steps) == 1 else config.second_progress)
-        if hopeless or _settled(first, assessment, floor, config):
+        settled = _settled(first, assessment, floor, config)
+        if hopeless or settled or _dominates(steps, first, floor, config):
             break
     return tuple(steps)
+
+
+def _dominates(
+    steps: Sequence[Step], first: Assessment, floor: float, config: DiagnosisConfig
+) -> bool:
+    """Whether the first effect alone explains nearly all of an error, whatever causes the rest."""
+    if not steps:
+        return False
+    return explained_share(first.rms, steps[0].after.rms, floor) >= config.dominating
 
 
 def add_effect(model: ResidualModel, before: Assessment, config: DiagnosisConfig) -> Step | None:
@@ -177,14 +206,19 @@ def _accounts_for(
     """Whether the added effects are the cause.
 
     They explain the residual; a vibration that the motion does not have needs an effect that can
-    ring; and what little is left is not the trace of another law.
+    ring; and what little is left is not the trace of another law. An effect that dominates need
+    not explain the rest.
     """
+    if _dominates(steps, first, floor, config):
+        return True
     if not steps or not _settled(first, steps[-1].after, floor, config):
         return False
+    if steps[-1].after.adequate:
+        return True
     vibrates = find_line(model.residuals(), floor)[1] is not None
     if vibrates and not any(step.choice.best.source.family.rings for step in steps):
         return False
-    return steps[-1].after.adequate or not _follows_other_law(steps[-1], floor, config)
+    return not _follows_other_law(steps[-1], floor, config)
 
 
 def _follows_other_law(step: Step, floor: float, config: DiagnosisConfig) -> bool:

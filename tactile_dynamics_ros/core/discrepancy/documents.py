@@ -21,6 +21,8 @@ from tactile_dynamics_ros.core.discrepancy.sentences import (
 
 Document = dict[str, Any]
 
+_REMAINS = 1.15
+
 
 def diagnosis_document(diagnosis: Diagnosis) -> Document:
     """The document of `diagnose`."""
@@ -122,6 +124,8 @@ def diagnosis_sentence(diagnosis: Diagnosis) -> str:
     text = f"{named} explains {write_percent(share)} of the excess error"
     if len(diagnosis.steps) > 1:
         text += f"; {diagnosis.steps[1].name} is missing too"
+    elif diagnosis.remaining > _REMAINS:
+        text += f"; what remains is {diagnosis.remaining:.1f} times the noise"
     if diagnosis.verdict == "ambiguous":
         others = [name for name in diagnosis.group if name != diagnosis.effect]
         text += f"; this recording cannot tell it from {join_names(others)}"

@@ -9,17 +9,13 @@ from tactile_dynamics_ros.core.discrepancy.diagnosis import (
     Diagnosis,
     DiagnosisConfig,
     Step,
-    add_effect,
     diagnose,
-    explained_share,
     find_group,
 )
 from tactile_dynamics_ros.core.discrepancy.model import ResidualModel
 from tactile_dynamics_ros.core.discrepancy.selection import evidence
 from tactile_dynamics_ros.core.discrepancy.signature import Signature, describe_residual
 from tactile_dynamics_ros.core.discrepancy.validation import HeldOut, held_out
-
-_WORTHWHILE = 0.3
 
 
 @dataclass(frozen=True)
@@ -74,25 +70,17 @@ def explain(model: ResidualModel, config: DiagnosisConfig | None = None) -> Expl
         config: levels and depths.
     """
     config = config or DiagnosisConfig()
-    first = diagnose(model, config)
-    steps = list(first.steps) if first.effect else []
-    present = steps[-1].choice.model if steps else model
-    while steps and not steps[-1].after.adequate and len(steps) < 2 * config.depth:
-        step = add_effect(present, steps[-1].after, config)
-        if step is None or not _worthwhile(step):
+    first = diagnosis = diagnose(model, config)
+    steps: list[Step] = []
+    present = model
+    while diagnosis.effect:
+        steps += diagnosis.steps
+        present = steps[-1].choice.model
+        if steps[-1].after.adequate or len(steps) >= 2 * config.depth:
             break
-        steps.append(step)
-        present = step.choice.model
+        diagnosis = diagnose(present, config, steps[-1].after)
     present = _prune(present, [step.name for step in steps], config)
     return _summarise(first, steps, present, config)
-
-
-def _worthwhile(step: Step) -> bool:
-    """Whether an effect removes a good part of what was left, or all of it."""
-    if step.after.adequate:
-        return True
-    share = explained_share(step.before.rms, step.after.rms, step.after.structure.floor)
-    return share > _WORTHWHILE
 
 
 def _prune(model: ResidualModel, names: list[str], config: DiagnosisConfig) -> ResidualModel:

@@ -32,6 +32,8 @@ Array = NDArray[np.float64]
 
 _NOISE_RATIO = 1.5
 _HOLD = 100.0
+_MOST_STEPS = 20
+_TOLERANCE = 1e-6
 
 
 def fit_model(
@@ -170,7 +172,7 @@ def _solve(
         )
 
     start = np.concatenate([xi, *theta])
-    solution, converged = levenberg_marquardt(evaluate, start)
+    solution, converged = levenberg_marquardt(evaluate, start, _MOST_STEPS, _TOLERANCE)
     values = np.split(solution[10:], np.cumsum(sizes)[:-1]) if sizes else []
     return solution[:10], list(values), converged
 
@@ -191,6 +193,8 @@ class _ReducedSystem:
         self._blocks, self._phi, self._effects = blocks, phi, effects
         self._rows = [np.concatenate([b.jacobian, b.residual[:, None]], axis=1) for b in blocks]
         self._white_start = [self._white_effects(b, phi, theta) for b in blocks]
+        plain = [b.linearisation.whiten(b.problem.regressor) for b in blocks if effects]
+        self._beside = [a - b.jacobian for a, b in zip(plain, blocks, strict=False)]
         if not effects:
             self._rows = [np.asarray(np.linalg.qr(np.concatenate(self._rows), mode="r"))]
 
@@ -208,9 +212,7 @@ class _ReducedSystem:
             [self._effect_columns(block, phi, theta) for block in self._blocks]
         )
         # rows already hold dDelta/dphi at the start; the exact change replaces that linear part
-        correction = np.concatenate(
-            [self._linear_part(block, phi, theta) for block in self._blocks]
-        )
+        correction = np.concatenate(self._beside) @ (phi - self._phi)
         residual = residual - np.concatenate(moved) + correction
         return residual, np.concatenate([rows[:, :10], columns], axis=1)
 
@@ -227,10 +229,6 @@ class _ReducedSystem:
             for effect, value in zip(self._effects, theta, strict=True)
         ]
         return -block.linearisation.whiten(np.concatenate(columns, axis=2))
-
-    def _linear_part(self, block: Block, phi: Array, theta: Sequence[Array]) -> Array:
-        plain = block.linearisation.whiten(block.problem.regressor)
-        return (plain - block.jacobian) @ (phi - self._phi)
 
 
 def _denoise(

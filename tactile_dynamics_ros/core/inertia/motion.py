@@ -20,6 +20,7 @@ _FALLBACK_ROTATION_STD = 1e-3
 _FALLBACK_POSITION_STD = 1e-4
 _FALLBACK_SPECIFIC_FORCE_STD = 0.05
 _OVERSTATED = 0.7
+_IMU_HALF_WIDTH = 0.01
 
 
 @dataclass(frozen=True)
@@ -157,7 +158,7 @@ def _imu_signals(imu: ImuStream, grid: Array, half_width: float) -> dict[str, La
     count = len(imu.time)
     std = imu.specific_force_std or white_noise_std(imu.time, imu.specific_force)
     factor = isotropic_factor(count, std or _FALLBACK_SPECIFIC_FORCE_STD)
-    functional = local_polynomial(imu.time, grid, 0.25 * half_width, 2, orders=1)
+    functional = local_polynomial(imu.time, grid, _IMU_HALF_WIDTH, 2, orders=1)
     signals = {"specific_force": LatentSignal(functional, factor)}
     if imu.angular_velocity is not None:
         gyro_std = white_noise_std(imu.time, imu.angular_velocity) or _FALLBACK_ROTATION_STD

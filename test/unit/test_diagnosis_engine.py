@@ -1,0 +1,206 @@
+"""The diagnosis on a model that has nothing to do with hands: a block that slides on an incline.
+
+The balance reads the pull on the block, f = m g sin(a) + m acceleration + noise; hidden laws act.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tactile_dynamics_ros.core.discrepancy.comparison import compare
+from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
+from tactile_dynamics_ros.core.discrepancy.documents import diagnosis_document
+from tactile_dynamics_ros.core.discrepancy.explanation import explain
+from tactile_dynamics_ros.core.discrepancy.model import Condition, Family, Residuals
+
+NOISE = 0.05
+LAWS = {
+    "viscous_friction": lambda block: block.speed,
+    "dry_friction": lambda block: np.sign(block.speed),
+    "zero_error": lambda block: np.ones_like(block.time),
+    "spring": lambda block: block.place,
+    "stretched_spring": lambda block: 3.0 * block.place,
+}
+
+
+@dataclass(frozen=True)
+class Block:
+    """One slide back and forth."""
+
+    time: np.ndarray
+    place: np.ndarray
+    speed: np.ndarray
+    regressor: np.ndarray
+    force: np.ndarray
+
+
+@dataclass(frozen=True)
+class SlidingBlock:
+    """Mass of the block with effects, linear in all parameters."""
+
+    block: Block
+    effects: tuple[str, ...] = ()
+    known: tuple[str, ...] = ("viscous_friction", "dry_friction", "zero_error", "spring")
+
+    @cached_property
+    def jacobian(self) -> np.ndarray:
+        columns = [self.block.regressor, *(LAWS[name](self.block) for name in self.effects)]
+        return -np.stack(columns, axis=1) / NOISE
+
+    @cached_property
+    def solution(self) -> np.ndarray:
+        return np.linalg.lstsq(-self.jacobian, self.block.force / NOISE, rcond=None)[0]
+
+    @property
+    def residual(self) -> np.ndarray:
+        return self.block.force / NOISE + self.jacobian @ self.solution
+
+    @property
+    def time(self) -> np.ndarray:
+        return self.block.time
+
+    @property
+    def effect_names(self) -> tuple[str, ...]:
+        return self.effects
+
+    @property
+    def freedom(self) -> float:
+        return float(len(self.effects))
+
+    def families(self, names: Sequence[str] | None = None) -> list[Family]:
+        wanted = [n for n in (names or self.known) if n not in self.effects]
+        return [self._family(name) for name in wanted]
+
+    def _family(self, name: str) -> Family:
+        columns = LAWS[name](self.block)[:, None] / NOISE
+        return Family(name, name, name, columns, (0,), symbols=(name,))
+
+    def with_effect(self, family: Family, coefficients: np.ndarray) -> SlidingBlock:
+        return SlidingBlock(self.block, (*self.effects, family.name), self.known)
+
+    def without_effect(self, name: str) -> SlidingBlock:
+        left = tuple(effect for effect in self.effects if effect != name)
+        return SlidingBlock(self.block, left, self.known)
+
+    def refined(self) -> SlidingBlock:
+        return self
+
+    def parameters(self) -> dict[str, dict[str, dict[str, Any]]]:
+        spread = np.sqrt(np.diag(np.linalg.inv(self.jacobian.T @ self.jacobian)))
+        return {
+            name: {"c": {"value": float(v), "std": float(s), "unit": "N"}}
+            for name, v, s in zip(self.effects, self.solution[1:], spread[1:], strict=True)
+        }
+
+    def sentence(self, name: str) -> str:
+        return f"the block feels {name.replace('_', ' ')}"
+
+    def residuals(self) -> Residuals:
+        white = self.residual[:, None]
+        speed = Condition("speed", "m/s", np.abs(self.block.speed))
+        return Residuals(self.time, white, NOISE * white, ("force",), ("N",), {}, (speed,))
+
+    def library(self) -> list[Family]:
+        cubic = Family(
+            "speed^3", "speed^3", "speed^3", self.block.speed[:, None] ** 3 / NOISE, (0,),
+            symbols=("v^3",),
+        )  # fmt: skip
+        return [cubic]
+
+    def separating_motion(self, rivals: Sequence[Any]) -> dict[str, Any]:
+        return {"description": f"do not stretch {rivals[0].effects[-1]}"}
+
+
+def slide(seed: int, **hidden: float) -> Block:
+    """A seeded slide with hidden laws; `cubic_drag` and `hum` are known to nobody."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(0.0, 30.0, 0.01)
+    phase = rng.uniform(0, 2 * np.pi, 3)
+    parts = [(0.3, 2.1), (0.2, 3.7), (0.1, 5.9)]
+    waves = [(a, w, w * time + p) for (a, w), p in zip(parts, phase, strict=True)]
+    place = sum(a * np.sin(x) for a, w, x in waves)
+    speed = sum(a * w * np.cos(x) for a, w, x in waves)
+    acceleration = sum(-a * w**2 * np.sin(x) for a, w, x in waves)
+    regressor = acceleration + 9.81 * np.sin(0.3 + 0.2 * np.sin(0.8 * time))
+    block = Block(time, place, speed, regressor, 0.4 * regressor + rng.normal(0, NOISE, len(time)))
+    unknown = {
+        "cubic_drag": speed**3,
+        "hum": np.sin(2 * np.pi * 13.0 * time),
+    }
+    extra = sum(
+        size * (unknown[name] if name in unknown else LAWS[name](block))
+        for name, size in hidden.items()
+    )
+    return Block(time, place, speed, regressor, block.force + extra)
+
+
+def test_nothing_is_missing_on_clean_slides() -> None:
+    verdicts = [diagnose(SlidingBlock(slide(seed))).verdict for seed in range(20)]
+    assert verdicts.count("adequate") >= 19
+
+
+@pytest.mark.parametrize("name", ["viscous_friction", "dry_friction", "zero_error", "spring"])
+def test_each_law_is_named_with_its_size(name: str) -> None:
+    model = SlidingBlock(slide(1, **{name: 0.1}))
+    diagnosis = diagnose(model)
+    assert (diagnosis.verdict, diagnosis.effect) == ("missing_effect", name)
+    found = diagnosis.explained_model.parameters()[name]["c"]
+    assert found["value"] == pytest.approx(0.1, abs=4 * found["std"])
+    assert diagnosis.after.rms < 1.05 < diagnosis.before.rms
+
+
+def test_two_laws_are_added_one_after_the_other() -> None:
+    model = SlidingBlock(slide(2, dry_friction=0.08, spring=0.2))
+    explanation = explain(model)
+    assert set(explanation.effects) == {"dry_friction", "spring"}
+    assert explanation.verdict == "adequate"
+    errors = [explanation.before.rms, *(step.error for step in explanation.steps)]
+    assert errors == sorted(errors, reverse=True)
+    assert errors[-1] < 1.05
+
+
+def test_a_law_that_dominates_is_named_although_something_unknown_remains() -> None:
+    model = SlidingBlock(slide(3, zero_error=2.0, hum=0.08))
+    diagnosis = diagnose(model)
+    assert diagnosis.effect == "zero_error"
+    assert "what remains is" in diagnosis_document(diagnosis)["sentence"]
+    explanation = explain(model)
+    assert (explanation.verdict, explanation.effects) == ("unexplained", ("zero_error",))
+    assert explanation.signature is not None
+    assert explanation.signature.frequency_hz == pytest.approx(13.0, rel=0.02)
+
+
+def test_an_unknown_law_is_not_given_a_known_name_but_a_formula() -> None:
+    diagnosis = diagnose(SlidingBlock(slide(4, cubic_drag=0.05)))
+    assert (diagnosis.verdict, diagnosis.effect) == ("unexplained", None)
+    assert diagnosis.signature is not None
+    assert diagnosis.signature.formula is not None
+    assert "v^3" in diagnosis.signature.formula
+
+
+def test_a_hum_is_reported_with_its_frequency() -> None:
+    diagnosis = diagnose(SlidingBlock(slide(5, hum=0.1)))
+    assert diagnosis.verdict == "unexplained"
+    assert diagnosis.signature is not None
+    assert diagnosis.signature.frequency_hz == pytest.approx(13.0, rel=0.02)
+
+
+def test_twins_come_as_a_group_with_what_would_separate_them() -> None:
+    known = ("viscous_friction", "spring", "stretched_spring")
+    diagnosis = diagnose(SlidingBlock(slide(6, spring=0.1), known=known))
+    assert diagnosis.verdict == "ambiguous"
+    assert set(diagnosis.group) == {"spring", "stretched_spring"}
+    assert diagnosis.separating_motion is not None
+    assert "do not stretch" in diagnosis_document(diagnosis)["sentence"]
+
+
+def test_where_it_fails_is_where_the_law_acts() -> None:
+    comparison = compare(SlidingBlock(slide(7, cubic_drag=0.08)))
+    assert not comparison.assessment.adequate
+    assert any("speed" in place.condition for place in comparison.places)
