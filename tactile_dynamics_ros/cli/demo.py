@@ -63,7 +63,7 @@ def run(args: Namespace) -> int:
             monitor = Monitor(say)
             story = Story(monitor.node, say) if args.hidden != "none" else None
             try:
-                _start(supervisor, args, out)
+                _start(supervisor, args, out, say)
                 _play(supervisor, monitor, stop, args, story)
                 truth = monitor.reveal()
             finally:
@@ -110,8 +110,26 @@ class _Speaker:
             print(text, flush=True)
 
 
-def _start(supervisor: Supervisor, args: Namespace, out: Path) -> None:
+def _design_motion(args: Namespace, out: Path, say: Callable[[str], None]) -> Path | None:
+    """Design the motion for the object's grasp site as a user would; None means sums of sines."""
+    path = out / "motion.json"
+    words = ["excite", "--object", args.object, "--duration", f"{args.duration:g}"]
+    words += ["--seed", str(args.seed), "--out", str(path), "--json"]
+    done = subprocess.run(verb_command(*words), capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        say(f"no designed motion, sums of sines instead: {done.stderr.strip().splitlines()[-1]}")
+        return None
+    plan: dict[str, Any] = json.loads(done.stdout)
+    say(
+        f"designed {args.duration:g} s of motion for the grasp: {plan['grip_usage']:.0%} of the "
+        f"friction cones, expected distance to the truth {plan['expected_distance']['after']:.2f}"
+    )
+    return path
+
+
+def _start(supervisor: Supervisor, args: Namespace, out: Path, say: Callable[[str], None]) -> None:
     config = share_file(DEFAULT_CONFIG)
+    motion = _design_motion(args, out, say)
     extra: dict[str, dict[str, object]] = {
         "robot_sim": simulation_parameters(args),
         "biotac_force": {"tare_file": out / "tare.npy"},
@@ -119,6 +137,7 @@ def _start(supervisor: Supervisor, args: Namespace, out: Path) -> None:
             "object": args.object,
             "excitation.duration": float(args.duration),
             "excitation.seed": args.seed,
+            "motion": str(motion or ""),
         },
     }
     supervisor.start("recorder", verb_command("record", str(out / "recording")))
