@@ -28,6 +28,8 @@ class SlipEvent:
         variant: "unload" (normal force ramped down) or "drag" (tangential force ramped up).
         tilt: slope of the path of the sliding fingertip against the mesh, rad, or nan.
         delay: between onset and detection, s.
+        sliding_normal: normal force while sliding, N.
+        memory_normal, memory_tangential: past forces, averaged with 2 s, N.
     """
 
     time: float
@@ -41,6 +43,9 @@ class SlipEvent:
     variant: str = "unload"
     tilt: float = float("nan")
     delay: float = 0.0
+    sliding_normal: float = float("nan")
+    memory_normal: float = 0.0
+    memory_tangential: float = 0.0
 
     @property
     def ratio(self) -> float:

@@ -30,6 +30,7 @@ _RAMPS = (ProbePhase.LOAD, ProbePhase.UNLOAD, ProbePhase.DRAG)
 _FORCE_FLOOR = 0.2
 _STEEPEST = 1.4
 _REACHED = 0.5
+_MEMORY_TIME = 2.0
 
 
 @dataclass(frozen=True)
@@ -149,6 +150,7 @@ class FrictionProbe:
         self._impedance.begin(seen.positions, targets, own.force)
         self._point_in_tip = (own.point - pose[:3, 3]) @ pose[:3, :3]
         self._pushed = np.array(own.force)
+        self._memory = self.components(own.force)
         self._tips_from = self._holding_tips(seen.positions)
         self.wanted = np.array([own.force @ self._normal, 0.0])
         self._direction = self._basis[0]
@@ -231,6 +233,7 @@ class FrictionProbe:
         wanted = self._force()
         finger = self._impedance.command(dt, seen.positions, wanted, felt)
         share = min(1.0, (seen.time - self._begin) / self.config.brace_time)
+        self._memory += dt / _MEMORY_TIME * (self.components(felt) - self._memory)
         self._pushed += min(1.0, dt / 0.03) * (felt - self._pushed)
         probing = (self._kinematics_point(seen.positions), self._pushed)
         grip = self._grip_from + share * (self._grip(self.wanted[0]) - self._grip_from)
@@ -289,6 +292,7 @@ class FrictionProbe:
     def _note_slip(self, seen: ProbeInput) -> None:
         self._slip_phase = self.phase
         self._detected = seen.time
+        self._memory_at_slip = self._memory.copy()
         self.wanted[1] += self.config.slide_push * (self.tried // 2 % 3)
         self._slid_from = self._contact_place(seen.positions)
         self._place = self._locate(seen, self._kinematics_point(seen.positions))
@@ -314,6 +318,7 @@ class FrictionProbe:
                 self._ramp_began if self._slip_phase is not ProbePhase.LOAD else self._loaded,
                 self._detected,
                 np.vstack([self._normal, self._basis]),
+                self._memory_at_slip,
             )
         )
         if event is not None:

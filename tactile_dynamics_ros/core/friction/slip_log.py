@@ -29,6 +29,7 @@ class Attempt:
         angle: direction that was pulled, rad. region: of the surface. variant: of the ramp.
         began: when the ramp began, s. detected: when the slip was noticed, s.
         basis: (3, 3) rows normal, e1, e2 of the plane of contact, world axes.
+        memory: (3,) past normal and tangential forces, averaged, N.
         skin_stiffness: normal stiffness of the fingertip, N/m.
     """
 
@@ -38,6 +39,7 @@ class Attempt:
     began: float
     detected: float
     basis: Array
+    memory: Array
     skin_stiffness: float = 4000.0
 
 
@@ -97,7 +99,7 @@ class SlipLog:
         ):
             return None
         ratio = tangential / normal
-        kinetic, speed, tilt = _slide(time, force, place, time > attempt.detected, attempt)
+        kinetic, speed, tilt, sliding = _slide(time, force, place, time > attempt.detected, attempt)
         return SlipEvent(
             time=onset,
             region=attempt.region,
@@ -110,6 +112,9 @@ class SlipLog:
             variant=attempt.variant,
             tilt=tilt,
             delay=attempt.detected - onset,
+            sliding_normal=sliding,
+            memory_normal=float(attempt.memory[0]),
+            memory_tangential=float(attempt.memory[1:] @ heading),
         )
 
 
@@ -143,20 +148,24 @@ def _misfit(design: Array, values: Array) -> float:
 
 def _slide(
     time: Array, force: Array, place: Array, after: NDArray[np.bool_], attempt: Attempt
-) -> tuple[float, float, float]:
-    """Ratio, speed (m/s) and slope against the mesh (rad) of the slide; nan if it was too short."""
+) -> tuple[float, float, float, float]:
+    """Ratio, speed (m/s), slope against the mesh (rad) and normal force (N) of the slide.
+
+    What cannot be told because it was too short is nan.
+    """
     nothing = float("nan")
     if after.sum() < 4:
-        return nothing, 0.0, nothing
+        return nothing, 0.0, nothing, nothing
     moved = place[after][-1] - place[after][0]
     path = float(np.linalg.norm(moved[1:]))
     speed = path / float(time[after][-1] - time[after][0])
     mean = force[after].mean(axis=0)
     if path < _LEAST_PATH or mean[0] <= 0.05:
-        return nothing, speed, nothing
+        return nothing, speed, nothing, nothing
     sunk = (force[after][-1, 0] - force[after][0, 0]) / attempt.skin_stiffness
     tilt = float(np.arctan2(moved[0] - sunk, path)) if path > _LEAST_TILT_PATH else nothing
-    return float(np.linalg.norm(mean[1:]) / mean[0]), speed, tilt
+    ratio = float(np.linalg.norm(mean[1:]) / mean[0])
+    return ratio, speed, tilt, float(mean[0])
 
 
 def _at_end(time: Array, values: Array) -> tuple[Array, Array]:

@@ -1,0 +1,1 @@
+"""Friction probing: accuracy over objects, slip detection, warping surfaces, hidden effects."""

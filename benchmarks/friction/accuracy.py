@@ -1,0 +1,90 @@
+"""Paper A's study of friction: every object and region, every hand calibrated once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.friction.subjects import REFERENCE, SUBJECTS
+from benchmarks.friction.trials import Case, run_cases
+
+FIRST_HAND = 1000
+REFERENCE_STD = 0.005
+"""How well the slope method is assumed to tell the coefficient of the reference block."""
+FORCE_LIMIT = 4.5
+PAPER = 0.0056
+
+
+def run_study(hands: int, processes: int, cache: Path) -> list[dict[str, Any]]:
+    """Probe the reference block and all subjects with every hand; return the subjects' rows."""
+    rows = []
+    for hand in range(FIRST_HAND, FIRST_HAND + hands):
+        known = run_cases([Case(REFERENCE, hand)], 1, cache)[0]
+        gain, std = calibrate(known)
+        cases = [Case(subject, hand, gain=gain, gain_std=std) for subject in SUBJECTS]
+        rows += [row | {"gain": gain} for row in run_cases(cases, processes, cache)]
+    return rows
+
+
+def calibrate(row: dict[str, Any]) -> tuple[float, float]:
+    """Gain of a hand's finger and its standard deviation from a probe of the reference block.
+
+    Beside the scatter of that probe and of the reference itself, one percent is allowed for what
+    differs between two grasps.
+    """
+    found = row.get("estimate")
+    if found is None:
+        return 1.0, 0.1
+    rng = np.random.default_rng([row["hand"], 31])
+    reference = row["true_static"] + REFERENCE_STD * float(rng.standard_normal())
+    own = found["repeatable"] / 2.2 / found["static"]
+    std = float(np.sqrt(own**2 + (REFERENCE_STD / reference) ** 2 + 0.01**2))
+    return reference / found["static"], std
+
+
+def summarise_study(rows: Iterable[dict[str, Any]]) -> dict[str, Any]:
+    """Numbers of the study, over all subjects and for each."""
+    rows = list(rows)
+    done = [row for row in rows if "estimate" in row]
+    error = np.array([row["true_static"] - row["estimate"]["static"] for row in done])
+    raw = np.array([row["true_static"] - row["estimate"]["static"] / row["gain"] for row in done])
+    inside = [
+        row["estimate"]["interval"][0] <= row["true_static"] <= row["estimate"]["interval"][1]
+        for row in done
+    ]
+    return {
+        "probes": len(rows),
+        "with_estimate": len(done),
+        "median_abs_error": _median(np.abs(error)),
+        "median_error": _median(error),
+        "median_abs_error_uncalibrated": _median(np.abs(raw)),
+        "paper_median_error": PAPER,
+        "interval_coverage": float(np.mean(inside)) if inside else None,
+        "interval_half_width_median": _median(
+            [0.5 * (r["estimate"]["interval"][1] - r["estimate"]["interval"][0]) for r in done]
+        ),
+        "kinetic_median_abs_error": _median(
+            [abs(r["estimate"]["kinetic"] - r["true_kinetic"]) for r in done]
+        ),
+        "normal_moves_said": int(sum(row["estimate"]["normal_moves"] for row in done)),
+        "drops": int(sum(row.get("dropped", False) for row in rows)),
+        "force_limit_violations": int(sum(r.get("strongest", 0.0) > FORCE_LIMIT for r in rows)),
+        "strongest_force_n": float(max((r.get("strongest", 0.0) for r in rows), default=0.0)),
+        "longest_probe_s": float(max((r.get("duration", 0.0) for r in rows), default=0.0)),
+        "objects": {s.name: _of_subject(s.name, done) for s in SUBJECTS},
+    }
+
+
+def _of_subject(name: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
+    own = [row for row in rows if row["subject"] == name]
+    errors = [row["true_static"] - row["estimate"]["static"] for row in own]
+    return {"probes": len(own), "median_error": _median(errors), "errors": errors}
+
+
+def _median(values: Any) -> float | None:
+    values = np.asarray(values, dtype=float)
+    values = values[np.isfinite(values)]
+    return float(np.median(values)) if len(values) else None
