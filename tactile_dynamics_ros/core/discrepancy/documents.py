@@ -18,6 +18,7 @@ from tactile_dynamics_ros.core.discrepancy.sentences import (
     write_parameters,
     write_percent,
 )
+from tactile_dynamics_ros.core.discrepancy.signature import Signature
 
 Document = dict[str, Any]
 
@@ -146,8 +147,21 @@ def _unexplained_sentence(diagnosis: Diagnosis) -> str:
             f"The residual is white noise, but {diagnosis.floor:.2f} times as large as the sensors "
             "state: correct the stated noise, or look for vibration."
         )
-    signature = diagnosis.signature
-    assert signature is not None
+    assert diagnosis.signature is not None
+    text = f"Something is missing that is not in the catalogue: {_facts(diagnosis.signature)}"
+    return text + _lead(diagnosis) + "."
+
+
+def _lead(diagnosis: Diagnosis) -> str:
+    """How far the best known effect gets with a residual that it does not explain."""
+    if not diagnosis.steps:
+        return ""
+    step = diagnosis.steps[0]
+    share = explained_share(diagnosis.assessment.rms, step.after.rms, diagnosis.floor)
+    return f"; of the known effects {step.name} explains most, {write_percent(share)} of it"
+
+
+def _facts(signature: Signature) -> str:
     facts = [f"it acts on {_channels(signature.channels)}"]
     if signature.frame:
         facts.append(f"is simplest in the {signature.frame} frame")
@@ -162,7 +176,7 @@ def _unexplained_sentence(diagnosis: Diagnosis) -> str:
         )
     if signature.formula:
         facts.append(f"looks like {signature.formula}")
-    return f"Something is missing that is not in the catalogue: {', '.join(facts)}."
+    return ", ".join(facts)
 
 
 def _channels(names: Sequence[str]) -> str:
@@ -178,5 +192,8 @@ def explanation_sentence(explanation: Explanation) -> str:
     clauses = [
         _effect_sentence(explanation.model, parameters, name) for name in explanation.effects
     ]
-    end = "" if explanation.verdict == "adequate" else "; something else remains"
+    end = ""
+    if explanation.signature is not None:
+        end = f"; something else remains: {_facts(explanation.signature)}"
+        end += _lead(explanation.last)
     return f"{'. '.join(clauses)}. The error falls from {before:.2f} to {after:.2f}{end}."

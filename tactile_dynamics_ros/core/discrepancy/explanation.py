@@ -43,6 +43,7 @@ class Explanation:
         steps: in the order in which they were added.
         model: the final model.
         first: diagnosis of the first model.
+        last: diagnosis of the model with the effects that were named.
         before: held-out error of the first model.
         after: held-out error of the final model.
         floor: white RMS of the noise alone.
@@ -54,6 +55,7 @@ class Explanation:
     steps: tuple[ExplanationStep, ...]
     model: ResidualModel
     first: Diagnosis
+    last: Diagnosis
     before: HeldOut
     after: HeldOut
     floor: float
@@ -80,7 +82,7 @@ def explain(model: ResidualModel, config: DiagnosisConfig | None = None) -> Expl
             break
         diagnosis = diagnose(present, config, steps[-1].after)
     present = _prune(present, [step.name for step in steps], config)
-    return _summarise(first, steps, present, config)
+    return _summarise(first, diagnosis, steps, present, config)
 
 
 def _prune(model: ResidualModel, names: list[str], config: DiagnosisConfig) -> ResidualModel:
@@ -93,7 +95,11 @@ def _prune(model: ResidualModel, names: list[str], config: DiagnosisConfig) -> R
 
 
 def _summarise(
-    first: Diagnosis, steps: list[Step], model: ResidualModel, config: DiagnosisConfig
+    first: Diagnosis,
+    last: Diagnosis,
+    steps: list[Step],
+    model: ResidualModel,
+    config: DiagnosisConfig,
 ) -> Explanation:
     kept = [step for step in steps if step.name in model.effect_names]
     explained = tuple(
@@ -107,8 +113,9 @@ def _summarise(
     if not steps:
         verdict = "adequate" if first.verdict == "adequate" else "unexplained"
         return Explanation(
-            verdict, (), (), model, first, first.before, first.before, first.floor, first.signature
-        )
+            verdict, (), (), model, first, last, first.before, first.before, first.floor,
+            first.signature,
+        )  # fmt: skip
     final = assess(model, config.significance)
     floor = min(first.floor, final.structure.floor)
     left = not final.adequate and final.rms > config.near_floor * floor
@@ -118,6 +125,7 @@ def _summarise(
         steps=explained,
         model=model,
         first=first,
+        last=last,
         before=first.before,
         after=held_out(model),
         floor=floor,
