@@ -14,6 +14,7 @@ NODES = (
     "kinematic_tracker",
     "model_check",
     "robot_sim",
+    "vision_tracker",
 )
 
 
@@ -79,6 +80,7 @@ setup(
             "pytest-timeout",
             "ruff",
             "setuptools",
+            "small_gicp",
             "wheel",
         ],
     },

@@ -32,6 +32,7 @@ from tactile_dynamics_ros.core.rigid_body.rotation import (
     matrix_to_quaternion,
     quaternion_to_matrix,
 )
+from tactile_dynamics_ros.core.tracking.depth_image import PinholeCamera
 
 Array = NDArray[np.float64]
 
@@ -337,6 +338,28 @@ def camera_info(
     message.r = np.eye(3).ravel()
     message.p = np.hstack([intrinsics, np.zeros((3, 1))]).ravel()
     return message
+
+
+def camera_to_core(message: CameraInfo, topic: str, pose: Array) -> PinholeCamera:
+    """Return the pinhole camera of a rectified image.
+
+    Args:
+        message: whose projection matrix counts, else its camera matrix.
+        topic: for messages.
+        pose: (4, 4) X_WC of the optical frame.
+
+    Raises:
+        MessageError: no focal length or no size.
+    """
+    projection = np.asarray(message.p, dtype=float).reshape(3, 4)[:, :3]
+    intrinsics = projection if projection[0, 0] > 0.0 else np.asarray(message.k).reshape(3, 3)
+    if not (intrinsics[0, 0] > 0.0 and message.width > 0 and message.height > 0):
+        raise MessageError(
+            "bad_camera_info",
+            f"{topic}: focal length {intrinsics[0, 0]:g} px and size {message.width} x "
+            f"{message.height}; expected a calibrated camera",
+        )
+    return PinholeCamera(intrinsics, message.width, message.height, pose)
 
 
 def inertia_to_message(

@@ -10,7 +10,7 @@ import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped, WrenchStamped
 from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool
+from std_msgs.msg import Bool, Float64
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.contact.hand_kinematics import HandKinematics
@@ -31,6 +31,7 @@ from tactile_dynamics_ros.nodes.conversions import (
     wrench_to_core,
 )
 from tactile_dynamics_ros.nodes.joint_history import JointHistory
+from tactile_dynamics_ros.nodes.object_frame import ObjectFrame
 from tactile_dynamics_ros.nodes.parameters import declare_config
 from tactile_dynamics_ros.nodes.shell import LATCHED, Shell, run_node
 
@@ -48,6 +49,8 @@ class TrackerNodeConfig:
     release_time: float = parameter(0.5, "time without thumb that ends the grasp", "s", 0.02, 10.0)
     publish_fused: bool = parameter(True, "publish /object/pose too, where no fusion node runs")
     follow_vision: bool = parameter(True, "/object/pose follows slip that vision sees")
+    refuting_score: float = parameter(0.5, "an image with a lower score refutes the pose", "", 0, 1)
+    refutations: int = parameter(2, "refuting images in a row that count", "", 1, 1000)
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -76,10 +79,13 @@ class KinematicTrackerNode(Shell):
         self._vision_covariance: Array | None = None
         self._touched: dict[str, float] = {}
         self._held = True
+        self._refuting = 0
+        self._frame = ObjectFrame(self)
         self._kinematic = self.stream(PoseWithCovarianceStamped, "/object/pose/kinematic")
         self._fused = self.stream(PoseWithCovarianceStamped, "/object/pose")
         self.listen(JointState, "/joint_states", self._on_joints)
         self.listen(PoseWithCovarianceStamped, VISION, self._on_vision)
+        self.listen(Float64, "/vision_tracker/score", self._on_score)
         self.listen(Bool, "/object/held", self._on_held, LATCHED)
         for finger in FINGERS:
             self.listen(WrenchStamped, f"/contact/{finger}/force", self._force_taker(finger))
@@ -97,6 +103,13 @@ class KinematicTrackerNode(Shell):
         if message.data and not self._held:
             self.tracker.reset()
         self._held = message.data
+
+    def _on_score(self, message: Float64) -> None:
+        """Doubt the pose where images show the object not to be there."""
+        self._refuting = self._refuting + 1 if message.data < self.config.refuting_score else 0
+        if self._refuting >= self.config.refutations and self.config.follow_vision:
+            self.fusion.refute()
+            self.faults.add("pose_refuted")
 
     def _on_vision(self, message: PoseWithCovarianceStamped) -> None:
         pose, self._vision_covariance = uncertain_pose_to_core(message, VISION, WORLD)
@@ -147,6 +160,7 @@ class KinematicTrackerNode(Shell):
         fused, fused_covariance = self.fusion.predict(pose, covariance, time)
         if self._held and self.config.publish_fused:
             self._fused.publish(uncertain_pose_to_message(fused, fused_covariance, stamp, WORLD))
+            self._frame.send(fused, stamp, WORLD)
 
     def _grasped(self, time: float) -> bool:
         """Whether thumb and another finger have touched within the release time."""

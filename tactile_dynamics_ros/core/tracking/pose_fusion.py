@@ -1,9 +1,16 @@
-"""Fuse the kinematic pose with vision: joints tell fast motion, vision tells slip in the hand.
+"""Pose of a held object from the hand and from vision: the hand is smooth, vision does not drift.
 
-The object's pose is X_WO = X_kinematic T(s), where the slip s = [rotation, translation] in the
-object frame wanders. A Kalman filter estimates s from vision at vision's own time stamps, so that
-latency does little harm: s changes slowly while an image travels. How fast s wanders is learnt
-from the innovations: they are large where the object slips.
+The kinematic prediction is precise over a fraction of a second but misses slip. A Kalman filter
+estimates the slip, a small transform in the object's frame between prediction and object, as a
+random walk whose rate follows the innovations. What vision gets wrong is partly the same from image
+to image; this wander is estimated beside the slip, so that many images do not feign a precision
+that they do not have. Images are late: each corrects the slip with the prediction of its own time,
+which only needs the predictions of the last moments.
+
+Where vision contradicts, the covariance says so at once, and grows to the size of the disagreement
+until one of the two gives in.
+
+Source: Kalman filter with a Gauss-Markov measurement error as state (Bar-Shalom et al., 2001).
 """
 
 from __future__ import annotations
@@ -22,6 +29,8 @@ Array = NDArray[np.float64]
 
 CHI2_6_9999 = 27.86
 """0.9999 quantile of chi squared with six degrees of freedom."""
+_SLIP, _WANDER = slice(0, 6), slice(6, 12)
+_BOTH = np.hstack([np.eye(6), np.eye(6)])
 
 
 @dataclass(frozen=True)
@@ -34,8 +43,13 @@ class PoseFusionConfig:
     strongest_slip: float = parameter(1e4, "largest factor on the usual slip's variance", "", 1.0)
     bias_position: float = parameter(2e-4, "constant error of vision", "m", 0.0, 0.1)
     bias_rotation_deg: float = parameter(0.05, "constant error of vision", "deg", 0.0, 45.0)
+    wander_position: float = parameter(2e-4, "wandering error of vision", "m", 0.0, 0.1)
+    wander_rotation_deg: float = parameter(0.1, "wandering error of vision", "deg", 0.0, 45.0)
+    wander_time: float = parameter(1.0, "how long that error stays alike", "s", 0.01, 1e3)
     history: float = parameter(1.0, "longest latency of vision", "s", 0.01, 60.0)
-    outliers_to_restart: int = parameter(10, "rejected poses in a row that mean a slip", "", 1)
+    outliers_to_restart: int = parameter(6, "rejected poses in a row that mean a slip", "", 1)
+    doubt_position: float = parameter(0.03, "spread of a pose that images refute", "m", 0.0, 1.0)
+    doubt_rotation_deg: float = parameter(20.0, "spread of a refuted pose", "deg", 0.0, 180.0)
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -53,10 +67,16 @@ class PoseFusion:
     """
 
     def __init__(self, config: PoseFusionConfig | None = None) -> None:
-        self.config = config or PoseFusionConfig()
-        turn, shift = np.deg2rad(self.config.slip_rotation_deg), self.config.slip_position
-        self._growth = np.diag([turn**2] * 3 + [shift**2] * 3)
+        self.config = config = config or PoseFusionConfig()
+        self._growth = _spread(config.slip_rotation_deg, config.slip_position)
+        self._bias = _spread(config.bias_rotation_deg, config.bias_position)
+        self._wander_spread = _spread(config.wander_rotation_deg, config.wander_position)
         self.reset()
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether vision contradicts the pose."""
+        return bool(self._doubt.any())
 
     def reset(self) -> None:
         """Forget the slip and all poses: the object was grasped anew."""
@@ -65,7 +85,9 @@ class PoseFusion:
         self._history: deque[tuple[float, Array]] = deque()
         self._grown: deque[tuple[float, float]] = deque()
         self._slip = np.eye(4)
+        self._wander = np.zeros(6)
         self._corrected = -np.inf
+        self._doubt = np.zeros((6, 6))
         self._covariance: Array | None = None
 
     def predict(self, kinematic: Array, covariance: Array, time: float) -> tuple[Array, Array]:
@@ -81,16 +103,18 @@ class PoseFusion:
         """
         kinematic = np.asarray(kinematic, dtype=float)
         if self._covariance is None:
-            self._covariance = _to_body(np.asarray(covariance, dtype=float), kinematic)
+            self._covariance = np.zeros((12, 12))
+            self._covariance[_SLIP, _SLIP] = _to_body(np.asarray(covariance), kinematic)
+            self._covariance[_WANDER, _WANDER] = self._wander_spread
         elif self._history:
             grown = self.slip_factor * max(0.0, time - self._history[-1][0])
-            self._covariance = self._covariance + grown * self._growth
+            self._covariance[_SLIP, _SLIP] += grown * self._growth
             self._grown.append((time, grown))
         self._history.append((time, kinematic))
         for past in (self._history, self._grown):
             while past and past[0][0] < time - self.config.history:
                 past.popleft()
-        return self._fuse(kinematic, self._covariance)
+        return self._fuse(kinematic, self._covariance[_SLIP, _SLIP])
 
     def correct(self, vision: Array, covariance: Array, time: float) -> bool:
         """Correct the slip by a pose from vision; return whether it was used.
@@ -110,27 +134,63 @@ class PoseFusion:
         kinematic = self._kinematic_at(time)
         if kinematic is None or time < self._corrected:
             return False
-        self._corrected = time
+        past, since = self._at_image(time)
         predicted = kinematic @ self._slip
         noise = _to_body(np.asarray(covariance, dtype=float), predicted)
-        innovation = _body_difference(predicted, np.asarray(vision, dtype=float))
-        since = self._grown_since(time) * self._growth
-        past = self._covariance - since
-        spread = past + noise
-        misfit = float(innovation @ np.linalg.solve(spread, innovation))
+        disagreement = _body_difference(predicted, np.asarray(vision, dtype=float))
+        innovation = disagreement - self._wander
+        misfit = float(innovation @ np.linalg.solve(_BOTH @ past @ _BOTH.T + noise, innovation))
         self._adapt(misfit)
         if misfit > CHI2_6_9999:
             self.rejected += 1
             if self.rejected < self.config.outliers_to_restart:
+                self._doubt = np.outer(disagreement, disagreement)
                 return False
-            past = past + np.outer(innovation, innovation)
-            spread = past + noise
-        self.rejected = 0
-        gain = np.linalg.solve(spread, past).T
-        self._slip = self._slip @ _small_transform(gain @ innovation)
-        remaining = np.eye(6) - gain
-        self._covariance = remaining @ past @ remaining.T + gain @ noise @ gain.T + since
+            past = self._restart(past, disagreement)
+            innovation = disagreement
+        self.rejected, self._doubt = 0, np.zeros((6, 6))
+        self._update(past, noise, innovation, since)
         return True
+
+    def refute(self) -> None:
+        """Note that an image shows the object not to be where it is believed to be."""
+        self._doubt = _spread(self.config.doubt_rotation_deg, self.config.doubt_position)
+
+    def _at_image(self, time: float) -> tuple[Array, Array]:
+        """Return the covariance (12, 12) when an image was taken, and how the slip's grew since."""
+        assert self._covariance is not None
+        elapsed = time - self._corrected
+        self._corrected = time
+        decay = float(np.exp(-elapsed / self.config.wander_time)) if elapsed < np.inf else 0.0
+        since = self._grown_since(time) * self._growth
+        past = self._covariance.copy()
+        past[_SLIP, _SLIP] -= since
+        past[_SLIP, _WANDER] *= decay
+        past[_WANDER, _SLIP] *= decay
+        past[_WANDER, _WANDER] *= decay**2
+        past[_WANDER, _WANDER] += (1.0 - decay**2) * self._wander_spread
+        self._wander = decay * self._wander
+        self._covariance = past.copy()
+        self._covariance[_SLIP, _SLIP] += since
+        return past, since
+
+    def _restart(self, past: Array, disagreement: Array) -> Array:
+        """Let the slip be as large as the disagreement."""
+        fresh = np.zeros((12, 12))
+        fresh[_SLIP, _SLIP] = past[_SLIP, _SLIP] + np.outer(disagreement, disagreement)
+        fresh[_WANDER, _WANDER] = self._wander_spread
+        self._wander = np.zeros(6)
+        return fresh
+
+    def _update(self, past: Array, noise: Array, innovation: Array, since: Array) -> None:
+        spread = _BOTH @ past @ _BOTH.T + noise
+        gain = np.linalg.solve(spread, _BOTH @ past).T
+        step = gain @ innovation
+        self._slip = self._slip @ _small_transform(step[_SLIP])
+        self._wander = self._wander + step[_WANDER]
+        remaining = np.eye(12) - gain @ _BOTH
+        self._covariance = remaining @ past @ remaining.T + gain @ noise @ gain.T
+        self._covariance[_SLIP, _SLIP] += since
 
     def _grown_since(self, time: float) -> float:
         """Return by how many times the growth per second the covariance has grown since a time."""
@@ -144,9 +204,8 @@ class PoseFusion:
 
     def _fuse(self, kinematic: Array, covariance: Array) -> tuple[Array, Array]:
         pose = kinematic @ self._slip
-        bias = [np.deg2rad(self.config.bias_rotation_deg)] * 3 + [self.config.bias_position] * 3
         turn = np.kron(np.eye(2), pose[:3, :3])
-        return pose, turn @ (covariance + np.diag(bias) ** 2) @ turn.T
+        return pose, turn @ (covariance + self._bias + self._doubt) @ turn.T
 
     def _kinematic_at(self, time: float) -> Array | None:
         """Interpolate the kinematic pose at a past time; None if it lies outside the history."""
@@ -158,6 +217,10 @@ class PoseFusion:
                 return _interpolate(before, after, time)
             after = before
         return None
+
+
+def _spread(rotation_deg: float, position: float) -> Array:
+    return np.diag([np.deg2rad(rotation_deg) ** 2] * 3 + [position**2] * 3)
 
 
 def _interpolate(before: tuple[float, Array], after: tuple[float, Array], time: float) -> Array:

@@ -1,0 +1,1 @@
+"""Object tracking in the simulated hand: accuracy, honesty, recovery, speed."""

@@ -1,0 +1,152 @@
+"""A posed object drawn into an image: the pixels it covers, its near surface and its outline."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from tactile_dynamics_ros.core.tracking.object_shape import ObjectShape
+from tactile_dynamics_ros.core.tracking.scene import Scene
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_PROBE = 1.5
+_SQUARE = np.ones((3, 3), dtype=bool)
+_NEWTON_STEPS = 3
+_HIT = 3e-4
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """What a window would show of an object if nothing hid it.
+
+    Attributes:
+        mask: (H, W) pixels that the object covers.
+        depth: (P,) of the object, or of its nearest part, m.
+        inner: (P,) covered pixels that do not touch the border.
+        band: (P,) pixels near the border. reach: how near, px.
+    """
+
+    mask: Mask
+    depth: Array
+    inner: Mask
+    band: Mask
+    reach: int
+
+
+@dataclass(frozen=True)
+class Outline:
+    """Where the object ends in the image, to a fraction of a pixel.
+
+    Attributes:
+        points: (K, 3) on the object's rim, camera frame, m.
+        pixels: (K, 2) column and row of them.
+        normals: (K, 2) unit, outwards.
+    """
+
+    points: Array
+    pixels: Array
+    normals: Array
+
+
+def draw(shape: ObjectShape, scene: Scene, pose: Array, band: float) -> Drawing:
+    """Draw the near side of a shape from its samples.
+
+    Args:
+        shape: of the object.
+        scene: into which it is drawn.
+        pose: (4, 4) X_CO.
+        band: width of the border's band to each side, px.
+    """
+    reach = int(np.ceil(band))
+    window = scene.window
+    points = shape.points @ pose[:3, :3].T + pose[:3, 3]
+    normals = shape.normals @ pose[:3, :3].T
+    points = points[np.einsum("ij,ij->i", normals, points) < 0.0]
+    place = window.lookup(scene.camera.project(points))
+    inside = place >= 0
+    place, values = place[inside], points[inside, 2]
+    order = np.argsort(-values)
+    depth = np.full(window.shape[0] * window.shape[1], np.inf)
+    depth[place[order]] = values[order]
+    image = depth.reshape(window.shape)
+    mask = ndimage.binary_closing(np.isfinite(image), _SQUARE)
+    row, column = ndimage.distance_transform_edt(
+        ~np.isfinite(image), return_distances=False, return_indices=True
+    )
+    grown = ndimage.binary_dilation(mask, _SQUARE, iterations=reach)
+    shrunk = ndimage.binary_erosion(mask, _SQUARE, iterations=reach)
+    inner = ndimage.binary_erosion(mask, _SQUARE)
+    return Drawing(
+        mask, image[row, column].ravel(), inner.ravel(), (grown & ~shrunk).ravel(), reach
+    )
+
+
+def trace(shape: ObjectShape, rays: Array, depth: Array, pose: Array) -> tuple[Array, Array, Mask]:
+    """Return where rays meet the surface near given depths.
+
+    Args:
+        shape: of the object.
+        rays: (N, 3) with z = 1, camera frame.
+        depth: (N,) to start, m.
+        pose: (4, 4) X_CO.
+
+    Returns:
+        Depths (N,), outward normals (N, 3) in the camera frame, and which rays meet it.
+    """
+    direction, start = rays @ pose[:3, :3], -pose[:3, :3].T @ pose[:3, 3]
+    for _ in range(_NEWTON_STEPS):
+        distance, normal = shape.distance(start + depth[:, None] * direction)
+        slope = np.minimum(np.einsum("ij,ij->i", normal, direction), -0.1)
+        depth = depth - np.clip(distance / slope, -0.01, 0.01)
+    return depth, normal @ pose[:3, :3].T, np.abs(distance) < _HIT
+
+
+def draw_outline(shape: ObjectShape, scene: Scene, pose: Array, drawing: Drawing) -> Outline | None:
+    """Return the outline of a shape at X_CO (4, 4), or None where it is out of sight."""
+    rotation = pose[:3, :3]
+    points = shape.edge_points @ rotation.T + pose[:3, 3]
+    facing = -np.einsum("ejk,ek->ej", shape.edge_normals @ rotation.T, points)
+    rim = (facing[:, 0] > 0.0) != (facing[:, 1] > 0.0)
+    points, facing = points[rim], np.abs(facing[rim])
+    if len(points) < 4 or points[:, 2].min() < 0.05:
+        return None
+    pixels, normals = _image_normals(shape, scene, pose, points, rim, facing)
+    outside = scene.window.lookup(pixels + _PROBE * normals)
+    border = (outside >= 0) & ~drawing.mask.ravel()[outside]
+    if border.sum() < 4:
+        return None
+    return Outline(points[border], pixels[border], normals[border])
+
+
+def keep_contested(label: NDArray[np.int8], reach: int) -> NDArray[np.int8]:
+    """Return labels (H, W) of +1 and -1 with those set to 0 that have no opposite nearby."""
+    near_object = ndimage.maximum_filter(label, 2 * reach + 1) == 1
+    near_empty = ndimage.minimum_filter(label, 2 * reach + 1) == -1
+    return np.where(np.where(label == 1, near_empty, near_object), label, 0).astype(np.int8)
+
+
+def _image_normals(
+    shape: ObjectShape, scene: Scene, pose: Array, points: Array, rim: Mask, facing: Array
+) -> tuple[Array, Array]:
+    """Return image positions of rim points and the outward normals of the outline there.
+
+    Of the two triangles at a rim, n = |f_b| n_a + |f_a| n_b is perpendicular to the ray and
+    points outwards.
+    """
+    camera = scene.camera
+    pixels = camera.project(points)
+    tangents = shape.edge_tangents[rim] @ pose[:3, :3].T
+    line = camera.project(points + 1e-3 * tangents) - pixels
+    outward = np.einsum("ej,ejk->ek", facing[:, ::-1], shape.edge_normals[rim])
+    outward = outward @ pose[:3, :3].T
+    outward /= np.maximum(np.linalg.norm(outward, axis=1), 1e-12)[:, None]
+    away = camera.project(points + 1e-3 * outward) - pixels
+    normals = np.stack([line[:, 1], -line[:, 0]], axis=1)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-12)[:, None]
+    sign = np.sign(np.einsum("ij,ij->i", normals, away))
+    return pixels, normals * sign[:, None]

@@ -1,0 +1,140 @@
+"""The robot as a camera sees it: depth of its links along rays, from joint positions alone."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.contact.hand_kinematics import (
+    ARM_DOF,
+    HandConfiguration,
+    HandKinematics,
+)
+from tactile_dynamics_ros.core.contact.robot_description import (
+    ACTUATED_JOINTS,
+    LINKS,
+    PALM_LINK,
+    SKIN_RADIUS,
+)
+
+Array = NDArray[np.float64]
+
+_TIP_CENTRES = np.array([[0.0, 0.0, 0.0], [-0.007, 0.0, 0.0], [-0.014, 0.0, 0.0]])
+_ARM_RADIUS = 0.085
+_ARM_SPHERES = 4
+
+
+class RobotVolume:
+    """Boxes and spheres that enclose the links of hand and arm.
+
+    Args:
+        kinematics: of the robot.
+        margin: by which every shape is larger than the link, m.
+    """
+
+    def __init__(self, kinematics: HandKinematics, margin: float = 0.003) -> None:
+        self._kinematics = kinematics
+        self._margin = margin
+        boxes = {link.name: link.boxes for link in LINKS if link.boxes}
+        children = [joint.child for joint in ACTUATED_JOINTS]
+        self._palm = boxes.pop(PALM_LINK)
+        self._moving = [(children.index(n), box) for n, found in boxes.items() for box in found]
+
+    def depth(self, positions: Array, camera: Array, rays: Array) -> Array:
+        """Return at which depth rays meet the robot.
+
+        Args:
+            positions: (23,) joint positions, rad.
+            camera: (4, 4) X_WC.
+            rays: (P, 3) with z = 1, camera frame.
+
+        Returns:
+            (P,) m, infinite where a ray meets nothing.
+        """
+        where = self._kinematics.locate(positions)
+        to_camera = np.linalg.inv(camera)
+        nearest = np.full(len(rays), np.inf)
+        across = np.ascontiguousarray(rays[:, :2].T)
+        poses, halves = self._boxes(where)
+        poses = to_camera @ poses
+        reach = np.linalg.norm(halves, axis=1)
+        for k in _in_sight(poses[:, :3, 3], reach, across):
+            index = _near(poses[k, :3, 3], reach[k], across)
+            _meet_box(poses[k], halves[k], rays, index, nearest)
+        centres, radii = self._spheres(where)
+        centres = centres @ to_camera[:3, :3].T + to_camera[:3, 3]
+        for k in _in_sight(centres, radii, across):
+            index = _near(centres[k], radii[k], across)
+            _meet_sphere(centres[k], radii[k], rays, index, nearest)
+        return nearest
+
+    def _boxes(self, where: HandConfiguration) -> tuple[Array, Array]:
+        """Return poses (B, 4, 4) in the world and half edges (B, 3)."""
+        found = [(where.palm, box) for box in self._palm]
+        found += [(where.frames[index], box) for index, box in self._moving]
+        poses = np.array([frame for frame, _ in found])
+        offsets = np.array([centre for _, (_, centre) in found])
+        poses[:, :3, 3] += np.einsum("bij,bj->bi", poses[:, :3, :3], offsets)
+        sizes = np.array([size for _, (size, _) in found])
+        return poses, 0.5 * sizes + self._margin
+
+    def _spheres(self, where: HandConfiguration) -> tuple[Array, Array]:
+        tips = where.sensors[:, None, :3, 3] + np.einsum(
+            "fij,kj->fki", where.sensors[:, :3, :3], _TIP_CENTRES
+        )
+        joints = np.vstack([where.centres[:ARM_DOF], where.palm[None, :3, 3]])
+        share = np.linspace(0.0, 1.0, _ARM_SPHERES, endpoint=False)[:, None, None]
+        arm = (1.0 - share) * joints[:-2] + share * joints[1:-1]
+        centres = np.vstack([tips.reshape(-1, 3), arm.reshape(-1, 3)])
+        radii = np.full(len(centres), _ARM_RADIUS)
+        radii[: tips.shape[0] * tips.shape[1]] = SKIN_RADIUS + self._margin
+        return centres, radii
+
+
+def _cone(centre: Array, radius: Array) -> Array:
+    """Return how far (x, y of rays with z = 1) spheres reach around the rays to their centres."""
+    return np.asarray(1.3 * radius / np.maximum(centre[..., 2] - 0.9 * radius, 1e-3))
+
+
+def _in_sight(centres: Array, radii: Array, across: Array) -> NDArray[np.intp]:
+    """Return indices of spheres in front of the camera that a bundle of rays may meet."""
+    ahead = centres[:, 2] > radii
+    middle = centres[:, :2] / np.where(ahead, centres[:, 2], 1.0)[:, None]
+    reach = _cone(centres, radii)[:, None]
+    inside = (middle + reach > across.min(axis=1)) & (middle - reach < across.max(axis=1))
+    return np.flatnonzero(ahead & inside[:, 0] & inside[:, 1])
+
+
+def _near(centre: Array, radius: float, across: Array) -> NDArray[np.intp]:
+    """Return indices of rays that pass near a sphere."""
+    reach = float(_cone(centre, np.asarray(radius)))
+    x, y = centre[0] / centre[2], centre[1] / centre[2]
+    return np.flatnonzero((np.abs(across[0] - x) < reach) & (np.abs(across[1] - y) < reach))
+
+
+def _meet_sphere(
+    centre: Array, radius: float, rays: Array, index: NDArray[np.intp], nearest: Array
+) -> None:
+    chosen = rays[index]
+    square = np.einsum("ij,ij->i", chosen, chosen)
+    along = chosen @ centre
+    root = along**2 - square * (centre @ centre - radius**2)
+    hit = root > 0.0
+    depth = (along[hit] - np.sqrt(root[hit])) / square[hit]
+    nearest[index[hit]] = np.minimum(nearest[index[hit]], depth)
+
+
+def _meet_box(
+    pose: Array, half: Array, rays: Array, index: NDArray[np.intp], nearest: Array
+) -> None:
+    """Intersect rays with a box by its slabs."""
+    start = -pose[:3, :3].T @ pose[:3, 3]
+    enter, leave = np.full(len(index), -np.inf), np.full(len(index), np.inf)
+    for axis in range(3):
+        speed = rays[index] @ pose[:3, axis]
+        speed = np.where(np.abs(speed) < 1e-9, 1e-9, speed)
+        low, high = (-half[axis] - start[axis]) / speed, (half[axis] - start[axis]) / speed
+        enter = np.maximum(enter, np.minimum(low, high))
+        leave = np.minimum(leave, np.maximum(low, high))
+    hit = (leave > enter) & (enter > 0.0)
+    nearest[index[hit]] = np.minimum(nearest[index[hit]], enter[hit])

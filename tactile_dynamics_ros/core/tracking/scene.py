@@ -1,0 +1,107 @@
+"""What the pixels around an object show: the object, the robot, its support, or something else."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from tactile_dynamics_ros.core.tracking.depth_image import (
+    DepthNoiseConfig,
+    Image,
+    PinholeCamera,
+    Window,
+    window_around,
+)
+from tactile_dynamics_ros.core.tracking.robot_volume import RobotVolume
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+ROBOT_TOLERANCE = 5e-3
+SUPPORT_TOLERANCE = 6e-3
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A window of a depth image of which the robot and the support are known.
+
+    Attributes:
+        camera: that took it. window: the pixels. noise: their axial standard deviation (P,), m.
+        free: (P,) pixels that show neither robot nor support and have a depth.
+        robot: (P,) depth of the robot along each ray, m, infinite where there is none.
+    """
+
+    camera: PinholeCamera
+    window: Window
+    noise: Array
+    free: Mask
+    robot: Array
+
+
+def label_scene(
+    camera: PinholeCamera,
+    window: Window,
+    volume: RobotVolume | None,
+    positions: Array | None,
+    noise: DepthNoiseConfig,
+    support_height: float | None,
+) -> Scene:
+    """Take robot and support out of a window.
+
+    A pixel shows the robot where it is as far as the robot's surface along its ray, or farther.
+
+    Args:
+        camera: of the window.
+        window: pixels.
+        volume: of the robot, None if there is none in sight.
+        positions: (23,) joint positions at the time of the image, rad.
+        noise: of depths.
+        support_height: z of the horizontal plane on which objects stand, world, m; None if none.
+    """
+    depth = window.depth
+    valid = np.isfinite(depth)
+    safe = np.where(valid, depth, 1.0)
+    robot = np.full(len(depth), np.inf)
+    if volume is not None and positions is not None:
+        robot = volume.depth(positions, camera.pose, window.rays)
+    shows_robot = np.isfinite(robot) & (safe > robot - ROBOT_TOLERANCE)
+    shows_robot = ndimage.binary_dilation(shows_robot.reshape(window.shape)).ravel()
+    free = valid & ~shows_robot
+    if support_height is not None:
+        height = (window.rays * safe[:, None]) @ camera.pose[2, :3] + camera.pose[2, 3]
+        free &= height > support_height + SUPPORT_TOLERANCE
+    return Scene(camera, window, noise.axial_std(safe), free, robot)
+
+
+def view_sphere(
+    camera: PinholeCamera,
+    depth: Image,
+    centre: Array,
+    radius: float,
+    volume: RobotVolume | None,
+    positions: Array | None,
+    noise: DepthNoiseConfig,
+    support_height: float | None,
+) -> Scene | None:
+    """Return the scene around a sphere (camera frame, m), or None where it is out of sight."""
+    window = window_around(camera, depth, centre, radius)
+    if window is None:
+        return None
+    return label_scene(camera, window, volume, positions, noise, support_height)
+
+
+def crop_scene(scene: Scene, centre: Array, radius: float) -> Scene | None:
+    """Return the part of a scene around a sphere (camera frame, m), or None out of sight."""
+    rows, columns = scene.window.shape
+    top, left = scene.window.origin
+    image = np.full((scene.camera.height, scene.camera.width), np.nan)
+    image[top : top + rows, left : left + columns] = scene.window.depth.reshape(rows, columns)
+    window = window_around(scene.camera, image, centre, radius)
+    if window is None:
+        return None
+    chosen = scene.window.lookup(window.pixels)
+    free = scene.free[chosen] & (chosen >= 0)
+    return Scene(scene.camera, window, scene.noise[chosen], free, scene.robot[chosen])

@@ -1,0 +1,292 @@
+"""Follow an object of known shape through depth images, and notice when it is lost.
+
+Each image is aligned from the likeliest of several predictions: moved with the palm, left where it
+was, or as others predict. The share of the visible model that is seen where it should be is the
+score; where it is low, or too little is visible, the image yields no pose. When that lasts, the
+object is searched in the whole image, and a pose that was found so must prove itself in further
+images before it is told.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.configuration import check_ranges, parameter
+from tactile_dynamics_ros.core.contact.hand_kinematics import HandKinematics
+from tactile_dynamics_ros.core.rigid_body.rotation import skew
+from tactile_dynamics_ros.core.tracking.depth_image import (
+    DepthNoiseConfig,
+    Image,
+    PinholeCamera,
+    cut_window,
+)
+from tactile_dynamics_ros.core.tracking.object_shape import ObjectShape
+from tactile_dynamics_ros.core.tracking.registration import (
+    Fit,
+    Registration,
+    RegistrationConfig,
+)
+from tactile_dynamics_ros.core.tracking.relocalisation import (
+    Relocalisation,
+    RelocalisationConfig,
+    turned_about_vertical,
+)
+from tactile_dynamics_ros.core.tracking.robot_volume import RobotVolume
+from tactile_dynamics_ros.core.tracking.scene import Scene, label_scene, view_sphere
+
+Array = NDArray[np.float64]
+
+
+class TrackingState(Enum):
+    """What a tracker knows.
+
+    `HIDDEN`: the image shows too little of the object, its pose is predicted but not told.
+    """
+
+    SEARCHING = "searching"
+    CHECKING = "checking"
+    TRACKING = "tracking"
+    HIDDEN = "hidden"
+
+
+@dataclass(frozen=True)
+class VisionTrackerConfig:
+    """When a pose is believed, and how well."""
+
+    least_score: float = parameter(0.9, "share of the visible model that must match", "", 0, 1)
+    least_visible: float = parameter(0.12, "share of the near side that must be visible", "", 0, 1)
+    most_misfit: float = parameter(1.5, "whitened distance of a good alignment", "", 1.0, 10.0)
+    patience: float = parameter(0.5, "time without a good image before a search", "s", 0.0, 60.0)
+    search_period: float = parameter(0.4, "time between searches", "s", 0.0, 60.0)
+    confirmations: int = parameter(3, "good images before a found pose is told", "", 1, 100)
+    information_share: float = parameter(
+        0.5, "share of the pixels' information that is independent", "", 0.01, 1.0
+    )
+    blind_std: float = parameter(
+        4e-3, "a direction known worse than this is not known at all", "m", 1e-4, 0.1
+    )
+    bias_position: float = parameter(3e-4, "error of calibration and model", "m", 0.0, 0.05)
+    bias_rotation_deg: float = parameter(0.15, "error of calibration and model", "deg", 0.0, 45.0)
+    support: bool = parameter(True, "objects stand on a horizontal plane")
+    support_height: float = parameter(0.0, "height of that plane in the world", "m", -10.0, 10.0)
+    robot_margin: float = parameter(3e-3, "by which the robot's shapes are enlarged", "m", 0, 0.1)
+    registration: RegistrationConfig = field(default_factory=RegistrationConfig)
+    relocalisation: RelocalisationConfig = field(default_factory=RelocalisationConfig)
+    noise: DepthNoiseConfig = field(default_factory=DepthNoiseConfig)
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+
+@dataclass(frozen=True)
+class Sighting:
+    """Pose of the object in one image.
+
+    Attributes:
+        pose: (4, 4) X_WO. covariance: (6, 6) [rotation, position], world axes.
+        score: share of the visible model that is where it should be.
+        visible: share of the near side that nothing hides.
+    """
+
+    pose: Array
+    covariance: Array
+    score: float
+    visible: float
+
+
+class VisionTracker:
+    """Pose of an object from depth images and joint positions.
+
+    Args:
+        shape: of the object. kinematics: of the robot in front of the camera.
+        config: thresholds, weights, camera noise.
+
+    Attributes:
+        state: what is known now. score: of the last image, 0 where nothing was seen.
+    """
+
+    def __init__(
+        self,
+        shape: ObjectShape,
+        kinematics: HandKinematics | None = None,
+        config: VisionTrackerConfig | None = None,
+    ) -> None:
+        self.config = config or VisionTrackerConfig()
+        self.shape = shape
+        self._kinematics = kinematics or HandKinematics()
+        self._volume = RobotVolume(self._kinematics, self.config.robot_margin)
+        self._registration = Registration(shape, self.config.registration, self.config.noise)
+        self._search = Relocalisation(
+            self._registration, self.config.relocalisation, self.config.noise
+        )
+        self.reset()
+
+    def reset(self, pose: Array | None = None) -> None:
+        """Forget where the object is, or start from X_WO (4, 4)."""
+        self.state = TrackingState.SEARCHING if pose is None else TrackingState.CHECKING
+        self.score = 0.0
+        self.visible = 0.0
+        self._good = 0
+        self._pose = None if pose is None else np.array(pose, dtype=float)
+        self._palm: Array | None = None
+        self._last_good = -np.inf
+        self._last_search = -np.inf
+
+    def update(
+        self,
+        depth: Image,
+        camera: PinholeCamera,
+        positions: Array,
+        time: float,
+        predictions: Sequence[Array] = (),
+    ) -> Sighting | None:
+        """Take an image; return the object's pose, or None where it is not known for sure.
+
+        Args:
+            depth: (H, W) m, NaN where invalid.
+            camera: that took it, with its calibrated pose.
+            positions: (23,) joint positions at the time of the image, rad.
+            time: s, of the image.
+            predictions: (4, 4) X_WO at that time, by others.
+
+        Raises:
+            BadInputError: the image has another size than the camera says.
+        """
+        camera.check(depth)
+        palm = self._kinematics.locate(positions).palm
+        seeds = [*self._own_predictions(palm), *predictions]
+        fit = self._align_best(depth, camera, positions, seeds) if seeds else None
+        self._note(fit)
+        if fit is None or not self._believable(fit):
+            fit = self._recover(depth, camera, positions, time, seeds)
+        if fit is None:
+            self._carry(palm)
+            return None
+        self._accept(fit, camera, palm, time)
+        if self.state is not TrackingState.TRACKING:
+            return None
+        assert self._pose is not None
+        return Sighting(self._pose, self._covariance(fit, camera), fit.score, fit.visible)
+
+    def _own_predictions(self, palm: Array) -> list[Array]:
+        """Return where the object is if it moved with the palm, and if it stayed."""
+        if self._pose is None:
+            return []
+        if self._palm is None or np.allclose(palm, self._palm, atol=1e-6):
+            return [self._pose]
+        return [palm @ np.linalg.inv(self._palm) @ self._pose, self._pose]
+
+    def _scene(
+        self, depth: Image, camera: PinholeCamera, positions: Array, pose: Array
+    ) -> Scene | None:
+        """Return the labelled pixels around the object at X_CO."""
+        centre = pose[:3, :3] @ self.shape.centre + pose[:3, 3]
+        radius = self.shape.radius + self.config.registration.coarse_reach
+        return view_sphere(
+            camera, depth, centre, radius, self._volume, positions, self.config.noise,
+            self._support,
+        )  # fmt: skip
+
+    @property
+    def _support(self) -> float | None:
+        return self.config.support_height if self.config.support else None
+
+    def _align_best(
+        self, depth: Image, camera: PinholeCamera, positions: Array, seeds: Sequence[Array]
+    ) -> Fit | None:
+        """Return the alignment from the prediction that agrees best with the image."""
+        best: tuple[float, Scene, Array] | None = None
+        scene: Scene | None = None
+        for k, seed in enumerate(seeds):
+            in_camera = np.linalg.inv(camera.pose) @ seed
+            if scene is None or np.linalg.norm(seed[:3, 3] - seeds[k - 1][:3, 3]) > 5e-3:
+                scene = self._scene(depth, camera, positions, in_camera)
+            if scene is None:
+                continue
+            if len(seeds) == 1:
+                return self._registration.align(scene, in_camera)
+            agreement = self._registration.judge(scene, in_camera).agreement
+            if best is None or agreement > best[0]:
+                best = (agreement, scene, in_camera)
+        return None if best is None else self._registration.align(best[1], best[2])
+
+    def _note(self, fit: Fit | None) -> None:
+        self.score = 0.0 if fit is None else fit.score
+        self.visible = 0.0 if fit is None else fit.visible
+
+    def _believable(self, fit: Fit) -> bool:
+        config = self.config
+        return (
+            fit.score >= config.least_score
+            and fit.visible >= config.least_visible
+            and fit.misfit <= config.most_misfit
+        )
+
+    def _recover(
+        self,
+        depth: Image,
+        camera: PinholeCamera,
+        positions: Array,
+        time: float,
+        seeds: Sequence[Array],
+    ) -> Fit | None:
+        """Wait for a better image, or search; return a pose that is to be checked."""
+        self._good = 0
+        known = self.state in (TrackingState.TRACKING, TrackingState.HIDDEN)
+        if known and time - self._last_good < self.config.patience:
+            self.state = TrackingState.HIDDEN
+            return None
+        self.state = TrackingState.SEARCHING
+        if time - self._last_search < self.config.search_period:
+            return None
+        self._last_search = time
+        window = cut_window(camera, depth, slice(0, camera.height), slice(0, camera.width))
+        scene = label_scene(
+            camera, window, self._volume, positions, self.config.noise, self._support
+        )
+        expected = [seed[:3, :3] for seed in seeds[:1]]
+        expected += turned_about_vertical(self.shape.expected, 8)
+        tips = self._kinematics.locate(positions).sensors[:, :3, 3].mean(axis=0)
+        fit = self._search.search(scene, expected, tips)
+        self._note(fit)
+        if fit is None or not self._believable(fit):
+            return None
+        self.state = TrackingState.CHECKING
+        return fit
+
+    def _accept(self, fit: Fit, camera: PinholeCamera, palm: Array, time: float) -> None:
+        self._pose, self._palm = camera.pose @ fit.pose, palm
+        self._last_good = time
+        self._good += 1
+        if self._good >= self.config.confirmations or self.state is TrackingState.HIDDEN:
+            self.state = TrackingState.TRACKING
+        elif self.state is TrackingState.SEARCHING:
+            self.state = TrackingState.CHECKING
+
+    def _carry(self, palm: Array) -> None:
+        """Let the unseen object move with the palm."""
+        if self._pose is not None and self._palm is not None:
+            self._pose = palm @ np.linalg.inv(self._palm) @ self._pose
+        self._palm = palm
+
+    def _covariance(self, fit: Fit, camera: PinholeCamera) -> Array:
+        """Return the covariance (6, 6) [rotation, position of the origin], world axes."""
+        config, radius = self.config, self.shape.radius
+        scale = np.array([radius] * 3 + [1.0] * 3)
+        information = config.information_share * fit.information / np.outer(scale, scale)
+        value, axes = np.linalg.eigh(information)
+        unknown = (3.0 * radius) ** 2
+        known = value > config.blind_std**-2
+        variance = np.where(known, 1.0 / np.maximum(value, 1e-12), unknown)
+        spread = (axes * variance) @ axes.T / np.outer(scale, scale)
+        turn = np.deg2rad(config.bias_rotation_deg)
+        spread += np.diag([turn**2] * 3 + [config.bias_position**2] * 3)
+        lever = np.eye(6)
+        lever[3:, :3] = -skew(fit.pose[:3, 3] - fit.pivot)
+        lever = np.kron(np.eye(2), camera.pose[:3, :3]) @ lever
+        return np.asarray(lever @ spread @ lever.T)

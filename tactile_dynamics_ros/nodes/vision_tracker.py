@@ -1,0 +1,149 @@
+"""Node: the object's pose from depth images, with the robot's own parts left out of sight."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from numpy.typing import NDArray
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import CameraInfo, Image, JointState
+from std_msgs.msg import Float64
+
+from tactile_dynamics_ros.core.configuration import check_ranges, parameter
+from tactile_dynamics_ros.core.contact.hand_kinematics import HandKinematics
+from tactile_dynamics_ros.core.contact.robot_description import rpy_to_matrix
+from tactile_dynamics_ros.core.tracking.depth_image import PinholeCamera
+from tactile_dynamics_ros.core.tracking.object_shape import MESH_SUFFIXES, load_shape
+from tactile_dynamics_ros.core.tracking.vision_tracker import VisionTracker, VisionTrackerConfig
+from tactile_dynamics_ros.nodes.conversions import (
+    JointReader,
+    StampGate,
+    camera_to_core,
+    depth_to_core,
+    to_seconds,
+    uncertain_pose_to_core,
+    uncertain_pose_to_message,
+)
+from tactile_dynamics_ros.nodes.joint_history import JointHistory
+from tactile_dynamics_ros.nodes.parameters import declare_config
+from tactile_dynamics_ros.nodes.shell import Shell, run_node
+from tactile_dynamics_ros.share import object_file
+
+Array = NDArray[np.float64]
+
+DEPTH = "/camera/depth/image_rect"
+CAMERA = "/camera/depth/camera_info"
+WORLD = "world"
+NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+RECENT = 0.2
+
+
+@dataclass(frozen=True)
+class VisionNodeConfig:
+    """What to look for, and from where."""
+
+    object: str = parameter("box_0", "file in config/objects, or path of a yaml or mesh file (m)")
+    camera_position: tuple[float, ...] = parameter((0.75, -0.6, 0.45), "camera in the world", "m")
+    camera_rpy_deg: tuple[float, ...] = parameter(
+        (-111.51917682, 0.0, 28.81079374), "optical frame in the world, fixed axes", "deg"
+    )
+    follow_fused: bool = parameter(True, "start from /object/pose where it is known")
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+
+class VisionTrackerNode(Shell):
+    """Aligns the object's surface with each depth image; silent while it is hidden or lost.
+
+    /vision_tracker/score is the share of the visible surface that is where it should be, NaN while
+    too little of it is visible.
+    """
+
+    def __init__(self) -> None:
+        super().__init__("vision_tracker")
+        self.config = declare_config(self, VisionNodeConfig)
+        name = self.config.object
+        path = Path(name) if Path(name).suffix.lower() in MESH_SUFFIXES else object_file(name)
+        kinematics = HandKinematics()
+        settings = declare_config(self, VisionTrackerConfig)
+        self.tracker = VisionTracker(load_shape(path), kinematics, settings)
+        self._placement = np.eye(4)
+        self._placement[:3, :3] = rpy_to_matrix(np.deg2rad(self.config.camera_rpy_deg))
+        self._placement[:3, 3] = self.config.camera_position
+        self._camera: PinholeCamera | None = None
+        self._reader = JointReader(kinematics.joint_names)
+        self._joints = JointHistory()
+        self._fused: tuple[float, Array] | None = None
+        self._gate = StampGate(DEPTH)
+        self._spent: list[float] = []
+        self._pose = self.stream(PoseWithCovarianceStamped, "/object/pose/vision")
+        self._score = self.stream(Float64, "/vision_tracker/score")
+        self.listen(CameraInfo, CAMERA, self._on_camera)
+        self.listen(JointState, "/joint_states", self._on_joints)
+        if self.config.follow_fused:
+            self.listen(PoseWithCovarianceStamped, "/object/pose", self._on_fused)
+        self.listen(Image, DEPTH, self._on_image, NEWEST)
+        self.serve("/vision_tracker/reset", self._reset)
+        self.every(1.0, self._show)
+
+    def _reset(self) -> str:
+        self.tracker.reset()
+        self._fused = None
+        return "the object is searched in the whole image"
+
+    def _on_camera(self, message: CameraInfo) -> None:
+        self._camera = camera_to_core(message, CAMERA, self._placement)
+
+    def _on_joints(self, message: JointState) -> None:
+        self._joints.add(to_seconds(message.header.stamp), self._reader.positions(message))
+
+    def _on_fused(self, message: PoseWithCovarianceStamped) -> None:
+        pose, _ = uncertain_pose_to_core(message, "/object/pose", WORLD)
+        self._fused = (to_seconds(message.header.stamp), pose)
+
+    def _on_image(self, message: Image) -> None:
+        depth = depth_to_core(message, DEPTH)
+        if self._gate.check(message.header.stamp):
+            self.faults.add("clock_restarted")
+            self._joints.clear()
+            self._reset()
+        stamp = to_seconds(message.header.stamp)
+        positions = self._joints.at(stamp)
+        if positions is None or self._camera is None:
+            missing = "camera_info" if self._camera is None else "joint_states"
+            self.faults.add(f"no_{missing}", f"{DEPTH}: no {missing} for the image at {stamp:.3f}")
+            return
+        began = time.perf_counter()
+        known = [pose for when, pose in [self._fused or (-math.inf, None)] if pose is not None
+                 and abs(stamp - when) < RECENT]  # fmt: skip
+        seen = self.tracker.update(depth, self._camera, positions, stamp, known)
+        self._spent.append(time.perf_counter() - began)
+        enough = self.tracker.visible >= self.tracker.config.least_visible
+        self._score.publish(Float64(data=self.tracker.score if enough else math.nan))
+        if seen is None:
+            self.faults.add(f"{self.tracker.state.value}_images")
+            return
+        self._pose.publish(
+            uncertain_pose_to_message(seen.pose, seen.covariance, message.header.stamp, WORLD)
+        )
+
+    def _show(self) -> None:
+        """Put state, score and speed on /diagnostics."""
+        self.faults.show("state", self.tracker.state.value)
+        self.faults.show("score", round(self.tracker.score, 3))
+        self.faults.show("visible", round(self.tracker.visible, 3))
+        if self._spent:
+            self.faults.show("image_ms", round(1e3 * float(np.median(self._spent)), 1))
+            self.faults.show("images_per_s", len(self._spent))
+        self._spent.clear()
+
+
+def main() -> int:
+    """Run the node."""
+    return run_node(VisionTrackerNode)
