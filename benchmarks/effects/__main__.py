@@ -33,8 +33,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def describe(summary: dict[str, Any]) -> str:
     """The summary for people, with the required rate beside each line."""
-    clean, single, pairs, outside = (
-        summary[key] for key in ("clean", "single", "pairs", "outside")
+    clean, single, ambiguous, pairs, outside = (
+        summary[key] for key in ("clean", "single", "ambiguous", "pairs", "outside")
     )
     seconds = summary["seconds"]
     lines = [
@@ -45,6 +45,8 @@ def describe(summary: dict[str, Any]) -> str:
         _line("single: worst effect", single["worst_effect_right_or_group"], None, ">= 70 %"),
         _line("single: error within 1.1 floor", single["error_at_floor"], None, ">= 90 %"),
         _line("single: parameter in its 95 %", single["coverage"], None, "90-98 %"),
+        _line("ambiguous: motion proposed", _ratio(ambiguous), ambiguous["count"], ""),
+        _line("ambiguous: resolved by it", ambiguous["resolved"], ambiguous["planned"], ">= 80 %"),
         _line("pairs: both in two steps", pairs["both_within_two"], pairs["count"], ""),
         _line("pairs: both in three steps", pairs["both_within_three"], pairs["count"], ">= 75 %"),
         _line("outside: unexplained", outside["unexplained"], outside["count"], ">= 85 %"),
@@ -106,6 +108,10 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
 def _line(what: str, share: float | None, count: int | None, wanted: str) -> str:
     number = f"({count})" if count is not None else ""
     return f"{what:32s} {_percent(share)} {number:7s} {wanted}"
+
+
+def _ratio(ambiguous: dict[str, Any]) -> float | None:
+    return ambiguous["planned"] / ambiguous["count"] if ambiguous["count"] else None
 
 
 def _percent(share: float | None) -> str:

@@ -64,6 +64,7 @@ def grade(records: Iterable[Record]) -> dict[str, Any]:
         "clean": _grade_clean(by_kind["clean"]),
         "single": _grade_single(strong),
         "thresholds": find_thresholds(singles),
+        "ambiguous": _grade_ambiguous(by_kind["single"]),
         "pairs": _grade_pairs(by_kind["pair"]),
         "outside": _grade_outside(by_kind["outside"]),
         "seconds": _grade_time(by_kind),
@@ -150,6 +151,22 @@ def _grade_effect(records: list[Record]) -> dict[str, Any]:
         "median_error_before": _median(befores),
         "called": dict(Counter(label_of(record) for record in records)),
     }
+
+
+def _grade_ambiguous(records: list[Record]) -> dict[str, Any]:
+    """Of the groups with the right name: how many the proposed motion resolves."""
+    groups = [r for r in records if diagnosis_of(r)["verdict"] == "ambiguous" and is_in_group(r)]
+    planned = [r for r in groups if r.get("separated")]
+    return {
+        "count": len(groups),
+        "planned": len(planned),
+        "resolved": _share(planned, lambda r: _called_alone(r["separated"]) == r["effects"][0]),
+    }
+
+
+def _called_alone(answer: Record) -> str | None:
+    diagnosis = answer["json"] or _NOTHING
+    return diagnosis.get("effect") if diagnosis["verdict"] == "missing_effect" else None
 
 
 def _grade_pairs(records: list[Record]) -> dict[str, Any]:

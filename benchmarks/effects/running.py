@@ -20,6 +20,8 @@ from benchmarks.effects.cases import Case
 from benchmarks.effects.product import Answer, Ask, ask_command
 from benchmarks.hidden.bag import write_bag
 from benchmarks.hidden.calibration import excess_rms
+from benchmarks.hidden.planned import record_plan
+from benchmarks.hidden.recordings import HiddenRecording
 
 
 def run_case(case: Case, ask: Ask = ask_command) -> dict[str, Any]:
@@ -40,7 +42,21 @@ def run_case(case: Case, ask: Ask = ask_command) -> dict[str, Any]:
             record["compare"] = _plain(ask(["compare", bag]))
         if case.kind == "single":
             record["estimates"] = _estimates(case.effects[0], record["diagnose"], bag, ask)
+            record["separated"] = _separate(case, recording, record["diagnose"], folder, ask)
     return record
+
+
+def _separate(
+    case: Case, recording: HiddenRecording, asked: dict[str, Any], folder: str, ask: Ask
+) -> dict[str, Any] | None:
+    """Do the motion that an ambiguous diagnosis proposes, and diagnose what is recorded then."""
+    diagnosis = asked["json"] or {}
+    plan = diagnosis.get("separating_motion")
+    if diagnosis.get("verdict") != "ambiguous" or not plan:
+        return None
+    second = record_plan(recording, plan, case.sensors())
+    bag = str(write_bag(second.streams, Path(folder) / "second"))
+    return _plain(ask(["diagnose", bag]))
 
 
 def run_all(cases: Sequence[Case], path: Path, workers: int) -> list[dict[str, Any]]:

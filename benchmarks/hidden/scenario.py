@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 
@@ -47,6 +48,21 @@ class ScenarioOptions:
     finger_roll: bool = True
     regrasp: bool = False
     contact_breaks: int = 0
+
+
+class MovesObject(Protocol):
+    """A motion about a mean pose."""
+
+    @property
+    def centre(self) -> np.ndarray:
+        """(3,) m."""
+
+    @property
+    def mean_rotation(self) -> np.ndarray:
+        """(3, 3)."""
+
+    def evaluate(self, time: np.ndarray) -> MotionSamples:
+        """Motion with exact derivatives."""
 
 
 @dataclass(frozen=True)
@@ -96,15 +112,23 @@ class Scenario:
     seed: int
     options: ScenarioOptions
     body: HeldObject
-    motion: Motion
+    motion: MovesObject
     grasp: Grasp
 
     @classmethod
     def draw(cls, seed: int, options: ScenarioOptions | None = None) -> Scenario:
         """Draw everything from the seed; the grip is just strong enough for the motion."""
         options = options or ScenarioOptions()
-        body = draw_object(randomness.stream(seed, "object"))
         motion = _draw_motion(randomness.stream(seed, "motion"), options)
+        return cls._held(seed, options, motion)
+
+    def moved(self, motion: MovesObject, options: ScenarioOptions) -> Scenario:
+        """The same object in the same hand along another motion."""
+        return self._held(self.seed, options, motion)
+
+    @classmethod
+    def _held(cls, seed: int, options: ScenarioOptions, motion: MovesObject) -> Scenario:
+        body = draw_object(randomness.stream(seed, "object"))
         lifts = _draw_lifts(randomness.stream(seed, "lifts"), options)
         grasp = draw_grasp(randomness.stream(seed, "grasp"), body, lifts)
         if not options.finger_roll:
