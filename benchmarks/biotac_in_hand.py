@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.biotac_press_rig import calibrate_units
 from tactile_dynamics_ros.core.contact.contact_state import Contact, ContactState
 from tactile_dynamics_ros.core.contact.hand_kinematics import HandKinematics
 from tactile_dynamics_ros.core.contact.robot_description import FINGERS
 from tactile_dynamics_ros.core.manipulation.grasp_controller import GraspController, Phase
 from tactile_dynamics_ros.core.tactile.calibration import NORMAL_90
 from tactile_dynamics_ros.core.tactile.estimators import create_force_estimator
+from tactile_dynamics_ros.core.tactile.fingertip import FingertipConfig
+from tactile_dynamics_ros.core.tactile.unit_gain import UnitGain
 from tactile_dynamics_ros.sim.simulated_robot import Readings, SimulatedRobot, SimulatedRobotConfig
 
 Array = NDArray[np.float64]
@@ -22,10 +26,23 @@ ALOFT = (Phase.CARRY, Phase.EXCITE, Phase.RETURN)
 
 
 class Touch:
-    """Forces of the four fingers in the world, as the live nodes compute them."""
+    """Forces of the four fingers in the world, as the live nodes compute them.
 
-    def __init__(self, kinematics: HandKinematics, model: str) -> None:
-        self._fingers = {finger: create_force_estimator(model) for finger in FINGERS}
+    Args:
+        kinematics: of the hand.
+        model: of the force.
+        gains: of the four units, from their calibration; the identity if None.
+    """
+
+    def __init__(
+        self, kinematics: HandKinematics, model: str, gains: Sequence[UnitGain] | None = None
+    ) -> None:
+        plain = FingertipConfig()
+        configs = [plain.with_gain(tuple(g.matrix.ravel())) for g in gains or ()]
+        self._fingers = {
+            finger: create_force_estimator(model, config)
+            for finger, config in zip(FINGERS, configs or [plain] * len(FINGERS), strict=True)
+        }
         self._state = ContactState(kinematics)
         self._rest: list[Array] = []
 
@@ -50,14 +67,16 @@ class Touch:
 def balance_in_hand(seed: int = 0, seconds: float = 40.0, model: str = "network") -> dict[str, Any]:
     """Grasp, lift and move an object; compare the net force with what moves it.
 
+    Every seed has fingertips of its own, calibrated by a minute of presses.
+
     Returns:
         rms and mean of the difference per world axis (N), the weight (N), and the share of samples
         within the 90 % interval of the stated covariance.
     """
-    robot = SimulatedRobot(SimulatedRobotConfig(seed=seed))
+    robot = SimulatedRobot(SimulatedRobotConfig(seed=seed, unit_seed=seed))
     kinematics = HandKinematics()
     controller = GraspController(kinematics, robot.world.model.grasp)
-    touch = Touch(kinematics, model)
+    touch = Touch(kinematics, model, calibrate_units(seed) if model == "network" else None)
     inertia = robot.world.model.inertia
     net, variance, velocity, pose = [], [], [], None
     while robot.world.time < seconds and not controller.done:

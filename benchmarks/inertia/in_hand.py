@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from benchmarks.biotac_in_hand import ALOFT, Touch
+from benchmarks.biotac_press_rig import calibrate_units
 from tactile_dynamics_ros.core.contact.contact_state import Contact
 from tactile_dynamics_ros.core.contact.hand_kinematics import HandKinematics
 from tactile_dynamics_ros.core.manipulation.grasp_controller import GraspConfig, GraspController
@@ -92,11 +93,16 @@ class _Tape:
 def record_in_hand(
     box: str, seed: int, behaviour: GraspConfig | None = None
 ) -> tuple[Streams, InertialParameters, str]:
-    """Grasp, lift and move a box; return what was published, the truth and the outcome."""
-    robot = SimulatedRobot(SimulatedRobotConfig(seed=seed, world=WorldConfig(object_name=box)))
+    """Grasp, lift and move a box; return what was published, the truth and the outcome.
+
+    Every seed has fingertips of its own, calibrated by a minute of presses on a known force.
+    """
+    world = WorldConfig(object_name=box)
+    robot = SimulatedRobot(SimulatedRobotConfig(seed=seed, unit_seed=seed, world=world))
     kinematics, truth = HandKinematics(), robot.world.model.inertia
     controller = GraspController(kinematics, robot.world.model.grasp, behaviour)
-    touch, tracking, tape, pose = Touch(kinematics, _FORCE_MODEL), None, _Tape(), None
+    touch = Touch(kinematics, _FORCE_MODEL, calibrate_units(seed))
+    tracking, tape, pose = None, _Tape(), None
     while robot.world.time < _LIMIT_S and not controller.done:
         readings = robot.advance()
         contacts = touch.update(readings)

@@ -1,4 +1,7 @@
-"""`tactile-dynamics calibrate`: gain of a fingertip from presses against a known force."""
+"""`tactile-dynamics calibrate`: gain of a fingertip from presses against a known force.
+
+The recording is made with `gains` at one: what is fitted replaces them.
+"""
 
 from __future__ import annotations
 
@@ -52,14 +55,24 @@ def run(args: Namespace) -> int:
             "turn the reference into the sensor's frame"
         )
     gain = fit_unit_gain(*_match(*tables))
-    result = {"finger": args.finger, "gain": gain.scale, "std": gain.std, "samples": gain.samples}
+    result = {
+        "finger": args.finger,
+        "gain": gain.scale,
+        "std": gain.std,
+        "matrix": gain.matrix.tolist(),
+        "matrix_std": gain.matrix_std.tolist(),
+        "samples": gain.samples,
+    }
     if args.json:
         print(json.dumps(result))
         return 0
     place = FINGERS.index(args.finger) + 1
     print(f"gain of {args.finger}: {gain.scale:.3f} +- {gain.std:.3f} ({gain.samples} frames)")
+    print("its matrix, which turns the force too:")
+    print("\n".join("  ".join(f"{value:8.4f}" for value in row) for row in gain.matrix))
     print(
-        f"multiply number {place} of biotac_force's parameter `gains` ({', '.join(FINGERS)}) by it"
+        f"number {place} of biotac_force's parameter `gains` ({', '.join(FINGERS)}) is this gain, "
+        "or nine numbers for each finger, the matrices by rows"
     )
     return 0
 

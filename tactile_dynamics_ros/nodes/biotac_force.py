@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections import deque
 from dataclasses import dataclass
 
@@ -36,15 +35,20 @@ class BiotacForceConfig:
     """Which model estimates the force, and how the rest state is found and kept."""
 
     model: str = parameter("network", "force model: network or analytic")
-    gains: tuple[float, ...] = parameter((1.0, 1.0, 1.0, 1.0), "of index, middle, ring, thumb")
+    gains: tuple[float, ...] = parameter(
+        (1.0, 1.0, 1.0, 1.0),
+        "of index, middle, ring, thumb: a number each, or the nine of a matrix by rows each",
+    )
     tare_frames: int = parameter(30, "frames without contact that make a tare", "", 1, 1000)
     tare_file: str = parameter("", "where the tare outlives the node (empty: one per ROS domain)")
     tare_max_age: float = parameter(30.0, "pause after which a kept tare is not used", "s", 0.0)
 
     def __post_init__(self) -> None:
         check_ranges(self)
-        if len(self.gains) != len(FINGERS):
-            raise BadInputError(f"gains: {len(self.gains)} values, expected {len(FINGERS)}")
+        if len(self.gains) not in (len(FINGERS), 9 * len(FINGERS)):
+            raise BadInputError(
+                f"gains: {len(self.gains)} values, expected {len(FINGERS)} or {9 * len(FINGERS)}"
+            )
 
 
 class BiotacForce(Shell):
@@ -59,10 +63,8 @@ class BiotacForce(Shell):
         tip = declare_config(self, FingertipConfig, "fingertip.")
         slip = declare_config(self, SlipConfig, "slip.")
         self.estimators = [
-            create_force_estimator(
-                self.config.model, dataclasses.replace(tip, force_scale=gain * tip.force_scale)
-            )
-            for gain in self.config.gains
+            create_force_estimator(self.config.model, tip.with_gain(tuple(map(float, gain))))
+            for gain in np.split(np.array(self.config.gains), len(FINGERS))
         ]
         self._slip = [SlipDetector(slip) for _ in FINGERS]
         self._kept = KeptTare(self.config.tare_file)

@@ -38,7 +38,8 @@ ERROR_WORDS = ("noise", "drift", "offset", "bias", "wander", "play", "loss", "va
 class SimulatedRobotConfig:
     """Object, sensors and disturbance of one run; everything random follows from the seed."""
 
-    seed: int = parameter(0, "of object placement, sensor units, noise and hidden effect", "", 0)
+    seed: int = parameter(0, "of object placement, noise and hidden effect", "", 0)
+    unit_seed: int = parameter(0, "of the fingertips: the same hand has the same ones", "", 0)
     place_spread: float = parameter(0.02, "largest shift of the object along x and y", "m", 0, 0.1)
     turn_spread_deg: float = parameter(15.0, "largest turn about the vertical", "deg", 0.0, 180.0)
     noise: bool = parameter(True, "whether sensors have noise, offsets and drift")
@@ -106,7 +107,7 @@ class SimulatedRobot:
         self.effect.attach(self.world)
         seed = config.seed
         self._kinematics = HandKinematics()
-        self._fingertips = Fingertips(self.config.biotac, seed)
+        self._fingertips = Fingertips(self.config.biotac, seed, config.unit_seed)
         self._encoders = JointEncoders(self.config.encoders, seed)
         self._wrist = WristSensor(self.config.wrist, seed)
         self.marker = MarkerTracker(self.config.marker, seed)

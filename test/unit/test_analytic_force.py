@@ -23,6 +23,7 @@ from tactile_dynamics_ros.core.tactile.calibration import (
 )
 from tactile_dynamics_ros.core.tactile.electrodes import ELECTRODES, PDC, TDC
 from tactile_dynamics_ros.core.tactile.signal_change import RestState, temperature
+from tactile_dynamics_ros.core.tactile.unit_gain import fit_unit_gain
 from tactile_dynamics_ros.sim.sensors.biotac.calibrate import label_presses
 from tactile_dynamics_ros.sim.sensors.biotac.presses import PressConfig, Presses, record_presses
 
@@ -127,14 +128,31 @@ def test_rest_state_follows_temperature_drift_without_contact(presses):
         assert not contact
 
 
-def test_gain_of_a_unit_scales_force(presses):
-    twice = AnalyticForceEstimator(AnalyticForceConfig(force_scale=2.0))
-    once = AnalyticForceEstimator()
-    for estimator in (once, twice):
+def test_gain_of_a_unit_scales_and_turns_force(presses):
+    swap = (0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+    once, twice, turned = (
+        AnalyticForceEstimator(AnalyticForceConfig(gain=gain)) for gain in ((1.0,), (2.0,), swap)
+    )
+    for estimator in (once, twice, turned):
         estimator.tare(presses.raw[1, :50])
         for frame in presses.raw[1]:
             estimator.estimate(frame)
     assert np.allclose(twice.last.force, 2.0 * once.last.force)
+    assert np.allclose(turned.last.force, once.last.force[[1, 0, 2]])
+    for bad in ((1.0, 2.0), (0.0,), (np.nan,)):
+        with pytest.raises(BadInputError, match="gain"):
+            AnalyticForceConfig(gain=bad)
+
+
+def test_presses_on_a_known_force_tell_gain_and_turn_of_a_unit():
+    rng = np.random.default_rng(4)
+    known = rng.normal(size=(2000, 3)) * [0.4, 0.4, 0.8] - [0.0, 0.0, 1.0]
+    matrix = np.array([[1.05, 0.03, 0.0], [-0.02, 0.97, 0.04], [0.0, 0.01, 1.02]])
+    seen = known @ np.linalg.inv(matrix).T + 0.02 * rng.normal(size=known.shape)
+    gain = fit_unit_gain(seen, known)
+    assert np.allclose(gain.matrix, matrix, atol=0.01)
+    assert (gain.matrix_std < 0.01).all()
+    assert gain.scale == pytest.approx(1.02, abs=0.02)
 
 
 def test_saturated_electrode_raises_std(presses):

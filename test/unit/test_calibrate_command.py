@@ -57,6 +57,8 @@ def test_gain_is_found(tmp_path, capsys):
     found = json.loads(capsys.readouterr().out)
     assert found["gain"] == pytest.approx(1.07, abs=0.01)
     assert found["std"] < 0.01
+    press = np.array([0.0, 0.2, -1.5])
+    assert np.array(found["matrix"]) @ press == pytest.approx(1.07 * press, abs=0.02)
     assert main([*arguments, "--reference", "/bench/wrench"]) == 0
     assert "number 3" in capsys.readouterr().out
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
-from tactile_dynamics_ros.core.errors import NotIdentifiableError
+from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 from tactile_dynamics_ros.core.tactile.electrodes import (
     ELECTRODE_POSITION,
     ELECTRODES,
@@ -31,13 +31,33 @@ class FingertipConfig:
     release_counts: float = parameter(6.0, "PDC rise below which it ends", "counts", 0.0, 500.0)
     touch_frames: int = parameter(2, "frames in a row that begin or end a contact", "", 1, 100)
     rest_gain: float = parameter(0.01, "share by which the rest state follows a frame", "", 0, 1)
-    force_scale: float = parameter(1.0, "gain of this unit, from a known force", "", 0.1, 10.0)
+    gain: tuple[float, ...] = parameter(
+        (1.0,), "of this unit, from a known force: a number, or the nine of a matrix by rows"
+    )
     period: float = parameter(0.01, "time between frames", "s", 1e-4, 1.0)
     saturation_margin: float = parameter(10.0, "counts from the range's ends", "counts", 0, 500)
     drift_warning: float = parameter(3.0, "warming since the rest state that is flagged", "K", 0.0)
 
     def __post_init__(self) -> None:
         check_ranges(self)
+        if len(self.gain) not in (1, 9) or not np.all(np.isfinite(self.gain)):
+            raise BadInputError(
+                f"gain: {len(self.gain)} numbers, expected one, or nine of a matrix, all finite"
+            )
+        if not 0.1 <= abs(np.linalg.det(self.gain_matrix)) <= 1e3:
+            raise BadInputError(f"gain: {list(self.gain)} is no gain of a fingertip")
+
+    @property
+    def gain_matrix(self) -> Array:
+        """G (3, 3) of the published force f = G f_model."""
+        values = np.array(self.gain, dtype=float)
+        return values.reshape(3, 3) if len(values) == 9 else values[0] * np.eye(3)
+
+    def with_gain(self, gain: tuple[float, ...]) -> FingertipConfig:
+        """Return the configuration with a further gain, one number or nine, applied last."""
+        own = replace(self, gain=gain)
+        total = own.gain_matrix @ self.gain_matrix
+        return replace(self, gain=tuple(total.ravel().tolist()))
 
 
 @dataclass(frozen=True)
@@ -93,6 +113,7 @@ class FingertipEstimator:
     def __init__(self, model: ForceModel, config: FingertipConfig | None = None) -> None:
         self.model = model
         self.config = config or FingertipConfig()
+        self._gain = self.config.gain_matrix
         self._rest: RestState | None = None
         self._in_contact = False
         self._streak = 0
@@ -141,7 +162,7 @@ class FingertipEstimator:
             self._rest = self._rest.follow(counts, self.config.rest_gain)
         saturated = self._saturated(counts)
         force, std, point, point_std = self.model.predict(change)
-        force = self.config.force_scale * force if in_contact else np.zeros(3)
+        force = self._gain @ force if in_contact else np.zeros(3)
         warming = float(temperature(counts[TDC])) - self._rest.temperature
         doubt = 3.0 if saturated else 1.0 + 0.3 * float(self.dead.sum())
         self.last = TactileEstimate(

@@ -1,4 +1,4 @@
-"""Gain of one fingertip from presses against a known force."""
+"""Gain of one fingertip, a number and a matrix, from presses against a known force."""
 
 from __future__ import annotations
 
@@ -11,25 +11,31 @@ from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 
 Array = NDArray[np.float64]
 
+_STRETCHES = 10
+_RIDGE = 10.0
+
 
 @dataclass(frozen=True)
 class UnitGain:
-    """Factor that a unit's force estimates need, for `FingertipConfig.force_scale`.
+    """Gain that a unit's force estimates need, for `FingertipConfig.gain`.
 
     Attributes:
-        scale: the factor. std: its standard deviation. samples: frames it rests on.
+        scale: the best number. std: its standard deviation. samples: frames it rests on.
+        matrix: (3, 3) the best matrix, which turns the force too. matrix_std: (3, 3).
     """
 
     scale: float
     std: float
     samples: int
+    matrix: Array
+    matrix_std: Array
 
 
 def fit_unit_gain(estimated: Array, reference: Array, weakest: float = 0.1) -> UnitGain:
-    """Fit f_reference = s f_estimated over frames with a clear force.
+    """Fit f_reference = s f_estimated and f_reference = G f_estimated, frames with a clear force.
 
-    Errors of neighbouring frames are alike, so the standard deviation is taken from the spread of
-    the factor between ten stretches of the recording.
+    G is kept at the identity where no press tells otherwise. Errors of neighbouring frames are
+    alike, so standard deviations are taken from the spread between ten stretches of the recording.
 
     Args:
         estimated: (N, 3) forces of the unit with scale 1, N.
@@ -57,8 +63,20 @@ def fit_unit_gain(estimated: Array, reference: Array, weakest: float = 0.1) -> U
     weight = 1.0 / (0.05 + 0.1 * np.linalg.norm(reference, axis=1)) ** 2
     across = weight * np.sum(estimated * reference, axis=1)
     along = weight * np.sum(estimated**2, axis=1)
-    stretches = np.array_split(np.arange(count), 10)
+    stretches = np.array_split(np.arange(count), _STRETCHES)
     factors = np.array([across[rows].sum() / along[rows].sum() for rows in stretches])
+    matrices = [_fit_matrix(estimated[r], reference[r], weight[r]) for r in stretches]
     return UnitGain(
-        float(across.sum() / along.sum()), float(factors.std(ddof=1) / np.sqrt(10)), count
+        float(across.sum() / along.sum()),
+        float(factors.std(ddof=1) / np.sqrt(_STRETCHES)),
+        count,
+        _fit_matrix(estimated, reference, weight),
+        np.asarray(np.std(matrices, axis=0, ddof=1) / np.sqrt(_STRETCHES)),
     )
+
+
+def _fit_matrix(estimated: Array, reference: Array, weight: Array) -> Array:
+    """Weighted ridge fit of G (3, 3) towards the identity."""
+    weighted = weight[:, None] * estimated
+    gram = weighted.T @ estimated + _RIDGE * np.eye(3)
+    return np.asarray(np.eye(3) + np.linalg.solve(gram, weighted.T @ (reference - estimated)).T)

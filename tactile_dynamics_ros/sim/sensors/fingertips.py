@@ -36,11 +36,14 @@ class Fingertips:
 
     Args:
         config: of the sensors.
-        seed: of the units and their noise.
+        seed: of the noise.
+        unit_seed: of the units' constants: the same hand has the same fingertips.
     """
 
-    def __init__(self, config: BioTacConfig | None = None, seed: int = 0) -> None:
-        self.array = BioTacArray(len(FINGERS), config, seed)
+    def __init__(
+        self, config: BioTacConfig | None = None, seed: int = 0, unit_seed: int = 0
+    ) -> None:
+        self.array = BioTacArray(len(FINGERS), config, seed, unit_seed)
         self._last: Array | None = None
 
     def read(

@@ -39,13 +39,21 @@ class BioTacArray:
     Args:
         count: number of sensors (4 on the hand: index, middle, ring, thumb).
         config: constants of the model.
-        seed: of the units' individual constants and of all noise.
+        seed: of all noise.
+        unit_seed: of the units' individual constants; that of the noise if None.
     """
 
-    def __init__(self, count: int, config: BioTacConfig | None = None, seed: int = 0) -> None:
+    def __init__(
+        self,
+        count: int,
+        config: BioTacConfig | None = None,
+        seed: int = 0,
+        unit_seed: int | None = None,
+    ) -> None:
         self.config = config or BioTacConfig()
         self._rng = np.random.default_rng(seed)
-        self.units = draw_units(count, self.config, np.random.default_rng([seed, 1]))
+        units = np.random.default_rng([seed if unit_seed is None else unit_seed, 1])
+        self.units = draw_units(count, self.config, units)
         self._load = ViscoelasticLoad(count, self.config)
         self._vibration = VibrationChannel(count, self.config, self._rng)
         self._point = np.tile([-6e-3, 0.0, -7e-3], (count, 1))
