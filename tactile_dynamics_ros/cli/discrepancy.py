@@ -7,17 +7,19 @@ import sys
 from argparse import Namespace, _SubParsersAction
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from tactile_dynamics_ros.cli.friction_recording import (
+    add_model_argument,
+    fit_friction,
+    friction_error,
+    is_probe_recording,
+)
 from tactile_dynamics_ros.cli.recordings import (
     add_recording_arguments,
     read_effects,
     read_recording,
 )
-
-if TYPE_CHECKING:
-    from tactile_dynamics_ros.core.inertia.discrepancy_model import HeldObjectModel
-    from tactile_dynamics_ros.recording import Recording
 
 
 def add_parser(verbs: _SubParsersAction[Any]) -> None:
@@ -30,6 +32,7 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
     for name, (text, run) in texts.items():
         parser = verbs.add_parser(name, help=text)
         add_recording_arguments(parser)
+        add_model_argument(parser)
         parser.add_argument("--out", metavar="DIR", help="also write DIR/report.html with figures")
         parser.set_defaults(run=run)
 
@@ -40,7 +43,7 @@ def run_compare(args: Namespace) -> int:
 
     recording, model = _fit(args)
     comparison = compare(model)
-    error: dict[str, Any] = model.fitted.to_estimate().error.to_json()
+    error = _error_of(model)
     error["channels"] = comparison.channel_rms
     document = {"error": error} | comparison.to_json()
     _print(args, document, _compare_lines(document))
@@ -75,7 +78,7 @@ def run_explain(args: Namespace) -> int:
     recording, model = _fit(args)
     explanation = explain(model)
     document = explanation_document(explanation)
-    _print(args, document, _explain_lines(document))
+    _print(args, document, _explain_lines(document, model))
     if args.out:
         from tactile_dynamics_ros.report.discrepancy_findings import findings_of_explanation
 
@@ -83,7 +86,22 @@ def run_explain(args: Namespace) -> int:
     return 0
 
 
-def _fit(args: Namespace) -> tuple[Recording, HeldObjectModel]:
+def _error_of(model: Any) -> dict[str, Any]:
+    if isinstance(model, _friction_model()):
+        return friction_error(model)
+    return dict(model.fitted.to_estimate().error.to_json())
+
+
+def _friction_model() -> type[Any]:
+    from tactile_dynamics_ros.core.friction.discrepancy_model import FrictionModel
+
+    return FrictionModel
+
+
+def _fit(args: Namespace) -> tuple[Any, Any]:
+    """Return where the data came from and the fitted model that suits them."""
+    if is_probe_recording(args):
+        return fit_friction(args)
     from tactile_dynamics_ros.core.inertia.discrepancy_model import HeldObjectModel
     from tactile_dynamics_ros.core.inertia.readings import fit_with_readings
 
@@ -105,9 +123,10 @@ def _write(args: Namespace, findings: Any) -> None:
 
 def _compare_lines(document: dict[str, Any]) -> list[str]:
     error = document["error"]
+    torque = error["torque_rms_nm"]
     lines = [
         f"error: {error['whitened_rms']:.2f} times the stated sensor noise (whitened RMS), "
-        f"{error['force_rms_n']:.3g} N, {error['torque_rms_nm']:.3g} N m",
+        f"{error['force_rms_n']:.3g} N" + ("" if torque is None else f", {torque:.3g} N m"),
         f"the model is {'adequate' if document['adequate'] else 'not adequate'} "
         f"(p = {document['p_value']:.2g})",
     ]
@@ -130,15 +149,13 @@ def _diagnose_lines(document: dict[str, Any]) -> list[str]:
             f"  {c['name']:<18} {c['predicted_whitened_rms']:.3f}  p = {c['p_value']:.2g}"
             for c in document["candidates"][:5]
         ]
-    if document["separating_motion"]:
-        lines.append(f"to tell them apart: {document['separating_motion']}")
     return lines
 
 
-def _explain_lines(document: dict[str, Any]) -> list[str]:
+def _explain_lines(document: dict[str, Any], model: Any) -> list[str]:
+    alone = "Coulomb alone" if isinstance(model, _friction_model()) else "rigid body alone"
     lines = [
-        f"  {step['added'] or 'rigid body alone':<22} error {step['error']:.3f}"
-        for step in document["steps"]
+        f"  {step['added'] or alone:<22} error {step['error']:.3f}" for step in document["steps"]
     ]
     floor = document["error"]["noise_floor"]
     return [*lines, f"  {'noise floor':<22} error {floor:.3f}", document["sentence"]]

@@ -120,7 +120,7 @@ class SkinFriction:
         """Look at the contact of the last step and set the coefficient of the next."""
         link = self._links[self._probing]
         points = pybullet.getContactPoints(
-            world.object_id, world.robot, -1, link, physicsClientId=world.client
+            world.object_id, world.robot, linkIndexB=link, physicsClientId=world.client
         )
         pressing = [point for point in points if point[9] > 0.0]
         if not pressing:
@@ -138,19 +138,22 @@ class SkinFriction:
             pull += point[10] * np.array(point[11]) + point[12] * np.array(point[13])
         size = float(np.sqrt(pull @ pull))
         direction = (pull / max(size, 1e-9)) @ pose[:3, :3]
-        speed = self._speed(world, where, pose[:3, 3], np.array(contact[7]))
+        speed = self._speed(world, where, int(contact[3]), np.array(contact[7]))
         press = float(sum(point[9] for point in contacts))
         value = self._surfaces[region].coefficient(press, speed, direction)
         self.truth = SlipTruth(press, size, speed, value, region)
         self._assign(world, self._probing, value)
 
-    def _speed(self, world: HandWorld, point: Array, origin: Array, normal: Array) -> float:
-        """Tangential speed of the fingertip's surface over the object's at a point, m/s."""
-        link = self._links[self._probing]
-        state = pybullet.getLinkState(world.robot, link, 1, 1, physicsClientId=world.client)
-        tip = np.array(state[6]) + _cross(state[7], point - np.array(state[0]))
-        angular, linear = world.object_velocity()
-        difference = tip - linear - _cross(angular, point - origin)
+    def _speed(self, world: HandWorld, point: Array, panel: int, normal: Array) -> float:
+        """Tangential speed of the fingertip over the touched part of the object, m/s."""
+        client = world.client
+        tip = _velocity(client, world.robot, self._links[self._probing], point)
+        if panel >= 0:
+            other = _velocity(client, world.object_id, panel, point)
+        else:
+            angular, linear = world.object_velocity()
+            other = linear + _cross(angular, point - world.object_pose()[:3, 3])
+        difference = tip - other
         along = difference - (difference @ normal) * normal
         return float(np.sqrt(along @ along))
 
@@ -163,6 +166,12 @@ class SkinFriction:
                 lateralFriction=value / world.model.friction,
                 physicsClientId=world.client,
             )
+
+
+def _velocity(client: int, body: int, link: int, point: Array) -> Array:
+    """Velocity (3,) of the point of a link that is at a place in the world."""
+    state = pybullet.getLinkState(body, link, 1, 1, physicsClientId=client)
+    return np.array(state[6]) + _cross(state[7], point - np.array(state[0]))
 
 
 def _cross(a: Array, b: Array) -> Array:

@@ -23,7 +23,6 @@ from tactile_dynamics_ros.core.contact.robot_description import (
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
 from tactile_dynamics_ros.sim.bodies import (
     link_indices,
-    spawn_object,
     spawn_robot,
     spawn_table,
     to_matrix,
@@ -31,6 +30,7 @@ from tactile_dynamics_ros.sim.bodies import (
 from tactile_dynamics_ros.sim.contacts import ContactAccumulator, ContactReading
 from tactile_dynamics_ros.sim.drives import JointDrives
 from tactile_dynamics_ros.sim.objects import ObjectModel, load_object
+from tactile_dynamics_ros.sim.warping import spawn_warping_object
 
 Array = NDArray[np.float64]
 
@@ -62,6 +62,9 @@ class WorldConfig:
         0.02, "time constant of the drives' command filter", "s", 0.002, 0.5
     )
     stiffness_scale: float = parameter(1.0, "factor on the hand's joint stiffness", "", 0.05, 3.0)
+    warp_stiffness: float = parameter(
+        0.0, "of the face that the fingers press, against turning; 0 is rigid", "N m/rad", 0.0, 100
+    )
     arm_meshes: bool = parameter(False, "draw the arm for the cameras")
 
     def __post_init__(self) -> None:
@@ -116,7 +119,9 @@ class HandWorld:
         self.table = spawn_table(self.client, self.config.table_friction / self.model.friction)
         self._links = link_indices(self.client, self.robot)
         self._soften_skins()
-        self._object = spawn_object(self.client, self.model, self.start_pose())
+        self._object, spring = spawn_warping_object(
+            self.client, self.model, self.start_pose(), self.config.warp_stiffness
+        )
         self._joints = [self._links[joint.child] for joint in ACTUATED_JOINTS]
         self._drives = JointDrives(
             self.client,
@@ -130,7 +135,7 @@ class HandWorld:
         self._contacts = ContactAccumulator(self.client, self._object.body, tips)
         wrist = self._links[FLANGE_LINK]
         pybullet.enableJointForceTorqueSensor(self.robot, wrist, True, self.client)
-        self._pre_step: list[Callable[[HandWorld], None]] = []
+        self._pre_step: list[Callable[[HandWorld], None]] = [] if spring is None else [spring]
 
     def __enter__(self) -> HandWorld:
         return self

@@ -29,6 +29,7 @@ class SlipEvent:
         tilt: slope of the path of the sliding fingertip against the mesh, rad, or nan.
         delay: between onset and detection, s.
         sliding_normal: normal force while sliding, N.
+        give: how far the surface went with the fingertip per newton, m/N, or nan.
         memory_normal, memory_tangential: past forces, averaged with 2 s, N.
     """
 
@@ -44,6 +45,7 @@ class SlipEvent:
     tilt: float = float("nan")
     delay: float = 0.0
     sliding_normal: float = float("nan")
+    give: float = float("nan")
     memory_normal: float = 0.0
     memory_tangential: float = 0.0
 
@@ -64,6 +66,9 @@ class FrictionEstimateConfig:
     confidence: float = parameter(0.95, "of the intervals", "", 0.5, 0.999)
     most_tilt_deg: float = parameter(
         6.0, "movement of the contact normal that spoils a result", "deg", 0.5, 45.0
+    )
+    most_give: float = parameter(
+        8e-4, "motion of the surface per newton that spoils a result", "m/N", 1e-4, 0.1
     )
 
     def __post_init__(self) -> None:
@@ -197,9 +202,12 @@ def _kinetic(events: Sequence[SlipEvent], config: FrictionEstimateConfig) -> tup
 
 
 def _normal_moves(events: Sequence[SlipEvent], tilt: Array, config: FrictionEstimateConfig) -> bool:
-    """Whether sliding paths, or slips in opposite directions, show another normal than the mesh."""
+    """Whether the surface gives way, or slips and paths show another normal than the mesh."""
     limit = np.deg2rad(config.most_tilt_deg)
     slopes = np.array([event.tilt for event in events])
     slopes = slopes[np.isfinite(slopes)]
     along_path = len(slopes) >= 3 and float(np.median(np.abs(slopes))) > limit
-    return bool(along_path or float(np.linalg.norm(tilt)) > 2.0 * limit)
+    gives = np.array([event.give for event in events])
+    gives = gives[np.isfinite(gives)]
+    soft = len(gives) >= 2 and float(np.median(gives)) > config.most_give
+    return bool(soft or along_path or float(np.linalg.norm(tilt)) > 2.0 * limit)

@@ -26,9 +26,9 @@ def plan_slips(model: FrictionModel, rivals: Sequence[FrictionModel]) -> dict[st
     """Return the slip at which predictions differ most, over the scatter of one slip.
 
     Returns:
-        {"normal_force_n", "direction_deg", "sliding_speed_m_s", "rested", "separation_sigma",
-        "slips"}: the number of such slips that would make three standard deviations, or None if
-        no slip tells them apart.
+        {"description", "normal_force_n", "direction_deg", "sliding_speed_m_s", "rested",
+        "separation_sigma", "slips"}, with the number of such slips that would make three standard
+        deviations, or None if no slip tells them apart.
     """
     if not rivals:
         return None
@@ -44,13 +44,20 @@ def plan_slips(model: FrictionModel, rivals: Sequence[FrictionModel]) -> dict[st
     strength = float(separation[best])
     if strength < 0.1 * _NOTABLE:
         return None
+    force, angle = float(grid.normal[best, 0]), float(np.rad2deg(grid.angle[best]))
+    speed, rested = float(grid.speed[best]), bool(grid.memory_normal[best] == 0.0)
+    count = int(np.ceil((3.0 / strength) ** 2))
     return {
-        "normal_force_n": float(grid.normal[best, 0]),
-        "direction_deg": float(np.rad2deg(grid.angle[best])),
-        "sliding_speed_m_s": float(grid.speed[best]),
-        "rested": bool(grid.memory_normal[best] == 0.0),
+        "description": (
+            f"{count} slip{'s' * (count > 1)} at {force:.1f} N along {angle:.0f} deg, sliding at "
+            f"{1e3 * speed:.0f} mm/s, {'after a rest' if rested else 'soon after a hard press'}"
+        ),
+        "normal_force_n": force,
+        "direction_deg": angle,
+        "sliding_speed_m_s": speed,
+        "rested": rested,
         "separation_sigma": strength,
-        "slips": int(np.ceil((3.0 / strength) ** 2)),
+        "slips": count,
     }
 
 

@@ -16,6 +16,7 @@ _BEFORE = 0.2
 _FEWEST = 6
 _LEAST_PATH = 6e-4
 _LEAST_TILT_PATH = 1e-3
+_LEAST_UNLOAD = 0.25
 _LEAST_COSINE = 0.8
 _RATIO_STD = 0.02
 _PLACE_STD = 3e-5
@@ -91,6 +92,7 @@ class SlipLog:
         if before.sum() < 4:
             return None
         value, std = _at_end(time[before] - onset, force[before])
+        ramp = (time >= attempt.began) & (time < onset)
         normal, tangential = float(value[0]), float(np.linalg.norm(value[1:]))
         if (
             normal <= 0.05
@@ -112,6 +114,7 @@ class SlipLog:
             variant=attempt.variant,
             tilt=tilt,
             delay=attempt.detected - onset,
+            give=_give(force[ramp, 0], place[ramp, 0]),
             sliding_normal=sliding,
             memory_normal=float(attempt.memory[0]),
             memory_tangential=float(attempt.memory[1:] @ heading),
@@ -166,6 +169,19 @@ def _slide(
     tilt = float(np.arctan2(moved[0] - sunk, path)) if path > _LEAST_TILT_PATH else nothing
     ratio = float(np.linalg.norm(mean[1:]) / mean[0])
     return ratio, speed, tilt, float(mean[0])
+
+
+def _give(press: Array, depth: Array) -> float:
+    """How far the fingertip follows the surface per newton, m/N; nan if the force hardly changed.
+
+    Args:
+        press: (T,) normal force while it is ramped, N.
+        depth: (T,) place of the fingertip along the normal, m.
+    """
+    if len(press) < _FEWEST or float(np.ptp(press)) < _LEAST_UNLOAD:
+        return float("nan")
+    change = press - press.mean()
+    return float(change @ depth / (change @ change))
 
 
 def _at_end(time: Array, values: Array) -> tuple[Array, Array]:

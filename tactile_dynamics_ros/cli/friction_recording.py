@@ -1,0 +1,72 @@
+"""Probe recordings for `compare | diagnose | explain`."""
+
+from __future__ import annotations
+
+import sys
+from argparse import ArgumentParser, Namespace
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tactile_dynamics_ros.core.errors import BadInputError
+
+if TYPE_CHECKING:
+    from tactile_dynamics_ros.core.friction.discrepancy_model import FrictionModel
+
+
+@dataclass(frozen=True)
+class ProbeSource:
+    """Where the slips came from, for the report."""
+
+    source: str
+
+
+def add_model_argument(parser: ArgumentParser) -> None:
+    """Add the choice between the models that a recording can be held against."""
+    parser.add_argument(
+        "--model",
+        choices=("auto", "inertia", "friction"),
+        default="auto",
+        help="rigid body in the hand, or Coulomb friction of a probe; auto: by the topics",
+    )
+
+
+def is_probe_recording(args: Namespace) -> bool:
+    """Whether the friction of a probe is to be questioned rather than a held body."""
+    from tactile_dynamics_ros.recording.probe_slips import holds_slips
+
+    if args.model != "auto":
+        return bool(args.model == "friction")
+    found = holds_slips(Path(args.bag))
+    if found:
+        print("note: a friction probe's recording; Coulomb friction is compared", file=sys.stderr)
+    return found
+
+
+def fit_friction(args: Namespace) -> tuple[ProbeSource, FrictionModel]:
+    """Fit Coulomb friction, with the named effects, to the slips of a recording.
+
+    Raises:
+        BadInputError: a report is asked for, which is only drawn for a held body.
+    """
+    from tactile_dynamics_ros.core.friction.discrepancy_model import FrictionModel
+    from tactile_dynamics_ros.core.friction.slip_table import tabulate_slips
+    from tactile_dynamics_ros.recording.probe_slips import read_slips
+
+    if args.out:
+        raise BadInputError("--out: no report is drawn for probe recordings; use --json")
+    names = [name.strip() for name in args.effects.split(",") if name.strip()]
+    slips = tabulate_slips(read_slips(Path(args.bag)))
+    return ProbeSource(str(args.bag)), FrictionModel.fit(slips, names)
+
+
+def friction_error(model: FrictionModel) -> dict[str, Any]:
+    """The field ``error`` of the document of `compare`."""
+    force = model.residuals().physical
+    return {
+        "whitened_rms": float(np.sqrt(np.mean(model.residual**2))),
+        "force_rms_n": float(np.sqrt(np.mean(force**2))),
+        "torque_rms_nm": None,
+    }
