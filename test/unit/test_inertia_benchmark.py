@@ -10,7 +10,7 @@ import pytest
 from benchmarks.inertia.__main__ import main
 from benchmarks.inertia.bound import forces_only, spread, with_poses
 from benchmarks.inertia.boxes import BOXES, wrist_recording
-from benchmarks.inertia.page import BEGIN, END, write_page
+from benchmarks.inertia.page import BEGIN, END, keep_results, write_page
 from benchmarks.inertia.peers import PEERS, SmoothedData, plain_isam2
 from benchmarks.inertia.published import (
     RELAXED_RIGIDITY,
@@ -87,4 +87,8 @@ def test_command_prints_json_and_writes_the_page(tmp_path, capsys):
         write_page(results, page)
     text = page.read_text()
     assert text.count(BEGIN) == text.count(END) == 1 and "before" in text
+    kept = tmp_path / "results.json"
+    kept.write_text('{"live": {"updates": 3}}')
+    assert set(keep_results(results, kept)) == {"live", "batch_time"}
+    assert "updates" in kept.read_text() and "recordings" in kept.read_text()
     assert (tmp_path / "figures" / "inertia_benchmark.png").stat().st_size > 1000
