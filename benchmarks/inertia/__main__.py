@@ -32,7 +32,9 @@ def run(sections: Sequence[str], quick: bool, say: Callable[[str], None]) -> dic
 
     runs: dict[str, Callable[[], dict[str, Any]]] = {
         "table_one": lambda: accuracy.run_table_one(*((2, 1, 1) if quick else (20, 3, 1)), say),
-        "four_fingers": lambda: accuracy.run_four_fingers(*((3, 1) if quick else (24, 8)), say),
+        "four_fingers": lambda: accuracy.run_four_fingers(
+            *((3, 3, 1) if quick else (48, 24, 8)), say
+        ),
         "coverage": lambda: honesty.run_coverage(
             *((12, 2, 4, 6.0) if quick else (240, 40, 40, 10.0)), say
         ),

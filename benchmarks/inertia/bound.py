@@ -100,3 +100,34 @@ def spread(truth: InertialParameters, covariance: Array, seed: int = 0) -> Sprea
         float(np.median(np.abs(physical[:, 0])) / truth.mass * 100.0),
         float(np.median(np.linalg.norm(physical[:, 1:4], axis=1)) * 1e3),
     )
+
+
+@dataclasses.dataclass(frozen=True)
+class Deviations:
+    """Mean squares of an error in units of a bound: 1 on average for an estimator that reaches it.
+
+    `distance` is that of all ten parameters together, in any coordinates.
+    """
+
+    distance: float
+    mass_percent: float
+    com_mm: float
+
+
+def deviations(truth: InertialParameters, phi: Array, covariance: Array) -> Deviations:
+    """e^T C^-1 e / n of all parameters, of the mass and of the centre of mass."""
+    jacobian = com_inertia_jacobian(truth.dynamic_parameters)
+    error = jacobian @ (phi - truth.dynamic_parameters)
+    spread = jacobian @ covariance @ jacobian.T
+
+    def square(rows: slice) -> float:
+        part = error[rows]
+        return float(part @ np.linalg.solve(spread[rows, rows], part)) / len(part)
+
+    return Deviations(square(slice(0, 10)), square(slice(0, 1)), square(slice(1, 4)))
+
+
+def rms(found: list[Deviations]) -> dict[str, float]:
+    """Root of the mean over recordings."""
+    names = [field.name for field in dataclasses.fields(Deviations)]
+    return {name: float(np.sqrt(np.mean([getattr(d, name) for d in found]))) for name in names}

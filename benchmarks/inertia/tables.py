@@ -93,14 +93,14 @@ def _four_fingers(result: dict[str, Any]) -> str:
     limits += [
         [title, *(f"{result[key][name]:.2f}" for name in names)]
         for key, title in (
-            ("ratio_to_bound", "ours / bound"),
-            ("paired_ratio", "geometric mean of ours / bound, recording by recording"),
+            ("rms_over_bound", "ours / bound, RMS over recordings (distance: all ten parameters)"),
+            ("ratio_to_bound", "ours / bound, medians"),
             ("unaided_to_its_bound", "ours, poses alone / bound of poses without contacts"),
         )
     ]
     return (
-        f"### Four fingers, 30 s, 0.03 N, 0.5 mm, 0.2 deg, 100 Hz (medians of {result['seeds']}; "
-        f"live: {result['live_seeds']})\n\n"
+        f"### Four fingers, 30 s, 0.03 N, 0.5 mm, 0.2 deg, 100 Hz (medians of {result['seeds']} "
+        f"recordings; peers of {result['peer_seeds']}, live of {result['live_seeds']})\n\n"
         + _table(_METHOD_HEADER, lines)
         + "\n\n"
         + _table(["", "distance", "mass, %", "CoM, mm"], limits)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.inertia.__main__ import main
-from benchmarks.inertia.bound import forces_only, spread, with_poses
+from benchmarks.inertia.bound import deviations, forces_only, rms, spread, with_poses
 from benchmarks.inertia.boxes import BOXES, wrist_recording
 from benchmarks.inertia.page import BEGIN, END, keep_results, write_page
 from benchmarks.inertia.peers import PEERS, SmoothedData, plain_isam2
@@ -43,6 +43,16 @@ def test_bounds_are_ordered_and_shrink_with_noise():
         for c in (table_one(v, 3, duration=4.0) for v in (0.1, 1.0))
     )
     assert large / small == pytest.approx(np.sqrt(10.0), rel=0.05)
+
+
+def test_errors_drawn_from_a_bound_are_one_deviation_of_it():
+    case = four_fingers(2, 4.0)
+    covariance, phi = forces_only(case), case.truth.dynamic_parameters
+    draws = np.random.default_rng(0).multivariate_normal(
+        np.zeros(10), covariance, 300, method="cholesky"
+    )
+    found = rms([deviations(case.truth, phi + draw, covariance) for draw in draws])
+    assert found == pytest.approx({"distance": 1.0, "mass_percent": 1.0, "com_mm": 1.0}, abs=0.1)
 
 
 def test_peers_find_the_truth_without_noise():
