@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 import zlib
 from collections.abc import Callable, Iterable
 from concurrent.futures import ProcessPoolExecutor
@@ -109,11 +110,10 @@ def slip_scores(result: ProbeResult) -> dict[str, Any]:
     """Time series that compare detectors of slip with the true speed, thinned to what is needed."""
     if not result.record.rows:
         return {}
-    names = ("time", "speed", "score", "vibration", "press", "pull")
-    return {name: result.record.column(name).round(5).tolist() for name in names} | {
+    names = ("time", "speed", "vibration", "electrodes", "path")
+    return {name: result.record.column(name).round(6).tolist() for name in names} | {
         "phase": [row["phase"] for row in result.record.rows],
         "felt": result.record.column("felt").round(4).tolist(),
-        "slipping": result.record.column("slipping").astype(int).tolist(),
     }
 
 
@@ -122,7 +122,6 @@ def run_cases(
     processes: int,
     cache: Path,
     work: Callable[[Case], dict[str, Any]] = run_case,
-    say: Callable[[str], None] = print,
 ) -> list[dict[str, Any]]:
     """Run cases that the cache lacks and return the rows of all, in order."""
     cases = list(cases)
@@ -134,7 +133,7 @@ def run_cases(
             known[case.key] = row | {"key": case.key}
             file.write(json.dumps(known[case.key]) + "\n")
             file.flush()
-            say(_line(known[case.key]))
+            print(_line(known[case.key]), file=sys.stderr, flush=True)
     return [known[case.key] for case in cases]
 
 

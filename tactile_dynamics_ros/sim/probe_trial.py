@@ -230,7 +230,7 @@ class _Chain:
             "coefficient": truth.coefficient,
             "score": probe.slip_state.score,
             "slipping": probe.slip_state.slipping,
-            "seen_speed": probe.slip_state.speed,
+            "path": probe.path,
             "vibration": seen.vibration,
             "electrodes": seen.electrodes,
         }

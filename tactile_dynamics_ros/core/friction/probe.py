@@ -80,7 +80,7 @@ class FrictionProbe:
         events: slips so far. tried: attempts so far. false_alarms: slips that were not confirmed.
         unreachable: attempts in which the tangential force did not build up.
         slips: the running detector. slip_state: what it says.
-        wanted: (2,) normal and tangential force, N.
+        wanted: (2,) normal and tangential force, N. path: of the fingertip along the pull, m.
     """
 
     def __init__(
@@ -96,7 +96,7 @@ class FrictionProbe:
         self.tried = self.false_alarms = self.unreachable = 0
         self.slips = SlipFusion(self.config.slip)
         self.slip_state = SlipState(False, 0.0, -np.inf, 0.0)
-        self.wanted = np.zeros(2)
+        self.wanted, self.path = np.zeros(2), 0.0
         self._kinematics, self._surface = kinematics, surface
         self._holders = tuple(f for f in FINGERS if f != self.config.finger)
         self._own = ARM_DOF + 4 * finger_index(self.config.finger) + np.arange(4)
@@ -242,9 +242,10 @@ class FrictionProbe:
 
     def _observation(self, seen: ProbeInput, point: Array) -> SlipObservation:
         """What may be used: while the load builds up, finger and skin move without any slip."""
+        self.path = float(point @ self._direction)
         if self.phase is ProbePhase.LOAD and seen.vibration is not None:
             return SlipObservation(seen.vibration)
-        return SlipObservation(seen.vibration, seen.electrodes, float(point @ self._direction))
+        return SlipObservation(seen.vibration, seen.electrodes, self.path)
 
     def _step_phase(self, dt: float, seen: ProbeInput, slipping: bool) -> None:
         """Move the wanted normal and tangential force, and go on to the next phase."""
