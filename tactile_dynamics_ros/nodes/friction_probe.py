@@ -19,8 +19,9 @@ from tactile_dynamics_ros.core.contact.hand_kinematics import ARM_DOF, HandKinem
 from tactile_dynamics_ros.core.contact.robot_description import FINGERS
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.core.friction.estimate import FrictionEstimate
-from tactile_dynamics_ros.core.friction.probe import FrictionProbe, ProbeContact, ProbeInput
+from tactile_dynamics_ros.core.friction.probe import FrictionProbe
 from tactile_dynamics_ros.core.friction.probe_config import FrictionProbeConfig
+from tactile_dynamics_ros.core.friction.probe_input import ProbeContact, ProbeInput
 from tactile_dynamics_ros.core.friction.surface import ObjectSurface
 from tactile_dynamics_ros.core.tracking.pose_average import average_poses
 from tactile_dynamics_ros.nodes.contact_assembly import AssembledContact, ContactAssembly

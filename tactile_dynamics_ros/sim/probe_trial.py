@@ -15,8 +15,9 @@ from tactile_dynamics_ros.core.contact.robot_description import FINGERS
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.core.friction.electrode_motion import ElectrodeMotion
 from tactile_dynamics_ros.core.friction.estimate import FrictionEstimate, SlipEvent
-from tactile_dynamics_ros.core.friction.probe import FrictionProbe, ProbeContact, ProbeInput
+from tactile_dynamics_ros.core.friction.probe import FrictionProbe
 from tactile_dynamics_ros.core.friction.probe_config import FrictionProbeConfig
+from tactile_dynamics_ros.core.friction.probe_input import ProbeContact, ProbeInput
 from tactile_dynamics_ros.core.friction.surface import ObjectSurface
 from tactile_dynamics_ros.core.manipulation.grasp_controller import (
     GraspConfig,

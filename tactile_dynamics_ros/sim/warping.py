@@ -26,6 +26,8 @@ PANEL_INERTIA = 1e-4
 DAMPING_TIME = 0.01
 THICKNESS = 0.006
 """Of a panel and of what the body lacks under it, m."""
+CLEARANCE = 2e-3
+"""Of a panel from what the object stands on, m."""
 IDENTITY = [0.0, 0.0, 0.0, 1.0]
 
 
@@ -50,19 +52,19 @@ def spawn_warping_object(
         return spawn_object(client, model, pose), None
     moments, com_pose = principal_frame(model.inertia.com, model.inertia.inertia_com)
     body = _create(client, model, pose @ com_pose, inverse_pose(com_pose))
+    pybullet.changeDynamics(
+        body,
+        -1,
+        localInertiaDiagonal=moments.tolist(),
+        linearDamping=0.0,
+        angularDamping=0.0,
+        activationState=pybullet.ACTIVATION_STATE_DISABLE_SLEEPING,
+        physicsClientId=client,
+    )
     for link in (-1, 0, 1):
         pybullet.changeDynamics(
-            body,
-            link,
-            lateralFriction=model.friction,
-            restitution=0.0,
-            linearDamping=0.0,
-            angularDamping=0.0,
-            activationState=pybullet.ACTIVATION_STATE_DISABLE_SLEEPING,
-            physicsClientId=client,
+            body, link, lateralFriction=model.friction, restitution=0.0, physicsClientId=client
         )
-    inertia = moments.tolist()
-    pybullet.changeDynamics(body, -1, localInertiaDiagonal=inertia, physicsClientId=client)
     for link in (0, 1):
         inertia = [PANEL_INERTIA] * 3
         pybullet.changeDynamics(body, link, localInertiaDiagonal=inertia, physicsClientId=client)
@@ -76,6 +78,7 @@ def _create(client: int, model: ObjectModel, pose: Array, in_com: Array) -> int:
     body_size, panel_size = shape.size.copy(), shape.size.copy()
     body_size[across] -= 2.0 * THICKNESS
     panel_size[across] = THICKNESS
+    panel_size[int(np.argmax(np.abs(model.grasp.approach)))] -= 2.0 * CLEARANCE
     lever = 0.5 * (shape.size[across] - THICKNESS)
     faces = [shape.pose[:3, 3] + sign * lever * model.grasp.pinch for sign in (1.0, -1.0)]
     turned = np.eye(4)

@@ -21,8 +21,9 @@ from tactile_dynamics_ros.core.friction.estimate import (
 )
 from tactile_dynamics_ros.core.friction.hold import balance_forces, total_wrench
 from tactile_dynamics_ros.core.friction.impedance import FingertipImpedance, ImpedanceConfig
-from tactile_dynamics_ros.core.friction.probe import FrictionProbe, ProbeContact, ProbeInput
+from tactile_dynamics_ros.core.friction.probe import FrictionProbe
 from tactile_dynamics_ros.core.friction.probe_config import FrictionProbeConfig, ProbePhase
+from tactile_dynamics_ros.core.friction.probe_input import ProbeContact, ProbeInput
 from tactile_dynamics_ros.core.friction.slip_detection import SlipFusion, SlipObservation
 from tactile_dynamics_ros.core.friction.slip_log import find_onset
 from tactile_dynamics_ros.core.friction.surface import ObjectSurface

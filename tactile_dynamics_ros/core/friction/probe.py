@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,6 +17,7 @@ from tactile_dynamics_ros.core.friction.estimate import (
 from tactile_dynamics_ros.core.friction.hold import Hold
 from tactile_dynamics_ros.core.friction.impedance import FingertipImpedance
 from tactile_dynamics_ros.core.friction.probe_config import FrictionProbeConfig, ProbePhase
+from tactile_dynamics_ros.core.friction.probe_input import ProbeInput
 from tactile_dynamics_ros.core.friction.slip_detection import SlipFusion, SlipObservation, SlipState
 from tactile_dynamics_ros.core.friction.slip_log import Attempt, SlipLog
 from tactile_dynamics_ros.core.friction.surface import ObjectSurface, SurfacePlace
@@ -31,40 +29,6 @@ _FORCE_FLOOR = 0.2
 _STEEPEST = 1.4
 _REACHED = 0.5
 _MEMORY_TIME = 2.0
-
-
-@dataclass(frozen=True)
-class ProbeContact:
-    """One touching finger.
-
-    Attributes:
-        point: (3,) m, world. force: (3,) N on the object, world axes. std: (3,) N.
-    """
-
-    point: Array
-    force: Array
-    std: Array
-
-
-@dataclass(frozen=True)
-class ProbeInput:
-    """Everything that is measured at one instant.
-
-    Attributes:
-        time: s. touch_time: stamp of the newest touch, s.
-        positions: (23,) rad.
-        contacts: by finger; fingers that touch nothing are missing.
-        object_pose: (4, 4) X_WO.
-        vibration, electrodes: of the probing finger, see `SlipObservation`.
-    """
-
-    time: float
-    touch_time: float
-    positions: Array
-    contacts: Mapping[str, ProbeContact]
-    object_pose: Array
-    vibration: float | None = None
-    electrodes: float | None = None
 
 
 class FrictionProbe:

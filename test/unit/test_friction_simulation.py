@@ -1,0 +1,117 @@
+"""Friction in the simulator, surfaces that give way, and how detectors of slip are scored."""
+
+import numpy as np
+import pybullet
+import pytest
+
+from benchmarks.friction.accuracy import calibrate, summarise_study
+from benchmarks.friction.detection import score_detectors
+from benchmarks.friction.subjects import REFERENCE, SUBJECTS, draw_friction
+from tactile_dynamics_ros.core.manipulation.grasp_planner import ARM_HOME, HAND_SEED
+from tactile_dynamics_ros.sim.skin_friction import SkinFriction, SurfaceFriction
+from tactile_dynamics_ros.sim.warping import PANEL_INERTIA
+from tactile_dynamics_ros.sim.world import HandWorld, WorldConfig
+
+ACROSS = np.array([1.0, 0.0, 0.0])
+
+
+def test_friction_is_static_at_rest_and_kinetic_when_fast():
+    surface = SurfaceFriction(0.8, 0.6)
+    assert surface.coefficient(1.0, 0.0, ACROSS) == pytest.approx(0.8)
+    assert surface.coefficient(1.0, 0.02, ACROSS) == pytest.approx(0.6)
+
+
+@pytest.mark.parametrize(
+    ("changes", "press", "speed", "pull", "ratio"),
+    [
+        ({"adhesion": 0.2}, 0.5, 0.0, ACROSS, 1.4),
+        ({"load_exponent": -1 / 3}, 8.0, 0.0, ACROSS, 0.5),
+        ({"weakening": 0.3}, 1.0, 0.02, ACROSS, 0.75 * 0.7),
+        ({"anisotropy": 0.1}, 1.0, 0.0, np.array([0.0, 0.0, 1.0]), 1.1),
+        ({"anisotropy": 0.1}, 1.0, 0.0, ACROSS, 0.9),
+    ],
+)
+def test_odd_frictions_by_their_closed_forms(changes, press, speed, pull, ratio):
+    surface = SurfaceFriction(0.8, 0.6, **changes)
+    assert surface.coefficient(press, speed, pull) == pytest.approx(0.8 * ratio, rel=1e-3)
+
+
+def test_regions_have_their_own_friction():
+    config = WorldConfig(object_name=SUBJECTS[3].path)
+    regions = SUBJECTS[4].regions()
+    surfaces = {"body": SurfaceFriction(0.8, 0.7), "label": SurfaceFriction(0.5, 0.4)}
+    with HandWorld(config) as world:
+        friction = SkinFriction(world, regions, surfaces)
+        assert friction.region(np.array([0.03, 0.0, 0.0])) == "label"
+        assert friction.region(np.array([0.03, 0.0, 0.1])) == "body"
+
+
+def test_a_face_that_gives_way_swings_as_its_spring_says():
+    config = WorldConfig(object_name=SUBJECTS[5].path, warp_stiffness=0.3)
+    with HandWorld(config) as world:
+        world.reset(np.concatenate([ARM_HOME, HAND_SEED]))
+        body, client = world.object_id, world.client
+        friction = {pybullet.getDynamicsInfo(body, k, client)[1] for k in (-1, 0, 1)}
+        assert len(friction) == 1
+        pybullet.resetJointState(body, 0, 0.1, 0.0, client)
+        angles = []
+        for _ in range(300):
+            world.step()
+            angles.append(pybullet.getJointState(body, 0, client)[0])
+        crossings = np.flatnonzero(np.diff(np.sign(angles)))
+        half_period = 1e-3 * float(np.diff(crossings)[0])
+        assert half_period == pytest.approx(np.pi * np.sqrt(PANEL_INERTIA / 0.3), rel=0.15)
+        assert abs(angles[-1]) < 0.01
+        assert world.object_pose()[2, 3] == pytest.approx(world.start_pose()[2, 3], abs=2e-3)
+
+
+def test_friction_is_drawn_within_what_is_known_of_silicone():
+    rng = np.random.default_rng(0)
+    for subject in (*SUBJECTS, REFERENCE):
+        for surface in draw_friction(subject, rng).values():
+            assert 0.35 <= surface.static <= 1.2
+            assert 0.74 <= surface.kinetic / surface.static <= 0.96
+
+
+def slip_row(onset=1.0, seen=1.05, rng=None):
+    """Time series of one attempt whose fingertip slips at ``onset`` and shakes from ``seen``."""
+    rng = rng or np.random.default_rng(1)
+    time = np.arange(0.0, 1.5, 0.01)
+    slides = time >= onset
+    shows = time >= seen
+    return {
+        "slip": {
+            "speed": (0.005 * slides).tolist(),
+            "vibration": (1.0 + 4.0 * shows).tolist(),
+            "electrodes": (2.0 * shows + 0.1 * rng.standard_normal(len(time))).tolist(),
+            "path": (0.005 * np.maximum(time - onset, 0.0)).tolist(),
+            "felt": np.column_stack([np.ones_like(time), 0.6 - 0.2 * shows, 0 * time]).tolist(),
+            "phase": ["press"] * 3 + ["unload"] * (len(time) - 6) + ["press"] * 3,
+        }
+    }
+
+
+def test_detectors_are_scored_by_delay_and_false_alarms():
+    scores = score_detectors([slip_row(), slip_row(onset=0.9, seen=0.95)])
+    for found in scores.values():
+        assert found["slips"] == 2
+        assert found["missed_share"] == 0.0
+        assert 0.0 <= found["median_delay_s"] <= 0.1
+    assert scores["vibration_only"]["false_alarms_per_minute"] == 0.0
+    early = score_detectors([slip_row(onset=1.2, seen=0.5)])["vibration_only"]
+    assert early["false_alarms_per_minute"] > 10.0
+
+
+def test_the_study_is_summarised_with_what_went_wrong():
+    estimate = {"static": 0.7, "interval": [0.66, 0.74], "kinetic": 0.6, "normal_moves": False}
+    row = {"subject": "mustard", "hand": 1, "estimate": estimate, "true_static": 0.71}
+    row |= {"true_kinetic": 0.61, "gain": 1.0, "strongest": 2.0, "duration": 15.0}
+    lost = {"subject": "bleach", "dropped": True, "strongest": 9.0, "gain": 1.0}
+    found = summarise_study([row, lost])
+    assert found["median_abs_error"] == pytest.approx(0.01)
+    assert found["interval_coverage"] == 1.0
+    assert (found["drops"], found["force_limit_violations"]) == (1, 1)
+    gain, std = calibrate({"hand": 1, "true_static": 0.8, "estimate": {
+        "static": 0.72, "repeatable": 0.01}})  # fmt: skip
+    assert gain == pytest.approx(0.8 / 0.72, rel=0.03)
+    assert 0.01 < std < 0.03
