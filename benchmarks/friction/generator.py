@@ -7,6 +7,7 @@ constants. The slips are then found by the probe's own log.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -48,24 +49,24 @@ class Surface:
     strength: float = 1.0
     grain: float = 0.0
 
-    def bearable(self, press: Array, speed: Array, angle: Array) -> Array:
-        """Largest tangential force for arrays of normal force, speed and direction, N."""
-        at_rest = np.exp(-((speed / 1.5e-3) ** 2))
+    def bearable(self, press: float, speed: float, angle: float) -> float:
+        """Largest tangential force for a normal force (N), speed (m/s) and direction (rad), N."""
+        at_rest = math.exp(-((speed / 1.5e-3) ** 2))
         coefficient = self.kinetic + (self.static - self.kinetic) * at_rest
         if self.hidden == "velocity_weakening":
-            coefficient = coefficient * (1.0 - 0.75 * self.strength * speed / (speed + 0.012))
+            coefficient *= 1.0 - 0.75 * self.strength * speed / (speed + 0.012)
         load = press
         if self.hidden == "adhesion":
             pull = 0.06 * self.strength
-            load = press + pull + np.sqrt(2.0 * pull * press + pull**2)
+            load = press + pull + math.sqrt(2.0 * pull * press + pull**2)
         elif self.hidden == "load_dependent_friction":
             share = min(1.0, 0.9 * self.strength)
-            load = (1.0 - share) * press + share * np.cbrt(press) ** 2
-        if self.hidden == "anisotropic_friction":
-            ratio = 1.0 + 0.3 * self.strength
+            load = (1.0 - share) * press + share * math.cbrt(press) ** 2
+        elif self.hidden == "anisotropic_friction":
+            ratio = math.sqrt(1.0 + 0.3 * self.strength)
             turned = angle - self.grain
-            load = load / np.hypot(np.cos(turned) / np.sqrt(ratio), np.sin(turned) * np.sqrt(ratio))
-        return np.asarray(coefficient * load)
+            load = press / math.hypot(math.cos(turned) / ratio, math.sin(turned) * ratio)
+        return coefficient * load
 
 
 @dataclass(frozen=True)
@@ -149,26 +150,25 @@ def _pull(
     """Press, load, unload until the fingertip slides, and let it slide."""
     most = pull / surface.static * 1.8 + 0.4
     factor = 1.0 + 0.015 * float(rng.standard_normal())
-    direction = np.array([angle])
     press, drive, place, speed, noticed = 0.2, 0.0, 0.0, 0.0, np.inf
     rows, time, ramp = [], 0.0, 0.4 + rest + pull / 1.5
     felt = 0.0
     while time < min(ramp + 12.0, noticed + SLIDE):
         if time < 0.4:
             press = 0.2 + (most - 0.2) * time / 0.4
-        elif time > ramp and not np.isfinite(noticed):
+        elif time > ramp and not math.isfinite(noticed):
             press = max(press - 0.5 * STEP, 0.08)
         drive = min(max((time - 0.4 - rest) * 1.5, 0.0), pull)
-        drive += push if np.isfinite(noticed) else 0.0
+        drive += push if math.isfinite(noticed) else 0.0
         net = drive - SPRING * place - DAMPING * speed
-        limit = factor * float(surface.bearable(np.array([press]), np.array([speed]), direction)[0])
+        limit = factor * surface.bearable(press, speed, angle)
         if speed <= 1e-7 and net <= limit:
             speed, felt = 0.0, net
         else:
             speed = max(speed + STEP * (net - limit) / MASS, 0.0)
             felt = limit
         place += STEP * speed
-        if place > NOTICED and not np.isfinite(noticed):
+        if place > NOTICED and not math.isfinite(noticed):
             noticed = time + 0.03
         time += STEP
         rows.append((press, felt, place))
