@@ -18,7 +18,6 @@ from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.contact.hand_kinematics import ARM_DOF, HandKinematics
 from tactile_dynamics_ros.core.contact.robot_description import FINGERS
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
-from tactile_dynamics_ros.core.friction.estimate import FrictionEstimate
 from tactile_dynamics_ros.core.friction.probe import FrictionProbe
 from tactile_dynamics_ros.core.friction.probe_config import FrictionProbeConfig
 from tactile_dynamics_ros.core.friction.probe_input import ProbeContact, ProbeInput
@@ -34,6 +33,7 @@ from tactile_dynamics_ros.nodes.conversions import (
     uncertain_pose_to_core,
 )
 from tactile_dynamics_ros.nodes.diagnostics import status_message
+from tactile_dynamics_ros.nodes.friction_messages import estimate_status
 from tactile_dynamics_ros.nodes.parameters import declare_config
 from tactile_dynamics_ros.nodes.shell import Shell, run_node
 from tactile_dynamics_ros.share import object_file
@@ -203,32 +203,6 @@ class FrictionProbeNode(Shell):
         if probe.done:
             self._active.publish(Bool(data=False))
         self._told = state
-
-
-def estimate_status(
-    found: dict[str, FrictionEstimate], final: bool, outcome: str
-) -> DiagnosticStatus:
-    """Return an estimate as message: keys `<region>.static`, `.low`, `.high`, `.kinetic` ..."""
-    values: dict[str, object] = {"final": final, "regions": ",".join(found)}
-    sentences = []
-    for name, region in found.items():
-        values |= {
-            f"{name}.static": region.static,
-            f"{name}.std": region.std,
-            f"{name}.low": region.interval[0],
-            f"{name}.high": region.interval[1],
-            f"{name}.kinetic": region.kinetic,
-            f"{name}.kinetic_std": region.kinetic_std,
-            f"{name}.slips": region.slips,
-            f"{name}.normal_moves": region.normal_moves,
-        }
-        low, high = region.interval
-        sentence = f"{name}: {region.static:.3f} ({low:.3f} to {high:.3f})"
-        sentences.append(sentence + ", its surface gives way" * region.normal_moves)
-    moves = any(region.normal_moves for region in found.values())
-    level = DiagnosticStatus.WARN if moves or outcome else DiagnosticStatus.OK
-    text = "; ".join([*sentences, outcome] if outcome else sentences) or "no slip yet"
-    return status_message("friction", values, level, text)
 
 
 def main() -> int:

@@ -61,7 +61,7 @@ class FrictionEstimateConfig:
 
     tilt_std_deg: float = parameter(4.0, "error of the force's direction", "deg", 0.0, 20.0)
     gain: float = parameter(1.0, "true over measured coefficient of this fingertip", "", 0.5, 2.0)
-    gain_std: float = parameter(0.025, "uncertainty of that gain", "", 0.0, 0.5)
+    gain_std: float = parameter(0.05, "uncertainty of that gain", "", 0.0, 0.5)
     scatter: float = parameter(0.03, "relative scatter of single slips", "", 0.001, 0.5)
     confidence: float = parameter(0.95, "of the intervals", "", 0.5, 0.999)
     most_tilt_deg: float = parameter(
