@@ -21,6 +21,12 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
     probe.add_argument(
         "--timeout", type=float, default=120.0, metavar="S", help="wait this long for the result"
     )
+    probe.add_argument(
+        "--reference",
+        type=float,
+        metavar="MU",
+        help="known static coefficient of what is probed; also print the gain of the finger",
+    )
     probe.set_defaults(run=run_probe)
 
 
@@ -56,6 +62,9 @@ def run_probe(args: Namespace) -> int:
         if not spin_until(node, lambda: _final(estimates), args.timeout):
             raise TactileDynamicsError(f"friction probe: no result within {args.timeout} s")
     document = estimate_document(estimates[-1], sentences[-1])
+    if args.reference is not None and document["regions"]:
+        document["gain"] = finger_gain(document["regions"], args.reference)
+        document["message"] += f"; estimate.gain: {document['gain']['value']:.4f}"
     print(json.dumps(document) if args.json else document["message"])
     return 0 if document["regions"] else 3
 
@@ -78,6 +87,13 @@ def estimate_document(values: dict[str, str], message: str) -> dict[str, Any]:
             "normal_moves": values[f"{name}.normal_moves"] == "True",
         }
     return {"started": True, "message": message, "regions": regions}
+
+
+def finger_gain(regions: dict[str, Any], reference: float) -> dict[str, float]:
+    """Return what `estimate.gain` has to be multiplied by, from the region with most slips."""
+    best = max(regions.values(), key=lambda region: region["slips"])
+    value = reference / best["static"]
+    return {"value": value, "std": value * best["std"] / best["static"]}
 
 
 _NUMBERS = ("static", "std", "low", "high", "kinetic", "slips")

@@ -7,6 +7,7 @@ import pytest
 from benchmarks.friction.accuracy import calibrate, summarise_study
 from benchmarks.friction.detection import score_detectors
 from benchmarks.friction.subjects import REFERENCE, SUBJECTS, draw_friction
+from tactile_dynamics_ros.cli.probe import finger_gain
 from tactile_dynamics_ros.core.manipulation.grasp_planner import ARM_HOME, HAND_SEED
 from tactile_dynamics_ros.sim.skin_friction import SkinFriction, SurfaceFriction
 from tactile_dynamics_ros.sim.warping import PANEL_INERTIA
@@ -115,3 +116,13 @@ def test_the_study_is_summarised_with_what_went_wrong():
         "static": 0.72, "repeatable": 0.01}})  # fmt: skip
     assert gain == pytest.approx(0.8 / 0.72, rel=0.03)
     assert 0.01 < std < 0.03
+
+
+def test_gain_of_a_finger_comes_from_the_region_with_most_slips():
+    regions = {
+        "body": {"static": 0.72, "std": 0.02, "slips": 9},
+        "label": {"static": 0.4, "std": 0.1, "slips": 2},
+    }
+    gain = finger_gain(regions, 0.78)
+    assert gain["value"] == pytest.approx(0.78 / 0.72)
+    assert gain["std"] == pytest.approx(gain["value"] * 0.02 / 0.72)
