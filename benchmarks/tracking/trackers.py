@@ -12,17 +12,21 @@ import small_gicp
 
 from benchmarks.tracking.tape import Moment, Tape
 from tactile_dynamics_ros.core.contact.hand_kinematics import HandKinematics
+from tactile_dynamics_ros.core.tracking.depth_image import DepthNoiseConfig
 from tactile_dynamics_ros.core.tracking.kinematic_tracker import ANCHOR, KinematicTracker
 from tactile_dynamics_ros.core.tracking.object_shape import ObjectShape
 from tactile_dynamics_ros.core.tracking.pose_average import average_poses
 from tactile_dynamics_ros.core.tracking.pose_fusion import PoseFusion
-from tactile_dynamics_ros.core.tracking.vision_tracker import TrackingState, VisionTracker
+from tactile_dynamics_ros.core.tracking.robot_volume import RobotVolume
+from tactile_dynamics_ros.core.tracking.scene import view_sphere
+from tactile_dynamics_ros.core.tracking.vision_tracker import Sighting, TrackingState, VisionTracker
 
 LATENCY_S = 0.06
 """From exposure to pose: 20 ms of the camera and 40 ms of computing."""
 _SIGHTINGS = 15
 _REFUTING_SCORE = 0.5
 _REFUTATIONS = 2
+_WAITING_S = 1.2
 
 Change = Callable[[Moment, np.ndarray], np.ndarray]
 """What happens to a depth image before a tracker gets it."""
@@ -90,19 +94,20 @@ class LiveChain:
         self._tracker = KinematicTracker(kinematics)
         self._fusion = PoseFusion()
         self._hints = hints
-        self._waiting: deque[tuple[float, float, np.ndarray, np.ndarray]] = deque()
+        self._waiting: deque[tuple[float, Moment, Sighting]] = deque()
         self._seen: deque[np.ndarray] = deque(maxlen=_SIGHTINGS)
         self._fused: np.ndarray | None = None
         self._covariance: np.ndarray | None = None
         self._refuting = 0
 
     def run(self, tape: Tape, change: Change | None = None, upset: Upset | None = None) -> Replay:
-        """Play a tape."""
-        for moment in tape.moments:
+        """Play a tape; while nothing touches the waiting object, images are left out."""
+        last = max(k for k, moment in enumerate(tape.moments) if moment.aloft)
+        for moment in tape.moments[: last + 1]:
             if upset is not None and moment.time >= upset.time:
                 self._mislead(moment, upset)
                 upset = None
-            if moment.image is not None:
+            if moment.image is not None and (moment.time < _WAITING_S or moment.contacts):
                 self._look(tape, moment, change)
             self._deliver(moment)
             if moment.aloft:
@@ -128,7 +133,7 @@ class LiveChain:
         self._note(moment)
         if seen is None:
             return
-        self._waiting.append((moment.time + LATENCY_S, moment.time, seen.pose, seen.covariance))
+        self._waiting.append((moment.time + LATENCY_S, moment, seen))
         if moment.aloft:
             self.replay.vision.add(moment.time, seen.pose, seen.covariance, False)
 
@@ -143,13 +148,13 @@ class LiveChain:
 
     def _deliver(self, moment: Moment) -> None:
         while self._waiting and self._waiting[0][0] <= moment.time:
-            _, stamp, pose, covariance = self._waiting.popleft()
+            _, then, seen = self._waiting.popleft()
             if self._tracker.initialised:
-                self._fusion.correct(pose, covariance, stamp)
-            elif moment.aloft:
-                anchor = self._kinematics.sensor_pose(ANCHOR, moment.positions)
-                self._seen.append(np.linalg.inv(anchor) @ pose)
-                self._covariance = covariance
+                self._fusion.correct(seen.pose, seen.covariance, then.time)
+            elif then.aloft:
+                anchor = self._kinematics.sensor_pose(ANCHOR, then.positions)
+                self._seen.append(np.linalg.inv(anchor) @ seen.pose)
+                self._covariance = seen.covariance
 
     def _follow(self, moment: Moment) -> None:
         if not self._tracker.initialised:
@@ -170,13 +175,14 @@ class LiveChain:
 
 
 def follow_plain_icp(tape: Tape, shape: ObjectShape, start: Track) -> Track:
-    """Frame-to-model point-to-plane ICP as it comes: all depths around the last pose.
+    """Frame-to-model point-to-plane ICP as it comes: depths around the last pose but the robot's.
 
     Args:
         tape: to play.
         shape: of the object.
         start: whose first pose this tracker is given.
     """
+    volume = RobotVolume(HandKinematics())
     model = small_gicp.PointCloud(shape.points)
     tree = small_gicp.KdTree(model)
     small_gicp.estimate_normals_covariances(model, tree)
@@ -188,7 +194,7 @@ def follow_plain_icp(tape: Tape, shape: ObjectShape, start: Track) -> Track:
             continue
         pose = start.pose[0] if pose is None else pose
         began = time.process_time()
-        points = _around(tape, moment, pose, shape)
+        points = _around(tape, moment, pose, shape, volume)
         if len(points) > 20:
             found = small_gicp.align(
                 model, small_gicp.PointCloud(points), tree, np.linalg.inv(pose),
@@ -200,11 +206,17 @@ def follow_plain_icp(tape: Tape, shape: ObjectShape, start: Track) -> Track:
     return track
 
 
-def _around(tape: Tape, moment: Moment, pose: np.ndarray, shape: ObjectShape) -> np.ndarray:
-    """All measured points (N, 3) in the world within the object's bounding sphere at a pose."""
-    depth = moment.depth().astype(float)
-    row, column = np.nonzero(np.isfinite(depth))
-    points = tape.camera.rays(row.astype(float), column.astype(float)) * depth[row, column, None]
-    points = points @ tape.camera.pose[:3, :3].T + tape.camera.pose[:3, 3]
+def _around(
+    tape: Tape, moment: Moment, pose: np.ndarray, shape: ObjectShape, volume: RobotVolume
+) -> np.ndarray:
+    """Measured points (N, 3) in the world, not the robot's, within the object's bounding sphere."""
+    place = tape.camera.pose
     centre = pose[:3, :3] @ shape.centre + pose[:3, 3]
+    scene = view_sphere(
+        tape.camera, moment.depth(), place[:3, :3].T @ (centre - place[:3, 3]), shape.radius,
+        volume, moment.positions, DepthNoiseConfig(), 0.0,
+    )  # fmt: skip
+    if scene is None:
+        return np.zeros((0, 3))
+    points = scene.window.points[scene.free] @ place[:3, :3].T + place[:3, 3]
     return points[np.linalg.norm(points - centre, axis=1) < shape.radius + 0.01]

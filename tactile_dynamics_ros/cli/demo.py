@@ -133,6 +133,7 @@ def _start(supervisor: Supervisor, args: Namespace, out: Path, say: Callable[[st
     extra: dict[str, dict[str, object]] = {
         "robot_sim": simulation_parameters(args),
         "biotac_force": {"tare_file": out / "tare.npy"},
+        "vision_tracker": {"object": args.object},
         "grasp_controller": {
             "object": args.object,
             "excitation.duration": float(args.duration),

@@ -109,11 +109,15 @@ class Relocalisation:
         return min(turned, key=lambda fit: _angle(fit.pose[:3, :3], likely))
 
     def _quality(self, fit: Fit, points: Array) -> float:
-        """Return the share of the visible model and of the group that explain each other."""
+        """Return how well the visible model and the group explain each other, 0 to 1.
+
+        A point at d from the surface counts 1 - min(1, (d / 3 sigma)^2).
+        """
         local = (points - fit.pose[:3, 3]) @ fit.pose[:3, :3]
-        explained = np.mean(np.abs(self._fine.shape.distance(local)[0]) < 0.008)
-        share = fit.score * explained * min(1.0, fit.visible / 0.3)
-        return float(share / max(fit.misfit, 1.0))
+        distance, _ = self._fine.shape.distance(local)
+        std = np.hypot(self._fine.noise.axial_std(points[:, 2]), 1e-3)
+        explained = np.mean(np.maximum(0.0, 1.0 - (distance / (3.0 * std)) ** 2))
+        return float(fit.score * explained * min(1.0, fit.visible / 0.3))
 
     def _group(self, scene: Scene, grasp_centre: Array | None) -> list[Array]:
         """Return groups (N, 3) of points in the camera frame, the largest first."""

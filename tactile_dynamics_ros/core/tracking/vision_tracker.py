@@ -42,6 +42,11 @@ from tactile_dynamics_ros.core.tracking.scene import Scene, label_scene, view_sp
 Array = NDArray[np.float64]
 
 
+SYMMETRIC_STD = 10.0
+"""Standard deviation of turns about an axis of symmetry, rad: many images do not add up to
+knowledge."""
+
+
 class TrackingState(Enum):
     """What a tracker knows.
 
@@ -278,12 +283,17 @@ class VisionTracker:
         """Return the covariance (6, 6) [rotation, position of the origin], world axes."""
         config, radius = self.config, self.shape.radius
         scale = np.array([radius] * 3 + [1.0] * 3)
-        information = config.information_share * fit.information / np.outer(scale, scale)
-        value, axes = np.linalg.eigh(information)
+        axes = fit.pose[:3, :3] @ self.shape.symmetry_axes.T
+        seen = np.eye(6)
+        seen[:3, :3] -= axes @ axes.T
+        shown = seen @ fit.information @ seen
+        information = config.information_share * shown / np.outer(scale, scale)
+        value, basis = np.linalg.eigh(information)
         unknown = (3.0 * radius) ** 2
         known = value > config.blind_std**-2
         variance = np.where(known, 1.0 / np.maximum(value, 1e-12), unknown)
-        spread = (axes * variance) @ axes.T / np.outer(scale, scale)
+        spread = (basis * variance) @ basis.T / np.outer(scale, scale)
+        spread[:3, :3] += SYMMETRIC_STD**2 * axes @ axes.T
         turn = np.deg2rad(config.bias_rotation_deg)
         spread += np.diag([turn**2] * 3 + [config.bias_position**2] * 3)
         lever = np.eye(6)

@@ -1,0 +1,95 @@
+"""The results as Markdown tables."""
+
+from __future__ import annotations
+
+from typing import Any
+
+LABELS = {
+    "fused": "fused",
+    "vision_only": "vision only",
+    "kinematic_only": "kinematic only",
+    "plain_icp": "plain frame-to-model ICP",
+    "true_pose": "true poses",
+}
+
+
+def render(results: dict[str, Any]) -> str:
+    """Return all sections as Markdown."""
+    parts = []
+    if "trackers" in results:
+        parts += [_trackers(results), _objects(results), _timing(results["timing"])]
+    if results.get("recovery"):
+        parts.append(_recovery(results["recovery"]))
+    if results.get("inertia"):
+        parts.append(_inertia(results["inertia"]))
+    return "\n\n".join(parts)
+
+
+def _trackers(results: dict[str, Any]) -> str:
+    rows = [
+        "| tracker | position, mm RMS | rotation, deg RMS | NEES | 95 % band |",
+        "|---" * 5 + "|",
+    ]
+    for label, row in results["trackers"].items():
+        low, high = row["nees_band_95"]
+        nees = "-" if row["nees"] is None else f"{row['nees']:.1f}"
+        rows.append(
+            f"| {LABELS[label]} | {row['position_rms_mm']:.2f} | {row['rotation_rms_deg']:.2f} "
+            f"| {nees} | {low:.1f} - {high:.1f} |"
+        )
+    return "\n".join(rows)
+
+
+def _objects(results: dict[str, Any]) -> str:
+    found = results["per_object"]
+    rows = ["| object | fused, mm / deg / NEES | vision only | kinematic only |", "|---" * 4 + "|"]
+    for k, name in enumerate(results["objects"]):
+        cells = [
+            f"{run['position_rms_mm']:.2f} / {run['rotation_rms_deg']:.2f} / {run['nees']:.1f}"
+            for run in (found[label][k] for label in ("fused", "vision_only", "kinematic_only"))
+        ]
+        rows.append(f"| {name} | " + " | ".join(cells) + " |")
+    return "\n".join(rows)
+
+
+def _timing(timing: dict[str, float]) -> str:
+    return (
+        f"Processor time per image: median {timing['image_ms_median']:.0f} ms, 95 % "
+        f"{timing['image_ms_95']:.0f} ms, longest (a search) {timing['image_ms_longest']:.0f} ms; "
+        f"per kinematic update {timing['kinematic_ms_median']:.2f} ms."
+    )
+
+
+def _recovery(found: list[dict[str, Any]]) -> str:
+    rows = [
+        "| disturbance | object | good again after, s | largest error, mm / deg | wrong, s "
+        "| flagged, s | wrong and confident, s |",
+        "|---" * 7 + "|",
+    ]
+    for run in found:
+        rows.append(
+            f"| {run['kind'].replace('_', ' ')} | {run['object']} | {run['recovery_s']:.2f} "
+            f"| {run['largest_position_mm']:.1f} / {run['largest_rotation_deg']:.1f} "
+            f"| {run['wrong_s']:.2f} | {run['flagged_s']:.2f} "
+            f"| {run['confident_and_wrong_s']:.2f} |"
+        )
+    return "\n".join(rows)
+
+
+def _inertia(found: list[dict[str, Any]]) -> str:
+    rows = [
+        "| object | poses from | mass, % | centre of mass, mm | Eq. 34 | distance |",
+        "|---" * 6 + "|",
+    ]
+    for run in found:
+        for label, score in run.items():
+            if label == "object":
+                continue
+            if "error" in score:
+                rows.append(f"| {run['object']} | {LABELS[label]} | - | - | - | - |")
+                continue
+            rows.append(
+                f"| {run['object']} | {LABELS[label]} | {score['mass_percent']:.2f} "
+                f"| {score['com_mm']:.2f} | {score['trace_error']:.2f} | {score['distance']:.2f} |"
+            )
+    return "\n".join(rows)
