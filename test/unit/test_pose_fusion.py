@@ -111,3 +111,50 @@ def test_vision_before_the_hand_or_from_long_ago():
     for k in range(300):
         fusion.predict(np.eye(4), START, 0.01 * k)
     assert not fusion.correct(np.eye(4), VISION, 0.1)
+
+
+def test_a_refuted_pose_is_doubted_until_vision_agrees():
+    fusion = PoseFusion()
+    for k in range(50):
+        _, before = fusion.predict(np.eye(4), START, 0.01 * k)
+        fusion.correct(np.eye(4), VISION, 0.01 * k)
+    fusion.refute()
+    _, doubted = fusion.predict(np.eye(4), START, 0.5)
+    assert fusion.doubtful
+    assert np.sqrt(doubted[3, 3]) > 0.02 > np.sqrt(before[3, 3])
+    fusion.correct(np.eye(4), VISION, 0.5)
+    _, after = fusion.predict(np.eye(4), START, 0.51)
+    assert not fusion.doubtful
+    assert np.trace(after) < 2.0 * np.trace(before)
+
+
+def test_disagreement_shows_in_the_covariance_at_once():
+    fusion = PoseFusion()
+    for k in range(50):
+        fusion.predict(np.eye(4), START, 0.01 * k)
+        fusion.correct(np.eye(4), VISION, 0.01 * k)
+    far = perturbed(np.eye(4), np.array([0.0, 0.0, 0.0, 0.03, 0.0, 0.0]))
+    assert not fusion.correct(far, VISION, 0.49)
+    _, covariance = fusion.predict(np.eye(4), START, 0.5)
+    assert np.sqrt(covariance[3, 3]) > 0.029
+
+
+def test_many_images_with_the_same_error_do_not_feign_precision():
+    fusion = PoseFusion()
+    for k in range(500):
+        _, covariance = fusion.predict(np.eye(4), START, 0.01 * k)
+        fusion.correct(np.eye(4), 1e-4 * VISION, 0.01 * k)
+    config = fusion.config
+    assert np.sqrt(covariance[3, 3]) > config.bias_position
+    assert np.sqrt(covariance[0, 0]) > np.deg2rad(config.bias_rotation_deg)
+
+
+def test_what_vision_cannot_see_is_left_to_the_hand():
+    fusion = PoseFusion()
+    blind = VISION.copy()
+    blind[2, 2] = 100.0
+    spun = perturbed(np.eye(4), np.array([0.0, 0.0, 0.4, 0.0, 0.0, 0.0]))
+    for k in range(100):
+        pose, _ = fusion.predict(np.eye(4), START, 0.01 * k)
+        assert fusion.correct(spun, blind, 0.01 * k)
+    assert np.linalg.norm(pose_error(pose, np.eye(4))[:3]) < 0.01
