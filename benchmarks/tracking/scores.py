@@ -81,8 +81,17 @@ def _compare(
     rotation = error[:3] - unseen @ (unseen.T @ error[:3])
     nees = np.nan
     if covariance is not None:
-        nees = float(error @ np.linalg.solve(covariance, error))
+        shown = _complement(unseen)
+        error = shown.T @ error
+        nees = float(error @ np.linalg.solve(shown.T @ covariance @ shown, error))
     return float(np.linalg.norm(middle)), float(np.linalg.norm(rotation)), nees
+
+
+def _complement(unseen: np.ndarray) -> np.ndarray:
+    """Return a basis (6, 6 - A) of all errors but turns about the unseen axes (3, A)."""
+    padded = np.vstack([unseen, np.zeros_like(unseen)])
+    basis, _ = np.linalg.qr(np.hstack([padded, np.eye(6)]))
+    return basis[:, unseen.shape[1] :]
 
 
 def summarise(runs: list[Errors]) -> dict[str, Any]:

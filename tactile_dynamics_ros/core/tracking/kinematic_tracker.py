@@ -29,6 +29,7 @@ from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, log_so3, skew
 Array = NDArray[np.float64]
 
 ANCHOR = "thumb"
+SETTLED_POSITION = 0.05
 
 
 @dataclass(frozen=True)
@@ -44,6 +45,9 @@ class KinematicTrackerConfig:
     creep_rotation_deg: float = parameter(0.4, "slow turn in the hand", "deg/sqrt(s)", 0.0, 10.0)
     vision_position_std: float = parameter(1e-3, "initial position if not stated", "m", 0.0, 0.1)
     vision_rotation_std_deg: float = parameter(0.5, "initial rotation if not stated", "deg", 0, 45)
+    settled_rotation_deg: float = parameter(
+        2.0, "turns that vision leaves open are a convention, known so well", "deg", 0.01, 180.0
+    )
     joints: JointUncertaintyConfig = field(default_factory=JointUncertaintyConfig)
 
     def __post_init__(self) -> None:
@@ -82,7 +86,8 @@ class KinematicTracker:
         Args:
             pose: (4, 4) X_WO.
             joint_positions: (23,) rad.
-            covariance: (6, 6) of the pose [rotation, position], world axes.
+            covariance: (6, 6) of the pose [rotation, position], world axes. What it leaves open,
+                a turn that no camera sees, is settled by this pose, to ``settled_rotation_deg``.
             time: s; the creep of the grasp counts from here (first update if None).
 
         Raises:
@@ -95,6 +100,8 @@ class KinematicTracker:
             raise BadInputError("initial object pose: expected a rigid transform (4, 4)")
         if covariance is None:
             covariance = self.vision_covariance()
+        settled = _diagonal(np.deg2rad(self.config.settled_rotation_deg), SETTLED_POSITION)
+        covariance = np.linalg.inv(np.linalg.inv(covariance) + np.linalg.inv(settled))
         self._grasp = _Grasp(self.kinematics, pose, joint_positions, np.array(covariance), time)
 
     def vision_covariance(self) -> Array:
