@@ -11,7 +11,12 @@ from tactile_dynamics_ros.core.discrepancy.assessment import Assessment, assess
 from tactile_dynamics_ros.core.discrepancy.model import ResidualModel
 from tactile_dynamics_ros.core.discrepancy.screening import best_by_effect, screen
 from tactile_dynamics_ros.core.discrepancy.selection import Choice, choose_effect
-from tactile_dynamics_ros.core.discrepancy.signature import Signature, describe_residual, find_line
+from tactile_dynamics_ros.core.discrepancy.signature import (
+    Line,
+    Signature,
+    describe_residual,
+    find_line,
+)
 from tactile_dynamics_ros.core.discrepancy.validation import HeldOut, fits_equally, held_out
 
 
@@ -32,6 +37,13 @@ class DiagnosisConfig:
         "share of the excess error by which one effect is the cause of most of it",
         "",
         0.9,
+        1.0,
+    )
+    vibration: float = parameter(
+        0.5,
+        "share of the excess error in one line of the spectrum that makes a vibration",
+        "",
+        0.1,
         1.0,
     )
     first_progress: float = parameter(
@@ -189,11 +201,25 @@ def _dominates(
 
 
 def add_effect(model: ResidualModel, before: Assessment, config: DiagnosisConfig) -> Step | None:
-    """Add the effect with the best evidence, if it has any."""
-    choice = choose_effect(model, before.scores, before.structure.floor)
+    """Add the effect with the best evidence, if it has any.
+
+    Where most of the error is a vibration that the motion does not have, only effects that can
+    ring are tried.
+    """
+    floor, scores = before.structure.floor, before.scores
+    line = _vibration(model, floor)
+    if line is not None and line.share > config.vibration:
+        scores = tuple(score for score in scores if score.family.rings)
+    choice = choose_effect(model, scores, floor)
     if choice is None or choice.best.criterion > choice.without - config.indifference:
         return None
     return Step(choice, before, assess(choice.model, config.significance))
+
+
+def _vibration(model: ResidualModel, floor: float) -> Line | None:
+    """A line of the residual that the motion, if it is known, does not have."""
+    residuals = model.residuals()
+    return None if residuals.drivers is None else find_line(residuals, floor)
 
 
 def _accounts_for(
@@ -215,7 +241,7 @@ def _accounts_for(
         return False
     if steps[-1].after.adequate:
         return True
-    vibrates = find_line(model.residuals(), floor)[1] is not None
+    vibrates = _vibration(model, floor) is not None
     if vibrates and not any(step.choice.best.source.family.rings for step in steps):
         return False
     return not _follows_other_law(steps[-1], floor, config)

@@ -71,14 +71,15 @@ def describe_residual(model: ResidualModel) -> Signature:
     """Describe what is left over by spectrum, frame, bursts and sparse regression."""
     residuals = model.residuals()
     floor = noise_floor(model)
-    line_frame, frequency = find_line(residuals, floor)
+    line = find_line(residuals, floor)
+    frequency = line.hz if line else None
     scores = screen(model, model.library(), floor)
     total = float(model.residual @ model.residual)
     excess = max(total - floor**2 * len(model.residual), 1e-12)
     best = best_by_effect(scores)
     share = min(1.0, best[0].gain / excess) if best else 0.0
     named = best[0] if best and share > _CORRELATED else None
-    frame = line_frame if frequency is not None else (named.family.frame or None if named else None)
+    frame = line.frame if line else (named.family.frame or None if named else None)
     return Signature(
         channels=failing_channels(residuals, frame, floor),
         frame=frame,
@@ -90,36 +91,41 @@ def describe_residual(model: ResidualModel) -> Signature:
     )
 
 
-def find_line(residuals: Residuals, floor: float = 1.0) -> tuple[str | None, float | None]:
-    """Frame and frequency of a narrow line in the spectrum, if there is one.
-
-    A vibration fixed to a frame is one line there and a widened one elsewhere. Lines that the
-    motion has too, or that hold little of the excess error, do not count.
-    """
-    lines = [
-        (line, frame)
-        for frame, white in in_frames(residuals).items()
-        if (line := strongest_line(residuals.time, white, floor)) is not None
-    ]
-    if not lines:
-        return None, None
-    line, frame = max(lines, key=lambda pair: pair[0].strength)
-    if residuals.drivers is not None and _is_driven(residuals.time, residuals.drivers, line.hz):
-        return None, None
-    return frame, line.hz
-
-
 @dataclass(frozen=True)
 class Line:
     """A line in a spectrum.
 
     Attributes:
+        frame: in which it is narrowest.
         hz: interpolated frequency.
         strength: power over the mean power around it.
+        share: of the excess error that it holds.
     """
 
+    frame: str
     hz: float
     strength: float
+    share: float
+
+
+def find_line(residuals: Residuals, floor: float = 1.0) -> Line | None:
+    """A narrow line in the spectrum, if there is one.
+
+    A vibration fixed to a frame is one line there and a widened one elsewhere. Lines that the
+    motion has too, or that hold little of the excess error, do not count.
+    """
+    lines = [
+        line
+        for frame, white in in_frames(residuals).items()
+        if (line := strongest_line(frame, residuals.time, white, floor)) is not None
+    ]
+    if not lines:
+        return None
+    line = max(lines, key=lambda found: found.strength)
+    drivers = residuals.drivers
+    if drivers is not None and _is_driven(residuals.time, drivers, line.hz):
+        return None
+    return line
 
 
 def in_frames(residuals: Residuals) -> dict[str, Array]:
@@ -131,7 +137,7 @@ def in_frames(residuals: Residuals) -> dict[str, Array]:
     return {"body": residuals.white, **turned}
 
 
-def strongest_line(time: Array, white: Array, floor: float) -> Line | None:
+def strongest_line(frame: str, time: Array, white: Array, floor: float) -> Line | None:
     """The line of white residuals (N, D) that stands out most from its surroundings, if any.
 
     Misfit of the motion is stronger at times than a vibration, but spread over a band.
@@ -150,7 +156,7 @@ def strongest_line(time: Array, white: Array, floor: float) -> Line | None:
     strength = float(power[peak]) / level
     if strength < _LINE_OVER_BAND or 0.0 < share < _LINE_SHARE:
         return None
-    return Line(float(hz[peak]), strength)
+    return Line(frame, float(hz[peak]), strength, share)
 
 
 def _fine_spectrum(time: Array, values: Array) -> tuple[Array, Array, float]:
