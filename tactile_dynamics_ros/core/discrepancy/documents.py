@@ -23,6 +23,7 @@ from tactile_dynamics_ros.core.discrepancy.signature import Signature
 Document = dict[str, Any]
 
 _REMAINS = 1.15
+_NOTABLE = 0.1
 
 
 def diagnosis_document(diagnosis: Diagnosis) -> Document:
@@ -158,6 +159,8 @@ def _lead(diagnosis: Diagnosis) -> str:
         return ""
     step = diagnosis.steps[0]
     share = explained_share(diagnosis.assessment.rms, step.after.rms, diagnosis.floor)
+    if share < _NOTABLE:
+        return ""
     return f"; of the known effects {step.name} explains most, {write_percent(share)} of it"
 
 

@@ -146,7 +146,7 @@ def strongest_line(frame: str, time: Array, white: Array, floor: float) -> Line 
     power = np.where(hz < _FEWEST_CYCLES * resolution, 0.0, power)
     around = int(2.0 * max(_SIDE_BAND, 10.0 * resolution) / (hz[1] - hz[0])) | 1
     surroundings = median_filter(power, around, mode="nearest")
-    peak = int(np.argmax(power / np.maximum(surroundings, np.median(power))))
+    peak = int(np.argmax(power / np.maximum(np.maximum(surroundings, np.median(power)), 1e-300)))
     distance = np.abs(hz - hz[peak])
     width = 2.5 * resolution
     beside = (distance < max(_SIDE_BAND, 4.0 * width)) & (distance > width)

@@ -9,9 +9,12 @@ from numpy.typing import NDArray
 from scipy.linalg import lapack
 from scipy.sparse import bsr_array
 
+from tactile_dynamics_ros.core.errors import NotIdentifiableError
+
 Array = NDArray[np.float64]
 
 _BLOCK = 6
+_SAFEGUARDS = (0.0, 1e-9, 1e-6)
 
 
 @dataclass(frozen=True)
@@ -31,16 +34,22 @@ class BandedWhitener:
             extra_variance: (6 N,) positive.
 
         Raises:
-            numpy.linalg.LinAlgError: C is not positive definite.
+            NotIdentifiableError: C is not positive definite, even with small numbers added.
         """
         size = sensitivities[0].shape[0]
         products = [matrix @ matrix.T.tobsr(blocksize=(3, _BLOCK)) for matrix in sensitivities]
         band = _sum_bands([product.tobsr(blocksize=(_BLOCK, _BLOCK)) for product in products], size)
         band[0] += extra_variance
-        factor, info = lapack.dpbtrf(band, lower=1, overwrite_ab=1)
-        if info != 0:
-            raise np.linalg.LinAlgError(f"residual covariance not positive definite (pivot {info})")
-        return cls(np.asfortranarray(factor))
+        diagonal = band[0].copy()
+        for share in _SAFEGUARDS:
+            band[0] = (1.0 + share) * diagonal
+            factor, info = lapack.dpbtrf(band, lower=1)
+            if info == 0:
+                return cls(np.asfortranarray(factor))
+        raise NotIdentifiableError(
+            "the noise of the recording cannot be whitened: stamps come in bursts, or poses or "
+            f"forces repeat (row {info}); check the stamps of the streams"
+        )
 
     def whiten(self, values: Array) -> Array:
         """L^-1 values, (6 N, ...) -> the same shape."""

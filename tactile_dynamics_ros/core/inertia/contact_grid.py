@@ -9,7 +9,11 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.latent import LatentSignal
-from tactile_dynamics_ros.core.inertia.local_polynomial import LocalFunctional, local_polynomial
+from tactile_dynamics_ros.core.inertia.local_polynomial import (
+    LocalFunctional,
+    local_polynomial,
+    typical_period,
+)
 from tactile_dynamics_ros.core.inertia.noise import white_noise_std
 from tactile_dynamics_ros.core.streams import ContactStream, Streams
 
@@ -70,7 +74,7 @@ def choose_grid(streams: Streams, maximum_rate: float) -> Array:
     if not contacts:
         raise BadInputError("no contact forces: expected at least one /contact/<name>/force")
     first, last = _kinematic_span(streams)
-    periods = [float(np.median(np.diff(c.time))) for c in contacts]
+    periods = [typical_period(c.time) for c in contacts]
     period = max(*periods, 1.0 / maximum_rate)
     stamps = np.unique(np.round(np.concatenate([c.time for c in contacts]) / _SYNCHRONOUS))
     shared = len(stamps) <= 1.05 * max(len(c.time) for c in contacts)
@@ -99,7 +103,7 @@ def _kinematic_span(streams: Streams) -> tuple[float, float]:
 
 def contact_signals(contact: ContactStream, grid: Array) -> ContactSignals:
     """Read one contact on the grid."""
-    period = float(np.median(np.diff(contact.time)))
+    period = typical_period(contact.time)
     functional = _force_functional(contact.time, grid, period)
     nearest = _nearest(contact.time, grid)
     distance = np.abs(contact.time[nearest] - grid)
@@ -177,7 +181,7 @@ def _point_functional(time: Array, grid: Array) -> LocalFunctional:
     same = _identity(time, grid)
     if same is not None:
         return same
-    period = float(np.median(np.diff(time)))
+    period = typical_period(time)
     return local_polynomial(time, grid, 1.5 * period, 2, orders=1)
 
 

@@ -9,6 +9,9 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+_WITHOUT_GAPS = 99.0
+_BURSTS = 1.3
+
 
 @dataclass(frozen=True)
 class LocalFunctional:
@@ -38,6 +41,14 @@ class LocalFunctional:
         return np.asarray(np.einsum("nk,nk...->n...", self.weights[:, order], self.gather(values)))
 
 
+def typical_period(sample_time: Array) -> float:
+    """Period of samples in s: the median step, or the mean where samples come in bursts."""
+    steps = np.diff(sample_time)
+    median = float(np.median(steps))
+    mean = float(np.mean(steps[steps <= np.percentile(steps, _WITHOUT_GAPS)]))
+    return mean if mean > _BURSTS * median else median
+
+
 def local_polynomial(
     sample_time: Array,
     grid_time: Array,
@@ -57,7 +68,7 @@ def local_polynomial(
     Returns:
         The functionals; windows are clipped at the ends of the recording.
     """
-    period = float(np.median(np.diff(sample_time)))
+    period = typical_period(sample_time)
     size = min(max(2 * round(half_width / period) + 1, degree + 2), len(sample_time))
     centre = np.searchsorted(sample_time, grid_time - 0.5 * period)
     start = np.clip(centre - size // 2, 0, len(sample_time) - size).astype(np.int64)
