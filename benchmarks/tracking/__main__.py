@@ -122,7 +122,7 @@ def _recover(
     runs: tuple[tuple[str, int], ...], options: argparse.Namespace
 ) -> list[dict[str, Any]]:
     found = []
-    for name, seed in runs[:4]:
+    for name, seed in runs[:3]:
         tape = load_tape(options.tapes, name, seed, options.duration)
         for kind in ("occlusion", "wrong_pose"):
             found.append(recover(tape, _shape(name), kind))

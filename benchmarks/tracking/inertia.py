@@ -41,7 +41,7 @@ def _score(streams: Streams, truth: InertialParameters) -> dict[str, Any]:
         estimate = estimate_inertia(streams)
     except TactileDynamicsError as error:
         return {"error": str(error)}
-    score = Score.of(truth, estimate.dynamic_parameters, time.process_time() - began)
+    score = Score.of(truth, estimate.inertia.dynamic_parameters, time.process_time() - began)
     return {
         "trace_error": score.trace_error,
         "distance": score.distance,

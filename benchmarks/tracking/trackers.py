@@ -197,9 +197,16 @@ def follow_plain_icp(tape: Tape, shape: ObjectShape, start: Track) -> Track:
         points = _around(tape, moment, pose, shape, volume)
         if len(points) > 20:
             found = small_gicp.align(
-                model, small_gicp.PointCloud(points), tree, np.linalg.inv(pose),
+                model,
+                small_gicp.PointCloud(points),
+                tree,
+                np.linalg.inv(pose),
+                registration_type="PLANE_ICP",
                 max_correspondence_distance=0.02,
-            )  # fmt: skip
+                max_iterations=50,
+                rotation_epsilon=1e-4,
+                translation_epsilon=1e-5,
+            )
             pose = np.linalg.inv(found.T_target_source)
         track.seconds.append(time.process_time() - began)
         track.add(moment.time, pose, None, False)

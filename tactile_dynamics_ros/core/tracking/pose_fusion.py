@@ -7,7 +7,8 @@ to image; this wander is estimated beside the slip, so that many images do not f
 that they do not have. Images are late: each corrects the slip with the prediction of its own time,
 which only needs the predictions of the last moments.
 
-Where vision contradicts, the covariance says so at once, and grows to the size of the disagreement
+Corrections are spread over a moment, so that the pose can be differentiated twice. Where vision
+contradicts, the covariance says so at once, and grows to the size of the disagreement
 until one of the two gives in.
 
 Source: Kalman filter with a Gauss-Markov measurement error as state (Bar-Shalom et al., 2001).
@@ -46,6 +47,7 @@ class PoseFusionConfig:
     wander_position: float = parameter(2e-4, "wandering error of vision", "m", 0.0, 0.1)
     wander_rotation_deg: float = parameter(0.1, "wandering error of vision", "deg", 0.0, 45.0)
     wander_time: float = parameter(1.0, "how long that error stays alike", "s", 0.01, 1e3)
+    smoothing: float = parameter(0.04, "time over which a correction is spread", "s", 0.0, 10.0)
     history: float = parameter(1.0, "longest latency of vision", "s", 0.01, 60.0)
     outliers_to_restart: int = parameter(6, "rejected poses in a row that mean a slip", "", 1)
     doubt_position: float = parameter(0.03, "spread of a pose that images refute", "m", 0.0, 1.0)
@@ -88,6 +90,7 @@ class PoseFusion:
         self._wander = np.zeros(6)
         self._corrected = -np.inf
         self._doubt = np.zeros((6, 6))
+        self._pending, self._pending_speed = np.zeros(6), np.zeros(6)
         self._covariance: Array | None = None
 
     def predict(self, kinematic: Array, covariance: Array, time: float) -> tuple[Array, Array]:
@@ -107,7 +110,9 @@ class PoseFusion:
             self._covariance[_SLIP, _SLIP] = _to_body(np.asarray(covariance), kinematic)
             self._covariance[_WANDER, _WANDER] = self._wander_spread
         elif self._history:
-            grown = self.slip_factor * max(0.0, time - self._history[-1][0])
+            elapsed = max(0.0, time - self._history[-1][0])
+            grown = self.slip_factor * elapsed
+            self._spread_correction(elapsed)
             self._covariance[_SLIP, _SLIP] += grown * self._growth
             self._grown.append((time, grown))
         self._history.append((time, kinematic))
@@ -148,9 +153,24 @@ class PoseFusion:
                 return False
             past = self._restart(past, disagreement)
             innovation = disagreement
+        jumps = self.rejected > 0
         self.rejected, self._doubt = 0, np.zeros((6, 6))
-        self._update(past, noise, innovation, since)
+        step = self._update(past, noise, innovation, since)
+        if jumps or self.config.smoothing == 0.0:
+            self._pending, self._pending_speed = np.zeros(6), np.zeros(6)
+        else:
+            self._pending = self._pending - step
         return True
+
+    def _spread_correction(self, elapsed: float) -> None:
+        """Let what is not yet corrected fade, critically damped: p'' = -2 p'/T - p/T^2."""
+        if not self._pending.any():
+            return
+        rate = 1.0 / self.config.smoothing
+        drift = self._pending_speed + rate * self._pending
+        fade = np.exp(-rate * elapsed)
+        self._pending = fade * (self._pending + drift * elapsed)
+        self._pending_speed = fade * drift - rate * self._pending
 
     def refute(self) -> None:
         """Note that an image shows the object not to be where it is believed to be."""
@@ -182,7 +202,8 @@ class PoseFusion:
         self._wander = np.zeros(6)
         return fresh
 
-    def _update(self, past: Array, noise: Array, innovation: Array, since: Array) -> None:
+    def _update(self, past: Array, noise: Array, innovation: Array, since: Array) -> Array:
+        """Correct slip and wander; return the step (6,) of the slip."""
         spread = _BOTH @ past @ _BOTH.T + noise
         gain = np.linalg.solve(spread, _BOTH @ past).T
         step = gain @ innovation
@@ -191,6 +212,7 @@ class PoseFusion:
         remaining = np.eye(12) - gain @ _BOTH
         self._covariance = remaining @ past @ remaining.T + gain @ noise @ gain.T
         self._covariance[_SLIP, _SLIP] += since
+        return np.asarray(step[_SLIP])
 
     def _grown_since(self, time: float) -> float:
         """Return by how many times the growth per second the covariance has grown since a time."""
@@ -203,9 +225,10 @@ class PoseFusion:
         self.slip_factor = min(max(factor, 0.1), self.config.strongest_slip)
 
     def _fuse(self, kinematic: Array, covariance: Array) -> tuple[Array, Array]:
-        pose = kinematic @ self._slip
+        pose = kinematic @ self._slip @ _small_transform(self._pending)
         turn = np.kron(np.eye(2), pose[:3, :3])
-        return pose, turn @ (covariance + self._bias + self._doubt) @ turn.T
+        late = np.outer(self._pending, self._pending)
+        return pose, turn @ (covariance + self._bias + self._doubt + late) @ turn.T
 
     def _kinematic_at(self, time: float) -> Array | None:
         """Interpolate the kinematic pose at a past time; None if it lies outside the history."""
