@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import resource
 import time
 from collections.abc import Callable
 from typing import Any
@@ -29,21 +30,28 @@ _MEMORY_EVERY = 500
 
 @dataclasses.dataclass
 class _Watch:
-    """An estimator whose updates are timed."""
+    """An estimator whose updates are timed; `preempted`: how often each lost the processor."""
 
     estimator: IncrementalInertialEstimator
     cpu: list[float] = dataclasses.field(default_factory=list)
     wall: list[float] = dataclasses.field(default_factory=list)
+    preempted: list[int] = dataclasses.field(default_factory=list)
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.estimator, name)
 
     def update(self) -> Any:
+        switches = _preemptions()
         cpu, wall = time.thread_time(), time.perf_counter()
         estimate = self.estimator.update()
         self.wall.append(time.perf_counter() - wall)
         self.cpu.append(time.thread_time() - cpu)
+        self.preempted.append(_preemptions() - switches)
         return estimate
+
+
+def _preemptions() -> int:
+    return resource.getrusage(resource.RUSAGE_THREAD).ru_nivcsw
 
 
 def long_recording(updates: int, seed: int = 0) -> tuple[Streams, InertialParameters]:
@@ -74,6 +82,7 @@ def run_live(updates: int, peer_steps: int, say: Callable[[str], None]) -> dict[
         "updates": updates,
         "cpu_ms": _percentiles(cpu),
         "wall_ms": _percentiles(wall),
+        "undisturbed": _undisturbed(cpu, np.array(watch.preempted)),
         "last_over_first_decile": float(late / early),
         "mean_last_over_first_decile": float(cpu[-tenth:].mean() / cpu[:tenth].mean()),
         "memory_mib": {"after_first_tenth": settled[0], "peak": max(memory), "last": memory[-1]},
@@ -125,6 +134,12 @@ def _alternatives(
             "distance": affine_invariant_distance(truth, exact(solved).pseudo_inertia),
         },
     }
+
+
+def _undisturbed(cpu: np.ndarray, preempted: np.ndarray) -> dict[str, Any]:
+    """Updates during which no other program took the processor (and cooled its caches)."""
+    kept = cpu[preempted == 0]
+    return {"share": len(kept) / len(cpu), "ms": _percentiles(kept) if len(kept) else {}}
 
 
 def _percentiles(values: np.ndarray) -> dict[str, float]:

@@ -31,23 +31,27 @@ def _at_most(name: str, aim: float, value: float, unit: str = "") -> Row:
 def _table_one(result: dict[str, Any]) -> Iterator[Row]:
     rows = result["rows"]
     for variance, aim in (("0.0", 0.1), ("1.0", 0.35)):
+        if variance not in rows:
+            continue
         found = rows[variance]["methods"]["ours (batch)"]["trace_error"]
         yield _at_most(f"Table I, variance {variance}: Eq. 34", aim, found)
-    ratios = [max(row["ratio_to_bound"].values()) for row in rows.values() if _has_ratio(row)]
-    yield _at_most("Table I: worst ratio to the Cramer-Rao bound", 1.3, max(ratios))
-
-
-def _has_ratio(row: dict[str, Any]) -> bool:
-    return "ratio_to_bound" in row
+    ratios = [
+        max(row["ratio_to_bound"].values()) for row in rows.values() if row["bound"]["com_mm"]
+    ]
+    if ratios:
+        yield _at_most("Table I: worst ratio to the Cramer-Rao bound", 1.3, max(ratios))
 
 
 def _four_fingers(result: dict[str, Any]) -> Iterator[Row]:
-    found, ratio = result["methods"]["ours (batch)"], result["rms_over_bound"]
+    found = result["methods"]["ours (batch)"]
+    kind = "rms_over_bound" if "rms_over_bound" in result else "ratio_to_bound"
     yield _at_most("four fingers: affine-invariant distance", 0.09, found["distance"])
     yield _at_most("four fingers: mass", 0.1, found["mass_percent"], " %")
     yield _at_most("four fingers: centre of mass", 0.08, found["com_mm"], " mm")
-    name = "four fingers: worst RMS ratio of error and bound (all ten, mass, centre)"
-    yield _at_most(name, 1.2, max(ratio.values()))
+    names = {"rms_over_bound": "RMS over recordings", "ratio_to_bound": "medians"}
+    for key, title in (("distance", "all ten"), ("mass_percent", "mass"), ("com_mm", "centre")):
+        name = f"four fingers: error / bound, {names[kind]}, {title}"
+        yield _at_most(name, 1.2, result[kind][key])
 
 
 def _feasibility(result: dict[str, Any]) -> Iterator[Row]:
@@ -79,6 +83,9 @@ def _coverage(result: dict[str, Any]) -> Iterator[Row]:
 def _live(result: dict[str, Any]) -> Iterator[Row]:
     name = f"live update, 99 % of {result['updates']}, processor time"
     yield _at_most(name, 5.0, result["cpu_ms"]["p99"], " ms")
+    if result.get("undisturbed", {}).get("ms"):
+        name = "live update, 99 % of those that no other program interrupted"
+        yield _at_most(name, 5.0, result["undisturbed"]["ms"]["p99"], " ms")
     name = "live update, last over first decile"
     yield _at_most(name, 1.15, result["last_over_first_decile"])
     memory = result["memory_mib"]
