@@ -79,7 +79,7 @@ class Session:
         tilt_deg: std of the sensor's own error of direction. gain: std of the tangential gain.
     """
 
-    slips: int = 48
+    slips: int = 96
     loads: tuple[float, ...] = (0.35, 0.7, 1.1, 1.6)
     force_noise: float = 0.02
     scatter: float = 0.02

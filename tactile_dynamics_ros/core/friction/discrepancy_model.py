@@ -33,9 +33,9 @@ _REFINEMENTS = 3
 class FrictionNoise:
     """What the forces of a slip are worth."""
 
-    force_std: float = parameter(0.02, "of a tangential force at slip", "N", 1e-4, 1.0)
-    relative_std: float = parameter(0.03, "scatter of single slips", "", 1e-4, 0.5)
-    tilt_std_deg: float = parameter(4.0, "constant error of the force's direction", "deg", 0, 20)
+    force_std: float = parameter(0.01, "of a tangential force at slip", "N", 1e-4, 1.0)
+    relative_std: float = parameter(0.025, "scatter of single slips", "", 1e-4, 0.5)
+    tilt_std_deg: float = parameter(5.0, "constant error of the force's direction", "deg", 0, 20)
 
     def __post_init__(self) -> None:
         check_ranges(self)

@@ -18,6 +18,8 @@ _LEAST_PATH = 6e-4
 _LEAST_TILT_PATH = 1e-3
 _LEAST_UNLOAD = 0.25
 _LEAST_COSINE = 0.8
+_LATE = 0.01
+"""By which a knee is found too late, since a slip begins slowly, s."""
 _RATIO_STD = 0.02
 _PLACE_STD = 3e-5
 
@@ -71,9 +73,10 @@ class SlipLog:
     def event(self, attempt: Attempt) -> SlipEvent | None:
         """Return the slip of the attempt, or None if too little was seen of it.
 
-        The onset is searched backwards from the detection; the forces before it are fitted with a
-        line each, whose value at the onset is the force just before the slip. So the delay of the
-        detection does not enter.
+        Tangential forces are taken along the pull: what is felt across it is mostly the error of
+        the force's direction. The onset is searched backwards from the detection; the forces
+        before it are fitted with a line each, whose value at the onset is the force just before
+        the slip. So the delay of the detection does not enter.
         """
         time, force = np.array(self._time), np.array(self._force)
         place = np.array(self._place) @ attempt.basis.T
@@ -88,24 +91,22 @@ class SlipLog:
             np.linalg.norm(force[window, 1:], axis=1) / force[window, 0],
             place[window, 1:] @ heading,
         )
+        onset -= _LATE
         before = (time > onset - _BEFORE) & (time < onset + 1e-9) & (time >= attempt.began)
         if before.sum() < 4:
             return None
         value, std = _at_end(time[before] - onset, force[before])
         ramp = (time >= attempt.began) & (time < onset)
-        normal, tangential = float(value[0]), float(np.linalg.norm(value[1:]))
-        if (
-            normal <= 0.05
-            or tangential <= 0.02
-            or float(value[1:] @ heading) < _LEAST_COSINE * tangential
-        ):
+        normal, tangential = float(value[0]), float(value[1:] @ heading)
+        whole = float(np.linalg.norm(value[1:]))
+        if normal <= 0.05 or tangential <= max(0.02, _LEAST_COSINE * whole):
             return None
         ratio = tangential / normal
         kinetic, speed, tilt, sliding = _slide(time, force, place, time > attempt.detected, attempt)
         return SlipEvent(
             time=onset,
             region=attempt.region,
-            angle=float(np.arctan2(value[2], value[1])),
+            angle=attempt.angle,
             normal=normal,
             tangential=tangential,
             std=ratio * float(np.hypot(std[0] / normal, np.linalg.norm(std[1:]) / tangential)),
@@ -167,7 +168,7 @@ def _slide(
         return nothing, speed, nothing, nothing
     sunk = (force[after][-1, 0] - force[after][0, 0]) / attempt.skin_stiffness
     tilt = float(np.arctan2(moved[0] - sunk, path)) if path > _LEAST_TILT_PATH else nothing
-    ratio = float(np.linalg.norm(mean[1:]) / mean[0])
+    ratio = float(mean[1:] @ [np.cos(attempt.angle), np.sin(attempt.angle)] / mean[0])
     return ratio, speed, tilt, float(mean[0])
 
 

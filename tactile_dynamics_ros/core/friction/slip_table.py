@@ -14,6 +14,8 @@ from tactile_dynamics_ros.core.friction.estimate import SlipEvent
 Array = NDArray[np.float64]
 
 FEWEST = 12
+LEAST_SPEED = 2e-3
+"""Below it a fingertip creeps with nearly static friction, m/s."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +47,7 @@ class SlipTable:
 
 
 def tabulate_slips(events: Sequence[SlipEvent], region: str | None = None) -> SlipTable:
-    """Return the slips of one region that slid long enough, in the order of time.
+    """Return the slips of one region that slid far and fast enough, in the order of time.
 
     Args:
         events: of a probe.
@@ -56,7 +58,8 @@ def tabulate_slips(events: Sequence[SlipEvent], region: str | None = None) -> Sl
     """
     names = [event.region for event in events]
     region = region or max(names, key=names.count, default="")
-    own = [e for e in events if e.region == region and np.isfinite(e.kinetic)]
+    sliding = [e for e in events if np.isfinite(e.kinetic) and e.speed > LEAST_SPEED]
+    own = [event for event in sliding if event.region == region]
     if len(own) < FEWEST:
         raise NotIdentifiableError(
             f"probe recording: {len(own)} slips of '{region}' slid long enough, expected at least "
@@ -67,13 +70,13 @@ def tabulate_slips(events: Sequence[SlipEvent], region: str | None = None) -> Sl
     def column(name: str) -> Array:
         return np.array([getattr(event, name) for event in own], dtype=float)
 
-    sliding = column("sliding_normal")
+    pressing = column("sliding_normal")
     return SlipTable(
         time=column("time"),
         angle=column("angle"),
-        normal=np.column_stack([column("normal"), sliding]),
-        tangential=np.column_stack([column("tangential"), column("kinetic") * sliding]),
-        speed=np.maximum(column("speed"), 1e-4),
+        normal=np.column_stack([column("normal"), pressing]),
+        tangential=np.column_stack([column("tangential"), column("kinetic") * pressing]),
+        speed=column("speed"),
         memory_normal=column("memory_normal"),
         memory_tangential=column("memory_tangential"),
     )
