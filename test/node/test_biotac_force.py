@@ -8,8 +8,9 @@ import rclpy
 from geometry_msgs.msg import Vector3Stamped, WrenchStamped
 from sensor_msgs.msg import Image
 
+from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.nodes import conversions as cv
-from tactile_dynamics_ros.nodes.biotac_force import BiotacForce
+from tactile_dynamics_ros.nodes.biotac_force import BiotacForce, BiotacForceConfig
 from tactile_dynamics_ros.nodes.kept_tare import KeptTare
 from tactile_dynamics_ros.nodes.shell import STREAM
 from tactile_dynamics_ros.sim.sensors.biotac import BioTacArray
@@ -92,6 +93,12 @@ def test_slip_is_published_with_the_stamp_of_its_frame(node):
     assert driver.slips[-1].vector.x > 1.0
     assert cv.to_seconds(driver.slips[-1].header.stamp) == pytest.approx(driver.time, abs=0.03)
     driver.until(lambda: driver.slips[-1].vector.x == 0.0)
+
+
+def test_gains_are_one_or_nine_numbers_per_finger():
+    assert len(BiotacForceConfig(gains=(1.0,) * 36).gains) == 36
+    with pytest.raises(BadInputError, match="5 values, expected 4 or 36"):
+        BiotacForceConfig(gains=(1.0,) * 5)
 
 
 def test_restarted_node_continues_with_the_kept_tare_under_load(node):

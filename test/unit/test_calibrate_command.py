@@ -9,7 +9,9 @@ import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
+from benchmarks.biotac_press_rig import press_fingertips
 from tactile_dynamics_ros.cli.main import main
+from tactile_dynamics_ros.core.tactile.unit_gain import fit_unit_gain
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 WRENCH = "geometry_msgs/msg/WrenchStamped"
@@ -70,3 +72,14 @@ def test_missing_topic_and_wrong_frame_are_refused(tmp_path, capsys):
     assert "/elsewhere" in capsys.readouterr().err
     assert main([*arguments, "/bench/wrench"]) == 2
     assert "'world'" in capsys.readouterr().err
+
+
+def test_calibrated_fingertips_err_less_on_other_presses():
+    seen, known = press_fingertips(unit_seed=0, seed=1, seconds=10.0)
+    others, true = press_fingertips(unit_seed=0, seed=2, seconds=10.0)
+    before, after = [], []
+    for finger in range(4):
+        gain = fit_unit_gain(seen[finger], known[finger]).matrix
+        before.append(np.linalg.norm(np.mean(others[finger] - true[finger], axis=0)))
+        after.append(np.linalg.norm(np.mean(others[finger] @ gain.T - true[finger], axis=0)))
+    assert np.mean(after) < 0.6 * np.mean(before)
