@@ -47,14 +47,15 @@ with only the white force noise left: no estimator of any kind can do better on 
 that it allows are medians over draws from a normal distribution with the bound as its covariance.
 
 **Poses alone.** With 0.5 mm and 0.2 deg of noise in every pose the same forces tell less, chiefly
-because the lever arms of the contacts are read from the poses. If nothing is presumed of the motion
-but that a quartic describes each stretch of nine poses, the second bound holds, and
+because the lever arms of the contacts are read from the poses. If nothing is presumed of the
+motion but that a quartic describes each stretch of nine poses, the second bound holds, and
 `fit_recording` comes within about a tenth of it. The contacts know more: a finger that neither
 slides nor rolls stays at one point of the object, and the joints tell where that point is in the
 world. `estimate_inertia` tests whether the contacts stay where they are (to what white noise
 explains), and if three do, sharpens the poses by them (`core/inertia/rigid_grasp.py`); what the
-unknown displacement of the body frame adds is part of the covariance. In these recordings contact points are free of noise and
-stay; in the simulated hand they roll, the test says so, and the poses are used as they are.
+unknown displacement of the body frame adds is part of the covariance. In these recordings contact
+points are free of noise and stay; in the simulated hand they roll, the test says so, and the poses
+are used as they are.
 
 **Measures.** Eq. 34 is paper A's inertial error |4 - tr(P_gt^-1 P)|, which is zero for many wrong
 bodies (see its Baseline below: the least Eq. 34 of its methods, the centre of mass 60 mm off); the
