@@ -112,14 +112,10 @@ class Window:
         return np.where(inside, row * self.shape[1] + column, -1)
 
 
-def cut_window(
-    camera: PinholeCamera, depth: Image, rows: slice, columns: slice, stride: int = 1
-) -> Window:
-    """Return a rectangle of an image, every ``stride``-th pixel of it."""
-    row, column = np.mgrid[
-        rows.start : rows.stop : stride, columns.start : columns.stop : stride
-    ].astype(float)
-    part = np.asarray(depth[rows, columns][::stride, ::stride], dtype=float)
+def cut_window(camera: PinholeCamera, depth: Image, rows: slice, columns: slice) -> Window:
+    """Return a rectangle of an image."""
+    row, column = np.mgrid[rows.start : rows.stop, columns.start : columns.stop].astype(float)
+    part = np.asarray(depth[rows, columns], dtype=float)
     pixels = np.stack([column.ravel(), row.ravel()], axis=-1)
     rays = camera.rays(pixels[:, 1], pixels[:, 0])
     return Window(

@@ -173,11 +173,6 @@ class ObjectShape:
         self.edge_points, self.edge_tangents, self.edge_normals = _sample_edges(meshes)
         self.symmetries, self.symmetry_axes = self._find_symmetries()
 
-    @property
-    def thickness(self) -> float:
-        """Least extent along the axes of the object frame, m."""
-        return float(np.ptp(self.points, axis=0).min())
-
     def distance(self, points: Array) -> tuple[Array, Array]:
         """Return signed distances (N,) of points (N, 3), m, and their gradients (N, 3)."""
         distance, gradient = self._surfaces[0].distance(points)

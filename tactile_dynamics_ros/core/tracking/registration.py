@@ -40,7 +40,6 @@ from tactile_dynamics_ros.core.tracking.object_shape import ObjectShape
 from tactile_dynamics_ros.core.tracking.scene import Scene
 
 Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Selection = TypeVar("Selection", NDArray[np.float64], NDArray[np.intp])
 
 JUDGED = 2000
@@ -132,13 +131,12 @@ class Registration:
         self.config = config or RegistrationConfig()
         self.noise = noise or DepthNoiseConfig()
 
-    def align(self, scene: Scene, seed: Array, outline: bool = True) -> Fit:
+    def align(self, scene: Scene, seed: Array) -> Fit:
         """Return the best pose near a seed.
 
         Args:
             scene: labelled pixels.
             seed: (4, 4) X_CO to start from.
-            outline: whether the object's border counts too.
         """
         config, pose = self.config, np.array(seed, dtype=float)
         for _ in range(config.coarse_steps):
@@ -149,11 +147,9 @@ class Registration:
             if k < len(BLUR):
                 drawing = draw(self.shape, scene, pose, blur * config.outline_band)
             system = self._ray_terms(scene, pose, drawing)
-            information, gradient = system.information, system.gradient
-            if outline:
-                added, pull = self._outline_terms(scene, pose, drawing, blur)
-                information, gradient = information + added, gradient + pull
-            pose = self._step(pose, information, gradient)
+            added, pull = self._outline_terms(scene, pose, drawing, blur)
+            information = system.information + added
+            pose = self._step(pose, information, system.gradient + pull)
         return self.judge(scene, pose, information, system.misfit)
 
     def _step(self, pose: Array, information: Array, gradient: Array) -> Array:

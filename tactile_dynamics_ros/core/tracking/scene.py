@@ -31,14 +31,12 @@ class Scene:
     Attributes:
         camera: that took it. window: the pixels. noise: their axial standard deviation (P,), m.
         free: (P,) pixels that show neither robot nor support and have a depth.
-        robot: (P,) depth of the robot along each ray, m, infinite where there is none.
     """
 
     camera: PinholeCamera
     window: Window
     noise: Array
     free: Mask
-    robot: Array
 
 
 def label_scene(
@@ -73,7 +71,7 @@ def label_scene(
     if support_height is not None:
         height = (window.rays * safe[:, None]) @ camera.pose[2, :3] + camera.pose[2, 3]
         free &= height > support_height + SUPPORT_TOLERANCE
-    return Scene(camera, window, noise.axial_std(safe), free, robot)
+    return Scene(camera, window, noise.axial_std(safe), free)
 
 
 def view_sphere(
@@ -104,4 +102,4 @@ def crop_scene(scene: Scene, centre: Array, radius: float) -> Scene | None:
         return None
     chosen = scene.window.lookup(window.pixels)
     free = scene.free[chosen] & (chosen >= 0)
-    return Scene(scene.camera, window, scene.noise[chosen], free, scene.robot[chosen])
+    return Scene(scene.camera, window, scene.noise[chosen], free)
