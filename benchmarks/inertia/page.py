@@ -58,7 +58,8 @@ points are free of noise and stay; in the simulated hand they roll, the test say
 are used as they are.
 
 **Measures.** Eq. 34 is paper A's inertial error |4 - tr(P_gt^-1 P)|, which is zero for many wrong
-bodies (see its Baseline below: the least Eq. 34 of its methods, the centre of mass 60 mm off); the
+bodies (its Baseline has the least Eq. 34 of its methods at variance 1.0, with the centre of mass
+62 mm off); the
 affine-invariant distance beside it is a distance.
 
 **Peers** get the same smoothed motion (quartics over 25 poses) and the true force noise. MuJoCo's
