@@ -30,6 +30,10 @@ if TYPE_CHECKING:
 
 AROUND_MOTION = 60.0
 """Simulated seconds of grasping, lifting and putting down around the excitation."""
+PATIENCE = 30.0
+"""Real seconds per simulated one after which even a slow machine must have finished."""
+STILL = 90.0
+"""Real seconds without simulated time after which the simulation has failed."""
 
 
 def add_parser(verbs: _SubParsersAction[Any]) -> None:
@@ -159,7 +163,7 @@ def _play(
         TactileDynamicsError: a process died, or the story does not end.
         NotIdentifiableError: the hand did not get or keep the object.
     """
-    limit = 5.0 * (AROUND_MOTION + args.duration) / min(args.real_time_factor, 1.0)
+    limit = PATIENCE * (AROUND_MOTION + args.duration) / min(args.real_time_factor, 1.0)
     deadline = time.monotonic() + limit
     while not monitor.finished or (story is not None and story.waiting):
         monitor.spin_once()
@@ -170,6 +174,10 @@ def _play(
         for member in supervisor.watch():
             print(member.last_words(), file=sys.stderr)
             raise TactileDynamicsError(f"{member.name} ended with {member.exit_codes[-1]}")
+        if monitor.standing_still > STILL:
+            raise TactileDynamicsError(
+                f"the simulation stands still for {STILL:.0f} s; see the logs"
+            )
         if time.monotonic() > deadline:
             raise TactileDynamicsError(f"not finished after {limit:.0f} s; see the logs")
     if monitor.failure:

@@ -60,6 +60,7 @@ class Monitor:
         self.phase, self.failure = "starting", ""
         self._estimates: list[tuple[float, Array, Array]] = []
         self._pace: list[float] = []
+        self._advanced = time.monotonic()
         self._error = 1.0
         self._samples = "0"
         self._last_line = 0.0
@@ -78,6 +79,11 @@ class Monitor:
     def seconds_of_data(self) -> float:
         """Span of the live estimates so far, s."""
         return self._estimates[-1][0] - self._estimates[0][0] if self._estimates else 0.0
+
+    @property
+    def standing_still(self) -> float:
+        """Seconds for which simulated time has not advanced."""
+        return time.monotonic() - self._advanced
 
     def spin_once(self) -> None:
         """Handle what has come, or wait a moment."""
@@ -117,6 +123,8 @@ class Monitor:
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             pace = status_values(status).get("real_time_factor")
+            if status.name == "robot_sim" and float(pace or 0.0) > 0.0:
+                self._advanced = time.monotonic()
             if status.name == "robot_sim" and pace is not None and self.phase != "starting":
                 self._pace.append(float(pace))
 
