@@ -41,10 +41,12 @@ def main() -> int:
     options = _parse()
     results: dict[str, Any] = {"excitation_s": options.duration}
     runs = RUNS[: options.runs]
+    if "accuracy" not in options.only:
+        runs = tuple(run for run in runs if run[0].startswith("box_"))
     if "accuracy" in options.only or "inertia" in options.only:
         results |= _compare(runs, options)
     if "recovery" in options.only:
-        results["recovery"] = _recover(runs, options)
+        results["recovery"] = _recover(options)
     print(json.dumps(results) if options.json else render(results))
     fused = results.get("trackers", {}).get("fused")
     if fused is None:
@@ -118,11 +120,9 @@ def _brief(run: Errors) -> dict[str, float]:
     }
 
 
-def _recover(
-    runs: tuple[tuple[str, int], ...], options: argparse.Namespace
-) -> list[dict[str, Any]]:
+def _recover(options: argparse.Namespace) -> list[dict[str, Any]]:
     found = []
-    for name, seed in runs[:3]:
+    for name, seed in RUNS[:3]:
         tape = load_tape(options.tapes, name, seed, options.duration)
         for kind in ("occlusion", "wrong_pose"):
             found.append(recover(tape, _shape(name), kind))

@@ -341,25 +341,20 @@ def camera_info(
 
 
 def camera_to_core(message: CameraInfo, topic: str, pose: Array) -> PinholeCamera:
-    """Return the pinhole camera of a rectified image.
-
-    Args:
-        message: whose projection matrix counts, else its camera matrix.
-        topic: for messages.
-        pose: (4, 4) X_WC of the optical frame.
+    """Return the pinhole camera of a rectified image, whose optical frame is at X_WC (4, 4).
 
     Raises:
         MessageError: no focal length or no size.
     """
     projection = np.asarray(message.p, dtype=float).reshape(3, 4)[:, :3]
-    intrinsics = projection if projection[0, 0] > 0.0 else np.asarray(message.k).reshape(3, 3)
-    if not (intrinsics[0, 0] > 0.0 and message.width > 0 and message.height > 0):
+    k = projection if projection[0, 0] > 0.0 else np.asarray(message.k).reshape(3, 3)
+    if not (k[0, 0] > 0.0 and message.width > 0 and message.height > 0):
         raise MessageError(
             "bad_camera_info",
-            f"{topic}: focal length {intrinsics[0, 0]:g} px and size {message.width} x "
+            f"{topic}: focal length {k[0, 0]:g} px and size {message.width} x "
             f"{message.height}; expected a calibrated camera",
         )
-    return PinholeCamera(intrinsics, message.width, message.height, pose)
+    return PinholeCamera(k, message.width, message.height, pose)
 
 
 def inertia_to_message(
