@@ -16,6 +16,7 @@ Array = NDArray[np.float64]
 
 _WINDOW = 0.5
 _DEPENDENT = 1e-7
+_FEIGNED = 5e-5
 
 
 @dataclass(frozen=True)
@@ -98,7 +99,7 @@ def _score(
     kept = list(family.kept)
     unit, scale = projected[0][:, kept], projected[1][kept]
     values, vectors = np.linalg.eigh(unit.T @ unit)
-    sound = values > _DEPENDENT * max(float(values[-1]), 1e-300)
+    sound = values > _FEIGNED * max(float(values[-1]), 1e-300)
     half = vectors[:, sound] / np.sqrt(np.maximum(values[sound], 1e-300))
     score = half.T @ (unit.T @ residual)
     gain, freedom = float(score @ score), int(sound.sum())

@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 _SYNCHRONOUS = 1e-4
 _SILENCE_PERIODS = 2.5
 _LOADED = 0.3
+_EXTRAPOLATED = 0.1
 _FALLBACK_FORCE_STD = 0.03
 _FALLBACK_TORQUE_STD = 1e-3
 _POINT_STD_FLOOR = 1e-5
@@ -132,7 +133,7 @@ def contact_signals(contact: ContactStream, grid: Array) -> ContactSignals:
         point=contact.position,
         rotation=contact.rotation[_nearest(contact.pose_time, grid)],
         in_contact=in_contact,
-        valid=~_dropped(contact.time, magnitude, period, grid),
+        valid=~_dropped(contact.time, magnitude, period, grid) & (functional.valid | ~in_contact),
         signals=signals,
         point_functional=point_functional,
     )
@@ -161,20 +162,35 @@ def _identity(time: Array, grid: Array) -> LocalFunctional | None:
 
 
 def _force_functional(time: Array, grid: Array, period: float) -> LocalFunctional:
-    """The sample itself, the mean over one grid period, or linear interpolation."""
+    """The sample itself, linear interpolation, or the mean over one grid period."""
     same = _identity(time, grid)
     if same is not None:
         return same
     grid_period = _grid_period(grid)
-    averaging = period < 0.6 * grid_period
-    half = 0.5 * grid_period if averaging else period
+    if period >= 0.6 * grid_period:
+        return _interpolation(time, grid, period)
+    half = 0.5 * grid_period
     size = min(int(np.ceil(2 * half / period)) + 1, len(time))
     start = np.clip(np.searchsorted(time, grid - half), 0, len(time) - size).astype(np.int64)
     offset = np.abs(time[start[:, None] + np.arange(size)] - grid[:, None])
-    weights = (offset <= half).astype(float) if averaging else np.clip(1 - offset / half, 0, None)
+    weights = (offset <= half).astype(float)
     total = weights.sum(axis=1, keepdims=True)
     weights = weights / np.where(total > 0, total, 1.0)
     return LocalFunctional(start, weights[:, None], total[:, 0] > 0)
+
+
+def _interpolation(time: Array, grid: Array, period: float) -> LocalFunctional:
+    """Linear between neighbours; not valid beyond the ends and inside gaps."""
+    left = np.clip(np.searchsorted(time, grid, side="right") - 1, 0, len(time) - 2)
+    step = time[left + 1] - time[left]
+    share = (grid - time[left]) / step
+    reach = _EXTRAPOLATED * period / step
+    inside = (share > -reach) & (share < 1.0 + reach)
+    bridged = (step < _SILENCE_PERIODS * period) | (np.minimum(share, 1.0 - share) < reach)
+    share = np.clip(share, 0.0, 1.0)
+    share = np.where(step < _SILENCE_PERIODS * period, share, np.round(share))
+    weights = np.stack([1.0 - share, share], axis=1)
+    return LocalFunctional(left.astype(np.int64), weights[:, None], inside & bridged)
 
 
 def _point_functional(time: Array, grid: Array) -> LocalFunctional:
