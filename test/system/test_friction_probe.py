@@ -13,7 +13,7 @@ from tactile_dynamics_ros.cli.supervisor import verb_command
 @pytest.mark.timeout(280)
 def test_a_held_object_is_probed_where_it_stands(system, listener):
     listener.follow(String, "/grasp_controller/phase", latched=True)
-    system.start_node("robot_sim", seed=3)
+    system.start_node("robot_sim", seed=3, vision_rate_hz=30.0, depth_rate_hz=0.0)
     system.start_node("biotac_force")
     system.start_node("contact_state")
     system.start_node("friction_probe", most_slips=4, time_limit=12.0)
