@@ -28,8 +28,8 @@ from tactile_dynamics_ros.nodes.parameters import refuse_unknown
 STREAM = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Sensor data: best effort, half a second deep at 100 Hz."""
 
-POLL_PERIOD = 0.003
-SERVICE_PERIOD = 0.02
+POLL_PERIOD = 0.004
+SERVICE_PERIOD = 0.03
 BURST = 200
 
 LATCHED = QoSProfile(

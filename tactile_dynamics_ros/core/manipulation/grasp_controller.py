@@ -182,7 +182,7 @@ class GraspController:
         return self._target.copy()
 
     def set_friction(self, friction: float) -> None:
-        """Take a coefficient that the surface surely has; the grip then suits the carried weight."""
+        """Take a coefficient that the surface surely has; the grip then suits the weight."""
         self._friction = friction
         if self._squeeze is not None:
             self._squeeze.set_friction(friction)
