@@ -171,7 +171,7 @@ def _called_alone(answer: Record) -> str | None:
 
 def _grade_pairs(records: list[Record]) -> dict[str, Any]:
     def both_within(steps: int) -> Callable[[Record], bool]:
-        return lambda record: set(record["effects"]) <= set(_added(record)[:steps])
+        return lambda record: set(record["effects"]) <= set().union(*_added(record)[:steps])
 
     return {
         "count": len(records),
@@ -221,10 +221,12 @@ def _group_is_honest(record: Record) -> bool:
     return bool(fits) and max(fits) <= HONEST_RATIO * min(fits)
 
 
-def _added(record: Record) -> list[str]:
+def _added(record: Record) -> list[set[str]]:
     """Effects in the order in which they were added; a group counts as each of its members."""
     answer = (record.get("explain") or {}).get("json") or {}
-    return [step["added"] for step in answer.get("steps", []) if step.get("added")]
+    groups = answer.get("groups") or {}
+    names = [step["added"] for step in answer.get("steps", []) if step.get("added")]
+    return [{name, *groups.get(name, [])} for name in names]
 
 
 def _is_unexplained(record: Record) -> bool:
