@@ -16,7 +16,7 @@ from benchmarks.hidden.scenario import ScenarioOptions
 from benchmarks.hidden.sensors import SensorOptions
 from tactile_dynamics_ros.core.effects.registry import create_effect
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.inertia.batch import estimate_inertia
+from tactile_dynamics_ros.core.inertia.batch import fit_recording
 from tactile_dynamics_ros.core.inertia.incremental import (
     IncrementalConfig,
     IncrementalInertialEstimator,
@@ -69,7 +69,7 @@ def cut(contact: ContactStream, keep: np.ndarray) -> ContactStream:
 
 def test_live_answer_equals_batch_within_its_uncertainty(recording):
     live = list(replay_streams(recording.streams))[-1]
-    batch = estimate_inertia(recording.streams)
+    batch = fit_recording(recording.streams).to_estimate()
     difference = physical(live.inertia) - physical(batch.inertia)
     assert np.all(np.abs(difference) < 1.0 * batch.parameter_std)
     error = physical(live.inertia) - physical(truth_of(recording))
