@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+from benchmarks.page_section import replace_section
 from tactile_dynamics_ros.core.effects import create_effect
 from tactile_dynamics_ros.core.inertia.batch import estimate_inertia
 from tactile_dynamics_ros.core.inertia.estimate import InertialEstimate
@@ -211,12 +212,13 @@ def write_section(payload: Payload) -> tuple[str, Figure]:
         "",
         "What disagrees, and why:",
         "",
-        "- **As recorded, the mass is wrong by a factor of three.** The sensor reads "
+        "- **As recorded, the centre of mass is off by most of a metre**, at an error of 300 times "
+        "the noise. The sensor reads "
         f"({', '.join(f'{b:.2f}' for b in static.wrench_bias[:3])}) N without load. `force_bias` "
         "estimates it together with the load.",
-        "- **With the bias left free, the runs come out 1 to 2 % heavier than the static poses.** "
-        "This is the sensor, not the estimator: a run is one half turn, and its two rests alone, "
-        "in which nothing moves and the bias cancels, already weigh "
+        "- **With the bias left free, the intervals of the runs are wide.** A run is one half "
+        "turn, which tells mass and bias apart badly, and the model does not fit. Its two rests "
+        "alone, in which nothing moves and the bias cancels, weigh "
         + ", ".join(f"{mass:.4f} kg ({run})" for run, mass in rests.items())
         + f". In the same pose the sensor reads {reading:.2f} N before the first run and "
         f"{lowest:.2f} to {highest:.2f} N among the static poses: a fifth of a newton of drift or "
@@ -272,14 +274,6 @@ def _draw(sweeps: dict[str, np.ndarray], time: np.ndarray, left: np.ndarray) -> 
         return figure
 
 
-def _replace_section(page: str, section: str) -> str:
-    """Return a page with the section between its markers replaced, or appended."""
-    if BEGIN in page:
-        before, _, rest = page.partition(BEGIN)
-        return before + section.rstrip("\n") + rest.partition(END)[2]
-    return page.rstrip("\n") + "\n\n" + section if page else "# Benchmarks\n\n" + section
-
-
 def main(arguments: list[str] | None = None) -> int:
     """Print the section; write it where asked."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.real_data", description=__doc__)
@@ -294,7 +288,7 @@ def main(arguments: list[str] | None = None) -> int:
     print(section)
     if options.write:
         page = options.write.read_text() if options.write.exists() else ""
-        options.write.write_text(_replace_section(page, section))
+        options.write.write_text(replace_section(page, section))
         image = options.write.parent / FIGURE
         image.parent.mkdir(parents=True, exist_ok=True)
         with house_style():

@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from benchmarks.page_section import replace_section
 from tactile_dynamics_ros.core.discrepancy.documents import explanation_document
 from tactile_dynamics_ros.core.discrepancy.explanation import explain
 from tactile_dynamics_ros.core.inertia.discrepancy_model import HeldObjectModel
@@ -110,10 +111,8 @@ def main(arguments: list[str] | None = None) -> int:
     section = write_section(options.data)
     print(section)
     if options.write:
-        page = options.write.read_text()
-        before, _, rest = page.partition(BEGIN)
-        after = rest.partition(END)[2] if rest else "\n"
-        options.write.write_text(f"{before.rstrip()}\n\n{section.rstrip()}{after}")
+        page = options.write.read_text() if options.write.exists() else ""
+        options.write.write_text(replace_section(page, section))
     return 0
 
 

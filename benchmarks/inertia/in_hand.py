@@ -73,21 +73,24 @@ class _Tape:
     def streams(self) -> Streams:
         """As a recording."""
         time, pose, covariance = (np.array(column) for column in zip(*self.poses, strict=True))
-        contacts = {}
-        for name, rows in self.contacts.items():
-            stamps = np.array([stamp for stamp, _ in rows])
-            force = np.array([contact.force for _, contact in rows])
-            contacts[name] = ContactStream(
-                name,
-                stamps,
-                force,
-                np.zeros_like(force),
-                np.array([contact.force_std for _, contact in rows]),
-                stamps,
-                np.array([contact.point for _, contact in rows]),
-                np.array([contact.rotation for _, contact in rows]),
-            )
+        contacts = {name: contact_stream(name, rows) for name, rows in self.contacts.items()}
         return Streams(PoseStream(time, pose[:, :3, 3], pose[:, :3, :3], covariance), contacts)
+
+
+def contact_stream(name: str, rows: list[tuple[float, Contact]]) -> ContactStream:
+    """A finger's readings with their stamps (s) as a stream."""
+    stamps = np.array([stamp for stamp, _ in rows])
+    force = np.array([contact.force for _, contact in rows])
+    return ContactStream(
+        name,
+        stamps,
+        force,
+        np.zeros_like(force),
+        np.array([contact.force_std for _, contact in rows]),
+        stamps,
+        np.array([contact.point for _, contact in rows]),
+        np.array([contact.rotation for _, contact in rows]),
+    )
 
 
 def record_in_hand(

@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from benchmarks.inertia.tables import render
+from benchmarks.page_section import replace_section
 from tactile_dynamics_ros.report.style import (
     BLUE,
     GREEN,
@@ -83,13 +84,8 @@ def write_page(results: dict[str, Any], page: Path) -> None:
     """Put the section between its markers in a Markdown page, and the figure beside it."""
     body = "\n\n".join([_INTRODUCTION.strip(), f"![Errors and cost]({FIGURE})", render(results)])
     section = f"{BEGIN}\n{body}\n{END}\n"
-    text = page.read_text() if page.exists() else "# Benchmarks\n"
-    if BEGIN in text:
-        before, _, rest = text.partition(BEGIN)
-        text = before + section + rest.partition(END)[2].lstrip("\n")
-    else:
-        text = text.rstrip("\n") + "\n\n" + section
-    page.write_text(text)
+    text = page.read_text() if page.exists() else ""
+    page.write_text(replace_section(text, section))
     image = page.parent / FIGURE
     image.parent.mkdir(exist_ok=True)
     with house_style():

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 
+from benchmarks.inertia.in_hand import contact_stream
 from benchmarks.inertia.scores import Score
 from benchmarks.tracking.tape import Tape
 from benchmarks.tracking.trackers import Track
@@ -77,18 +78,4 @@ def _contacts(tape: Tape) -> dict[str, ContactStream]:
         if moment.aloft:
             for finger, contact in moment.contacts.items():
                 rows[finger].append((moment.touch_time, contact))
-    streams = {}
-    for finger, found in rows.items():
-        stamps = np.array([stamp for stamp, _ in found])
-        force = np.array([contact.force for _, contact in found])
-        streams[finger] = ContactStream(
-            finger,
-            stamps,
-            force,
-            np.zeros_like(force),
-            np.array([contact.force_std for _, contact in found]),
-            stamps,
-            np.array([contact.point for _, contact in found]),
-            np.array([contact.rotation for _, contact in found]),
-        )
-    return streams
+    return {finger: contact_stream(finger, found) for finger, found in rows.items()}

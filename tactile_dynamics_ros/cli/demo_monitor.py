@@ -123,9 +123,11 @@ class Monitor:
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             pace = status_values(status).get("real_time_factor")
-            if status.name == "robot_sim" and float(pace or 0.0) > 0.0:
+            if status.name != "robot_sim" or pace is None:
+                continue
+            if float(pace) > 0.0:
                 self._advanced = time.monotonic()
-            if status.name == "robot_sim" and pace is not None and self.phase != "starting":
+            if self.phase != "starting":
                 self._pace.append(float(pace))
 
     def _on_status(self, message: DiagnosticArray) -> None:

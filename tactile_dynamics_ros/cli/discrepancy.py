@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from tactile_dynamics_ros.cli.friction_recording import (
+    Question,
     add_model_argument,
-    fit_friction,
-    friction_error,
     is_probe_recording,
+    question_friction,
 )
 from tactile_dynamics_ros.cli.recordings import (
     add_recording_arguments,
@@ -41,16 +41,16 @@ def run_compare(args: Namespace) -> int:
     """Compare and print."""
     from tactile_dynamics_ros.core.discrepancy.comparison import compare
 
-    recording, model = _fit(args)
-    comparison = compare(model)
-    error = _error_of(model)
+    question = _ask(args)
+    comparison = compare(question.model)
+    error = question.error()
     error["channels"] = comparison.channel_rms
     document = {"error": error} | comparison.to_json()
     _print(args, document, _compare_lines(document))
     if args.out:
         from tactile_dynamics_ros.report.discrepancy_findings import findings_of_comparison
 
-        _write(args, findings_of_comparison(recording, document, comparison))
+        _write(args, findings_of_comparison(question.recording, document, comparison))
     return 0
 
 
@@ -59,14 +59,14 @@ def run_diagnose(args: Namespace) -> int:
     from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
     from tactile_dynamics_ros.core.discrepancy.documents import diagnosis_document
 
-    recording, model = _fit(args)
-    diagnosis = diagnose(model)
+    question = _ask(args)
+    diagnosis = diagnose(question.model)
     document = diagnosis_document(diagnosis)
     _print(args, document, _diagnose_lines(document))
     if args.out:
         from tactile_dynamics_ros.report.discrepancy_findings import findings_of_diagnosis
 
-        _write(args, findings_of_diagnosis(recording, document, diagnosis))
+        _write(args, findings_of_diagnosis(question.recording, document, diagnosis))
     return 0
 
 
@@ -75,39 +75,32 @@ def run_explain(args: Namespace) -> int:
     from tactile_dynamics_ros.core.discrepancy.documents import explanation_document
     from tactile_dynamics_ros.core.discrepancy.explanation import explain
 
-    recording, model = _fit(args)
-    explanation = explain(model)
+    question = _ask(args)
+    explanation = explain(question.model)
     document = explanation_document(explanation)
-    _print(args, document, _explain_lines(document, model))
+    _print(args, document, _explain_lines(document, question.alone))
     if args.out:
         from tactile_dynamics_ros.report.discrepancy_findings import findings_of_explanation
 
-        _write(args, findings_of_explanation(recording, document, explanation))
+        _write(args, findings_of_explanation(question.recording, document, explanation))
     return 0
 
 
-def _error_of(model: Any) -> dict[str, Any]:
-    if isinstance(model, _friction_model()):
-        return friction_error(model)
-    return dict(model.fitted.to_estimate().error.to_json())
-
-
-def _friction_model() -> type[Any]:
-    from tactile_dynamics_ros.core.friction.discrepancy_model import FrictionModel
-
-    return FrictionModel
-
-
-def _fit(args: Namespace) -> tuple[Any, Any]:
-    """Return where the data came from and the fitted model that suits them."""
+def _ask(args: Namespace) -> Question:
+    """Fit the model that suits the recording."""
     if is_probe_recording(args):
-        return fit_friction(args)
+        return question_friction(args)
     from tactile_dynamics_ros.core.inertia.discrepancy_model import HeldObjectModel
     from tactile_dynamics_ros.core.inertia.readings import fit_with_readings
 
-    recording = read_recording(args)
-    effects = read_effects(args)
-    return recording, HeldObjectModel.from_fit(fit_with_readings(recording.streams, effects))
+    recording, effects = read_recording(args), read_effects(args)
+    fitted = fit_with_readings(recording.streams, effects)
+    return Question(
+        HeldObjectModel.from_fit(fitted),
+        "rigid body alone",
+        lambda: dict(fitted.to_estimate().error.to_json()),
+        recording,
+    )
 
 
 def _print(args: Namespace, document: dict[str, Any], lines: list[str]) -> None:
@@ -152,8 +145,7 @@ def _diagnose_lines(document: dict[str, Any]) -> list[str]:
     return lines
 
 
-def _explain_lines(document: dict[str, Any], model: Any) -> list[str]:
-    alone = "Coulomb alone" if isinstance(model, _friction_model()) else "rigid body alone"
+def _explain_lines(document: dict[str, Any], alone: str) -> list[str]:
     lines = [
         f"  {step['added'] or alone:<22} error {step['error']:.3f}" for step in document["steps"]
     ]

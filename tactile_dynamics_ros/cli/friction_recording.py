@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from argparse import ArgumentParser, Namespace
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,13 +15,24 @@ from tactile_dynamics_ros.core.errors import BadInputError
 
 if TYPE_CHECKING:
     from tactile_dynamics_ros.core.friction.discrepancy_model import FrictionModel
+    from tactile_dynamics_ros.recording import Recording
 
 
 @dataclass(frozen=True)
-class ProbeSource:
-    """Where the slips came from, for the report."""
+class Question:
+    """A fitted model that is held against its data.
 
-    source: str
+    Attributes:
+        model: fitted.
+        alone: what the model without effects is called.
+        error: gives the field ``error`` of the document of `compare`.
+        recording: for the report; None where none is drawn.
+    """
+
+    model: Any
+    alone: str
+    error: Callable[[], dict[str, Any]]
+    recording: Recording | None = None
 
 
 def add_model_argument(parser: ArgumentParser) -> None:
@@ -45,7 +57,7 @@ def is_probe_recording(args: Namespace) -> bool:
     return found
 
 
-def fit_friction(args: Namespace) -> tuple[ProbeSource, FrictionModel]:
+def question_friction(args: Namespace) -> Question:
     """Fit Coulomb friction, with the named effects, to the slips of a recording.
 
     Raises:
@@ -59,11 +71,11 @@ def fit_friction(args: Namespace) -> tuple[ProbeSource, FrictionModel]:
         raise BadInputError("--out: no report is drawn for probe recordings; use --json")
     names = [name.strip() for name in args.effects.split(",") if name.strip()]
     slips = tabulate_slips(read_slips(Path(args.bag)))
-    return ProbeSource(str(args.bag)), FrictionModel.fit(slips, names)
+    model = FrictionModel.fit(slips, names)
+    return Question(model, "Coulomb alone", lambda: _error_of(model))
 
 
-def friction_error(model: FrictionModel) -> dict[str, Any]:
-    """The field ``error`` of the document of `compare`."""
+def _error_of(model: FrictionModel) -> dict[str, Any]:
     force = model.residuals().physical
     return {
         "whitened_rms": float(np.sqrt(np.mean(model.residual**2))),

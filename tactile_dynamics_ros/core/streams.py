@@ -84,3 +84,16 @@ class Streams:
     pose: PoseStream | None
     contacts: dict[str, ContactStream] = field(default_factory=dict)
     imu: ImuStream | None = None
+
+
+def nearest_samples(stamps: Array, time: Array) -> NDArray[np.int64]:
+    """Index (N,) of the sample nearest to each time; the earlier one where two are as near.
+
+    Args:
+        stamps: (K,) s, increasing.
+        time: (N,) s.
+    """
+    right = np.clip(np.searchsorted(stamps, time), 1, max(len(stamps) - 1, 1))
+    right = np.minimum(right, len(stamps) - 1)
+    left = np.maximum(right - 1, 0)
+    return np.where(time - stamps[left] <= stamps[right] - time, left, right)

@@ -12,7 +12,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.contact.robot_description import rpy_to_matrix
+from tactile_dynamics_ros.core.contact.robot_description import described_pose, rpy_to_matrix
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.manipulation.grasp_site import GraspSite
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
@@ -141,10 +141,7 @@ def _tensor(values: Mapping[str, Any]) -> Array:
 
 
 def _shape(values: Mapping[str, Any]) -> Shape:
-    pose = np.eye(4)
-    pose[:3, 3] = np.asarray(values.get("centre", (0.0, 0.0, 0.0)), dtype=float)
-    angles = np.asarray(values.get("rpy_deg", (0.0, 0.0, 0.0)), dtype=float)
-    pose[:3, :3] = rpy_to_matrix(np.deg2rad(angles))
+    pose = described_pose(values)
     if "box" in values:
         return Shape("box", np.asarray(values["box"], dtype=float), pose)
     radius, height = (float(values["cylinder"][key]) for key in ("radius", "height"))

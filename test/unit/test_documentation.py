@@ -45,11 +45,12 @@ def test_the_page_names_all_fields_units_importers_and_topics():
 
 
 def test_the_section_of_real_measurements_is_replaced_in_place(tmp_path, capsys):
-    from benchmarks.real_data import BEGIN, END, _replace_section, main
+    from benchmarks.page_section import replace_section
+    from benchmarks.real_data import BEGIN, END, main
 
     section = f"{BEGIN}\nnew\n{END}\n"
-    page = _replace_section("# Page\n\nfirst\n", section)
+    page = replace_section("# Page\n\nfirst\n", section)
     assert page == f"# Page\n\nfirst\n\n{section}"
-    assert _replace_section(page.replace("new", "old") + "\nlast\n", section) == page + "\nlast\n"
+    assert replace_section(page.replace("new", "old") + "\nlast\n", section) == page + "\nlast\n"
     assert main([str(tmp_path)]) == 2
     assert "is not on this machine" in capsys.readouterr().err

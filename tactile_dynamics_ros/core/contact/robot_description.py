@@ -11,8 +11,9 @@ LL4MA description (BioTac mounts), pybullet_data kuka_iiwa (arm), KUKA data shee
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,6 +94,15 @@ def rpy_to_matrix(rpy: Vector3 | Array) -> Array:
             [-sp, cp * sr, cp * cr],
         ]
     )
+
+
+def described_pose(values: Mapping[str, Any]) -> Array:
+    """Pose (4, 4) of a description: ``centre`` in m and ``rpy_deg``, each zero where absent."""
+    pose = np.eye(4)
+    pose[:3, 3] = np.asarray(values.get("centre", (0.0, 0.0, 0.0)), dtype=float)
+    angles = np.asarray(values.get("rpy_deg", (0.0, 0.0, 0.0)), dtype=float)
+    pose[:3, :3] = rpy_to_matrix(np.deg2rad(angles))
+    return pose
 
 
 # xyz, rpy, limit (rad), torque cap (N m), speed limit (deg/s)

@@ -10,7 +10,7 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.contact.robot_description import rpy_to_matrix
+from tactile_dynamics_ros.core.contact.robot_description import described_pose
 from tactile_dynamics_ros.core.errors import BadInputError
 
 Array = NDArray[np.float64]
@@ -126,10 +126,7 @@ def _join(meshes: Sequence[Any]) -> trimesh.Trimesh:
 
 
 def _mesh(shape: Mapping[str, Any]) -> Any:
-    pose = np.eye(4)
-    pose[:3, 3] = np.asarray(shape.get("centre", (0.0, 0.0, 0.0)), dtype=float)
-    angles = np.asarray(shape.get("rpy_deg", (0.0, 0.0, 0.0)), dtype=float)
-    pose[:3, :3] = rpy_to_matrix(np.deg2rad(angles))
+    pose = described_pose(shape)
     if "box" in shape:
         return trimesh.creation.box(np.asarray(shape["box"], dtype=float), transform=pose)
     size = shape["cylinder"]

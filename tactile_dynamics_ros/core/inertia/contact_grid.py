@@ -15,7 +15,7 @@ from tactile_dynamics_ros.core.inertia.local_polynomial import (
     typical_period,
 )
 from tactile_dynamics_ros.core.inertia.noise import white_noise_std
-from tactile_dynamics_ros.core.streams import ContactStream, Streams
+from tactile_dynamics_ros.core.streams import ContactStream, Streams, nearest_samples
 
 Array = NDArray[np.float64]
 
@@ -106,7 +106,7 @@ def contact_signals(contact: ContactStream, grid: Array) -> ContactSignals:
     """Read one contact on the grid."""
     period = typical_period(contact.time)
     functional = _force_functional(contact.time, grid, period)
-    nearest = _nearest(contact.time, grid)
+    nearest = nearest_samples(contact.time, grid)
     distance = np.abs(contact.time[nearest] - grid)
     present = distance < max(0.75 * period, 0.75 * _grid_period(grid))
     magnitude = np.linalg.norm(contact.force, axis=1) + np.linalg.norm(contact.torque, axis=1)
@@ -131,7 +131,7 @@ def contact_signals(contact: ContactStream, grid: Array) -> ContactSignals:
         force=contact.force,
         torque=contact.torque,
         point=contact.position,
-        rotation=contact.rotation[_nearest(contact.pose_time, grid)],
+        rotation=contact.rotation[nearest_samples(contact.pose_time, grid)],
         in_contact=in_contact,
         valid=~_dropped(contact.time, magnitude, period, grid) & (functional.valid | ~in_contact),
         signals=signals,
@@ -143,16 +143,9 @@ def _grid_period(grid: Array) -> float:
     return float(np.median(np.diff(grid)))
 
 
-def _nearest(time: Array, grid: Array) -> NDArray[np.int64]:
-    right = np.clip(np.searchsorted(time, grid), 1, max(len(time) - 1, 1))
-    right = np.minimum(right, len(time) - 1)
-    left = np.maximum(right - 1, 0)
-    return np.where(grid - time[left] <= time[right] - grid, left, right)
-
-
 def _identity(time: Array, grid: Array) -> LocalFunctional | None:
     """One sample per grid time where stamps coincide (or the contact is silent)."""
-    nearest = _nearest(time, grid)
+    nearest = nearest_samples(time, grid)
     distance = np.abs(time[nearest] - grid)
     period = _grid_period(grid)
     if np.any((distance > 2 * _SYNCHRONOUS) & (distance < 0.75 * period)):
@@ -186,9 +179,10 @@ def _interpolation(time: Array, grid: Array, period: float) -> LocalFunctional:
     share = (grid - time[left]) / step
     reach = _EXTRAPOLATED * period / step
     inside = (share > -reach) & (share < 1.0 + reach)
-    bridged = (step < _SILENCE_PERIODS * period) | (np.minimum(share, 1.0 - share) < reach)
+    near = step < _SILENCE_PERIODS * period
+    bridged = near | (np.minimum(share, 1.0 - share) < reach)
     share = np.clip(share, 0.0, 1.0)
-    share = np.where(step < _SILENCE_PERIODS * period, share, np.round(share))
+    share = np.where(near, share, np.round(share))
     weights = np.stack([1.0 - share, share], axis=1)
     return LocalFunctional(left.astype(np.int64), weights[:, None], inside & bridged)
 

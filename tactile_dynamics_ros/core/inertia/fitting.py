@@ -193,9 +193,10 @@ class _ReducedSystem:
         self._blocks, self._phi, self._effects = blocks, phi, effects
         self._rows = [np.concatenate([b.jacobian, b.residual[:, None]], axis=1) for b in blocks]
         self._white_start = [self._white_effects(b, phi, theta) for b in blocks]
-        plain = [b.linearisation.whiten(b.problem.regressor) for b in blocks if effects]
-        self._beside = [a - b.jacobian for a, b in zip(plain, blocks, strict=False)]
-        if not effects:
+        if effects:
+            plain = [b.linearisation.whiten(b.problem.regressor) - b.jacobian for b in blocks]
+            self._beside = np.concatenate(plain)
+        else:
             self._rows = [np.asarray(np.linalg.qr(np.concatenate(self._rows), mode="r"))]
 
     def evaluate(self, phi: Array, theta: Sequence[Array]) -> tuple[Array, Array]:
@@ -212,7 +213,7 @@ class _ReducedSystem:
             [self._effect_columns(block, phi, theta) for block in self._blocks]
         )
         # rows already hold dDelta/dphi at the start; the exact change replaces that linear part
-        correction = np.concatenate(self._beside) @ (phi - self._phi)
+        correction = self._beside @ (phi - self._phi)
         residual = residual - np.concatenate(moved) + correction
         return residual, np.concatenate([rows[:, :10], columns], axis=1)
 

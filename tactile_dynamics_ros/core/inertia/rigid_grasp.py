@@ -23,7 +23,7 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     pseudo_inertia,
 )
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, log_so3, skew
-from tactile_dynamics_ros.core.streams import ContactStream, PoseStream, Streams
+from tactile_dynamics_ros.core.streams import ContactStream, PoseStream, Streams, nearest_samples
 
 Array = NDArray[np.float64]
 
@@ -107,10 +107,11 @@ class _Place:
             return None
         std = max(white_noise_std(contact.pose_time, contact.position), _POINT_STD_FLOOR)
         period = float(np.median(np.diff(contact.pose_time)))
-        near = np.abs(contact.pose_time[_nearest(contact.pose_time, pose.time)] - pose.time)
+        near = np.abs(contact.pose_time[nearest_samples(contact.pose_time, pose.time)] - pose.time)
         inside = (pose.time >= contact.pose_time[0]) & (pose.time <= contact.pose_time[-1])
-        touching = np.any(contact.force != 0.0, axis=1)[_nearest(contact.time, pose.time)]
-        silence = np.abs(contact.time[_nearest(contact.time, pose.time)] - pose.time)
+        felt = nearest_samples(contact.time, pose.time)
+        touching = np.any(contact.force[felt] != 0.0, axis=1)
+        silence = np.abs(contact.time[felt] - pose.time)
         there = inside & touching & (near < period) & (silence < 2.0 * period)
         point = np.asarray(CubicSpline(contact.pose_time, contact.position)(pose.time))
         place = cls(contact.name, point, there, std)
@@ -135,11 +136,6 @@ class _Place:
         means = held[: count * size].reshape(count, size, 3).mean(axis=1)
         square = float(np.sum((means - means.mean(axis=0)) ** 2)) * size / noise**2
         return square < float(chi2.ppf(_CONFIDENCE, 3 * (count - 1)))
-
-
-def _nearest(time: Array, grid: Array) -> NDArray[np.int64]:
-    right = np.clip(np.searchsorted(time, grid), 1, len(time) - 1)
-    return np.where(grid - time[right - 1] <= time[right] - grid, right - 1, right)
 
 
 def _align(pose: PoseStream, start: PoseStream, places: list[_Place]) -> PoseStream:

@@ -14,7 +14,7 @@ import yaml
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from tactile_dynamics_ros.core.contact.robot_description import rpy_to_matrix
+from tactile_dynamics_ros.core.contact.robot_description import described_pose, rpy_to_matrix
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 
@@ -288,10 +288,7 @@ def _load_mesh(path: Path) -> ObjectShape:
 
 
 def _surface(values: Mapping[str, Any]) -> Surface:
-    pose = np.eye(4)
-    pose[:3, 3] = np.asarray(values.get("centre", (0.0, 0.0, 0.0)), dtype=float)
-    angles = np.asarray(values.get("rpy_deg", (0.0, 0.0, 0.0)), dtype=float)
-    pose[:3, :3] = rpy_to_matrix(np.deg2rad(angles))
+    pose = described_pose(values)
     if "box" in values:
         return BoxSurface(0.5 * np.asarray(values["box"], dtype=float), pose)
     if "sphere" in values:

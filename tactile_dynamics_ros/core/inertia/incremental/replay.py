@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.incremental.estimator import IncrementalInertialEstimator
 from tactile_dynamics_ros.core.inertia.incremental.live_estimate import LiveEstimate
-from tactile_dynamics_ros.core.streams import ContactStream, PoseStream, Streams
+from tactile_dynamics_ros.core.streams import ContactStream, PoseStream, Streams, nearest_samples
 
 Array = NDArray[np.float64]
 
@@ -30,7 +30,10 @@ def replay_streams(
     if streams.pose is None:
         raise BadInputError("no /object/pose in the recording: the live estimator needs poses")
     estimator = estimator or IncrementalInertialEstimator()
-    queues = [(contact, _nearest_poses(contact)) for contact in streams.contacts.values()]
+    queues = [
+        (contact, nearest_samples(contact.pose_time, contact.time))
+        for contact in streams.contacts.values()
+    ]
     positions = [0] * len(queues)
     for k, time in enumerate(streams.pose.time):
         _add_pose(estimator, streams.pose, k)
@@ -41,13 +44,6 @@ def replay_streams(
         estimate = estimator.update()
         if estimate is not None:
             yield estimate
-
-
-def _nearest_poses(contact: ContactStream) -> NDArray[np.int64]:
-    right = np.clip(np.searchsorted(contact.pose_time, contact.time), 1, len(contact.pose_time) - 1)
-    left = right - 1
-    before = contact.time - contact.pose_time[left] <= contact.pose_time[right] - contact.time
-    return np.where(before, left, right)
 
 
 def _add_pose(estimator: IncrementalInertialEstimator, pose: PoseStream, k: int) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.streams import ContactStream, Streams
+from tactile_dynamics_ros.core.streams import ContactStream, Streams, nearest_samples
 
 Array = NDArray[np.float64]
 
@@ -61,13 +61,11 @@ class TimeSteps:
 
 def _read(contact: ContactStream, time: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Force and point of the nearest reading, world axes, and whether there is one."""
-    nearest = _nearest(contact.time, time)
+    nearest = nearest_samples(contact.time, time)
     period = float(np.median(np.diff(contact.time)))
     present = np.abs(contact.time[nearest] - time) < _SAME_INSTANT * period + 1e-6
-    return contact.force[nearest], contact.position[_nearest(contact.pose_time, time)], present
-
-
-def _nearest(stamps: Array, time: Array) -> NDArray[np.int64]:
-    right = np.clip(np.searchsorted(stamps, time), 1, len(stamps) - 1)
-    before = time - stamps[right - 1] <= stamps[right] - time
-    return np.where(before, right - 1, right)
+    return (
+        contact.force[nearest],
+        contact.position[nearest_samples(contact.pose_time, time)],
+        present,
+    )
