@@ -93,7 +93,7 @@ class FrictionProbeNode(Shell):
         self.listen(JointState, COMMAND, self._on_command)
         self.listen(PoseWithCovarianceStamped, self.config.pose_topic, self._on_pose)
         self.listen(Vector3Stamped, f"/biotac/{probe_config.finger}/slip", self._on_slip)
-        self.create_subscription(Bool, "/emergency_stop", self._on_stop, RELIABLE)
+        self.listen(Bool, "/emergency_stop", self._on_stop, RELIABLE)
         self._assemblies = [ContactAssembly(self, f, self._taker(f)) for f in FINGERS]
         self.serve("/friction_probe/probe", self.start)
 

@@ -102,6 +102,7 @@ class GraspControllerNode(Shell):
         self._behaviour: GraspController | None = None
         self._resumed: tuple[float, ArmPath] | None = None
         self._seen: deque[Array] = deque(maxlen=self.config.start_poses)
+        self._pose: Array | None = None
         self._forces: dict[str, tuple[float, Array]] = {}
         self._waiting: tuple[float, Array] | None = None
         self._last, self._paused, self._probing = -np.inf, 0.0, False
@@ -120,6 +121,8 @@ class GraspControllerNode(Shell):
 
     def _on_vision(self, message: PoseWithCovarianceStamped) -> None:
         self._seen.append(uncertain_pose_to_core(message, VISION, "world")[0])
+        if len(self._seen) == self.config.start_poses:
+            self._pose = average_poses(np.stack(self._seen))[0]
 
     def _on_joints(self, message: JointState) -> None:
         positions = self._reader.positions(message)
@@ -184,11 +187,8 @@ class GraspControllerNode(Shell):
             self._behaviour.set_friction(self._friction)
 
     def _act(self, behaviour: GraspController, time: float, positions: Array) -> None:
-        pose = None
-        if len(self._seen) == self.config.start_poses:
-            pose = average_poses(np.stack(self._seen))[0]
         forces = self._touching(time)
-        target = behaviour.update(time - self._paused, positions, forces, pose)
+        target = behaviour.update(time - self._paused, positions, forces, self._pose)
         self._announce(behaviour.phase.value, behaviour.phase in OFF_THE_TABLE, behaviour.outcome)
         if not behaviour.done and behaviour.phase is not Phase.OPEN:
             self._command.publish(joints_to_message(self.kinematics.joint_names, time, target))

@@ -37,7 +37,7 @@ class InertialEstimatorConfig:
     """What is listened to, how often an estimate is published, and the model."""
 
     contacts: tuple[str, ...] = parameter(FINGERS, "names of the contacts on /contact/<name>")
-    update_rate_hz: float = parameter(20.0, "rate of estimates", "Hz", 0.1, 200.0)
+    update_rate_hz: float = parameter(10.0, "rate of estimates", "Hz", 0.1, 200.0)
     effects: tuple[str, ...] = parameter((), "effects of the catalogue in the model; live")
 
     def __post_init__(self) -> None:

@@ -24,12 +24,15 @@ from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError
 from tactile_dynamics_ros.nodes.conversions import MessageError
 from tactile_dynamics_ros.nodes.diagnostics import Faults
 from tactile_dynamics_ros.nodes.parameters import refuse_unknown
+from tactile_dynamics_ros.nodes.waiting import Waiter
 
 STREAM = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Sensor data: best effort, half a second deep at 100 Hz."""
 
-POLL_PERIOD = 0.004
-SERVICE_PERIOD = 0.03
+GATHER = 0.005
+"""Pause after a first message, s: those that follow closely are taken together."""
+SERVICE_PERIOD = 0.1
+"""Real time after which the executor is asked even if no request has come, s."""
 BURST = 200
 
 LATCHED = QoSProfile(
@@ -67,19 +70,20 @@ class _Periodic:
 class Shell(Node):
     """A node that counts bad messages instead of failing on them.
 
-    Messages are taken by polling, several at a time: at 1000 small messages per second an executor
-    would spend most of the node's time on building wait sets.
+    Messages are taken several at a time: at 1000 small messages per second an executor would spend
+    most of the node's time on building wait sets.
 
     Args:
         name: of the node.
 
     Attributes:
         faults: counts that appear on /diagnostics.
+        polled: subscriptions whose messages the node takes itself.
     """
 
     def __init__(self, name: str) -> None:
         super().__init__(name, automatically_declare_parameters_from_overrides=True)
-        self._polled: list[Subscription] = []
+        self.polled: list[Subscription] = []
         self._polled_group = _Polled()
         self._periodic: list[_Periodic] = []
         self.faults = Faults(self)
@@ -87,7 +91,7 @@ class Shell(Node):
 
     def work(self) -> None:
         """Take all waiting messages and do what is due."""
-        for subscription in self._polled:
+        for subscription in self.polled:
             handle = subscription.handle
             with handle:
                 for _ in range(BURST):
@@ -101,6 +105,10 @@ class Shell(Node):
                 late = now - entry.due > entry.period
                 entry.due = now + entry.period if late else entry.due + entry.period
                 entry.callback()
+
+    def idle_time(self) -> float:
+        """Return the time until something is due, s."""
+        return min(entry.due for entry in self._periodic) - time.monotonic()
 
     def listen(
         self,
@@ -122,7 +130,7 @@ class Shell(Node):
                 self.faults.add(kind_of, str(error))
 
         group = self._polled_group
-        self._polled.append(
+        self.polled.append(
             self.create_subscription(kind, topic, guarded, profile, callback_group=group, raw=raw)
         )
 
@@ -156,17 +164,19 @@ def spin(node: Shell, stop: Callable[[], bool]) -> None:
 
     Args:
         node: to be served; its services and parameters by an executor.
-        stop: asked every few milliseconds.
+        stop: asked several times a second.
     """
     executor = SingleThreadedExecutor()
     executor.add_node(node)
+    waiter = Waiter(node, node.polled)
     service = time.monotonic()
     while not stop():
+        requested = waiter.wait(min(node.idle_time(), service - time.monotonic()))
+        time.sleep(GATHER)
         node.work()
-        if time.monotonic() >= service:
+        if requested or time.monotonic() >= service:
             executor.spin_once(timeout_sec=0.0)
             service = time.monotonic() + SERVICE_PERIOD
-        time.sleep(POLL_PERIOD)
     executor.remove_node(node)
 
 
