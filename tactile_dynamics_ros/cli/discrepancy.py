@@ -95,6 +95,8 @@ def _ask(args: Namespace) -> Question:
 
     recording, effects = read_recording(args), read_effects(args)
     fitted = fit_with_readings(recording.streams, effects)
+    if fitted.survey is not None:
+        print(f"note: {fitted.survey.remark}", file=sys.stderr)
     return Question(
         HeldObjectModel.from_fit(fitted),
         "rigid body alone",

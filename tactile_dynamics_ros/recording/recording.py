@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from tactile_dynamics_ros.core.cutting import cut_streams
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.streams import ContactStream, Streams
 from tactile_dynamics_ros.recording import topics
@@ -18,7 +19,6 @@ from tactile_dynamics_ros.recording.bag_files import BagTables, read_tables
 from tactile_dynamics_ros.recording.bag_writer import write_bag
 from tactile_dynamics_ros.recording.cdr import empty_table
 from tactile_dynamics_ros.recording.cleaning import ProblemLog
-from tactile_dynamics_ros.recording.cutting import cut_streams
 
 
 @dataclass(frozen=True)

@@ -70,7 +70,18 @@ def fit_recording(
         NotIdentifiableError: the iteration diverged.
     """
     config = config or BatchConfig()
-    model = fit_model(read_blocks(streams, config), effects, iterations=config.iterations)
+    return fit_problems(read_blocks(streams, config), effects, config)
+
+
+def fit_problems(
+    problems: Sequence[WrenchProblem], effects: Sequence[Effect], config: BatchConfig
+) -> FittedModel:
+    """Fit the model to stretches of a recording.
+
+    Raises:
+        NotIdentifiableError: the iteration diverged.
+    """
+    model = fit_model(problems, effects, iterations=config.iterations)
     if not np.all(np.isfinite(model.white_residual)):
         raise NotIdentifiableError("the estimation diverged; check units and stamps of the streams")
     return model

@@ -51,6 +51,33 @@ class Block:
 
 
 @dataclass(frozen=True)
+class Survey:
+    """The error of every stretch of a recording.
+
+    Attributes:
+        edges: (K + 1,) s, times that bound the stretches.
+        rms: (K,) white RMS; NaN where nothing was held.
+        fitted: (K,) which of them were fitted.
+    """
+
+    edges: Array
+    rms: Array
+    fitted: NDArray[np.bool_]
+
+    @property
+    def remark(self) -> str:
+        """What was used, in a sentence."""
+        minutes = (self.edges[-1] - self.edges[0]) / 60.0
+        seconds = 60.0 * minutes / len(self.rms)
+        return (
+            f"{minutes:.0f} minutes: fitted to {int(self.fitted.sum())} of {len(self.rms)} "
+            f"stretches of {seconds:.0f} s, spread evenly and those with the largest error; "
+            f"the error of all stretches lies between {np.nanmin(self.rms):.2f} and "
+            f"{np.nanmax(self.rms):.2f}"
+        )
+
+
+@dataclass(frozen=True)
 class FittedModel:
     """A rigid body with effects, fitted to a recording.
 
@@ -65,6 +92,7 @@ class FittedModel:
         converged: whether the iteration converged.
         frame_covariance: (6, 6) of a displacement of the body frame that all poses share, body
             axes [rotation, translation]; None where their noise is independent.
+        survey: of all stretches where only some were fitted.
     """
 
     blocks: tuple[Block, ...]
@@ -75,6 +103,7 @@ class FittedModel:
     unexcited: Array
     converged: bool
     frame_covariance: Array | None = None
+    survey: Survey | None = None
 
     @property
     def phi(self) -> Array:

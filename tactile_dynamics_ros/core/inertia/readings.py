@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from tactile_dynamics_ros.core.discrepancy.assessment import noise_floor
 from tactile_dynamics_ros.core.discrepancy.screening import screen
 from tactile_dynamics_ros.core.discrepancy.selection import try_effect
-from tactile_dynamics_ros.core.inertia.batch import BatchConfig, fit_recording
+from tactile_dynamics_ros.core.inertia.batch import BatchConfig
 from tactile_dynamics_ros.core.inertia.discrepancy_model import HeldObjectModel
 from tactile_dynamics_ros.core.inertia.fitted_model import FittedModel
+from tactile_dynamics_ros.core.inertia.stretches import fit_representative
 from tactile_dynamics_ros.core.streams import Streams
 
 if TYPE_CHECKING:
@@ -22,6 +24,7 @@ def fit_with_readings(
 ) -> FittedModel:
     """Fit a recording; effects named without a reading get the one with the best evidence.
 
+    Of a long recording only stretches are fitted (`fit_representative`).
     Readings are the frame of a lag, the fingers that have a bias, the law of a torsion.
 
     Args:
@@ -30,13 +33,12 @@ def fit_with_readings(
         config: of the fit.
     """
     open_names = [effect.name for effect in effects if not effect.variant]
-    model = HeldObjectModel.from_fit(
-        fit_recording(streams, [e for e in effects if e.variant], config)
-    )
+    fitted = fit_representative(streams, [e for e in effects if e.variant], config)
+    model = HeldObjectModel.from_fit(fitted)
     for name in open_names:
         floor = noise_floor(model)
         scores = screen(model, model.families([name]), floor)
         best = try_effect(model, scores, name, floor).model
         assert isinstance(best, HeldObjectModel)
         model = best.refined()
-    return model.fitted
+    return replace(model.fitted, survey=fitted.survey)
