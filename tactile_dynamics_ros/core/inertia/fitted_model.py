@@ -19,7 +19,11 @@ from tactile_dynamics_ros.core.inertia.systematic import (
     systematic_covariance_of_rows,
     systematic_lever,
 )
-from tactile_dynamics_ros.core.inertia.uncertainty import misfit_inflation, unexcited_parameters
+from tactile_dynamics_ros.core.inertia.uncertainty import (
+    excited_projection,
+    misfit_inflation,
+    unexcited_parameters,
+)
 from tactile_dynamics_ros.core.inertia.wrench_problem import Linearisation, WrenchProblem
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     InertialParameters,
@@ -153,11 +157,7 @@ class FittedModel:
 
     @cached_property
     def _excited_projection(self) -> Array:
-        """(10 + k, 10 + k) removes the unexcited directions from an information on [xi, theta]."""
-        keep = np.eye(self.white_jacobian.shape[1])
-        unexcited = self.unexcited @ self.unexcited.T
-        keep[:10, :10] -= unexcited * self.prior.std / self.prior.std[:, None]
-        return keep
+        return excited_projection(self.unexcited, self.prior, self.white_jacobian.shape[1])
 
     @cached_property
     def covariance(self) -> Array:

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import eigh
 
 from tactile_dynamics_ros.core.inertia.fitted_model import (
     Block,
@@ -17,6 +16,7 @@ from tactile_dynamics_ros.core.inertia.fitted_model import (
 from tactile_dynamics_ros.core.inertia.least_squares import levenberg_marquardt
 from tactile_dynamics_ros.core.inertia.outliers import isolated_outlier_variance
 from tactile_dynamics_ros.core.inertia.prior import LogCholeskyPrior, contact_prior
+from tactile_dynamics_ros.core.inertia.uncertainty import unexcited_directions
 from tactile_dynamics_ros.core.inertia.wrench_problem import WrenchProblem
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     dynamic_parameters_from_log_cholesky,
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_NOISE_RATIO = 1.5
 _HOLD = 100.0
 _MOST_STEPS = 20
 _TOLERANCE = 1e-6
@@ -63,7 +62,8 @@ def fit_model(
     if values is None:
         values = _guess_effects(blocks, present, effects)
         blocks = _whiten(problems, present, effects, values) if effects else blocks
-    unexcited = _unexcited_directions(blocks, prior)
+    total = sum((b.jacobian.T @ b.jacobian for b in blocks), start=np.zeros((10, 10)))
+    unexcited = unexcited_directions(total, regressor_noise_information(blocks), prior)
     converged = False
     for iteration in range(iterations):
         trusted = prior.weighted(_misfit(blocks))
@@ -109,21 +109,6 @@ def _misfit(blocks: Sequence[Block]) -> float:
     """RMS of the white residual, at least 1: misfit is no evidence against the prior."""
     squares = sum(float(block.residual @ block.residual) for block in blocks)
     return max(1.0, float(np.sqrt(squares / sum(len(block.residual) for block in blocks))))
-
-
-def _unexcited_directions(blocks: Sequence[Block], prior: LogCholeskyPrior) -> Array:
-    """Directions (10, q) of standardised xi in which J^T J is hardly more than noise.
-
-    Directions are judged at the prior mean, in order of the ratio of all information to that of
-    noise, v^T J^T J v / v^T N v (generalised eigenvectors).
-    """
-    mapping = log_cholesky_jacobian(prior.mean) * prior.std
-    total = sum((b.jacobian.T @ b.jacobian for b in blocks), start=np.zeros((10, 10)))
-    total = mapping.T @ total @ mapping
-    noise = mapping.T @ regressor_noise_information(blocks) @ mapping + np.eye(10)
-    ratio, vectors = eigh(total, noise)
-    weak = vectors[:, ratio < _NOISE_RATIO]
-    return np.asarray(np.linalg.qr(weak)[0]) if weak.size else np.zeros((10, 0))
 
 
 def _guess_effects(blocks: Sequence[Block], xi: Array, effects: Sequence[Effect]) -> list[Array]:

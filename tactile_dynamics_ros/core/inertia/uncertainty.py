@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import eigh
 
 from tactile_dynamics_ros.core.inertia.estimate import PARAMETER_NAMES
+from tactile_dynamics_ros.core.inertia.prior import LogCholeskyPrior
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     com_inertia_jacobian,
     dynamic_parameters_from_log_cholesky,
@@ -17,6 +19,7 @@ Array = NDArray[np.float64]
 _SCORE_BLOCK = 300
 _TOLERATED_RATIO = 2.0
 _OPEN = 0.25
+_NOISE_RATIO = 1.5
 
 
 def _own_coordinates() -> Array:
@@ -79,3 +82,32 @@ def unexcited_parameters(xi: Array, data: Array, prior: Array) -> tuple[str, ...
     return tuple(
         name for name, a, b in zip(PARAMETER_NAMES, after, before, strict=True) if a > _OPEN * b
     )
+
+
+def unexcited_directions(information: Array, noise: Array, prior: LogCholeskyPrior) -> Array:
+    """Directions of standardised xi in which the data are hardly more than noise of the poses.
+
+    Directions are judged at the prior mean, in order of the ratio of all information to that of
+    noise, v^T J^T J v / v^T (N + 1) v (generalised eigenvectors).
+
+    Args:
+        information: (10, 10) J^T J on phi.
+        noise: (10, 10) the part N of it that noise of the regressors feigns.
+        prior: of xi.
+
+    Returns:
+        (10, q) orthonormal directions of (xi - mean) / std.
+    """
+    mapping = log_cholesky_jacobian(prior.mean) * prior.std
+    ratio, vectors = eigh(
+        mapping.T @ information @ mapping, mapping.T @ noise @ mapping + np.eye(10)
+    )
+    weak = vectors[:, ratio < _NOISE_RATIO]
+    return np.asarray(np.linalg.qr(weak)[0]) if weak.size else np.zeros((10, 0))
+
+
+def excited_projection(unexcited: Array, prior: LogCholeskyPrior, size: int) -> Array:
+    """(size, size) removes unexcited directions from an information on [xi, theta]."""
+    keep = np.eye(size)
+    keep[:10, :10] -= (unexcited @ unexcited.T) * prior.std / prior.std[:, None]
+    return keep

@@ -26,6 +26,7 @@ from tactile_dynamics_ros.core.inertia.incremental.sample_stream import Layout, 
 from tactile_dynamics_ros.core.inertia.incremental.solver import DivergencePrior, SummarySolver
 from tactile_dynamics_ros.core.inertia.prior import contact_prior
 from tactile_dynamics_ros.core.inertia.systematic import systematic_lever
+from tactile_dynamics_ros.core.inertia.uncertainty import excited_projection, unexcited_directions
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     dynamic_parameters_from_log_cholesky,
 )
@@ -37,6 +38,8 @@ Array = NDArray[np.float64]
 
 _BLOCK_SAMPLES = 25
 _ERROR_SAMPLES = 500
+_HOLD = 100.0
+_LOOK_SHARE = 0.1
 
 
 @dataclass(frozen=True)
@@ -76,6 +79,7 @@ class Accumulation:
         self._pipeline: WhiteningPipeline | None = None
         self._known: _Knowledge | None = None
         self._squared_error = np.zeros(6)
+        self._unexcited, self._next_look = np.zeros((10, 0)), 0
 
     @property
     def state(self) -> Array:
@@ -107,9 +111,27 @@ class Accumulation:
             self.next = last
             budget -= last - first
         if self.samples > before and self.solver is not None:
+            self._hold_unexcited()
             self.solver.replace_summary(self.information.factor, self.information.target)
             self._known = None
         return self.samples - before
+
+    def _hold_unexcited(self) -> None:
+        """Keep at the prior what the motion has not excited, else noise of the poses decides it."""
+        assert self.solver is not None
+        if self.samples < self._next_look:
+            return
+        self._next_look = self.samples + max(1, int(_LOOK_SHARE * self.samples))
+        factor = self.information.factor[:, :10]
+        found = unexcited_directions(
+            factor.T @ factor, self.noise_information[:10, :10], self._prior
+        )
+        if found.shape[1] == self._unexcited.shape[1] == 0:
+            return
+        self._unexcited = found
+        rows = np.zeros((10, 10))
+        rows[: found.shape[1]] = _HOLD * found.T / self._prior.std
+        self.solver.hold(rows)
 
     def assume(self, other: Accumulation) -> None:
         """Weigh samples as another model's estimate implies, until `resume`."""
@@ -135,10 +157,11 @@ class Accumulation:
         assert self.solver is not None
         mapping, prior = self.solver.coordinate_jacobian(), self.solver.prior_information()
         seen = self.information.factor @ mapping
-        data = seen.T @ seen - mapping.T @ self.noise_information @ mapping
-        data = positive_part(data, prior)
+        keep = excited_projection(self._unexcited, self._prior, len(prior))
+        noise = keep @ mapping.T @ self.noise_information @ mapping @ keep.T
+        data = positive_part(keep @ seen.T @ seen @ keep.T - noise, prior)
         bread = mapping @ np.linalg.inv(data + prior)
-        filling = data + prior + mapping.T @ self.noise_information @ mapping
+        filling = data + prior + noise
         return _Knowledge(data, prior, np.asarray(bread @ filling @ bread.T))
 
     def state_covariance(self) -> Array:
@@ -161,7 +184,8 @@ class Accumulation:
         samples = motion.samples(self._stream.contacts(at, at + 1))
         self.effect_parameters = tuple(e.parameters(samples) for e in self.effects)
         stds = [p.prior_std for parameters in self.effect_parameters for p in parameters]
-        prior = DivergencePrior(contact_prior(samples).mean, self._config.prior_weight)
+        self._prior = contact_prior(samples)
+        prior = DivergencePrior(self._prior.mean, self._config.prior_weight)
         self.solver = SummarySolver(prior, np.array(stds))
         self.information = SquareRootInformation(10 + len(stds))
         self.noise_information = np.zeros((10 + len(stds), 10 + len(stds)))

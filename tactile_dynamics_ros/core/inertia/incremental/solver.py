@@ -25,12 +25,16 @@ _NEAR_ONE = 1e-4
 _SMALLEST_RATIO = 1e-150
 _MAXIMUM_ROUNDS = 8
 _STEP_TOLERANCE = 1e-3
+_SHRINKING = 0.9
+"""Least shrinking of undamped steps, of one over the one before, that promises an end."""
+_ENOUGH = 1e-4
+"""Relative fall of the cost below which the damped steps end."""
 _LARGEST_LOGARITHM = 40.0
 _WIDEST_RATIO = 12.0
 
 
-class _LeftRange(Exception):
-    """An undamped step led to a body beyond all scales."""
+class _Diverged(Exception):
+    """Undamped steps do not shrink, or led to a body beyond all scales."""
 
 
 def _bounded(xi: Array) -> Array:
@@ -57,13 +61,29 @@ class DivergencePrior:
     sum_{i<j} M_ij^2 + sum_i (M_ii^2 - 2 log M_ii - 1); each term is the square of a smooth error.
     Source: Lee, Wensing, Park 2020, Eq. 17; paper A, Eq. 16 lacks the log det, without which the
     optimum is P = 0.
+
+    Attributes:
+        mean: (10,) log-Cholesky coordinates of P0.
+        hold: (10, 10) rows that hold xi - mean where the data say nothing; zero where they do.
     """
 
     def __init__(self, mean: Array, weight: float) -> None:
         """Centre the prior at log-Cholesky coordinates `mean` (10,) with `weight` nats."""
         self.mean = np.asarray(mean, dtype=float)
+        self.hold = np.zeros((10, 10))
         self._inverse = np.linalg.inv(upper_factor(self.mean))
         self._scale = math.sqrt(2.0 * weight)
+
+    def cost(self, xi: Array) -> float:
+        """Divergence, and half the square of what is held."""
+        held = self.hold @ (xi - self.mean)
+        return self.divergence(xi) + 0.5 * float(held @ held)
+
+    def held_error(self, xi: Array) -> tuple[Array, Array]:
+        """Error (20,) with `cost` = |error|^2 / 2, and its Jacobian (20, 10)."""
+        error, jacobian = self.error(xi)
+        held = self.hold @ (xi - self.mean)
+        return np.concatenate([error, held]), np.concatenate([jacobian, self.hold])
 
     def divergence(self, xi: Array) -> float:
         """Prior cost: weight (tr(P0^-1 P) - log det(P0^-1 P) - 4)."""
@@ -146,15 +166,15 @@ class SummarySolver:
         try:
             self._iterate(graph)
             after = self._cost(self._state(), factor, target)
-        except (RuntimeError, _LeftRange):
+        except (RuntimeError, _Diverged):
             after = np.inf
         if not after <= before * (1.0 + 1e-9) + 1e-9:
             self._recover(start, factor, target)
 
-    def posterior_information(self, factor: Array) -> Array:
-        """Gauss-Newton information (10 + k, 10 + k) on [xi, theta], data and prior."""
-        jacobian = factor @ self.coordinate_jacobian()
-        return np.asarray(jacobian.T @ jacobian + self.prior_information())
+    def hold(self, rows: Array) -> None:
+        """Hold rows (10, 10) of xi - mean from now on; iSAM2 starts anew where it is."""
+        self._prior.hold = rows
+        self._start(self._xi, self._theta)
 
     def prior_information(self) -> Array:
         """Information of the prior alone at the present estimate, on [xi, theta]."""
@@ -193,15 +213,17 @@ class SummarySolver:
         removed = self._summary_index
         result = self._isam.update(graph, gtsam.Values(), removed)
         self._summary_index = list(result.getNewFactorsIndices())
+        last = np.inf
         for _ in range(_MAXIMUM_ROUNDS):
             previous = self._state()
             self._read()
-            if np.abs(self._xi[:4]).max() > _LARGEST_LOGARITHM:
-                raise _LeftRange
-            step = self._state() - previous
-            if np.abs(step).max() < _STEP_TOLERANCE:
+            step = float(np.abs(self._state() - previous).max())
+            if step < _STEP_TOLERANCE:
                 return
+            if step > _SHRINKING * last or np.abs(self._xi[:4]).max() > _LARGEST_LOGARITHM:
+                raise _Diverged
             self._isam.update()
+            last = step
 
     def _state(self) -> Array:
         return np.concatenate([self._xi, self._theta])
@@ -213,14 +235,14 @@ class SummarySolver:
 
     def _recover(self, start: Array, factor: Array, target: Array) -> None:
         """Solve the same problem by damped steps from `start` and restart iSAM2 there."""
-        rows = len(target) + len(start)
+        rows = len(target) + len(start) + 10
 
         def evaluate(x: Array) -> tuple[Array, Array]:
             if np.abs(x[:4]).max() > _LARGEST_LOGARITHM:
                 return np.full(rows, np.inf), np.zeros((rows, len(x)))
             return self._stacked(x[:10], x[10:], factor, target)
 
-        best, _ = levenberg_marquardt(evaluate, start, iterations=15)
+        best, _ = levenberg_marquardt(evaluate, start, 15, _ENOUGH)
         self._start(best[:10], best[10:])
         graph = gtsam.NonlinearFactorGraph()
         graph.add(self._summary_factor(factor, target))
@@ -236,7 +258,7 @@ class SummarySolver:
         phi = dynamic_parameters_from_log_cholesky(x[:10])
         data = factor[:, :10] @ phi + factor[:, 10:] @ x[10:] - target
         effects = x[10:] / self._effect_std
-        return float(data @ data + 2.0 * self._prior.divergence(x[:10]) + effects @ effects)
+        return float(data @ data + 2.0 * self._prior.cost(x[:10]) + effects @ effects)
 
     def _stacked(
         self, xi: Array, theta: Array, factor: Array, target: Array
@@ -244,23 +266,23 @@ class SummarySolver:
         """All errors and their Jacobian on [xi, theta]: data, prior of inertia, of effects."""
         size = 10 + len(theta)
         data, by_inertia = _summary_error(xi, theta, factor, target)
-        prior, by_prior = self._prior.error(xi)
-        jacobian = np.zeros((len(data) + size, size))
+        prior, by_prior = self._prior.held_error(xi)
+        jacobian = np.zeros((len(data) + len(prior) + len(theta), size))
         jacobian[: len(data), :10], jacobian[: len(data), 10:] = by_inertia, factor[:, 10:]
-        jacobian[len(data) : len(data) + 10, :10] = by_prior
-        jacobian[len(data) + 10 :, 10:] = np.diag(1.0 / self._effect_std)
+        jacobian[len(data) : len(data) + len(prior), :10] = by_prior
+        jacobian[len(data) + len(prior) :, 10:] = np.diag(1.0 / self._effect_std)
         return np.concatenate([data, prior, theta / self._effect_std]), jacobian
 
     def _prior_factor(self) -> gtsam.CustomFactor:
         def error(
             _: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None
         ) -> Array:
-            value, jacobian = self._prior.error(_bounded(values.atVector(INERTIA_KEY)))
+            value, jacobian = self._prior.held_error(_bounded(values.atVector(INERTIA_KEY)))
             if jacobians is not None:
                 jacobians[0] = jacobian
             return value
 
-        return gtsam.CustomFactor(gtsam.noiseModel.Unit.Create(10), [INERTIA_KEY], error)
+        return gtsam.CustomFactor(gtsam.noiseModel.Unit.Create(20), [INERTIA_KEY], error)
 
     def _summary_factor(self, factor: Array, target: Array) -> gtsam.CustomFactor:
         has_effects = len(self._effect_std) > 0
