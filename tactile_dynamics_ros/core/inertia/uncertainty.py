@@ -84,7 +84,9 @@ def unexcited_parameters(xi: Array, data: Array, prior: Array) -> tuple[str, ...
     )
 
 
-def unexcited_directions(information: Array, noise: Array, prior: LogCholeskyPrior) -> Array:
+def unexcited_directions(
+    information: Array, noise: Array, prior: LogCholeskyPrior, scatter: float = 0.0
+) -> Array:
     """Directions of standardised xi in which the data are hardly more than noise of the poses.
 
     Directions are judged at the prior mean, in order of the ratio of all information to that of
@@ -94,6 +96,7 @@ def unexcited_directions(information: Array, noise: Array, prior: LogCholeskyPri
         information: (10, 10) J^T J on phi.
         noise: (10, 10) the part N of it that noise of the regressors feigns.
         prior: of xi.
+        scatter: of that ratio where there are few samples; added to what is asked for.
 
     Returns:
         (10, q) orthonormal directions of (xi - mean) / std.
@@ -102,7 +105,7 @@ def unexcited_directions(information: Array, noise: Array, prior: LogCholeskyPri
     ratio, vectors = eigh(
         mapping.T @ information @ mapping, mapping.T @ noise @ mapping + np.eye(10)
     )
-    weak = vectors[:, ratio < _NOISE_RATIO]
+    weak = vectors[:, ratio < _NOISE_RATIO + scatter]
     return np.asarray(np.linalg.qr(weak)[0]) if weak.size else np.zeros((10, 0))
 
 

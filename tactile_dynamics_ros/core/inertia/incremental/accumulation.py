@@ -40,6 +40,7 @@ _BLOCK_SAMPLES = 25
 _ERROR_SAMPLES = 500
 _HOLD = 100.0
 _LOOK_SHARE = 0.1
+_SCATTER = 10.0
 
 
 @dataclass(frozen=True)
@@ -122,10 +123,9 @@ class Accumulation:
         if self.samples < self._next_look:
             return
         self._next_look = self.samples + max(1, int(_LOOK_SHARE * self.samples))
-        factor = self.information.factor[:, :10]
-        found = unexcited_directions(
-            factor.T @ factor, self.noise_information[:10, :10], self._prior
-        )
+        factor, noise = self.information.factor[:, :10], self.noise_information[:10, :10]
+        scatter = _SCATTER / np.sqrt(self.samples)
+        found = unexcited_directions(factor.T @ factor, noise, self._prior, scatter)
         if found.shape[1] == self._unexcited.shape[1] == 0:
             return
         self._unexcited = found

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.core.inertia.least_squares import levenberg_marquardt
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     dynamic_parameters_from_log_cholesky,
+    log_cholesky,
     log_cholesky_jacobian,
 )
 
@@ -30,7 +31,7 @@ _SHRINKING = 0.9
 _ENOUGH = 1e-4
 """Relative fall of the cost below which the damped steps end."""
 _LARGEST_LOGARITHM = 40.0
-_WIDEST_RATIO = 12.0
+_ROUNDING = 1e-10
 
 
 class _Diverged(Exception):
@@ -146,11 +147,12 @@ class SummarySolver:
     def xi(self) -> Array:
         """Log-Cholesky coordinates (10,) of the present estimate.
 
-        No radius is less than e^-12 of the largest, so that rounding cannot make P indefinite.
+        Its second moments grow by 1e-10 of their sum, so that rounding cannot make P indefinite.
         """
-        xi = self._xi.copy()
-        xi[1:4] = np.maximum(xi[1:4], xi[1:4].max() - _WIDEST_RATIO)
-        return xi
+        factor = upper_factor(self._xi)
+        matrix = factor @ factor.T
+        matrix[range(3), range(3)] += _ROUNDING * np.trace(matrix[:3, :3])
+        return log_cholesky(matrix)
 
     @property
     def theta(self) -> Array:
