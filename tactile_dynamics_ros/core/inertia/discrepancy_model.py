@@ -25,6 +25,7 @@ from tactile_dynamics_ros.core.inertia.fitting import fit_model
 from tactile_dynamics_ros.core.inertia.least_squares import levenberg_marquardt
 from tactile_dynamics_ros.core.inertia.separating_motion import plan_separation
 from tactile_dynamics_ros.core.inertia.term_library import wrench_terms
+from tactile_dynamics_ros.core.inertia.uncertainty import HOLD
 from tactile_dynamics_ros.core.inertia.wrench_residuals import wrench_residuals
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     log_cholesky,
@@ -36,7 +37,6 @@ Array = NDArray[np.float64]
 
 _MOST_REFINEMENTS = 8
 _SETTLED = 0.995
-_HOLD = 100.0
 _QUICK_ITERATIONS = 12
 _QUICK_TOLERANCE = 2e-5
 _FLATTEST = 0.1
@@ -380,7 +380,7 @@ class _FrozenSystem:
     def _prior(self, stds: Array) -> tuple[Array, Array]:
         model = self._model
         to_xi = np.linalg.inv(log_cholesky_jacobian(model.xi)) / model.prior.std[:, None]
-        keep = np.concatenate([np.eye(10), _HOLD * model.unexcited.T])
+        keep = np.concatenate([np.eye(10), HOLD * model.unexcited.T])
         rows = np.zeros((len(keep) + len(stds), 10 + len(stds)))
         rows[: len(keep), :10] = keep @ to_xi
         rows[len(keep) :, 10:] = np.diag(1.0 / stds)

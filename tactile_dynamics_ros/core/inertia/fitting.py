@@ -16,7 +16,7 @@ from tactile_dynamics_ros.core.inertia.fitted_model import (
 from tactile_dynamics_ros.core.inertia.least_squares import levenberg_marquardt
 from tactile_dynamics_ros.core.inertia.outliers import isolated_outlier_variance
 from tactile_dynamics_ros.core.inertia.prior import LogCholeskyPrior, contact_prior
-from tactile_dynamics_ros.core.inertia.uncertainty import unexcited_directions
+from tactile_dynamics_ros.core.inertia.uncertainty import HOLD, unexcited_directions
 from tactile_dynamics_ros.core.inertia.wrench_problem import WrenchProblem
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     dynamic_parameters_from_log_cholesky,
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_HOLD = 100.0
 _MOST_STEPS = 20
 _TOLERANCE = 1e-6
 
@@ -143,7 +142,7 @@ def _solve(
     stds = [p.prior_std for e in effects for p in e.parameters(blocks[0].problem.samples)]
     centre = np.concatenate([prior.mean, np.zeros(sum(sizes))])
     std = np.concatenate([prior.std, np.array(stds, dtype=float)])
-    keep = _HOLD * np.concatenate([unexcited.T, np.zeros((unexcited.shape[1], sum(sizes)))], axis=1)
+    keep = HOLD * np.concatenate([unexcited.T, np.zeros((unexcited.shape[1], sum(sizes)))], axis=1)
     regular = np.concatenate([np.eye(len(std)), keep]) / std
     system = _ReducedSystem(blocks, dynamic_parameters_from_log_cholesky(xi), effects, theta)
 

@@ -54,14 +54,18 @@ def fit_representative(
         return fit_recording(streams, effects, config)
     edges = np.linspace(grid[0], grid[-1] + 1e-6, count + 1)
     chosen = _evenly(_held(streams, edges))
-    model = fit_problems(_read(streams, config, edges, chosen), effects, config)
-    rms = np.array([_error(streams, config, edges, k, model) for k in range(count)])
+    read = _read(streams, config, edges, chosen)
+    model = fit_problems(list(read.values()), effects, config)
+    rms = np.array(
+        [_error(read.get(k) or _problem(streams, config, edges, k), model) for k in range(count)]
+    )
     notable = rms > NOTABLE * np.nanmedian(rms)
     notable[chosen] = False
     worst = sorted(map(int, np.flatnonzero(notable)), key=lambda k: -rms[k])[:WORST]
     if worst:
         chosen = sorted([*chosen, *worst])
-        model = fit_problems(_read(streams, config, edges, chosen), effects, config)
+        read |= _read(streams, config, edges, worst)
+        model = fit_problems([read[k] for k in sorted(read)], effects, config)
     fitted = np.isin(np.arange(count), chosen)
     return replace(model, survey=Survey(edges, rms, fitted))
 
@@ -83,10 +87,10 @@ def _evenly(held: Array) -> list[int]:
 
 def _read(
     streams: Streams, config: BatchConfig, edges: Array, chosen: Sequence[int]
-) -> list[WrenchProblem]:
-    """Problems of stretches; those in which nothing is held are left out."""
-    found = [_problem(streams, config, edges, k) for k in chosen]
-    held = [problem for problem in found if problem is not None]
+) -> dict[int, WrenchProblem]:
+    """Problems by number of the stretch; those in which nothing is held are left out."""
+    found = {k: _problem(streams, config, edges, k) for k in chosen}
+    held = {k: problem for k, problem in found.items() if problem is not None}
     if not held:
         raise BadInputError("the object is hardly held in this recording; cut out where it is")
     return held
@@ -102,11 +106,8 @@ def _problem(
     return WrenchProblem.try_from_streams(around, config.problem, (first, last), float(edges[0]))
 
 
-def _error(
-    streams: Streams, config: BatchConfig, edges: Array, stretch: int, model: FittedModel
-) -> float:
+def _error(problem: WrenchProblem | None, model: FittedModel) -> float:
     """White RMS of a stretch at the parameters of a model; NaN where nothing is held."""
-    problem = _problem(streams, config, edges, stretch)
     if problem is None:
         return float("nan")
     linearisation = problem.linearise(model.phi, model.effects, model.theta)

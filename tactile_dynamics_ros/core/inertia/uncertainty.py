@@ -20,6 +20,8 @@ _SCORE_BLOCK = 300
 _TOLERATED_RATIO = 2.0
 _OPEN = 0.25
 _NOISE_RATIO = 1.5
+HOLD = 100.0
+"""Weight, over that of the prior, with which unexcited directions are held at it."""
 
 
 def _own_coordinates() -> Array:

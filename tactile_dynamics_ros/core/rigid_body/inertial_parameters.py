@@ -68,8 +68,8 @@ def dynamic_parameters_from_pseudo_inertia(matrix: Array) -> Array:
     return np.concatenate([p[..., 3, 3, None], p[..., :3, 3], inertia], axis=-1)
 
 
-def _log_cholesky_factor(xi: Array) -> Array:
-    """Upper-triangular factor U of log-Cholesky coordinates."""
+def log_cholesky_factor(xi: Array) -> Array:
+    """Upper-triangular factor U (4, 4) of log-Cholesky coordinates (10,), P = U U^T."""
     alpha, d1, d2, d3, s12, s23, s13, t1, t2, t3 = xi
     e1, e2, e3 = np.exp(d1), np.exp(d2), np.exp(d3)
     return np.asarray(
@@ -91,7 +91,7 @@ def dynamic_parameters_from_log_cholesky(xi: Array) -> Array:
 
     Source: Rucker, Wensing 2022, Eq. 13-15.
     """
-    factor = _log_cholesky_factor(np.asarray(xi, dtype=float))
+    factor = log_cholesky_factor(np.asarray(xi, dtype=float))
     return dynamic_parameters_from_pseudo_inertia(factor @ factor.T)
 
 
@@ -110,18 +110,22 @@ def log_cholesky(matrix: Array) -> Array:
     return np.array([alpha, *logs, *shears])
 
 
-def log_cholesky_jacobian(xi: Array) -> Array:
-    """Derivative d phi / d xi, (10, 10), of `dynamic_parameters_from_log_cholesky`."""
-    xi = np.asarray(xi, dtype=float)
-    factor = _log_cholesky_factor(xi)
-    scale = np.exp(xi[0])
+def log_cholesky_factor_derivatives(factor: Array) -> Array:
+    """Derivative dU/dxi, (10, 4, 4), of `log_cholesky_factor` at a factor U (4, 4)."""
     derivatives = np.zeros((10, 4, 4))
     derivatives[0] = factor
     for axis in range(3):
         derivatives[1 + axis, axis, axis] = factor[axis, axis]
     entries = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))
     for k, (i, j) in enumerate(entries):
-        derivatives[4 + k, i, j] = scale
+        derivatives[4 + k, i, j] = factor[3, 3]
+    return derivatives
+
+
+def log_cholesky_jacobian(xi: Array) -> Array:
+    """Derivative d phi / d xi, (10, 10), of `dynamic_parameters_from_log_cholesky`."""
+    factor = log_cholesky_factor(np.asarray(xi, dtype=float))
+    derivatives = log_cholesky_factor_derivatives(factor)
     half = derivatives @ factor.T
     return dynamic_parameters_from_pseudo_inertia(half + np.swapaxes(half, -1, -2)).T
 

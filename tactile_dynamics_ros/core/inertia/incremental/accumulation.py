@@ -26,7 +26,11 @@ from tactile_dynamics_ros.core.inertia.incremental.sample_stream import Layout, 
 from tactile_dynamics_ros.core.inertia.incremental.solver import DivergencePrior, SummarySolver
 from tactile_dynamics_ros.core.inertia.prior import contact_prior
 from tactile_dynamics_ros.core.inertia.systematic import systematic_lever
-from tactile_dynamics_ros.core.inertia.uncertainty import excited_projection, unexcited_directions
+from tactile_dynamics_ros.core.inertia.uncertainty import (
+    HOLD,
+    excited_projection,
+    unexcited_directions,
+)
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     dynamic_parameters_from_log_cholesky,
 )
@@ -38,7 +42,6 @@ Array = NDArray[np.float64]
 
 _BLOCK_SAMPLES = 25
 _ERROR_SAMPLES = 500
-_HOLD = 100.0
 _LOOK_SHARE = 0.1
 _SCATTER = 10.0
 
@@ -130,7 +133,7 @@ class Accumulation:
             return
         self._unexcited = found
         rows = np.zeros((10, 10))
-        rows[: found.shape[1]] = _HOLD * found.T / self._prior.std
+        rows[: found.shape[1]] = HOLD * found.T / self._prior.std
         self.solver.hold(rows)
 
     def assume(self, other: Accumulation) -> None:

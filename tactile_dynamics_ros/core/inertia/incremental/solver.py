@@ -12,6 +12,8 @@ from tactile_dynamics_ros.core.inertia.least_squares import levenberg_marquardt
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     dynamic_parameters_from_log_cholesky,
     log_cholesky,
+    log_cholesky_factor,
+    log_cholesky_factor_derivatives,
     log_cholesky_jacobian,
 )
 
@@ -43,18 +45,6 @@ def _bounded(xi: Array) -> Array:
     return np.concatenate([np.clip(xi[:4], -_LARGEST_LOGARITHM, _LARGEST_LOGARITHM), xi[4:]])
 
 
-def upper_factor(xi: Array) -> Array:
-    """U (4, 4), upper triangular, with U U^T the pseudo-inertia of log-Cholesky coordinates."""
-    alpha, d1, d2, d3, s12, s23, s13, t1, t2, t3 = xi
-    entries = [
-        [math.exp(d1), s12, s13, t1],
-        [0.0, math.exp(d2), s23, t2],
-        [0.0, 0.0, math.exp(d3), t3],
-        [0.0, 0.0, 0.0, 1.0],
-    ]
-    return math.exp(alpha) * np.array(entries)
-
-
 class DivergencePrior:
     """Entropic prior weight * (tr(P0^-1 P) - log det(P0^-1 P) - 4) as a sum of squares.
 
@@ -72,7 +62,7 @@ class DivergencePrior:
         """Centre the prior at log-Cholesky coordinates `mean` (10,) with `weight` nats."""
         self.mean = np.asarray(mean, dtype=float)
         self.hold = np.zeros((10, 10))
-        self._inverse = np.linalg.inv(upper_factor(self.mean))
+        self._inverse = np.linalg.inv(log_cholesky_factor(self.mean))
         self._scale = math.sqrt(2.0 * weight)
 
     def cost(self, xi: Array) -> float:
@@ -88,33 +78,21 @@ class DivergencePrior:
 
     def divergence(self, xi: Array) -> float:
         """Prior cost: weight (tr(P0^-1 P) - log det(P0^-1 P) - 4)."""
-        ratio = self._inverse @ upper_factor(xi)
+        ratio = self._inverse @ log_cholesky_factor(xi)
         excess = np.sum(ratio**2) - 2.0 * np.sum(np.log(np.diag(ratio))) - 4.0
         return float(0.5 * self._scale**2 * excess)
 
     def error(self, xi: Array) -> tuple[Array, Array]:
         """Error e (10,) with weight * divergence = |e|^2 / 2, and its Jacobian (10, 10)."""
-        factor = upper_factor(xi)
+        factor = log_cholesky_factor(xi)
         ratio = self._inverse @ factor
-        derivatives = self._inverse @ _factor_derivatives(xi, factor)
+        derivatives = self._inverse @ log_cholesky_factor_derivatives(factor)
         diagonal = np.diag(ratio)
         value, slope = _root_excess(diagonal)
         error = np.concatenate([value, ratio[_UPPER_ROWS, _UPPER_COLUMNS]])
         by_diagonal = slope[:, None] * np.einsum("kii->ik", derivatives)
         by_upper = derivatives[:, _UPPER_ROWS, _UPPER_COLUMNS].T
         return self._scale * error, self._scale * np.concatenate([by_diagonal, by_upper])
-
-
-def _factor_derivatives(xi: Array, factor: Array) -> Array:
-    """dU/dxi, (10, 4, 4)."""
-    derivatives = np.zeros((10, 4, 4))
-    derivatives[0] = factor
-    scale = factor[3, 3]
-    for axis in range(3):
-        derivatives[1 + axis, axis, axis] = factor[axis, axis]
-    for k, (i, j) in enumerate(zip(_UPPER_ROWS, _UPPER_COLUMNS, strict=True)):
-        derivatives[4 + k, i, j] = scale
-    return derivatives
 
 
 def _root_excess(x: Array) -> tuple[Array, Array]:
@@ -149,7 +127,7 @@ class SummarySolver:
 
         Its second moments grow by 1e-10 of their sum, so that rounding cannot make P indefinite.
         """
-        factor = upper_factor(self._xi)
+        factor = log_cholesky_factor(self._xi)
         matrix = factor @ factor.T
         matrix[range(3), range(3)] += _ROUNDING * np.trace(matrix[:3, :3])
         return log_cholesky(matrix)
