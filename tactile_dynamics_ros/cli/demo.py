@@ -22,9 +22,9 @@ from tactile_dynamics_ros.cli.live import (
 )
 from tactile_dynamics_ros.cli.supervisor import Supervisor, node_command, verb_command
 from tactile_dynamics_ros.core.errors import (
-    BadInputError,
     NotIdentifiableError,
     TactileDynamicsError,
+    refuse_existing,
 )
 from tactile_dynamics_ros.share import object_file, share_file
 
@@ -59,10 +59,7 @@ def run(args: Namespace) -> int:
     object_file(args.object)
     args.duration = args.duration or (30.0 if args.hidden == "none" else 60.0)
     out = Path(args.out or f"out/demo-{datetime.now():%Y%m%d-%H%M%S}").absolute()
-    if (out / "recording").exists():
-        raise BadInputError(
-            f"{out / 'recording'} exists already; choose another --out or remove it"
-        )
+    refuse_existing(out / "recording")
     out.mkdir(parents=True, exist_ok=True)
     say = _Speaker(quiet=args.json)
     with private_domain() as domain, StopRequest() as stop:

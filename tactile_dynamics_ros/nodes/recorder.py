@@ -14,7 +14,7 @@ from rosbags.interfaces import Connection
 from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
 from rosbags.typesys import Stores, get_typestore
 
-from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.errors import refuse_existing
 from tactile_dynamics_ros.nodes.shell import Shell
 
 IGNORED = ("/rosout", "/parameter_events")
@@ -34,8 +34,7 @@ class Recorder(Shell):
 
     def __init__(self, path: Path, topics: Sequence[str] = ()) -> None:
         super().__init__("recorder")
-        if path.exists():
-            raise BadInputError(f"{path} exists already; choose another path or remove it")
+        refuse_existing(path)
         path.parent.mkdir(parents=True, exist_ok=True)
         self.counts: Counter[str] = Counter()
         self.refused: dict[str, str] = {}

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.errors import BadInputError, refuse_existing
 from tactile_dynamics_ros.core.rigid_body.rotation import matrix_to_quaternion
 from tactile_dynamics_ros.core.streams import ContactStream, ImuStream, PoseStream, Streams
 from tactile_dynamics_ros.recording import topics
@@ -36,8 +36,7 @@ def write_bag(streams: Streams, path: Path, epoch_ns: int = 0) -> Path:
     Raises:
         BadInputError: the path exists already or its parent cannot be written.
     """
-    if path.exists():
-        raise BadInputError(f"{path} exists already; choose another path or remove it")
+    refuse_existing(path)
     tables = _tables(streams, epoch_ns)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -9,7 +9,7 @@ from pathlib import Path
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.errors import BadInputError, refuse_existing
 from tactile_dynamics_ros.core.friction.estimate import SlipEvent
 from tactile_dynamics_ros.core.friction.slip_table import event_from_values
 from tactile_dynamics_ros.recording.bag_files import DAMAGE
@@ -49,8 +49,7 @@ def write_slips(events: Sequence[SlipEvent], path: Path) -> Path:
     Raises:
         BadInputError: the path exists already.
     """
-    if path.exists():
-        raise BadInputError(f"{path} exists already; choose another path or remove it")
+    refuse_existing(path)
     store = get_typestore(Stores.ROS2_JAZZY)
     pair = store.types["diagnostic_msgs/msg/KeyValue"]
     status = store.types[KIND]
