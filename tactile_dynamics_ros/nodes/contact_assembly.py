@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.nodes.conversions import (
     StampGate,
-    check_frame_id,
-    pose_to_matrix,
+    pose_to_core,
     std_to_core,
     to_seconds,
     wrench_to_core,
 )
 from tactile_dynamics_ros.nodes.shell import Shell
+from tactile_dynamics_ros.nodes.wire import Stamped
 
 Array = NDArray[np.float64]
 
@@ -69,22 +69,21 @@ class ContactAssembly:
         node.listen(Vector3Stamped, f"{self._topic}/force_std", self._on_std)
         node.listen(WrenchStamped, f"{self._topic}/force", self._on_force)
 
-    def _on_pose(self, message: PoseStamped) -> None:
-        check_frame_id(f"{self._topic}/pose", message.header.frame_id, WORLD)
-        matrix = pose_to_matrix(message.pose, f"{self._topic}/pose")
-        self._poses.append((to_seconds(message.header.stamp), matrix))
+    def _on_pose(self, message: Stamped) -> None:
+        matrix = pose_to_core(message, f"{self._topic}/pose", WORLD)
+        self._poses.append((to_seconds(message.stamp), matrix))
         self._release()
 
-    def _on_std(self, message: Vector3Stamped) -> None:
+    def _on_std(self, message: Stamped) -> None:
         std = std_to_core(message, f"{self._topic}/force_std")
-        self._stds.append((to_seconds(message.header.stamp), std))
+        self._stds.append((to_seconds(message.stamp), std))
 
-    def _on_force(self, message: WrenchStamped) -> None:
+    def _on_force(self, message: Stamped) -> None:
         wrench = wrench_to_core(message, f"{self._topic}/force", WORLD)
-        if self._gate.check(message.header.stamp):
+        if self._gate.check(message.stamp):
             for queue in (self._forces, self._poses, self._stds):
                 queue.clear()
-        self._forces.append((to_seconds(message.header.stamp), wrench))
+        self._forces.append((to_seconds(message.stamp), wrench))
         self._release()
 
     def _release(self) -> None:

@@ -28,6 +28,7 @@ from tactile_dynamics_ros.nodes.conversions import (
 from tactile_dynamics_ros.nodes.joint_history import JointHistory
 from tactile_dynamics_ros.nodes.parameters import declare_config
 from tactile_dynamics_ros.nodes.shell import Shell, run_node
+from tactile_dynamics_ros.nodes.wire import Joints, Stamped
 
 WORLD = "world"
 WAITING = 200
@@ -45,7 +46,7 @@ class ContactStateNode(Shell):
         self._joint_gate = StampGate("/joint_states")
         self._gates = {finger: StampGate(f"/biotac/{finger}/force") for finger in FINGERS}
         self._std: dict[str, NDArray[np.float64]] = {}
-        self._waiting: deque[tuple[str, WrenchStamped]] = deque(maxlen=WAITING)
+        self._waiting: deque[tuple[str, Stamped]] = deque(maxlen=WAITING)
         self._force, self._force_std, self._pose = {}, {}, {}
         for finger in FINGERS:
             self._force[finger] = self.stream(WrenchStamped, f"/contact/{finger}/force")
@@ -56,31 +57,31 @@ class ContactStateNode(Shell):
             self.listen(Vector3Stamped, f"/biotac/{finger}/force_std", self._std_taker(finger))
             self.listen(WrenchStamped, f"/biotac/{finger}/force", self._force_taker(finger))
 
-    def _on_joints(self, message: JointState) -> None:
+    def _on_joints(self, message: Joints) -> None:
         positions = self._reader.positions(message)
-        if self._joint_gate.check(message.header.stamp):
+        if self._joint_gate.check(message.stamp):
             self.faults.add("clock_restarted")
             self._joints.clear()
             self._waiting.clear()
-        self._joints.add(to_seconds(message.header.stamp), positions)
-        while self._waiting and to_seconds(self._waiting[0][1].header.stamp) <= self._joints.newest:
+        self._joints.add(to_seconds(message.stamp), positions)
+        while self._waiting and to_seconds(self._waiting[0][1].stamp) <= self._joints.newest:
             self._place(*self._waiting.popleft())
 
-    def _std_taker(self, finger: str) -> Callable[[Vector3Stamped], None]:
+    def _std_taker(self, finger: str) -> Callable[[Stamped], None]:
         topic = f"/biotac/{finger}/force_std"
 
-        def take(message: Vector3Stamped) -> None:
+        def take(message: Stamped) -> None:
             self._std[finger] = std_to_core(message, topic)
 
         return take
 
-    def _force_taker(self, finger: str) -> Callable[[WrenchStamped], None]:
+    def _force_taker(self, finger: str) -> Callable[[Stamped], None]:
         topic = f"/biotac/{finger}/force"
 
-        def take(message: WrenchStamped) -> None:
-            check_frame_id(topic, message.header.frame_id, sensor_frame(finger))
-            self._gates[finger].check(message.header.stamp)
-            if to_seconds(message.header.stamp) > self._joints.newest:
+        def take(message: Stamped) -> None:
+            check_frame_id(topic, message.frame_id, sensor_frame(finger))
+            self._gates[finger].check(message.stamp)
+            if to_seconds(message.stamp) > self._joints.newest:
                 if len(self._waiting) == WAITING:
                     self.faults.add("joint_states_missing", "forces come but no joint states")
                 self._waiting.append((finger, message))
@@ -89,9 +90,9 @@ class ContactStateNode(Shell):
 
         return take
 
-    def _place(self, finger: str, message: WrenchStamped) -> None:
+    def _place(self, finger: str, message: Stamped) -> None:
         wrench = wrench_to_core(message, f"/biotac/{finger}/force")
-        positions = self._joints.at(to_seconds(message.header.stamp))
+        positions = self._joints.at(to_seconds(message.stamp))
         if positions is None:
             self.faults.add("force_older_than_joint_states")
             return
@@ -103,7 +104,7 @@ class ContactStateNode(Shell):
         matrix = np.eye(4)
         matrix[:3, :3], matrix[:3, 3] = contact.rotation, contact.point
         force = contact.force if contact.touching else np.zeros(3)
-        stamp = message.header.stamp
+        stamp = message.stamp
         self._pose[finger].publish(pose_to_message(matrix, stamp, WORLD))
         self._force_std[finger].publish(std_to_message(contact.force_std, stamp, WORLD))
         world_wrench = np.concatenate([np.zeros(3), force])

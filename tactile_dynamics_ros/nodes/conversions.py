@@ -1,7 +1,8 @@
 """Messages of ROS to arrays of the core and back; bad messages are refused here.
 
-The core orders spatial vectors [rotational, translational]; messages carry the force (position)
-first. Live data are swapped in this module only.
+Types that come by the hundred per second are read and written as bytes (`wire`). The core orders
+spatial vectors [rotational, translational]; messages carry the force (position) first. Live data
+are swapped in this module only.
 """
 
 from __future__ import annotations
@@ -12,18 +13,9 @@ from collections.abc import Sequence
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import (
-    InertiaStamped,
-    Pose,
-    PoseStamped,
-    PoseWithCovarianceStamped,
-    Vector3,
-    Vector3Stamped,
-    Wrench,
-    WrenchStamped,
-)
+from geometry_msgs.msg import InertiaStamped, Vector3
 from numpy.typing import NDArray
-from sensor_msgs.msg import CameraInfo, Image, JointState
+from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Header
 
 from tactile_dynamics_ros.core.errors import BadInputError
@@ -33,10 +25,19 @@ from tactile_dynamics_ros.core.rigid_body.rotation import (
     quaternion_to_matrix,
 )
 from tactile_dynamics_ros.core.tracking.depth_image import PinholeCamera
+from tactile_dynamics_ros.nodes.wire import (
+    AnyStamp,
+    Joints,
+    Stamped,
+    encode_joint_state,
+    encode_stamped,
+    to_stamp,
+)
 
 Array = NDArray[np.float64]
 
 SWAP_HALVES = np.array([3, 4, 5, 0, 1, 2])
+SWAP_ROWS = SWAP_HALVES[:, None]
 BIOTAC_ENCODING = "16UC1"
 DEPTH_ENCODING = "32FC1"
 RESTART_AFTER = 1.0
@@ -62,7 +63,7 @@ class StampGate:
         self.topic = topic
         self.last = -math.inf
 
-    def check(self, stamp: Time) -> bool:
+    def check(self, stamp: AnyStamp) -> bool:
         """Return True if the clock was restarted (a jump back by more than a second).
 
         Raises:
@@ -79,21 +80,19 @@ class StampGate:
         return back > RESTART_AFTER and math.isfinite(back)
 
 
-def to_seconds(stamp: Time) -> float:
+def to_seconds(stamp: AnyStamp) -> float:
     """Return a stamp in seconds."""
     return float(stamp.sec + 1e-9 * stamp.nanosec)
 
 
-def to_stamp(seconds: float) -> Time:
-    """Return the stamp of a time in seconds."""
-    sec, nanosec = divmod(round(seconds * 1e9), 1_000_000_000)
-    return Time(sec=sec, nanosec=nanosec)
-
-
-def header(time: float | Time, frame_id: str) -> Header:
+def header(time: float | AnyStamp, frame_id: str) -> Header:
     """Return a header; `time` is a stamp or seconds."""
-    stamp = time if isinstance(time, Time) else to_stamp(time)
-    return Header(stamp=stamp, frame_id=frame_id)
+    stamp = _stamp(time)
+    return Header(stamp=Time(sec=stamp.sec, nanosec=stamp.nanosec), frame_id=frame_id)
+
+
+def _stamp(time: float | AnyStamp) -> AnyStamp:
+    return to_stamp(time) if isinstance(time, float | int) else time
 
 
 def check_frame_id(topic: str, found: str, expected: str) -> None:
@@ -109,14 +108,9 @@ def check_frame_id(topic: str, found: str, expected: str) -> None:
 
 
 def _finite(topic: str, values: Array) -> Array:
-    if not np.isfinite(values).all():
+    if not math.isfinite(values.sum()):
         raise MessageError("not_finite", f"{topic}: value {values.tolist()} is not finite")
     return values
-
-
-def vector_to_array(vector: Vector3) -> Array:
-    """Return a vector message as (3,)."""
-    return np.array([vector.x, vector.y, vector.z])
 
 
 def array_to_vector(values: Array) -> Vector3:
@@ -125,11 +119,11 @@ def array_to_vector(values: Array) -> Vector3:
     return Vector3(x=x, y=y, z=z)
 
 
-def wrench_to_core(message: WrenchStamped, topic: str, frame: str | None = None) -> Array:
+def wrench_to_core(message: Stamped, topic: str, frame: str | None = None) -> Array:
     """Return a wrench (6,) [torque, force].
 
     Args:
-        message: force first, as all ROS messages.
+        message: WrenchStamped; force first, as in all ROS messages.
         topic: for the error text.
         frame: that the header has to name, or None if any will do.
 
@@ -137,52 +131,48 @@ def wrench_to_core(message: WrenchStamped, topic: str, frame: str | None = None)
         MessageError: wrong frame, or a value is not finite.
     """
     if frame is not None:
-        check_frame_id(topic, message.header.frame_id, frame)
-    torque, force = message.wrench.torque, message.wrench.force
-    return _finite(topic, np.array([torque.x, torque.y, torque.z, force.x, force.y, force.z]))
+        check_frame_id(topic, message.frame_id, frame)
+    return _finite(topic, message.values)[SWAP_HALVES]
 
 
-def wrench_to_message(wrench: Array, time: float | Time, frame: str) -> WrenchStamped:
-    """Return the message of a wrench (6,) [torque, force]."""
-    return WrenchStamped(
-        header=header(time, frame),
-        wrench=Wrench(torque=array_to_vector(wrench[:3]), force=array_to_vector(wrench[3:])),
-    )
+def wrench_to_message(wrench: Array, time: float | AnyStamp, frame: str) -> bytes:
+    """Return the WrenchStamped of a wrench (6,) [torque, force]."""
+    return encode_stamped(_stamp(time), frame, wrench[SWAP_HALVES])
 
 
-def std_to_core(message: Vector3Stamped, topic: str) -> Array:
-    """Return standard deviations (3,).
+def std_to_core(message: Stamped, topic: str) -> Array:
+    """Return standard deviations (3,) of a Vector3Stamped.
 
     Raises:
         MessageError: one is not finite or negative.
     """
-    values = _finite(topic, vector_to_array(message.vector))
-    if (values < 0).any():
+    values = _finite(topic, message.values)
+    if values.min() < 0.0:
         raise MessageError("negative_std", f"{topic}: {values.tolist()}, expected none negative")
     return values
 
 
-def std_to_message(values: Array, time: float | Time, frame: str) -> Vector3Stamped:
-    """Return the message of standard deviations (3,)."""
-    return Vector3Stamped(header=header(time, frame), vector=array_to_vector(values))
+def std_to_message(values: Array, time: float | AnyStamp, frame: str) -> bytes:
+    """Return the Vector3Stamped of standard deviations (3,)."""
+    return encode_stamped(_stamp(time), frame, values)
 
 
 def slip_to_message(
-    score: float, level: float, slipping: bool, time: float | Time, frame: str
-) -> Vector3Stamped:
-    """Return a slip as message: x the score, y the level over rest, z whether it slips (0 or 1)."""
+    score: float, level: float, slipping: bool, time: float | AnyStamp, frame: str
+) -> bytes:
+    """Return a slip as Vector3Stamped: x score, y level over rest, z whether it slips (0 or 1)."""
     return std_to_message(np.array([score, level, float(slipping)]), time, frame)
 
 
-def pose_to_matrix(pose: Pose, topic: str) -> Array:
-    """Return a pose as (4, 4).
+def pose_to_core(message: Stamped, topic: str, frame: str) -> Array:
+    """Return the pose (4, 4) of a PoseStamped or PoseWithCovarianceStamped.
 
     Raises:
-        MessageError: a value is not finite, or the quaternion is not of unit length.
+        MessageError: wrong frame, not finite, or the quaternion is not of unit length.
     """
-    p, q = pose.position, pose.orientation
-    values = _finite(topic, np.array([p.x, p.y, p.z, q.x, q.y, q.z, q.w]))
-    norm = math.sqrt(float(values[3:] @ values[3:]))
+    check_frame_id(topic, message.frame_id, frame)
+    values = _finite(topic, message.values[:7])
+    norm = math.hypot(*values[3:].tolist())
     if abs(norm - 1.0) > 1e-2:
         raise MessageError(
             "bad_quaternion", f"{topic}: orientation {values[3:].tolist()} has length {norm:.3g}"
@@ -193,47 +183,42 @@ def pose_to_matrix(pose: Pose, topic: str) -> Array:
     return matrix
 
 
-def matrix_to_pose(matrix: Array) -> Pose:
-    """Return the message of a pose (4, 4)."""
-    pose = Pose()
-    pose.position.x, pose.position.y, pose.position.z = matrix[:3, 3].tolist()
-    quaternion = matrix_to_quaternion(matrix[:3, :3]).tolist()
-    o = pose.orientation
-    o.x, o.y, o.z, o.w = quaternion
-    return pose
+def pose_to_message(matrix: Array, time: float | AnyStamp, frame: str) -> bytes:
+    """Return the PoseStamped of a pose (4, 4)."""
+    return encode_stamped(_stamp(time), frame, _pose_values(matrix))
 
 
-def pose_to_message(matrix: Array, time: float | Time, frame: str) -> PoseStamped:
-    """Return the stamped message of a pose (4, 4)."""
-    return PoseStamped(header=header(time, frame), pose=matrix_to_pose(matrix))
+def _pose_values(matrix: Array) -> Array:
+    """Return position and quaternion xyzw (7,)."""
+    return np.concatenate([matrix[:3, 3], matrix_to_quaternion(matrix[:3, :3])])
 
 
-def uncertain_pose_to_core(
-    message: PoseWithCovarianceStamped, topic: str, frame: str
-) -> tuple[Array, Array | None]:
+def uncertain_pose_to_core(message: Stamped, topic: str, frame: str) -> tuple[Array, Array | None]:
     """Return pose (4, 4) and covariance (6, 6) [rotation, position], None where it is all zero.
+
+    Args:
+        message: PoseWithCovarianceStamped; position first.
+        topic: for the error text.
+        frame: that the header has to name.
 
     Raises:
         MessageError: wrong frame, not finite, bad quaternion or a negative variance.
     """
-    check_frame_id(topic, message.header.frame_id, frame)
-    matrix = pose_to_matrix(message.pose.pose, topic)
-    covariance = _finite(topic, np.array(message.pose.covariance).reshape(6, 6))
-    if (np.diag(covariance) < 0).any():
+    matrix = pose_to_core(message, topic, frame)
+    covariance = _finite(topic, message.values[7:]).reshape(6, 6)
+    if covariance.diagonal().min() < 0.0:
         raise MessageError("negative_std", f"{topic}: covariance has a negative variance")
     if not covariance.any():
         return matrix, None
-    return matrix, covariance[np.ix_(SWAP_HALVES, SWAP_HALVES)]
+    return matrix, covariance[SWAP_ROWS, SWAP_HALVES]
 
 
 def uncertain_pose_to_message(
-    matrix: Array, covariance: Array, time: float | Time, frame: str
-) -> PoseWithCovarianceStamped:
-    """Return the message of a pose (4, 4) with covariance (6, 6) [rotation, position]."""
-    message = PoseWithCovarianceStamped(header=header(time, frame))
-    message.pose.pose = matrix_to_pose(matrix)
-    message.pose.covariance = covariance[np.ix_(SWAP_HALVES, SWAP_HALVES)].ravel()
-    return message
+    matrix: Array, covariance: Array, time: float | AnyStamp, frame: str
+) -> bytes:
+    """Return the PoseWithCovarianceStamped of a pose and its covariance [rotation, position]."""
+    swapped = covariance[SWAP_ROWS, SWAP_HALVES].ravel()
+    return encode_stamped(_stamp(time), frame, np.concatenate([_pose_values(matrix), swapped]))
 
 
 class JointReader:
@@ -250,21 +235,21 @@ class JointReader:
         self._seen: tuple[str, ...] = ()
         self._order = np.zeros(0, dtype=int)
 
-    def positions(self, message: JointState) -> Array:
+    def positions(self, message: Joints) -> Array:
         """Return joint positions in rad.
 
         Raises:
             MessageError: a joint is missing, the sizes differ, or a value is not finite.
         """
-        names = tuple(message.name)
+        names = message.names
         if names != self._seen:
             self._learn(names)
-        if len(message.position) != len(names):
+        if len(message.positions) != len(names):
             raise MessageError(
                 "wrong_shape",
-                f"{self._topic}: {len(message.position)} positions for {len(names)} names",
+                f"{self._topic}: {len(message.positions)} positions for {len(names)} names",
             )
-        return _finite(self._topic, np.array(message.position)[self._order])
+        return _finite(self._topic, message.positions[self._order])
 
     def _learn(self, names: tuple[str, ...]) -> None:
         missing = [name for name in self._names if name not in names]
@@ -280,18 +265,13 @@ class JointReader:
 
 def joints_to_message(
     names: Sequence[str],
-    time: float | Time,
+    time: float | AnyStamp,
     position: Array,
     velocity: Array | None = None,
     effort: Array | None = None,
-) -> JointState:
-    """Return a joint state or joint command."""
-    message = JointState(header=header(time, ""), name=list(names), position=position.tolist())
-    if velocity is not None:
-        message.velocity = velocity.tolist()
-    if effort is not None:
-        message.effort = effort.tolist()
-    return message
+) -> bytes:
+    """Return the JointState of a joint state or joint command."""
+    return encode_joint_state(names, _stamp(time), position, velocity, effort)
 
 
 def biotac_to_core(message: Image, topic: str, rows: int = 4, columns: int = 44) -> Array:
@@ -305,7 +285,7 @@ def biotac_to_core(message: Image, topic: str, rows: int = 4, columns: int = 44)
     return np.frombuffer(message.data, dtype=kind).reshape(rows, columns).astype(float)
 
 
-def biotac_to_message(counts: NDArray[np.uint16], time: float | Time, frame: str) -> Image:
+def biotac_to_message(counts: NDArray[np.uint16], time: float | AnyStamp, frame: str) -> Image:
     """Return the image message of raw counts (4, 44)."""
     return _image(np.ascontiguousarray(counts, dtype="<u2"), BIOTAC_ENCODING, time, frame)
 
@@ -322,13 +302,13 @@ def depth_to_core(message: Image, topic: str) -> NDArray[np.float32]:
     return np.frombuffer(message.data, dtype=kind).reshape(height, width).astype(np.float32)
 
 
-def depth_to_message(depth: NDArray[np.float32], time: float | Time, frame: str) -> Image:
+def depth_to_message(depth: NDArray[np.float32], time: float | AnyStamp, frame: str) -> Image:
     """Return the image message of a depth image (H, W) in m."""
     return _image(np.ascontiguousarray(depth, dtype="<f4"), DEPTH_ENCODING, time, frame)
 
 
 def camera_info(
-    intrinsics: Array, width: int, height: int, time: float | Time, frame: str
+    intrinsics: Array, width: int, height: int, time: float | AnyStamp, frame: str
 ) -> CameraInfo:
     """Return the camera info of an ideal pinhole camera with intrinsics K (3, 3)."""
     message = CameraInfo(header=header(time, frame), width=width, height=height)
@@ -358,7 +338,7 @@ def camera_to_core(message: CameraInfo, topic: str, pose: Array) -> PinholeCamer
 
 
 def inertia_to_message(
-    parameters: InertialParameters, time: float | Time, frame: str
+    parameters: InertialParameters, time: float | AnyStamp, frame: str
 ) -> InertiaStamped:
     """Return the message of mass, centre of mass and inertia *about the centre of mass*."""
     message = InertiaStamped(header=header(time, frame))
@@ -389,7 +369,7 @@ def _check_image(
         )
 
 
-def _image(values: NDArray[np.generic], encoding: str, time: float | Time, frame: str) -> Image:
+def _image(values: NDArray[np.generic], encoding: str, time: float | AnyStamp, frame: str) -> Image:
     height, width = values.shape
     message = Image(header=header(time, frame), height=height, width=width, encoding=encoding)
     message.is_bigendian = 0

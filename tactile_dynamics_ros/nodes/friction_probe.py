@@ -36,6 +36,7 @@ from tactile_dynamics_ros.nodes.diagnostics import status_message
 from tactile_dynamics_ros.nodes.friction_messages import estimate_status
 from tactile_dynamics_ros.nodes.parameters import declare_config
 from tactile_dynamics_ros.nodes.shell import Shell, run_node
+from tactile_dynamics_ros.nodes.wire import Joints, Stamped
 from tactile_dynamics_ros.share import object_file
 
 Array = NDArray[np.float64]
@@ -125,15 +126,15 @@ class FrictionProbeNode(Shell):
 
         return take
 
-    def _on_pose(self, message: PoseWithCovarianceStamped) -> None:
+    def _on_pose(self, message: Stamped) -> None:
         self._poses.append(uncertain_pose_to_core(message, self.config.pose_topic, "world")[0])
 
-    def _on_slip(self, message: Vector3Stamped) -> None:
+    def _on_slip(self, message: Stamped) -> None:
         self._vibration = float(std_to_core(message, "/biotac/slip")[1])
 
-    def _on_command(self, message: JointState) -> None:
+    def _on_command(self, message: Joints) -> None:
         if not self.probe.running:
-            self._targets |= dict(zip(message.name, message.position, strict=False))
+            self._targets |= dict(zip(message.names, message.positions.tolist(), strict=False))
 
     def _on_stop(self, message: Bool) -> None:
         self._stopped = message.data
@@ -141,14 +142,14 @@ class FrictionProbeNode(Shell):
             self.probe.halt("emergency stop")
             self._tell()
 
-    def _on_joints(self, message: JointState) -> None:
+    def _on_joints(self, message: Joints) -> None:
         positions = self._reader.positions(message)
-        if self._gate.check(message.header.stamp):
+        if self._gate.check(message.stamp):
             self.faults.add("clock_restarted")
             self.probe.halt("the clock restarted")
             self._contacts.clear()
             self._acted = -np.inf
-        self._positions = (to_seconds(message.header.stamp), positions)
+        self._positions = (to_seconds(message.stamp), positions)
         self._advance()
 
     def _advance(self) -> None:

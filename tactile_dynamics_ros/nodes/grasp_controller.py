@@ -40,6 +40,7 @@ from tactile_dynamics_ros.nodes.conversions import (
 from tactile_dynamics_ros.nodes.diagnostics import status_values
 from tactile_dynamics_ros.nodes.parameters import declare_config
 from tactile_dynamics_ros.nodes.shell import LATCHED, Shell, run_node
+from tactile_dynamics_ros.nodes.wire import Joints, Stamped
 from tactile_dynamics_ros.share import object_file
 
 Array = NDArray[np.float64]
@@ -109,27 +110,27 @@ class GraspControllerNode(Shell):
         self._friction: float | None = None
         return "a new cycle begins"
 
-    def _force_taker(self, finger: str) -> Callable[[WrenchStamped], None]:
+    def _force_taker(self, finger: str) -> Callable[[Stamped], None]:
         topic = f"/contact/{finger}/force"
 
-        def take(message: WrenchStamped) -> None:
+        def take(message: Stamped) -> None:
             wrench = wrench_to_core(message, topic, "world")
-            self._forces[finger] = (to_seconds(message.header.stamp), wrench[3:])
+            self._forces[finger] = (to_seconds(message.stamp), wrench[3:])
             self._advance()
 
         return take
 
-    def _on_vision(self, message: PoseWithCovarianceStamped) -> None:
+    def _on_vision(self, message: Stamped) -> None:
         self._seen.append(uncertain_pose_to_core(message, VISION, "world")[0])
         if len(self._seen) == self.config.start_poses:
             self._pose = average_poses(np.stack(self._seen))[0]
 
-    def _on_joints(self, message: JointState) -> None:
+    def _on_joints(self, message: Joints) -> None:
         positions = self._reader.positions(message)
-        if self._gate.check(message.header.stamp):
+        if self._gate.check(message.stamp):
             self.faults.add("clock_restarted")
             self.start()
-        self._waiting = (to_seconds(message.header.stamp), positions)
+        self._waiting = (to_seconds(message.stamp), positions)
         self._advance()
 
     def _on_probe(self, message: Bool) -> None:

@@ -28,6 +28,7 @@ from tactile_dynamics_ros.nodes.conversions import (
 from tactile_dynamics_ros.nodes.diagnostics import status_message
 from tactile_dynamics_ros.nodes.parameters import declare_config
 from tactile_dynamics_ros.nodes.shell import Shell, run_node
+from tactile_dynamics_ros.nodes.wire import Stamped
 
 POSE = "/object/pose"
 
@@ -72,12 +73,12 @@ class InertialEstimatorNode(Shell):
         self.estimator.set_effects([create_effect(name) for name in config.effects])
         self._model = config.effects
 
-    def _on_pose(self, message: PoseWithCovarianceStamped) -> None:
+    def _on_pose(self, message: Stamped) -> None:
         pose, covariance = uncertain_pose_to_core(message, POSE, "world")
-        if self._gate.check(message.header.stamp):
+        if self._gate.check(message.stamp):
             self.faults.add("clock_restarted")
             self.reset()
-        self.estimator.add_pose(to_seconds(message.header.stamp), pose, covariance)
+        self.estimator.add_pose(to_seconds(message.stamp), pose, covariance)
 
     def _on_contact(self, contact: AssembledContact) -> None:
         self.estimator.add_contact(

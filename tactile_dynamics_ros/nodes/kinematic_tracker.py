@@ -34,6 +34,7 @@ from tactile_dynamics_ros.nodes.joint_history import JointHistory
 from tactile_dynamics_ros.nodes.object_frame import ObjectFrame
 from tactile_dynamics_ros.nodes.parameters import declare_config
 from tactile_dynamics_ros.nodes.shell import LATCHED, Shell, run_node
+from tactile_dynamics_ros.nodes.wire import Joints, Stamped
 
 Array = NDArray[np.float64]
 
@@ -90,12 +91,12 @@ class KinematicTrackerNode(Shell):
         for finger in FINGERS:
             self.listen(WrenchStamped, f"/contact/{finger}/force", self._force_taker(finger))
 
-    def _force_taker(self, finger: str) -> Callable[[WrenchStamped], None]:
+    def _force_taker(self, finger: str) -> Callable[[Stamped], None]:
         topic = f"/contact/{finger}/force"
 
-        def take(message: WrenchStamped) -> None:
+        def take(message: Stamped) -> None:
             if wrench_to_core(message, topic, WORLD)[3:].any():
-                self._touched[finger] = to_seconds(message.header.stamp)
+                self._touched[finger] = to_seconds(message.stamp)
 
         return take
 
@@ -111,10 +112,10 @@ class KinematicTrackerNode(Shell):
             self.fusion.refute()
             self.faults.add("pose_refuted")
 
-    def _on_vision(self, message: PoseWithCovarianceStamped) -> None:
+    def _on_vision(self, message: Stamped) -> None:
         pose, self._vision_covariance = uncertain_pose_to_core(message, VISION, WORLD)
-        self._vision_gate.check(message.header.stamp)
-        positions = self._joints.at(to_seconds(message.header.stamp))
+        self._vision_gate.check(message.stamp)
+        positions = self._joints.at(to_seconds(message.stamp))
         if positions is None or not self._grasped(self._joints.newest):
             self._seen.clear()
             return
@@ -124,13 +125,13 @@ class KinematicTrackerNode(Shell):
             covariance = self.tracker.vision_covariance()
             if self._vision_covariance is not None:
                 covariance = self._vision_covariance
-            if not self.fusion.correct(pose, covariance, to_seconds(message.header.stamp)):
+            if not self.fusion.correct(pose, covariance, to_seconds(message.stamp)):
                 self.faults.add("vision_rejected")
 
-    def _on_joints(self, message: JointState) -> None:
+    def _on_joints(self, message: Joints) -> None:
         positions = self._reader.positions(message)
-        time = to_seconds(message.header.stamp)
-        if self._gate.check(message.header.stamp):
+        time = to_seconds(message.stamp)
+        if self._gate.check(message.stamp):
             self.faults.add("clock_restarted")
             self._forget()
         self._joints.add(time, positions)
@@ -152,10 +153,10 @@ class KinematicTrackerNode(Shell):
         self.tracker.initialise(anchor @ mean, positions, covariance, time)
         self.fusion.reset()
 
-    def _follow(self, message: JointState, positions: Array, time: float) -> None:
+    def _follow(self, message: Joints, positions: Array, time: float) -> None:
         touching = [f for f, last in self._touched.items() if time - last < 0.05]
         pose, covariance = self.tracker.update(positions, time, touching)
-        stamp = message.header.stamp
+        stamp = message.stamp
         self._kinematic.publish(uncertain_pose_to_message(pose, covariance, stamp, WORLD))
         fused, fused_covariance = self.fusion.predict(pose, covariance, time)
         if self._held and self.config.publish_fused:

@@ -37,6 +37,7 @@ from tactile_dynamics_ros.nodes.conversions import (
 from tactile_dynamics_ros.nodes.diagnostics import status_message, status_values
 from tactile_dynamics_ros.nodes.parameters import declare_config
 from tactile_dynamics_ros.nodes.shell import LATCHED, Shell, run_node
+from tactile_dynamics_ros.nodes.wire import Stamped
 
 POSE = "/object/pose"
 MODEL = "/inertial_estimator/status"
@@ -86,12 +87,12 @@ class ModelCheckNode(Shell):
         self._background.close()
         super().destroy_node()
 
-    def _on_pose(self, message: PoseWithCovarianceStamped) -> None:
+    def _on_pose(self, message: Stamped) -> None:
         pose, covariance = uncertain_pose_to_core(message, POSE, "world")
-        if self._gate.check(message.header.stamp):
+        if self._gate.check(message.stamp):
             self.faults.add("clock_restarted")
             self.check.reset()
-        self._newest = to_seconds(message.header.stamp)
+        self._newest = to_seconds(message.stamp)
         self.check.add_pose(self._newest, pose, covariance)
 
     def _on_contact(self, contact: AssembledContact) -> None:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import importlib
 
 import numpy as np
-from builtin_interfaces.msg import Time
-from geometry_msgs.msg import TransformStamped
+from geometry_msgs.msg import Quaternion, TransformStamped
 from numpy.typing import NDArray
 from rclpy.node import Node
 
-from tactile_dynamics_ros.nodes.conversions import header, matrix_to_pose
+from tactile_dynamics_ros.core.rigid_body.rotation import matrix_to_quaternion
+from tactile_dynamics_ros.nodes.conversions import array_to_vector, header
+from tactile_dynamics_ros.nodes.wire import AnyStamp
 
 Array = NDArray[np.float64]
 
@@ -32,14 +33,12 @@ class ObjectFrame:
             return
         self._publisher = node.create_publisher(self._kind, "/tf", 100)
 
-    def send(self, pose: Array, stamp: Time, parent: str) -> None:
+    def send(self, pose: Array, stamp: AnyStamp, parent: str) -> None:
         """Broadcast X_WO (4, 4)."""
         if self._kind is None:
             return
-        placed = matrix_to_pose(pose)
         message = TransformStamped(header=header(stamp, parent), child_frame_id=self._child)
-        message.transform.translation.x = placed.position.x
-        message.transform.translation.y = placed.position.y
-        message.transform.translation.z = placed.position.z
-        message.transform.rotation = placed.orientation
+        message.transform.translation = array_to_vector(pose[:3, 3])
+        x, y, z, w = matrix_to_quaternion(pose[:3, :3]).tolist()
+        message.transform.rotation = Quaternion(x=x, y=y, z=z, w=w)
         self._publisher.publish(self._kind(transforms=[message]))

@@ -15,15 +15,16 @@ from tactile_dynamics_ros.nodes.conversions import (
     biotac_to_message,
     camera_info,
     depth_to_message,
+    header,
     joints_to_message,
     to_seconds,
-    to_stamp,
     uncertain_pose_to_message,
     wrench_to_message,
 )
 from tactile_dynamics_ros.nodes.pacing import DelayedMessages, Pace, PaceConfig
 from tactile_dynamics_ros.nodes.parameters import declare_config
 from tactile_dynamics_ros.nodes.shell import Shell, run_node
+from tactile_dynamics_ros.nodes.wire import Joints
 from tactile_dynamics_ros.sim.simulated_robot import (
     Readings,
     SimulatedRobot,
@@ -68,7 +69,7 @@ class RobotSim(Shell):
             self._publish(self.robot.advance())
 
     def _publish(self, readings: Readings) -> None:
-        self._ticks.publish(Clock(clock=to_stamp(readings.time)))
+        self._ticks.publish(Clock(clock=header(readings.time, "").stamp))
         self._joints.publish(
             joints_to_message(
                 JOINT_NAMES,
@@ -100,15 +101,15 @@ class RobotSim(Shell):
             self._late.add(late, self._depth, image)
         self._late.release(readings.time)
 
-    def _on_command(self, message: JointState) -> None:
-        names = tuple(message.name)
+    def _on_command(self, message: Joints) -> None:
+        names = message.names
         unknown = [name for name in names if name not in JOINT_NAMES]
         if unknown:
             raise MessageError("unknown_joint", f"/joint_command: no joint '{unknown[0]}'")
         reader = self._reader.setdefault(names, JointReader(names, "/joint_command"))
         self.robot.world.command(reader.positions(message), names)
-        if to_seconds(message.header.stamp) > 0.0:
-            self._pace.note_command(to_seconds(message.header.stamp))
+        if to_seconds(message.stamp) > 0.0:
+            self._pace.note_command(to_seconds(message.stamp))
 
     def _measure_pace(self) -> None:
         pace = self._pace.measure(self.robot.world.time)

@@ -25,6 +25,7 @@ from tactile_dynamics_ros.nodes.conversions import MessageError
 from tactile_dynamics_ros.nodes.diagnostics import Faults
 from tactile_dynamics_ros.nodes.parameters import refuse_unknown
 from tactile_dynamics_ros.nodes.waiting import Waiter
+from tactile_dynamics_ros.nodes.wire import decoder_of
 
 STREAM = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Sensor data: best effort, half a second deep at 100 Hz."""
@@ -118,21 +119,35 @@ class Shell(Node):
         profile: QoSProfile = STREAM,
         raw: bool = False,
     ) -> None:
-        """Subscribe; a message that is refused or cannot be used yet is counted and dropped."""
+        """Subscribe; a message that is refused or cannot be used yet is counted and dropped.
+
+        Args:
+            kind: type of the messages.
+            topic: to subscribe to.
+            callback: gets the message, as `wire` reads it where it knows the type.
+            profile: quality of service.
+            raw: hand over the bytes of the message instead.
+        """
+        decode = None if raw else decoder_of(kind)
 
         def guarded(message: Any) -> None:
             try:
-                callback(message)
+                callback(message if decode is None else decode(message))
             except MessageError as error:
                 self.faults.add(error.kind, str(error))
             except TactileDynamicsError as error:
                 kind_of = "bad_input" if isinstance(error, BadInputError) else "not_ready"
                 self.faults.add(kind_of, str(error))
 
-        group = self._polled_group
-        self.polled.append(
-            self.create_subscription(kind, topic, guarded, profile, callback_group=group, raw=raw)
+        subscription = self.create_subscription(
+            kind,
+            topic,
+            guarded,
+            profile,
+            callback_group=self._polled_group,
+            raw=raw or decode is not None,
         )
+        self.polled.append(subscription)
 
     def stream(self, kind: type[Any], topic: str) -> Publisher:
         """Return a publisher of sensor data."""

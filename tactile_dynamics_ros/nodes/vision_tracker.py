@@ -32,6 +32,7 @@ from tactile_dynamics_ros.nodes.conversions import (
 from tactile_dynamics_ros.nodes.joint_history import JointHistory
 from tactile_dynamics_ros.nodes.parameters import declare_config
 from tactile_dynamics_ros.nodes.shell import Shell, run_node
+from tactile_dynamics_ros.nodes.wire import Joints, Stamped
 from tactile_dynamics_ros.share import object_file
 
 Array = NDArray[np.float64]
@@ -100,12 +101,12 @@ class VisionTrackerNode(Shell):
     def _on_camera(self, message: CameraInfo) -> None:
         self._camera = camera_to_core(message, CAMERA, self._placement)
 
-    def _on_joints(self, message: JointState) -> None:
-        self._joints.add(to_seconds(message.header.stamp), self._reader.positions(message))
+    def _on_joints(self, message: Joints) -> None:
+        self._joints.add(to_seconds(message.stamp), self._reader.positions(message))
 
-    def _on_fused(self, message: PoseWithCovarianceStamped) -> None:
+    def _on_fused(self, message: Stamped) -> None:
         pose, _ = uncertain_pose_to_core(message, "/object/pose", WORLD)
-        self._fused = (to_seconds(message.header.stamp), pose)
+        self._fused = (to_seconds(message.stamp), pose)
 
     def _on_image(self, message: Image) -> None:
         depth = depth_to_core(message, DEPTH)

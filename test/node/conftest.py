@@ -4,6 +4,24 @@ import time
 
 import pytest
 import rclpy
+from geometry_msgs.msg import (
+    PoseStamped,
+    PoseWithCovarianceStamped,
+    Vector3Stamped,
+    WrenchStamped,
+)
+from sensor_msgs.msg import JointState
+
+
+def kind_of(topic, message):
+    """Return the type of a message; that of serialised ones follows from the topic."""
+    if not isinstance(message, bytes):
+        return type(message)
+    if topic.startswith("/object/pose"):
+        return PoseWithCovarianceStamped
+    kinds = {"force": WrenchStamped, "force_std": Vector3Stamped, "slip": Vector3Stamped}
+    kinds |= {"pose": PoseStamped, "joint_states": JointState, "joint_command": JointState}
+    return kinds[topic.rsplit("/", 1)[1]]
 
 
 class Bench:
@@ -28,12 +46,12 @@ class Bench:
         return self.seen[topic]
 
     def send(self, topic, message, **options):
-        """Publish a message; the first time, wait until somebody listens."""
+        """Publish a message or its bytes; the first time, wait until somebody listens."""
         if topic not in self.publishers:
             from tactile_dynamics_ros.nodes.shell import STREAM
 
             profile = options.get("profile", STREAM)
-            publisher = self.nodes[0].create_publisher(type(message), topic, profile)
+            publisher = self.nodes[0].create_publisher(kind_of(topic, message), topic, profile)
             self.publishers[topic] = publisher
             self.until(lambda: publisher.get_subscription_count() > 0)
         self.publishers[topic].publish(message)

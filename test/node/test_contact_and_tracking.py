@@ -54,9 +54,9 @@ def test_force_is_turned_into_the_world_at_the_time_of_the_force(contacts):
     wrench = cv.wrench_to_core(found[0], "/contact/index/force", "world")
     assert wrench[3:] == pytest.approx(rotation @ FORCE, abs=1e-9)
     assert not wrench[:3].any()
-    assert cv.to_seconds(found[0].header.stamp) == pytest.approx(1.01)
+    assert cv.to_seconds(found[0].stamp) == pytest.approx(1.01)
     contacts.until(lambda: contacts.seen["/contact/index/pose"])
-    pose = cv.pose_to_matrix(contacts.seen["/contact/index/pose"][0].pose, "/p")
+    pose = cv.pose_to_core(contacts.seen["/contact/index/pose"][0], "/p", "world")
     assert pose[:3, 2] @ (rotation @ FORCE) > 0.9 * np.linalg.norm(FORCE)
     tip = KINEMATICS.sensor_pose("index", middle)[:3, 3]
     assert 0.005 < np.linalg.norm(pose[:3, 3] - tip) < 0.03
@@ -149,7 +149,7 @@ def test_tracked_pose_starts_at_vision_and_follows_the_hand(grasp):
         moved = moved + 0.01 * np.r_[np.ones(7), np.zeros(16)]
         grasp.step(moved, vision=False)
     pose, covariance = cv.uncertain_pose_to_core(grasp.poses()[-1], "/object/pose", "world")
-    stamp = cv.to_seconds(grasp.poses()[-1].header.stamp)
+    stamp = cv.to_seconds(grasp.poses()[-1].stamp)
     assert stamp == pytest.approx(grasp.time)
     truth = grasp.truth(moved)
     assert np.linalg.norm(pose[:3, 3] - truth[:3, 3]) < 1e-3

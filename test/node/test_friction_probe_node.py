@@ -90,7 +90,7 @@ def test_it_commands_the_hand_and_an_emergency_stop_ends_that(hand):
     for _ in range(10):
         hand.send(HOLDING)
     hand.bench.until(lambda: commands)
-    assert len(commands[-1].name) == 16
+    assert len(commands[-1].names) == 16
     assert active[-1].data
     hand.bench.send("/emergency_stop", Bool(data=True), profile=10)
     hand.node._on_stop(Bool(data=True))

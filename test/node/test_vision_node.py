@@ -64,7 +64,7 @@ def test_pose_has_the_stamp_of_the_image_and_is_that_of_the_object(tracker, scen
     truth, picture = scene
     poses = tracker.seen["/object/pose/vision"]
     last = show_until(tracker, picture, lambda: bool(poses), 1.0)
-    assert cv.to_seconds(poses[-1].header.stamp) == pytest.approx(last)
+    assert cv.to_seconds(poses[-1].stamp) == pytest.approx(last)
     pose, covariance = cv.uncertain_pose_to_core(poses[-1], "/object/pose/vision", "world")
     assert np.linalg.norm(pose[:3, 3] - truth[:3, 3]) < 3e-3
     assert 1e-5 < np.sqrt(covariance[3, 3]) < 5e-3

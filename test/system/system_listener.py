@@ -5,8 +5,15 @@ from collections import defaultdict
 
 import rclpy
 from rclpy.node import Node
+from rclpy.serialization import serialize_message
 
 from tactile_dynamics_ros.nodes.shell import LATCHED, STREAM
+from tactile_dynamics_ros.nodes.wire import decoder_of
+
+
+def as_read(message):
+    """Return a message as the nodes read its bytes."""
+    return decoder_of(type(message))(serialize_message(message))
 
 
 class Listener:

@@ -8,7 +8,7 @@ import rclpy
 from geometry_msgs.msg import PoseWithCovarianceStamped, WrenchStamped
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image, JointState
-from system_listener import Listener
+from system_listener import Listener, as_read
 
 from tactile_dynamics_ros.cli.supervisor import Supervisor, node_command
 from tactile_dynamics_ros.cli.topics import call_trigger
@@ -49,7 +49,7 @@ def test_topics_are_as_the_contract_says(robot):
     assert counts.shape == (4, 44)
     assert ((counts[:, :19] > 1500) & (counts[:, :19] < 3900)).all()
     pose, covariance = cv.uncertain_pose_to_core(
-        robot.wait_for_new("/object/pose/vision"), "/object/pose/vision", "world"
+        as_read(robot.wait_for_new("/object/pose/vision")), "/object/pose/vision", "world"
     )
     assert 0.0 < pose[2, 3] < 0.2
     assert (np.diag(covariance) > 0).all()
@@ -64,7 +64,7 @@ def test_topics_are_as_the_contract_says(robot):
 
 
 def test_wrist_feels_the_weight_of_the_hand_downwards(robot):
-    wrench = cv.wrench_to_core(robot.wait_for_new("/wrist/wrench"), "/wrist/wrench")
+    wrench = cv.wrench_to_core(as_read(robot.wait_for_new("/wrist/wrench")), "/wrist/wrench")
     assert 5.0 < np.linalg.norm(wrench[3:]) < 25.0
 
 

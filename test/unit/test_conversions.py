@@ -8,25 +8,33 @@ import pytest
 pytest.importorskip("rclpy")
 
 from geometry_msgs.msg import PoseWithCovarianceStamped, WrenchStamped  # noqa: E402
+from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
+from sensor_msgs.msg import JointState  # noqa: E402
 
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (  # noqa: E402
     InertialParameters,
 )
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3  # noqa: E402
 from tactile_dynamics_ros.nodes import conversions as cv  # noqa: E402
+from tactile_dynamics_ros.nodes.wire import decoder_of  # noqa: E402
+
+
+def read(message):
+    """Return a message as a node gets it."""
+    return decoder_of(type(message))(serialize_message(message))
 
 
 def wrench_message(force, torque, frame="world", stamp=1.5):
     message = WrenchStamped(header=cv.header(stamp, frame))
     message.wrench.force = cv.array_to_vector(np.array(force))
     message.wrench.torque = cv.array_to_vector(np.array(torque))
-    return message
+    return read(message)
 
 
 def test_core_wrench_has_torque_first_and_messages_force_first():
     wrench = cv.wrench_to_core(wrench_message([1.0, 2, 3], [4.0, 5, 6]), "/t", "world")
     assert wrench.tolist() == [4, 5, 6, 1, 2, 3]
-    message = cv.wrench_to_message(wrench, 2.25, "world")
+    message = deserialize_message(cv.wrench_to_message(wrench, 2.25, "world"), WrenchStamped)
     assert (message.wrench.force.x, message.wrench.torque.x) == (1.0, 4.0)
     assert (message.header.stamp.sec, message.header.stamp.nanosec) == (2, 250_000_000)
 
@@ -50,11 +58,12 @@ def test_pose_covariance_changes_order_with_the_pose():
     pose[:3, 3] = [0.1, 0.2, 0.3]
     covariance = np.diag([1.0, 2, 3, 4, 5, 6])
     covariance[0, 4] = covariance[4, 0] = 0.5
-    message = cv.uncertain_pose_to_message(pose, covariance, 3.0, "world")
+    data = cv.uncertain_pose_to_message(pose, covariance, 3.0, "world")
+    message = deserialize_message(data, PoseWithCovarianceStamped)
     stated = np.array(message.pose.covariance).reshape(6, 6)
     assert np.diag(stated).tolist() == [4, 5, 6, 1, 2, 3]
     assert stated[1, 3] == 0.5
-    back, covariance_back = cv.uncertain_pose_to_core(message, "/object/pose", "world")
+    back, covariance_back = cv.uncertain_pose_to_core(read(message), "/object/pose", "world")
     np.testing.assert_allclose(back, pose, atol=1e-12)
     np.testing.assert_array_equal(covariance_back, covariance)
 
@@ -63,13 +72,13 @@ def test_pose_with_a_broken_quaternion_is_refused():
     message = PoseWithCovarianceStamped(header=cv.header(0.0, "world"))
     message.pose.pose.orientation.w = 0.5
     with pytest.raises(cv.MessageError, match="length 0.5") as caught:
-        cv.uncertain_pose_to_core(message, "/object/pose", "world")
+        cv.uncertain_pose_to_core(read(message), "/object/pose", "world")
     assert caught.value.kind == "bad_quaternion"
 
 
 def test_pose_without_covariance_says_so():
     message = PoseWithCovarianceStamped(header=cv.header(0.0, "world"))
-    assert cv.uncertain_pose_to_core(message, "/object/pose", "world")[1] is None
+    assert cv.uncertain_pose_to_core(read(message), "/object/pose", "world")[1] is None
 
 
 def test_stamps_that_jump_back_are_refused_and_a_restarted_clock_is_told():
@@ -87,12 +96,18 @@ def test_stamps_that_jump_back_are_refused_and_a_restarted_clock_is_told():
 
 def test_joint_states_are_sorted_into_the_order_of_the_table():
     reader = cv.JointReader(["a", "b"])
-    message = cv.joints_to_message(["b", "x", "a"], 0.0, np.array([2.0, 9.0, 1.0]))
-    assert reader.positions(message).tolist() == [1.0, 2.0]
+
+    def positions(names, values):
+        message = decoder_of(JointState)(cv.joints_to_message(names, 0.0, np.array(values)))
+        return reader.positions(message).tolist()
+
+    assert positions(["b", "x", "a"], [2.0, 9.0, 1.0]) == [1.0, 2.0]
     with pytest.raises(cv.MessageError, match="first: b"):
-        reader.positions(cv.joints_to_message(["a"], 0.0, np.array([1.0])))
+        positions(["a"], [1.0])
     with pytest.raises(cv.MessageError, match="1 positions for 2 names"):
-        reader.positions(cv.joints_to_message(["a", "b"], 0.0, np.array([1.0])))
+        positions(["a", "b"], [1.0])
+    with pytest.raises(cv.MessageError, match="not finite"):
+        positions(["a", "b"], [1.0, math.nan])
 
 
 def test_biotac_image_round_trip_in_both_byte_orders():

@@ -1,0 +1,190 @@
+"""The messages that come by the hundred per second, read from and written to their CDR bytes.
+
+rclpy makes a tree of Python objects of each message and checks every field of it, which costs
+several times what the estimation with it costs. A subscription may take the serialised message
+instead, and a publisher may be given one: a header and then doubles, see `recording.cdr`.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from geometry_msgs.msg import (
+    PoseStamped,
+    PoseWithCovarianceStamped,
+    Vector3Stamped,
+    WrenchStamped,
+)
+from numpy.typing import NDArray
+from sensor_msgs.msg import JointState
+
+from tactile_dynamics_ros.recording.cdr import DOUBLES, ENCAPSULATION, LITTLE_ENDIAN, NANOSECONDS
+
+Array = NDArray[np.float64]
+Decoder = Callable[[bytes], Any]
+
+FRAME = 16
+"""Where the frame id begins: encapsulation, seconds, nanoseconds, length of the id."""
+LITTLE = bytes((0, LITTLE_ENDIAN, 0, 0))
+
+
+class AnyStamp(Protocol):
+    """A stamp: `builtin_interfaces/Time` or `Stamp`."""
+
+    @property
+    def sec(self) -> int:
+        """Whole seconds."""
+
+    @property
+    def nanosec(self) -> int:
+        """Nanoseconds beyond them."""
+
+
+class Stamp(NamedTuple):
+    """The stamp of a header."""
+
+    sec: int
+    nanosec: int
+
+
+class Stamped(NamedTuple):
+    """A message of a header and doubles: PoseStamped, Vector3Stamped, WrenchStamped and so on.
+
+    Attributes:
+        stamp: of the header. frame_id: of the header. values: (K,) in the order of the message.
+    """
+
+    stamp: Stamp
+    frame_id: str
+    values: Array
+
+
+class Joints(NamedTuple):
+    """What is used of a JointState: stamp, names and positions (rad)."""
+
+    stamp: Stamp
+    names: tuple[str, ...]
+    positions: Array
+
+
+def to_stamp(seconds: float) -> Stamp:
+    """Return the stamp of a time in seconds."""
+    return Stamp(*divmod(round(seconds * 1e9), NANOSECONDS))
+
+
+def decoder_of(kind: type[Any]) -> Decoder | None:
+    """Return what reads the bytes of a type's messages, None if rclpy has to."""
+    if kind is JointState:
+        return JointStateDecoder()
+    count = COUNTS.get(kind)
+    return None if count is None else lambda data: decode_stamped(data, count)
+
+
+def decode_stamped(data: bytes, count: int) -> Stamped:
+    """Return header and the `count` doubles of a serialised message."""
+    order = _byte_order(data)
+    sec, nanosec, length = struct.unpack_from(order + "iII", data, ENCAPSULATION)
+    values = np.frombuffer(data, order + "f8", count, _aligned(FRAME + length))
+    return Stamped(Stamp(sec, nanosec), _text(data[FRAME : FRAME + length]), values)
+
+
+def encode_stamped(stamp: AnyStamp, frame_id: str, values: Array) -> bytes:
+    """Return the serialised message of a header and doubles (K,)."""
+    time = struct.pack("<iI", stamp.sec, stamp.nanosec)
+    return b"".join((LITTLE, time, _frame(frame_id), values.astype("<f8", copy=False).tobytes()))
+
+
+class JointStateDecoder:
+    """Reads joint states; the names, which seldom change, are read once."""
+
+    def __init__(self) -> None:
+        self._same, self._names, self._start = b"\0", (), 0
+
+    def __call__(self, data: bytes) -> Joints:
+        """Return stamp, names and positions of a serialised JointState."""
+        order = _byte_order(data)
+        if not data.startswith(self._same, ENCAPSULATION + 8):
+            self._learn(data, order)
+        sec, nanosec = struct.unpack_from(order + "iI", data, ENCAPSULATION)
+        (count,) = struct.unpack_from(order + "I", data, self._start - 4)
+        positions = np.frombuffer(data, order + "f8", count, _aligned(self._start) if count else 0)
+        return Joints(Stamp(sec, nanosec), self._names, positions)
+
+    def _learn(self, data: bytes, order: str) -> None:
+        """Read frame id and names, and remember their bytes."""
+        (length,) = struct.unpack_from(order + "I", data, ENCAPSULATION + 8)
+        at = _aligned(FRAME + length, 4)
+        (count,) = struct.unpack_from(order + "I", data, at)
+        at += 4
+        names = []
+        for _ in range(count):
+            at = _aligned(at, 4)
+            (length,) = struct.unpack_from(order + "I", data, at)
+            names.append(_text(data[at + 4 : at + 4 + length]))
+            at += 4 + length
+        self._start = _aligned(at, 4) + 4
+        self._same, self._names = data[ENCAPSULATION + 8 : at], tuple(names)
+
+
+def encode_joint_state(
+    names: Sequence[str],
+    stamp: AnyStamp,
+    position: Array,
+    velocity: Array | None = None,
+    effort: Array | None = None,
+) -> bytes:
+    """Return the serialised JointState, with an empty frame id."""
+    time = struct.pack("<iI", stamp.sec, stamp.nanosec)
+    message = LITTLE + time + _joint_names(tuple(names))
+    for values in (position, velocity, effort):
+        message += struct.pack("<I", 0 if values is None else len(values))
+        if values is not None and len(values):
+            message += bytes(_aligned(len(message)) - len(message))
+            message += np.asarray(values, dtype="<f8").tobytes()
+    return message
+
+
+COUNTS: dict[type[Any], int] = {
+    kind: DOUBLES[f"geometry_msgs/msg/{kind.__name__}"]
+    for kind in (PoseStamped, PoseWithCovarianceStamped, Vector3Stamped, WrenchStamped)
+}
+
+
+def _byte_order(data: bytes) -> str:
+    return "<" if data[1] == LITTLE_ENDIAN else ">"
+
+
+def _aligned(offset: int, size: int = 8) -> int:
+    """Return the next place that is aligned, counted from behind the encapsulation."""
+    return offset + (ENCAPSULATION - offset) % size
+
+
+@lru_cache
+def _text(data: bytes) -> str:
+    return data.rstrip(b"\0").decode()
+
+
+def _string(text: str) -> bytes:
+    data = text.encode() + b"\0"
+    return struct.pack("<I", len(data)) + data
+
+
+@lru_cache
+def _frame(frame_id: str) -> bytes:
+    """Return a frame id with its length, padded for the doubles that follow."""
+    text = _string(frame_id)
+    return text + bytes(_aligned(FRAME - 4 + len(text)) - (FRAME - 4 + len(text)))
+
+
+@lru_cache
+def _joint_names(names: tuple[str, ...]) -> bytes:
+    """Return an empty frame id and names, padded for the length that follows."""
+    head = ENCAPSULATION + 8
+    message = bytes(head) + _string("")
+    for text in (struct.pack("<I", len(names)), *map(_string, names)):
+        message += bytes(_aligned(len(message), 4) - len(message)) + text
+    return message[head:] + bytes(_aligned(len(message), 4) - len(message))
