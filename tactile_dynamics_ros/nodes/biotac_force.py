@@ -26,6 +26,7 @@ from tactile_dynamics_ros.nodes.conversions import (
 from tactile_dynamics_ros.nodes.kept_tare import KeptTare
 from tactile_dynamics_ros.nodes.parameters import declare_config
 from tactile_dynamics_ros.nodes.shell import Shell, run_node
+from tactile_dynamics_ros.nodes.wire import Picture
 
 RAW = "/biotac/raw"
 
@@ -87,9 +88,9 @@ class BiotacForce(Shell):
         self._rest = deque(maxlen=self.config.tare_frames)
         return f"taring with the next {self.config.tare_frames} frames; keep the fingers free"
 
-    def _on_raw(self, message: Image) -> None:
+    def _on_raw(self, message: Picture) -> None:
         counts = biotac_to_core(message, RAW)
-        if self._gate.check(message.header.stamp):
+        if self._gate.check(message.stamp):
             self.faults.add("clock_restarted")
             self.start_tare()
         if self._rest is not None:
@@ -103,7 +104,7 @@ class BiotacForce(Shell):
                 self.faults.add(f"warming_{finger}", f"{finger} warmed by {seen.warming:.1f} K")
             torque = seen.torque if seen.in_contact else np.zeros(3)
             wrench = np.concatenate([torque, seen.force])
-            stamp, frame = message.header.stamp, sensor_frame(finger)
+            stamp, frame = message.stamp, sensor_frame(finger)
             self._std[k].publish(std_to_message(seen.std, stamp, frame))
             self._force[k].publish(wrench_to_message(wrench, stamp, frame))
             heard = self._slip[k].update(counts[k], seen.in_contact)

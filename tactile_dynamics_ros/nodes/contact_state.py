@@ -4,20 +4,24 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped, Vector3Stamped, WrenchStamped
 from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
 
-from tactile_dynamics_ros.core.contact.contact_state import ContactState, ContactStateConfig
+from tactile_dynamics_ros.core.contact.contact_state import (
+    Contact,
+    ContactState,
+    ContactStateConfig,
+)
 from tactile_dynamics_ros.core.contact.hand_kinematics import HandKinematics
 from tactile_dynamics_ros.core.contact.robot_description import FINGERS, sensor_frame
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.nodes.conversions import (
     JointReader,
     StampGate,
-    check_frame_id,
     pose_to_message,
     std_to_core,
     std_to_message,
@@ -28,10 +32,20 @@ from tactile_dynamics_ros.nodes.conversions import (
 from tactile_dynamics_ros.nodes.joint_history import JointHistory
 from tactile_dynamics_ros.nodes.parameters import declare_config
 from tactile_dynamics_ros.nodes.shell import Shell, run_node
-from tactile_dynamics_ros.nodes.wire import Joints, Stamped
+from tactile_dynamics_ros.nodes.wire import Joints, Stamp, Stamped
 
 WORLD = "world"
 WAITING = 200
+
+
+class Touch(NamedTuple):
+    """A force that waits for joint positions: (6,) [torque, force] and (3,), sensor frame."""
+
+    finger: str
+    stamp: Stamp
+    time: float
+    wrench: NDArray[np.float64]
+    std: NDArray[np.float64]
 
 
 class ContactStateNode(Shell):
@@ -46,7 +60,7 @@ class ContactStateNode(Shell):
         self._joint_gate = StampGate("/joint_states")
         self._gates = {finger: StampGate(f"/biotac/{finger}/force") for finger in FINGERS}
         self._std: dict[str, NDArray[np.float64]] = {}
-        self._waiting: deque[tuple[str, Stamped]] = deque(maxlen=WAITING)
+        self._waiting: deque[Touch] = deque(maxlen=WAITING)
         self._force, self._force_std, self._pose = {}, {}, {}
         for finger in FINGERS:
             self._force[finger] = self.stream(WrenchStamped, f"/contact/{finger}/force")
@@ -64,8 +78,6 @@ class ContactStateNode(Shell):
             self._joints.clear()
             self._waiting.clear()
         self._joints.add(to_seconds(message.stamp), positions)
-        while self._waiting and to_seconds(self._waiting[0][1].stamp) <= self._joints.newest:
-            self._place(*self._waiting.popleft())
 
     def _std_taker(self, finger: str) -> Callable[[Stamped], None]:
         topic = f"/biotac/{finger}/force_std"
@@ -79,35 +91,53 @@ class ContactStateNode(Shell):
         topic = f"/biotac/{finger}/force"
 
         def take(message: Stamped) -> None:
-            check_frame_id(topic, message.frame_id, sensor_frame(finger))
+            wrench = wrench_to_core(message, topic, sensor_frame(finger))
             self._gates[finger].check(message.stamp)
-            if to_seconds(message.stamp) > self._joints.newest:
-                if len(self._waiting) == WAITING:
-                    self.faults.add("joint_states_missing", "forces come but no joint states")
-                self._waiting.append((finger, message))
-                return
-            self._place(finger, message)
+            if finger not in self._std:
+                raise NotIdentifiableError(f"{topic}_std has not come yet")
+            if len(self._waiting) == WAITING:
+                self.faults.add("joint_states_missing", "forces come but no joint states")
+            time = to_seconds(message.stamp)
+            self._waiting.append(Touch(finger, message.stamp, time, wrench, self._std[finger]))
 
         return take
 
-    def _place(self, finger: str, message: Stamped) -> None:
-        wrench = wrench_to_core(message, f"/biotac/{finger}/force")
-        positions = self._joints.at(to_seconds(message.stamp))
-        if positions is None:
-            self.faults.add("force_older_than_joint_states")
-            return
-        if finger not in self._std:
-            raise NotIdentifiableError(f"/biotac/{finger}/force_std has not come yet")
-        contact = self.contact_state.update(
-            finger, positions, wrench[3:], self._std[finger], wrench[:3]
+    def process(self) -> None:
+        """Place the forces for whose time joint positions are known."""
+        ready: list[tuple[Touch, NDArray[np.float64]]] = []
+        for _ in range(len(self._waiting)):
+            touch = self._waiting.popleft()
+            positions = self._joints.at(touch.time)
+            if positions is not None:
+                ready.append((touch, positions))
+            elif touch.time > self._joints.newest:
+                self._waiting.append(touch)
+            else:
+                self.faults.add("force_older_than_joint_states")
+        if ready:
+            self._place(*zip(*ready, strict=True))
+
+    def _place(
+        self, touches: tuple[Touch, ...], positions: tuple[NDArray[np.float64], ...]
+    ) -> None:
+        wrench = np.stack([touch.wrench for touch in touches])
+        std = np.stack([touch.std for touch in touches])
+        fingers = [touch.finger for touch in touches]
+        contacts = self.contact_state.update_all(
+            fingers, np.stack(positions), wrench[:, 3:], std, wrench[:, :3]
         )
+        for contact, touch in zip(contacts, touches, strict=True):
+            self._publish(contact, touch.stamp)
+
+    def _publish(self, contact: Contact, stamp: Stamp) -> None:
         matrix = np.eye(4)
         matrix[:3, :3], matrix[:3, 3] = contact.rotation, contact.point
-        force = contact.force if contact.touching else np.zeros(3)
-        stamp = message.stamp
+        world_wrench = np.zeros(6)
+        if contact.touching:
+            world_wrench[3:] = contact.force
+        finger = contact.finger
         self._pose[finger].publish(pose_to_message(matrix, stamp, WORLD))
         self._force_std[finger].publish(std_to_message(contact.force_std, stamp, WORLD))
-        world_wrench = np.concatenate([np.zeros(3), force])
         self._force[finger].publish(wrench_to_message(world_wrench, stamp, WORLD))
 
 

@@ -7,7 +7,6 @@ are swapped in this module only.
 
 from __future__ import annotations
 
-import array
 import math
 from collections.abc import Sequence
 
@@ -15,7 +14,7 @@ import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import InertiaStamped, Vector3
 from numpy.typing import NDArray
-from sensor_msgs.msg import CameraInfo, Image
+from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import Header
 
 from tactile_dynamics_ros.core.errors import BadInputError
@@ -28,7 +27,9 @@ from tactile_dynamics_ros.core.tracking.depth_image import PinholeCamera
 from tactile_dynamics_ros.nodes.wire import (
     AnyStamp,
     Joints,
+    Picture,
     Stamped,
+    encode_image,
     encode_joint_state,
     encode_stamped,
     to_stamp,
@@ -274,7 +275,7 @@ def joints_to_message(
     return encode_joint_state(names, _stamp(time), position, velocity, effort)
 
 
-def biotac_to_core(message: Image, topic: str, rows: int = 4, columns: int = 44) -> Array:
+def biotac_to_core(message: Picture, topic: str, rows: int = 4, columns: int = 44) -> Array:
     """Return raw counts (rows, columns) of all BioTacs.
 
     Raises:
@@ -285,12 +286,12 @@ def biotac_to_core(message: Image, topic: str, rows: int = 4, columns: int = 44)
     return np.frombuffer(message.data, dtype=kind).reshape(rows, columns).astype(float)
 
 
-def biotac_to_message(counts: NDArray[np.uint16], time: float | AnyStamp, frame: str) -> Image:
-    """Return the image message of raw counts (4, 44)."""
-    return _image(np.ascontiguousarray(counts, dtype="<u2"), BIOTAC_ENCODING, time, frame)
+def biotac_to_message(counts: NDArray[np.uint16], time: float | AnyStamp, frame: str) -> bytes:
+    """Return the Image of raw counts (4, 44)."""
+    return encode_image(_stamp(time), frame, BIOTAC_ENCODING, counts.astype("<u2", copy=False))
 
 
-def depth_to_core(message: Image, topic: str) -> NDArray[np.float32]:
+def depth_to_core(message: Picture, topic: str) -> NDArray[np.float32]:
     """Return a depth image (H, W) in m; unknown depth is NaN.
 
     Raises:
@@ -302,9 +303,9 @@ def depth_to_core(message: Image, topic: str) -> NDArray[np.float32]:
     return np.frombuffer(message.data, dtype=kind).reshape(height, width).astype(np.float32)
 
 
-def depth_to_message(depth: NDArray[np.float32], time: float | AnyStamp, frame: str) -> Image:
-    """Return the image message of a depth image (H, W) in m."""
-    return _image(np.ascontiguousarray(depth, dtype="<f4"), DEPTH_ENCODING, time, frame)
+def depth_to_message(depth: NDArray[np.float32], time: float | AnyStamp, frame: str) -> bytes:
+    """Return the Image of a depth image (H, W) in m."""
+    return encode_image(_stamp(time), frame, DEPTH_ENCODING, depth.astype("<f4", copy=False))
 
 
 def camera_info(
@@ -355,7 +356,7 @@ def inertia_to_message(
 
 
 def _check_image(
-    message: Image, topic: str, encoding: str, height: int, width: int, item: int
+    message: Picture, topic: str, encoding: str, height: int, width: int, item: int
 ) -> None:
     if message.encoding != encoding:
         raise MessageError(
@@ -367,12 +368,3 @@ def _check_image(
         raise MessageError(
             "wrong_shape", f"{topic}: (height, width, step, bytes) {size}, expected {expected}"
         )
-
-
-def _image(values: NDArray[np.generic], encoding: str, time: float | AnyStamp, frame: str) -> Image:
-    height, width = values.shape
-    message = Image(header=header(time, frame), height=height, width=width, encoding=encoding)
-    message.is_bigendian = 0
-    message.step = width * values.itemsize
-    message.data = array.array("B", values.tobytes())
-    return message

@@ -48,6 +48,8 @@ class InertialEstimatorConfig:
 class InertialEstimatorNode(Shell):
     """Feeds the incremental estimator and publishes what it knows."""
 
+    gather = 0.1
+
     def __init__(self) -> None:
         super().__init__("inertial_estimator")
         self.estimator = IncrementalInertialEstimator(declare_config(self, IncrementalConfig))

@@ -66,6 +66,8 @@ class KinematicTrackerNode(Shell):
     from the start; /object/pose is corrected by it for slip in the hand.
     """
 
+    gather = 0.02
+
     def __init__(self) -> None:
         super().__init__("kinematic_tracker")
         self.config = declare_config(self, TrackerNodeConfig)

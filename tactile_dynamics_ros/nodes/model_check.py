@@ -62,6 +62,8 @@ class ModelCheckNode(Shell):
     The model is that of inertial_estimator: effects that are added there are taken over here.
     """
 
+    gather = 0.1
+
     def __init__(self) -> None:
         super().__init__("model_check")
         config = declare_config(self, ModelCheckConfig)

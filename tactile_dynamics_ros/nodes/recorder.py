@@ -32,6 +32,8 @@ class Recorder(Shell):
         topics: to record; all but large images if empty.
     """
 
+    gather = 0.1
+
     def __init__(self, path: Path, topics: Sequence[str] = ()) -> None:
         super().__init__("recorder")
         refuse_existing(path)

@@ -30,8 +30,6 @@ from tactile_dynamics_ros.nodes.wire import decoder_of
 STREAM = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Sensor data: best effort, half a second deep at 100 Hz."""
 
-GATHER = 0.005
-"""Pause after a first message, s: those that follow closely are taken together."""
 SERVICE_PERIOD = 0.1
 """Real time after which the executor is asked even if no request has come, s."""
 BURST = 200
@@ -79,8 +77,11 @@ class Shell(Node):
 
     Attributes:
         faults: counts that appear on /diagnostics.
+        gather: pause after a first message, s; those that follow meanwhile are taken together.
         polled: subscriptions whose messages the node takes itself.
     """
+
+    gather = 0.005
 
     def __init__(self, name: str) -> None:
         super().__init__(name, automatically_declare_parameters_from_overrides=True)
@@ -100,12 +101,16 @@ class Shell(Node):
                     if taken is None:
                         break
                     subscription.callback(taken[0])
+        self.process()
         now = time.monotonic()
         for entry in self._periodic:
             if now >= entry.due:
                 late = now - entry.due > entry.period
                 entry.due = now + entry.period if late else entry.due + entry.period
                 entry.callback()
+
+    def process(self) -> None:
+        """Work on what was taken together; nodes that gain by it override this."""
 
     def idle_time(self) -> float:
         """Return the time until something is due, s."""
@@ -187,7 +192,7 @@ def spin(node: Shell, stop: Callable[[], bool]) -> None:
     service = time.monotonic()
     while not stop():
         requested = waiter.wait(min(node.idle_time(), service - time.monotonic()))
-        time.sleep(GATHER)
+        time.sleep(node.gather)
         node.work()
         if requested or time.monotonic() >= service:
             executor.spin_once(timeout_sec=0.0)

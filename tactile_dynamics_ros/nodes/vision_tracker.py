@@ -32,7 +32,7 @@ from tactile_dynamics_ros.nodes.conversions import (
 from tactile_dynamics_ros.nodes.joint_history import JointHistory
 from tactile_dynamics_ros.nodes.parameters import declare_config
 from tactile_dynamics_ros.nodes.shell import Shell, run_node
-from tactile_dynamics_ros.nodes.wire import Joints, Stamped
+from tactile_dynamics_ros.nodes.wire import Joints, Picture, Stamped
 from tactile_dynamics_ros.share import object_file
 
 Array = NDArray[np.float64]
@@ -108,13 +108,13 @@ class VisionTrackerNode(Shell):
         pose, _ = uncertain_pose_to_core(message, "/object/pose", WORLD)
         self._fused = (to_seconds(message.stamp), pose)
 
-    def _on_image(self, message: Image) -> None:
+    def _on_image(self, message: Picture) -> None:
         depth = depth_to_core(message, DEPTH)
-        if self._gate.check(message.header.stamp):
+        if self._gate.check(message.stamp):
             self.faults.add("clock_restarted")
             self._joints.clear()
             self._reset()
-        stamp = to_seconds(message.header.stamp)
+        stamp = to_seconds(message.stamp)
         positions = self._joints.at(stamp)
         if positions is None or self._camera is None:
             missing = "camera_info" if self._camera is None else "joint_states"
@@ -131,7 +131,7 @@ class VisionTrackerNode(Shell):
             self.faults.add(f"{self.tracker.state.value}_images")
             return
         self._pose.publish(
-            uncertain_pose_to_message(seen.pose, seen.covariance, message.header.stamp, WORLD)
+            uncertain_pose_to_message(seen.pose, seen.covariance, message.stamp, WORLD)
         )
 
     def _show(self) -> None:

@@ -20,7 +20,7 @@ from geometry_msgs.msg import (
     WrenchStamped,
 )
 from numpy.typing import NDArray
-from sensor_msgs.msg import JointState
+from sensor_msgs.msg import Image, JointState
 
 from tactile_dynamics_ros.recording.cdr import DOUBLES, ENCAPSULATION, LITTLE_ENDIAN, NANOSECONDS
 
@@ -71,6 +71,18 @@ class Joints(NamedTuple):
     positions: Array
 
 
+class Picture(NamedTuple):
+    """An Image, with the fields of the message; its data are the bytes of the rows."""
+
+    stamp: Stamp
+    height: int
+    width: int
+    encoding: str
+    is_bigendian: int
+    step: int
+    data: bytes
+
+
 def to_stamp(seconds: float) -> Stamp:
     """Return the stamp of a time in seconds."""
     return Stamp(*divmod(round(seconds * 1e9), NANOSECONDS))
@@ -80,6 +92,8 @@ def decoder_of(kind: type[Any]) -> Decoder | None:
     """Return what reads the bytes of a type's messages, None if rclpy has to."""
     if kind is JointState:
         return JointStateDecoder()
+    if kind is Image:
+        return decode_image
     count = COUNTS.get(kind)
     return None if count is None else lambda data: decode_stamped(data, count)
 
@@ -96,6 +110,31 @@ def encode_stamped(stamp: AnyStamp, frame_id: str, values: Array) -> bytes:
     """Return the serialised message of a header and doubles (K,)."""
     time = struct.pack("<iI", stamp.sec, stamp.nanosec)
     return b"".join((LITTLE, time, _frame(frame_id), values.astype("<f8", copy=False).tobytes()))
+
+
+def decode_image(data: bytes) -> Picture:
+    """Return a serialised Image."""
+    order = _byte_order(data)
+    sec, nanosec, length = struct.unpack_from(order + "iII", data, ENCAPSULATION)
+    at = _aligned(FRAME + length, 4)
+    height, width, length = struct.unpack_from(order + "III", data, at)
+    end = at + 12 + length
+    at = _aligned(end + 1, 4)
+    step, size = struct.unpack_from(order + "II", data, at)
+    encoding = _text(data[end - length : end])
+    rows = data[at + 8 : at + 8 + size]
+    return Picture(Stamp(sec, nanosec), height, width, encoding, data[end], step, rows)
+
+
+def encode_image(stamp: AnyStamp, frame_id: str, encoding: str, values: NDArray[Any]) -> bytes:
+    """Return the serialised Image of values (H, W), whose bytes are little-endian."""
+    height, width = values.shape
+    head = LITTLE + struct.pack("<iI", stamp.sec, stamp.nanosec) + _string(frame_id)
+    head += bytes(_aligned(len(head), 4) - len(head)) + struct.pack("<II", height, width)
+    head += _string(encoding) + b"\0"
+    head += bytes(_aligned(len(head), 4) - len(head))
+    head += struct.pack("<II", width * values.itemsize, values.nbytes)
+    return head + values.tobytes()
 
 
 class JointStateDecoder:

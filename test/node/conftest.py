@@ -10,7 +10,7 @@ from geometry_msgs.msg import (
     Vector3Stamped,
     WrenchStamped,
 )
-from sensor_msgs.msg import JointState
+from sensor_msgs.msg import Image, JointState
 
 
 def kind_of(topic, message):
@@ -19,6 +19,8 @@ def kind_of(topic, message):
         return type(message)
     if topic.startswith("/object/pose"):
         return PoseWithCovarianceStamped
+    if topic.startswith("/camera"):
+        return Image
     kinds = {"force": WrenchStamped, "force_std": Vector3Stamped, "slip": Vector3Stamped}
     kinds |= {"pose": PoseStamped, "joint_states": JointState, "joint_command": JointState}
     return kinds[topic.rsplit("/", 1)[1]]

@@ -45,7 +45,7 @@ def test_topics_are_as_the_contract_says(robot):
     joints = robot.wait_for_new("/joint_states")
     assert tuple(joints.name) == JOINT_NAMES
     assert len(joints.position) == len(joints.velocity) == len(joints.effort) == 23
-    counts = cv.biotac_to_core(robot.wait_for_new("/biotac/raw"), "/biotac/raw")
+    counts = cv.biotac_to_core(as_read(robot.wait_for_new("/biotac/raw")), "/biotac/raw")
     assert counts.shape == (4, 44)
     assert ((counts[:, :19] > 1500) & (counts[:, :19] < 3900)).all()
     pose, covariance = cv.uncertain_pose_to_core(
@@ -53,7 +53,7 @@ def test_topics_are_as_the_contract_says(robot):
     )
     assert 0.0 < pose[2, 3] < 0.2
     assert (np.diag(covariance) > 0).all()
-    depth = cv.depth_to_core(robot.wait_for_new("/camera/depth/image_rect"), "/camera")
+    depth = cv.depth_to_core(as_read(robot.wait_for_new("/camera/depth/image_rect")), "/camera")
     info = robot.wait_for_new("/camera/depth/camera_info")
     assert depth.shape == (info.height, info.width)
     assert 0.3 < np.nanmedian(depth) < 3.5

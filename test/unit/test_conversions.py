@@ -9,7 +9,7 @@ pytest.importorskip("rclpy")
 
 from geometry_msgs.msg import PoseWithCovarianceStamped, WrenchStamped  # noqa: E402
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
-from sensor_msgs.msg import JointState  # noqa: E402
+from sensor_msgs.msg import Image, JointState  # noqa: E402
 
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (  # noqa: E402
     InertialParameters,
@@ -110,31 +110,35 @@ def test_joint_states_are_sorted_into_the_order_of_the_table():
         positions(["a", "b"], [1.0, math.nan])
 
 
+def biotac_message(counts):
+    return deserialize_message(cv.biotac_to_message(counts, 0.0, "hand"), Image)
+
+
 def test_biotac_image_round_trip_in_both_byte_orders():
     counts = np.arange(176, dtype=np.uint16).reshape(4, 44) + 2000
-    message = cv.biotac_to_message(counts, 0.0, "hand")
+    message = biotac_message(counts)
     assert (message.encoding, message.height, message.width, message.step) == ("16UC1", 4, 44, 88)
-    np.testing.assert_array_equal(cv.biotac_to_core(message, "/biotac/raw"), counts)
+    np.testing.assert_array_equal(cv.biotac_to_core(read(message), "/biotac/raw"), counts)
     message.data = counts.astype(">u2").tobytes()
     message.is_bigendian = 1
-    np.testing.assert_array_equal(cv.biotac_to_core(message, "/biotac/raw"), counts)
+    np.testing.assert_array_equal(cv.biotac_to_core(read(message), "/biotac/raw"), counts)
 
 
 def test_biotac_image_of_another_size_or_encoding_is_refused():
-    message = cv.biotac_to_message(np.zeros((5, 44), np.uint16), 0.0, "hand")
+    message = biotac_message(np.zeros((5, 44), np.uint16))
     with pytest.raises(cv.MessageError, match="expected .4, 44, 88, 352.") as caught:
-        cv.biotac_to_core(message, "/biotac/raw")
+        cv.biotac_to_core(read(message), "/biotac/raw")
     assert caught.value.kind == "wrong_shape"
     message.encoding = "mono16"
     with pytest.raises(cv.MessageError, match="mono16"):
-        cv.biotac_to_core(message, "/biotac/raw")
+        cv.biotac_to_core(read(message), "/biotac/raw")
 
 
 def test_depth_image_round_trip():
     depth = np.linspace(0.3, 2.0, 12, dtype=np.float32).reshape(3, 4)
-    message = cv.depth_to_message(depth, 0.0, "camera")
+    message = deserialize_message(cv.depth_to_message(depth, 0.0, "camera"), Image)
     assert (message.encoding, message.step) == ("32FC1", 16)
-    np.testing.assert_array_equal(cv.depth_to_core(message, "/camera"), depth)
+    np.testing.assert_array_equal(cv.depth_to_core(read(message), "/camera"), depth)
 
 
 def test_inertia_message_is_about_the_centre_of_mass_with_tensor_signs():

@@ -8,7 +8,7 @@ pytest.importorskip("rclpy")
 from builtin_interfaces.msg import Time  # noqa: E402
 from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3Stamped, WrenchStamped  # noqa: E402
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
-from sensor_msgs.msg import Image, JointState  # noqa: E402
+from sensor_msgs.msg import CameraInfo, Image, JointState  # noqa: E402
 
 from tactile_dynamics_ros.nodes import wire  # noqa: E402
 
@@ -83,8 +83,22 @@ def test_names_that_begin_like_the_known_ones_are_not_mistaken():
     assert found.names == ("a", "b")
 
 
+@pytest.mark.parametrize("frame", FRAMES)
+@pytest.mark.parametrize("encoding", ["16UC1", "mono16"])
+def test_images_are_as_rclpy_reads_and_writes_them(frame, encoding):
+    values = np.arange(12, dtype="<u2").reshape(3, 4)
+    data = wire.encode_image(STAMP, frame, encoding, values)
+    message = deserialize_message(data, Image)
+    assert (message.header.stamp.sec, message.header.stamp.nanosec) == STAMP
+    assert (message.header.frame_id, message.encoding, message.step) == (frame, encoding, 8)
+    assert (message.height, message.width, bytes(message.data)) == (3, 4, values.tobytes())
+    message.is_bigendian = 1
+    found = wire.decoder_of(Image)(serialize_message(message))
+    assert found == (STAMP, 3, 4, encoding, 1, 8, values.tobytes())
+
+
 def test_other_types_are_left_to_rclpy():
-    assert wire.decoder_of(Image) is None
+    assert wire.decoder_of(CameraInfo) is None
 
 
 def test_stamps_of_seconds():

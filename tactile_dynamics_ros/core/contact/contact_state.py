@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,7 +18,7 @@ from tactile_dynamics_ros.core.contact.skin_surface import (
     skin_normal,
 )
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.rigid_body.rotation import skew
+from tactile_dynamics_ros.core.rigid_body.rotation import cross, skew
 
 Array = NDArray[np.float64]
 
@@ -81,57 +83,83 @@ class ContactState:
         force_std: Array,
         torque: Array | None = None,
     ) -> Contact:
-        """Return the contact of a finger.
-
-        f_W = R_WS f_S; cov = R diag(std^2) R^T + [f]x cov(rotation) [f]x^T.
+        """Return the contact of one finger: `update_all` of one.
 
         Args:
             finger: name.
-            joint_positions: (23,) rad, arm then hand.
-            force: (3,) on the object, sensor frame, N.
-            force_std: (3,) N, sensor frame.
-            torque: (3,) N m of that force about the sensor origin, which tells where on the skin
-                the contact is; without it the contact is taken where the normal is along the force.
+            joint_positions: (23,) rad.
+            force: (3,) N.
+            force_std: (3,) N.
+            torque: (3,) N m, or None if it is not known.
 
         Raises:
             BadInputError: a value is not finite.
         """
-        force, force_std = _finite("force", force), _finite("force_std", force_std)
-        pose = self.kinematics.sensor_pose(finger, joint_positions)
-        place = point_under_force(force)
-        if torque is not None and np.any(torque):
-            place = point_from_wrench(force, _finite("torque", torque))
-        rotation = pose[:3, :3]
-        point = rotation @ place + pose[:3, 3]
-        jacobian = self.kinematics.jacobian(finger, joint_positions, point)
-        frame = (jacobian * self._joint_variance) @ jacobian.T
-        frame[:3, :3] += np.deg2rad(self.config.mount_std_deg) ** 2 * np.eye(3)
-        force_W = rotation @ force
-        cross = skew(force_W)
-        covariance = (rotation * force_std**2) @ rotation.T + cross @ frame[:3, :3] @ cross.T
-        return Contact(
-            finger=finger,
-            point=point,
-            rotation=rotation @ _contact_frame(place),
-            force=force_W,
-            force_std=np.sqrt(np.diag(covariance)),
-            force_covariance=covariance,
-            point_covariance=frame[3:, 3:] + self.config.point_std**2 * np.eye(3),
-            touching=bool(np.linalg.norm(force) > self.config.touch_force),
-        )
+        turning = np.zeros(3) if torque is None else torque
+        rows = [
+            np.asarray(v, dtype=float)[None] for v in (joint_positions, force, force_std, turning)
+        ]
+        return self.update_all([finger], *rows)[0]
+
+    def update_all(
+        self,
+        fingers: Sequence[str],
+        joint_positions: Array,
+        force: Array,
+        force_std: Array,
+        torque: Array,
+    ) -> list[Contact]:
+        """Return K contacts.
+
+        f_W = R_WS f_S; cov = R diag(std^2) R^T + [f]x cov(rotation) [f]x^T.
+
+        Args:
+            fingers: K names.
+            joint_positions: (K, 23) rad, arm then hand.
+            force: (K, 3) on the object, sensor frame, N.
+            force_std: (K, 3) N, sensor frame.
+            torque: (K, 3) N m of that force about the sensor origin, which tells where on the skin
+                the contact is; where it is zero the contact is where the normal is along the force.
+
+        Raises:
+            BadInputError: a value is not finite.
+        """
+        for name, value in (("force", force), ("force_std", force_std), ("torque", torque)):
+            _check(name, value, len(fingers))
+        pose = self.kinematics.sensor_pose(fingers, joint_positions)
+        known = torque.any(axis=-1, keepdims=True)
+        place = np.where(known, point_from_wrench(force, torque), point_under_force(force))
+        rotation = pose[:, :3, :3]
+        point = _turn(rotation, place) + pose[:, :3, 3]
+        jacobian = self.kinematics.jacobian(fingers, joint_positions, point)
+        frame = (jacobian * self._joint_variance) @ np.swapaxes(jacobian, -1, -2)
+        frame[:, :3, :3] += np.deg2rad(self.config.mount_std_deg) ** 2 * np.eye(3)
+        frame[:, 3:, 3:] += self.config.point_std**2 * np.eye(3)
+        world_force = _turn(rotation, force)
+        lever = skew(world_force)
+        covariance = (rotation * force_std[:, None] ** 2) @ np.swapaxes(rotation, -1, -2)
+        covariance += lever @ frame[:, :3, :3] @ np.swapaxes(lever, -1, -2)
+        std = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
+        axes = rotation @ _contact_frame(place)
+        touching = np.linalg.norm(force, axis=-1) > self.config.touch_force
+        places = frame[:, 3:, 3:]
+        columns = (fingers, point, axes, world_force, std, covariance, places, touching.tolist())
+        return [Contact(*row) for row in zip(*columns, strict=True)]
+
+
+def _turn(rotation: Array, vector: Array) -> Array:
+    return np.asarray((rotation @ vector[..., None])[..., 0])
 
 
 def _contact_frame(place: Array) -> Array:
-    """Return R_SC of a skin point: z outward (into the object), x as far as possible along x."""
+    """Return R_SC (K, 3, 3) at skin points: z outward (into the object), x nearly along x."""
     normal = skin_normal(place)
-    lengthwise = np.array([1.0, 0.0, 0.0]) if abs(normal[0]) < 0.9 else np.array([0.0, 0.0, 1.0])
-    x = lengthwise - (lengthwise @ normal) * normal
-    x /= np.linalg.norm(x)
-    return np.column_stack([x, np.cross(normal, x), normal])
+    lengthwise = np.where(np.abs(normal[:, :1]) < 0.9, [1.0, 0.0, 0.0], [0.0, 0.0, 1.0])
+    x = lengthwise - np.sum(lengthwise * normal, axis=-1, keepdims=True) * normal
+    x /= np.linalg.norm(x, axis=-1, keepdims=True)
+    return np.stack([x, cross(normal, x), normal], axis=-1)
 
 
-def _finite(name: str, value: Array) -> Array:
-    value = np.asarray(value, dtype=float)
-    if value.shape != (3,) or not np.all(np.isfinite(value)):
-        raise BadInputError(f"{name} = {value.tolist()}: expected three finite numbers")
-    return value
+def _check(name: str, value: Array, count: int) -> None:
+    if value.shape != (count, 3) or not math.isfinite(value.sum()):
+        raise BadInputError(f"{name} = {value.tolist()}: expected three finite numbers each")

@@ -17,13 +17,18 @@ from tactile_dynamics_ros.core.contact.robot_description import (
     sensor_frame,
 )
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.rigid_body.rotation import skew
+from tactile_dynamics_ros.core.rigid_body.rotation import cross, skew
 
 Array = NDArray[np.float64]
 
 ARM_DOF = 7
 FINGER_DOF = 4
 DOF = ARM_DOF + FINGER_DOF * len(FINGERS)
+
+MOVING = np.hstack(
+    [np.ones((len(FINGERS), ARM_DOF)), np.kron(np.eye(len(FINGERS)), np.ones(FINGER_DOF))]
+)
+"""(F, 23) 1 for the joints that move a finger."""
 
 
 @dataclass(frozen=True)
@@ -92,17 +97,25 @@ class HandKinematics:
         self._last = (positions.copy(), configuration)
         return configuration
 
-    def sensor_pose(self, finger: str, positions: Array) -> Array:
-        """Return X_WS (..., 4, 4), the pose of a finger's sensor frame in the world."""
-        return np.asarray(self.locate(positions).sensors[..., finger_index(finger), :, :])
+    def sensor_pose(self, finger: str | Sequence[str], positions: Array) -> Array:
+        """Return X_WS (..., 4, 4), the pose of a finger's sensor frame in the world.
 
-    def jacobian(self, finger: str, positions: Array, point: Array) -> Array:
+        Args:
+            finger: name of the finger, or one name for each of K samples.
+            positions: (..., 23) rad, (K, 23) for K names.
+        """
+        sensors = self.locate(positions).sensors
+        if isinstance(finger, str):
+            return np.asarray(sensors[..., finger_index(finger), :, :])
+        return np.asarray(sensors[np.arange(len(finger)), _rows(finger)])
+
+    def jacobian(self, finger: str | Sequence[str], positions: Array, point: Array) -> Array:
         """Return the Jacobian of a point that moves with a finger's sensor frame.
 
         V = J dq, V = [angular velocity, velocity of the point], world axes.
 
         Args:
-            finger: name of the finger.
+            finger: name of the finger, or one name for each sample.
             positions: (..., 23) rad.
             point: (..., 3) the point in the world, m.
 
@@ -110,13 +123,9 @@ class HandKinematics:
             (..., 6, 23).
         """
         where = self.locate(positions)
-        moving = np.zeros(DOF, dtype=bool)
-        moving[:ARM_DOF] = True
-        start = ARM_DOF + FINGER_DOF * finger_index(finger)
-        moving[start : start + FINGER_DOF] = True
-        axes = where.axes * moving[:, None]
+        axes = where.axes * MOVING[_rows(finger), :, None]
         arm = np.asarray(point, dtype=float)[..., None, :] - where.centres
-        return np.swapaxes(np.concatenate([axes, np.cross(axes, arm)], axis=-1), -1, -2)
+        return np.swapaxes(np.concatenate([axes, cross(axes, arm)], axis=-1), -1, -2)
 
     def order(self, names: Sequence[str]) -> NDArray[np.intp]:
         """Return indices that sort positions given by ``names`` into ``joint_names``.
@@ -161,6 +170,10 @@ class HandKinematics:
         axes = np.einsum("...kij,kj->...ki", frames[..., :3, :3], self._axes)
         sensors = tips @ self._sensor_fixed
         return HandConfiguration(palm, sensors, axes, frames[..., :3, 3], frames)
+
+
+def _rows(finger: str | Sequence[str]) -> int | list[int]:
+    return finger_index(finger) if isinstance(finger, str) else [*map(finger_index, finger)]
 
 
 def finger_index(finger: str) -> int:

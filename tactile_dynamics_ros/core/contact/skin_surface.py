@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.contact.robot_description import SKIN_RADIUS
+from tactile_dynamics_ros.core.rigid_body.rotation import cross
 
 Array = NDArray[np.float64]
 
@@ -16,6 +17,7 @@ SKIN_REAR = -0.018
 """Where the sensing skin ends on the mount side, m."""
 
 _PAD = np.array([0.0, 0.0, -1.0])
+_SPHERE, _CYLINDER = np.array([1.0, 1.0, 1.0]), np.array([0.0, 1.0, 1.0])
 
 
 def skin_normal(point: Array) -> Array:
@@ -60,41 +62,34 @@ def point_from_wrench(force: Array, torque: Array) -> Array:
     The line of action p = f x t / f.f + s f meets the skin where it leaves it.
 
     Args:
-        force: (3,) on the object, sensor frame, N.
-        torque: (3,) about the sensor origin, N m.
+        force: (..., 3) on the object, sensor frame, N.
+        torque: (..., 3) about the sensor origin, N m.
 
     Returns:
-        (3,) m on the skin; where the line misses the skin, its nearest point.
+        (..., 3) m on the skin; where the line misses the skin, its nearest point.
 
     Source: Bicchi, Salisbury and Brock, 1993 (intrinsic contact sensing).
     """
     force, torque = np.asarray(force, dtype=float), np.asarray(torque, dtype=float)
-    strength = float(np.linalg.norm(force))
-    if strength < 1e-9:
-        return project_to_skin(_PAD * SKIN_RADIUS)
-    direction = force / strength
-    foot = np.cross(force, torque) / strength**2
-    candidates = [_leave_sphere(foot, direction), _leave_cylinder(foot, direction)]
-    for candidate, ahead in zip(candidates, (True, False), strict=True):
-        if candidate is not None and (candidate[0] >= 0.0) == ahead:
-            return project_to_skin(candidate)
-    return project_to_skin(foot)
+    strength = np.linalg.norm(force, axis=-1, keepdims=True)
+    strong = strength > 1e-9
+    safe = np.where(strong, strength, 1.0)
+    direction = np.where(strong, force / safe, _PAD)
+    foot = cross(force, torque) / safe**2
+    sphere = _far_root(foot, direction, _SPHERE)
+    cylinder = _far_root(foot, direction, _CYLINDER)
+    with np.errstate(invalid="ignore"):
+        ahead, behind = sphere[..., :1] >= 0.0, cylinder[..., :1] < 0.0
+    return project_to_skin(np.where(ahead, sphere, np.where(behind, cylinder, foot)))
 
 
-def _leave_sphere(foot: Array, direction: Array) -> Array | None:
-    return _far_root(foot, direction, np.ones(3))
-
-
-def _leave_cylinder(foot: Array, direction: Array) -> Array | None:
-    return _far_root(foot, direction, np.array([0.0, 1.0, 1.0]))
-
-
-def _far_root(foot: Array, direction: Array, weight: Array) -> Array | None:
-    """Return the farther solution of |W (foot + s direction)| = radius, or None."""
-    a = float(np.sum(weight * direction**2))
-    b = float(np.sum(weight * foot * direction))
-    c = float(np.sum(weight * foot**2)) - SKIN_RADIUS**2
+def _far_root(foot: Array, direction: Array, weight: Array) -> Array:
+    """Return the farther solution (..., 3) of |W (foot + s direction)| = radius, NaN if none."""
+    a = (direction * direction) @ weight
+    b = (foot * direction) @ weight
+    c = (foot * foot) @ weight - SKIN_RADIUS**2
     discriminant = b * b - a * c
-    if a < 1e-9 or discriminant < 0.0:
-        return None
-    return np.asarray(foot + (-b + np.sqrt(discriminant)) / a * direction)
+    found = (a > 1e-9) & (discriminant >= 0.0)
+    root = np.sqrt(np.where(found, discriminant, np.nan))
+    reach = (root - b) / np.where(found, a, 1.0)
+    return np.asarray(foot + reach[..., None] * direction)

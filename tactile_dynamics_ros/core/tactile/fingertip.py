@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
+from tactile_dynamics_ros.core.rigid_body.rotation import cross
 from tactile_dynamics_ros.core.tactile.electrodes import (
     ELECTRODE_POSITION,
     ELECTRODES,
@@ -85,7 +86,7 @@ class TactileEstimate:
     @property
     def torque(self) -> Array:
         """Torque (3,) of the force about the sensor origin, N m."""
-        return np.cross(self.point, self.force)
+        return cross(self.point, self.force)
 
 
 class ForceModel(Protocol):

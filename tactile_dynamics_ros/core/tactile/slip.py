@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,8 +60,8 @@ class SlipDetector:
     def __init__(self, config: SlipConfig | None = None) -> None:
         self.config = config or SlipConfig()
         band = [self.config.low_hz, self.config.high_hz]
-        self._filter: Array = butter(2, band, btype="bandpass", fs=PAC_RATE, output="sos")
-        self._state: Array = np.zeros((len(self._filter), 2))
+        sections = butter(2, band, btype="bandpass", fs=PAC_RATE, output="sos")
+        self._filter = BlockFilter(sections, PAC.stop - PAC.start)
         self._rest_level, self._offset = 20.0, 2000.0
         self._slipping = False
         self._streak = 0
@@ -68,12 +69,13 @@ class SlipDetector:
     def tare(self, raw: ArrayLike) -> None:
         """Take the level of frames (K, 44) without contact as that of rest."""
         counts = np.atleast_2d(check_frame(raw))
-        samples = counts[:, PAC].ravel()
-        self._state = np.zeros_like(self._state)
-        band, _ = sosfilt(self._filter, samples - samples.mean(), zi=self._state)
-        self._rest_level = max(float(np.sqrt(np.mean(band[22:] ** 2))), 1.0)
-        self._slipping, self._streak = False, 0
+        samples = counts[:, PAC]
         self._offset = float(samples.mean())
+        self._filter.reset()
+        band = np.stack([self._filter(frame - self._offset) for frame in samples])
+        self._filter.reset()
+        self._rest_level = max(float(np.sqrt(np.mean(band[1:] ** 2))), 1.0)
+        self._slipping, self._streak = False, 0
 
     def update(self, raw: ArrayLike, touching: bool = True) -> SlipEstimate:
         """Return what the next frame says about slip.
@@ -82,12 +84,41 @@ class SlipDetector:
             raw: (44,) counts.
             touching: whether the fingertip touches anything; what is not touched does not slip.
         """
-        samples = check_frame(raw)[PAC] - self._offset
-        band, self._state = sosfilt(self._filter, samples, zi=self._state)
-        level = float(np.sqrt(np.mean(band**2))) / self._rest_level
+        band = self._filter(check_frame(raw)[PAC] - self._offset)
+        level = math.sqrt(float(band @ band) / len(band)) / self._rest_level
         limit = self.config.end if self._slipping else self.config.onset
         changes = (touching and level > limit) != self._slipping
         self._streak = self._streak + 1 if changes else 0
         if self._streak >= self.config.frames:
             self._slipping, self._streak = not self._slipping, 0
         return SlipEstimate(level / self.config.onset * touching, level, self._slipping)
+
+
+class BlockFilter:
+    """A digital filter that takes its input in blocks of equal length, as two matrix products.
+
+    With state s and block u: y = [s, u] M_out and s' = [s, u] M_state, exactly what
+    `scipy.signal.sosfilt` returns sample by sample.
+
+    Args:
+        sections: (N, 6) second-order sections.
+        length: of a block.
+    """
+
+    def __init__(self, sections: Array, length: int) -> None:
+        states = 2 * len(sections)
+        unit = np.eye(states + length)
+        start = np.moveaxis(unit[:, :states].reshape(-1, len(sections), 2), 0, 1)
+        self._out, end = sosfilt(sections, unit[:, states:], zi=start)
+        self._end = np.moveaxis(end, 1, 0).reshape(-1, states)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget what came before."""
+        self._state = np.zeros(self._end.shape[1])
+
+    def __call__(self, block: Array) -> Array:
+        """Return the filtered block (length,) and remember the state at its end."""
+        given = np.concatenate([self._state, block])
+        self._state = given @ self._end
+        return np.asarray(given @ self._out)

@@ -113,7 +113,10 @@ class NetworkWeights:
 
 def interpolate(factors: Array, strength: Array) -> Array:
     """Return factors (N, k) at forces (N,), linear between those (6, k) at STRENGTH_KNOTS."""
-    return np.stack([np.interp(strength, STRENGTH_KNOTS, column) for column in factors.T], axis=-1)
+    place = np.interp(strength, STRENGTH_KNOTS, np.arange(len(STRENGTH_KNOTS)))
+    lower = np.minimum(place.astype(np.intp), len(STRENGTH_KNOTS) - 2)
+    share = (place - lower)[:, None]
+    return np.asarray((1.0 - share) * factors[lower] + share * factors[lower + 1])
 
 
 @lru_cache(maxsize=1)
