@@ -26,7 +26,7 @@ from scipy.spatial import cKDTree
 from scipy.special import ndtr
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
-from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
+from tactile_dynamics_ros.core.rigid_body.rotation import cross, exp_so3
 from tactile_dynamics_ros.core.tracking.depth_image import DepthNoiseConfig
 from tactile_dynamics_ros.core.tracking.drawing import (
     Drawing,
@@ -131,18 +131,19 @@ class Registration:
         self.config = config or RegistrationConfig()
         self.noise = noise or DepthNoiseConfig()
 
-    def align(self, scene: Scene, seed: Array) -> Fit:
+    def align(self, scene: Scene, seed: Array, near: bool = False) -> Fit:
         """Return the best pose near a seed.
 
         Args:
             scene: labelled pixels.
             seed: (4, 4) X_CO to start from.
+            near: whether the image agrees with the seed, so that the steps from afar are left out.
         """
         config, pose = self.config, np.array(seed, dtype=float)
-        for _ in range(config.coarse_steps):
+        for _ in range(0 if near else config.coarse_steps):
             system = self._nearest_terms(scene, pose)
             pose = self._step(pose, system.information, system.gradient)
-        for k in range(config.fine_steps):
+        for k in range(near, config.fine_steps):
             blur = BLUR[min(k, len(BLUR) - 1)]
             if k < len(BLUR):
                 drawing = draw(self.shape, scene, pose, blur * config.outline_band)
@@ -209,7 +210,7 @@ class Registration:
         limit = 3.0 * np.maximum(3.0 * std, reach / 3.0)
         weight = np.maximum(0.0, 1.0 - (distance / limit) ** 2) ** 2 / std**2
         arm = pixels.foot - self._pivot(pose)
-        jacobian = np.hstack([np.cross(arm, pixels.normal), pixels.normal])
+        jacobian = np.hstack([cross(arm, pixels.normal), pixels.normal])
         weighted = jacobian * weight[:, None]
         used = np.abs(distance) < 3.0 * std
         misfit = np.sqrt(np.mean((distance[used] / std[used]) ** 2)) if used.any() else np.inf
@@ -265,7 +266,7 @@ class Registration:
         across[:, 1] = outline.normals[:, 1] * f[1, 1] / z
         across[:, 2] = -(across[:, 0] * x + across[:, 1] * y) / z
         arm = outline.points - self._pivot(pose)
-        return np.hstack([np.cross(arm, across), across])
+        return np.hstack([cross(arm, across), across])
 
     def judge(
         self,

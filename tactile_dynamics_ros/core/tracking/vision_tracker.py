@@ -41,6 +41,9 @@ from tactile_dynamics_ros.core.tracking.scene import Scene, label_scene, view_sp
 
 Array = NDArray[np.float64]
 
+NEAR = 0.9
+"""Score of a prediction from which on it needs only the last steps of the alignment."""
+
 
 SYMMETRIC_STD = 10.0
 """Standard deviation of turns about an axis of symmetry, rad: many images do not add up to
@@ -187,11 +190,13 @@ class VisionTracker:
         return [palm @ np.linalg.inv(self._palm) @ self._pose, self._pose]
 
     def _scene(
-        self, depth: Image, camera: PinholeCamera, positions: Array, pose: Array
+        self, depth: Image, camera: PinholeCamera, positions: Array, poses: Sequence[Array]
     ) -> Scene | None:
-        """Return the labelled pixels around the object at X_CO."""
-        centre = pose[:3, :3] @ self.shape.centre + pose[:3, 3]
-        radius = self.shape.radius + self.config.registration.coarse_reach
+        """Return the labelled pixels around the object at all of the poses X_CO."""
+        centres = np.stack([pose[:3, :3] @ self.shape.centre + pose[:3, 3] for pose in poses])
+        centre = centres.mean(axis=0)
+        spread = float(np.linalg.norm(centres - centre, axis=1).max())
+        radius = self.shape.radius + self.config.registration.coarse_reach + spread
         return view_sphere(
             camera, depth, centre, radius, self._volume, positions, self.config.noise,
             self._support,
@@ -205,20 +210,13 @@ class VisionTracker:
         self, depth: Image, camera: PinholeCamera, positions: Array, seeds: Sequence[Array]
     ) -> Fit | None:
         """Return the alignment from the prediction that agrees best with the image."""
-        best: tuple[float, Scene, Array] | None = None
-        scene: Scene | None = None
-        for k, seed in enumerate(seeds):
-            in_camera = np.linalg.inv(camera.pose) @ seed
-            if scene is None or np.linalg.norm(seed[:3, 3] - seeds[k - 1][:3, 3]) > 5e-3:
-                scene = self._scene(depth, camera, positions, in_camera)
-            if scene is None:
-                continue
-            if len(seeds) == 1:
-                return self._registration.align(scene, in_camera)
-            agreement = self._registration.judge(scene, in_camera).agreement
-            if best is None or agreement > best[0]:
-                best = (agreement, scene, in_camera)
-        return None if best is None else self._registration.align(best[1], best[2])
+        poses = list(np.linalg.inv(camera.pose) @ np.stack(seeds))
+        scene = self._scene(depth, camera, positions, poses)
+        if scene is None:
+            return None
+        judged = [self._registration.judge(scene, pose) for pose in poses]
+        best = max(judged, key=lambda fit: fit.agreement)
+        return self._registration.align(scene, best.pose, near=best.score > NEAR)
 
     def _note(self, fit: Fit | None) -> None:
         self.score = 0.0 if fit is None else fit.score
