@@ -117,9 +117,10 @@ class DepthCamera:
         depth = self._jitter(depth, self._tilt(depth))
         tilt = self._tilt(depth)
         sigma = 1.2e-3 + 1.9e-3 * (depth - 0.4) ** 2
-        grazing = np.minimum(tilt, 1.5)
-        extra = 1e-4 / np.sqrt(depth) * grazing**2 / (np.pi / 2 - grazing) ** 2
-        sigma = sigma + np.where(grazing > np.deg2rad(60.0), extra, 0.0)
+        oblique = tilt > np.float32(np.deg2rad(60.0))
+        grazing = np.minimum(tilt[oblique], 1.5)
+        extra = 1e-4 / np.sqrt(depth[oblique])
+        sigma[oblique] += extra * grazing**2 / (np.pi / 2 - grazing) ** 2
         noise = self._rng.standard_normal(depth.shape, dtype=np.float32)
         measured = depth + config.noise_scale * sigma * noise
         scale = DISPARITY_STEPS * BASELINE * config.focal_length * NATIVE_WIDTH / config.width
@@ -140,18 +141,25 @@ class DepthCamera:
         sigma_L = 0.8 + 0.035 tilt / (pi/2 - tilt); jumps of depth have no tilt.
         """
         config = self.config
-        tilt = np.where(tilt < 1.4, tilt, 0.0)
-        native = 0.8 + 0.035 * tilt / (np.pi / 2 - tilt)
-        spread = config.noise_scale * config.width / NATIVE_WIDTH * native
-        shift = np.rint(spread * self._rng.standard_normal((2, *depth.shape), dtype=np.float32))
-        row = np.clip(np.arange(config.height)[:, None] + shift[0], 0, config.height - 1)
-        column = np.clip(np.arange(config.width) + shift[1], 0, config.width - 1)
-        return depth[row.astype(np.intp), column.astype(np.intp)]
+        tilt = np.where(tilt < 1.4, tilt, np.float32(0.0))
+        native = 0.8 + 0.035 * tilt / (np.float32(np.pi / 2) - tilt)
+        spread = np.float32(config.noise_scale * config.width / NATIVE_WIDTH) * native
+        shift = self._rng.standard_normal((2, *depth.shape), dtype=np.float32)
+        shift *= spread
+        row, column = np.rint(shift, out=shift).astype(np.int32)
+        row += np.arange(config.height, dtype=np.int32)[:, None]
+        column += np.arange(config.width, dtype=np.int32)
+        np.clip(row, 0, config.height - 1, out=row)
+        np.clip(column, 0, config.width - 1, out=column)
+        row *= config.width
+        row += column
+        return depth.ravel()[row]
 
     def _tilt(self, depth: Image) -> Image:
         """Return the angle between the surface normal and the optical axis, rad."""
         down, right = np.gradient(depth)
-        slope = np.hypot(down, right) * self.config.focal_length / np.maximum(depth, 0.05)
+        slope = np.sqrt(down * down + right * right)
+        slope *= self.config.focal_length / np.maximum(depth, 0.05)
         return np.arctan(slope).astype(np.float32)
 
     def _edges(self, depth: Image) -> NDArray[np.bool_]:
@@ -170,12 +178,13 @@ class DepthCamera:
         """Return pixels whose line to the projector, 75 mm to the right, is blocked."""
         config = self.config
         reach = int(BASELINE * config.focal_length / config.nearest) + 2
-        seen = np.arange(config.width) - BASELINE * config.focal_length / depth
-        column = np.clip(np.rint(seen).astype(np.intp) + reach, 0, config.width + reach - 1)
-        row = np.broadcast_to(np.arange(config.height)[:, None], depth.shape)
-        nearest = np.full((config.height, config.width + reach), np.inf, dtype=np.float32)
-        np.minimum.at(nearest, (row, column), depth)
-        return depth > 1.02 * nearest[row, column]
+        wide = config.width + reach
+        seen = np.arange(config.width, dtype=np.float32) - BASELINE * config.focal_length / depth
+        place = np.clip(np.rint(seen).astype(np.int32) + reach, 0, wide - 1)
+        place += wide * np.arange(config.height, dtype=np.int32)[:, None]
+        nearest = np.full(config.height * wide, np.inf, dtype=np.float32)
+        np.minimum.at(nearest, place.ravel(), depth.ravel())
+        return depth > np.float32(1.02) * nearest[place]
 
 
 def look_at(position: Array, target: Array) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.contact.robot_description import FINGERS
-from tactile_dynamics_ros.core.rigid_body.rotation import log_so3
+from tactile_dynamics_ros.core.rigid_body.rotation import cross, log_so3
 from tactile_dynamics_ros.sim.sensors.biotac import BioTacArray, BioTacConfig
 
 Array = NDArray[np.float64]
@@ -63,36 +63,43 @@ class Fingertips:
             object_twist: angular velocity and velocity of the object's origin, world axes.
             dt: time since the last reading, s.
         """
-        force, point = np.zeros((4, 3)), np.zeros((4, 3))
-        slip = np.zeros(4)
-        for k, finger in enumerate(FINGERS):
-            contact = contacts.get(finger)
-            if contact is None or not contact.in_contact:
-                continue
-            rotation = poses[k, :3, :3]
-            force[k] = contact.force @ rotation
-            point[k] = (contact.point - poses[k, :3, 3]) @ rotation
-            slip[k] = self._slip_speed(k, contact.point, poses, object_pose, object_twist, dt)
+        touching = [k for k, finger in enumerate(FINGERS) if _touches(contacts.get(finger))]
+        force, point, slip = np.zeros((4, 3)), np.zeros((4, 3)), np.zeros(4)
+        if touching:
+            where = np.stack([contacts[FINGERS[k]].point for k in touching])
+            pushed = np.stack([contacts[FINGERS[k]].force for k in touching])
+            rotation = poses[touching, :3, :3]
+            force[touching] = _turn_back(rotation, pushed)
+            point[touching] = _turn_back(rotation, where - poses[touching, :3, 3])
+            if self._last is not None:
+                velocity = _velocity(self._last[touching], poses[touching], where, dt)
+                arm = where - object_pose[:3, 3]
+                slipping = object_twist[1] + cross(np.asarray(object_twist[0]), arm) - velocity
+                slip[touching] = _tangential(slipping, where - poses[touching, :3, 3])
         self._last = poses.copy()
         return self.array.measure(force, point, slip_speed=slip, dt=dt)
 
-    def _slip_speed(
-        self,
-        k: int,
-        point: Array,
-        poses: Array,
-        object_pose: Array,
-        object_twist: tuple[Array, Array],
-        dt: float,
-    ) -> float:
-        """Return the tangential speed of the object over the skin at a contact, m/s."""
-        if self._last is None:
-            return 0.0
-        angular = log_so3(poses[k, :3, :3] @ self._last[k, :3, :3].T) / dt
-        linear = (poses[k, :3, 3] - self._last[k, :3, 3]) / dt
-        of_tip = linear + np.cross(angular, point - poses[k, :3, 3])
-        of_object = object_twist[1] + np.cross(object_twist[0], point - object_pose[:3, 3])
-        difference = of_object - of_tip
-        outward = point - poses[k, :3, 3]
-        outward /= max(float(np.linalg.norm(outward)), 1e-9)
-        return float(np.linalg.norm(difference - (difference @ outward) * outward))
+
+def _touches(contact: TipContact | None) -> bool:
+    return contact is not None and contact.in_contact
+
+
+def _turn_back(rotation: Array, vector: Array) -> Array:
+    """Return R^T v of rotations (K, 3, 3) and vectors (K, 3)."""
+    return np.einsum("kij,ki->kj", rotation, vector)
+
+
+def _velocity(before: Array, after: Array, point: Array, dt: float) -> Array:
+    """Return the velocity (K, 3) of points on tips that moved between two poses (K, 4, 4)."""
+    turned = after[:, :3, :3] @ np.swapaxes(before[:, :3, :3], -1, -2)
+    angular = log_so3(turned) / dt
+    linear = (after[:, :3, 3] - before[:, :3, 3]) / dt
+    return np.asarray(linear + cross(angular, point - after[:, :3, 3]))
+
+
+def _tangential(velocity: Array, outward: Array) -> Array:
+    """Return the speed (K,) of velocities (K, 3) across the directions ``outward`` (K, 3)."""
+    length = np.linalg.norm(outward, axis=1, keepdims=True)
+    normal = outward / np.maximum(length, 1e-9)
+    along = np.sum(velocity * normal, axis=1, keepdims=True) * normal
+    return np.asarray(np.linalg.norm(velocity - along, axis=1))
