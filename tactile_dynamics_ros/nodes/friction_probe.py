@@ -43,6 +43,7 @@ Array = NDArray[np.float64]
 
 COMMAND = "/joint_command"
 POSES = 20
+IDLE = 0.1
 RELIABLE = 10
 
 
@@ -65,8 +66,6 @@ class FrictionProbeNode(Shell):
 
     /friction_probe/active tells whoever commands the hand otherwise to wait.
     """
-
-    gather = 0.02
 
     def __init__(self) -> None:
         super().__init__("friction_probe")
@@ -115,6 +114,11 @@ class FrictionProbeNode(Shell):
         self._told = ("", -1)
         self._tell()
         return f"probing with the {self.probe.config.finger} finger; watch /friction_probe/progress"
+
+    @property
+    def gather(self) -> float:
+        """Pause after a first message, s: long while nothing is probed."""
+        return Shell.gather if self.probe.running else IDLE
 
     def destroy_node(self) -> None:
         """Leave the hand where it is told to be."""

@@ -15,6 +15,7 @@ from std_msgs.msg import Bool, Float64
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.contact.hand_kinematics import HandKinematics
 from tactile_dynamics_ros.core.contact.robot_description import FINGERS
+from tactile_dynamics_ros.core.rigid_body.rotation import twice
 from tactile_dynamics_ros.core.tracking.kinematic_tracker import (
     ANCHOR,
     KinematicTracker,
@@ -148,7 +149,7 @@ class KinematicTrackerNode(Shell):
     def _start(self, positions: Array, time: float) -> None:
         mean, spread = average_poses(np.stack(self._seen))
         anchor = self.kinematics.sensor_pose(ANCHOR, positions)
-        turn = np.kron(np.eye(2), anchor[:3, :3])
+        turn = twice(anchor[:3, :3])
         covariance = self._vision_covariance
         if covariance is None:
             covariance = turn @ spread @ turn.T

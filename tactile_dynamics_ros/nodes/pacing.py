@@ -10,7 +10,7 @@ from rclpy.publisher import Publisher
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 
-CATCH_UP = 0.1
+CATCH_UP = 0.5
 SLACK = 0.005
 
 

@@ -16,7 +16,7 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     pseudo_inertia,
 )
 from tactile_dynamics_ros.core.rigid_body.newton_euler import regressor
-from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, skew
+from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, skew, twice
 
 Array = NDArray[np.float64]
 
@@ -234,7 +234,7 @@ def _check_frames(effect: Effect, samples: WrenchSamples, inertia: Array) -> lis
     moved = _move_world(samples)
     turned, turned_inertia, turn = _turn_body(samples, inertia)
     in_new_axes = effect.screening_basis(turned, turned_inertia)
-    in_old_axes = np.einsum("ij,njm->nim", np.kron(np.eye(2), turn), in_new_axes)
+    in_old_axes = np.einsum("ij,njm->nim", twice(turn), in_new_axes)
     found = []
     for what, other in (
         ("world frame", effect.screening_basis(moved, inertia)),

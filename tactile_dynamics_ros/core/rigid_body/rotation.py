@@ -35,6 +35,13 @@ def cross(a: Array, b: Array) -> Array:
     return np.asarray(a[..., _NEXT] * b[..., _LAST] - a[..., _LAST] * b[..., _NEXT])
 
 
+def twice(rotation: Array) -> Array:
+    """Return diag(R, R) (6, 6), which turns twists, wrenches and their covariances."""
+    both = np.zeros((6, 6))
+    both[:3, :3] = both[3:, 3:] = rotation
+    return both
+
+
 def exp_so3(rotation_vector: Array) -> Array:
     """Rotation of a rotation vector, R = I + sin(a)/a [v] + (1 - cos(a))/a^2 [v]^2.
 

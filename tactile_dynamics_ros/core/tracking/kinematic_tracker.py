@@ -10,7 +10,7 @@ Source: paper A, Sec. IV (tracking by relaxed rigidity) and its reference 32.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -24,7 +24,7 @@ from tactile_dynamics_ros.core.contact.hand_kinematics import (
 )
 from tactile_dynamics_ros.core.contact.joint_uncertainty import JointUncertaintyConfig
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
-from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, log_so3, skew
+from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, log_so3, skew, twice
 
 Array = NDArray[np.float64]
 
@@ -181,10 +181,9 @@ class _Grasp:
         self._tips = sensors[:, :3, 3].copy()
         self._tips_in_object = (self._tips - pose[:3, 3]) @ pose[:3, :3]
         self._object_jacobian = kinematics.jacobian(ANCHOR, self._positions, pose[:3, 3])
-        self._tip_jacobians = {
-            finger: kinematics.jacobian(finger, self._positions, self._tips[k])[3:]
-            for k, finger in enumerate(kinematics.fingers)
-        }
+        self._tip_jacobians = kinematics.jacobian(kinematics.fingers, self._positions, self._tips)[
+            :, 3:
+        ]
 
     def age(self, time: float) -> float:
         """Return the time since tracking began."""
@@ -198,11 +197,11 @@ class _Grasp:
 
     def initial_covariance(self, pose: Array) -> Array:
         """Return the covariance of the initial pose carried along to ``pose``."""
-        turn = np.kron(np.eye(2), pose[:3, :3] @ self._pose[:3, :3].T)
+        turn = twice(pose[:3, :3] @ self._pose[:3, :3].T)
         return np.asarray(turn @ self._covariance @ turn.T)
 
     def relate(
-        self, positions: Array, predicted: Array, fingers: Collection[str]
+        self, positions: Array, predicted: Array, fingers: Sequence[str]
     ) -> tuple[Array, Array, Array, Array]:
         """Return design, innovation, and sensitivities to constant and varying joint errors.
 
@@ -210,21 +209,22 @@ class _Grasp:
         """
         turn = predicted[:3, :3] @ self._pose[:3, :3].T
         jacobian = self._kinematics.jacobian(ANCHOR, positions, predicted[:3, 3])
-        carried = np.kron(np.eye(2), turn) @ self._object_jacobian
+        carried = twice(turn) @ self._object_jacobian
         rows = 6 + 3 * len(fingers)
         design, innovation = np.zeros((rows, 6)), np.zeros(rows)
         constant, varying = np.zeros((rows, DOF)), np.zeros((rows, DOF))
         design[:6], constant[:6], varying[:6] = np.eye(6), jacobian - carried, jacobian
-        for k, finger in enumerate(fingers):
-            row = slice(6 + 3 * k, 9 + 3 * k)
-            index = finger_index(finger)
-            arm = predicted[:3, :3] @ self._tips_in_object[index]
-            tip = self._kinematics.sensor_pose(finger, positions)[:3, 3]
-            tip_jacobian = self._kinematics.jacobian(finger, positions, tip)[3:]
-            design[row] = np.hstack([-skew(arm), np.eye(3)])
-            innovation[row] = tip - predicted[:3, 3] - arm
-            constant[row] = tip_jacobian - turn @ self._tip_jacobians[finger]
-            varying[row] = tip_jacobian
+        index = [finger_index(finger) for finger in fingers]
+        tips = self._kinematics.locate(positions).sensors[index, :3, 3]
+        arms = self._tips_in_object[index] @ predicted[:3, :3].T
+        of_tips = self._kinematics.jacobian(fingers, positions, tips)[:, 3:]
+        design[6:, :3], design[6:, 3:] = (
+            -skew(arms).reshape(-1, 3),
+            np.tile(np.eye(3), (len(index), 1)),
+        )
+        innovation[6:] = (tips - predicted[:3, 3] - arms).ravel()
+        constant[6:] = (of_tips - turn @ self._tip_jacobians[index]).reshape(-1, DOF)
+        varying[6:] = of_tips.reshape(-1, DOF)
         return design, innovation, constant, varying
 
 

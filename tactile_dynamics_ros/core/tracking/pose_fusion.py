@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
-from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, log_so3
+from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, log_so3, twice
 
 Array = NDArray[np.float64]
 
@@ -226,7 +226,7 @@ class PoseFusion:
 
     def _fuse(self, kinematic: Array, covariance: Array) -> tuple[Array, Array]:
         pose = kinematic @ self._slip @ _small_transform(self._pending)
-        turn = np.kron(np.eye(2), pose[:3, :3])
+        turn = twice(pose[:3, :3])
         late = np.outer(self._pending, self._pending)
         return pose, turn @ (covariance + self._bias + self._doubt + late) @ turn.T
 
@@ -266,5 +266,5 @@ def _small_transform(step: Array) -> Array:
 
 
 def _to_body(covariance: Array, pose: Array) -> Array:
-    turn = np.kron(np.eye(2), pose[:3, :3].T)
+    turn = twice(pose[:3, :3].T)
     return np.asarray(turn @ covariance @ turn.T)

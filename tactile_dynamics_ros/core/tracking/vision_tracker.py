@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.contact.hand_kinematics import HandKinematics
-from tactile_dynamics_ros.core.rigid_body.rotation import skew
+from tactile_dynamics_ros.core.rigid_body.rotation import skew, twice
 from tactile_dynamics_ros.core.tracking.depth_image import (
     DepthNoiseConfig,
     Image,
@@ -296,5 +296,5 @@ class VisionTracker:
         spread += np.diag([turn**2] * 3 + [config.bias_position**2] * 3)
         lever = np.eye(6)
         lever[3:, :3] = -skew(fit.pose[:3, 3] - fit.pivot)
-        lever = np.kron(np.eye(2), camera.pose[:3, :3]) @ lever
+        lever = twice(camera.pose[:3, :3]) @ lever
         return np.asarray(lever @ spread @ lever.T)
