@@ -51,6 +51,8 @@ class Touch(NamedTuple):
 class ContactStateNode(Shell):
     """Places each force with the joint positions at the time of the force."""
 
+    gather = 0.01
+
     def __init__(self) -> None:
         super().__init__("contact_state")
         config = declare_config(self, ContactStateConfig)

@@ -67,7 +67,7 @@ class KinematicTrackerNode(Shell):
     from the start; /object/pose is corrected by it for slip in the hand.
     """
 
-    gather = 0.02
+    gather = 0.03
 
     def __init__(self) -> None:
         super().__init__("kinematic_tracker")

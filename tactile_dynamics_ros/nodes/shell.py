@@ -30,7 +30,7 @@ from tactile_dynamics_ros.nodes.wire import decoder_of
 STREAM = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Sensor data: best effort, half a second deep at 100 Hz."""
 
-SERVICE_PERIOD = 0.1
+SERVICE_PERIOD = 0.3
 """Real time after which the executor is asked even if no request has come, s."""
 BURST = 200
 

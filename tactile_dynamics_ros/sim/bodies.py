@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.contact.robot_description import HAND_JOINTS, LINKS
 from tactile_dynamics_ros.core.rigid_body.rotation import (
+    cross,
     matrix_to_quaternion,
     quaternion_to_matrix,
 )
@@ -55,13 +56,13 @@ class ObjectBody:
         linear, angular = (np.array(v) for v in pybullet.getBaseVelocity(self.body, self.client))
         position, _ = pybullet.getBasePositionAndOrientation(self.body, self.client)
         arm = self.pose()[:3, 3] - np.array(position)
-        return angular, linear + np.cross(angular, arm)
+        return angular, linear + cross(angular, arm)
 
     def set_velocity(self, angular: Array, linear: Array) -> None:
         """Set angular velocity and velocity of the body origin, world axes."""
         position, _ = pybullet.getBasePositionAndOrientation(self.body, self.client)
         arm = np.array(position) - self.pose()[:3, 3]
-        at_com = linear + np.cross(angular, arm)
+        at_com = linear + cross(angular, arm)
         pybullet.resetBaseVelocity(self.body, at_com.tolist(), list(angular), self.client)
 
 

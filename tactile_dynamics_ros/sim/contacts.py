@@ -8,6 +8,8 @@ import numpy as np
 import pybullet
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.rigid_body.rotation import cross
+
 Array = NDArray[np.float64]
 
 OTHER = "other"
@@ -100,7 +102,7 @@ def _average(name: str, rows: Array, steps: int, time: float) -> ContactReading:
         time=time,
         in_contact=True,
         force=forces.sum(axis=0) / steps,
-        torque=np.cross(point - centre, forces).sum(axis=0) / steps,
+        torque=cross(point - centre, forces).sum(axis=0) / steps,
         point=centre,
         normal=mean_normal / max(float(np.linalg.norm(mean_normal)), 1e-12),
         share=len(np.unique(rows[:, 1])) / steps,

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.contact.hand_kinematics import ARM_DOF, HandKinematics
 from tactile_dynamics_ros.core.contact.robot_description import ACTUATED_JOINTS, FINGERS
-from tactile_dynamics_ros.core.rigid_body.rotation import log_so3
+from tactile_dynamics_ros.core.rigid_body.rotation import cross, log_so3
 
 Array = NDArray[np.float64]
 
@@ -21,7 +21,7 @@ HAND_UPPER = np.array([joint.upper - LIMIT_MARGIN for joint in ACTUATED_JOINTS[A
 def arm_jacobian(axes: Array, centres: Array, point: Array) -> Array:
     """Jacobian (6, 7) [angular velocity, velocity] of a point (3,) that moves with the palm."""
     arm_axes = axes[:ARM_DOF]
-    return np.concatenate([arm_axes, np.cross(arm_axes, point - centres[:ARM_DOF])], axis=1).T
+    return np.concatenate([arm_axes, cross(arm_axes, point - centres[:ARM_DOF])], axis=1).T
 
 
 def pose_error(target: Array, pose: Array) -> Array:
@@ -103,12 +103,12 @@ def solve_fingers(
         axes = where.axes[ARM_DOF:].reshape(count, 4, 3)
         centres = where.centres[ARM_DOF:].reshape(count, 4, 3)
         origin = where.sensors[:, :3, 3]
-        jacobian = np.swapaxes(np.cross(axes, origin[:, None] - centres), 1, 2)
+        jacobian = np.swapaxes(cross(axes, origin[:, None] - centres), 1, 2)
         gap = tips - origin
         errors = np.linalg.norm(gap, axis=1)
         gap *= np.minimum(1.0, 0.02 / np.maximum(errors, 1e-12))[:, None]
         rotation = where.sensors[:, :3, :3]
-        turn = np.cross(directions[:, None], axes) @ rotation
+        turn = cross(directions[:, None], axes) @ rotation
         missing = preferred - np.einsum("fji,fj->fi", rotation, directions)
         pad = np.einsum("fki,fi->fk", turn, missing)
         hand = positions[ARM_DOF:].reshape(count, 4)

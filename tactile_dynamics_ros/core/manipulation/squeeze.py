@@ -12,6 +12,7 @@ from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.contact.hand_kinematics import ARM_DOF, HandKinematics
 from tactile_dynamics_ros.core.contact.robot_description import FINGERS, HAND_JOINTS, SKIN_RADIUS
 from tactile_dynamics_ros.core.manipulation.grasp_planner import squeeze_forces
+from tactile_dynamics_ros.core.rigid_body.rotation import cross
 
 Array = NDArray[np.float64]
 
@@ -62,7 +63,7 @@ class Squeeze:
         forces = squeeze_forces(points, normals, 1.0)
         axes = where.axes[ARM_DOF:].reshape(4, 4, 3)
         centres = where.centres[ARM_DOF:].reshape(4, 4, 3)
-        lever = np.cross(axes, points[:, None] - centres)
+        lever = cross(axes, points[:, None] - centres)
         torque = np.einsum("fki,fi->fk", lever, forces).reshape(-1)
         self._torque = torque
         self._kinematics = kinematics

@@ -148,13 +148,14 @@ class ContactQueue:
 
 
 def _mix(readings: list[ContactReading], weights: Array) -> ContactReading:
-    def mean(name: str) -> Array:
-        return np.asarray(weights @ np.stack([getattr(r, name) for r in readings]))
-
     middle = readings[int(np.argmax(weights))]
-    return ContactReading(
-        mean("point"), middle.rotation, mean("force"), mean("torque"), mean("std")
-    )
+    point, force, torque, std = np.zeros((4, 3))
+    for weight, reading in zip(weights.tolist(), readings, strict=True):
+        point += weight * reading.point
+        force += weight * reading.force
+        torque += weight * reading.torque
+        std += weight * reading.std
+    return ContactReading(point, middle.rotation, force, torque, std)
 
 
 def _missing(before: ContactReading) -> ContactReading:

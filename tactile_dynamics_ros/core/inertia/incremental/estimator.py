@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time as clock
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -114,7 +115,7 @@ class IncrementalInertialEstimator:
         """
         values = [np.asarray(v, dtype=float) for v in (point_W, R_W, force_W)]
         torque = np.zeros(3) if torque_W is None else np.asarray(torque_W, dtype=float)
-        if not (np.isfinite(t) and all(np.all(np.isfinite(v)) for v in (*values, torque))):
+        if not math.isfinite(t + torque.sum() + sum(value.sum() for value in values)):
             self._stream.problems[f"contact '{name}' not finite"] += 1
             return
         std = np.full(3, self._config.force_std) if std_W is None else np.asarray(std_W, float)
