@@ -66,7 +66,7 @@ def summarise_demo(
         history,
         body,
         command=f"tactile-dynamics demo --object {truth['object']}",
-        introduction=_introduce(out, history, body, truth["object"]),
+        introduction=_introduce(out, history, body, truth["object"], say),
     )
     live = history.value[-1].tolist() if len(history.time) else None
     return {
@@ -80,9 +80,13 @@ def summarise_demo(
 
 
 def _introduce(
-    out: Path, history: EstimateHistory, truth: InertialParameters, name: str
+    out: Path,
+    history: EstimateHistory,
+    truth: InertialParameters,
+    name: str,
+    say: Callable[[str], None],
 ) -> list[Section]:
-    """Return a section that shows the hand with the object in the middle of the motion."""
+    """Return a section that shows the hand with the object, none where it cannot be drawn."""
     if len(history.time) < FEWEST_ESTIMATES:
         return []
     middle = 0.5 * float(history.time[0] + history.time[-1])
@@ -91,7 +95,11 @@ def _introduce(
         positions, object_pose = read_poses(out / "recording", middle)
         np.savez(poses, positions=positions, object_pose=object_pose)
         command = [sys.executable, "-m", PORTRAIT, name, str(poses), str(picture)]
-        subprocess.run(command, check=True, capture_output=True, timeout=120)
+        try:
+            subprocess.run(command, check=True, capture_output=True, timeout=120)
+        except subprocess.SubprocessError as error:
+            say(f"the report lacks the picture of the hand: {error}")
+            return []
         portrait = (255 * imread(picture)[:, :, :3]).astype(np.uint8)
         figure = draw_summary(portrait, history, truth)
     text = "The hand in the middle of the motion, and the live estimates; dashed: the truth."

@@ -8,6 +8,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.rigid_body.rotation import cross
+
 Array = NDArray[np.float64]
 
 GRAVITY_W = np.array([0.0, 0.0, -9.81])
@@ -60,5 +62,5 @@ class WrenchSamples:
     @cached_property
     def measured_wrench(self) -> Array:
         """Sum of the contact wrenches about the body origin, (N, 6) [torque, force]."""
-        torque = np.cross(self.contact_point, self.contact_force) + self.contact_torque
+        torque = cross(self.contact_point, self.contact_force) + self.contact_torque
         return np.concatenate([torque.sum(axis=1), self.contact_force.sum(axis=1)], axis=1)

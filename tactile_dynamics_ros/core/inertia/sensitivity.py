@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import inertia_matrix
-from tactile_dynamics_ros.core.rigid_body.rotation import skew
+from tactile_dynamics_ros.core.rigid_body.rotation import cross, skew
 
 if TYPE_CHECKING:
     from tactile_dynamics_ros.core.effects.effect import Effect
@@ -34,7 +34,7 @@ def body_sensitivity(samples: WrenchSamples, phi: Array) -> tuple[Array, Array, 
     by_force, by_rate, by_change = (np.zeros((count, 6, 3)) for _ in range(3))
     by_force[:, :3], by_force[:, 3:] = skew(first), phi[0] * np.eye(3)
     by_rate[:, :3] = skew(omega) @ inertia - skew(omega @ inertia)
-    by_rate[:, 3:] = -skew(np.cross(omega, first)) - skew(omega) @ skew(first)
+    by_rate[:, 3:] = -skew(cross(omega, first)) - skew(omega) @ skew(first)
     by_change[:, :3], by_change[:, 3:] = inertia, -skew(first)
     return by_force, by_rate, by_change
 

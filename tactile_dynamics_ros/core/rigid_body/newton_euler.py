@@ -19,7 +19,8 @@ def inertia_map(vector: Array) -> Array:
     Returns:
         (..., 3, 6).
     """
-    x, y, z = np.moveaxis(np.asarray(vector, dtype=float), -1, 0)
+    vector = np.asarray(vector, dtype=float)
+    x, y, z = vector[..., 0], vector[..., 1], vector[..., 2]
     matrix = np.zeros((*x.shape, 3, 6))
     matrix[..., 0, 0], matrix[..., 0, 1], matrix[..., 0, 3] = x, y, z
     matrix[..., 1, 1], matrix[..., 1, 2], matrix[..., 1, 4] = x, y, z
