@@ -63,7 +63,8 @@ class Explanation:
 def explain(model: ResidualModel, config: DiagnosisConfig | None = None) -> Explanation:
     """Diagnose, add, refit and repeat until the model is adequate or nothing helps.
 
-    Effects that lose their evidence when others are added are removed again.
+    Effects that lose their evidence when others are added are removed again, and those that
+    another then betters are replaced.
 
     Args:
         model: fitted.
@@ -72,7 +73,9 @@ def explain(model: ResidualModel, config: DiagnosisConfig | None = None) -> Expl
     config = config or DiagnosisConfig()
     first = diagnosis = diagnose(model, config)
     steps = first.steps if first.effect else ()
-    while diagnosis.effect and not steps[-1].after.adequate and len(steps) < 2 * config.depth:
+    for _ in range(config.depth):
+        if not diagnosis.effect or steps[-1].after.adequate:
+            break
         diagnosis = diagnose(steps[-1].choice.model, config, steps[-1].after)
         if diagnosis.effect:
             steps = reconsider_steps((*steps, *diagnosis.steps), config)
