@@ -13,11 +13,15 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tactile_dynamics_ros.core.discrepancy.assessment import assess
 from tactile_dynamics_ros.core.discrepancy.comparison import compare
 from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
 from tactile_dynamics_ros.core.discrepancy.documents import diagnosis_document
+from tactile_dynamics_ros.core.discrepancy.exchange import exchange
 from tactile_dynamics_ros.core.discrepancy.explanation import explain
 from tactile_dynamics_ros.core.discrepancy.model import Condition, Family, Residuals
+from tactile_dynamics_ros.core.discrepancy.screening import best_by_effect
+from tactile_dynamics_ros.core.discrepancy.selection import try_effect
 
 NOISE = 0.05
 LAWS = {
@@ -26,6 +30,7 @@ LAWS = {
     "zero_error": lambda block: np.ones_like(block.time),
     "spring": lambda block: block.place,
     "stretched_spring": lambda block: 3.0 * block.place,
+    "sticky_spring": lambda block: 0.08 * np.tanh(3.0 * block.speed) + 0.2 * block.place,
 }
 
 
@@ -163,6 +168,36 @@ def test_two_laws_are_added_one_after_the_other() -> None:
     errors = [explanation.before.rms, *(step.error for step in explanation.steps)]
     assert errors == sorted(errors, reverse=True)
     assert errors[-1] < 1.05
+
+
+def test_a_law_that_two_others_better_together_is_exchanged() -> None:
+    known = ("sticky_spring", "viscous_friction", "dry_friction", "spring")
+    block = slide(8, dry_friction=0.08, spring=0.2)
+    first = assess(SlidingBlock(block, known=known))
+    assert best_by_effect(first.scores)[0].family.name == "sticky_spring"
+    explanation = explain(SlidingBlock(block, known=known))
+    assert (set(explanation.effects), explanation.verdict) == (
+        {"dry_friction", "spring"},
+        "adequate",
+    )
+
+
+def test_an_effect_that_others_make_needless_is_removed() -> None:
+    model = SlidingBlock(slide(9, dry_friction=0.08, spring=0.2))
+    added = []
+    for name in ("viscous_friction", "dry_friction", "spring"):
+        trial = try_effect(model, assess(model).scores, name, 1.0)
+        model, added = trial.model, [*added, trial]
+    _, choices = exchange(model, added, 1.0, 10.0)
+    assert {choice.best.name for choice in choices} == {"dry_friction", "spring"}
+    assert all(choice.without > choice.best.criterion + 10.0 for choice in choices)
+
+
+def test_laws_that_explain_nearly_all_are_named_although_the_rest_follows_another() -> None:
+    block = slide(10, zero_error=1.0, spring=3.0, cubic_drag=0.01)
+    diagnosis = diagnose(SlidingBlock(block, known=("dry_friction", "zero_error", "spring")))
+    assert {step.name for step in diagnosis.steps} == {"zero_error", "spring"}
+    assert diagnosis.verdict == "missing_effect"
 
 
 def test_a_law_that_dominates_is_named_although_something_unknown_remains() -> None:

@@ -174,6 +174,32 @@ def test_sensor_effects_give_back_the_true_forces():
     np.testing.assert_allclose(found, corrected(contact_point=point), atol=1e-12)
 
 
+def test_a_gain_of_all_fingers_is_a_mass_and_corrects_nothing():
+    scale = create_effect("force_scale")
+    common = scale.wrench(SAMPLES, INERTIA, np.full(4, 14.0))
+    np.testing.assert_allclose(common, 0.0, atol=1e-12)
+    gain = np.array([0.3, -0.1, 0.0, 0.2])
+    share = 1.0 / (1.0 + gain)
+    force = SAMPLES.contact_force * (share / share.mean())[:, None]
+    found = scale.wrench(SAMPLES, INERTIA, gain)
+    np.testing.assert_allclose(found, corrected(contact_force=force), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("label", "value"), [("sensor_lag", 0.12), ("time_offset:body", 0.08), ("time_offset", -0.08)]
+)
+def test_the_screening_basis_of_timing_effects_holds_large_ones(label, value):
+    effect = create_effect(label)
+    wrench = effect.wrench(SAMPLES, INERTIA, np.array([value])).ravel()
+    basis = effect.screening_basis(SAMPLES, INERTIA).reshape(len(wrench), -1)
+    coefficients = np.linalg.lstsq(basis, wrench, rcond=None)[0]
+    left = np.linalg.norm(wrench - basis @ coefficients) / np.linalg.norm(wrench)
+    slope_only = basis[:, :1] @ np.linalg.lstsq(basis[:, :1], wrench, rcond=None)[0]
+    assert left < 0.5 * np.linalg.norm(wrench - slope_only) / np.linalg.norm(wrench)
+    guess = effect.initial_guess(SAMPLES, INERTIA, coefficients, np.zeros((len(wrench) // 6, 6)))
+    assert guess == pytest.approx([value], rel=0.3)
+
+
 def test_sensor_rotation_turns_in_the_sensor_frame():
     angle = np.array([0.1, -0.05, 0.2])
     frame = SAMPLES.contact_rotation[:, 0]

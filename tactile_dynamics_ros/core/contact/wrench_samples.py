@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, wraps
+from typing import TypeVar
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +17,10 @@ Array = NDArray[np.float64]
 
 GRAVITY_W = np.array([0.0, 0.0, -9.81])
 
+Value = TypeVar("Value")
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, eq=False)
 class WrenchSamples:
     """What the Newton-Euler equations need at N instants and C contacts.
 
@@ -64,3 +69,18 @@ class WrenchSamples:
         """Sum of the contact wrenches about the body origin, (N, 6) [torque, force]."""
         torque = cross(self.contact_point, self.contact_force) + self.contact_torque
         return np.concatenate([torque.sum(axis=1), self.contact_force.sum(axis=1)], axis=1)
+
+
+def once_per_samples(
+    function: Callable[[WrenchSamples], Value],
+) -> Callable[[WrenchSamples], Value]:
+    """Remember what a function makes of samples for as long as they exist."""
+    known: WeakKeyDictionary[WrenchSamples, Value] = WeakKeyDictionary()
+
+    @wraps(function)
+    def remembered(samples: WrenchSamples) -> Value:
+        if samples not in known:
+            known[samples] = function(samples)
+        return known[samples]
+
+    return remembered

@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from tactile_dynamics_ros.core.discrepancy.diagnosis import Diagnosis, explained_share
+from tactile_dynamics_ros.core.discrepancy.diagnosis import Diagnosis
 from tactile_dynamics_ros.core.discrepancy.explanation import Explanation
 from tactile_dynamics_ros.core.discrepancy.model import ParameterTable, ResidualModel
 from tactile_dynamics_ros.core.discrepancy.screening import Score, best_by_effect
+from tactile_dynamics_ros.core.discrepancy.search import explained_share
 from tactile_dynamics_ros.core.discrepancy.selection import Choice, Trial
 from tactile_dynamics_ros.core.discrepancy.sentences import (
     capitalise,

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tactile_dynamics_ros.core.discrepancy.assessment import assess
 from tactile_dynamics_ros.core.discrepancy.diagnosis import (
     Diagnosis,
-    DiagnosisConfig,
-    Step,
     diagnose,
     find_group,
 )
+from tactile_dynamics_ros.core.discrepancy.diagnosis_config import DiagnosisConfig
 from tactile_dynamics_ros.core.discrepancy.model import ResidualModel
-from tactile_dynamics_ros.core.discrepancy.selection import evidence
+from tactile_dynamics_ros.core.discrepancy.search import Step, reconsider_steps
 from tactile_dynamics_ros.core.discrepancy.signature import Signature, describe_residual
 from tactile_dynamics_ros.core.discrepancy.validation import HeldOut, held_out
 
@@ -65,7 +63,8 @@ class Explanation:
 def explain(model: ResidualModel, config: DiagnosisConfig | None = None) -> Explanation:
     """Diagnose, add, refit and repeat until the model is adequate or nothing helps.
 
-    Effects that lose their evidence when others are added are removed again.
+    Effects that lose their evidence when others are added are removed again, and those that
+    another then betters are replaced.
 
     Args:
         model: fitted.
@@ -73,55 +72,42 @@ def explain(model: ResidualModel, config: DiagnosisConfig | None = None) -> Expl
     """
     config = config or DiagnosisConfig()
     first = diagnosis = diagnose(model, config)
-    steps: list[Step] = []
-    present = model
-    while diagnosis.effect:
-        steps += diagnosis.steps
-        present = steps[-1].choice.model
-        if steps[-1].after.adequate or len(steps) >= 2 * config.depth:
+    steps = first.steps if first.effect else ()
+    for _ in range(config.depth):
+        if not diagnosis.effect or steps[-1].after.adequate:
             break
-        diagnosis = diagnose(present, config, steps[-1].after)
-    present = _prune(present, [step.name for step in steps], config)
-    return _summarise(first, diagnosis, steps, present, config)
-
-
-def _prune(model: ResidualModel, names: list[str], config: DiagnosisConfig) -> ResidualModel:
-    """Remove effects that add no evidence beside the others."""
-    for name in names[:-1]:
-        less = model.without_effect(name)
-        if evidence(less, 1.0) < evidence(model, 1.0) + config.indifference:
-            model = less.refined()
-    return model
+        diagnosis = diagnose(steps[-1].choice.model, config, steps[-1].after)
+        if diagnosis.effect:
+            steps = reconsider_steps((*steps, *diagnosis.steps), config)
+    return _summarise(first, diagnosis, steps, config)
 
 
 def _summarise(
     first: Diagnosis,
     last: Diagnosis,
-    steps: list[Step],
-    model: ResidualModel,
+    steps: tuple[Step, ...],
     config: DiagnosisConfig,
 ) -> Explanation:
-    kept = [step for step in steps if step.name in model.effect_names]
+    if not steps:
+        verdict = "adequate" if first.verdict == "adequate" else "unexplained"
+        return Explanation(
+            verdict, (), (), first.model, first, last, first.before, first.before, first.floor,
+            first.signature,
+        )  # fmt: skip
     explained = tuple(
         ExplanationStep(
             step.name,
             held_out(step.choice.model).rms,
             find_group(step.choice, config)[0],
         )
-        for step in kept
+        for step in steps
     )
-    if not steps:
-        verdict = "adequate" if first.verdict == "adequate" else "unexplained"
-        return Explanation(
-            verdict, (), (), model, first, last, first.before, first.before, first.floor,
-            first.signature,
-        )  # fmt: skip
-    final = assess(model, config.significance)
+    model, final = steps[-1].choice.model, steps[-1].after
     floor = min(first.floor, final.structure.floor)
     left = not final.adequate and final.rms > config.near_floor * floor
     return Explanation(
         verdict="unexplained" if left else "adequate",
-        effects=tuple(step.name for step in kept),
+        effects=tuple(step.name for step in steps),
         steps=explained,
         model=model,
         first=first,

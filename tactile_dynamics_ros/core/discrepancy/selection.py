@@ -79,6 +79,10 @@ def evidence(model: ResidualModel, floor: float, choices: int = 1) -> float:
     )
 
 
+def _square(model: ResidualModel) -> float:
+    return float(model.residual @ model.residual)
+
+
 def choose_effect(model: ResidualModel, scores: Sequence[Score], floor: float) -> Choice | None:
     """Refit the effects that could compete, and the best one thoroughly.
 
@@ -90,39 +94,53 @@ def choose_effect(model: ResidualModel, scores: Sequence[Score], floor: float) -
         scores: of all families.
         floor: white RMS of the noise alone.
     """
-    trials = _try_all(model, scores, floor)
+    trials = try_effects(model, scores, floor)
     if not trials:
         return None
     present = evidence(model, floor)
     reach = trials[0].criterion + _REACH * max(present - trials[0].criterion, 0.0) + _CHANCE
     names = [t.name for t in trials if t.criterion <= reach][: 1 + _MOST_RIVALS]
     best, tried = trials[0], set[str]()
+    refined = best.model.refined()
     while True:
         tried.add(best.label)
-        refined = best.model.refined()
         bare = refined.without_effect(best.name)
-        trials = _try_all(bare, screen(bare, bare.families(names), floor), floor, np.inf)
+        trials = try_effects(bare, screen(bare, bare.families(names), floor), floor, np.inf)
         if trials[0].label in tried or len(tried) == _ROUNDS:
             break
-        best = trials[0]
+        other = trials[0].model.refined()
+        if _square(other) > _square(refined):
+            break
+        best, refined = trials[0], other
     own = next((t for t in trials if t.name == best.name), best)
     rivals = tuple(t for t in trials if t.name != best.name)
     return Choice(refined, own, rivals, evidence(bare, floor))
 
 
-def _try_all(
-    model: ResidualModel, scores: Sequence[Score], floor: float, reach: float = _REACH
+def try_effects(
+    model: ResidualModel,
+    scores: Sequence[Score],
+    floor: float,
+    reach: float = _REACH,
+    reached: float = np.inf,
 ) -> list[Trial]:
     """Refit effects at the whitening of the model, best first.
 
     The score of a linear family bounds what its effect can reach; effects whose bound is far
     behind the best refit are left out.
+
+    Args:
+        model: to be extended.
+        scores: of all families.
+        floor: white RMS of the noise alone.
+        reach: share of the fall of the best that a bound may lie behind.
+        reached: `evidence` that an effect is known to reach.
     """
     present = evidence(model, floor)
     trials: list[Trial] = []
     for score in best_by_effect(scores):
-        best = min((t.criterion for t in trials), default=np.inf)
-        allowance = reach * max(present - best, 0.0) if trials else 0.0
+        best = min([reached, *(trial.criterion for trial in trials)])
+        allowance = reach * max(present - best, 0.0) if best < np.inf else 0.0
         if score.criterion > best + allowance + _CHANCE:
             break
         trials.append(try_effect(model, scores, score.family.name, floor))

@@ -106,7 +106,8 @@ class ForceDrift(_OffsetEffect):
 class ForceScale(FingerEffect):
     """Measured force = (1 + gain) true force, per finger.
 
-    A gain common to all fingers is a larger mass and cannot be seen.
+    A gain common to all fingers is a larger mass and cannot be seen: where all fingers have one,
+    the reciprocals c_i = 1 / (1 + gain_i) count relative to their mean.
     """
 
     name = "force_scale"
@@ -120,14 +121,45 @@ class ForceScale(FingerEffect):
         """The gain error."""
         return (EffectParameter("gain", "", 0.5, "gain error", 0.15),)
 
+    def screening_basis(self, samples: WrenchSamples, inertia: Array) -> Array:
+        """Wrench of every finger, so that some fingers can be picked."""
+        return super().jacobian(samples, inertia, self.zero(samples))
+
+    def wrench(self, samples: WrenchSamples, inertia: Array, theta: Array) -> Array:
+        """Sum of (c_i - 1) of the contacts' wrenches."""
+        return super().wrench(samples, inertia, self._relative(samples, theta))
+
+    def jacobian(self, samples: WrenchSamples, inertia: Array, theta: Array) -> Array:
+        """By the gains."""
+        relative = self._relative(samples, theta)
+        columns = super().jacobian(samples, inertia, relative)
+        return np.asarray(columns @ self._relative_jacobian(samples, theta))
+
+    def _relative(self, samples: WrenchSamples, theta: Array) -> Array:
+        """Gains (k,) that count: 1 / c_i - 1, c over its mean where all fingers have a gain."""
+        gain = np.maximum(theta, _LEAST_GAIN)
+        mean = np.mean(1.0 / (1.0 + gain)) if self._is_relative(samples) else 1.0
+        return np.asarray((1.0 + gain) * mean - 1.0)
+
+    def _relative_jacobian(self, samples: WrenchSamples, theta: Array) -> Array:
+        """Derivative (k, k) of `_relative`."""
+        if not self._is_relative(samples):
+            return np.eye(len(theta))
+        factor = 1.0 + np.maximum(theta, _LEAST_GAIN)
+        mean = np.mean(1.0 / factor)
+        return np.asarray(mean * np.eye(len(theta)) - np.outer(factor, factor**-2.0) / len(theta))
+
+    def _is_relative(self, samples: WrenchSamples) -> bool:
+        return len(self.chosen(samples)) == len(samples.contact_names) > 1
+
     def finger_wrench(self, samples: WrenchSamples, contact: int, theta: Array) -> Array:
         """-gain / (1 + gain) of the contact's wrench."""
-        gain = max(float(theta[0]), _LEAST_GAIN)
+        gain = float(theta[0])
         return -gain / (1.0 + gain) * _contact_wrench(samples, contact)
 
     def finger_jacobian(self, samples: WrenchSamples, contact: int, theta: Array) -> Array:
         """-1 / (1 + gain)^2 of the contact's wrench."""
-        gain = max(float(theta[0]), _LEAST_GAIN)
+        gain = float(theta[0])
         return -_contact_wrench(samples, contact)[..., None] / (1.0 + gain) ** 2
 
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
+from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples, once_per_samples
 from tactile_dynamics_ros.core.effects.effect import Effect, EffectParameter
 from tactile_dynamics_ros.core.effects.filters import first_order_lag
 from tactile_dynamics_ros.core.effects.geometry import contact_point_rate, contact_rate
@@ -23,9 +24,16 @@ _LONGEST_SHIFT = 0.3
 
 
 class _ReadingEffect(Effect):
-    """An effect of one parameter whose name leaves open in which frame it happens."""
+    """An effect of one parameter whose name leaves open in which frame it happens.
+
+    Attributes:
+        readings: names of the frames.
+        nodes: values theta_k whose Delta(theta_k) / theta_k make the screening basis with the
+            slope at zero: far from zero Delta is not linear, but near a mixture of them.
+    """
 
     readings: ClassVar[tuple[str, ...]] = ()
+    nodes: ClassVar[tuple[float, ...]] = ()
 
     def __init__(self, reading: str = "") -> None:
         """Choose the reading.
@@ -52,6 +60,18 @@ class _ReadingEffect(Effect):
         """All readings."""
         return tuple(type(self)(reading) for reading in self.readings)
 
+    def screening_basis(self, samples: WrenchSamples, inertia: Array) -> Array:
+        """Slope at zero and secants to the nodes."""
+        slope = self.jacobian(samples, inertia, self.zero(samples))
+        secants = [self.wrench(samples, inertia, np.array([node])) / node for node in self.nodes]
+        return np.concatenate([slope, np.stack(secants, axis=2)], axis=2)
+
+    def initial_guess(
+        self, samples: WrenchSamples, inertia: Array, coefficients: Array, residual: Array
+    ) -> Array:
+        """Every column is the effect per unit of its parameter, so that the sum counts."""
+        return np.array([np.sum(coefficients)])
+
 
 @register_effect
 class SensorLag(_ReadingEffect):
@@ -69,6 +89,7 @@ class SensorLag(_ReadingEffect):
     sentence = "the force sensors answer with a lag"
     remedy = "Reduce the filtering of the sensors, move more slowly, or add the lag to the model."
     readings = ("body", "sensor", "world")
+    nodes = (0.05, 0.2)
 
     def parameters(self, samples: WrenchSamples) -> tuple[EffectParameter, ...]:
         """The time constant."""
@@ -136,6 +157,7 @@ class TimeOffset(_ReadingEffect):
     sentence = "forces and poses are stamped by clocks that differ"
     remedy = "Synchronise the clocks, or add the offset to the model."
     readings = ("force", "contact", "body", "sensor")
+    nodes = (-0.05, 0.05)
 
     def parameters(self, samples: WrenchSamples) -> tuple[EffectParameter, ...]:
         """The offset, positive where forces come late."""
@@ -204,25 +226,51 @@ def _apply(turn: Array, vectors: Array) -> Array:
     return np.asarray((turn @ vectors[..., None])[..., 0])
 
 
+@once_per_samples
+def _motion_spline(samples: WrenchSamples) -> CubicSpline:
+    """Spline through all that moves: columns as in `_Shifted`."""
+    parts = (
+        load_regressor(samples),
+        samples.rotation,
+        samples.position,
+        samples.contact_point,
+        samples.contact_rotation,
+    )
+    count = len(samples.time)
+    return CubicSpline(samples.time, np.concatenate([p.reshape(count, -1) for p in parts], axis=1))
+
+
 class _Shifted:
     """Motion of the object at t - offset on a spline, with derivatives by the offset."""
 
     def __init__(self, samples: WrenchSamples, offset: float) -> None:
         offset = float(np.clip(offset, -_LONGEST_SHIFT, _LONGEST_SHIFT))
-        matrix = load_regressor(samples)
-        then = samples.time - offset
-
-        def read(values: Array) -> tuple[Array, Array]:
-            spline = CubicSpline(samples.time, values)
-            return spline(then), -spline(then, 1)
-
-        self.regressor, self.regressor_change = read(matrix)
-        rotation, rotation_change = read(samples.rotation)
+        spline, then = _motion_spline(samples), samples.time - offset
+        shapes = (
+            (6, 10),
+            (3, 3),
+            (3,),
+            samples.contact_point.shape[1:],
+            samples.contact_rotation.shape[1:],
+        )
+        values, changes = _split(spline(then), shapes), _split(-spline(then, 1), shapes)
+        self.regressor, rotation, self.position, self.point, self.contact_rotation = values
+        (
+            self.regressor_change,
+            rotation_change,
+            position_change,
+            self.point_change,
+            self.contact_rotation_change,
+        ) = changes
         self.to_body = np.swapaxes(rotation, 1, 2)
         self.to_body_change = np.swapaxes(rotation_change, 1, 2)
-        self.position, position_change = read(samples.position)
-        self.point, self.point_change = read(samples.contact_point)
-        self.contact_rotation, self.contact_rotation_change = read(samples.contact_rotation)
         self.origin_change = np.einsum("nij,nj->ni", self.to_body_change, self.position) + (
             np.einsum("nij,nj->ni", self.to_body, position_change)
         )
+
+
+def _split(values: Array, shapes: Sequence[tuple[int, ...]]) -> list[Array]:
+    """Columns (N, k) as arrays (N, *shape)."""
+    ends = np.cumsum([np.prod(shape, dtype=int) for shape in shapes])
+    parts = np.split(values, ends[:-1], axis=1)
+    return [part.reshape(-1, *shape) for part, shape in zip(parts, shapes, strict=True)]

@@ -39,6 +39,8 @@ _MOST_REFINEMENTS = 8
 _SETTLED = 0.995
 _QUICK_ITERATIONS = 12
 _QUICK_TOLERANCE = 2e-5
+_JOINT_ITERATIONS = 40
+_CURVED = 1.01
 _FLATTEST = 0.1
 
 
@@ -183,7 +185,11 @@ class HeldObjectModel:
         ]
 
     def with_effect(self, family: Family, coefficients: Array) -> HeldObjectModel:
-        """Fit with one more effect at fixed whitening."""
+        """Fit with one more effect at fixed whitening.
+
+        The present effects are linear in the change of their parameters; where that proves too
+        coarse, all are fitted jointly.
+        """
         effect: Effect = family.source
         block = self.fitted.blocks[0]
         lacking = block.problem.residual(self.phi, self.effects, self.theta)
@@ -195,7 +201,11 @@ class HeldObjectModel:
             _QUICK_ITERATIONS,
             _QUICK_TOLERANCE,
         )
-        return self._moved(solution[: system.present], effect, solution[system.present :])
+        moved = self._moved(solution[: system.present], effect, solution[system.present :])
+        foreseen = system.evaluate(solution)[0][: len(self.time)]
+        if moved.residual @ moved.residual <= _CURVED * foreseen @ foreseen:
+            return moved
+        return moved._fitted(moved.effects, moved.theta)
 
     def _moved(self, change: Array, effect: Effect, theta: Array) -> HeldObjectModel:
         """The model with its parameters changed and one effect more."""
@@ -294,7 +304,7 @@ class HeldObjectModel:
         system = _FrozenSystem(self.whitening, effects)
         start = np.concatenate([self.phi, *theta])
         solution, _ = levenberg_marquardt(
-            system.evaluate, start, _QUICK_ITERATIONS, _QUICK_TOLERANCE
+            system.evaluate, start, _JOINT_ITERATIONS, _QUICK_TOLERANCE
         )
         sizes = np.cumsum([10, *[len(t) for t in theta]])
         parts = np.split(solution, sizes[:-1])

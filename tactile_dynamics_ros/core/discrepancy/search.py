@@ -1,0 +1,132 @@
+"""Add effects until the residual is explained, and reconsider earlier ones beside later ones."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from tactile_dynamics_ros.core.discrepancy.assessment import Assessment, assess
+from tactile_dynamics_ros.core.discrepancy.diagnosis_config import DiagnosisConfig
+from tactile_dynamics_ros.core.discrepancy.exchange import exchange
+from tactile_dynamics_ros.core.discrepancy.model import ResidualModel
+from tactile_dynamics_ros.core.discrepancy.selection import Choice, choose_effect
+from tactile_dynamics_ros.core.discrepancy.signature import Line, find_line
+
+
+@dataclass(frozen=True)
+class Step:
+    """One effect added to a model.
+
+    Attributes:
+        choice: the effect and its rivals; beside the effects of all steps if there are several.
+        after: assessment of the model with it.
+    """
+
+    choice: Choice
+    after: Assessment
+
+    @property
+    def name(self) -> str:
+        """The effect."""
+        return self.choice.best.name
+
+
+def find_effects(
+    model: ResidualModel, first: Assessment, config: DiagnosisConfig
+) -> tuple[Step, ...]:
+    """Add effects until the residual is explained, nothing helps, or the depth is reached.
+
+    Args:
+        model: to be extended.
+        first: assessment of it.
+        config: levels and depths.
+    """
+    steps: tuple[Step, ...] = ()
+    present, assessment = model, first
+    for _ in range(config.depth):
+        choice = add_effect(present, assessment, config)
+        if choice is None:
+            break
+        steps = (*steps, Step(choice, assess(choice.model, config.significance)))
+        if is_hopeless(steps, first, config):
+            break
+        if len(steps) > 1:
+            steps = reconsider_steps(steps, config)
+        present, assessment = steps[-1].choice.model, steps[-1].after
+        floor = assessment.structure.floor
+        if is_settled(first, assessment, floor, config) or dominates(steps, first, floor, config):
+            break
+    return steps
+
+
+def reconsider_steps(steps: Sequence[Step], config: DiagnosisConfig) -> tuple[Step, ...]:
+    """Exchange effects that others better; put those first without which most is missing.
+
+    The models of all steps but the last are quick fits to the whitening of the last.
+
+    Args:
+        steps: the effects that were added one after the other.
+        config: levels.
+    """
+    floor = steps[-1].after.structure.floor
+    added = [step.choice.best for step in steps]
+    model, choices = exchange(steps[-1].choice.model, added, floor, config.indifference)
+    order = sorted(choices, key=lambda choice: choice.without)
+    found: list[Step] = []
+    for choice in order:
+        found.insert(0, Step(replace(choice, model=model), assess(model, config.significance)))
+        model = model.without_effect(choice.best.name)
+    return tuple(found)
+
+
+def is_hopeless(steps: Sequence[Step], first: Assessment, config: DiagnosisConfig) -> bool:
+    """Whether the effects explain so little that more of them would be guesses."""
+    after = steps[-1].after
+    share = explained_share(first.rms, after.rms, after.structure.floor)
+    return share < (config.first_progress if len(steps) == 1 else config.second_progress)
+
+
+def dominates(
+    steps: Sequence[Step], first: Assessment, floor: float, config: DiagnosisConfig
+) -> bool:
+    """Whether the first effect alone explains nearly all of an error, whatever causes the rest."""
+    if not steps:
+        return False
+    return explained_share(first.rms, steps[0].after.rms, floor) >= config.dominating
+
+
+def add_effect(model: ResidualModel, before: Assessment, config: DiagnosisConfig) -> Choice | None:
+    """Add the effect with the best evidence, if it has any.
+
+    Where most of the error is a vibration that the motion does not have, only effects that can
+    ring are tried.
+    """
+    floor, scores = before.structure.floor, before.scores
+    line = find_vibration(model, floor)
+    if line is not None and line.share > config.vibration:
+        scores = tuple(score for score in scores if score.family.rings)
+    choice = choose_effect(model, scores, floor)
+    if choice is None or choice.best.criterion > choice.without - config.indifference:
+        return None
+    return choice
+
+
+def find_vibration(model: ResidualModel, floor: float) -> Line | None:
+    """A line of the residual that the motion, if it is known, does not have."""
+    residuals = model.residuals()
+    return None if residuals.drivers is None else find_line(residuals, floor)
+
+
+def is_settled(first: Assessment, after: Assessment, floor: float, config: DiagnosisConfig) -> bool:
+    """Whether what is left is noise, or too little to speak of."""
+    if after.adequate:
+        return True
+    share = explained_share(first.rms, after.rms, floor)
+    return share >= config.explained and after.rms <= config.near_floor * floor
+
+
+def explained_share(before: float, after: float, floor: float) -> float:
+    """Share of the squared error above the floor that is gone, from three RMS values."""
+    excess = before**2 - floor**2
+    left = max(after**2 - floor**2, 0.0)
+    return 1.0 - left / excess if excess > 0 else 0.0
