@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from functools import cached_property, wraps
-from typing import TypeVar
+from typing import Concatenate, ParamSpec, TypeVar
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -18,6 +18,7 @@ Array = NDArray[np.float64]
 GRAVITY_W = np.array([0.0, 0.0, -9.81])
 
 Value = TypeVar("Value")
+Given = ParamSpec("Given")
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,15 +73,19 @@ class WrenchSamples:
 
 
 def once_per_samples(
-    function: Callable[[WrenchSamples], Value],
-) -> Callable[[WrenchSamples], Value]:
-    """Remember what a function makes of samples for as long as they exist."""
-    known: WeakKeyDictionary[WrenchSamples, Value] = WeakKeyDictionary()
+    function: Callable[Concatenate[WrenchSamples, Given], Value],
+) -> Callable[Concatenate[WrenchSamples, Given], Value]:
+    """Remember what a function makes of samples, and of hashable arguments, while they exist."""
+    known: WeakKeyDictionary[WrenchSamples, dict[Hashable, Value]] = WeakKeyDictionary()
 
     @wraps(function)
-    def remembered(samples: WrenchSamples) -> Value:
-        if samples not in known:
-            known[samples] = function(samples)
-        return known[samples]
+    def remembered(
+        samples: WrenchSamples, /, *arguments: Given.args, **options: Given.kwargs
+    ) -> Value:
+        found = known.setdefault(samples, {})
+        key = (arguments, tuple(options.items()))
+        if key not in found:
+            found[key] = function(samples, *arguments, **options)
+        return found[key]
 
     return remembered

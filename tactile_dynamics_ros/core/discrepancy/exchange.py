@@ -9,7 +9,6 @@ from tactile_dynamics_ros.core.discrepancy.model import ResidualModel
 from tactile_dynamics_ros.core.discrepancy.screening import screen
 from tactile_dynamics_ros.core.discrepancy.selection import Choice, Trial, evidence, try_effects
 
-_CHANGES_PER_EFFECT = 2
 _REACH = 0.05
 
 
@@ -33,7 +32,7 @@ def exchange(
     Source: Miller 2002, Subset Selection in Regression, 3.3 (sequential replacement).
     """
     present = list(added)
-    changes = _CHANGES_PER_EFFECT * len(present)
+    changes = len(present)
     choices: list[Choice] = []
     while len(choices) < len(present):
         place = len(choices)

@@ -50,11 +50,11 @@ def find_effects(
         steps = (*steps, Step(choice, assess(choice.model, config.significance)))
         if is_hopeless(steps, first, config):
             break
-        if len(steps) > 1:
+        if len(steps) == 2 or (len(steps) > 2 and is_enough(steps, first, config)):
             steps = reconsider_steps(steps, config)
         present, assessment = steps[-1].choice.model, steps[-1].after
         floor = assessment.structure.floor
-        if is_settled(first, assessment, floor, config) or dominates(steps, first, floor, config):
+        if is_enough(steps, first, config) or dominates(steps, first, floor, config):
             break
     return steps
 
@@ -123,6 +123,12 @@ def is_settled(first: Assessment, after: Assessment, floor: float, config: Diagn
         return True
     share = explained_share(first.rms, after.rms, floor)
     return share >= config.explained and after.rms <= config.near_floor * floor
+
+
+def is_enough(steps: Sequence[Step], first: Assessment, config: DiagnosisConfig) -> bool:
+    """Whether what all steps leave is noise, or too little to speak of."""
+    after = steps[-1].after
+    return is_settled(first, after, after.structure.floor, config)
 
 
 def explained_share(before: float, after: float, floor: float) -> float:

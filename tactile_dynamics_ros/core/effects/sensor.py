@@ -7,7 +7,7 @@ from abc import abstractmethod
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
+from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples, once_per_samples
 from tactile_dynamics_ros.core.effects.effect import EffectParameter
 from tactile_dynamics_ros.core.effects.fingers import FingerEffect, FramedFingerEffect
 from tactile_dynamics_ros.core.effects.geometry import right_jacobian, vector_parameters
@@ -48,14 +48,22 @@ class _OffsetEffect(FramedFingerEffect):
 
     def finger_jacobian(self, samples: WrenchSamples, contact: int, theta: Array) -> Array:
         """-[p x b, b] while in contact, times the course over time."""
-        columns, turn = contact_map(samples, contact), self.axes(samples, contact)
-        columns = np.concatenate([columns[:, :, :3] @ turn, columns[:, :, 3:] @ turn], axis=2)
-        course = -self.course(samples) * samples.in_contact[:, contact]
-        return course[:, None, None] * columns[:, :, : len(theta)]
+        return _offset_columns(samples, type(self), self.frame, contact)[:, :, : len(theta)]
 
     @abstractmethod
     def course(self, samples: WrenchSamples) -> Array:
         """How the error develops, (N,)."""
+
+
+@once_per_samples
+def _offset_columns(
+    samples: WrenchSamples, kind: type[_OffsetEffect], frame: str, contact: int
+) -> Array:
+    effect = kind(frame=frame)
+    columns, turn = contact_map(samples, contact), effect.axes(samples, contact)
+    columns = np.concatenate([columns[:, :, :3] @ turn, columns[:, :, 3:] @ turn], axis=2)
+    course = -effect.course(samples) * samples.in_contact[:, contact]
+    return np.asarray(course[:, None, None] * columns)
 
 
 @register_effect

@@ -38,8 +38,8 @@ _BOTH = np.hstack([np.eye(6), np.eye(6)])
 class PoseFusionConfig:
     """How fast the object may slip in the hand, and what vision is worth."""
 
-    slip_position: float = parameter(2e-3, "usual slip in the hand", "m/sqrt(s)", 1e-7, 0.1)
-    slip_rotation_deg: float = parameter(1.2, "usual turn in the hand", "deg/sqrt(s)", 1e-4, 90.0)
+    slip_position: float = parameter(1.2e-3, "usual slip in the hand", "m/sqrt(s)", 1e-7, 0.1)
+    slip_rotation_deg: float = parameter(0.8, "usual turn in the hand", "deg/sqrt(s)", 1e-4, 90.0)
     adaptation: float = parameter(0.1, "how fast slip is learnt from innovations", "", 0.0, 1.0)
     strongest_slip: float = parameter(1e4, "largest factor on the usual slip's variance", "", 1.0)
     bias_position: float = parameter(2e-4, "constant error of vision", "m", 0.0, 0.1)
