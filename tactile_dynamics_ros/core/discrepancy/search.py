@@ -56,6 +56,9 @@ def find_effects(
         floor = assessment.structure.floor
         if is_enough(steps, first, config) or dominates(steps, first, floor, config):
             break
+        share = explained_share(first.rms, assessment.rms, floor)
+        if len(steps) > 1 and share < config.third_progress:
+            break
     return steps
 
 

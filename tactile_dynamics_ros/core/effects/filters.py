@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
@@ -59,7 +61,10 @@ def first_order_lag(time: Array, values: Array, tau: float) -> tuple[Array, Arra
 
 
 def integrate_linear(system: Array, drive: Array, start: Array) -> Array:
-    """States of s_k+1 = A_k s_k + d_k, the one loop over time that no filter replaces.
+    """States of s_k+1 = A_k s_k + d_k, in about sqrt(N) blocks that advance side by side.
+
+    Each block is integrated from zero together with its transition matrix; the states at the
+    beginnings of the blocks follow one from the other.
 
     Args:
         system: (N - 1, S, S).
@@ -69,10 +74,21 @@ def integrate_linear(system: Array, drive: Array, start: Array) -> Array:
     Returns:
         (N, S, m).
     """
-    states = np.empty((len(drive) + 1, *start.shape))
-    states[0] = start
-    state = start
-    for k in range(len(drive)):
-        state = system[k] @ state + drive[k]
-        states[k + 1] = state
-    return states
+    count, size = drive.shape[:2]
+    length = max(1, math.isqrt(count))
+    blocks = -(-count // length)
+    spare = blocks * length - count
+    steps = np.concatenate([system, np.tile(np.eye(size), (spare, 1, 1))])
+    pushes = np.concatenate([drive, np.zeros((spare, *drive.shape[1:]))])
+    joined = np.concatenate([steps, pushes], axis=2)
+    joined = joined.reshape(blocks, length, size, joined.shape[2])
+    for k in range(1, length):
+        onwards = joined[:, k, :, :size] @ joined[:, k - 1]
+        onwards[..., size:] += joined[:, k, :, size:]
+        joined[:, k] = onwards
+    begin = np.empty((blocks + 1, *start.shape))
+    begin[0] = start
+    for k in range(blocks):
+        begin[k + 1] = joined[k, -1, :, :size] @ begin[k] + joined[k, -1, :, size:]
+    states = joined[..., :size] @ begin[:-1, None] + joined[..., size:]
+    return np.concatenate([start[None], states.reshape(-1, *start.shape)[:count]])
