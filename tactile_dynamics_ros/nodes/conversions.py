@@ -88,8 +88,13 @@ def to_seconds(stamp: AnyStamp) -> float:
 
 def header(time: float | AnyStamp, frame_id: str) -> Header:
     """Return a header; `time` is a stamp or seconds."""
+    return Header(stamp=to_time(time), frame_id=frame_id)
+
+
+def to_time(time: float | AnyStamp) -> Time:
+    """Return the time message of a stamp or of seconds."""
     stamp = _stamp(time)
-    return Header(stamp=Time(sec=stamp.sec, nanosec=stamp.nanosec), frame_id=frame_id)
+    return Time(sec=stamp.sec, nanosec=stamp.nanosec)
 
 
 def _stamp(time: float | AnyStamp) -> AnyStamp:

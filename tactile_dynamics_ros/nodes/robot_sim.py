@@ -15,9 +15,9 @@ from tactile_dynamics_ros.nodes.conversions import (
     biotac_to_message,
     camera_info,
     depth_to_message,
-    header,
     joints_to_message,
     to_seconds,
+    to_time,
     uncertain_pose_to_message,
     wrench_to_message,
 )
@@ -69,7 +69,7 @@ class RobotSim(Shell):
             self._publish(self.robot.advance())
 
     def _publish(self, readings: Readings) -> None:
-        self._ticks.publish(Clock(clock=header(readings.time, "").stamp))
+        self._ticks.publish(Clock(clock=to_time(readings.time)))
         self._joints.publish(
             joints_to_message(
                 JOINT_NAMES,

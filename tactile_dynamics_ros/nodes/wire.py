@@ -27,8 +27,10 @@ from tactile_dynamics_ros.recording.cdr import DOUBLES, ENCAPSULATION, LITTLE_EN
 Array = NDArray[np.float64]
 Decoder = Callable[[bytes], Any]
 
-FRAME = 16
-"""Where the frame id begins: encapsulation, seconds, nanoseconds, length of the id."""
+STAMPED = ENCAPSULATION + 8
+"""Where the stamp ends."""
+FRAME = STAMPED + 4
+"""Where the text of the frame id begins, behind its length."""
 LITTLE = bytes((0, LITTLE_ENDIAN, 0, 0))
 
 
@@ -100,41 +102,35 @@ def decoder_of(kind: type[Any]) -> Decoder | None:
 
 def decode_stamped(data: bytes, count: int) -> Stamped:
     """Return header and the `count` doubles of a serialised message."""
-    order = _byte_order(data)
-    sec, nanosec, length = struct.unpack_from(order + "iII", data, ENCAPSULATION)
-    values = np.frombuffer(data, order + "f8", count, _aligned(FRAME + length))
-    return Stamped(Stamp(sec, nanosec), _text(data[FRAME : FRAME + length]), values)
+    order, stamp, end = _read_header(data)
+    values = np.frombuffer(data, order + "f8", count, _aligned(end))
+    return Stamped(stamp, _text(data[FRAME:end]), values)
 
 
 def encode_stamped(stamp: AnyStamp, frame_id: str, values: Array) -> bytes:
     """Return the serialised message of a header and doubles (K,)."""
-    time = struct.pack("<iI", stamp.sec, stamp.nanosec)
-    return b"".join((LITTLE, time, _frame(frame_id), values.astype("<f8", copy=False).tobytes()))
+    return _begin(stamp) + _frame(frame_id, 8) + values.astype("<f8", copy=False).tobytes()
 
 
 def decode_image(data: bytes) -> Picture:
     """Return a serialised Image."""
-    order = _byte_order(data)
-    sec, nanosec, length = struct.unpack_from(order + "iII", data, ENCAPSULATION)
-    at = _aligned(FRAME + length, 4)
+    order, stamp, end = _read_header(data)
+    at = _aligned(end, 4)
     height, width, length = struct.unpack_from(order + "III", data, at)
     end = at + 12 + length
     at = _aligned(end + 1, 4)
     step, size = struct.unpack_from(order + "II", data, at)
     encoding = _text(data[end - length : end])
     rows = data[at + 8 : at + 8 + size]
-    return Picture(Stamp(sec, nanosec), height, width, encoding, data[end], step, rows)
+    return Picture(stamp, height, width, encoding, data[end], step, rows)
 
 
 def encode_image(stamp: AnyStamp, frame_id: str, encoding: str, values: NDArray[Any]) -> bytes:
     """Return the serialised Image of values (H, W), whose bytes are little-endian."""
     height, width = values.shape
-    head = LITTLE + struct.pack("<iI", stamp.sec, stamp.nanosec) + _string(frame_id)
-    head += bytes(_aligned(len(head), 4) - len(head)) + struct.pack("<II", height, width)
-    head += _string(encoding) + b"\0"
-    head += bytes(_aligned(len(head), 4) - len(head))
-    head += struct.pack("<II", width * values.itemsize, values.nbytes)
-    return head + values.tobytes()
+    head = _begin(stamp) + _frame(frame_id, 4) + struct.pack("<II", height, width)
+    head = _padded(head + _string(encoding) + b"\0", 4)
+    return head + struct.pack("<II", width * values.itemsize, values.nbytes) + values.tobytes()
 
 
 class JointStateDecoder:
@@ -145,18 +141,16 @@ class JointStateDecoder:
 
     def __call__(self, data: bytes) -> Joints:
         """Return stamp, names and positions of a serialised JointState."""
-        order = _byte_order(data)
-        if not data.startswith(self._same, ENCAPSULATION + 8):
-            self._learn(data, order)
-        sec, nanosec = struct.unpack_from(order + "iI", data, ENCAPSULATION)
+        order, stamp, end = _read_header(data)
+        if not data.startswith(self._same, STAMPED):
+            self._learn(data, order, end)
         (count,) = struct.unpack_from(order + "I", data, self._start - 4)
         positions = np.frombuffer(data, order + "f8", count, _aligned(self._start) if count else 0)
-        return Joints(Stamp(sec, nanosec), self._names, positions)
+        return Joints(stamp, self._names, positions)
 
-    def _learn(self, data: bytes, order: str) -> None:
-        """Read frame id and names, and remember their bytes."""
-        (length,) = struct.unpack_from(order + "I", data, ENCAPSULATION + 8)
-        at = _aligned(FRAME + length, 4)
+    def _learn(self, data: bytes, order: str, end: int) -> None:
+        """Read the names behind the frame id, and remember the bytes of both."""
+        at = _aligned(end, 4)
         (count,) = struct.unpack_from(order + "I", data, at)
         at += 4
         names = []
@@ -166,7 +160,7 @@ class JointStateDecoder:
             names.append(_text(data[at + 4 : at + 4 + length]))
             at += 4 + length
         self._start = _aligned(at, 4) + 4
-        self._same, self._names = data[ENCAPSULATION + 8 : at], tuple(names)
+        self._same, self._names = data[STAMPED:at], tuple(names)
 
 
 def encode_joint_state(
@@ -177,13 +171,11 @@ def encode_joint_state(
     effort: Array | None = None,
 ) -> bytes:
     """Return the serialised JointState, with an empty frame id."""
-    time = struct.pack("<iI", stamp.sec, stamp.nanosec)
-    message = LITTLE + time + _joint_names(tuple(names))
+    message = _begin(stamp) + _joint_names(tuple(names))
     for values in (position, velocity, effort):
         message += struct.pack("<I", 0 if values is None else len(values))
         if values is not None and len(values):
-            message += bytes(_aligned(len(message)) - len(message))
-            message += np.asarray(values, dtype="<f8").tobytes()
+            message = _padded(message, 8) + np.asarray(values, dtype="<f8").tobytes()
     return message
 
 
@@ -193,13 +185,26 @@ COUNTS: dict[type[Any], int] = {
 }
 
 
-def _byte_order(data: bytes) -> str:
-    return "<" if data[1] == LITTLE_ENDIAN else ">"
+def _read_header(data: bytes) -> tuple[str, Stamp, int]:
+    """Return the byte order, the stamp, and where the frame id ends."""
+    order = "<" if data[1] == LITTLE_ENDIAN else ">"
+    sec, nanosec, length = struct.unpack_from(order + "iII", data, ENCAPSULATION)
+    return order, Stamp(sec, nanosec), FRAME + length
+
+
+def _begin(stamp: AnyStamp) -> bytes:
+    """Return encapsulation and stamp."""
+    return LITTLE + struct.pack("<iI", stamp.sec, stamp.nanosec)
 
 
 def _aligned(offset: int, size: int = 8) -> int:
     """Return the next place that is aligned, counted from behind the encapsulation."""
     return offset + (ENCAPSULATION - offset) % size
+
+
+def _padded(message: bytes, size: int) -> bytes:
+    """Return a message, or what precedes the next field, padded to its alignment."""
+    return message + bytes(_aligned(len(message), size) - len(message))
 
 
 @lru_cache
@@ -213,17 +218,15 @@ def _string(text: str) -> bytes:
 
 
 @lru_cache
-def _frame(frame_id: str) -> bytes:
-    """Return a frame id with its length, padded for the doubles that follow."""
-    text = _string(frame_id)
-    return text + bytes(_aligned(FRAME - 4 + len(text)) - (FRAME - 4 + len(text)))
+def _frame(frame_id: str, size: int) -> bytes:
+    """Return a frame id behind the stamp, padded for a field of `size` bytes."""
+    return _padded(bytes(STAMPED) + _string(frame_id), size)[STAMPED:]
 
 
 @lru_cache
 def _joint_names(names: tuple[str, ...]) -> bytes:
-    """Return an empty frame id and names, padded for the length that follows."""
-    head = ENCAPSULATION + 8
-    message = bytes(head) + _string("")
-    for text in (struct.pack("<I", len(names)), *map(_string, names)):
-        message += bytes(_aligned(len(message), 4) - len(message)) + text
-    return message[head:] + bytes(_aligned(len(message), 4) - len(message))
+    """Return an empty frame id and names behind the stamp, padded for the length that follows."""
+    message = bytes(STAMPED) + _frame("", 4) + struct.pack("<I", len(names))
+    for name in names:
+        message = _padded(message, 4) + _string(name)
+    return _padded(message, 4)[STAMPED:]
