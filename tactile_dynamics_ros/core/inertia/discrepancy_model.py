@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -23,13 +23,16 @@ from tactile_dynamics_ros.core.effects.registry import create_effect, registered
 from tactile_dynamics_ros.core.inertia.fitted_model import FittedModel
 from tactile_dynamics_ros.core.inertia.fitting import fit_model
 from tactile_dynamics_ros.core.inertia.least_squares import levenberg_marquardt
+from tactile_dynamics_ros.core.inertia.quick_fit import (
+    ExtendedSystem,
+    FrozenSystem,
+    Whitening,
+)
 from tactile_dynamics_ros.core.inertia.separating_motion import plan_separation
 from tactile_dynamics_ros.core.inertia.term_library import wrench_terms
-from tactile_dynamics_ros.core.inertia.uncertainty import HOLD
 from tactile_dynamics_ros.core.inertia.wrench_residuals import wrench_residuals
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     log_cholesky,
-    log_cholesky_jacobian,
     pseudo_inertia,
 )
 
@@ -45,45 +48,6 @@ _FLATTEST = 0.1
 
 
 @dataclass(frozen=True)
-class _Whitening:
-    """The fitted model that whitens, and the white columns computed on it so far."""
-
-    model: FittedModel
-    columns: dict[str, tuple[Effect, Array]] = field(default_factory=dict)
-
-    @cached_property
-    def regressor(self) -> Array:
-        """(M, 10) white regressor of the load alone."""
-        return self._whiten([b.problem.regressor for b in self.model.blocks])
-
-    @cached_property
-    def start(self) -> Array:
-        """(M,) white residual of the model plus its effects at the denoised samples."""
-        model = self.model
-        total = [np.zeros((b.problem.count, 6)) for b in model.blocks]
-        for effect, theta in zip(model.effects, model.theta, strict=True):
-            for delta, block in zip(total, model.blocks, strict=True):
-                delta += effect.wrench(block.problem.samples, model.phi, theta)
-        return model.white_residual + self._whiten(total)
-
-    def _whiten(self, values: Sequence[Array]) -> Array:
-        parts = zip(self.model.blocks, values, strict=True)
-        return np.concatenate([block.linearisation.whiten(value) for block, value in parts])
-
-    def whiten(self, values: Sequence[Array]) -> Array:
-        """White form of values (N, 6, ...) per block."""
-        return self._whiten(values)
-
-    def family_columns(self, effect: Effect) -> Array:
-        """White screening basis of one reading."""
-        if effect.label not in self.columns:
-            phi = self.model.phi
-            basis = [effect.screening_basis(b.problem.samples, phi) for b in self.model.blocks]
-            self.columns[effect.label] = (effect, self._whiten(basis))
-        return self.columns[effect.label][1]
-
-
-@dataclass(frozen=True)
 class HeldObjectModel:
     """Rigid body with effects: residuals at a fixed whitening, quick and thorough refits.
 
@@ -95,7 +59,7 @@ class HeldObjectModel:
         catalogue: labels or names of the effects that may be tried.
     """
 
-    whitening: _Whitening
+    whitening: Whitening
     phi: Array
     effects: tuple[Effect, ...]
     theta: tuple[Array, ...]
@@ -112,7 +76,7 @@ class HeldObjectModel:
             catalogue: effects that may be tried; all registered by default.
         """
         names = tuple(catalogue) if catalogue is not None else registered_names()
-        return cls(_Whitening(model), model.phi, model.effects, model.theta, names)
+        return cls(Whitening(model), model.phi, model.effects, model.theta, names)
 
     @property
     def fitted(self) -> FittedModel:
@@ -133,7 +97,7 @@ class HeldObjectModel:
 
     @cached_property
     def _evaluated(self) -> tuple[Array, Array]:
-        system = _FrozenSystem(self.whitening, self.effects)
+        system = FrozenSystem(self.whitening, self.effects)
         return system.evaluate(np.concatenate([self.phi, *self.theta]))
 
     @property
@@ -194,7 +158,7 @@ class HeldObjectModel:
         block = self.fitted.blocks[0]
         lacking = block.problem.residual(self.phi, self.effects, self.theta)
         start = effect.initial_guess(block.problem.samples, self.phi, coefficients, lacking)
-        system = _ExtendedSystem(self, effect)
+        system = ExtendedSystem(self, effect)
         solution, _ = levenberg_marquardt(
             system.evaluate,
             np.concatenate([np.zeros(system.present), start]),
@@ -209,12 +173,11 @@ class HeldObjectModel:
 
     def _moved(self, change: Array, effect: Effect, theta: Array) -> HeldObjectModel:
         """The model with its parameters changed and one effect more."""
-        sizes = np.cumsum([10, *[len(t) for t in self.theta]])
-        parts = np.split(change, sizes[:-1])
-        moved = [t + d for t, d in zip(self.theta, parts[1:], strict=True)]
+        by_phi, by_theta = _split(change, self.theta)
+        moved = [t + d for t, d in zip(self.theta, by_theta, strict=True)]
         return HeldObjectModel(
             self.whitening,
-            self.phi + parts[0],
+            self.phi + by_phi,
             (*self.effects, effect),
             (*moved, theta),
             self.catalogue,
@@ -301,102 +264,20 @@ class HeldObjectModel:
         return plan_separation(self, others)
 
     def _fitted(self, effects: tuple[Effect, ...], theta: tuple[Array, ...]) -> HeldObjectModel:
-        system = _FrozenSystem(self.whitening, effects)
+        system = FrozenSystem(self.whitening, effects)
         start = np.concatenate([self.phi, *theta])
         solution, _ = levenberg_marquardt(
             system.evaluate, start, _JOINT_ITERATIONS, _QUICK_TOLERANCE
         )
-        sizes = np.cumsum([10, *[len(t) for t in theta]])
-        parts = np.split(solution, sizes[:-1])
-        return HeldObjectModel(self.whitening, parts[0], effects, tuple(parts[1:]), self.catalogue)
+        phi, found = _split(solution, theta)
+        return HeldObjectModel(self.whitening, phi, effects, found, self.catalogue)
 
 
-class _ExtendedSystem:
-    """Residual and Jacobian by the change of a model's parameters, linear, and a new effect's."""
-
-    def __init__(self, model: HeldObjectModel, effect: Effect) -> None:
-        self._model, self._effect = model, effect
-        self._frozen = _FrozenSystem(model.whitening, model.effects)
-        self._residual, self._jacobian = self._frozen.evaluate(
-            np.concatenate([model.phi, *model.theta])
-        )
-        stds = [p.prior_std for p in effect.parameters(model.fitted.blocks[0].problem.samples)]
-        self._prior = np.diag(1.0 / np.array(stds, dtype=float))
-        self.present = self._jacobian.shape[1]
-
-    def evaluate(self, x: Array) -> tuple[Array, Array]:
-        """Rows of the data, then rows of the priors."""
-        change, theta = x[: self.present], x[self.present :]
-        phi = self._model.phi + change[:10]
-        delta, by_phi, by_theta = self._frozen.white_effect(self._effect, phi, theta)
-        rows, count = len(delta), len(theta)
-        residual = self._residual + self._jacobian @ change
-        residual[:rows] -= delta
-        jacobian = np.zeros((len(residual) + count, len(x)))
-        jacobian[: len(residual), : self.present] = self._jacobian
-        jacobian[:rows, self.present :] = -by_theta
-        if by_phi is not None:
-            jacobian[:rows, :10] -= by_phi
-        jacobian[len(residual) :, self.present :] = self._prior
-        return np.concatenate([residual, self._prior @ theta]), jacobian
-
-
-class _FrozenSystem:
-    """Residual and Jacobian by [phi, theta] at fixed denoised signals and whitening, with prior.
-
-    The prior of phi is that of the fitted model, linear about it.
-    """
-
-    def __init__(self, whitening: _Whitening, effects: tuple[Effect, ...]) -> None:
-        self._whitening, self._effects = whitening, effects
-        self._model = whitening.model
-        samples = self._model.blocks[0].problem.samples
-        self._counts = [len(effect.parameters(samples)) for effect in effects]
-        stds = [p.prior_std for effect in effects for p in effect.parameters(samples)]
-        self._prior_rows, self._prior_values = self._prior(np.array(stds, dtype=float))
-
-    def evaluate(self, x: Array) -> tuple[Array, Array]:
-        """Rows of the data, then rows of the prior."""
-        whitening, phi = self._whitening, x[:10]
-        residual = whitening.start + whitening.regressor @ (phi - self._model.phi)
-        jacobian = np.empty((len(residual), len(x)))
-        jacobian[:, :10] = whitening.regressor
-        first = 10
-        for effect, count in zip(self._effects, self._counts, strict=True):
-            part = slice(first, first + count)
-            delta, by_phi, by_theta = self.white_effect(effect, phi, x[part])
-            residual = residual - delta
-            jacobian[:, part] = -by_theta
-            if by_phi is not None:
-                jacobian[:, :10] -= by_phi
-            first += count
-        prior = self._prior_rows @ x + self._prior_values
-        return np.concatenate([residual, prior]), np.concatenate([jacobian, self._prior_rows])
-
-    def white_effect(
-        self, effect: Effect, phi: Array, theta: Array
-    ) -> tuple[Array, Array | None, Array]:
-        """White Delta with its derivatives by phi (None if zero) and theta."""
-        values, by_phi, by_theta = [], [], []
-        for block in self._model.blocks:
-            samples = block.problem.samples
-            values.append(effect.wrench(samples, phi, theta))
-            by_theta.append(effect.jacobian(samples, phi, theta))
-            by_phi.append(effect.inertia_jacobian(samples, phi, theta))
-        depends = any(np.any(part) for part in by_phi)
-        white = self._whitening.whiten
-        return white(values), white(by_phi) if depends else None, white(by_theta)
-
-    def _prior(self, stds: Array) -> tuple[Array, Array]:
-        model = self._model
-        to_xi = np.linalg.inv(log_cholesky_jacobian(model.xi)) / model.prior.std[:, None]
-        keep = np.concatenate([np.eye(10), HOLD * model.unexcited.T])
-        rows = np.zeros((len(keep) + len(stds), 10 + len(stds)))
-        rows[: len(keep), :10] = keep @ to_xi
-        rows[len(keep) :, 10:] = np.diag(1.0 / stds)
-        centre = (model.xi - model.prior.mean) / model.prior.std
-        values = np.concatenate([keep @ (centre - to_xi @ model.phi), np.zeros(len(stds))])
-        return rows, values
+def _split(values: Array, theta: Sequence[Array]) -> tuple[Array, tuple[Array, ...]]:
+    """Take [phi, theta] apart, with as many values for each effect as it has in ``theta``."""
+    sizes = np.cumsum([10, *[len(part) for part in theta]])
+    phi, *parts = np.split(values, sizes[:-1])
+    return phi, tuple(parts)
 
 
 def _nearest_body(phi: Array, reference: Array) -> Array:

@@ -143,7 +143,7 @@ class Registration:
         for _ in range(0 if near else config.coarse_steps):
             system = self._nearest_terms(scene, pose)
             pose = self._step(pose, system.information, system.gradient)
-        for k in range(near, config.fine_steps):
+        for k in range(1 if near else 0, config.fine_steps):
             blur = BLUR[min(k, len(BLUR) - 1)]
             if k < len(BLUR):
                 drawing = draw(self.shape, scene, pose, blur * config.outline_band)

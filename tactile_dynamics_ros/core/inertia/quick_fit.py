@@ -1,0 +1,148 @@
+"""Quick fits of a held object: effects at the denoised signals and whitening of one full fit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.effects.effect import Effect
+from tactile_dynamics_ros.core.inertia.fitted_model import FittedModel
+from tactile_dynamics_ros.core.inertia.uncertainty import HOLD
+from tactile_dynamics_ros.core.rigid_body.inertial_parameters import log_cholesky_jacobian
+
+if TYPE_CHECKING:
+    from tactile_dynamics_ros.core.inertia.discrepancy_model import HeldObjectModel
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Whitening:
+    """The fitted model that whitens, and the white columns computed on it so far."""
+
+    model: FittedModel
+    columns: dict[str, tuple[Effect, Array]] = field(default_factory=dict)
+
+    @cached_property
+    def regressor(self) -> Array:
+        """(M, 10) white regressor of the load alone."""
+        return self._whiten([b.problem.regressor for b in self.model.blocks])
+
+    @cached_property
+    def start(self) -> Array:
+        """(M,) white residual of the model plus its effects at the denoised samples."""
+        model = self.model
+        total = [np.zeros((b.problem.count, 6)) for b in model.blocks]
+        for effect, theta in zip(model.effects, model.theta, strict=True):
+            for delta, block in zip(total, model.blocks, strict=True):
+                delta += effect.wrench(block.problem.samples, model.phi, theta)
+        return model.white_residual + self._whiten(total)
+
+    def _whiten(self, values: Sequence[Array]) -> Array:
+        parts = zip(self.model.blocks, values, strict=True)
+        return np.concatenate([block.linearisation.whiten(value) for block, value in parts])
+
+    def whiten(self, values: Sequence[Array]) -> Array:
+        """White form of values (N, 6, ...) per block."""
+        return self._whiten(values)
+
+    def family_columns(self, effect: Effect) -> Array:
+        """White screening basis of one reading."""
+        if effect.label not in self.columns:
+            phi = self.model.phi
+            basis = [effect.screening_basis(b.problem.samples, phi) for b in self.model.blocks]
+            self.columns[effect.label] = (effect, self._whiten(basis))
+        return self.columns[effect.label][1]
+
+
+class FrozenSystem:
+    """Residual and Jacobian by [phi, theta] at fixed denoised signals and whitening, with prior.
+
+    The prior of phi is that of the fitted model, linear about it.
+    """
+
+    def __init__(self, whitening: Whitening, effects: tuple[Effect, ...]) -> None:
+        self._whitening, self._effects = whitening, effects
+        self._model = whitening.model
+        samples = self._model.blocks[0].problem.samples
+        self._counts = [len(effect.parameters(samples)) for effect in effects]
+        stds = [p.prior_std for effect in effects for p in effect.parameters(samples)]
+        self._prior_rows, self._prior_values = self._prior(np.array(stds, dtype=float))
+
+    def evaluate(self, x: Array) -> tuple[Array, Array]:
+        """Rows of the data, then rows of the prior."""
+        whitening, phi = self._whitening, x[:10]
+        residual = whitening.start + whitening.regressor @ (phi - self._model.phi)
+        jacobian = np.empty((len(residual), len(x)))
+        jacobian[:, :10] = whitening.regressor
+        first = 10
+        for effect, count in zip(self._effects, self._counts, strict=True):
+            part = slice(first, first + count)
+            delta, by_phi, by_theta = self.white_effect(effect, phi, x[part])
+            residual = residual - delta
+            jacobian[:, part] = -by_theta
+            if by_phi is not None:
+                jacobian[:, :10] -= by_phi
+            first += count
+        prior = self._prior_rows @ x + self._prior_values
+        return np.concatenate([residual, prior]), np.concatenate([jacobian, self._prior_rows])
+
+    def white_effect(
+        self, effect: Effect, phi: Array, theta: Array
+    ) -> tuple[Array, Array | None, Array]:
+        """White Delta with its derivatives by phi (None if zero) and theta."""
+        values, by_phi, by_theta = [], [], []
+        for block in self._model.blocks:
+            samples = block.problem.samples
+            values.append(effect.wrench(samples, phi, theta))
+            by_theta.append(effect.jacobian(samples, phi, theta))
+            by_phi.append(effect.inertia_jacobian(samples, phi, theta))
+        depends = any(np.any(part) for part in by_phi)
+        white = self._whitening.whiten
+        return white(values), white(by_phi) if depends else None, white(by_theta)
+
+    def _prior(self, stds: Array) -> tuple[Array, Array]:
+        model = self._model
+        to_xi = np.linalg.inv(log_cholesky_jacobian(model.xi)) / model.prior.std[:, None]
+        keep = np.concatenate([np.eye(10), HOLD * model.unexcited.T])
+        rows = np.zeros((len(keep) + len(stds), 10 + len(stds)))
+        rows[: len(keep), :10] = keep @ to_xi
+        rows[len(keep) :, 10:] = np.diag(1.0 / stds)
+        centre = (model.xi - model.prior.mean) / model.prior.std
+        values = np.concatenate([keep @ (centre - to_xi @ model.phi), np.zeros(len(stds))])
+        return rows, values
+
+
+class ExtendedSystem:
+    """Residual and Jacobian by the change of a model's parameters, linear, and a new effect's."""
+
+    def __init__(self, model: HeldObjectModel, effect: Effect) -> None:
+        self._model, self._effect = model, effect
+        self._frozen = FrozenSystem(model.whitening, model.effects)
+        self._residual, self._jacobian = self._frozen.evaluate(
+            np.concatenate([model.phi, *model.theta])
+        )
+        stds = [p.prior_std for p in effect.parameters(model.fitted.blocks[0].problem.samples)]
+        self._prior = np.diag(1.0 / np.array(stds, dtype=float))
+        self.present = self._jacobian.shape[1]
+
+    def evaluate(self, x: Array) -> tuple[Array, Array]:
+        """Rows of the data, then rows of the priors."""
+        change, theta = x[: self.present], x[self.present :]
+        phi = self._model.phi + change[:10]
+        delta, by_phi, by_theta = self._frozen.white_effect(self._effect, phi, theta)
+        rows, count = len(delta), len(theta)
+        residual = self._residual + self._jacobian @ change
+        residual[:rows] -= delta
+        jacobian = np.zeros((len(residual) + count, len(x)))
+        jacobian[: len(residual), : self.present] = self._jacobian
+        jacobian[:rows, self.present :] = -by_theta
+        if by_phi is not None:
+            jacobian[:rows, :10] -= by_phi
+        jacobian[len(residual) :, self.present :] = self._prior
+        return np.concatenate([residual, self._prior @ theta]), jacobian
