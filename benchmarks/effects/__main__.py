@@ -33,8 +33,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def describe(summary: dict[str, Any]) -> str:
     """The summary for people, with the required rate beside each line."""
-    clean, single, ambiguous, pairs, outside = (
-        summary[key] for key in ("clean", "single", "ambiguous", "pairs", "outside")
+    clean, single, calm, ambiguous, pairs, outside = (
+        summary[key] for key in ("clean", "single", "calm", "ambiguous", "pairs", "outside")
     )
     seconds = summary["seconds"]
     lines = [
@@ -45,6 +45,7 @@ def describe(summary: dict[str, Any]) -> str:
         _line("single: worst effect", single["worst_effect_right_or_group"], None, ">= 70 %"),
         _line("single: error within 1.1 floor", single["error_at_floor"], None, ">= 90 %"),
         _line("single: parameter in its 95 %", single["coverage"], None, "90-98 %"),
+        _line("calm: right name or group", calm["right_or_group"], calm["count"], ""),
         _line("ambiguous: motion proposed", _ratio(ambiguous), ambiguous["count"], ""),
         _line("ambiguous: resolved by it", ambiguous["resolved"], ambiguous["planned"], ">= 80 %"),
         _line("pairs: both in two steps", pairs["both_within_two"], pairs["count"], ""),
@@ -80,7 +81,7 @@ def _choose_cases(options: argparse.Namespace) -> list[Case]:
     if options.quick:
         cases = plan_quick(options.start)
     else:
-        cases = plan(options.start, options.seeds, options.clean, options.pairs, options.outside)
+        cases = plan(options.start, options.seeds, options.clean, options.pairs, options.outside, options.calm)
     wanted = set(options.only or [])
     cases = [case for case in cases if not wanted or wanted & {case.kind, *case.effects}]
     return [case for case in cases if not options.levels or case.level in options.levels]
@@ -94,6 +95,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--clean", type=int, default=60, help="recordings without an effect")
     parser.add_argument("--pairs", type=int, default=32, help="recordings with two effects")
     parser.add_argument("--outside", type=int, default=3, help="recordings per unknown effect")
+    parser.add_argument("--calm", type=int, default=2, help="calm recordings per effect")
     parser.add_argument("--start", type=int, default=REPORT_START, help="first seed")
     parser.add_argument("--workers", type=int, default=1, help="processes")
     parser.add_argument("--only", nargs="*", help="kinds or effects, for example clean force_bias")

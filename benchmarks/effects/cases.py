@@ -21,7 +21,8 @@ class Case:
     """One recording.
 
     Attributes:
-        kind: "clean", "single", "pair" or "outside".
+        kind: "clean", "single", "calm" (single effects, a motion that tells little), "pair" or
+            "outside".
         effects: what is hidden.
         level: whitened RMS to which each effect alone would raise the error.
         seed: of everything else.
@@ -41,7 +42,18 @@ class Case:
         return f"{self.kind}:{hidden}:{self.level:g}:{self.seed}:{self.duration:g}"
 
     def scenario(self) -> ScenarioOptions:
-        """Half of the recordings have a re-grasp, a quarter loses contact, a third has no roll."""
+        """Half of the recordings have a re-grasp, a quarter loses contact, a third has no roll.
+
+        Calm ones turn by a few degrees in one and the same grasp.
+        """
+        if self.kind == "calm":
+            return ScenarioOptions(
+                duration=self.duration,
+                band_hz=(0.2, 0.8),
+                position_peak=(0.01, 0.03),
+                angle_peak_deg=(4.0, 12.0),
+                finger_roll=False,
+            )
         return ScenarioOptions(
             duration=self.duration,
             finger_roll=self.seed % 3 != 0,
@@ -69,7 +81,9 @@ def plan_quick(start: int) -> list[Case]:
     ]
 
 
-def plan(start: int, seeds: int, clean: int, pairs: int, outside: int) -> list[Case]:
+def plan(
+    start: int, seeds: int, clean: int, pairs: int, outside: int, calm: int
+) -> list[Case]:
     """Return all cases: those that matter most come first in every round of seeds.
 
     Args:
@@ -78,6 +92,7 @@ def plan(start: int, seeds: int, clean: int, pairs: int, outside: int) -> list[C
         clean: recordings without any effect.
         pairs: recordings with two effects.
         outside: recordings per effect outside the catalogue.
+        calm: recordings per effect with a motion that tells little.
     """
     cases = [Case("clean", (), 1.0, start + k) for k in range(clean)]
     for k in range(max(seeds, outside)):
@@ -86,6 +101,7 @@ def plan(start: int, seeds: int, clean: int, pairs: int, outside: int) -> list[C
         if k < outside:
             cases += [Case("outside", (name,), 2.0, start + k) for name in OUTSIDE]
     cases += list(_draw_pairs(start, pairs))
+    cases += [Case("calm", (name,), 2.0, start + k) for k in range(calm) for name in CATALOGUE]
     for level in (2.0, 1.2, 4.0, 1.1):
         cases += [
             Case("single", (name,), level, start + k) for k in range(seeds) for name in CATALOGUE

@@ -59,12 +59,18 @@ def grade(records: Iterable[Record]) -> dict[str, Any]:
     for record in records:
         by_kind["crash" if "crash" in record else record["kind"]].append(record)
     singles = [record for record in by_kind["single"] if not _is_too_weak(record)]
+    calm = [record for record in by_kind["calm"] if not _is_too_weak(record)]
     strong = [record for record in singles if record["level"] >= STRONG]
     return {
         "clean": _grade_clean(by_kind["clean"]),
         "single": _grade_single(strong),
         "thresholds": find_thresholds(singles),
-        "ambiguous": _grade_ambiguous(by_kind["single"]),
+        "calm": {
+            "count": len(calm),
+            "right_alone": _share(calm, is_right_alone),
+            "right_or_group": _share(calm, is_in_group),
+        },
+        "ambiguous": _grade_ambiguous([*by_kind["single"], *calm]),
         "pairs": _grade_pairs(by_kind["pair"]),
         "outside": _grade_outside(by_kind["outside"]),
         "seconds": _grade_time(by_kind),
@@ -247,7 +253,7 @@ def _has_right_tone(record: Record) -> bool:
 
 def _is_too_weak(record: Record) -> bool:
     """The effect could not be made large enough to reach its level on this object."""
-    if "crash" in record or record["kind"] != "single":
+    if "crash" in record or record["kind"] not in ("single", "calm"):
         return False
     return record["reached"][0] < TOO_WEAK * record["level"]
 

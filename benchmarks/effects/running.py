@@ -40,7 +40,7 @@ def run_case(case: Case, ask: Ask = ask_command) -> dict[str, Any]:
             record["diagnose"] = _plain(ask(["diagnose", bag]))
         if case.kind == "clean":
             record["compare"] = _plain(ask(["compare", bag]))
-        if case.kind == "single":
+        if case.kind in ("single", "calm"):
             record["estimates"] = _estimates(case.effects[0], record["diagnose"], bag, ask)
             record["separated"] = _separate(case, recording, record["diagnose"], folder, ask)
     return record

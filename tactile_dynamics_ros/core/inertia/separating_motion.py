@@ -30,12 +30,13 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _DECISIVE = 30.0
+_VAGUE = 1e-9
 _RATE_HZ = 20.0
 _RECORDED_HZ = 100.0
 _FRICTION = 0.8
 _REGRASP_ANGLE = 0.8
 _EFFORT = DesignConfig(
-    duration=20.0, lowest_hz=0.15, highest_hz=1.2, sines=4, evaluations=80, grid_rate_hz=_RATE_HZ
+    duration=20.0, lowest_hz=0.15, highest_hz=2.5, sines=5, evaluations=100, grid_rate_hz=_RATE_HZ
 )
 _LIMITS = MotionLimits(rotation=0.7, translation=0.08)
 _AXES = ("x", "y", "z")
@@ -49,22 +50,20 @@ class Rival:
         phi: (10,).
         effects: with their parameters theta.
         theta: of each effect.
-        information: (10 + k, 10 + k) of the recording and the priors on [phi, theta].
+        prior: (10 + k,) information on [phi, theta] before anything is measured.
     """
 
     phi: Array
     effects: tuple[Effect, ...]
     theta: tuple[Array, ...]
-    information: Array
+    prior: Array
 
     @classmethod
     def from_model(cls, model: HeldObjectModel) -> Rival:
         """Read a fitted model."""
-        jacobian = model.jacobian
-        information = jacobian.T @ jacobian + 1e-9 * np.eye(jacobian.shape[1])
         stds = [p.prior_std for e in model.effects for p in e.parameters(model.samples)]
-        information[10:, 10:] += np.diag(np.array(stds, dtype=float) ** -2.0)
-        return cls(model.phi, model.effects, model.theta, information)
+        prior = np.concatenate([np.full(10, _VAGUE), np.array(stds, dtype=float) ** -2.0])
+        return cls(model.phi, model.effects, model.theta, prior)
 
     def wrench(self, samples: WrenchSamples) -> Array:
         """Contact wrench (N, 6) that this explanation predicts: Y phi - Delta."""
@@ -85,10 +84,11 @@ class Rival:
 
 @dataclass(frozen=True)
 class SeparationCriterion:
-    """How little the least different rivals would differ after a motion (smaller is better).
+    """How little the least different rivals differ in a new recording (smaller is better).
 
     chi^2 = min_d |W^-1/2 (w_a - w_b - G_b d)|^2 + d^T H_b d, with w the predicted wrenches, G_b
-    their derivatives and H_b what is known of rival b; minus the smallest over the rivals.
+    their derivatives and H_b the prior of rival b; minus the smallest over the rivals. The new
+    recording stands alone: all that was learned from the present one may be learned anew.
     Source: Box, Hill 1967, on discrimination among mechanistic models.
     """
 
@@ -96,23 +96,27 @@ class SeparationCriterion:
     others: tuple[Rival, ...]
     force_std: float
 
-    def __call__(self, samples: WrenchSamples) -> float:
-        """Evaluate the criterion."""
-        return -min(self.chi_square(samples, other) for other in self.others)
+    def __call__(self, *parts: WrenchSamples) -> float:
+        """Evaluate the criterion for a recording of one or more parts of equal weight."""
+        return -min(self.chi_square(parts, other) for other in self.others)
 
-    def chi_square(self, samples: WrenchSamples, other: Rival) -> float:
+    def chi_square(self, parts: Sequence[WrenchSamples], other: Rival) -> float:
         """Squared difference that the other cannot adapt to, in units of the noise."""
-        factor = np.linalg.cholesky(wrench_covariance(samples, self.force_std))
-        difference = (self.best.wrench(samples) - other.wrench(samples))[..., None]
-        both = np.concatenate([difference, other.columns(samples)], axis=2)
-        white = np.linalg.solve(factor, both).reshape(-1, both.shape[2])
+        white = np.concatenate([self._difference(samples, other) for samples in parts])
         target, columns = white[:, 0], white[:, 1:]
-        rate = _RECORDED_HZ / _RATE_HZ
-        information = rate * columns.T @ columns + other.information
+        rate = _RECORDED_HZ / _RATE_HZ / len(parts)
+        information = rate * columns.T @ columns + np.diag(other.prior)
         gradient = rate * columns.T @ target
         scale = np.sqrt(np.diag(information))
         solution = np.linalg.lstsq(information / np.outer(scale, scale), gradient / scale)[0]
         return float(rate * target @ target - gradient @ (solution / scale))
+
+    def _difference(self, samples: WrenchSamples, other: Rival) -> Array:
+        """White [w_a - w_b, G_b], one row per component of a sample."""
+        factor = np.linalg.cholesky(wrench_covariance(samples, self.force_std))
+        difference = (self.best.wrench(samples) - other.wrench(samples))[..., None]
+        both = np.concatenate([difference, other.columns(samples)], axis=2)
+        return np.asarray(np.linalg.solve(factor, both).reshape(-1, both.shape[2]))
 
 
 def plan_separation(
@@ -140,7 +144,8 @@ def plan_separation(
         return None
     if -motion.value >= _DECISIVE:
         return _motion_plan(motion)
-    regrasped = criterion(_regrasp(grip).load(start.follow(motion.offsets, _times()), best.phi))
+    moved = start.follow(motion.offsets, _times())
+    regrasped = criterion(grip.load(moved, best.phi), _regrasp(grip).load(moved, best.phi))
     if -regrasped >= _DECISIVE:
         return _regrasp_plan(-regrasped, motion)
     return None
@@ -199,9 +204,9 @@ def _regrasp_plan(chi_square: float, motion: DesignedMotion) -> dict[str, Any]:
     return {
         "kind": "regrasp",
         "description": (
-            f"grasp the object at other points (contacts turned by {np.degrees(_REGRASP_ANGLE):.0f}"
-            " deg about it and moved along it) and record again in the same session; no motion "
-            "with the present grasp separates them"
+            "move the object, grasp it at other points (contacts turned by "
+            f"{np.degrees(_REGRASP_ANGLE):.0f} deg about it and moved along it) and move it again, "
+            "all in one recording; no motion with one grasp separates them"
         ),
         "expected_chi_square": chi_square,
         "grip_usage": motion.grip_usage,
