@@ -81,7 +81,14 @@ def _choose_cases(options: argparse.Namespace) -> list[Case]:
     if options.quick:
         cases = plan_quick(options.start)
     else:
-        cases = plan(options.start, options.seeds, options.clean, options.pairs, options.outside, options.calm)
+        cases = plan(
+            options.start,
+            options.seeds,
+            options.clean,
+            options.pairs,
+            options.outside,
+            options.calm,
+        )
     wanted = set(options.only or [])
     cases = [case for case in cases if not wanted or wanted & {case.kind, *case.effects}]
     return [case for case in cases if not options.levels or case.level in options.levels]

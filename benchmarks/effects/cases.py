@@ -81,9 +81,7 @@ def plan_quick(start: int) -> list[Case]:
     ]
 
 
-def plan(
-    start: int, seeds: int, clean: int, pairs: int, outside: int, calm: int
-) -> list[Case]:
+def plan(start: int, seeds: int, clean: int, pairs: int, outside: int, calm: int) -> list[Case]:
     """Return all cases: those that matter most come first in every round of seeds.
 
     Args:

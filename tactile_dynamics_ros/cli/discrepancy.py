@@ -122,13 +122,19 @@ def _compare_lines(document: dict[str, Any]) -> list[str]:
     lines = [
         f"error: {error['whitened_rms']:.2f} times the stated sensor noise (whitened RMS), "
         f"{error['force_rms_n']:.3g} N" + ("" if torque is None else f", {torque:.3g} N m"),
-        f"the model is {'adequate' if document['adequate'] else 'not adequate'} "
-        f"(p = {document['p_value']:.2g})",
+        f"the model is {'adequate' if document['adequate'] else 'not adequate'} ({_why(document)})",
     ]
     for place in document["fails_where"]:
         share = 100.0 * place["share_of_error"]
         lines.append(f"  {place['channel']}: {share:.0f} % of its error {place['condition']}")
     return lines
+
+
+def _why(document: dict[str, Any]) -> str:
+    p_value = f"p = {document['p_value']:.2g}"
+    if document["adequate"] and not document["white"]:
+        return f"{p_value}, but within what the sensors state of themselves"
+    return p_value
 
 
 def _diagnose_lines(document: dict[str, Any]) -> list[str]:

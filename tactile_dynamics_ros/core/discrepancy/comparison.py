@@ -60,6 +60,7 @@ class Comparison:
         return {
             "channels": self.channel_rms,
             "adequate": self.assessment.adequate,
+            "white": self.assessment.white,
             "p_value": self.assessment.p_value,
             "noise_floor": self.assessment.structure.floor,
             "fails_where": [vars(place) for place in self.places],

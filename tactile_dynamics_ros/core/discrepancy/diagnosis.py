@@ -16,6 +16,7 @@ from tactile_dynamics_ros.core.discrepancy.search import (
     explained_share,
     find_effects,
     find_vibration,
+    is_noise,
     is_settled,
 )
 from tactile_dynamics_ros.core.discrepancy.selection import Choice
@@ -81,7 +82,8 @@ def diagnose(
     The residual is tested; if something is missing, effects are added until nothing is. One effect
     that leaves nothing, or dominates all else, is the answer. If several are needed, the first is
     the answer provided that together they explain the residual. Otherwise the cause is none of the
-    known effects.
+    known effects, unless the residual is no larger than the sensors state of themselves: then
+    nothing is known to be missing.
 
     Args:
         model: fitted.
@@ -91,13 +93,16 @@ def diagnose(
     config = config or DiagnosisConfig()
     first = assessment or assess(model, config.significance)
     before = held_out(model)
-    if first.adequate:
+    if first.white:
         return Diagnosis(
             "adequate", None, (), model, first, (), before, before, first.structure.floor
         )
     steps = find_effects(model, first, config)
     floor = min([first.structure.floor] + [s.after.structure.floor for s in steps])
-    if not _accounts_for(model, steps, first, floor, config):
+    accounted = _accounts_for(model, steps, first, floor, config)
+    if first.within_stated and not accounted:
+        return Diagnosis("adequate", None, (), model, first, steps, before, before, floor)
+    if not accounted:
         return Diagnosis(
             "unexplained", None, (), model, first, steps, before, before, floor,
             signature=describe_residual(model),
@@ -135,7 +140,7 @@ def _accounts_for(
         return True
     if not steps or not is_settled(first, steps[-1].after, floor, config):
         return False
-    if steps[-1].after.adequate:
+    if is_noise(first, steps[-1].after):
         return True
     vibrates = find_vibration(model, floor) is not None
     if vibrates and not any(step.choice.best.source.family.rings for step in steps):

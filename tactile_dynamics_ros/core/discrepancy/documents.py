@@ -113,6 +113,12 @@ def _scored(score: Score, tests: int) -> Document:
 
 def diagnosis_sentence(diagnosis: Diagnosis) -> str:
     """The verdict for people."""
+    if diagnosis.verdict == "adequate" and not diagnosis.assessment.white:
+        return (
+            "Nothing is known to be missing: the error is within what the sensors state of "
+            f"themselves (whitened error {diagnosis.before.rms:.2f}), though it is more regular "
+            f"than noise{_lead(diagnosis)}."
+        )
     if diagnosis.verdict == "adequate":
         return (
             "Nothing is missing: the model explains the recording to within the stated noise "
@@ -127,7 +133,7 @@ def diagnosis_sentence(diagnosis: Diagnosis) -> str:
     text = f"{named} explains {write_percent(share)} of the excess error"
     if len(diagnosis.steps) > 1:
         text += f"; {diagnosis.steps[1].name} is missing too"
-    elif diagnosis.remaining > _REMAINS:
+    elif diagnosis.remaining > _REMAINS and not diagnosis.steps[0].after.within_stated:
         text += f"; what remains is {diagnosis.remaining:.1f} times the noise"
     if diagnosis.verdict == "ambiguous":
         others = [name for name in diagnosis.group if name != diagnosis.effect]

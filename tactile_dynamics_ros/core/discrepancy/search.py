@@ -122,10 +122,15 @@ def find_vibration(model: ResidualModel, floor: float) -> Line | None:
 
 def is_settled(first: Assessment, after: Assessment, floor: float, config: DiagnosisConfig) -> bool:
     """Whether what is left is noise, or too little to speak of."""
-    if after.adequate:
+    if is_noise(first, after):
         return True
     share = explained_share(first.rms, after.rms, floor)
     return share >= config.explained and after.rms <= config.near_floor * floor
+
+
+def is_noise(first: Assessment, after: Assessment) -> bool:
+    """Whether what is left is white, or what the sensors state of themselves and was not before."""
+    return after.white or (after.within_stated and not first.within_stated)
 
 
 def is_enough(steps: Sequence[Step], first: Assessment, config: DiagnosisConfig) -> bool:

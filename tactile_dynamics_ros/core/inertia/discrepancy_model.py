@@ -29,7 +29,9 @@ from tactile_dynamics_ros.core.inertia.quick_fit import (
     Whitening,
 )
 from tactile_dynamics_ros.core.inertia.separating_motion import plan_separation
+from tactile_dynamics_ros.core.inertia.systematic import systematic_covariance_of_rows
 from tactile_dynamics_ros.core.inertia.term_library import wrench_terms
+from tactile_dynamics_ros.core.inertia.uncertainty import misfit_inflation
 from tactile_dynamics_ros.core.inertia.wrench_residuals import wrench_residuals
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     log_cholesky,
@@ -208,25 +210,32 @@ class HeldObjectModel:
         return HeldObjectModel.from_fit(best, self.catalogue)
 
     def parameters(self) -> ParameterTable:
-        """{effect: {parameter: {"value", "std", "unit"}}} from the quick covariance."""
-        jacobian = self.jacobian
-        stds = np.concatenate([np.full(10, np.inf), self._prior_stds])
-        information = jacobian.T @ jacobian + np.diag(stds**-2.0)
-        scale = np.sqrt(np.diag(information))
-        covariance = np.linalg.pinv(information / np.outer(scale, scale)) / np.outer(scale, scale)
-        spread = np.sqrt(np.maximum(np.diag(covariance)[10:], 0.0))
-        rms = max(1.0, float(np.sqrt(np.mean(self.residual**2))))
+        """{effect: {parameter: {"value", "std", "unit"}}}, honest where the model does not fit."""
+        spread = np.sqrt(np.maximum(np.diag(self._covariance)[10:], 0.0))
         result: ParameterTable = {}
         first = 0
         for effect, theta in zip(self.effects, self.theta, strict=True):
             result[effect.name] = {
-                p.name: {"value": float(v), "std": float(rms * s), "unit": p.unit}
+                p.name: {"value": float(v), "std": float(s), "unit": p.unit}
                 for p, v, s in zip(
                     effect.parameters(self.samples), theta, spread[first:], strict=False
                 )
             }
             first += len(theta)
         return result
+
+    @property
+    def _covariance(self) -> Array:
+        """(10 + k, 10 + k) of [phi, theta] at the fixed whitening, widened by misfit."""
+        jacobian, residual = self.jacobian, self.residual
+        stds = np.concatenate([np.full(10, np.inf), self._prior_stds])
+        information = jacobian.T @ jacobian + np.diag(stds**-2.0)
+        scale = np.sqrt(np.diag(information))
+        inverse = np.linalg.pinv(information / np.outer(scale, scale)) / np.outer(scale, scale)
+        widen = misfit_inflation(residual, jacobian)
+        basis = self.fitted.white_lasting_errors
+        lasting = systematic_covariance_of_rows(inverse, jacobian, basis, residual)
+        return np.asarray(inverse * np.outer(widen, widen) + lasting)
 
     def sentence(self, name: str) -> str:
         """What an effect does to the object, as a clause."""

@@ -182,13 +182,19 @@ class FittedModel:
 
     def _lasting_covariance(self, inverse: Array) -> Array:
         """Covariance that presumed lasting errors add, see `systematic`."""
-        lever = systematic_lever(self.samples[0])
-        basis = [
-            block.linearisation.whiten(systematic_basis(samples.rotation, lever))
-            for block, samples in zip(self.blocks, self.samples, strict=True)
-        ]
         return systematic_covariance_of_rows(
-            inverse, self.white_jacobian, np.concatenate(basis), self.white_residual
+            inverse, self.white_jacobian, self.white_lasting_errors, self.white_residual
+        )
+
+    @cached_property
+    def white_lasting_errors(self) -> Array:
+        """(6 N, 9) white wrenches of presumed lasting errors, see `systematic`."""
+        lever = systematic_lever(self.samples[0])
+        return np.concatenate(
+            [
+                block.linearisation.whiten(systematic_basis(samples.rotation, lever))
+                for block, samples in zip(self.blocks, self.samples, strict=True)
+            ]
         )
 
     @property
