@@ -21,6 +21,7 @@ from tactile_dynamics_ros.core.discrepancy.search import (
 )
 from tactile_dynamics_ros.core.discrepancy.selection import Choice
 from tactile_dynamics_ros.core.discrepancy.signature import Signature, describe_residual
+from tactile_dynamics_ros.core.discrepancy.tempering import temper
 from tactile_dynamics_ros.core.discrepancy.validation import HeldOut, fits_equally, held_out
 
 
@@ -107,6 +108,8 @@ def diagnose(
             "unexplained", None, (), model, first, steps, before, before, floor,
             signature=describe_residual(model),
         )  # fmt: skip
+    if len(steps) == 1 and steps[0].after.within_stated:
+        steps = (temper(steps[0]),)
     step = steps[0]
     group, ambiguous = find_group(step.choice, config)
     after = held_out(step.choice.model)
@@ -162,9 +165,17 @@ def _follows_other_law(step: Step, floor: float, config: DiagnosisConfig) -> boo
 
 
 def find_group(choice: Choice, config: DiagnosisConfig) -> tuple[tuple[str, ...], bool]:
-    """Rivals that fit held-out blocks as well, and whether one of them is as plausible."""
+    """Rivals that fit held-out blocks as well, and whether one of them is as plausible.
+
+    Where lasting errors remain, what fits held-out blocks as well is as plausible.
+    """
     best = choice.best
     equal = [r for r in choice.rivals if fits_equally(best.held_out, r.held_out)]
-    ambiguous = any(r.criterion < best.criterion + config.indifference for r in equal)
+    plausible = [r for r in choice.rivals if r.criterion < best.criterion + config.indifference]
+    if choice.dispersion > 1.0:
+        equal = [r for r in choice.rivals if r in equal or r in plausible]
+        ambiguous = bool(equal)
+    else:
+        ambiguous = any(r in equal for r in plausible)
     names = (best.name, *(r.name for r in equal)) if equal else ()
     return names, ambiguous

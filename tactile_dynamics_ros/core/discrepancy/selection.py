@@ -55,26 +55,31 @@ class Choice:
         best: the best effect as a trial on common ground with its rivals.
         rivals: the others, best first.
         without: `evidence` of the same model without the effect.
+        dispersion: of the residual that remains, see `tempering`.
     """
 
     model: ResidualModel
     best: Trial
     rivals: tuple[Trial, ...]
     without: float
+    dispersion: float = 1.0
 
 
-def evidence(model: ResidualModel, floor: float, choices: int = 1) -> float:
+def evidence(
+    model: ResidualModel, floor: float, choices: int = 1, dispersion: float = 1.0
+) -> float:
     """-2 log evidence of a model up to a constant of its whitening (Schwarz 1978).
 
     Args:
         model: fitted.
         floor: white RMS of the noise alone.
         choices: number of families searched.
+        dispersion: by which squares and samples count less than those of white noise.
     """
     residual = model.residual
     return (
-        float(residual @ residual) / floor**2
-        + model.freedom * float(np.log(len(residual)))
+        float(residual @ residual) / floor**2 / dispersion
+        + model.freedom * float(np.log(len(residual) / dispersion))
         + 2.0 * float(np.log(choices))
     )
 

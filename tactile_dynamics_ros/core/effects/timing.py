@@ -20,7 +20,7 @@ from tactile_dynamics_ros.core.errors import BadInputError
 Array = NDArray[np.float64]
 
 _SHORTEST_LAG = 2e-3
-_LONGEST_SHIFT = 0.3
+_LONGEST_SHIFT = 0.5
 
 
 class _ReadingEffect(Effect):
@@ -164,20 +164,26 @@ class TimeOffset(_ReadingEffect):
         return (EffectParameter("offset", "s", 0.2, "lateness of the forces", 0.03),)
 
     def wrench(self, samples: WrenchSamples, inertia: Array, theta: Array) -> Array:
-        """Change of Y phi and of the body-frame measured wrench when motion is read earlier."""
+        """Change of Y phi and of the body-frame measured wrench when motion is read earlier.
+
+        Readings of a motion before or after the recording tell nothing: they count as right.
+        """
         then = _Shifted(samples, float(theta[0]))
-        change = (load_regressor(samples) - then.regressor) @ inertia
-        return np.asarray(change + self._measured(samples, then) - samples.measured_wrench)
+        change = load_regressor(samples) @ inertia - samples.measured_wrench
+        change[then.known] += (self._measured(samples, then) - then.regressor @ inertia)[then.known]
+        return np.asarray(change)
 
     def jacobian(self, samples: WrenchSamples, inertia: Array, theta: Array) -> Array:
         """By the offset."""
         then = _Shifted(samples, float(theta[0]))
         change = self._measured_change(samples, then) - then.regressor_change @ inertia
-        return np.asarray(change[..., None])
+        return np.asarray(np.where(then.known[:, None], change, 0.0)[..., None])
 
     def inertia_jacobian(self, samples: WrenchSamples, inertia: Array, theta: Array) -> Array:
-        """Y(t) - Y(t - offset)."""
-        return load_regressor(samples) - _Shifted(samples, float(theta[0])).regressor
+        """Y(t) - Y(t - offset); Y(t) where the motion at t - offset was not recorded."""
+        then = _Shifted(samples, float(theta[0]))
+        known = then.known[:, None, None]
+        return load_regressor(samples) - np.where(known, then.regressor, 0.0)
 
     def _measured(self, samples: WrenchSamples, then: _Shifted) -> Array:
         """Contact wrench (N, 6) with the forces of now in the body frame of then."""
@@ -241,11 +247,17 @@ def _motion_spline(samples: WrenchSamples) -> CubicSpline:
 
 
 class _Shifted:
-    """Motion of the object at t - offset on a spline, with derivatives by the offset."""
+    """Motion of the object at t - offset on a spline, with derivatives by the offset.
+
+    Attributes:
+        known: (N,) whether t - offset is within the recording, or one sample beyond it.
+    """
 
     def __init__(self, samples: WrenchSamples, offset: float) -> None:
         offset = float(np.clip(offset, -_LONGEST_SHIFT, _LONGEST_SHIFT))
         spline, then = _motion_spline(samples), samples.time - offset
+        nearest = np.clip(then, samples.time[0], samples.time[-1])
+        self.known = np.abs(then - nearest) <= float(np.median(np.diff(samples.time)))
         shapes = (
             (6, 10),
             (3, 3),
