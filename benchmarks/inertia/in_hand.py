@@ -94,14 +94,21 @@ def contact_stream(name: str, rows: list[tuple[float, Contact]]) -> ContactStrea
 
 
 def record_in_hand(
-    box: str, seed: int, behaviour: GraspConfig | None = None
+    box: str, seed: int, behaviour: GraspConfig | None = None, hidden: str = "none"
 ) -> tuple[Streams, InertialParameters, str]:
     """Grasp, lift and move a box; return what was published, the truth and the outcome.
 
     Every seed has fingertips of its own, calibrated by a minute of presses on a known force.
+
+    Args:
+        box: object by name.
+        seed: of everything random.
+        behaviour: of the grasp.
+        hidden: effect of the simulated robot that nobody is told.
     """
     world = WorldConfig(object_name=box)
-    robot = SimulatedRobot(SimulatedRobotConfig(seed=seed, unit_seed=seed, world=world))
+    config = SimulatedRobotConfig(seed=seed, unit_seed=seed, world=world, hidden_effect=hidden)
+    robot = SimulatedRobot(config)
     kinematics, truth = HandKinematics(), robot.world.model.inertia
     controller = GraspController(kinematics, robot.world.model.grasp, behaviour)
     touch = Touch(kinematics, _FORCE_MODEL, calibrate_units(seed))

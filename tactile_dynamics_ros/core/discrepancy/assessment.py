@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from tactile_dynamics_ros.core.discrepancy.model import ResidualModel
 from tactile_dynamics_ros.core.discrepancy.screening import Score, adjusted_p_value, screen
@@ -19,9 +20,12 @@ Array = NDArray[np.float64]
 
 _NOISE_TOLERANCE = 0.25
 _WHITE_PART = 0.9
-_CHANNEL_LIMIT = 1.25
-_WINDOW_LIMIT = 1.5
+_LASTING_FREEDOM = 12
+_LASTING_QUANTILE = 0.95
+_MOST_OF_A_SECOND = 2.0
 _WINDOW = 1.0
+_SLOW_HZ = 5.0
+_FAST_SHARE = 1.3
 
 
 @dataclass(frozen=True)
@@ -34,8 +38,7 @@ class Assessment:
         structure: of the residual itself.
         significance: p-values below it count.
         within_stated: whether sensors that state more than their white noise, such as fingertips
-            with lasting errors, account for the residual by what they state: its RMS is at most
-            1, that of every channel 1.25 and that of every second 1.5.
+            with lasting errors, account for the residual by what they state.
     """
 
     rms: float
@@ -81,20 +84,29 @@ def assess(
     structure = examine(time, white)
     scores = screen(model, model.families(names), structure.floor)
     rms = float(np.sqrt(np.mean(model.residual**2)))
-    within = structure.floor < _WHITE_PART and _is_within_stated(time, white)
+    within = _is_within_stated(time, white, structure.floor)
     return Assessment(rms, tuple(scores), structure, significance, within)
 
 
-def _is_within_stated(time: Array, white: Array) -> bool:
-    """Whether nowhere and in no channel the residual exceeds by much what was stated."""
-    square = white**2
+def _is_within_stated(time: Array, white: Array, floor: float) -> bool:
+    """Whether errors of the stated size that last may leave such a residual.
+
+    Beyond the white noise they are few (three per fingertip), so that their mean square scatters
+    like chi^2 with 12 degrees of freedom; no second exceeds twice that; and they are slow.
+    """
+    if floor >= _WHITE_PART:
+        return False
+    square = (white**2).mean(axis=1)
+    scatter = float(chi2.ppf(_LASTING_QUANTILE, _LASTING_FREEDOM)) / _LASTING_FREEDOM
+    limit = floor**2 + (1.0 - floor**2) * scatter
     starts = window_starts(time, _WINDOW)
-    windows = np.add.reduceat(square.mean(axis=1), starts)
-    counts = np.diff(np.append(starts, len(time)))
+    seconds = np.add.reduceat(square, starts) / np.diff(np.append(starts, len(time)))
+    spectrum = periodogram(time, white)
+    fast = spectrum.power[spectrum.hz > _SLOW_HZ].mean() if spectrum.hz[-1] > _SLOW_HZ else 0.0
     return bool(
-        square.mean() <= 1.0
-        and square.mean(axis=0).max() <= _CHANNEL_LIMIT**2
-        and (windows / counts).max() <= _WINDOW_LIMIT**2
+        square.mean() <= limit
+        and seconds.max() <= _MOST_OF_A_SECOND * limit
+        and fast <= _FAST_SHARE * floor**2
     )
 
 

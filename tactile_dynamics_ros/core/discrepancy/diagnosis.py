@@ -16,8 +16,8 @@ from tactile_dynamics_ros.core.discrepancy.search import (
     explained_share,
     find_effects,
     find_vibration,
-    is_noise,
     is_settled,
+    is_within_stated,
 )
 from tactile_dynamics_ros.core.discrepancy.selection import Choice
 from tactile_dynamics_ros.core.discrepancy.signature import Signature, describe_residual
@@ -141,9 +141,9 @@ def _accounts_for(
     """
     if dominates(steps, first, floor, config):
         return True
-    if not steps or not is_settled(first, steps[-1].after, floor, config):
+    if not steps or not is_settled(first, steps, floor, config):
         return False
-    if is_noise(first, steps[-1].after):
+    if steps[-1].after.white or is_within_stated(first, steps, config):
         return True
     vibrates = find_vibration(model, floor) is not None
     if vibrates and not any(step.choice.best.source.family.rings for step in steps):

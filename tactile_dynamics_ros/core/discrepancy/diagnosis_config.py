@@ -33,6 +33,16 @@ class DiagnosisConfig:
         0.9,
         1.0,
     )
+    beyond_stated: float = parameter(
+        0.8,
+        "share of the excess error that must go where lasting errors of the sensors remain",
+        "",
+        0.0,
+        1.0,
+    )
+    beside_stated: float = parameter(
+        0.6, "the same where the error is within what the sensors state", "", 0.0, 1.0
+    )
     vibration: float = parameter(
         0.5,
         "share of the excess error in one line of the spectrum that makes a vibration",

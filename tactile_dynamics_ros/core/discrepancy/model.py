@@ -30,6 +30,7 @@ class Family:
         choices: number of families searched for the same effect, for its penalty.
         source: what the model needs to fit the effect itself.
         rings: whether the effect can oscillate at a frequency of its own.
+        lasting: whether it is an error that sensors state of themselves, such as a wrong gain.
         symbols: of the columns, where they can stand in a formula.
         frame: in which the columns are constant or turn with what they depend on.
     """
@@ -42,6 +43,7 @@ class Family:
     choices: int = 1
     source: Any = None
     rings: bool = False
+    lasting: bool = False
     symbols: tuple[str, ...] = ()
     frame: str = ""
 

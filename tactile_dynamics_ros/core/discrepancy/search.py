@@ -36,6 +36,8 @@ def find_effects(
 ) -> tuple[Step, ...]:
     """Add effects until the residual is explained, nothing helps, or the depth is reached.
 
+    Of an error within what the sensors state, no more than one effect can be made out.
+
     Args:
         model: to be extended.
         first: assessment of it.
@@ -43,7 +45,7 @@ def find_effects(
     """
     steps: tuple[Step, ...] = ()
     present, assessment = model, first
-    for _ in range(config.depth):
+    for _ in range(1 if first.within_stated else config.depth):
         choice = add_effect(present, assessment, config)
         if choice is None:
             break
@@ -120,23 +122,35 @@ def find_vibration(model: ResidualModel, floor: float) -> Line | None:
     return None if residuals.drivers is None else find_line(residuals, floor)
 
 
-def is_settled(first: Assessment, after: Assessment, floor: float, config: DiagnosisConfig) -> bool:
-    """Whether what is left is noise, or too little to speak of."""
-    if is_noise(first, after):
+def is_settled(
+    first: Assessment, steps: Sequence[Step], floor: float, config: DiagnosisConfig
+) -> bool:
+    """Whether what all steps leave is noise, or too little to speak of."""
+    after = steps[-1].after
+    if after.white or is_within_stated(first, steps, config):
         return True
     share = explained_share(first.rms, after.rms, floor)
     return share >= config.explained and after.rms <= config.near_floor * floor
 
 
-def is_noise(first: Assessment, after: Assessment) -> bool:
-    """Whether what is left is white, or what the sensors state of themselves and was not before."""
-    return after.white or (after.within_stated and not first.within_stated)
+def is_within_stated(first: Assessment, steps: Sequence[Step], config: DiagnosisConfig) -> bool:
+    """Whether what all steps leave is what the sensors state of themselves.
+
+    Where that was so before, only effects that are no errors of sensors can have done it.
+    """
+    after = steps[-1].after
+    if not after.within_stated:
+        return False
+    share = explained_share(first.rms, after.rms, after.structure.floor)
+    if not first.within_stated:
+        return share >= config.beyond_stated
+    lasting = any(step.choice.best.source.family.lasting for step in steps)
+    return not lasting and share >= config.beside_stated
 
 
 def is_enough(steps: Sequence[Step], first: Assessment, config: DiagnosisConfig) -> bool:
-    """Whether what all steps leave is noise, or too little to speak of."""
-    after = steps[-1].after
-    return is_settled(first, after, after.structure.floor, config)
+    """`is_settled` with the floor of the last step."""
+    return is_settled(first, steps, steps[-1].after.structure.floor, config)
 
 
 def explained_share(before: float, after: float, floor: float) -> float:

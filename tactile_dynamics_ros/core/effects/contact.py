@@ -33,6 +33,7 @@ class UnsensedContact(Effect):
 
     name = "unsensed_contact"
     family = "contact"
+    lasting = True
     formula = "f constant in the body frame at the body point p: [p x f, f]"
     looks_like = "A residual that turns with the object: force and torque constant in its frame."
     sentence = "something that no sensor feels pushes on the object, turning with it"

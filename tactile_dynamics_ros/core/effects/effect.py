@@ -54,6 +54,7 @@ class Effect(ABC):
         sentence: subject and verb for a verdict, "the object drags through something viscous".
         remedy: what to do about it.
         rings: whether it can oscillate at a frequency that the motion does not have.
+        lasting: whether it is an error of a sensor that lasts, or cannot be told from one.
     """
 
     name: ClassVar[str] = ""
@@ -63,6 +64,7 @@ class Effect(ABC):
     sentence: ClassVar[str] = ""
     remedy: ClassVar[str] = ""
     rings: ClassVar[bool] = False
+    lasting: ClassVar[bool] = False
 
     @property
     def variant(self) -> str:

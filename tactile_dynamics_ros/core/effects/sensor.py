@@ -72,6 +72,7 @@ class ForceBias(_OffsetEffect):
 
     name = "force_bias"
     family = "sensor"
+    lasting = True
     formula = "measured f_i = true f_i + b_i (sensor/body frame)"
     looks_like = "A residual that is constant in the body frame and acts where one finger touches."
     sentence = "a fingertip reports a constant force too much"
@@ -94,6 +95,7 @@ class ForceDrift(_OffsetEffect):
 
     name = "force_drift"
     family = "sensor"
+    lasting = True
     formula = "measured f_i = true f_i + d_i t (sensor/body frame), t from the first sample"
     looks_like = "A residual that is fixed to the body frame and grows along the recording."
     sentence = "the zero of a fingertip drifts"
@@ -120,6 +122,7 @@ class ForceScale(FingerEffect):
 
     name = "force_scale"
     family = "sensor"
+    lasting = True
     formula = "measured f_i = (1 + gain_i) true f_i"
     looks_like = "A residual along the force of one finger and in proportion to it."
     sentence = "a fingertip reports its force too large or too small"
@@ -184,6 +187,7 @@ class SensorRotation(FramedFingerEffect):
 
     name = "sensor_rotation"
     family = "sensor"
+    lasting = True
     formula = "measured f_i = exp([r_i]) true f_i, r_i in the contact (or body, world) frame"
     looks_like = "A residual at right angles to the force of one finger and in proportion to it."
     sentence = "a fingertip sensor is mounted at an angle"

@@ -169,21 +169,24 @@ class TimeOffset(_ReadingEffect):
         Readings of a motion before or after the recording tell nothing: they count as right.
         """
         then = _Shifted(samples, float(theta[0]))
-        change = load_regressor(samples) @ inertia - samples.measured_wrench
-        change[then.known] += (self._measured(samples, then) - then.regressor @ inertia)[then.known]
-        return np.asarray(change)
+        now = load_regressor(samples) @ inertia - samples.measured_wrench
+        return np.asarray(now + then.share[:, None] * self._excess(samples, then, inertia))
+
+    def _excess(self, samples: WrenchSamples, then: _Shifted, inertia: Array) -> Array:
+        """Measured wrench (N, 6) in the body frame of then, beyond what the motion then needs."""
+        return self._measured(samples, then) - then.regressor @ inertia
 
     def jacobian(self, samples: WrenchSamples, inertia: Array, theta: Array) -> Array:
         """By the offset."""
         then = _Shifted(samples, float(theta[0]))
         change = self._measured_change(samples, then) - then.regressor_change @ inertia
-        return np.asarray(np.where(then.known[:, None], change, 0.0)[..., None])
+        fading = then.share_change[:, None] * self._excess(samples, then, inertia)
+        return np.asarray((then.share[:, None] * change + fading)[..., None])
 
     def inertia_jacobian(self, samples: WrenchSamples, inertia: Array, theta: Array) -> Array:
         """Y(t) - Y(t - offset); Y(t) where the motion at t - offset was not recorded."""
         then = _Shifted(samples, float(theta[0]))
-        known = then.known[:, None, None]
-        return load_regressor(samples) - np.where(known, then.regressor, 0.0)
+        return load_regressor(samples) - then.share[:, None, None] * then.regressor
 
     def _measured(self, samples: WrenchSamples, then: _Shifted) -> Array:
         """Contact wrench (N, 6) with the forces of now in the body frame of then."""
@@ -250,14 +253,18 @@ class _Shifted:
     """Motion of the object at t - offset on a spline, with derivatives by the offset.
 
     Attributes:
-        known: (N,) whether t - offset is within the recording, or one sample beyond it.
+        share: (N,) 1 where t - offset is recorded or at most one sample beyond, fading to 0
+            within one sample more; its derivative share_change.
     """
 
     def __init__(self, samples: WrenchSamples, offset: float) -> None:
         offset = float(np.clip(offset, -_LONGEST_SHIFT, _LONGEST_SHIFT))
         spline, then = _motion_spline(samples), samples.time - offset
-        nearest = np.clip(then, samples.time[0], samples.time[-1])
-        self.known = np.abs(then - nearest) <= float(np.median(np.diff(samples.time)))
+        slope = 1.0 / float(np.median(np.diff(samples.time)))
+        beyond = slope * (then - np.clip(then, *samples.time[[0, -1]]))
+        fade = np.clip(2.0 - np.abs(beyond), 0.0, 1.0)
+        self.share = fade**2 * (3.0 - 2.0 * fade)
+        self.share_change = 6.0 * fade * (1.0 - fade) * np.sign(beyond) * slope
         shapes = (
             (6, 10),
             (3, 3),

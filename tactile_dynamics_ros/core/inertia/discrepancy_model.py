@@ -146,7 +146,17 @@ class HeldObjectModel:
             for restricted, kept in reading.restrictions(samples):
                 found.append((restricted, reading.label, columns, kept))
         return [
-            Family(name, effect.label, reading, columns, kept, len(found), effect, effect.rings)
+            Family(
+                name,
+                effect.label,
+                reading,
+                columns,
+                kept,
+                len(found),
+                effect,
+                effect.rings,
+                lasting=effect.lasting,
+            )
             for effect, reading, columns, kept in found
         ]
 
