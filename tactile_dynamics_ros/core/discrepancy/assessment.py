@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from tactile_dynamics_ros.core.discrepancy.model import ResidualModel
+from tactile_dynamics_ros.core.discrepancy.model import ResidualModel, instants
 from tactile_dynamics_ros.core.discrepancy.screening import Score, adjusted_p_value, screen
 from tactile_dynamics_ros.core.discrepancy.structure import Structure, examine, periodogram
 from tactile_dynamics_ros.core.discrepancy.structure import noise_floor as spectral_floor
@@ -108,13 +108,6 @@ def _is_within_stated(time: Array, white: Array, floor: float) -> bool:
         and seconds.max() <= _MOST_OF_A_SECOND * limit
         and fast <= _FAST_SHARE * floor**2
     )
-
-
-def instants(model: ResidualModel) -> tuple[Array, Array]:
-    """Times (N,) and white residuals (N, D) of a model."""
-    new = np.flatnonzero(np.diff(model.time) > 0)
-    channels = int(new[0]) + 1 if len(new) else len(model.time)
-    return model.time[::channels], model.residual.reshape(-1, channels)
 
 
 def noise_floor(model: ResidualModel) -> float:

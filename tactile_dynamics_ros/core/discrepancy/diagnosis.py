@@ -64,7 +64,7 @@ class Diagnosis:
         if not self.group:
             return None
         choice = self.steps[0].choice
-        rivals = [rival.model for rival in choice.rivals if rival.name in self.group]
+        rivals = [rival.model for rival in choice.named(self.group)]
         return choice.best.model.separating_motion(rivals)
 
     @property
@@ -112,6 +112,8 @@ def diagnose(
         steps = (temper(steps[0]),)
     step = steps[0]
     group, ambiguous = find_group(step.choice, config)
+    if first.within_stated and any(r.source.family.lasting for r in step.choice.named(group)):
+        return Diagnosis("adequate", None, (), model, first, steps, before, before, floor)
     after = held_out(step.choice.model)
     return Diagnosis(
         verdict="ambiguous" if ambiguous else "missing_effect",

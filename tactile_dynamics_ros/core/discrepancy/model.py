@@ -137,3 +137,10 @@ class ResidualModel(Protocol):
 
     def separating_motion(self, rivals: Sequence[ResidualModel]) -> dict[str, Any] | None:
         """Plan of what would tell this model from others, or None if nothing would."""
+
+
+def instants(model: ResidualModel) -> tuple[Array, Array]:
+    """Times (N,) and white residuals (N, D) of a model."""
+    new = np.flatnonzero(np.diff(model.time) > 0)
+    channels = int(new[0]) + 1 if len(new) else len(model.time)
+    return model.time[::channels], model.residual.reshape(-1, channels)

@@ -9,8 +9,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.discrepancy.model import ResidualModel
+from tactile_dynamics_ros.core.discrepancy.model import ResidualModel, instants
 from tactile_dynamics_ros.core.discrepancy.screening import Score, best_by_effect, screen
+from tactile_dynamics_ros.core.discrepancy.structure import examine
 from tactile_dynamics_ros.core.discrepancy.validation import HeldOut, held_out
 
 Array = NDArray[np.float64]
@@ -20,6 +21,8 @@ _REACH = 0.25
 _MOST_RIVALS = 4
 _CHANCE = 12.0
 _ROUNDS = 3
+_CLOSE = 1.05
+_WHITE = 0.01
 
 
 @dataclass(frozen=True)
@@ -63,6 +66,10 @@ class Choice:
     rivals: tuple[Trial, ...]
     without: float
     dispersion: float = 1.0
+
+    def named(self, names: Sequence[str]) -> list[Trial]:
+        """The rivals of these names."""
+        return [rival for rival in self.rivals if rival.name in names]
 
 
 def evidence(
@@ -119,7 +126,37 @@ def choose_effect(model: ResidualModel, scores: Sequence[Score], floor: float) -
         best, refined = trials[0], other
     own = next((t for t in trials if t.name == best.name), best)
     rivals = tuple(t for t in trials if t.name != best.name)
-    return Choice(refined, own, rivals, evidence(bare, floor))
+    return _simplest(Choice(refined, own, rivals, evidence(bare, floor)))
+
+
+def _simplest(choice: Choice) -> Choice:
+    """A rival with fewer parameters, if at its own whitening it leaves white noise.
+
+    The signals that a thorough fit denoises follow its model, which puts all others at a
+    disadvantage there. A simpler effect is given up only where, at home, another one is better.
+    """
+    best = choice.best
+    limit = _CLOSE * _square(best.model)
+    close = [r for r in choice.rivals if _square(r.model) <= limit]
+    for rival in sorted(close, key=lambda trial: trial.model.freedom):
+        if rival.model.freedom >= best.model.freedom:
+            break
+        model = rival.model.refined()
+        structure = examine(*instants(model))
+        if structure.p_value < _WHITE:
+            continue
+        bare, names = (
+            model.without_effect(rival.name),
+            [best.name, *(r.name for r in choice.rivals)],
+        )
+        trials = try_effects(
+            bare, screen(bare, bare.families(names), structure.floor), structure.floor, np.inf
+        )
+        own = next((t for t in trials if t.name == rival.name), None)
+        if own is not None and trials[0].criterion > own.criterion - _CHANCE:
+            others = tuple(t for t in trials if t is not own)
+            return Choice(model, own, others, evidence(bare, structure.floor))
+    return choice
 
 
 def try_effects(

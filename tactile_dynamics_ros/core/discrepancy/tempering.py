@@ -11,8 +11,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from tactile_dynamics_ros.core.discrepancy.assessment import assess, instants
-from tactile_dynamics_ros.core.discrepancy.model import ResidualModel
+from tactile_dynamics_ros.core.discrepancy.assessment import assess
+from tactile_dynamics_ros.core.discrepancy.model import ResidualModel, instants
 from tactile_dynamics_ros.core.discrepancy.search import Step
 from tactile_dynamics_ros.core.discrepancy.selection import Trial, evidence
 from tactile_dynamics_ros.core.discrepancy.validation import fits_equally

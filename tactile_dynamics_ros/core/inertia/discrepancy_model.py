@@ -17,7 +17,6 @@ from tactile_dynamics_ros.core.discrepancy.model import (
     ResidualModel,
     Residuals,
 )
-from tactile_dynamics_ros.core.discrepancy.screening import orthonormal
 from tactile_dynamics_ros.core.effects.effect import Effect
 from tactile_dynamics_ros.core.effects.registry import create_effect, registered_names
 from tactile_dynamics_ros.core.inertia.fitted_model import FittedModel
@@ -31,7 +30,7 @@ from tactile_dynamics_ros.core.inertia.quick_fit import (
 from tactile_dynamics_ros.core.inertia.separating_motion import plan_separation
 from tactile_dynamics_ros.core.inertia.systematic import systematic_covariance_of_rows
 from tactile_dynamics_ros.core.inertia.term_library import wrench_terms
-from tactile_dynamics_ros.core.inertia.uncertainty import misfit_inflation
+from tactile_dynamics_ros.core.inertia.uncertainty import effect_freedom, misfit_inflation
 from tactile_dynamics_ros.core.inertia.wrench_residuals import wrench_residuals
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     log_cholesky,
@@ -42,6 +41,7 @@ Array = NDArray[np.float64]
 
 _MOST_REFINEMENTS = 8
 _SETTLED = 0.995
+_STILL = 1.0
 _QUICK_ITERATIONS = 12
 _QUICK_TOLERANCE = 2e-5
 _JOINT_ITERATIONS = 40
@@ -117,11 +117,7 @@ class HeldObjectModel:
         """Number of effect parameters that the data determine better than their prior."""
         if not self.effects:
             return 0.0
-        load, own = self.jacobian[:, :10], self.jacobian[:, 10:] * self._prior_stds
-        basis = orthonormal(load)
-        own = own - basis @ (basis.T @ own)
-        values = np.maximum(np.linalg.eigvalsh(own.T @ own), 0.0)
-        return float(np.sum(values / (1.0 + values)))
+        return effect_freedom(self.jacobian, self._prior_stds**-2.0)
 
     @property
     def _prior_stds(self) -> Array:
@@ -207,16 +203,16 @@ class HeldObjectModel:
             for b in self.fitted.blocks
         ]
         xi, theta = _nearest_body(self.phi, self.fitted.phi), self.theta
-        best: FittedModel | None = None
-        for _ in range(_MOST_REFINEMENTS):
-            model = fit_model(problems, self.effects, theta, xi, 2)
-            if best is not None and model.whitened_rms > _SETTLED * best.whitened_rms:
-                best = min(best, model, key=lambda fitted: fitted.whitened_rms)
+        best = fit_model(problems, self.effects, theta, xi, 2)
+        for _ in range(_MOST_REFINEMENTS - 1):
+            problems = [b.problem for b in best.blocks]
+            model = fit_model(problems, self.effects, best.theta, best.xi, 2)
+            if model.whitened_rms * _SETTLED > best.whitened_rms:
                 break
-            best = model
-            problems = [b.problem for b in model.blocks]
-            xi, theta = model.xi, model.theta
-        assert best is not None
+            settled = model.whitened_rms > _SETTLED * best.whitened_rms
+            last, best = best, model
+            if settled and _moved(last, best) < _STILL:
+                break
         return HeldObjectModel.from_fit(best, self.catalogue)
 
     def parameters(self) -> ParameterTable:
@@ -297,6 +293,13 @@ def _split(values: Array, theta: Sequence[Array]) -> tuple[Array, tuple[Array, .
     sizes = np.cumsum([10, *[len(part) for part in theta]])
     phi, *parts = np.split(values, sizes[:-1])
     return phi, tuple(parts)
+
+
+def _moved(before: FittedModel, after: FittedModel) -> float:
+    """Square of the step between two fits, in units of their uncertainty."""
+    step = np.concatenate([after.phi - before.phi, *map(np.subtract, after.theta, before.theta)])
+    change = after.white_jacobian @ step
+    return float(change @ change)
 
 
 def _nearest_body(phi: Array, reference: Array) -> Array:

@@ -22,6 +22,7 @@ from tactile_dynamics_ros.core.inertia.excitation.design import (
 from tactile_dynamics_ros.core.inertia.excitation.grip import Grip
 from tactile_dynamics_ros.core.inertia.excitation.limits import MotionLimits
 from tactile_dynamics_ros.core.inertia.excitation.trajectory import FourierOffsets, HeldPose
+from tactile_dynamics_ros.core.inertia.uncertainty import effect_freedom
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 
 if TYPE_CHECKING:
@@ -84,12 +85,14 @@ class Rival:
 
 @dataclass(frozen=True)
 class SeparationCriterion:
-    """How little the least different rivals differ in a new recording (smaller is better).
+    """How little the evidence of rivals differs from that of the best in a new recording.
 
-    chi^2 = min_d |W^-1/2 (w_a - w_b - G_b d)|^2 + d^T H_b d, with w the predicted wrenches, G_b
-    their derivatives and H_b the prior of rival b; minus the smallest over the rivals. The new
-    recording stands alone: all that was learned from the present one may be learned anew.
-    Source: Box, Hill 1967, on discrimination among mechanistic models.
+    Smaller is better: minus the sum of |chi^2 + (f_b - f_a) log N| over the rivals, each counted up
+    to twice what is decisive, with
+    chi^2 = min_d |W^-1/2 (w_a - w_b - G_b d)|^2 + d^T H_b d, w the predicted wrenches, G_b their
+    derivatives, H_b the prior of rival b and f the numbers of effect parameters that the motion
+    determines. The new recording stands alone: all that was learned from the present one may be
+    learned anew. Source: Box, Hill 1967, on discrimination among mechanistic models; Schwarz 1978.
     """
 
     best: Rival
@@ -98,25 +101,40 @@ class SeparationCriterion:
 
     def __call__(self, *parts: WrenchSamples) -> float:
         """Evaluate the criterion for a recording of one or more parts of equal weight."""
-        return -min(self.chi_square(parts, other) for other in self.others)
+        return -float(np.minimum(self.gaps(*parts), 2.0 * _DECISIVE).sum())
 
-    def chi_square(self, parts: Sequence[WrenchSamples], other: Rival) -> float:
-        """Squared difference that the other cannot adapt to, in units of the noise."""
-        white = np.concatenate([self._difference(samples, other) for samples in parts])
-        target, columns = white[:, 0], white[:, 1:]
-        rate = _RECORDED_HZ / _RATE_HZ / len(parts)
-        information = rate * columns.T @ columns + np.diag(other.prior)
-        gradient = rate * columns.T @ target
-        scale = np.sqrt(np.diag(information))
-        solution = np.linalg.lstsq(information / np.outer(scale, scale), gradient / scale)[0]
-        return float(rate * target @ target - gradient @ (solution / scale))
+    def gaps(self, *parts: WrenchSamples) -> Array:
+        """Expected difference of -2 log evidence to each of the others, (rivals,)."""
+        wrench, columns = self._predict(parts, self.best)
+        freedom = effect_freedom(columns, self.best.prior[10:])
+        gaps = []
+        for other in self.others:
+            expected, own = self._predict(parts, other)
+            count = effect_freedom(own, other.prior[10:]) - freedom
+            occam = count * np.log(_RECORDED_HZ / _RATE_HZ * len(own))
+            gaps.append(abs(_chi_square(wrench - expected, own, other.prior) + occam))
+        return np.array(gaps)
 
-    def _difference(self, samples: WrenchSamples, other: Rival) -> Array:
-        """White [w_a - w_b, G_b], one row per component of a sample."""
-        factor = np.linalg.cholesky(wrench_covariance(samples, self.force_std))
-        difference = (self.best.wrench(samples) - other.wrench(samples))[..., None]
-        both = np.concatenate([difference, other.columns(samples)], axis=2)
-        return np.asarray(np.linalg.solve(factor, both).reshape(-1, both.shape[2]))
+    def _predict(self, parts: Sequence[WrenchSamples], rival: Rival) -> tuple[Array, Array]:
+        """White wrench and its derivatives, one row per component of a sample at 100 Hz."""
+        root = np.sqrt(_RECORDED_HZ / _RATE_HZ / len(parts))
+        white = []
+        for samples in parts:
+            factor = np.linalg.cholesky(wrench_covariance(samples, self.force_std))
+            both = [rival.wrench(samples)[..., None], rival.columns(samples)]
+            found = np.linalg.solve(factor, np.concatenate(both, axis=2))
+            white.append(root * found.reshape(-1, found.shape[2]))
+        rows = np.concatenate(white)
+        return rows[:, 0], rows[:, 1:]
+
+
+def _chi_square(target: Array, columns: Array, prior: Array) -> float:
+    """Square of a difference (n,) that columns (n, p) with a prior cannot adapt to."""
+    information = columns.T @ columns + np.diag(prior)
+    gradient = columns.T @ target
+    scale = np.sqrt(np.diag(information))
+    solution = np.linalg.lstsq(information / np.outer(scale, scale), gradient / scale)[0]
+    return float(target @ target - gradient @ (solution / scale))
 
 
 def plan_separation(
@@ -142,12 +160,14 @@ def plan_separation(
         motion = design_motion(criterion, start, grip, best.phi, _LIMITS, None, _EFFORT)
     except TactileDynamicsError:
         return None
-    if -motion.value >= _DECISIVE:
-        return _motion_plan(motion)
     moved = start.follow(motion.offsets, _times())
-    regrasped = criterion(grip.load(moved, best.phi), _regrasp(grip).load(moved, best.phi))
-    if -regrasped >= _DECISIVE:
-        return _regrasp_plan(-regrasped, motion)
+    present, other = grip.load(moved, best.phi), _regrasp(grip).load(moved, best.phi)
+    names = [rival.effects[-1].name for rival in criterion.others]
+    for kind, parts in (("motion", (present,)), ("regrasp", (present, other))):
+        gaps = criterion.gaps(*parts)
+        told = [name for name, gap in zip(names, gaps, strict=True) if gap >= _DECISIVE]
+        if told and (kind == "regrasp" or len(told) == len(names)):
+            return _plan(kind, motion, told, float(gaps.max()))
     return None
 
 
@@ -182,36 +202,36 @@ def _regrasp(grip: Grip) -> Grip:
     )
 
 
-def _motion_plan(motion: DesignedMotion) -> dict[str, Any]:
+def _plan(kind: str, motion: DesignedMotion, told: list[str], gap: float) -> dict[str, Any]:
+    text = _describe_motion(motion) if kind == "motion" else _describe_regrasp()
+    return {
+        "kind": kind,
+        "description": text,
+        "separates_from": told,
+        "expected_chi_square": gap,
+        "grip_usage": motion.grip_usage,
+        **_table(motion.offsets),
+    }
+
+
+def _describe_motion(motion: DesignedMotion) -> str:
     peaks = np.abs(motion.offsets.evaluate(_times())).max(axis=0)
     turns = [f"{_AXES[k]} by +-{np.degrees(peaks[k]):.0f} deg" for k in range(3)]
     shifts = [f"{_AXES[k]} by +-{100 * peaks[3 + k]:.0f} cm" for k in range(3)]
     rates = motion.offsets.frequency_hz
-    return {
-        "kind": "motion",
-        "description": (
-            f"turn the object about world {', '.join(turns)} and shift it along "
-            f"{', '.join(shifts)}, sums of sines of {rates[0]:.2g} to {rates[-1]:.2g} Hz for "
-            f"{motion.offsets.duration:.0f} s"
-        ),
-        "expected_chi_square": -motion.value,
-        "grip_usage": motion.grip_usage,
-        **_table(motion.offsets),
-    }
+    return (
+        f"turn the object about world {', '.join(turns)} and shift it along "
+        f"{', '.join(shifts)}, sums of sines of {rates[0]:.2g} to {rates[-1]:.2g} Hz for "
+        f"{motion.offsets.duration:.0f} s"
+    )
 
 
-def _regrasp_plan(chi_square: float, motion: DesignedMotion) -> dict[str, Any]:
-    return {
-        "kind": "regrasp",
-        "description": (
-            "move the object, grasp it at other points (contacts turned by "
-            f"{np.degrees(_REGRASP_ANGLE):.0f} deg about it and moved along it) and move it again, "
-            "all in one recording; no motion with one grasp separates them"
-        ),
-        "expected_chi_square": chi_square,
-        "grip_usage": motion.grip_usage,
-        **_table(motion.offsets),
-    }
+def _describe_regrasp() -> str:
+    return (
+        "move the object, grasp it at other points (contacts turned by "
+        f"{np.degrees(_REGRASP_ANGLE):.0f} deg about it and moved along it) and move it again, "
+        "all in one recording; no motion with one grasp separates them"
+    )
 
 
 def _table(offsets: FourierOffsets) -> dict[str, Any]:

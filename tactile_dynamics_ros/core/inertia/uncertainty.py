@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh
 
+from tactile_dynamics_ros.core.discrepancy.screening import orthonormal
 from tactile_dynamics_ros.core.inertia.estimate import PARAMETER_NAMES
 from tactile_dynamics_ros.core.inertia.prior import LogCholeskyPrior
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
@@ -63,6 +64,20 @@ def misfit_inflation(white_residual: Array, jacobian: Array) -> Array:
     scale = float(np.mean(white_residual**2))
     ratio = np.maximum(np.where(ratio > _TOLERATED_RATIO, ratio, 1.0), scale)
     return np.sqrt(np.maximum(ratio, 1.0))
+
+
+def effect_freedom(jacobian: Array, prior: Array) -> float:
+    """Number of effect parameters that data determine better than their prior.
+
+    Args:
+        jacobian: (M, 10 + k) white derivative by phi and the effects' parameters.
+        prior: (k,) information on those before the data.
+    """
+    load = orthonormal(jacobian[:, :10])
+    own = jacobian[:, 10:] / np.sqrt(prior)
+    own = own - load @ (load.T @ own)
+    values = np.maximum(np.linalg.eigvalsh(own.T @ own), 0.0)
+    return float(np.sum(values / (1.0 + values)))
 
 
 def unexcited_parameters(xi: Array, data: Array, prior: Array) -> tuple[str, ...]:
