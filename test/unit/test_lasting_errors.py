@@ -1,0 +1,92 @@
+"""What the diagnosis says where sensors state more than their white noise."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from synthetic_recording import held_box
+from test_diagnosis_engine import NOISE, Block, SlidingBlock, slide
+
+from tactile_dynamics_ros.core.discrepancy.assessment import assess
+from tactile_dynamics_ros.core.discrepancy.comparison import compare
+from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
+from tactile_dynamics_ros.core.discrepancy.documents import diagnosis_document
+from tactile_dynamics_ros.core.discrepancy.tempering import dispersion
+from tactile_dynamics_ros.core.effects.registry import create_effect
+from tactile_dynamics_ros.core.inertia.discrepancy_model import HeldObjectModel
+from tactile_dynamics_ros.core.inertia.readings import fit_with_readings
+
+QUIET = 0.4
+"""Share of the stated noise that is white."""
+
+
+def slide_with_lasting_error(seed: int, size: float, **hidden: float) -> Block:
+    """A slide with little white noise and an error that wanders over seconds."""
+    block = slide(seed, **hidden)
+    silent = slide(seed)
+    white = silent.force - 0.4 * silent.regressor
+    rng = np.random.default_rng([seed, 1])
+    knots = np.arange(0.0, 36.0, 5.0)
+    wander = np.interp(block.time, knots, rng.normal(0.0, NOISE * size, len(knots)))
+    force = block.force - (1.0 - QUIET) * white + wander
+    return dataclasses.replace(block, force=force)
+
+
+def test_errors_that_sensors_state_are_no_finding() -> None:
+    for seed in range(10):
+        model = SlidingBlock(slide_with_lasting_error(seed, 0.6))
+        diagnosis = diagnose(model)
+        assert not assess(model).white
+        assert diagnosis.verdict == "adequate"
+        assert "within what the sensors state" in diagnosis_document(diagnosis)["sentence"]
+        assert compare(model).to_json()["adequate"]
+
+
+def test_an_effect_beyond_what_sensors_state_is_named() -> None:
+    for seed in range(6):
+        model = SlidingBlock(slide_with_lasting_error(seed, 0.6, viscous_friction=0.1))
+        assert diagnose(model).effect == "viscous_friction"
+
+
+def test_a_law_of_the_same_size_that_nobody_knows_is_not_excused() -> None:
+    fast = SlidingBlock(slide_with_lasting_error(3, 0.1, hum=0.9 * NOISE))
+    assert assess(fast).rms < 1.0
+    assert diagnose(fast).verdict == "unexplained"
+
+
+def test_stated_noise_that_is_white_leaves_no_excuse() -> None:
+    exact = SlidingBlock(slide(4, cubic_drag=0.004))
+    assert not assess(exact).within_stated
+
+
+def test_dispersion_is_one_for_white_noise_and_large_for_errors_that_last() -> None:
+    assert dispersion(SlidingBlock(slide(5)), 1.0) < 2.0
+    assert dispersion(SlidingBlock(slide_with_lasting_error(5, 0.6)), QUIET) > 20.0
+
+
+@pytest.mark.parametrize("late", [0.1, -0.06])
+def test_forces_that_come_a_tenth_of_a_second_late_are_timed(late: float) -> None:
+    streams = held_box(seconds=12.0, seed=1).streams
+    contacts = {
+        name: dataclasses.replace(c, time=c.time + late, pose_time=c.pose_time + late)
+        for name, c in streams.contacts.items()
+    }
+    moved = dataclasses.replace(streams, contacts=contacts)
+    fit = fit_with_readings(moved, [create_effect("time_offset")])
+    assert [effect.label for effect in fit.effects] == ["time_offset:contact"]
+    assert float(fit.theta[0][0]) == pytest.approx(late, abs=2e-3)
+    assert fit.whitened_rms < 1.3
+
+
+def test_intervals_of_the_diagnosis_are_those_of_the_estimate() -> None:
+    """Where the model does not fit, both widen alike."""
+    streams = held_box(seconds=8.0, seed=2).streams
+    index = streams.contacts["index"]
+    swing = 0.2 * np.sin(0.9 * index.time)[:, None] * np.array([0.0, 0.0, 1.0])
+    contacts = {**streams.contacts, "index": dataclasses.replace(index, force=index.force + swing)}
+    disturbed = dataclasses.replace(streams, contacts=contacts)
+    fit = fit_with_readings(disturbed, [create_effect("viscous_drag")])
+    said = HeldObjectModel.from_fit(fit).parameters()["viscous_drag"]["c"]["std"]
+    assert said == pytest.approx(fit.to_estimate().effects["viscous_drag"].std["c"], rel=0.3)

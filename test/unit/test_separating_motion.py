@@ -1,0 +1,64 @@
+"""Which motions tell rival explanations apart."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from tactile_dynamics_ros.core.effects.check import example_inertia, example_samples
+from tactile_dynamics_ros.core.effects.registry import create_effect
+from tactile_dynamics_ros.core.inertia.separating_motion import Rival, SeparationCriterion
+
+FORCE_STD = 0.03
+
+
+def rival(label: str, theta: list[float]) -> Rival:
+    effect = create_effect(label)
+    stds = [p.prior_std for p in effect.parameters(example_samples())]
+    prior = np.concatenate([np.full(10, 1e-9), np.array(stds) ** -2.0])
+    return Rival(example_inertia(), (effect,), (np.array(theta),), prior)
+
+
+def slowed(factor: float):
+    """The example's poses passed through more slowly."""
+    samples = example_samples(2000)
+    return dataclasses.replace(
+        samples,
+        velocity=factor * samples.velocity,
+        acceleration=factor**2 * samples.acceleration,
+        angular_velocity=factor * samples.angular_velocity,
+        angular_acceleration=factor**2 * samples.angular_acceleration,
+    )
+
+
+def test_two_laws_of_drag_differ_more_when_speeds_differ_more():
+    criterion = SeparationCriterion(
+        rival("viscous_drag", [0.3]), (rival("quadratic_drag", [0.3]),), FORCE_STD
+    )
+    slow, fast = (float(criterion.gaps(slowed(f))[0]) for f in (0.1, 1.0))
+    assert fast > 10.0 * slow
+    assert fast > 30.0
+
+
+def test_a_simpler_explanation_inside_a_richer_one_is_told_by_its_fewer_parameters():
+    """A tilt of gravity is a cable that pulls at the centre of mass."""
+    phi = example_inertia()
+    tilt = rival("gravity_tilt", [0.05, -0.03])
+    change = 9.81 * phi[0] * np.array([-0.03, -0.05, 0.0])
+    samples = slowed(1.0)
+    wanted = tilt.wrench(samples) - rival("gravity_tilt", [0.0, 0.0]).wrench(samples)
+    cable = min(
+        (rival("hanging_cable", [*sign * change, *(phi[1:4] / phi[0])]) for sign in (1, -1)),
+        key=lambda r: np.abs(r.wrench(samples) - tilt.wrench(samples)).max(),
+    )
+    assert np.abs(wanted).max() > 0.0
+    gap = float(SeparationCriterion(cable, (tilt,), FORCE_STD).gaps(samples)[0])
+    assert gap > 10.0
+
+
+def test_more_motion_never_counts_more_than_what_is_decisive():
+    others = (rival("quadratic_drag", [0.3]), rival("rotational_drag", [0.01]))
+    criterion = SeparationCriterion(rival("viscous_drag", [0.3]), others, FORCE_STD)
+    assert criterion(slowed(1.0)) >= -2 * 2 * 30.0
+    assert criterion(slowed(1.0)) <= criterion(slowed(0.05))
