@@ -24,11 +24,12 @@ def findings_of_comparison(
 ) -> DiscrepancyFindings:
     """What the report of `compare` shows."""
     good = bool(document["adequate"])
-    verdict = (
-        "The model explains this recording down to the sensor noise."
-        if good
-        else "The model leaves more than sensor noise: see where it fails."
-    )
+    if document["white"]:
+        verdict = "The model explains this recording down to the sensor noise."
+    elif good:
+        verdict = "The model explains this recording to within what the sensors state."
+    else:
+        verdict = "The model leaves more than sensor noise: see where it fails."
     residuals = comparison.residuals
     return DiscrepancyFindings(
         source=recording.source,
