@@ -40,6 +40,18 @@ def _pseudo_inertia_basis() -> Array:
 _PSEUDO_BASIS = _pseudo_inertia_basis()
 
 
+def _pseudo_inertia_inverse() -> Array:
+    """Constant matrix (16, 10) with phi = vec(P) A: mass, first moment, I = tr(S) 1 - S."""
+    unit = np.eye(16).reshape(16, 4, 4)
+    second = unit[:, :3, :3]
+    trace = np.einsum("kii->k", second)[:, None, None]
+    inertia = (trace * np.eye(3) - second)[:, _INERTIA_ROWS, _INERTIA_COLUMNS]
+    return np.concatenate([unit[:, 3, 3, None], unit[:, :3, 3], inertia], axis=1)
+
+
+_FROM_PSEUDO = _pseudo_inertia_inverse()
+
+
 def inertia_matrix(six: Array) -> Array:
     """Symmetric matrix of [I_xx, I_xy, I_yy, I_xz, I_yz, I_zz], (..., 6) -> (..., 3, 3)."""
     values = np.asarray(six, dtype=float)
@@ -62,10 +74,7 @@ def pseudo_inertia(dynamic_parameters: Array) -> Array:
 def dynamic_parameters_from_pseudo_inertia(matrix: Array) -> Array:
     """Dynamic parameters of a pseudo-inertia, (..., 4, 4) -> (..., 10): I = tr(S) 1 - S."""
     p = np.asarray(matrix, dtype=float)
-    second_moment = p[..., :3, :3]
-    trace = np.einsum("...ii->...", second_moment)[..., None, None]
-    inertia = inertia_vector(trace * np.eye(3) - second_moment)
-    return np.concatenate([p[..., 3, 3, None], p[..., :3, 3], inertia], axis=-1)
+    return np.asarray(p.reshape(*p.shape[:-2], 16) @ _FROM_PSEUDO)
 
 
 def log_cholesky_factor(xi: Array) -> Array:

@@ -12,9 +12,10 @@ from itertools import takewhile
 from typing import Generic, TypeVar
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.linalg import lapack
+
+from tactile_dynamics_ros.core.inertia.incremental.rolling_table import sliding_rows
 
 Array = NDArray[np.float64]
 Record = TypeVar("Record")
@@ -95,8 +96,7 @@ class Decorrelator(Generic[Record]):
         padded = np.zeros((len(response) + 2 * self._padding, _BLOCK, readings))
         padded[self._padding : self._padding + len(response)] = response
         size = self._width // _BLOCK
-        windows = sliding_window_view(padded, size, axis=0)
-        flat = np.moveaxis(windows, -1, 1).reshape(self._rows, self._width, readings)
+        flat = sliding_rows(padded, size).reshape(self._rows, self._width, readings)
         covariance = np.zeros((self._rows * _BLOCK, readings + own.shape[1]))
         covariance[:, :readings] = (self._noise @ flat).reshape(-1, readings)
         centre = slice(self.lag * _BLOCK, (self.lag + 1) * _BLOCK)

@@ -138,7 +138,7 @@ class DenoisedMotion:
         def body(vectors: Array) -> Array:
             return np.asarray((to_body[:, None] @ vectors[..., None])[..., 0])
 
-        omega, alpha = np.moveaxis(body(self.rates[:, 1:]), 1, 0)
+        omega, alpha = body(self.rates[:, 1:]).swapaxes(0, 1)
         loaded = contacts.in_contact[..., None]
         return WrenchSamples(
             time=self.time - origin,
@@ -264,7 +264,7 @@ def contact_noise_response(motion: DenoisedMotion, contacts: ContactRows) -> Arr
         [skew(samples.contact_point[0]) @ to_body, np.broadcast_to(to_body, (len(variance), 3, 3))],
         axis=1,
     )
-    return np.asarray(np.moveaxis(by_force * variance[:, None], 0, 1).reshape(6, -1))
+    return np.asarray((by_force * variance[:, None]).swapaxes(0, 1).reshape(6, -1))
 
 
 def _padded(values: Array, count: int) -> Array:
@@ -323,7 +323,7 @@ def _residual_noise(weights: Array, response: Array, noise: Array) -> Array:
         noise: (B, w, 2, 3, 3) square roots of the poses' covariance.
     """
     count, _, width = weights.shape
-    orders = np.moveaxis(response, 2, 1).reshape(count, 3, -1)
+    orders = response.swapaxes(1, 2).reshape(count, 3, -1)
     by_pose = (np.swapaxes(weights, 1, 2) @ orders).reshape(count, width, 2, 6, 3) @ noise
     return np.asarray(np.transpose(by_pose, (0, 3, 1, 2, 4)).reshape(count, 6, -1))
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.lib.stride_tricks import as_strided
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -52,3 +53,11 @@ class RollingTable:
             column[:half] = column[half:]
         self._base += half
         self._end = half
+
+
+def sliding_rows(rows: Array, width: int) -> Array:
+    """View (N - width + 1, width, ...) of all stretches of `width` successive rows (N, ...)."""
+    if len(rows) == width:
+        return rows[None]
+    shape = (len(rows) - width + 1, width, *rows.shape[1:])
+    return as_strided(rows, shape, (rows.strides[0], *rows.strides), writeable=False)

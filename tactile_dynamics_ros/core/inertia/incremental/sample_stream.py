@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.inertia.incremental.config import IncrementalConfig
@@ -16,7 +15,7 @@ from tactile_dynamics_ros.core.inertia.incremental.contact_queue import (
     ContactReading,
 )
 from tactile_dynamics_ros.core.inertia.incremental.residuals import ContactRows, PoseWindows
-from tactile_dynamics_ros.core.inertia.incremental.rolling_table import RollingTable
+from tactile_dynamics_ros.core.inertia.incremental.rolling_table import RollingTable, sliding_rows
 from tactile_dynamics_ros.core.inertia.noise import white_noise_std
 from tactile_dynamics_ros.core.rigid_body.rotation import log_so3
 
@@ -180,8 +179,7 @@ class SampleStream:
         span, width = (first - layout.long, last + layout.long), 2 * layout.long + 1
 
         def view(name: str) -> Array:
-            rows = sliding_window_view(self._poses.rows(name, *span), width, axis=0)
-            return np.moveaxis(rows, -1, 1)
+            return sliding_rows(self._poses.rows(name, *span), width)
 
         noise = view("noise") * self._noise_scale[:, None, None]
         return PoseWindows(
@@ -196,7 +194,7 @@ class SampleStream:
     def _drawn(self, first: int, last: int, width: int) -> Array:
         """Fixed standard normal draws (B, W, 6) of the poses first <= k < last."""
         rows = self._draws[np.arange(first, last) % len(self._draws)]
-        return np.moveaxis(sliding_window_view(rows, width, axis=0), -1, 1)
+        return sliding_rows(rows, width)
 
     def contacts(self, first: int, last: int) -> ContactRows:
         """Contacts of rows first <= k < last."""

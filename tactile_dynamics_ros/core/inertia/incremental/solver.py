@@ -119,6 +119,7 @@ class SummarySolver:
         self._prior = prior
         self._effect_std = np.asarray(effect_std, dtype=float)
         self._summary_index: list[int] = []
+        self._rounded: Array | None = None
         self._start(prior.mean, np.zeros(len(self._effect_std)))
 
     @property
@@ -127,10 +128,12 @@ class SummarySolver:
 
         Its second moments grow by 1e-10 of their sum, so that rounding cannot make P indefinite.
         """
-        factor = log_cholesky_factor(self._xi)
-        matrix = factor @ factor.T
-        matrix[range(3), range(3)] += _ROUNDING * np.trace(matrix[:3, :3])
-        return log_cholesky(matrix)
+        if self._rounded is None:
+            factor = log_cholesky_factor(self._xi)
+            matrix = factor @ factor.T
+            matrix[range(3), range(3)] += _ROUNDING * np.trace(matrix[:3, :3])
+            self._rounded = log_cholesky(matrix)
+        return self._rounded
 
     @property
     def theta(self) -> Array:
@@ -188,6 +191,7 @@ class SummarySolver:
         self._isam.update(graph, values)
         self._summary_index = []
         self._xi, self._theta = np.array(xi), np.array(theta)
+        self._rounded = None
 
     def _iterate(self, graph: gtsam.NonlinearFactorGraph) -> None:
         removed = self._summary_index
@@ -209,7 +213,7 @@ class SummarySolver:
         return np.concatenate([self._xi, self._theta])
 
     def _read(self) -> None:
-        self._xi = self._isam.calculateEstimateVector(INERTIA_KEY)
+        self._xi, self._rounded = self._isam.calculateEstimateVector(INERTIA_KEY), None
         if len(self._effect_std):
             self._theta = self._isam.calculateEstimateVector(EFFECTS_KEY)
 
