@@ -11,6 +11,9 @@ Array = NDArray[np.float64]
 
 _SMALL_ANGLE = 1e-6
 _NEXT, _LAST = [1, 2, 0], [2, 0, 1]
+_SKEW = np.zeros((3, 9))
+_SKEW[[2, 1, 2, 0, 1, 0], [1, 2, 3, 5, 6, 7]] = [-1.0, 1.0, 1.0, -1.0, -1.0, 1.0]
+_HALF_DIFFERENCE = 0.5 * _SKEW.T
 
 
 def skew(vector: Array) -> Array:
@@ -23,11 +26,7 @@ def skew(vector: Array) -> Array:
         (..., 3, 3).
     """
     v = np.asarray(vector, dtype=float)
-    matrix = np.zeros((*v.shape, 3))
-    matrix[..., 0, 1], matrix[..., 0, 2] = -v[..., 2], v[..., 1]
-    matrix[..., 1, 0], matrix[..., 1, 2] = v[..., 2], -v[..., 0]
-    matrix[..., 2, 0], matrix[..., 2, 1] = -v[..., 1], v[..., 0]
-    return matrix
+    return np.asarray((v @ _SKEW).reshape(*v.shape, 3))
 
 
 def cross(a: Array, b: Array) -> Array:
@@ -64,12 +63,22 @@ def exp_so3(rotation_vector: Array) -> Array:
 def log_so3(rotation: Array) -> Array:
     """Rotation vector of a rotation, the inverse of `exp_so3`, angle in [0, pi].
 
+    Angles below 90 deg follow from the antisymmetric part, others by the quaternion.
+
     Args:
         rotation: (..., 3, 3).
 
     Returns:
         (..., 3) rad.
     """
+    flat = np.asarray(rotation, dtype=float).reshape(*np.shape(rotation)[:-2], 9)
+    cosine = 0.5 * (flat[..., 0] + flat[..., 4] + flat[..., 8] - 1.0)
+    if np.all(cosine > 0.0):
+        half = flat @ _HALF_DIFFERENCE
+        sine = np.sqrt((half * half).sum(axis=-1))
+        small = sine < _SMALL_ANGLE
+        ratio = np.arctan2(sine, cosine) / np.where(small, 1.0, sine)
+        return np.asarray(np.where(small, 1.0, ratio)[..., None] * half)
     quaternion = matrix_to_quaternion(rotation)
     vector, scalar = quaternion[..., :3], quaternion[..., 3]
     sine = np.linalg.norm(vector, axis=-1)
