@@ -147,9 +147,10 @@ def _start(supervisor: Supervisor, args: Namespace, out: Path, say: Callable[[st
             "object": args.object,
             "excitation.duration": float(args.duration),
             "excitation.seed": args.seed,
-            "motion": str(motion or ""),
         },
     }
+    if motion is not None:
+        extra["grasp_controller"]["motion"] = motion
     supervisor.start("recorder", verb_command("record", str(out / "recording")))
     for name in nodes_of(config):
         supervisor.start(name, node_command(name, config, extra.get(name)))
