@@ -16,10 +16,10 @@ from tactile_dynamics_ros.core.discrepancy.search import (
     explained_share,
     find_effects,
     find_vibration,
+    is_noise,
     is_settled,
-    is_within_stated,
 )
-from tactile_dynamics_ros.core.discrepancy.selection import Choice
+from tactile_dynamics_ros.core.discrepancy.selection import Choice, Trial
 from tactile_dynamics_ros.core.discrepancy.signature import Signature, describe_residual
 from tactile_dynamics_ros.core.discrepancy.tempering import temper
 from tactile_dynamics_ros.core.discrepancy.validation import HeldOut, fits_equally, held_out
@@ -94,26 +94,23 @@ def diagnose(
     config = config or DiagnosisConfig()
     first = assessment or assess(model, config.significance)
     before = held_out(model)
+
+    def unnamed(verdict: str, steps: tuple[Step, ...], floor: float) -> Diagnosis:
+        signature = describe_residual(model) if verdict == "unexplained" else None
+        return Diagnosis(verdict, None, (), model, first, steps, before, before, floor, signature)
+
     if first.white:
-        return Diagnosis(
-            "adequate", None, (), model, first, (), before, before, first.structure.floor
-        )
+        return unnamed("adequate", (), first.structure.floor)
     steps = find_effects(model, first, config)
     floor = min([first.structure.floor] + [s.after.structure.floor for s in steps])
-    accounted = _accounts_for(model, steps, first, floor, config)
-    if first.within_stated and not accounted:
-        return Diagnosis("adequate", None, (), model, first, steps, before, before, floor)
-    if not accounted:
-        return Diagnosis(
-            "unexplained", None, (), model, first, steps, before, before, floor,
-            signature=describe_residual(model),
-        )  # fmt: skip
+    if not _accounts_for(model, steps, first, floor, config):
+        return unnamed("adequate" if first.within_stated else "unexplained", steps, floor)
     if len(steps) == 1 and steps[0].after.within_stated:
         steps = (temper(steps[0]),)
     step = steps[0]
     group, ambiguous = find_group(step.choice, config)
     if first.within_stated and any(r.source.family.lasting for r in step.choice.named(group)):
-        return Diagnosis("adequate", None, (), model, first, steps, before, before, floor)
+        return unnamed("adequate", steps, floor)
     after = held_out(step.choice.model)
     return Diagnosis(
         verdict="ambiguous" if ambiguous else "missing_effect",
@@ -145,7 +142,7 @@ def _accounts_for(
         return True
     if not steps or not is_settled(first, steps, floor, config):
         return False
-    if steps[-1].after.white or is_within_stated(first, steps, config):
+    if is_noise(first, steps, config):
         return True
     vibrates = find_vibration(model, floor) is not None
     if vibrates and not any(step.choice.best.source.family.rings for step in steps):
@@ -171,13 +168,16 @@ def find_group(choice: Choice, config: DiagnosisConfig) -> tuple[tuple[str, ...]
 
     Where lasting errors remain, what fits held-out blocks as well is as plausible.
     """
-    best = choice.best
-    equal = [r for r in choice.rivals if fits_equally(best.held_out, r.held_out)]
-    plausible = [r for r in choice.rivals if r.criterion < best.criterion + config.indifference]
-    if choice.dispersion > 1.0:
-        equal = [r for r in choice.rivals if r in equal or r in plausible]
-        ambiguous = bool(equal)
-    else:
-        ambiguous = any(r in equal for r in plausible)
+    best, lasting = choice.best, choice.dispersion > 1.0
+
+    def is_plausible(rival: Trial) -> bool:
+        return rival.criterion < best.criterion + config.indifference
+
+    equal = [
+        rival
+        for rival in choice.rivals
+        if fits_equally(best.held_out, rival.held_out) or (lasting and is_plausible(rival))
+    ]
+    ambiguous = any(lasting or is_plausible(rival) for rival in equal)
     names = (best.name, *(r.name for r in equal)) if equal else ()
     return names, ambiguous

@@ -126,19 +126,21 @@ def is_settled(
     first: Assessment, steps: Sequence[Step], floor: float, config: DiagnosisConfig
 ) -> bool:
     """Whether what all steps leave is noise, or too little to speak of."""
-    after = steps[-1].after
-    if after.white or is_within_stated(first, steps, config):
+    if is_noise(first, steps, config):
         return True
+    after = steps[-1].after
     share = explained_share(first.rms, after.rms, floor)
     return share >= config.explained and after.rms <= config.near_floor * floor
 
 
-def is_within_stated(first: Assessment, steps: Sequence[Step], config: DiagnosisConfig) -> bool:
-    """Whether what all steps leave is what the sensors state of themselves.
+def is_noise(first: Assessment, steps: Sequence[Step], config: DiagnosisConfig) -> bool:
+    """Whether what all steps leave is white, or what the sensors state of themselves.
 
-    Where that was so before, only effects that are no errors of sensors can have done it.
+    Where it was the latter before, only effects that are no errors of sensors can have done it.
     """
     after = steps[-1].after
+    if after.white:
+        return True
     if not after.within_stated:
         return False
     share = explained_share(first.rms, after.rms, after.structure.floor)

@@ -116,8 +116,7 @@ def choose_effect(model: ResidualModel, scores: Sequence[Score], floor: float) -
     refined = best.model.refined()
     while True:
         tried.add(best.label)
-        bare = refined.without_effect(best.name)
-        trials = try_effects(bare, screen(bare, bare.families(names), floor), floor, np.inf)
+        bare, trials = _rematch(refined, best.name, names, floor)
         if trials[0].label in tried or len(tried) == _ROUNDS:
             break
         other = trials[0].model.refined()
@@ -129,6 +128,15 @@ def choose_effect(model: ResidualModel, scores: Sequence[Score], floor: float) -
     return _simplest(Choice(refined, own, rivals, evidence(bare, floor)))
 
 
+def _rematch(
+    model: ResidualModel, present: str, names: Sequence[str], floor: float
+) -> tuple[ResidualModel, list[Trial]]:
+    """The model without its present effect, and all named effects tried at its whitening."""
+    bare = model.without_effect(present)
+    scores = screen(bare, bare.families(names), floor)
+    return bare, try_effects(bare, scores, floor, np.inf)
+
+
 def _simplest(choice: Choice) -> Choice:
     """A rival with fewer parameters, if at its own whitening it leaves white noise.
 
@@ -136,6 +144,7 @@ def _simplest(choice: Choice) -> Choice:
     disadvantage there. A simpler effect is given up only where, at home, another one is better.
     """
     best = choice.best
+    names = [best.name, *(r.name for r in choice.rivals)]
     limit = _CLOSE * _square(best.model)
     close = [r for r in choice.rivals if _square(r.model) <= limit]
     for rival in sorted(close, key=lambda trial: trial.model.freedom):
@@ -145,13 +154,7 @@ def _simplest(choice: Choice) -> Choice:
         structure = examine(*instants(model))
         if structure.p_value < _WHITE:
             continue
-        bare, names = (
-            model.without_effect(rival.name),
-            [best.name, *(r.name for r in choice.rivals)],
-        )
-        trials = try_effects(
-            bare, screen(bare, bare.families(names), structure.floor), structure.floor, np.inf
-        )
+        bare, trials = _rematch(model, rival.name, names, structure.floor)
         own = next((t for t in trials if t.name == rival.name), None)
         if own is not None and trials[0].criterion > own.criterion - _CHANCE:
             others = tuple(t for t in trials if t is not own)

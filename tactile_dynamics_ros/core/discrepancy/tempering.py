@@ -58,7 +58,8 @@ def temper(step: Step) -> Step:
 
     ranked = sorted(map(tempered, (best, *choice.rivals)), key=lambda trial: trial.criterion)
     bare = best.model.without_effect(best.name)
-    model = choice.model if ranked[0].name == best.name else ranked[0].model.refined()
+    kept = ranked[0].name == best.name
+    model = choice.model if kept else ranked[0].model.refined()
     again = replace(
         choice,
         model=model,
@@ -67,5 +68,5 @@ def temper(step: Step) -> Step:
         without=evidence(bare, floor, 1, ratio),
         dispersion=ratio,
     )
-    after = assess(model, step.after.significance)
+    after = step.after if kept else assess(model, step.after.significance)
     return Step(again, after) if after.within_stated else step

@@ -150,7 +150,7 @@ class HeldObjectModel:
                 kept,
                 len(found),
                 effect,
-                effect.rings,
+                rings=effect.rings,
                 lasting=effect.lasting,
             )
             for effect, reading, columns, kept in found
@@ -211,7 +211,7 @@ class HeldObjectModel:
                 break
             settled = model.whitened_rms > _SETTLED * best.whitened_rms
             last, best = best, model
-            if settled and _moved(last, best) < _STILL:
+            if settled and _step_size(last, best) < _STILL:
                 break
         return HeldObjectModel.from_fit(best, self.catalogue)
 
@@ -295,7 +295,7 @@ def _split(values: Array, theta: Sequence[Array]) -> tuple[Array, tuple[Array, .
     return phi, tuple(parts)
 
 
-def _moved(before: FittedModel, after: FittedModel) -> float:
+def _step_size(before: FittedModel, after: FittedModel) -> float:
     """Square of the step between two fits, in units of their uncertainty."""
     step = np.concatenate([after.phi - before.phi, *map(np.subtract, after.theta, before.theta)])
     change = after.white_jacobian @ step

@@ -105,27 +105,31 @@ class SeparationCriterion:
 
     def gaps(self, *parts: WrenchSamples) -> Array:
         """Expected difference of -2 log evidence to each of the others, (rivals,)."""
-        wrench, columns = self._predict(parts, self.best)
+        covariances = [wrench_covariance(samples, self.force_std) for samples in parts]
+        factors = [np.asarray(np.linalg.cholesky(c), dtype=np.float64) for c in covariances]
+        wrench, columns = _predict(self.best, parts, factors)
         freedom = effect_freedom(columns, self.best.prior[10:])
         gaps = []
         for other in self.others:
-            expected, own = self._predict(parts, other)
+            expected, own = _predict(other, parts, factors)
             count = effect_freedom(own, other.prior[10:]) - freedom
             occam = count * np.log(_RECORDED_HZ / _RATE_HZ * len(own))
             gaps.append(abs(_chi_square(wrench - expected, own, other.prior) + occam))
         return np.array(gaps)
 
-    def _predict(self, parts: Sequence[WrenchSamples], rival: Rival) -> tuple[Array, Array]:
-        """White wrench and its derivatives, one row per component of a sample at 100 Hz."""
-        root = np.sqrt(_RECORDED_HZ / _RATE_HZ / len(parts))
-        white = []
-        for samples in parts:
-            factor = np.linalg.cholesky(wrench_covariance(samples, self.force_std))
-            both = [rival.wrench(samples)[..., None], rival.columns(samples)]
-            found = np.linalg.solve(factor, np.concatenate(both, axis=2))
-            white.append(root * found.reshape(-1, found.shape[2]))
-        rows = np.concatenate(white)
-        return rows[:, 0], rows[:, 1:]
+
+def _predict(
+    rival: Rival, parts: Sequence[WrenchSamples], factors: Sequence[Array]
+) -> tuple[Array, Array]:
+    """White wrench and its derivatives, one row per component of a sample at 100 Hz."""
+    root = np.sqrt(_RECORDED_HZ / _RATE_HZ / len(parts))
+    white = []
+    for samples, factor in zip(parts, factors, strict=True):
+        both = [rival.wrench(samples)[..., None], rival.columns(samples)]
+        found = np.linalg.solve(factor, np.concatenate(both, axis=2))
+        white.append(root * found.reshape(-1, found.shape[2]))
+    rows = np.concatenate(white)
+    return rows[:, 0], rows[:, 1:]
 
 
 def _chi_square(target: Array, columns: Array, prior: Array) -> float:
