@@ -104,8 +104,9 @@ def test_parallel_runs_get_different_domains():
     assert {line[1] for line in lines} == {"LOCALHOST"}
 
 
-def test_claimed_domain_is_free_again_after_the_context(monkeypatch):
+def test_claimed_domain_is_free_again_after_the_context(monkeypatch, tmp_path):
     monkeypatch.setenv("ROS_DOMAIN_ID", os.environ["ROS_DOMAIN_ID"])
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))  # claims of other runs lie elsewhere
     monkeypatch.setattr("tactile_dynamics_ros.cli.domain.DOMAINS", range(98, 99))
     for _ in range(2):
         with private_domain() as domain:
