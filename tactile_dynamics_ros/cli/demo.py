@@ -83,7 +83,8 @@ def run(args: Namespace) -> int:
     from tactile_dynamics_ros.cli.demo_result import summarise_demo
 
     explanation = None if story is None else _explain(out, say)
-    result = summarise_demo(out, monitor.history(), truth, args.hidden, say)
+    found = explanation["effects"] if explanation else []
+    result = summarise_demo(out, monitor.history(), truth, args.hidden, say, found)
     if story is not None:
         result |= story.document() | {"explanation": explanation}
     result["wall_time_s"] = round(time.monotonic() - started, 1)

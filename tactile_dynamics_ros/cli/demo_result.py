@@ -5,7 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +15,10 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.cli.demo_monitor import NAMES
 from tactile_dynamics_ros.cli.text_table import align_rows
+from tactile_dynamics_ros.core.effects import create_effect
 from tactile_dynamics_ros.core.inertia.batch import fit_recording
 from tactile_dynamics_ros.core.inertia.estimate import InertialEstimate
+from tactile_dynamics_ros.core.inertia.readings import fit_with_readings
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
 from tactile_dynamics_ros.core.rigid_body.rotation import quaternion_to_matrix
 from tactile_dynamics_ros.recording import Recording
@@ -38,6 +40,7 @@ def summarise_demo(
     truth: dict[str, Any],
     hidden: str,
     say: Callable[[str], None],
+    effects: Sequence[str] = (),
 ) -> dict[str, Any]:
     """Estimate from the recording, print live, offline and truth, write the report.
 
@@ -47,15 +50,20 @@ def summarise_demo(
         truth: what /robot_sim/reveal said.
         hidden: the hidden effect that was asked for, or "none".
         say: prints a line for people.
+        effects: found to be missing; the estimate from the recording includes them.
 
     Returns:
         A document for --json.
     """
     recording = Recording.from_bag(out / "recording")
-    model = fit_recording(recording.streams)
+    missing = [create_effect(name) for name in effects]
+    streams = recording.streams
+    model = fit_with_readings(streams, missing) if missing else fit_recording(streams)
     offline = model.to_estimate()
     body = InertialParameters(truth["mass"], np.array(truth["com"]), np.array(truth["inertia_com"]))
     say(_comparison(history, offline, body))
+    if effects:
+        say(f"offline: with {', '.join(effects)}")
     effect = truth["hidden_effect"]
     if hidden != "none":
         say(f"hidden effect: {effect['name']}, {effect['parameters']}")

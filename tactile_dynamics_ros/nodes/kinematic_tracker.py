@@ -82,6 +82,7 @@ class KinematicTrackerNode(Shell):
         self._seen: deque[Array] = deque(maxlen=self.config.start_poses)
         self._vision_covariance: Array | None = None
         self._touched: dict[str, float] = {}
+        self._touching: set[str] = set()
         self._held = True
         self._refuting = 0
         self._frame = ObjectFrame(self)
@@ -100,6 +101,9 @@ class KinematicTrackerNode(Shell):
         def take(message: Stamped) -> None:
             if wrench_to_core(message, topic, WORLD)[3:].any():
                 self._touched[finger] = to_seconds(message.stamp)
+                self._touching.add(finger)
+            else:
+                self._touching.discard(finger)
 
         return take
 
@@ -157,8 +161,7 @@ class KinematicTrackerNode(Shell):
         self.fusion.reset()
 
     def _follow(self, message: Joints, positions: Array, time: float) -> None:
-        touching = [f for f, last in self._touched.items() if time - last < 0.05]
-        pose, covariance = self.tracker.update(positions, time, touching)
+        pose, covariance = self.tracker.update(positions, time, self._recent(time) & self._touching)
         stamp = message.stamp
         self._kinematic.publish(uncertain_pose_to_message(pose, covariance, stamp, WORLD))
         fused, fused_covariance = self.fusion.predict(pose, covariance, time)
@@ -168,14 +171,19 @@ class KinematicTrackerNode(Shell):
 
     def _grasped(self, time: float) -> bool:
         """Whether thumb and another finger have touched within the release time."""
-        recent = {f for f, last in self._touched.items() if time - last < self.config.release_time}
+        recent = self._recent(time)
         return ANCHOR in recent and len(recent) > 1
+
+    def _recent(self, time: float) -> set[str]:
+        """Return the fingers that have touched within the release time."""
+        return {f for f, last in self._touched.items() if time - last < self.config.release_time}
 
     def _forget(self) -> None:
         self.tracker.reset()
         self._joints.clear()
         self._seen.clear()
         self._touched.clear()
+        self._touching.clear()
 
 
 def main() -> int:

@@ -1,14 +1,16 @@
-"""When the simulated robot may go on, and when its late messages are due."""
+"""When the simulated robot may go on, and when what is late is due."""
 
 from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import numpy as np
-from rclpy.publisher import Publisher
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
+
+Item = TypeVar("Item")
 
 CATCH_UP = 0.5
 SLACK = 0.005
@@ -21,6 +23,9 @@ class PaceConfig:
     real_time_factor: float = parameter(1.0, "simulated over real time", "", 0.05, 20.0)
     touch_latency: float = parameter(0.005, "delay of raw counts behind their stamp", "s", 0, 1.0)
     vision_latency: float = parameter(0.02, "delay of poses and images", "s", 0.0, 1.0)
+    command_latency: float = parameter(
+        0.03, "delay of a command's execution behind its stamp", "s", 0.0, 1.0
+    )
     command_lag: float = parameter(0.1, "the simulation waits for later commands", "s", 0.02)
     command_timeout: float = parameter(1.0, "real time after which it goes on", "s", 0.0)
 
@@ -69,19 +74,18 @@ class Pace:
         return late and waited < self._config.command_timeout
 
 
-class DelayedMessages:
-    """Messages that are published some simulated time after their stamp."""
+class DelayLine(Generic[Item]):
+    """Items that are due some simulated time after they came."""
 
     def __init__(self) -> None:
-        self._waiting: list[tuple[float, Publisher, object]] = []
+        self._waiting: list[tuple[float, Item]] = []
 
-    def add(self, due: float, publisher: Publisher, message: object) -> None:
-        """Keep a message until a simulated time, s."""
-        self._waiting.append((due, publisher, message))
+    def add(self, due: float, item: Item) -> None:
+        """Keep an item until a simulated time, s."""
+        self._waiting.append((due, item))
 
-    def release(self, now: float) -> None:
-        """Publish what is due."""
-        due = [entry for entry in self._waiting if entry[0] <= now + 1e-9]
+    def take(self, now: float) -> list[Item]:
+        """Return what is due at a simulated time (s), in the order in which it came."""
+        due = [item for time, item in self._waiting if time <= now + 1e-9]
         self._waiting = [entry for entry in self._waiting if entry[0] > now + 1e-9]
-        for _, publisher, message in due:
-            publisher.publish(message)
+        return due

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import json
 
+import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped, WrenchStamped
+from numpy.typing import NDArray
+from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image, JointState
 
@@ -21,7 +24,7 @@ from tactile_dynamics_ros.nodes.conversions import (
     uncertain_pose_to_message,
     wrench_to_message,
 )
-from tactile_dynamics_ros.nodes.pacing import DelayedMessages, Pace, PaceConfig
+from tactile_dynamics_ros.nodes.pacing import DelayLine, Pace, PaceConfig
 from tactile_dynamics_ros.nodes.parameters import declare_config
 from tactile_dynamics_ros.nodes.shell import Shell, run_node
 from tactile_dynamics_ros.nodes.wire import Joints
@@ -31,6 +34,8 @@ from tactile_dynamics_ros.sim.simulated_robot import (
     SimulatedRobotConfig,
 )
 
+Array = NDArray[np.float64]
+
 PERIOD = 0.01
 CAMERA_FRAME = "camera_depth_optical_frame"
 
@@ -39,7 +44,9 @@ class RobotSim(Shell):
     """Simulates 10 ms, publishes what the sensors say, waits until that time has passed.
 
     Where the machine is too slow, simulated time falls behind real time; nothing is skipped, and
-    the simulation waits for a controller that is working but late.
+    the simulation waits for a controller that is working but late. A command is executed a fixed
+    time after its stamp (at once if it comes later or bears none), as drives do that follow
+    setpoints by their clock: messages that come in bursts do not make the motion jerk.
     """
 
     def __init__(self) -> None:
@@ -56,7 +63,8 @@ class RobotSim(Shell):
         self._camera = self.stream(CameraInfo, "/camera/depth/camera_info")
         self.listen(JointState, "/joint_command", self._on_command)
         self.serve("/robot_sim/reveal", lambda: json.dumps(self.robot.reveal()))
-        self._late = DelayedMessages()
+        self._late: DelayLine[tuple[Publisher, object]] = DelayLine()
+        self._commands: DelayLine[tuple[Array, tuple[str, ...]]] = DelayLine()
         self._pace = Pace(self.config)
         self.every(PERIOD / self.config.real_time_factor, self._tick)
         self.every(2.0, self._measure_pace)
@@ -66,6 +74,8 @@ class RobotSim(Shell):
         for _ in range(3):
             if self._pace.must_wait(self.robot.world.time):
                 return
+            for target, names in self._commands.take(self.robot.world.time):
+                self.robot.world.command(target, names)
             self._publish(self.robot.advance())
 
     def _publish(self, readings: Readings) -> None:
@@ -83,23 +93,24 @@ class RobotSim(Shell):
         if readings.wrist_saturated:
             self.faults.add("wrist_saturated")
         counts = biotac_to_message(readings.counts, readings.touch_time, "hand")
-        self._late.add(readings.time + self.config.touch_latency, self._raw, counts)
+        self._late.add(readings.time + self.config.touch_latency, (self._raw, counts))
         late = readings.time + self.config.vision_latency
         if readings.vision is not None:
             covariance = self.robot.marker.covariance
             pose = uncertain_pose_to_message(
                 readings.vision, covariance, readings.joint_time, "world"
             )
-            self._late.add(late, self._vision, pose)
+            self._late.add(late, (self._vision, pose))
         if readings.depth is not None:
             camera = self.robot.camera.config
             info = camera_info(
                 camera.intrinsics, camera.width, camera.height, readings.time, CAMERA_FRAME
             )
             image = depth_to_message(readings.depth, readings.time, CAMERA_FRAME)
-            self._late.add(late, self._camera, info)
-            self._late.add(late, self._depth, image)
-        self._late.release(readings.time)
+            self._late.add(late, (self._camera, info))
+            self._late.add(late, (self._depth, image))
+        for publisher, message in self._late.take(readings.time):
+            publisher.publish(message)
 
     def _on_command(self, message: Joints) -> None:
         names = message.names
@@ -107,9 +118,10 @@ class RobotSim(Shell):
         if unknown:
             raise MessageError("unknown_joint", f"/joint_command: no joint '{unknown[0]}'")
         reader = self._reader.setdefault(names, JointReader(names, "/joint_command"))
-        self.robot.world.command(reader.positions(message), names)
-        if to_seconds(message.stamp) > 0.0:
-            self._pace.note_command(to_seconds(message.stamp))
+        stamp = to_seconds(message.stamp)
+        self._commands.add(stamp + self.config.command_latency, (reader.positions(message), names))
+        if stamp > 0.0:
+            self._pace.note_command(stamp)
 
     def _measure_pace(self) -> None:
         pace = self._pace.measure(self.robot.world.time)

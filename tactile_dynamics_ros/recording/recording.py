@@ -200,14 +200,19 @@ class _BagAssembly:
 
 
 def _rename(bag: BagTables, names: dict[str, str], source: str) -> None:
-    """Give remapped topics the names that they stand for."""
-    for recorded, meant in names.items():
+    """Give remapped topics the names that they stand for, all at once: names may be swapped."""
+    for recorded in names:
         if recorded not in bag.types:
             present = ", ".join(sorted(bag.types))
             raise BadInputError(f"remap: {recorded} is not in {source} (topics: {present})")
-        bag.types[meant] = bag.types.pop(recorded)
-        if recorded in bag.tables:
-            bag.tables[meant] = bag.tables.pop(recorded)
+    types = {meant: bag.types.pop(recorded) for recorded, meant in names.items()}
+    tables = {
+        meant: bag.tables.pop(recorded)
+        for recorded, meant in names.items()
+        if recorded in bag.tables
+    }
+    bag.types.update(types)
+    bag.tables.update(tables)
 
 
 def _require_overlap(streams: Streams, source: str) -> None:

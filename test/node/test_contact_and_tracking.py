@@ -167,6 +167,24 @@ def test_tracking_ends_when_the_thumb_lets_go(grasp):
     assert len(grasp.poses("/object/pose/kinematic")) == count
 
 
+def test_tracked_pose_does_not_leap_while_forces_are_late(grasp):
+    start_tracking(grasp)
+    spread = POSITIONS + 0.02 * np.r_[np.zeros(7), np.ones(16)]
+    grasp.step(spread, vision=False)
+    for _ in range(15):
+        grasp.time += 0.01
+        send_joints(grasp.bench, grasp.time, spread)
+        grasp.bench.work(0.01)
+    topic = "/object/pose/kinematic"
+    grasp.bench.until(lambda: cv.to_seconds(grasp.poses(topic)[-1].stamp) > grasp.time - 0.001)
+    places = [cv.uncertain_pose_to_core(m, topic, "world")[0][:3, 3] for m in grasp.poses(topic)]
+    assert np.ptp(places[-15:], axis=0).max() < 1e-6
+    for _ in range(3):
+        grasp.step(spread, fingers=("thumb", "index"), vision=False)
+    freed = cv.uncertain_pose_to_core(grasp.poses(topic)[-1], topic, "world")[0][:3, 3]
+    assert np.linalg.norm(freed - places[-1]) > 1e-4
+
+
 def test_fused_pose_is_silent_while_the_object_stands_on_the_table(grasp):
     grasp.bench.send("/object/held", Bool(data=False), profile=LATCHED)
     for _ in range(40):

@@ -89,6 +89,25 @@ def test_commanded_positions_are_approached_not_jumped_to(robot):
     assert abs(robot.seen["/joint_states"][-1].position[0] - start[0]) < 0.02
 
 
+def test_command_is_executed_a_fixed_time_after_its_stamp(robot):
+    publisher = robot.node.create_publisher(JointState, "/joint_command", 10)
+    robot.wait(lambda: publisher.get_subscription_count() > 0, 10.0, "/joint_command heard")
+    state = robot.wait_for_new("/joint_states")
+    due = cv.to_seconds(state.header.stamp) + 1.0
+    target = np.array([state.position[6] + 0.2])
+    publisher.publish(cv.joints_to_message(JOINT_NAMES[6:7], due, target))
+    robot.seen["/joint_states"].clear()
+
+    def path():
+        states = robot.seen["/joint_states"]
+        return np.array([(cv.to_seconds(m.header.stamp), m.position[6]) for m in states])
+
+    robot.wait(lambda: len(path()) and path()[-1, 1] > target[0] - 0.01, 30.0, "the turn")
+    time, angle = path().T
+    started = time[np.argmax(angle > state.position[6] + 0.01)] - due
+    assert 0.03 < started < 0.15
+
+
 def test_command_for_a_joint_that_does_not_exist_is_counted_and_harmless(robot):
     from diagnostic_msgs.msg import DiagnosticArray
 

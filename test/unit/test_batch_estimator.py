@@ -87,17 +87,19 @@ def test_standing_still_is_feasible_and_says_what_is_not_excited(recording):
     assert {"inertia_xx", "inertia_yy", "inertia_zz"} <= set(estimate.not_excited)
 
 
-def test_silent_finger_is_no_contact_and_dropped_samples_are_left_out(recording):
+def only_where(contact: ContactStream, keep) -> ContactStream:
+    """Return a contact with a part of its force readings."""
+    columns = ("time", "force", "torque", "force_std")
+    return replace(contact, **{name: getattr(contact, name)[keep] for name in columns})
+
+
+@pytest.mark.parametrize("lost", [(300, 360), (0, 20), (-20, None)], ids=["inside", "first", "last"])
+def test_samples_dropped_under_load_are_left_out(recording, lost):
     streams = recording.streams
     thumb = streams.contacts["thumb"]
-    keep = (thumb.time < thumb.time[300]) | (thumb.time > thumb.time[360])
-    cut = replace(
-        thumb,
-        time=thumb.time[keep],
-        force=thumb.force[keep],
-        torque=thumb.torque[keep],
-        force_std=thumb.force_std[keep],
-    )
+    keep = np.ones(len(thumb.time), dtype=bool)
+    keep[slice(*lost)] = False
+    cut = only_where(thumb, keep)
     estimate = estimate_inertia(replace(streams, contacts=streams.contacts | {"thumb": cut}))
     assert estimate.error.whitened_rms == pytest.approx(1.0, abs=0.06)
     assert abs(estimate.inertia.mass / recording.scenario.body.mass - 1) < 3e-3

@@ -240,6 +240,15 @@ def test_a_remapped_topic_is_read_under_its_meaning(edited):
         Recording.from_bag(path, remap={"/nothing": POSE})
 
 
+def test_remapped_topics_may_swap_their_names(edited):
+    index, thumb = "/contact/index/force", "/contact/thumb/force"
+    path = edited(POSE, lambda m, k: None)
+    plain = Recording.from_bag(path).streams.contacts
+    swapped = Recording.from_bag(path, remap={index: thumb, thumb: index}).streams.contacts
+    assert np.array_equal(swapped["thumb"].force, plain["index"].force)
+    assert np.array_equal(swapped["index"].force, plain["thumb"].force)
+
+
 def test_a_finger_that_never_touches_is_left_out(edited):
     def silence(message, k):
         force = message.wrench.force

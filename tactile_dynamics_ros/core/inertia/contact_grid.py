@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 _SYNCHRONOUS = 1e-4
 _SILENCE_PERIODS = 2.5
 _LOADED = 0.3
+_RAGGED = 0.5
+"""Longest difference (s) between the ends of streams that is no break of contact."""
 _EXTRAPOLATED = 0.1
 _FALLBACK_FORCE_STD = 0.03
 _FALLBACK_TORQUE_STD = 1e-3
@@ -205,11 +207,19 @@ def _force_noise(contact: ContactStream) -> Array:
 
 
 def _dropped(time: Array, magnitude: Array, period: float, grid: Array) -> NDArray[np.bool_]:
-    """Grid times inside a silence that begins and ends under load: samples lost, not a break."""
+    """Grid times inside a silence that begins and ends under load: samples lost, not a break.
+
+    So is a short silence before the first or after the last sample: streams that are cut, or that
+    are still under way, do not end together.
+    """
     dropped = np.zeros(len(grid), dtype=bool)
     gaps = np.flatnonzero(np.diff(time) > _SILENCE_PERIODS * period)
     threshold = _LOADED * float(np.median(magnitude))
     for k in gaps:
         if min(magnitude[k], magnitude[k + 1]) > threshold > 0:
             dropped |= (grid > time[k] + 0.5 * period) & (grid < time[k + 1] - 0.5 * period)
+    if magnitude[0] > threshold > 0 and time[0] - grid[0] < _RAGGED:
+        dropped |= grid < time[0] - 0.5 * period
+    if magnitude[-1] > threshold > 0 and grid[-1] - time[-1] < _RAGGED:
+        dropped |= grid > time[-1] + 0.5 * period
     return dropped
