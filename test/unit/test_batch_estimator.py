@@ -93,7 +93,9 @@ def only_where(contact: ContactStream, keep) -> ContactStream:
     return replace(contact, **{name: getattr(contact, name)[keep] for name in columns})
 
 
-@pytest.mark.parametrize("lost", [(300, 360), (0, 20), (-20, None)], ids=["inside", "first", "last"])
+@pytest.mark.parametrize(
+    "lost", [(300, 360), (0, 20), (-20, None)], ids=["inside", "first", "last"]
+)
 def test_samples_dropped_under_load_are_left_out(recording, lost):
     streams = recording.streams
     thumb = streams.contacts["thumb"]
