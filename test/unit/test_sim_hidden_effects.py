@@ -1,118 +1,30 @@
-"""Every hidden effect of the simulator does to a free Bullet body what its formula says."""
+"""Every hidden effect of the simulated world does to a free Bullet body what its formula says."""
 
-import dataclasses
 import subprocess
 import sys
 
 import numpy as np
 import pybullet
 import pytest
+from free_body import OMEGA, POSE, STEP, VELOCITY, FreeBody, attached, value, wrench_in_one_step
 from scipy.spatial.transform import Rotation
 
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.sim.bodies import ObjectBody, spawn_object
-from tactile_dynamics_ros.sim.contacts import ContactReading
+from tactile_dynamics_ros.sim.bodies import ObjectBody
 from tactile_dynamics_ros.sim.hidden_effects import (
     CATALOGUED,
     OUTSIDE,
-    SensorView,
     create_hidden_effect,
 )
 from tactile_dynamics_ros.sim.objects import load_object
 
-FINGERS = ("index", "middle", "ring", "thumb")
-OMEGA, VELOCITY = np.array([0.7, -1.1, 0.4]), np.array([0.3, 0.2, -0.25])
-POSE = np.eye(4)
-POSE[:3, :3] = Rotation.from_rotvec([0.4, 0.3, -0.5]).as_matrix()
-POSE[:3, 3] = [0.5, 0.1, 0.6]
-STEP = 1e-3
 TYPICAL = float(np.clip(0.3 * 9.81 * load_object("box_0").inertia.mass, 0.2, 0.6))
 
 PULL = 0.5 * TYPICAL
 
 
-class FreeBody:
-    """One object without robot, table or contacts."""
-
-    def __init__(self, gravity=(0.0, 0.0, 0.0), pose=POSE):
-        self.client = pybullet.connect(pybullet.DIRECT)
-        self.model = load_object("box_0")
-        self.body = spawn_object(self.client, self.model, pose)
-        self.robot, self.table, self.time, self.callbacks = -1, -1, 0.0, []
-        pybullet.setTimeStep(STEP, self.client)
-        self.set_gravity(np.array(gravity))
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        pybullet.disconnect(self.client)
-
-    object_id = property(lambda self: self.body.body)
-
-    def object_pose(self):
-        return self.body.pose()
-
-    def object_velocity(self):
-        return self.body.velocity()
-
-    def apply_force(self, force, point):
-        frame = pybullet.WORLD_FRAME
-        pybullet.applyExternalForce(
-            self.object_id, -1, list(force), list(point), frame, self.client
-        )
-
-    def apply_torque(self, torque):
-        pybullet.applyExternalTorque(
-            self.object_id, -1, list(torque), pybullet.WORLD_FRAME, self.client
-        )
-
-    def set_gravity(self, gravity):
-        self.gravity = np.array(gravity, dtype=float)
-        pybullet.setGravity(*self.gravity.tolist(), self.client)
-
-    def add_pre_step(self, callback):
-        self.callbacks.append(callback)
-
-    def step(self, count=1):
-        for _ in range(count):
-            for callback in self.callbacks:
-                callback(self)
-            pybullet.stepSimulation(self.client)
-            self.time += STEP
-
-    def momenta(self):
-        """Angular momentum about the centre of mass and linear momentum, world axes."""
-        inertia = self.model.inertia
-        angular, linear = self.object_velocity()
-        rotation = self.object_pose()[:3, :3]
-        com_velocity = linear + np.cross(angular, rotation @ inertia.com)
-        spin = rotation @ inertia.inertia_com @ rotation.T @ angular
-        return np.concatenate([spin, inertia.mass * com_velocity])
-
-
-def wrench_in_one_step(effect, time=0.0):
-    """Wrench [torque about the body origin, force] that Bullet's body feels in one step."""
-    gained = []
-    for attach in (True, False):
-        with FreeBody() as body:
-            body.time = time
-            if attach:
-                effect.attach(body)
-            body.body.set_velocity(OMEGA, VELOCITY)
-            body.step()
-            gained.append(body.momenta())
-    about_com, force = np.split((gained[0] - gained[1]) / STEP, 2)
-    arm = POSE[:3, :3] @ load_object("box_0").inertia.com
-    return np.concatenate([about_com + np.cross(arm, force), force])
-
-
 def at_point(point, force):
     return np.concatenate([np.cross(POSE[:3, :3] @ point, force), force])
-
-
-def value(effect, name):
-    return np.array(effect.truth()[name]["value"])
 
 
 def expect_viscous_drag(effect):
@@ -340,135 +252,6 @@ def test_torsion_brakes_a_spinning_object_on_a_skin(tmp_path):
             spins.append(pybullet.getBaseVelocity(top, body.client)[1][2])
     assert spins[0] == pytest.approx(5.0, abs=1e-3)
     assert spins[0] - spins[1] == pytest.approx(0.002 * 9.81 / 1e-3 * 0.1, rel=0.03)
-
-
-def view(time=0.0, force=(0.5, -0.2, 2.0)):
-    rotation = {
-        f: Rotation.from_rotvec([0.3 * k, 0.2, 0.1]).as_matrix() for k, f in enumerate(FINGERS)
-    }
-    contacts = {
-        finger: ContactReading(
-            finger, time, True, rotation[finger] @ force, np.zeros(3), np.ones(3), np.ones(3), 1.0
-        )
-        for finger in FINGERS
-    }
-    contacts["other"] = dataclasses.replace(contacts["index"], name="other")
-    return SensorView(time, contacts, rotation, POSE)
-
-
-def felt(effect, time=0.0, force=(0.5, -0.2, 2.0)):
-    """Reported forces (4, 3) in the sensors' axes."""
-    seen = view(time, force)
-    readings = effect.feel(seen)
-    assert readings["other"] is seen.contacts["other"]
-    return np.array([seen.sensor_rotation[f].T @ readings[f].force for f in FINGERS])
-
-
-def attached(name, magnitude=1.0, seed=6):
-    effect = create_hidden_effect(name, magnitude, seed)
-    with FreeBody() as body:
-        effect.attach(body)
-    return effect
-
-
-def rows(effect, name):
-    return np.array([effect.truth()[f"{finger}.{name}"]["value"] for finger in FINGERS])
-
-
-def test_bias_is_added_in_sensor_axes():
-    effect = attached("force_bias")
-    assert felt(effect) - [0.5, -0.2, 2.0] == pytest.approx(rows(effect, "bias"))
-    assert np.abs(rows(effect, "bias")).max() > 0.05
-
-
-def test_drift_grows_linearly():
-    effect = attached("force_drift")
-    assert felt(effect, 0.0) == pytest.approx(np.tile([0.5, -0.2, 2.0], (4, 1)))
-    assert felt(effect, 10.0) - [0.5, -0.2, 2.0] == pytest.approx(10.0 * rows(effect, "rate"))
-
-
-def test_scale_multiplies():
-    effect = attached("force_scale")
-    gain = 1.0 + rows(effect, "gain_error")
-    assert felt(effect) == pytest.approx(gain[:, None] * [0.5, -0.2, 2.0])
-
-
-def test_rotated_sensor_keeps_the_size_of_the_force():
-    effect = attached("sensor_rotation")
-    turned = Rotation.from_rotvec(rows(effect, "rotation")).apply([0.5, -0.2, 2.0])
-    assert felt(effect) == pytest.approx(turned)
-    assert np.linalg.norm(felt(effect), axis=1) == pytest.approx(np.sqrt(4.29))
-
-
-def test_lag_answers_a_ramp_late_by_its_time_constant():
-    effect = attached("sensor_lag")
-    for time in np.arange(0.0, 1.0, 0.01):
-        reported = felt(effect, time, (time, 2 * time, 3 * time))
-    assert reported == pytest.approx(np.tile((time - 0.03) * np.array([1, 2, 3]), (4, 1)), rel=1e-6)
-
-
-def test_time_offset_delays_touch_only():
-    effect = attached("time_offset")
-    assert abs(effect.delay("touch")) == pytest.approx(0.02)
-    assert effect.delay("pose") == 0.0
-
-
-def test_contact_offset_moves_points_with_the_object():
-    effect = attached("contact_offset")
-    (name,) = effect.truth()
-    finger = name.split(".")[0]
-    shift = POSE[:3, :3] @ value(effect, name)
-    assert np.linalg.norm(shift) == pytest.approx(0.008)
-    moved = {key: reading.point - np.ones(3) for key, reading in effect.feel(view()).items()}
-    assert moved.pop(finger) == pytest.approx(shift)
-    assert np.all(np.array(list(moved.values())) == 0.0)
-
-
-def test_creep_relaxes_under_load_and_recovers():
-    effect = attached("skin_creep")
-    loaded = [felt(effect, time)[0, 2] for time in np.arange(0.0, 60.0, 0.05)]
-    released = felt(effect, 60.0, (0.0, 0.0, 0.0))[0, 2]
-    assert loaded[0] == pytest.approx(2.0)
-    assert np.all(np.diff(loaded) < 0)
-    assert loaded[-1] == pytest.approx(2.0 * 0.7, abs=0.04)
-    assert released < -0.4
-
-
-def test_temperature_step_settles():
-    effect = attached("temperature_step")
-    assert felt(effect, 5.0)[0] == pytest.approx([0.5, -0.2, 2.0])
-    assert np.linalg.norm(felt(effect, 60.0)[0] - [0.5, -0.2, 2.0]) == pytest.approx(0.4)
-
-
-def test_dead_zone_shrinks_every_axis():
-    assert felt(attached("dead_zone"))[0] == pytest.approx([0.25, 0.0, 1.75])
-
-
-def test_cross_talk_mixes_neighbours_in_sensor_axes():
-    assert felt(attached("cross_talk")) == pytest.approx(np.tile([0.6, -0.24, 2.4], (4, 1)))
-
-
-def test_backlash_lags_by_half_its_play():
-    effect = attached("pose_backlash")
-    there = [effect.see(_shifted(x), 0.0)[0, 3] for x in (0.0, 0.005, 0.01)]
-    back = [effect.see(_shifted(x), 0.0)[0, 3] for x in (0.009, 0.008, 0.005)]
-    assert np.array(there) - POSE[0, 3] == pytest.approx([0.0, 0.0035, 0.0085])
-    assert np.array(back) - POSE[0, 3] == pytest.approx([0.0085, 0.0085, 0.0065])
-
-
-def _shifted(x):
-    pose = POSE.copy()
-    pose[0, 3] += x
-    return pose
-
-
-@pytest.mark.parametrize("name", CATALOGUED + OUTSIDE)
-def test_nothing_happens_at_magnitude_zero(name):
-    effect = create_hidden_effect(name, 0.0, seed=3)
-    assert wrench_in_one_step(effect) == pytest.approx(np.zeros(6), abs=1e-9)
-    assert felt(effect) == pytest.approx(np.tile([0.5, -0.2, 2.0], (4, 1)))
-    assert effect.see(POSE, 0.0) == pytest.approx(POSE)
-    assert effect.delay("touch") == 0.0
 
 
 def test_registry_covers_the_catalogue_and_more():
