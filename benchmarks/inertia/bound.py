@@ -63,11 +63,12 @@ def with_poses(case: Case) -> Array:
     noisy = WrenchProblem.from_streams(case.streams)
     problem = WrenchProblem.from_streams(streams)
     signals = {
-        name: dataclasses.replace(signal, noise_factor=noisy.motion.signals[name].noise_factor)
-        for name, signal in problem.motion.signals.items()
+        name: dataclasses.replace(signal, noise_factor=noisy.raw.motion.signals[name].noise_factor)
+        for name, signal in problem.raw.motion.signals.items()
     }
-    motion = dataclasses.replace(problem.motion, signals=signals)
-    problem = dataclasses.replace(problem, motion=motion, denoised_motion=motion)
+    motion = dataclasses.replace(problem.raw.motion, signals=signals)
+    raw = dataclasses.replace(problem.raw, motion=motion)
+    problem = dataclasses.replace(problem, raw=raw, smooth=raw)
     linearisation = problem.linearise(case.truth.dynamic_parameters)
     matrix = exact_regressor(case)
     stamps = np.searchsorted(case.streams.pose.time, problem.grid[problem.valid] - 1e-4)

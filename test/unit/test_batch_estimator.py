@@ -147,21 +147,12 @@ def test_sensitivities_match_finite_differences_of_the_residual(recording):
     problem = WrenchProblem.from_streams(streams)
     phi = fit_recording(streams).phi
     rng = np.random.default_rng(0)
-    smooth = replace(problem, denoised_motion=problem.motion)
+    smooth = replace(problem, smooth=problem.raw)
     for name, signal, sensitivity in smooth._signals(phi):
         step = 1e-7 * rng.normal(size=(len(signal.noise_factor), 3))
         unit = replace(signal, noise_factor=isotropic_factor(len(step), 1.0))
         predicted = smooth._select(unit).scaled_sensitivity(sensitivity) @ step.ravel()
-        kind, _, contact = name.partition(":")
-        if contact:
-            moved = replace(
-                problem,
-                contacts=tuple(
-                    c.corrected({kind: step}) if c.name == contact else c for c in problem.contacts
-                ),
-            )
-        else:
-            moved = replace(problem, motion=problem.motion.corrected({kind: step}))
+        moved = replace(problem, raw=problem.raw.corrected({name: step}))
         change = (moved.residual(phi) - problem.residual(phi)).ravel()
         scale = np.abs(predicted).max()
         assert_allclose(change, predicted, atol=0.1 * scale, err_msg=name)

@@ -66,16 +66,21 @@ class BandedWhitener:
 
 
 def _sum_bands(products: list[bsr_array], size: int) -> Array:
-    """Lower band storage of the sum of block-sparse symmetric matrices."""
-    rows = [np.repeat(np.arange(size // _BLOCK), np.diff(p.indptr)) for p in products]
+    """Lower band storage of the sum of block-sparse symmetric matrices.
+
+    Block (row, column) goes to [column, j, 6 (row - column) + i], the columns of the band with
+    their diagonal at j, which are shifted to the top at the end.
+    """
+    count = size // _BLOCK
+    rows = [np.repeat(np.arange(count), np.diff(p.indptr)) for p in products]
     lags = [row - product.indices for row, product in zip(rows, products, strict=True)]
-    width = _BLOCK * (1 + max(int(lag.max()) for lag in lags))
-    band = np.zeros((width, size))
-    for product, row, lag in zip(products, rows, lags, strict=True):
-        for i in range(_BLOCK):
-            for j in range(_BLOCK):
-                offset = _BLOCK * lag + i - j
-                keep = offset >= 0
-                column = _BLOCK * (row - lag) + j
-                band[offset[keep], column[keep]] += product.data[keep, i, j]
-    return band
+    reach = 1 + max(int(lag.max()) for lag in lags)
+    blocks = np.zeros((count, reach, _BLOCK, _BLOCK))
+    for product, lag in zip(products, lags, strict=True):
+        below = lag >= 0
+        blocks[product.indices[below], lag[below]] += product.data[below]
+    columns = blocks.transpose(0, 3, 1, 2).reshape(count, _BLOCK, _BLOCK * reach)
+    band = np.zeros((_BLOCK * reach, count, _BLOCK))
+    for j in range(_BLOCK):
+        band[: _BLOCK * reach - j, :, j] = columns[:, j, j:].T
+    return band.reshape(_BLOCK * reach, size)

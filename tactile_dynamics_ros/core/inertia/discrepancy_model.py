@@ -20,7 +20,7 @@ from tactile_dynamics_ros.core.discrepancy.model import (
 from tactile_dynamics_ros.core.effects.effect import Effect
 from tactile_dynamics_ros.core.effects.registry import create_effect, registered_names
 from tactile_dynamics_ros.core.inertia.fitted_model import FittedModel
-from tactile_dynamics_ros.core.inertia.fitting import fit_model
+from tactile_dynamics_ros.core.inertia.fitting import fit_further, fit_model
 from tactile_dynamics_ros.core.inertia.least_squares import levenberg_marquardt
 from tactile_dynamics_ros.core.inertia.quick_fit import (
     ExtendedSystem,
@@ -205,8 +205,7 @@ class HeldObjectModel:
         xi, theta = _nearest_body(self.phi, self.fitted.phi), self.theta
         best = fit_model(problems, self.effects, theta, xi, 2)
         for _ in range(_MOST_REFINEMENTS - 1):
-            problems = [b.problem for b in best.blocks]
-            model = fit_model(problems, self.effects, best.theta, best.xi, 2)
+            model = fit_further(best, 2)
             if model.whitened_rms * _SETTLED > best.whitened_rms:
                 break
             settled = model.whitened_rms > _SETTLED * best.whitened_rms

@@ -54,13 +54,35 @@ def fit_model(
         iterations: of the outer alternation.
     """
     problems = tuple(problems)
-    prior = contact_prior(problems[0].samples)
-    present = _start(problems, prior) if xi is None else np.asarray(xi, dtype=float)
+    start = xi if xi is not None else _start(problems, contact_prior(problems[0].samples))
+    present = np.asarray(start, dtype=float)
     values = None if theta is None else [np.asarray(t, dtype=float) for t in theta]
     blocks = _whiten(problems, present, effects if values is not None else (), values or ())
     if values is None:
         values = _guess_effects(blocks, present, effects)
         blocks = _whiten(problems, present, effects, values) if effects else blocks
+    return _alternate(blocks, present, effects, values, iterations)
+
+
+def fit_further(model: FittedModel, iterations: int) -> FittedModel:
+    """Continue the alternation from where it ended.
+
+    Args:
+        model: fitted.
+        iterations: more of them.
+    """
+    return _alternate(model.blocks, model.xi, model.effects, list(model.theta), iterations)
+
+
+def _alternate(
+    blocks: tuple[Block, ...],
+    present: Array,
+    effects: Sequence[Effect],
+    values: list[Array],
+    iterations: int,
+) -> FittedModel:
+    """Fit at fixed covariance, then find the covariance at the fit, and so on."""
+    prior = contact_prior(blocks[0].problem.samples)
     total = sum((b.jacobian.T @ b.jacobian for b in blocks), start=np.zeros((10, 10)))
     unexcited = unexcited_directions(total, regressor_noise_information(blocks), prior)
     converged = False

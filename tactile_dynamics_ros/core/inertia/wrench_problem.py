@@ -32,14 +32,14 @@ from tactile_dynamics_ros.core.inertia.contact_grid import (
     contact_signals,
 )
 from tactile_dynamics_ros.core.inertia.latent import LatentSignal
-from tactile_dynamics_ros.core.inertia.motion import Motion, MotionSignals, motion_signals
+from tactile_dynamics_ros.core.inertia.motion import motion_signals
 from tactile_dynamics_ros.core.inertia.outliers import noise_share
+from tactile_dynamics_ros.core.inertia.sampled_signals import SampledSignals
 from tactile_dynamics_ros.core.inertia.sensitivity import (
     contact_sensitivity,
     force_sensitivity_of_effects,
     motion_sensitivity,
 )
-from tactile_dynamics_ros.core.rigid_body.newton_euler import regressor
 from tactile_dynamics_ros.core.streams import Streams
 
 if TYPE_CHECKING:
@@ -82,23 +82,17 @@ class WrenchProblem:
     """Residuals of one stretch of a recording.
 
     Attributes:
-        grid: (N,) s; start: s subtracted from the times that effects see.
-        motion: measured kinematic signals with the short windows of the residual.
-        contacts: measured contact signals.
-        denoised_motion, denoised_contacts: wide windows on signals at their expected true values.
-        valid: (N,) grid times that enter the estimation.
+        raw: measured signals, motion with the short windows of the residual.
+        wide: the same with the wide windows of the regressors.
+        smooth: wide windows on signals at their expected true values.
         extra_variance: (N,) additional variance of each residual, for isolated outliers.
         lacking: (valid samples, 6) wrench that the contact forces of `samples` take on so that they
             balance the model; None before the first fit.
     """
 
-    grid: Array
-    start: float
-    motion: MotionSignals
-    contacts: tuple[ContactSignals, ...]
-    denoised_motion: MotionSignals
-    denoised_contacts: tuple[ContactSignals, ...]
-    valid: NDArray[np.bool_]
+    raw: SampledSignals
+    wide: SampledSignals
+    smooth: SampledSignals
     extra_variance: Array
     lacking: Array | None = None
 
@@ -143,7 +137,9 @@ class WrenchProblem:
                 f"expected at least {_MINIMUM_SAMPLES}: check that /contact/*/force and "
                 "/object/pose overlap"
             )
-        return cls(grid, origin, motion, contacts, smooth, contacts, valid, np.zeros(len(grid)))
+        raw = SampledSignals(grid, origin, valid, motion, contacts)
+        wide = replace(raw, motion=smooth)
+        return cls(raw, wide, wide, np.zeros(len(grid)))
 
     @classmethod
     def try_from_streams(
@@ -160,30 +156,50 @@ class WrenchProblem:
             return None
 
     @property
+    def grid(self) -> Array:
+        """(N,) s."""
+        return self.raw.grid
+
+    @property
+    def start(self) -> float:
+        """Time (s) that is zero for effects."""
+        return self.raw.start
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        """(N,) grid times that enter the estimation."""
+        return self.raw.valid
+
+    @property
+    def contacts(self) -> tuple[ContactSignals, ...]:
+        """Measured contact signals."""
+        return self.raw.contacts
+
+    @property
     def count(self) -> int:
         """Number N of valid samples."""
         return int(self.valid.sum())
 
-    @cached_property
+    @property
     def measured(self) -> WrenchSamples:
         """Measured forces and motion by short windows, valid samples only."""
-        return self._sample(self.motion.evaluate(), self.contacts)
+        return self.raw.samples
 
     @cached_property
     def samples(self) -> WrenchSamples:
         """Denoised forces and motion by wide windows, valid samples only; what effects see."""
-        samples = self._sample(self.denoised_motion.evaluate(), self.denoised_contacts)
+        samples = self.smooth.samples
         return samples if self.lacking is None else balance_contacts(samples, self.lacking)
 
-    @cached_property
+    @property
     def regressor(self) -> Array:
         """(N, 6, 10) Newton-Euler regressor of the denoised samples."""
-        return _newton_euler(self.samples)
+        return self.smooth.regressor
 
-    @cached_property
+    @property
     def measured_regressor(self) -> Array:
         """(N, 6, 10) Newton-Euler regressor of the measured samples."""
-        return _newton_euler(self.measured)
+        return self.raw.regressor
 
     def regressor_noise(self, seed: int = 0) -> Array:
         """(N, 6, 10) one draw of how pose noise moves the regressor of the denoised samples."""
@@ -192,10 +208,9 @@ class WrenchProblem:
             name: np.einsum(
                 "kij,kj->ki", signal.noise_factor, rng.normal(size=(len(signal.noise_factor), 3))
             )
-            for name, signal in self.motion.signals.items()
+            for name, signal in self.raw.motion.signals.items()
         }
-        moved = self._sample(self.denoised_motion.corrected(draws).evaluate(), self.contacts)
-        return _newton_euler(moved) - self.regressor
+        return np.asarray(self.smooth.corrected(draws).regressor - self.regressor)
 
     def residual(
         self, phi: Array, effects: Sequence[Effect] = (), theta: Sequence[Array] = ()
@@ -222,8 +237,7 @@ class WrenchProblem:
         self, phi: Array, effects: Sequence[Effect] = (), theta: Sequence[Array] = ()
     ) -> Array:
         """Predicted minus measured wrench, (N, 6), with motion by wide windows."""
-        smooth = self._sample(self._wide_motion().evaluate(), self.contacts)
-        value = _newton_euler(smooth) @ phi - smooth.measured_wrench
+        value = self.wide.regressor @ phi - self.wide.samples.measured_wrench
         for effect, parameters in zip(effects, theta, strict=True):
             value = value - effect.wrench(self.samples, phi, parameters)
         return np.asarray(value)
@@ -246,18 +260,7 @@ class WrenchProblem:
 
     def denoised(self, corrections: dict[str, Array]) -> WrenchProblem:
         """Return the problem whose regressors see the measured signals moved by corrections."""
-        smooth = self._wide_motion().corrected(corrections)
-        contacts = tuple(
-            contact.corrected(
-                {
-                    key.partition(":")[0]: value
-                    for key, value in corrections.items()
-                    if key.partition(":")[2] == contact.name
-                }
-            )
-            for contact in self.contacts
-        )
-        return replace(self, denoised_motion=smooth, denoised_contacts=contacts, lacking=None)
+        return replace(self, smooth=self.wide.corrected(corrections), lacking=None)
 
     def balanced(
         self, phi: Array, effects: Sequence[Effect] = (), theta: Sequence[Array] = ()
@@ -268,49 +271,18 @@ class WrenchProblem:
             lacking = lacking - effect.wrench(self.samples, phi, parameters)
         return replace(self, lacking=lacking)
 
-    def _wide_motion(self) -> MotionSignals:
-        """Measured signals with the wide windows."""
-        return replace(self.motion, signals=self.denoised_motion.signals)
-
     def with_extra_variance(self, extra_variance: Array) -> WrenchProblem:
         """Return the problem with isolated outliers down-weighted; (valid samples,) variances."""
         spread = np.zeros(len(self.grid))
         spread[self.valid] = extra_variance
         return replace(self, extra_variance=spread)
 
-    def _sample(self, motion: Motion, contacts: tuple[ContactSignals, ...]) -> WrenchSamples:
-        keep = self.valid
-        to_body = np.swapaxes(motion.rotation, 1, 2)[:, None]
-        readings = [contact.evaluate() for contact in contacts]
-        force, torque, point = (np.stack(part, axis=1) for part in zip(*readings, strict=True))
-        frames = np.stack([contact.rotation for contact in contacts], axis=1)
-
-        def body(vectors: Array) -> Array:
-            return np.asarray((to_body @ vectors[..., None])[..., 0][keep])
-
-        return WrenchSamples(
-            time=self.grid[keep] - self.start,
-            position=motion.position[keep],
-            rotation=motion.rotation[keep],
-            velocity=motion.velocity[keep],
-            acceleration=motion.acceleration[keep],
-            angular_velocity=motion.angular_velocity_B[keep],
-            angular_acceleration=motion.angular_acceleration_B[keep],
-            contact_names=tuple(contact.name for contact in contacts),
-            contact_point=body(point - motion.position[:, None]),
-            contact_rotation=(to_body @ frames)[keep],
-            contact_force=body(force),
-            contact_torque=body(torque),
-            in_contact=np.stack([contact.in_contact for contact in contacts], axis=1)[keep],
-            gravity=self.motion.gravity,
-        )
-
     def _signals(self, phi: Array) -> list[tuple[str, LatentSignal, Array]]:
-        samples = self.samples
+        samples, motion = self.samples, self.raw.motion
         by_motion = motion_sensitivity(
-            samples, phi, self.motion.specific_force is not None, self.motion.gyro is not None
+            samples, phi, motion.specific_force is not None, motion.gyro is not None
         )
-        found = [(name, self.motion.signals[name], by_motion[name]) for name in self.motion.signals]
+        found = [(name, signal, by_motion[name]) for name, signal in motion.signals.items()]
         for index, contact in enumerate(self.contacts):
             by_contact = contact_sensitivity(samples, index)
             found += [
@@ -328,12 +300,6 @@ class WrenchProblem:
             valid=functional.valid[self.valid],
         )
         return replace(signal, functional=kept)
-
-
-def _newton_euler(samples: WrenchSamples) -> Array:
-    return regressor(
-        samples.specific_acceleration, samples.angular_velocity, samples.angular_acceleration
-    )
 
 
 @dataclass(frozen=True)
