@@ -66,7 +66,7 @@ def standard_motion() -> WrenchSamples:
     )
     squeeze = _window(time, *PHASES[3][1:]) * np.sin(np.pi * (time - PHASES[3][1]) / 1.2) ** 2
     grip = 1.5 + 3.0 * squeeze[:, None] * np.ones(4)
-    return replace(samples, contact_force=balance_forces(samples, grip))
+    return samples.with_forces(balance_forces(samples, grip))
 
 
 def _path(time: Array) -> tuple[Array, Array]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, wraps
 from typing import Concatenate, ParamSpec, TypeVar
 from weakref import WeakKeyDictionary
@@ -43,6 +43,7 @@ class WrenchSamples:
         contact_torque: (N, C, 3) N m about the contact point, body frame.
         in_contact: (N, C).
         gravity: (3,) m/s^2, world axes.
+        motion: samples with the same motion and contacts, if these were made from them.
     """
 
     time: Array
@@ -59,6 +60,16 @@ class WrenchSamples:
     contact_torque: Array
     in_contact: NDArray[np.bool_]
     gravity: Array
+    motion: WrenchSamples | None = None
+
+    def with_forces(self, force: Array, torque: Array | None = None) -> WrenchSamples:
+        """The same motion and contacts with other forces, (N, C, 3), and torques if given."""
+        return replace(
+            self,
+            contact_force=force,
+            contact_torque=self.contact_torque if torque is None else torque,
+            motion=self.motion or self,
+        )
 
     @cached_property
     def specific_acceleration(self) -> Array:
@@ -89,3 +100,16 @@ def once_per_samples(
         return found[key]
 
     return remembered
+
+
+def once_per_motion(
+    function: Callable[Concatenate[WrenchSamples, Given], Value],
+) -> Callable[Concatenate[WrenchSamples, Given], Value]:
+    """`once_per_samples` for functions that forces and torques do not concern."""
+    remembered = once_per_samples(function)
+
+    @wraps(function)
+    def shared(samples: WrenchSamples, /, *arguments: Given.args, **options: Given.kwargs) -> Value:
+        return remembered(samples.motion or samples, *arguments, **options)
+
+    return shared

@@ -86,7 +86,7 @@ def example_samples(
         gravity=GRAVITY_W,
     )
     grip = 1.5 + 0.5 * np.sin(2.0 * np.pi * np.array([0.3, 0.4, 0.55, 0.7]) * time[:, None])
-    return replace(samples, contact_force=balance_forces(samples, grip))
+    return samples.with_forces(balance_forces(samples, grip))
 
 
 def example_inertia() -> Array:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples, once_per_samples
+from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples, once_per_motion
 from tactile_dynamics_ros.core.effects.effect import EffectParameter
 from tactile_dynamics_ros.core.rigid_body.rotation import log_so3, skew
 
@@ -83,7 +83,7 @@ def right_jacobian(phi: Array) -> Array:
     return np.asarray(np.eye(3) - first * cross + second * (cross @ cross))
 
 
-@once_per_samples
+@once_per_motion
 def contact_rate(samples: WrenchSamples) -> Array:
     """Angular velocity of the contact frames in the world, body axes, (N, C, 3) rad/s."""
     if len(samples.time) < 2 * _REACH + 1:
@@ -95,7 +95,7 @@ def contact_rate(samples: WrenchSamples) -> Array:
     return np.asarray(body_from_world(samples)[:, None] @ rates[..., None])[..., 0]
 
 
-@once_per_samples
+@once_per_motion
 def contact_point_rate(samples: WrenchSamples) -> Array:
     """Velocity of the contact points relative to the body, body axes, (N, C, 3) m/s."""
     if len(samples.time) < 2 * _REACH + 1:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples, once_per_samples
+from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples, once_per_motion
 from tactile_dynamics_ros.core.effects.effect import Effect, EffectParameter, LinearEffect
 from tactile_dynamics_ros.core.effects.geometry import body_from_world, right_jacobian, to_body
 from tactile_dynamics_ros.core.effects.registry import register_effect
@@ -49,7 +49,7 @@ class ChoiceEffect(Effect):
         return (type(self)(), type(self)(self.alternative))
 
 
-@once_per_samples
+@once_per_motion
 def load_regressor(samples: WrenchSamples) -> Array:
     """Newton-Euler regressor (N, 6, 10) of the samples."""
     return regressor(

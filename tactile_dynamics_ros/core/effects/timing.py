@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples, once_per_samples
+from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples, once_per_motion
 from tactile_dynamics_ros.core.effects.effect import Effect, EffectParameter
 from tactile_dynamics_ros.core.effects.filters import first_order_lag
 from tactile_dynamics_ros.core.effects.geometry import contact_point_rate, contact_rate
@@ -168,7 +168,7 @@ class TimeOffset(_ReadingEffect):
 
         Readings of a motion before or after the recording tell nothing: they count as right.
         """
-        then = _Shifted(samples, float(theta[0]))
+        then = _shifted(samples, float(theta[0]))
         now = load_regressor(samples) @ inertia - samples.measured_wrench
         return np.asarray(now + then.share[:, None] * self._excess(samples, then, inertia))
 
@@ -178,14 +178,14 @@ class TimeOffset(_ReadingEffect):
 
     def jacobian(self, samples: WrenchSamples, inertia: Array, theta: Array) -> Array:
         """By the offset."""
-        then = _Shifted(samples, float(theta[0]))
+        then = _shifted(samples, float(theta[0]))
         change = self._measured_change(samples, then) - then.regressor_change @ inertia
         fading = then.share_change[:, None] * self._excess(samples, then, inertia)
         return np.asarray((then.share[:, None] * change + fading)[..., None])
 
     def inertia_jacobian(self, samples: WrenchSamples, inertia: Array, theta: Array) -> Array:
         """Y(t) - Y(t - offset); Y(t) where the motion at t - offset was not recorded."""
-        then = _Shifted(samples, float(theta[0]))
+        then = _shifted(samples, float(theta[0]))
         return load_regressor(samples) - then.share[:, None, None] * then.regressor
 
     def _measured(self, samples: WrenchSamples, then: _Shifted) -> Array:
@@ -235,7 +235,7 @@ def _apply(turn: Array, vectors: Array) -> Array:
     return np.asarray((turn @ vectors[..., None])[..., 0])
 
 
-@once_per_samples
+@once_per_motion
 def _motion_spline(samples: WrenchSamples) -> CubicSpline:
     """Spline through all that moves: columns as in `_Shifted`."""
     parts = (
@@ -247,6 +247,20 @@ def _motion_spline(samples: WrenchSamples) -> CubicSpline:
     )
     count = len(samples.time)
     return CubicSpline(samples.time, np.concatenate([p.reshape(count, -1) for p in parts], axis=1))
+
+
+@once_per_motion
+def _latest_shift(_: WrenchSamples) -> dict[float, _Shifted]:
+    return {}
+
+
+def _shifted(samples: WrenchSamples, offset: float) -> _Shifted:
+    """The motion at t - offset; the latest one is kept."""
+    kept = _latest_shift(samples)
+    if offset not in kept:
+        kept.clear()
+        kept[offset] = _Shifted(samples, offset)
+    return kept[offset]
 
 
 class _Shifted:

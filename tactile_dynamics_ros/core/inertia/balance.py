@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -42,8 +40,4 @@ def balance_contacts(samples: WrenchSamples, lacking: Array) -> WrenchSamples:
     weights = np.linalg.solve(gram + _DAMPING * np.eye(6), (lacking * scale)[..., None])[..., 0]
     force = np.einsum("ncik,ni->nck", scaled, weights)
     torque = np.einsum("ncik,ni->nck", torque_map, weights) * length
-    return replace(
-        samples,
-        contact_force=samples.contact_force + force,
-        contact_torque=samples.contact_torque + torque,
-    )
+    return samples.with_forces(samples.contact_force + force, samples.contact_torque + torque)

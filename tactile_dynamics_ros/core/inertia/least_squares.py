@@ -11,6 +11,10 @@ Array = NDArray[np.float64]
 
 Evaluate = Callable[[Array], tuple[Array, Array]]
 
+_GROWTH, _SHRINK = 4.0, 0.1
+_HESITANT = 1e-3
+"""Damping from which a step that fails is shortened at once."""
+
 
 def levenberg_marquardt(
     evaluate: Evaluate, start: Array, iterations: int = 30, tolerance: float = 1e-7
@@ -26,26 +30,28 @@ def levenberg_marquardt(
     Returns:
         The best x and whether it converged.
 
-    Source: Marquardt 1963; damping update of Nielsen 1999.
+    Source: Marquardt 1963; damping by the ratio of fall and foreseen fall, Nielsen 1999.
     """
-    x, damping, growth = np.array(start, dtype=float), 1e-6, 2.0
+    x, damping, growth = np.array(start, dtype=float), 1e-6, _GROWTH
     residual, jacobian = evaluate(x)
     cost = float(residual @ residual)
     for _ in range(iterations):
         hessian, gradient = jacobian.T @ jacobian, jacobian.T @ residual
-        scale = np.diag(np.maximum(np.diag(hessian), 1e-12))
-        step = -np.linalg.solve(hessian + damping * scale, gradient)
+        scale = np.maximum(np.diag(hessian), 1e-12)
+        step = -np.linalg.solve(hessian + damping * np.diag(scale), gradient)
         trial, trial_jacobian = evaluate(x + step)
         trial_cost = float(trial @ trial)
         predicted = float(-step @ gradient)
         if np.isfinite(trial_cost) and trial_cost <= cost:
             fall, x = cost - trial_cost, x + step
+            foreseen = predicted + damping * float(step @ (scale * step))
             residual, jacobian, cost = trial, trial_jacobian, trial_cost
-            damping, growth = max(damping / 5.0, 1e-12), 2.0
+            trust = 1.0 - (2.0 * fall / max(foreseen, 1e-300) - 1.0) ** 3
+            damping, growth = max(damping * max(trust, _SHRINK), 1e-12), _GROWTH
             if fall <= tolerance * max(cost, 1e-12):
                 return x, True
         else:
             if predicted <= tolerance * max(cost, 1e-12):
                 return x, True
-            damping, growth = max(damping, 1e-6) * growth, 2.0 * growth
+            damping, growth = max(damping, _HESITANT) * growth, 2.0 * growth
     return x, False

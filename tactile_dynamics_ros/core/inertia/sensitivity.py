@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -103,7 +102,7 @@ def force_sensitivity_of_effects(
             for axis in np.eye(3):
                 force = samples.contact_force.copy()
                 force[:, index] += _FORCE_STEP * axis * samples.in_contact[:, index, None]
-                moved = effect.wrench(replace(samples, contact_force=force), phi, value)
+                moved = effect.wrench(samples.with_forces(force), phi, value)
                 columns.append((start - moved) / _FORCE_STEP)
                 if not columns[0].any():
                     break

@@ -227,11 +227,8 @@ class WrenchProblem:
     @cached_property
     def _measured_contacts(self) -> WrenchSamples:
         """Denoised motion with measured forces and torques."""
-        return replace(
-            self.samples,
-            contact_force=self.measured.contact_force,
-            contact_torque=self.measured.contact_torque,
-        )
+        measured = self.measured
+        return self.samples.with_forces(measured.contact_force, measured.contact_torque)
 
     def smooth_residual(
         self, phi: Array, effects: Sequence[Effect] = (), theta: Sequence[Array] = ()
