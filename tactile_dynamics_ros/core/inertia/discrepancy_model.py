@@ -198,6 +198,10 @@ class HeldObjectModel:
 
     def refined(self) -> HeldObjectModel:
         """Fit again with new denoised signals and whitening."""
+        return self._refined
+
+    @cached_property
+    def _refined(self) -> HeldObjectModel:
         problems = [
             b.problem.denoised({}).balanced(self.phi, self.effects, self.theta)
             for b in self.fitted.blocks

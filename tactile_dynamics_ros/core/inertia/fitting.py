@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,6 +16,7 @@ from tactile_dynamics_ros.core.inertia.fitted_model import (
 from tactile_dynamics_ros.core.inertia.least_squares import levenberg_marquardt
 from tactile_dynamics_ros.core.inertia.outliers import isolated_outlier_variance
 from tactile_dynamics_ros.core.inertia.prior import LogCholeskyPrior, contact_prior
+from tactile_dynamics_ros.core.inertia.repeated_whitening import RepeatedWhitening
 from tactile_dynamics_ros.core.inertia.uncertainty import HOLD, unexcited_directions
 from tactile_dynamics_ros.core.inertia.wrench_problem import WrenchProblem
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
@@ -198,6 +199,7 @@ class _ReducedSystem:
     ) -> None:
         self._blocks, self._phi, self._effects = blocks, phi, effects
         self._rows = [np.concatenate([b.jacobian, b.residual[:, None]], axis=1) for b in blocks]
+        self._white_columns = [RepeatedWhitening(_whiten_side_by_side(b)) for b in blocks]
         self._white_start = [self._white_effects(b, phi, theta) for b in blocks]
         if effects:
             plain = [b.linearisation.whiten(b.problem.regressor) - b.jacobian for b in blocks]
@@ -216,7 +218,7 @@ class _ReducedSystem:
             for block, start in zip(self._blocks, self._white_start, strict=True)
         ]
         columns = np.concatenate(
-            [self._effect_columns(block, phi, theta) for block in self._blocks]
+            [self._effect_columns(k, phi, theta) for k in range(len(self._blocks))]
         )
         # rows already hold dDelta/dphi at the start; the exact change replaces that linear part
         correction = self._beside @ (phi - self._phi)
@@ -229,13 +231,17 @@ class _ReducedSystem:
             total += effect.wrench(block.problem.samples, phi, value)
         return block.linearisation.whiten(total)
 
-    def _effect_columns(self, block: Block, phi: Array, theta: Sequence[Array]) -> Array:
-        samples = block.problem.samples
+    def _effect_columns(self, place: int, phi: Array, theta: Sequence[Array]) -> Array:
+        samples = self._blocks[place].problem.samples
         columns = [
             effect.jacobian(samples, phi, value)
             for effect, value in zip(self._effects, theta, strict=True)
         ]
-        return -block.linearisation.whiten(np.concatenate(columns, axis=2))
+        return -self._white_columns[place]("theta", columns)
+
+
+def _whiten_side_by_side(block: Block) -> Callable[[Sequence[Array]], Array]:
+    return lambda columns: block.linearisation.whiten(np.concatenate(columns, axis=2))
 
 
 def _denoise(

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.effects.effect import Effect
 from tactile_dynamics_ros.core.inertia.fitted_model import FittedModel
+from tactile_dynamics_ros.core.inertia.repeated_whitening import RepeatedWhitening
 from tactile_dynamics_ros.core.inertia.uncertainty import HOLD
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import log_cholesky_jacobian
 
@@ -68,7 +69,7 @@ class FrozenSystem:
 
     def __init__(self, whitening: Whitening, effects: tuple[Effect, ...]) -> None:
         self._whitening, self._effects = whitening, effects
-        self._model = whitening.model
+        self._model, self._repeated = whitening.model, RepeatedWhitening(whitening.whiten)
         samples = self._model.blocks[0].problem.samples
         self._counts = [len(effect.parameters(samples)) for effect in effects]
         stds = [p.prior_std for effect in effects for p in effect.parameters(samples)]
@@ -103,8 +104,13 @@ class FrozenSystem:
             by_theta.append(effect.jacobian(samples, phi, theta))
             by_phi.append(effect.inertia_jacobian(samples, phi, theta))
         depends = any(np.any(part) for part in by_phi)
-        white = self._whitening.whiten
-        return white(values), white(by_phi) if depends else None, white(by_theta)
+        repeated = self._repeated
+        white_by_phi = repeated((effect.label, "phi"), by_phi) if depends else None
+        return (
+            self._whitening.whiten(values),
+            white_by_phi,
+            repeated((effect.label, "theta"), by_theta),
+        )
 
     def _prior(self, stds: Array) -> tuple[Array, Array]:
         model = self._model
