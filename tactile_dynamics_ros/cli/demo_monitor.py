@@ -101,12 +101,12 @@ class Monitor:
         return truth
 
     def history(self) -> EstimateHistory:
-        """Return all estimates that came."""
+        """Return the estimates that came, those of a changed model from where it begins."""
         if not self._estimates:
             empty = np.zeros((0, len(NAMES)))
             return EstimateHistory(np.zeros(0), empty, empty)
         time_, value, std = zip(*self._estimates, strict=True)
-        return EstimateHistory(np.array(time_), np.stack(value), np.stack(std))
+        return EstimateHistory(np.array(time_), np.stack(value), np.stack(std)).of_last_model()
 
     def close(self) -> None:
         """Leave ROS."""

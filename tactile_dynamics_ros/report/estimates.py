@@ -64,7 +64,7 @@ def draw_convergence(
             _draw_band(axes, history, row, scale, colour)
             if true_values is not None:
                 axes.axhline(scale * true_values[row], color=colour, linestyle=(0, (4, 3)))
-        axes.set_ylim(_view(history, shown, scale, true_values))
+        axes.set_ylim(settled_view(history, shown, scale, true_values))
         axes.set_ylabel(unit)
         axes.set_xlabel("seconds of data used")
         axes.margins(x=0.01)
@@ -95,13 +95,14 @@ def _draw_band(axes: Axes, history: EstimateHistory, row: int, scale: float, col
     axes.plot(history.time, value, color=colour, label=LABELS[row], linewidth=1.5)
 
 
-def _view(
+def settled_view(
     history: EstimateHistory, rows: list[int], scale: float, true_values: Array | None
 ) -> tuple[float, float]:
     """Return limits that show how the values settle rather than the wild first moments."""
     late = history.time >= history.time[0] + _SETTLED_SHARE * np.ptp(history.time)
     value, std = history.value[:, rows], history.std[:, rows]
-    edges = [value[late] - 2 * std[late], value[late] + 2 * std[late]]
+    usual = 2.0 * np.median(std[late], axis=0)
+    edges = [value[late] - usual, value[late] + usual]
     edges += [value[-1:] - _VIEW_STDS * std[-1:], value[-1:] + _VIEW_STDS * std[-1:]]
     if true_values is not None:
         edges.append(true_values[None, rows])

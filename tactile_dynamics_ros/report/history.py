@@ -37,6 +37,15 @@ class EstimateHistory:
     value: Array
     std: Array
 
+    def of_last_model(self) -> EstimateHistory:
+        """Without estimates that a later one for the same or an earlier instant replaces.
+
+        An estimator whose model is changed goes back to the data that it keeps.
+        """
+        ahead = np.minimum.accumulate(np.append(self.time, np.inf)[::-1])[::-1][1:]
+        kept = self.time < ahead
+        return EstimateHistory(self.time[kept], self.value[kept], self.std[kept])
+
 
 def settle(model: FittedModel, points: int = 80) -> EstimateHistory:
     """Return what the data up to each of several instants say, linearised at the final fit.

@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
+from tactile_dynamics_ros.report.estimates import settled_view
 from tactile_dynamics_ros.report.history import EstimateHistory
 from tactile_dynamics_ros.report.style import AXIS_COLOURS, INK, label_lines, new_figure
 
@@ -36,6 +37,9 @@ def draw_summary(
     mass.set_ylabel("g")
     for k, (axis, colour) in enumerate(AXIS_COLOURS.items()):
         _draw(centre, history, 1 + k, colour, float(truth.com[k]), axis)
+    values = np.concatenate([[truth.mass], truth.com])
+    mass.set_ylim(settled_view(history, [0], MILLI, values))
+    centre.set_ylim(settled_view(history, [1, 2, 3], MILLI, values))
     centre.set_title("centre of mass")
     centre.set_ylabel("mm")
     centre.set_xlabel("seconds")

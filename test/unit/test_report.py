@@ -251,6 +251,14 @@ def test_a_folder_that_cannot_be_made_is_refused(tmp_path):
         write_discrepancy_report(_findings(), tmp_path / "file")
 
 
+def test_estimates_of_a_changed_model_replace_the_earlier_ones():
+    time = np.array([1.0, 2.0, 3.0, 4.0, 1.5, 2.5, 3.5])
+    value = np.arange(7.0)[:, None] * np.ones(10)
+    kept = EstimateHistory(time, value, value).of_last_model()
+    assert kept.time.tolist() == [1.0, 1.5, 2.5, 3.5]
+    assert kept.value[:, 0].tolist() == [0.0, 4.0, 5.0, 6.0]
+
+
 def test_live_estimates_are_drawn_even_before_they_settle(box, tmp_path):
     recording, model, truth = box
     time = np.arange(20.0)
