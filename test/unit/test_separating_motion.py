@@ -8,6 +8,8 @@ import numpy as np
 
 from tactile_dynamics_ros.core.effects.check import example_inertia, example_samples
 from tactile_dynamics_ros.core.effects.registry import create_effect
+from tactile_dynamics_ros.core.inertia.excitation.grip import Grip
+from tactile_dynamics_ros.core.inertia.excitation.trajectory import FourierOffsets, HeldPose
 from tactile_dynamics_ros.core.inertia.separating_motion import Rival, SeparationCriterion
 
 FORCE_STD = 0.03
@@ -55,6 +57,22 @@ def test_a_simpler_explanation_inside_a_richer_one_is_told_by_its_fewer_paramete
     assert np.abs(wanted).max() > 0.0
     gap = float(SeparationCriterion(cable, (tilt,), FORCE_STD).gaps(samples)[0])
     assert gap > 10.0
+
+
+def test_between_samples_of_a_recording_a_short_lag_is_a_delay():
+    """Coarse samples would promise a difference: lines and splines between them are not alike."""
+    samples = example_samples(2000)
+    grip = Grip.from_samples(samples, example_inertia(), 0.8)
+    start = HeldPose(samples.rotation[0], samples.position[0], samples.position[0])
+    waves = np.full((6, 2), 0.02)
+    offsets = FourierOffsets(10.0, np.array([0.6, 2.5]), waves, waves)
+    late, lagging = rival("time_offset", [0.005]), rival("sensor_lag", [0.005])
+    gaps = []
+    for rate in (20.0, 100.0):
+        moved = start.follow(offsets, np.arange(0.0, 10.0, 1.0 / rate))
+        criterion = SeparationCriterion(late, (lagging,), FORCE_STD, rate)
+        gaps.append(float(criterion.gaps(grip.load(moved, example_inertia()))[0]))
+    assert gaps[0] > 5.0 * gaps[1]
 
 
 def test_more_motion_never_counts_more_than_what_is_decisive():

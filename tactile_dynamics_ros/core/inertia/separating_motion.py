@@ -93,11 +93,15 @@ class SeparationCriterion:
     derivatives, H_b the prior of rival b and f the numbers of effect parameters that the motion
     determines. The new recording stands alone: all that was learned from the present one may be
     learned anew. Source: Box, Hill 1967, on discrimination among mechanistic models; Schwarz 1978.
+
+    Motions are sought at a lower rate than that of a recording; what the best one promises is
+    evaluated at the latter, since between coarse samples a lag differs from a delay for no reason.
     """
 
     best: Rival
     others: tuple[Rival, ...]
     force_std: float
+    rate_hz: float = _RATE_HZ
 
     def __call__(self, *parts: WrenchSamples) -> float:
         """Evaluate the criterion for a recording of one or more parts of equal weight."""
@@ -107,29 +111,28 @@ class SeparationCriterion:
         """Expected difference of -2 log evidence to each of the others, (rivals,)."""
         covariances = [wrench_covariance(samples, self.force_std) for samples in parts]
         factors = [np.asarray(np.linalg.cholesky(c), dtype=np.float64) for c in covariances]
-        wrench, columns = _predict(self.best, parts, factors)
+        wrench, columns = self._predict(self.best, parts, factors)
         freedom = effect_freedom(columns, self.best.prior[10:])
         gaps = []
         for other in self.others:
-            expected, own = _predict(other, parts, factors)
+            expected, own = self._predict(other, parts, factors)
             count = effect_freedom(own, other.prior[10:]) - freedom
-            occam = count * np.log(_RECORDED_HZ / _RATE_HZ * len(own))
+            occam = count * np.log(_RECORDED_HZ / self.rate_hz * len(own))
             gaps.append(abs(_chi_square(wrench - expected, own, other.prior) + occam))
         return np.array(gaps)
 
-
-def _predict(
-    rival: Rival, parts: Sequence[WrenchSamples], factors: Sequence[Array]
-) -> tuple[Array, Array]:
-    """White wrench and its derivatives, one row per component of a sample at 100 Hz."""
-    root = np.sqrt(_RECORDED_HZ / _RATE_HZ / len(parts))
-    white = []
-    for samples, factor in zip(parts, factors, strict=True):
-        both = [rival.wrench(samples)[..., None], rival.columns(samples)]
-        found = np.linalg.solve(factor, np.concatenate(both, axis=2))
-        white.append(root * found.reshape(-1, found.shape[2]))
-    rows = np.concatenate(white)
-    return rows[:, 0], rows[:, 1:]
+    def _predict(
+        self, rival: Rival, parts: Sequence[WrenchSamples], factors: Sequence[Array]
+    ) -> tuple[Array, Array]:
+        """White wrench and its derivatives, as many rows as if a sample were taken at 100 Hz."""
+        root = np.sqrt(_RECORDED_HZ / self.rate_hz / len(parts))
+        white = []
+        for samples, factor in zip(parts, factors, strict=True):
+            both = [rival.wrench(samples)[..., None], rival.columns(samples)]
+            found = np.linalg.solve(factor, np.concatenate(both, axis=2))
+            white.append(root * found.reshape(-1, found.shape[2]))
+        rows = np.concatenate(white)
+        return rows[:, 0], rows[:, 1:]
 
 
 def _chi_square(target: Array, columns: Array, prior: Array) -> float:
@@ -164,9 +167,10 @@ def plan_separation(
         motion = design_motion(criterion, start, grip, best.phi, _LIMITS, None, _EFFORT)
     except TactileDynamicsError:
         return None
-    moved = start.follow(motion.offsets, _times())
+    moved = start.follow(motion.offsets, _times(_RECORDED_HZ))
     present, other = grip.load(moved, best.phi), _regrasp(grip).load(moved, best.phi)
     names = [rival.effects[-1].name for rival in criterion.others]
+    criterion = replace(criterion, rate_hz=_RECORDED_HZ)
     for kind, parts in (("motion", (present,)), ("regrasp", (present, other))):
         gaps = criterion.gaps(*parts)
         told = [name for name, gap in zip(names, gaps, strict=True) if gap >= _DECISIVE]
@@ -175,8 +179,8 @@ def plan_separation(
     return None
 
 
-def _times() -> Array:
-    return np.arange(0.0, _EFFORT.duration, 1.0 / _RATE_HZ)
+def _times(rate_hz: float) -> Array:
+    return np.arange(0.0, _EFFORT.duration, 1.0 / rate_hz)
 
 
 def _force_std(model: HeldObjectModel) -> float:
@@ -219,7 +223,7 @@ def _plan(kind: str, motion: DesignedMotion, told: list[str], gap: float) -> dic
 
 
 def _describe_motion(motion: DesignedMotion) -> str:
-    peaks = np.abs(motion.offsets.evaluate(_times())).max(axis=0)
+    peaks = np.abs(motion.offsets.evaluate(_times(_RATE_HZ))).max(axis=0)
     turns = [f"{_AXES[k]} by +-{np.degrees(peaks[k]):.0f} deg" for k in range(3)]
     shifts = [f"{_AXES[k]} by +-{100 * peaks[3 + k]:.0f} cm" for k in range(3)]
     rates = motion.offsets.frequency_hz
