@@ -97,9 +97,10 @@ def _advice(estimate: InertialEstimate) -> list[str]:
     if not estimate.converged:
         sentences.append("The iteration did not converge: treat every number with suspicion.")
     if rms < ADEQUATE:
+        model = " with ".join(["a rigid body", *filter(None, [", ".join(estimate.effects)])])
         sentences.append(
             f"What the model leaves unexplained is {rms:.2f} times the noise that the sensors "
-            "state: a rigid body explains the measurements."
+            f"state: {model} explains the measurements."
         )
     else:
         sentences.append(
