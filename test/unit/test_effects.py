@@ -19,6 +19,7 @@ from tactile_dynamics_ros.core.effects.check import (
     example_samples,
 )
 from tactile_dynamics_ros.core.effects.filters import first_order_lag
+from tactile_dynamics_ros.core.effects.gravity import load_regressor
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.newton_euler import regressor
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
@@ -283,3 +284,11 @@ def test_check_effect_finds_a_wrong_jacobian():
             return 2.0 * super().jacobian(samples, inertia, theta)
 
     assert "finite differences" in str(check_effect(Wrong()))
+
+
+def test_what_is_remembered_of_a_motion_is_shared_by_other_forces_only():
+    samples = example_samples()
+    pressed = samples.with_forces(2.0 * samples.contact_force)
+    assert load_regressor(pressed) is load_regressor(samples)
+    turned = replace(pressed, angular_velocity=2.0 * samples.angular_velocity)
+    assert not np.allclose(load_regressor(turned), load_regressor(samples))

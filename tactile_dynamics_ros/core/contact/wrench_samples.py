@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, wraps
 from typing import Concatenate, ParamSpec, TypeVar
 from weakref import WeakKeyDictionary
@@ -43,7 +43,8 @@ class WrenchSamples:
         contact_torque: (N, C, 3) N m about the contact point, body frame.
         in_contact: (N, C).
         gravity: (3,) m/s^2, world axes.
-        motion: samples with the same motion and contacts, if these were made from them.
+        motion: samples with the same motion and contacts from which `with_forces` made these;
+            `dataclasses.replace` forgets it.
     """
 
     time: Array
@@ -60,16 +61,14 @@ class WrenchSamples:
     contact_torque: Array
     in_contact: NDArray[np.bool_]
     gravity: Array
-    motion: WrenchSamples | None = None
+    motion: WrenchSamples | None = field(default=None, init=False)
 
     def with_forces(self, force: Array, torque: Array | None = None) -> WrenchSamples:
         """The same motion and contacts with other forces, (N, C, 3), and torques if given."""
-        return replace(
-            self,
-            contact_force=force,
-            contact_torque=self.contact_torque if torque is None else torque,
-            motion=self.motion or self,
-        )
+        torques = self.contact_torque if torque is None else torque
+        changed = replace(self, contact_force=force, contact_torque=torques)
+        object.__setattr__(changed, "motion", self.motion or self)
+        return changed
 
     @cached_property
     def specific_acceleration(self) -> Array:
