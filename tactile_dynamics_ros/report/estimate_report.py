@@ -97,7 +97,8 @@ def _advice(estimate: InertialEstimate) -> list[str]:
     if not estimate.converged:
         sentences.append("The iteration did not converge: treat every number with suspicion.")
     if rms < ADEQUATE:
-        model = " with ".join(["a rigid body", *filter(None, [", ".join(estimate.effects)])])
+        effects = ", ".join(estimate.effects)
+        model = f"a rigid body with {effects}" if effects else "a rigid body"
         sentences.append(
             f"What the model leaves unexplained is {rms:.2f} times the noise that the sensors "
             f"state: {model} explains the measurements."

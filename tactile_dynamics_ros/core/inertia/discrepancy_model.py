@@ -20,7 +20,7 @@ from tactile_dynamics_ros.core.discrepancy.model import (
 from tactile_dynamics_ros.core.effects.effect import Effect
 from tactile_dynamics_ros.core.effects.registry import create_effect, registered_names
 from tactile_dynamics_ros.core.inertia.fitted_model import FittedModel
-from tactile_dynamics_ros.core.inertia.fitting import fit_further, fit_model
+from tactile_dynamics_ros.core.inertia.fitting import fit_further, fit_model, nearest_body
 from tactile_dynamics_ros.core.inertia.least_squares import levenberg_marquardt
 from tactile_dynamics_ros.core.inertia.quick_fit import (
     ExtendedSystem,
@@ -32,10 +32,6 @@ from tactile_dynamics_ros.core.inertia.systematic import systematic_covariance_o
 from tactile_dynamics_ros.core.inertia.term_library import wrench_terms
 from tactile_dynamics_ros.core.inertia.uncertainty import effect_freedom, misfit_inflation
 from tactile_dynamics_ros.core.inertia.wrench_residuals import wrench_residuals
-from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
-    log_cholesky,
-    pseudo_inertia,
-)
 
 Array = NDArray[np.float64]
 
@@ -46,7 +42,6 @@ _QUICK_ITERATIONS = 12
 _QUICK_TOLERANCE = 2e-5
 _JOINT_ITERATIONS = 40
 _CURVED = 1.01
-_FLATTEST = 0.1
 
 
 @dataclass(frozen=True)
@@ -206,7 +201,7 @@ class HeldObjectModel:
             b.problem.denoised({}).balanced(self.phi, self.effects, self.theta)
             for b in self.fitted.blocks
         ]
-        xi, theta = _nearest_body(self.phi, self.fitted.phi), self.theta
+        xi, theta = nearest_body(self.phi, self.fitted.phi), self.theta
         best = fit_model(problems, self.effects, theta, xi, 2)
         for _ in range(_MOST_REFINEMENTS - 1):
             model = fit_further(best, 2)
@@ -253,7 +248,7 @@ class HeldObjectModel:
 
     def residuals(self) -> Residuals:
         """Wrench residuals in body and world axes with what they may depend on."""
-        xi = _nearest_body(self.phi, self.fitted.phi)
+        xi = nearest_body(self.phi, self.fitted.phi)
         model = replace(self.fitted, xi=xi, effects=self.effects, theta=self.theta)
         return wrench_residuals(model, self.residual.reshape(-1, 6))
 
@@ -303,10 +298,3 @@ def _step_size(before: FittedModel, after: FittedModel) -> float:
     step = np.concatenate([after.phi - before.phi, *map(np.subtract, after.theta, before.theta)])
     change = after.white_jacobian @ step
     return float(change @ change)
-
-
-def _nearest_body(phi: Array, reference: Array) -> Array:
-    """Log-Cholesky coordinates of phi with the eigenvalues of its pseudo-inertia made positive."""
-    values, vectors = np.linalg.eigh(pseudo_inertia(phi))
-    floor = _FLATTEST * np.linalg.eigvalsh(pseudo_inertia(reference))
-    return log_cholesky(vectors * np.maximum(values, floor) @ vectors.T)

@@ -190,12 +190,8 @@ class FittedModel:
     def white_lasting_errors(self) -> Array:
         """(6 N, 9) white wrenches of presumed lasting errors, see `systematic`."""
         lever = systematic_lever(self.samples[0])
-        return np.concatenate(
-            [
-                block.linearisation.whiten(systematic_basis(samples.rotation, lever))
-                for block, samples in zip(self.blocks, self.samples, strict=True)
-            ]
-        )
+        bases = [systematic_basis(samples.rotation, lever) for samples in self.samples]
+        return whiten_blocks(self.blocks, bases)
 
     @property
     def samples(self) -> tuple[WrenchSamples, ...]:
@@ -261,6 +257,12 @@ def _positive_part(information: Array, scale: Array) -> Array:
     values, vectors = np.linalg.eigh(information / np.outer(unit, unit))
     clipped = vectors * np.maximum(values, 0.0) @ vectors.T
     return np.asarray(clipped * np.outer(unit, unit))
+
+
+def whiten_blocks(blocks: Sequence[Block], values: Sequence[Array]) -> Array:
+    """White form of values (N, 6, ...) per block, one after the other."""
+    parts = zip(blocks, values, strict=True)
+    return np.concatenate([block.linearisation.whiten(value) for block, value in parts])
 
 
 def regressor_noise_information(blocks: Sequence[Block]) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,6 +12,7 @@ from tactile_dynamics_ros.core.inertia.fitted_model import (
     Block,
     FittedModel,
     regressor_noise_information,
+    whiten_blocks,
 )
 from tactile_dynamics_ros.core.inertia.least_squares import levenberg_marquardt
 from tactile_dynamics_ros.core.inertia.outliers import isolated_outlier_variance
@@ -33,6 +34,7 @@ Array = NDArray[np.float64]
 
 _MOST_STEPS = 20
 _TOLERANCE = 1e-6
+_FLATTEST = 0.1
 
 
 def fit_model(
@@ -103,10 +105,14 @@ def _start(problems: Sequence[WrenchProblem], prior: LogCholeskyPrior) -> Array:
     weight = 1e-2 / np.maximum(np.abs(guess), 1e-2 * np.abs(guess).max())
     rows = np.concatenate([matrix, np.diag(weight)])
     phi = np.linalg.lstsq(rows, np.concatenate([wrench, weight * guess]), rcond=None)[0]
+    return nearest_body(phi, guess)
+
+
+def nearest_body(phi: Array, reference: Array) -> Array:
+    """Log-Cholesky coordinates of phi with the eigenvalues of its pseudo-inertia made positive."""
     values, vectors = np.linalg.eigh(pseudo_inertia(phi))
-    floor = np.linalg.eigvalsh(pseudo_inertia(guess))
-    clipped = np.maximum(values, 0.1 * floor)
-    return log_cholesky(vectors * clipped @ vectors.T)
+    floor = _FLATTEST * np.linalg.eigvalsh(pseudo_inertia(reference))
+    return log_cholesky(vectors * np.maximum(values, floor) @ vectors.T)
 
 
 def _whiten(
@@ -199,11 +205,11 @@ class _ReducedSystem:
     ) -> None:
         self._blocks, self._phi, self._effects = blocks, phi, effects
         self._rows = [np.concatenate([b.jacobian, b.residual[:, None]], axis=1) for b in blocks]
-        self._white_columns = [RepeatedWhitening(_whiten_side_by_side(b)) for b in blocks]
-        self._white_start = [self._white_effects(b, phi, theta) for b in blocks]
+        self._white_columns = RepeatedWhitening(lambda values: whiten_blocks(blocks, values))
+        self._white_start = self._white_effects(phi, theta)
         if effects:
-            plain = [b.linearisation.whiten(b.problem.regressor) - b.jacobian for b in blocks]
-            self._beside = np.concatenate(plain)
+            plain = whiten_blocks(blocks, [b.problem.regressor for b in blocks])
+            self._beside = plain - np.concatenate([b.jacobian for b in blocks])
         else:
             self._rows = [np.asarray(np.linalg.qr(np.concatenate(self._rows), mode="r"))]
 
@@ -213,35 +219,32 @@ class _ReducedSystem:
         residual = rows[:, :10] @ (phi - self._phi) + rows[:, 10]
         if not self._effects:
             return residual, rows[:, :10].copy()
-        moved = [
-            self._white_effects(block, phi, theta) - start
-            for block, start in zip(self._blocks, self._white_start, strict=True)
-        ]
-        columns = np.concatenate(
-            [self._effect_columns(k, phi, theta) for k in range(len(self._blocks))]
-        )
+        moved = self._white_effects(phi, theta) - self._white_start
+        columns = self._effect_columns(phi, theta)
         # rows already hold dDelta/dphi at the start; the exact change replaces that linear part
         correction = self._beside @ (phi - self._phi)
-        residual = residual - np.concatenate(moved) + correction
+        residual = residual - moved + correction
         return residual, np.concatenate([rows[:, :10], columns], axis=1)
 
-    def _white_effects(self, block: Block, phi: Array, theta: Sequence[Array]) -> Array:
-        total = np.zeros((block.problem.count, 6))
+    def _white_effects(self, phi: Array, theta: Sequence[Array]) -> Array:
+        total = [np.zeros((block.problem.count, 6)) for block in self._blocks]
         for effect, value in zip(self._effects, theta, strict=True):
-            total += effect.wrench(block.problem.samples, phi, value)
-        return block.linearisation.whiten(total)
+            for delta, block in zip(total, self._blocks, strict=True):
+                delta += effect.wrench(block.problem.samples, phi, value)
+        return whiten_blocks(self._blocks, total)
 
-    def _effect_columns(self, place: int, phi: Array, theta: Sequence[Array]) -> Array:
-        samples = self._blocks[place].problem.samples
+    def _effect_columns(self, phi: Array, theta: Sequence[Array]) -> Array:
         columns = [
-            effect.jacobian(samples, phi, value)
-            for effect, value in zip(self._effects, theta, strict=True)
+            np.concatenate(
+                [
+                    effect.jacobian(block.problem.samples, phi, value)
+                    for effect, value in zip(self._effects, theta, strict=True)
+                ],
+                axis=2,
+            )
+            for block in self._blocks
         ]
-        return -self._white_columns[place]("theta", columns)
-
-
-def _whiten_side_by_side(block: Block) -> Callable[[Sequence[Array]], Array]:
-    return lambda columns: block.linearisation.whiten(np.concatenate(columns, axis=2))
+        return -self._white_columns("theta", columns)
 
 
 def _denoise(

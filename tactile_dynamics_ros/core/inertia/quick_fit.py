@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.effects.effect import Effect
-from tactile_dynamics_ros.core.inertia.fitted_model import FittedModel
+from tactile_dynamics_ros.core.inertia.fitted_model import FittedModel, whiten_blocks
 from tactile_dynamics_ros.core.inertia.repeated_whitening import RepeatedWhitening
 from tactile_dynamics_ros.core.inertia.uncertainty import HOLD
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import log_cholesky_jacobian
@@ -32,7 +32,7 @@ class Whitening:
     @cached_property
     def regressor(self) -> Array:
         """(M, 10) white regressor of the load alone."""
-        return self._whiten([b.problem.regressor for b in self.model.blocks])
+        return self.whiten([b.problem.regressor for b in self.model.blocks])
 
     @cached_property
     def start(self) -> Array:
@@ -42,22 +42,18 @@ class Whitening:
         for effect, theta in zip(model.effects, model.theta, strict=True):
             for delta, block in zip(total, model.blocks, strict=True):
                 delta += effect.wrench(block.problem.samples, model.phi, theta)
-        return model.white_residual + self._whiten(total)
-
-    def _whiten(self, values: Sequence[Array]) -> Array:
-        parts = zip(self.model.blocks, values, strict=True)
-        return np.concatenate([block.linearisation.whiten(value) for block, value in parts])
+        return model.white_residual + self.whiten(total)
 
     def whiten(self, values: Sequence[Array]) -> Array:
         """White form of values (N, 6, ...) per block."""
-        return self._whiten(values)
+        return whiten_blocks(self.model.blocks, values)
 
     def family_columns(self, effect: Effect) -> Array:
         """White screening basis of one reading."""
         if effect.label not in self.columns:
             phi = self.model.phi
             basis = [effect.screening_basis(b.problem.samples, phi) for b in self.model.blocks]
-            self.columns[effect.label] = (effect, self._whiten(basis))
+            self.columns[effect.label] = (effect, self.whiten(basis))
         return self.columns[effect.label][1]
 
 

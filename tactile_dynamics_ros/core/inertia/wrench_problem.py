@@ -196,11 +196,6 @@ class WrenchProblem:
         """(N, 6, 10) Newton-Euler regressor of the denoised samples."""
         return self.smooth.regressor
 
-    @property
-    def measured_regressor(self) -> Array:
-        """(N, 6, 10) Newton-Euler regressor of the measured samples."""
-        return self.raw.regressor
-
     def regressor_noise(self, seed: int = 0) -> Array:
         """(N, 6, 10) one draw of how pose noise moves the regressor of the denoised samples."""
         rng = np.random.default_rng(seed)
@@ -219,7 +214,7 @@ class WrenchProblem:
 
         Effects on the forces correct the measured ones, noise included, as `linearise` assumes.
         """
-        value = self.measured_regressor @ phi - self.measured.measured_wrench
+        value = self.raw.regressor @ phi - self.measured.measured_wrench
         for effect, parameters in zip(effects, theta, strict=True):
             value = value - effect.wrench(self._measured_contacts, phi, parameters)
         return np.asarray(value)
