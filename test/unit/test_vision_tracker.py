@@ -9,10 +9,12 @@ from tactile_dynamics_ros.core.contact.hand_kinematics import HandKinematics
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.manipulation.grasp_planner import ARM_HOME, HAND_SEED
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
-from tactile_dynamics_ros.core.tracking.depth_image import PinholeCamera
+from tactile_dynamics_ros.core.tracking.depth_image import DepthNoiseConfig, PinholeCamera, cut_window
 from tactile_dynamics_ros.core.tracking.kinematic_tracker import pose_error
 from tactile_dynamics_ros.core.tracking.object_shape import load_shape
+from tactile_dynamics_ros.core.tracking.registration import Registration
 from tactile_dynamics_ros.core.tracking.robot_volume import RobotVolume
+from tactile_dynamics_ros.core.tracking.scene import label_scene
 from tactile_dynamics_ros.core.tracking.vision_tracker import TrackingState, VisionTracker
 from tactile_dynamics_ros.share import object_file
 from tactile_dynamics_ros.sim.sensors.depth_camera import DepthCamera, DepthCameraConfig, look_at
@@ -140,6 +142,38 @@ def test_an_object_on_the_table_is_found_from_nothing(studio):
     assert seen.score > 0.9
     assert middle_error(studio, seen, truth) < 2e-3
     assert np.linalg.norm(pose_error(seen.pose, truth)[:3]) < 0.05
+
+
+@pytest.mark.parametrize("studio", ["pudding_box"], indirect=True)
+def test_a_box_seen_from_its_end_is_not_taken_for_one_that_sinks_into_the_table(studio):
+    end_on = exp_so3(np.array([0.0, 0.0, 0.26]))
+    truth = studio.world.start_pose()
+    truth[:3, :3] = end_on
+    sunk = truth.copy()
+    sunk[:3, :3] = end_on @ exp_so3(np.array([np.pi / 2.0, 0.0, 0.0]))
+    sunk[:3, 3] += end_on @ [0.0, -0.0105, 0.0] + [0.0, 0.0, -0.0105]
+    for _ in range(4):
+        studio.tracker.reset(sunk)
+        told = [studio.see(studio.picture(truth)) for _ in range(30)]
+        assert told[-1] is not None
+        for seen in told:
+            assert seen is None or middle_error(studio, seen, truth) < 3e-3
+
+
+@pytest.mark.parametrize("studio", ["pudding_box"], indirect=True)
+def test_a_pose_through_which_the_table_is_seen_is_refuted(studio):
+    truth = studio.world.start_pose()
+    depth = studio.picture(truth)
+    view = cut_window(studio.camera, depth, slice(0, 240), slice(0, 320))
+    scene = label_scene(studio.camera, view, None, None, DepthNoiseConfig(), 0.0)
+    registration = Registration(studio.shape)
+
+    def judge(shift):
+        return registration.judge(scene, np.linalg.inv(PLACE) @ displaced(truth, shift, [0, 0, 0]))
+
+    assert judge([0.0, 0.0, 0.0]).score > 0.95
+    assert judge([0.03, 0.0, 0.0]).refuted > 0.3 * judge([0.03, 0.0, 0.0]).facing
+    assert judge([0.0, 0.0, -0.03]).score == 0.0
 
 
 @pytest.mark.parametrize("studio", ["gelatin_box"], indirect=True)

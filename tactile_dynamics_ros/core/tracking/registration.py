@@ -50,6 +50,9 @@ GRAZING = 0.25
 OBJECT_TOLERANCE = 0.012
 EMPTY_TOLERANCE = 0.02
 STRANGE = 0.01
+SUNK = 0.03
+"""Depth inside the support, m, at which a pose is impossible: a model error or a wrong height of
+the support accounts for a few mm."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +61,7 @@ class RegistrationConfig:
 
     coarse_reach: float = parameter(0.02, "reach of the first steps", "m", 1e-3, 0.2)
     fine_reach: float = parameter(0.008, "reach of the last steps", "m", 1e-3, 0.2)
+    shift_steps: int = parameter(0, "first steps, which do not turn the object", "", 0, 100)
     coarse_steps: int = parameter(3, "steps with the coarse reach", "", 0, 100)
     fine_steps: int = parameter(5, "steps with the fine reach and the outline", "", 1, 100)
     most_points: int = parameter(700, "pixels on the surface that are used", "", 50, 100_000)
@@ -84,6 +88,7 @@ class Fit:
         matched: model samples that are seen where they should be. refuted: whose place shows
             something else, or nothing. facing: that face the camera.
         strange: share of the pixels near the object that its surface does not explain.
+        sunk: how far the model reaches into the support, m.
         misfit: root of the mean squared whitened distance of the pixels used.
     """
 
@@ -94,13 +99,18 @@ class Fit:
     refuted: int
     facing: int
     strange: float
+    sunk: float
     misfit: float
 
     @property
     def score(self) -> float:
-        """Share of the visible model that is seen, times that of the pixels that it explains."""
+        """Share of the visible model that is seen, times that of the pixels that it explains.
+
+        Less, by (sunk / SUNK)^2, where the support would have to be in its place.
+        """
         seen = self.matched + self.refuted
-        return (1.0 - self.strange) * self.matched / seen if seen else 0.0
+        possible = 1.0 - min(1.0, self.sunk / SUNK) ** 2
+        return possible * (1.0 - self.strange) * self.matched / seen if seen else 0.0
 
     @property
     def agreement(self) -> float:
@@ -140,9 +150,10 @@ class Registration:
             near: whether the image agrees with the seed, so that the steps from afar are left out.
         """
         config, pose = self.config, np.array(seed, dtype=float)
-        for _ in range(0 if near else config.coarse_steps):
+        for k in range(0 if near else config.shift_steps + config.coarse_steps):
             system = self._nearest_terms(scene, pose)
-            pose = self._step(pose, system.information, system.gradient)
+            turns = 0.0 if k < config.shift_steps else 1.0
+            pose = self._step(pose, system.information, system.gradient, turns)
         for k in range(1 if near else 0, config.fine_steps):
             blur = BLUR[min(k, len(BLUR) - 1)]
             if k < len(BLUR):
@@ -153,10 +164,14 @@ class Registration:
             pose = self._step(pose, information, system.gradient + pull)
         return self.judge(scene, pose, information, system.misfit)
 
-    def _step(self, pose: Array, information: Array, gradient: Array) -> Array:
+    def _step(
+        self, pose: Array, information: Array, gradient: Array, turns: float = 1.0
+    ) -> Array:
+        """Return the pose after a damped Newton step; turns is 0 where it may only shift."""
         turn, shift = np.deg2rad(self.config.damping_rotation_deg), self.config.damping_position
         damping = np.diag([turn**-2.0] * 3 + [shift**-2.0] * 3)
-        step = np.linalg.solve(information + damping, gradient)
+        free = np.diag([turns] * 3 + [1.0] * 3)
+        step = np.linalg.solve(free @ information @ free + damping, free @ gradient)
         pivot = self._pivot(pose)
         moved = pose.copy()
         turned = exp_so3(np.asarray(step[:3], dtype=float))
@@ -286,6 +301,7 @@ class Registration:
         points = self.shape.points[:JUDGED] @ pose[:3, :3].T + pose[:3, 3]
         normals = self.shape.normals[:JUDGED] @ pose[:3, :3].T
         cosine = -np.einsum("ij,ij->i", normals, points) / np.linalg.norm(points, axis=1)
+        sunk = scene.sunk(points)
         points, near = points[cosine > GRAZING], cosine[cosine > GRAZING]
         place = scene.window.lookup(scene.camera.project(points))
         seen = place >= 0
@@ -296,14 +312,16 @@ class Registration:
         tolerance = 3.0 * np.hypot(scene.noise[place], 0.7 * pixel * slope) + 1e-3
         known = scene.free[place] & (measured > depth - np.maximum(0.015, tolerance))
         matched = known & (np.abs(measured - depth) < tolerance)
+        passed = scene.nearest[place] > depth + tolerance
         return Fit(
             pose,
             np.zeros((6, 6)) if information is None else information,
             self._pivot(pose),
             int(matched.sum()),
-            int((known & ~matched).sum()),
+            int((known & ~matched | passed).sum()),
             len(points),
             self._strange(scene, pose),
+            sunk,
             misfit,
         )
 
@@ -351,9 +369,8 @@ def _label_border(scene: Scene, drawing: Drawing) -> NDArray[np.int8]:
     """
     depth = scene.window.depth
     label = np.zeros(len(depth), dtype=np.int8)
-    near = scene.free & drawing.band
-    label[near & (np.abs(depth - drawing.depth) < OBJECT_TOLERANCE)] = 1
-    label[near & (depth > drawing.depth + EMPTY_TOLERANCE)] = -1
+    label[scene.free & drawing.band & (np.abs(depth - drawing.depth) < OBJECT_TOLERANCE)] = 1
+    label[drawing.band & (depth > drawing.depth + EMPTY_TOLERANCE)] = -1
     return keep_contested(label.reshape(scene.window.shape), drawing.reach).ravel()
 
 

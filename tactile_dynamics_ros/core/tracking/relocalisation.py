@@ -31,7 +31,12 @@ Array = NDArray[np.float64]
 CELL = 0.015
 LEAST_POINTS = 15
 ROUGH = RegistrationConfig(
-    coarse_reach=0.04, fine_reach=0.02, coarse_steps=4, fine_steps=2, most_points=100
+    coarse_reach=0.04,
+    fine_reach=0.02,
+    shift_steps=3,
+    coarse_steps=4,
+    fine_steps=2,
+    most_points=100,
 )
 
 

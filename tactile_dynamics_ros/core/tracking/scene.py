@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,12 +32,30 @@ class Scene:
     Attributes:
         camera: that took it. window: the pixels. noise: their axial standard deviation (P,), m.
         free: (P,) pixels that show neither robot nor support and have a depth.
+        support: z of the horizontal plane on which objects stand, world, m; None if there is none.
     """
 
     camera: PinholeCamera
     window: Window
     noise: Array
     free: Mask
+    support: float | None
+
+    @cached_property
+    def nearest(self) -> Array:
+        """Smallest depth (P,) of each pixel and its eight neighbours, m, NaN where invalid."""
+        depth = self.window.depth
+        filled = np.where(np.isfinite(depth), depth, np.inf).reshape(self.window.shape)
+        smallest = ndimage.minimum_filter(filled, 3, mode="nearest").ravel()
+        return np.where(np.isfinite(depth), smallest, np.nan)
+
+    def sunk(self, points: Array) -> float:
+        """Return how far the lowest of points (N, 3), camera frame, is inside the support, m."""
+        if self.support is None:
+            return 0.0
+        pose = self.camera.pose
+        lowest = float(np.min(points @ pose[2, :3])) + pose[2, 3]
+        return max(0.0, self.support - lowest)
 
 
 def label_scene(
@@ -71,7 +90,7 @@ def label_scene(
     if support_height is not None:
         height = (window.rays * safe[:, None]) @ camera.pose[2, :3] + camera.pose[2, 3]
         free &= height > support_height + SUPPORT_TOLERANCE
-    return Scene(camera, window, noise.axial_std(safe), free)
+    return Scene(camera, window, noise.axial_std(safe), free, support_height)
 
 
 def view_sphere(
@@ -102,4 +121,4 @@ def crop_scene(scene: Scene, centre: Array, radius: float) -> Scene | None:
         return None
     chosen = scene.window.lookup(window.pixels)
     free = scene.free[chosen] & (chosen >= 0)
-    return Scene(scene.camera, window, scene.noise[chosen], free)
+    return Scene(scene.camera, window, scene.noise[chosen], free, scene.support)
