@@ -14,6 +14,7 @@ from benchmarks.tracking.inertia import estimate_with_each
 from benchmarks.tracking.page import render
 from benchmarks.tracking.recovery import recover
 from benchmarks.tracking.scores import Errors, measure, summarise
+from benchmarks.tracking.search import search_on_table
 from benchmarks.tracking.tape import Slip, load_tape
 from benchmarks.tracking.trackers import LiveChain, follow_plain_icp
 from tactile_dynamics_ros.core.contact.hand_kinematics import HandKinematics
@@ -33,7 +34,9 @@ RUNS = (
     ("potted_meat_can", 210),
 )
 SLIPS = (("box_0", 211, (1.0, 0.0, 0.0)), ("soup_can", 212, (0.0, 0.0, -1.0)))
-SECTIONS = ("accuracy", "recovery", "inertia")
+END_ON = ("pudding_box", 3)
+"""A box that stands with its narrow end to the camera."""
+SECTIONS = ("accuracy", "search", "recovery", "inertia")
 
 
 def main() -> int:
@@ -45,6 +48,8 @@ def main() -> int:
         runs = tuple(run for run in runs if run[0].startswith("box_"))
     if "accuracy" in options.only or "inertia" in options.only:
         results |= _compare(runs, options)
+    if "search" in options.only:
+        results["search"] = _search(options)
     if "recovery" in options.only:
         results["recovery"] = _recover(options)
     print(json.dumps(results) if options.json else render(results))
@@ -60,6 +65,7 @@ def _parse() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--only", nargs="*", choices=SECTIONS, default=SECTIONS)
     parser.add_argument("--runs", type=int, default=len(RUNS), help="objects, one run each")
+    parser.add_argument("--searches", type=int, default=20, help="of each object on the table")
     parser.add_argument("--duration", type=float, default=8.0, help="of the motion in hand, s")
     parser.add_argument("--tapes", type=Path, help="folder in which runs are kept")
     parser.add_argument("--json", action="store_true", help="print only JSON on stdout")
@@ -118,6 +124,14 @@ def _brief(run: Errors) -> dict[str, float]:
         "rotation_rms_deg": float(np.rad2deg(np.sqrt(np.mean(run.rotation**2)))),
         "nees": float(np.mean(run.nees)),
     }
+
+
+def _search(options: argparse.Namespace) -> list[dict[str, Any]]:
+    found = []
+    for name, seed in (END_ON, *RUNS)[: options.runs]:
+        found.append(search_on_table(name, seed, _shape(name), options.searches))
+        say(json.dumps(found[-1]))
+    return found
 
 
 def _recover(options: argparse.Namespace) -> list[dict[str, Any]]:

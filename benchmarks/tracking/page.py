@@ -18,6 +18,8 @@ def render(results: dict[str, Any]) -> str:
     parts = []
     if "trackers" in results:
         parts += [_trackers(results), _objects(results), _timing(results["timing"])]
+    if results.get("search"):
+        parts.append(_search(results["search"]))
     if results.get("recovery"):
         parts.append(_recovery(results["recovery"]))
     if results.get("inertia"):
@@ -58,6 +60,23 @@ def _timing(timing: dict[str, float]) -> str:
         f"{timing['image_ms_95']:.0f} ms, longest (a search) {timing['image_ms_longest']:.0f} ms; "
         f"per kinematic update {timing['kinematic_ms_median']:.2f} ms."
     )
+
+
+def _search(found: list[dict[str, Any]]) -> str:
+    rows = [
+        "| object | searches | not found in 3 s | wrong | median error, mm | largest, mm |",
+        "|---" * 6 + "|",
+    ]
+    for run in found:
+        rows.append(
+            f"| {run['object']} | {run['searches']} | {run['failed']} | {run['wrong']} "
+            f"| {_millimetres(run['median_mm'])} | {_millimetres(run['largest_mm'])} |"
+        )
+    return "\n".join(rows)
+
+
+def _millimetres(value: float | None) -> str:
+    return "-" if value is None else f"{value:.1f}"
 
 
 def _recovery(found: list[dict[str, Any]]) -> str:

@@ -46,7 +46,7 @@ def measure(tape: Tape, shape: ObjectShape, track: Track) -> Errors:
         truth = tape.moments[int(np.argmin(np.abs(times - when)))].truth
         if turn is None:
             turn = nearest_symmetry(shape, truth[:3, :3], pose[:3, :3])
-        rows.append(_compare(shape, truth, pose, covariance, turn))
+        rows.append(compare_poses(shape, truth, pose, covariance, turn))
     position, rotation, nees = np.array(rows).reshape(-1, 3).T
     return Errors(
         np.array(track.time),
@@ -67,13 +67,22 @@ def nearest_symmetry(shape: ObjectShape, truth: np.ndarray, found: np.ndarray) -
     return turn
 
 
-def _compare(
+def compare_poses(
     shape: ObjectShape,
     truth: np.ndarray,
     pose: np.ndarray,
     covariance: np.ndarray | None,
     turn: np.ndarray,
 ) -> tuple[float, float, float]:
+    """Return the errors of position, m, and rotation, rad, and the NEES (NaN without covariance).
+
+    Args:
+        shape: of the object.
+        truth: (4, 4) X_WO.
+        pose: (4, 4) X_WO that was told.
+        covariance: (6, 6) that was told with it, or None.
+        turn: (4, 4) symmetry of the shape by which the truth may be turned.
+    """
     alike = truth @ turn
     error = pose_error(pose, alike)
     middle = (pose - alike)[:3, :3] @ shape.centre + (pose - alike)[:3, 3]

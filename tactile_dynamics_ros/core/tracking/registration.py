@@ -164,9 +164,7 @@ class Registration:
             pose = self._step(pose, information, system.gradient + pull)
         return self.judge(scene, pose, information, system.misfit)
 
-    def _step(
-        self, pose: Array, information: Array, gradient: Array, turns: float = 1.0
-    ) -> Array:
+    def _step(self, pose: Array, information: Array, gradient: Array, turns: float = 1.0) -> Array:
         """Return the pose after a damped Newton step; turns is 0 where it may only shift."""
         turn, shift = np.deg2rad(self.config.damping_rotation_deg), self.config.damping_position
         damping = np.diag([turn**-2.0] * 3 + [shift**-2.0] * 3)
@@ -369,8 +367,9 @@ def _label_border(scene: Scene, drawing: Drawing) -> NDArray[np.int8]:
     """
     depth = scene.window.depth
     label = np.zeros(len(depth), dtype=np.int8)
-    label[scene.free & drawing.band & (np.abs(depth - drawing.depth) < OBJECT_TOLERANCE)] = 1
-    label[drawing.band & (depth > drawing.depth + EMPTY_TOLERANCE)] = -1
+    near = scene.free & drawing.band
+    label[near & (np.abs(depth - drawing.depth) < OBJECT_TOLERANCE)] = 1
+    label[near & (depth > drawing.depth + EMPTY_TOLERANCE)] = -1
     return keep_contested(label.reshape(scene.window.shape), drawing.reach).ravel()
 
 

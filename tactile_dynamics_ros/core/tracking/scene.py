@@ -54,7 +54,7 @@ class Scene:
         if self.support is None:
             return 0.0
         pose = self.camera.pose
-        lowest = float(np.min(points @ pose[2, :3])) + pose[2, 3]
+        lowest = float(np.min(points @ pose[2, :3]) + pose[2, 3])
         return max(0.0, self.support - lowest)
 
 
