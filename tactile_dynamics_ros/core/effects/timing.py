@@ -79,7 +79,8 @@ class SensorLag(_ReadingEffect):
 
     In a frame that turns with w_F, tau (z' + (w - w_F) x z) + z = true force (body axes), so the
     measured wrench W z is L [Y phi - tau Q] with L the lag, Q = sum W_i ((w - w_F) x z_i) -
-    [sum p_i' x z_i, 0], and Delta = Y phi - L [Y phi - tau Q].
+    [sum p_i' x z_i, 0], and Delta = Y phi - L [Y phi - tau Q]. Forces that lead (tau < 0) are no
+    lag: Delta = 0 there.
     """
 
     name = "sensor_lag"
@@ -96,7 +97,7 @@ class SensorLag(_ReadingEffect):
         return (EffectParameter("tau", "s", 0.2, "time constant", 0.04),)
 
     def wrench(self, samples: WrenchSamples, inertia: Array, theta: Array) -> Array:
-        """Delta; odd and linear below a lag of 2 ms."""
+        """Delta; linear below a lag of 2 ms."""
         used, share = _usable_lag(float(theta[0]))
         signal, turned = self._signals(samples, inertia)
         lagged, _ = first_order_lag(samples.time, np.stack([signal, turned], -1), used)
@@ -135,10 +136,10 @@ class SensorLag(_ReadingEffect):
 
 
 def _usable_lag(tau: float) -> tuple[float, float]:
-    """Time constant that the filter uses and the share of its effect that counts."""
+    """Time constant that the filter uses and the share of its effect that counts, 0 to 1."""
     if tau >= _SHORTEST_LAG:
         return tau, 1.0
-    return _SHORTEST_LAG, tau / _SHORTEST_LAG
+    return _SHORTEST_LAG, max(tau, 0.0) / _SHORTEST_LAG
 
 
 @register_effect

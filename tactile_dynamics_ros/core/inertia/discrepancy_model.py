@@ -205,7 +205,7 @@ class HeldObjectModel:
         best = fit_model(problems, self.effects, theta, xi, 2)
         for _ in range(_MOST_REFINEMENTS - 1):
             model = fit_further(best, 2)
-            if model.whitened_rms * _SETTLED > best.whitened_rms:
+            if model.whitened_rms > best.whitened_rms:
                 break
             settled = model.whitened_rms > _SETTLED * best.whitened_rms
             last, best = best, model
