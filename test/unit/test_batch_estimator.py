@@ -10,6 +10,7 @@ from numpy.testing import assert_allclose
 
 from benchmarks.hidden.recordings import HiddenRecording, generate
 from benchmarks.hidden.scenario import ScenarioOptions
+from tactile_dynamics_ros.core.effects import create_effect
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.banded import BandedWhitener
 from tactile_dynamics_ros.core.inertia.batch import estimate_inertia, fit_recording
@@ -141,21 +142,32 @@ def test_contacts_at_different_rates_share_a_uniform_grid(recording):
     assert np.median(np.diff(grid)) == pytest.approx(0.02)
 
 
-def test_sensitivities_match_finite_differences_of_the_residual(recording):
-    """Perturb raw poses, forces and points; the residual must move as A says."""
+@pytest.mark.parametrize("offset", [None, 0.03, -0.06])
+def test_sensitivities_match_finite_differences_of_the_residual(recording, offset):
+    """Perturb raw poses, forces and points; the residual must move as A says, late or not."""
     streams = recording.streams
     problem = WrenchProblem.from_streams(streams)
     phi = fit_recording(streams).phi
+    model = () if offset is None else ([create_effect("time_offset")], [np.array([offset])])
     rng = np.random.default_rng(0)
-    smooth = replace(problem, smooth=problem.raw)
-    for name, signal, sensitivity in smooth._signals(phi):
-        step = 1e-7 * rng.normal(size=(len(signal.noise_factor), 3))
-        unit = replace(signal, noise_factor=isotropic_factor(len(step), 1.0))
-        predicted = smooth._select(unit).scaled_sensitivity(sensitivity) @ step.ravel()
+    found = replace(problem, smooth=problem.raw).linearise(phi, *model)
+    inner = slice(20 * 6, -20 * 6)
+    for name, matrix, factor in zip(found.names, found.sensitivities, found.factors, strict=True):
+        share = 1e-4 * rng.normal(size=(len(factor), 3))
+        step = np.einsum("kij,kj->ki", factor, share)
         moved = replace(problem, raw=problem.raw.corrected({name: step}))
-        change = (moved.residual(phi) - problem.residual(phi)).ravel()
-        scale = np.abs(predicted).max()
-        assert_allclose(change, predicted, atol=0.1 * scale, err_msg=name)
+        change = (moved.residual(phi, *model) - problem.residual(phi, *model)).ravel()[inner]
+        predicted = (matrix @ share.ravel())[inner]
+        assert_allclose(change, predicted, atol=0.1 * np.abs(predicted).max(), err_msg=name)
+
+
+def test_residuals_before_the_first_motion_of_a_late_force_tell_nothing(recording):
+    problem = WrenchProblem.from_streams(recording.streams)
+    phi = fit_recording(recording.streams).phi
+    model = [create_effect("time_offset")], [np.array([0.05])]
+    late = round(0.05 / float(np.median(np.diff(problem.grid))))
+    white = problem.linearise(phi, *model).whiten(np.ones((problem.count, 6))).reshape(-1, 6)
+    assert np.abs(white[:late]).max() < 0.01 * np.abs(white[late : late + 10]).max()
 
 
 def test_local_polynomial_is_exact_on_polynomials():

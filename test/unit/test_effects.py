@@ -230,6 +230,13 @@ def test_timing_effects_undo_a_delay_and_a_lag():
         assert after < 0.02 * before
 
 
+def test_forces_that_lead_are_no_lag():
+    for label in ("sensor_lag", "sensor_lag:sensor", "sensor_lag:world"):
+        effect = create_effect(label)
+        assert not effect.wrench(SAMPLES, INERTIA, np.array([-0.005])).any()
+        assert effect.wrench(SAMPLES, INERTIA, np.array([0.005])).any()
+
+
 def test_world_frame_lag_and_offset():
     world = np.einsum("nij,ncj->nci", SAMPLES.rotation, SAMPLES.contact_force)
     late = np.concatenate([np.repeat(world[:1], 3, axis=0), world[:-3]])

@@ -166,17 +166,21 @@ def _follows_other_law(step: Step, floor: float, config: DiagnosisConfig) -> boo
 def find_group(choice: Choice, config: DiagnosisConfig) -> tuple[tuple[str, ...], bool]:
     """Rivals that fit held-out blocks as well, and whether one of them is as plausible.
 
-    Where lasting errors remain, what fits held-out blocks as well is as plausible.
+    Where lasting errors remain, what fits held-out blocks as well is as plausible. So is what
+    equals the best at its own whitening.
     """
     best, lasting = choice.best, choice.dispersion > 1.0
 
     def is_plausible(rival: Trial) -> bool:
-        return rival.criterion < best.criterion + config.indifference
+        close = rival.criterion < best.criterion + config.indifference
+        return close or rival.name in choice.equals
 
     equal = [
         rival
         for rival in choice.rivals
-        if fits_equally(best.held_out, rival.held_out) or (lasting and is_plausible(rival))
+        if fits_equally(best.held_out, rival.held_out)
+        or (lasting and is_plausible(rival))
+        or rival.name in choice.equals
     ]
     ambiguous = any(lasting or is_plausible(rival) for rival in equal)
     names = (best.name, *(r.name for r in equal)) if equal else ()

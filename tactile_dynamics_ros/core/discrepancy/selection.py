@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -23,6 +23,8 @@ _CHANCE = 12.0
 _ROUNDS = 3
 _CLOSE = 1.05
 _WHITE = 0.01
+_SIMPLER = 0.5
+_EQUAL = 0.4
 
 
 @dataclass(frozen=True)
@@ -59,6 +61,7 @@ class Choice:
         rivals: the others, best first.
         without: `evidence` of the same model without the effect.
         dispersion: of the residual that remains, see `tempering`.
+        equals: rivals that beat the best at their own whitening about as clearly as it beats them.
     """
 
     model: ResidualModel
@@ -66,6 +69,7 @@ class Choice:
     rivals: tuple[Trial, ...]
     without: float
     dispersion: float = 1.0
+    equals: tuple[str, ...] = ()
 
     def named(self, names: Sequence[str]) -> list[Trial]:
         """The rivals of these names."""
@@ -125,7 +129,7 @@ def choose_effect(model: ResidualModel, scores: Sequence[Score], floor: float) -
         best, refined = trials[0], other
     own = next((t for t in trials if t.name == best.name), best)
     rivals = tuple(t for t in trials if t.name != best.name)
-    return _simplest(Choice(refined, own, rivals, evidence(bare, floor)))
+    return _weigh_at_home(Choice(refined, own, rivals, evidence(bare, floor)))
 
 
 def _rematch(
@@ -137,29 +141,37 @@ def _rematch(
     return bare, try_effects(bare, scores, floor, np.inf)
 
 
-def _simplest(choice: Choice) -> Choice:
-    """A rival with fewer parameters, if at its own whitening it leaves white noise.
+def _weigh_at_home(choice: Choice) -> Choice:
+    """Judge close rivals at their own whitening as well.
 
     The signals that a thorough fit denoises follow its model, which puts all others at a
-    disadvantage there. A simpler effect is given up only where, at home, another one is better.
+    disadvantage there. A simpler effect is given up only where, at home, another one is better; one
+    that is as simple is the equal of the best if it beats it at home as clearly as it loses away.
     """
     best = choice.best
     names = [best.name, *(r.name for r in choice.rivals)]
-    limit = _CLOSE * _square(best.model)
-    close = [r for r in choice.rivals if _square(r.model) <= limit]
+    close = [r for r in choice.rivals if _square(r.model) <= _CLOSE * _square(best.model)]
+    equals = []
     for rival in sorted(close, key=lambda trial: trial.model.freedom):
-        if rival.model.freedom >= best.model.freedom:
+        simpler = rival.model.freedom < best.model.freedom - _SIMPLER
+        if not simpler and rival.model.freedom > best.model.freedom + _SIMPLER:
             break
         model = rival.model.refined()
         structure = examine(*instants(model))
-        if structure.p_value < _WHITE:
+        if simpler and structure.p_value < _WHITE:
             continue
         bare, trials = _rematch(model, rival.name, names, structure.floor)
         own = next((t for t in trials if t.name == rival.name), None)
-        if own is not None and trials[0].criterion > own.criterion - _CHANCE:
+        if own is None:
+            continue
+        if simpler and trials[0].criterion > own.criterion - _CHANCE:
             others = tuple(t for t in trials if t is not own)
             return Choice(model, own, others, evidence(bare, structure.floor))
-    return choice
+        away = next((t for t in trials if t.name == best.name), None)
+        lead = np.inf if away is None else away.criterion - own.criterion
+        if not simpler and lead > max(0.0, _EQUAL * (rival.criterion - best.criterion)):
+            equals.append(rival.name)
+    return replace(choice, equals=tuple(equals))
 
 
 def try_effects(

@@ -134,6 +134,15 @@ class Effect(ABC):
         """Parameters of the absent effect."""
         return np.zeros(len(self.parameters(samples)))
 
+    def whole_samples_late(self, theta: Array, period: float) -> tuple[int, Array]:
+        """By how many samples forces are late against the motion, and theta of exactly that.
+
+        Args:
+            theta: (k,) parameters.
+            period: of the samples, s.
+        """
+        return 0, theta
+
     def typical(self, samples: WrenchSamples) -> Array:
         """Parameters at which the effect is plainly present."""
         return np.array([p.typical for p in self.parameters(samples)])

@@ -164,6 +164,11 @@ class TimeOffset(_ReadingEffect):
         """The offset, positive where forces come late."""
         return (EffectParameter("offset", "s", 0.2, "lateness of the forces", 0.03),)
 
+    def whole_samples_late(self, theta: Array, period: float) -> tuple[int, Array]:
+        """The offset, rounded."""
+        count = round(float(theta[0]) / period)
+        return count, np.array([count * period])
+
     def wrench(self, samples: WrenchSamples, inertia: Array, theta: Array) -> Array:
         """Change of Y phi and of the body-frame measured wrench when motion is read earlier.
 

@@ -48,6 +48,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _VARIANCE_FLOOR = 1e-14
+_UNREAD_VARIANCE = 1e6
+"""Of residuals whose motion, beyond a clock's offset, was not recorded: they tell nothing."""
 _MINIMUM_SAMPLES = 10
 
 
@@ -212,11 +214,16 @@ class WrenchProblem:
     ) -> Array:
         """Residual e = Y phi - w - sum Delta(theta), (N, 6) [torque, force], body frame.
 
-        Effects on the forces correct the measured ones, noise included, as `linearise` assumes.
+        Effects on the forces correct the measured ones, noise included, and those on the clocks
+        shift the measured motion by whole samples, as `linearise` assumes.
         """
         value = self.raw.regressor @ phi - self.measured.measured_wrench
         for effect, parameters in zip(effects, theta, strict=True):
             value = value - effect.wrench(self._measured_contacts, phi, parameters)
+            late, rounded = effect.whole_samples_late(parameters, self._period)
+            if late:
+                value = value + effect.wrench(self._measured_contacts, phi, rounded)
+                value = value - effect.wrench(self.measured, phi, rounded)
         return np.asarray(value)
 
     @cached_property
@@ -239,15 +246,25 @@ class WrenchProblem:
     ) -> Linearisation:
         """Covariance and whitening of the residual for given parameters."""
         by_force = force_sensitivity_of_effects(self.samples, phi, effects, theta)
+        late = sum(
+            effect.whole_samples_late(value, self._period)[0]
+            for effect, value in zip(effects, theta, strict=True)
+        )
+        now = np.arange(self.count)
+        then = np.clip(now - late, 0, self.count - 1)
+        unread = then != now - late
         names, matrices, factors = [], [], []
         for name, signal, sensitivity in self._signals(phi):
             if name in by_force:
                 sensitivity = sensitivity + by_force[name]
+            rows = now if name.startswith(("force:", "torque:")) else then
             names.append(name)
-            matrices.append(self._select(signal).scaled_sensitivity(sensitivity))
+            matrices.append(self._select(signal, rows).scaled_sensitivity(sensitivity[rows]))
             factors.append(signal.noise_factor)
-        extra = np.repeat(self.extra_variance[self.valid], 6) + _VARIANCE_FLOOR
-        whitener = BandedWhitener.from_sensitivities(matrices, extra)
+        extra = np.where(
+            unread, _UNREAD_VARIANCE, self.extra_variance[self.valid] + _VARIANCE_FLOOR
+        )
+        whitener = BandedWhitener.from_sensitivities(matrices, np.repeat(extra, 6))
         return Linearisation(tuple(names), tuple(matrices), tuple(factors), whitener)
 
     def denoised(self, corrections: dict[str, Array]) -> WrenchProblem:
@@ -283,13 +300,19 @@ class WrenchProblem:
             ]
         return found
 
-    def _select(self, signal: LatentSignal) -> LatentSignal:
-        functional = signal.functional
+    @property
+    def _period(self) -> float:
+        """Of the grid, s."""
+        return float(np.median(np.diff(self.grid)))
+
+    def _select(self, signal: LatentSignal, rows: NDArray[np.intp]) -> LatentSignal:
+        """The signal as read at some of the valid samples."""
+        functional, index = signal.functional, np.flatnonzero(self.valid)[rows]
         kept = replace(
             functional,
-            start=functional.start[self.valid],
-            weights=functional.weights[self.valid],
-            valid=functional.valid[self.valid],
+            start=functional.start[index],
+            weights=functional.weights[index],
+            valid=functional.valid[index],
         )
         return replace(signal, functional=kept)
 
