@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.stats import f
 
 Array = NDArray[np.float64]
 
@@ -14,6 +14,7 @@ _BANDS = 24
 _FEWEST_BINS = 4
 _BURST = 10
 _TOLERATED_POWER = 0.05
+_STATED_FREEDOM = 8.0
 
 
 @dataclass(frozen=True)
@@ -64,18 +65,23 @@ def examine(time: Array, white: Array) -> Structure:
     """Test bands of the spectrum, single lines and short bursts against white noise.
 
     The level of each channel is taken from its own spectrum, so that a misstated noise level is
-    no structure.
+    no structure. It is known as well as a variance of nu = 2 K ln(2)^2 degrees of freedom (that of
+    the median of K exponential variates), so that powers over it have F distributions. Of few
+    samples it says little: what was stated counts as 8 degrees of freedom (25 % of the RMS).
 
     Args:
         time: (N,) s.
         white: (N, D).
     """
     spectrum = periodogram(time, white)
-    level = np.median(spectrum.power, axis=0) / np.log(2.0)
-    scaled = spectrum.power / np.maximum(level, 1e-300)
-    band_p = _band_p_values(scaled)
-    line_p, line = _line(spectrum.hz, scaled)
-    burst_p, bursts = _bursts(time, white / np.sqrt(np.maximum(level, 1e-300)))
+    seen = 2.0 * len(spectrum.hz) * np.log(2.0) ** 2
+    known = seen + _STATED_FREEDOM
+    own = np.median(spectrum.power, axis=0) / np.log(2.0)
+    level = (seen * own + _STATED_FREEDOM) / known
+    scaled = spectrum.power / level
+    band_p = _band_p_values(scaled, known)
+    line_p, line = _line(spectrum.hz, scaled, known)
+    burst_p, bursts = _bursts(time, white / np.sqrt(level), known)
     smallest = min(3.0 * float(band_p.min()) * len(band_p), 3.0 * line_p, 3.0 * burst_p, 1.0)
     return Structure(
         p_value=smallest,
@@ -92,34 +98,35 @@ def band_edges(count: int) -> NDArray[np.int64]:
     return np.asarray(edges[np.concatenate([[True], np.diff(edges) >= _FEWEST_BINS])])
 
 
-def _band_p_values(scaled: Array) -> Array:
+def _band_p_values(scaled: Array, known: float) -> Array:
     """Of every band, for all channels together and for each channel alone."""
     edges = band_edges(len(scaled))
     sums = np.add.reduceat(scaled, edges[:-1], axis=0)
     bins = np.diff(np.append(edges[:-1], len(scaled)))
-    share = 1.0 + _TOLERATED_POWER
-    together = chi2.sf(2.0 * sums.sum(axis=1) / share, 2.0 * bins * scaled.shape[1])
-    alone = chi2.sf(2.0 * sums / share, 2.0 * bins[:, None])
+    channels, mean = scaled.shape[1], sums / bins[:, None] / (1.0 + _TOLERATED_POWER)
+    together = f.sf(mean.mean(axis=1), 2.0 * bins * channels, known * channels)
+    alone = f.sf(mean, 2.0 * bins[:, None], known)
     return np.concatenate([together, alone.ravel()])
 
 
-def _line(hz: Array, scaled: Array) -> tuple[float, float]:
+def _line(hz: Array, scaled: Array, known: float) -> tuple[float, float]:
     """P-value and frequency of the strongest line, single channels and their sum."""
     channels = scaled.shape[1]
     total = scaled.sum(axis=1)
-    p_total = float(chi2.sf(2.0 * total.max(), 2 * channels)) * len(hz)
-    p_single = float(np.exp(-scaled.max())) * scaled.size
+    p_total = float(f.sf(total.max() / channels, 2 * channels, known * channels)) * len(hz)
+    p_single = float(f.sf(scaled.max(), 2, known)) * scaled.size
     if p_total <= p_single:
         return min(1.0, p_total), float(hz[np.argmax(total)])
     return min(1.0, p_single), float(hz[np.argmax(scaled.max(axis=1))])
 
 
-def _bursts(time: Array, white: Array) -> tuple[float, Array]:
+def _bursts(time: Array, white: Array, known: float) -> tuple[float, Array]:
     """P-value of the largest energy in 10 samples, and the stretches that stick out."""
     count = len(white) // _BURST
     energy = (white[: count * _BURST] ** 2).sum(axis=1).reshape(count, _BURST).sum(axis=1)
     freedom = _BURST * white.shape[1]
-    p_values = chi2.sf(energy / (1.0 + _TOLERATED_POWER), freedom) * count
+    mean = energy / freedom / (1.0 + _TOLERATED_POWER)
+    p_values = f.sf(mean, freedom, known * white.shape[1]) * count
     found = np.flatnonzero(p_values < 1e-3)
     starts = time[found * _BURST]
     ends = time[np.minimum((found + 1) * _BURST, len(time) - 1)]
