@@ -11,7 +11,7 @@ from typing import Any
 from benchmarks.friction.accuracy import run_study, summarise_study
 from benchmarks.friction.detection import score_detectors
 from benchmarks.friction.figures import draw_study
-from benchmarks.friction.hidden import run_hidden
+from benchmarks.friction.hidden import FIRST_SEED, run_hidden
 from benchmarks.friction.warping import run_warping, summarise_warping
 
 PARTS = ("accuracy", "detection", "warping", "hidden")
@@ -34,7 +34,7 @@ def main() -> int:
         carton = run_warping(options.cartons, options.processes, cache / "warping.jsonl")
         found["warping"] = summarise_warping(carton)
     if "hidden" in options.only:
-        found["hidden"] = run_hidden(options.seeds)
+        found["hidden"] = run_hidden(options.seeds, options.start)
     print(json.dumps(found) if options.json else json.dumps(found, indent=1))
     return 0
 
@@ -44,6 +44,7 @@ def _parse() -> argparse.Namespace:
     parser.add_argument("--hands", type=int, default=10, help="fingertips, 10 probes with each")
     parser.add_argument("--cartons", type=int, default=6, help="probes of the warping carton")
     parser.add_argument("--seeds", type=int, default=20, help="recordings per hidden effect")
+    parser.add_argument("--start", type=int, default=FIRST_SEED, help="first seed of those")
     parser.add_argument("--processes", type=int, default=2, help="probes at a time")
     parser.add_argument("--only", nargs="*", choices=PARTS, default=list(PARTS))
     parser.add_argument("--cache", default="out/friction", help="folder of finished probes")

@@ -13,7 +13,7 @@ from tactile_dynamics_ros.core.friction.slip_table import tabulate_slips
 FIRST_SEED = 2000
 
 
-def run_hidden(seeds: int, first: int = FIRST_SEED) -> dict[str, Any]:
+def run_hidden(seeds: int, first: int) -> dict[str, Any]:
     """Diagnose ``seeds`` recordings of every effect and of surfaces without any."""
     outcomes = {
         name: [diagnose_one(name, seed) for seed in range(first, first + seeds)]
