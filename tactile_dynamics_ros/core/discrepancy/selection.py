@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.discrepancy.model import ResidualModel, instants
 from tactile_dynamics_ros.core.discrepancy.screening import Score, best_by_effect, screen
-from tactile_dynamics_ros.core.discrepancy.structure import examine
+from tactile_dynamics_ros.core.discrepancy.structure import Structure, examine
 from tactile_dynamics_ros.core.discrepancy.validation import HeldOut, held_out
 
 Array = NDArray[np.float64]
@@ -25,6 +25,7 @@ _CLOSE = 1.05
 _WHITE = 0.01
 _SIMPLER = 0.5
 _EQUAL = 0.4
+"""Share of the lead of the best by which a rival must win at home to be its equal."""
 
 
 @dataclass(frozen=True)
@@ -129,7 +130,8 @@ def choose_effect(model: ResidualModel, scores: Sequence[Score], floor: float) -
         best, refined = trials[0], other
     own = next((t for t in trials if t.name == best.name), best)
     rivals = tuple(t for t in trials if t.name != best.name)
-    return _weigh_at_home(Choice(refined, own, rivals, evidence(bare, floor)))
+    choice = _simplest(Choice(refined, own, rivals, evidence(bare, floor)))
+    return replace(choice, equals=_equals(choice))
 
 
 def _rematch(
@@ -141,37 +143,70 @@ def _rematch(
     return bare, try_effects(bare, scores, floor, np.inf)
 
 
-def _weigh_at_home(choice: Choice) -> Choice:
-    """Judge close rivals at their own whitening as well.
+@dataclass(frozen=True)
+class _Home:
+    """A rival thoroughly fitted, and all effects of a choice at its whitening.
 
     The signals that a thorough fit denoises follow its model, which puts all others at a
-    disadvantage there. A simpler effect is given up only where, at home, another one is better; one
-    that is as simple is the equal of the best if it beats it at home as clearly as it loses away.
+    disadvantage there.
+
+    Attributes:
+        model: with the rival. structure: of what it leaves. bare: without it.
+        own: the rival as a trial there. others: the rest, best first.
     """
-    best = choice.best
-    names = [best.name, *(r.name for r in choice.rivals)]
-    close = [r for r in choice.rivals if _square(r.model) <= _CLOSE * _square(best.model)]
-    equals = []
-    for rival in sorted(close, key=lambda trial: trial.model.freedom):
-        simpler = rival.model.freedom < best.model.freedom - _SIMPLER
-        if not simpler and rival.model.freedom > best.model.freedom + _SIMPLER:
-            break
+
+    model: ResidualModel
+    structure: Structure
+    bare: ResidualModel
+    own: Trial
+    others: tuple[Trial, ...]
+
+    def lead(self, name: str) -> float:
+        """By how much the rival beats an effect here."""
+        found = [trial.criterion for trial in self.others if trial.name == name]
+        return found[0] - self.own.criterion if found else np.inf
+
+
+def _homes(choice: Choice, freedoms: tuple[float, float]) -> Iterator[_Home]:
+    """Homes of the rivals that fit nearly as well as the best, the simplest first.
+
+    Args:
+        choice: among them.
+        freedoms: lowest and highest number of parameters beyond those of the best.
+    """
+    names = [choice.best.name, *(rival.name for rival in choice.rivals)]
+    limit = _CLOSE * _square(choice.best.model)
+    for rival in sorted(choice.rivals, key=lambda trial: trial.model.freedom):
+        extra = rival.model.freedom - choice.best.model.freedom
+        if _square(rival.model) > limit or not freedoms[0] <= extra <= freedoms[1]:
+            continue
         model = rival.model.refined()
         structure = examine(*instants(model))
-        if simpler and structure.p_value < _WHITE:
-            continue
         bare, trials = _rematch(model, rival.name, names, structure.floor)
-        own = next((t for t in trials if t.name == rival.name), None)
-        if own is None:
-            continue
-        if simpler and trials[0].criterion > own.criterion - _CHANCE:
-            others = tuple(t for t in trials if t is not own)
-            return Choice(model, own, others, evidence(bare, structure.floor))
-        away = next((t for t in trials if t.name == best.name), None)
-        lead = np.inf if away is None else away.criterion - own.criterion
-        if not simpler and lead > max(0.0, _EQUAL * (rival.criterion - best.criterion)):
-            equals.append(rival.name)
-    return replace(choice, equals=tuple(equals))
+        own = [trial for trial in trials if trial.name == rival.name]
+        if own:
+            others = tuple(trial for trial in trials if trial is not own[0])
+            yield _Home(model, structure, bare, own[0], others)
+
+
+def _simplest(choice: Choice) -> Choice:
+    """A rival with fewer parameters, if it leaves white noise and nobody beats it at home."""
+    for home in _homes(choice, (-np.inf, -_SIMPLER)):
+        best = min((trial.criterion for trial in home.others), default=np.inf)
+        if home.structure.p_value >= _WHITE and best > home.own.criterion - _CHANCE:
+            without = evidence(home.bare, home.structure.floor)
+            return Choice(home.model, home.own, home.others, without)
+    return choice
+
+
+def _equals(choice: Choice) -> tuple[str, ...]:
+    """Rivals as simple as the best that beat it at home about as clearly as they lose to it."""
+    best, found = choice.best, []
+    for home in _homes(choice, (-_SIMPLER, _SIMPLER)):
+        [away] = choice.named([home.own.name])
+        if home.lead(best.name) > max(0.0, _EQUAL * (away.criterion - best.criterion)):
+            found.append(home.own.name)
+    return tuple(found)
 
 
 def try_effects(
