@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.discrepancy.model import ResidualModel, instants
 from tactile_dynamics_ros.core.discrepancy.screening import Score, best_by_effect, screen
-from tactile_dynamics_ros.core.discrepancy.structure import Structure, examine
+from tactile_dynamics_ros.core.discrepancy.structure import examine
 from tactile_dynamics_ros.core.discrepancy.validation import HeldOut, held_out
 
 Array = NDArray[np.float64]
@@ -151,12 +151,12 @@ class _Home:
     disadvantage there.
 
     Attributes:
-        model: with the rival. structure: of what it leaves. bare: without it.
+        model: with the rival. floor: white RMS of the noise alone. bare: the model without it.
         own: the rival as a trial there. others: the rest, best first.
     """
 
     model: ResidualModel
-    structure: Structure
+    floor: float
     bare: ResidualModel
     own: Trial
     others: tuple[Trial, ...]
@@ -167,12 +167,15 @@ class _Home:
         return found[0] - self.own.criterion if found else np.inf
 
 
-def _homes(choice: Choice, freedoms: tuple[float, float]) -> Iterator[_Home]:
+def _homes(
+    choice: Choice, freedoms: tuple[float, float], least_p_value: float = 0.0
+) -> Iterator[_Home]:
     """Homes of the rivals that fit nearly as well as the best, the simplest first.
 
     Args:
         choice: among them.
         freedoms: lowest and highest number of parameters beyond those of the best.
+        least_p_value: of what a rival leaves being white noise.
     """
     names = [choice.best.name, *(rival.name for rival in choice.rivals)]
     limit = _CLOSE * _square(choice.best.model)
@@ -182,20 +185,21 @@ def _homes(choice: Choice, freedoms: tuple[float, float]) -> Iterator[_Home]:
             continue
         model = rival.model.refined()
         structure = examine(*instants(model))
+        if structure.p_value < least_p_value:
+            continue
         bare, trials = _rematch(model, rival.name, names, structure.floor)
         own = [trial for trial in trials if trial.name == rival.name]
         if own:
             others = tuple(trial for trial in trials if trial is not own[0])
-            yield _Home(model, structure, bare, own[0], others)
+            yield _Home(model, structure.floor, bare, own[0], others)
 
 
 def _simplest(choice: Choice) -> Choice:
     """A rival with fewer parameters, if it leaves white noise and nobody beats it at home."""
-    for home in _homes(choice, (-np.inf, -_SIMPLER)):
+    for home in _homes(choice, (-np.inf, -_SIMPLER), _WHITE):
         best = min((trial.criterion for trial in home.others), default=np.inf)
-        if home.structure.p_value >= _WHITE and best > home.own.criterion - _CHANCE:
-            without = evidence(home.bare, home.structure.floor)
-            return Choice(home.model, home.own, home.others, without)
+        if best > home.own.criterion - _CHANCE:
+            return Choice(home.model, home.own, home.others, evidence(home.bare, home.floor))
     return choice
 
 
