@@ -128,7 +128,6 @@ class FrictionProbeNode(Shell):
     def _taker(self, finger: str) -> Callable[[AssembledContact], None]:
         def take(contact: AssembledContact) -> None:
             self._contacts[finger] = contact
-            self._advance()
 
         return take
 
@@ -156,9 +155,8 @@ class FrictionProbeNode(Shell):
             self._contacts.clear()
             self._acted = -np.inf
         self._positions = (to_seconds(message.stamp), positions)
-        self._advance()
 
-    def _advance(self) -> None:
+    def process(self) -> None:
         """Act once on the newest joint states, as soon as touch is as new, or surely stale."""
         seen = self._see() if self.probe.running else None
         if seen is None or seen.time <= self._acted:

@@ -116,7 +116,6 @@ class GraspControllerNode(Shell):
         def take(message: Stamped) -> None:
             wrench = wrench_to_core(message, topic, "world")
             self._forces[finger] = (to_seconds(message.stamp), wrench[3:])
-            self._advance()
 
         return take
 
@@ -131,7 +130,6 @@ class GraspControllerNode(Shell):
             self.faults.add("clock_restarted")
             self.start()
         self._waiting = (to_seconds(message.stamp), positions)
-        self._advance()
 
     def _on_probe(self, message: Bool) -> None:
         """While the friction probe commands the hand, the motion waits."""
@@ -146,8 +144,11 @@ class GraspControllerNode(Shell):
             if self._behaviour is not None:
                 self._behaviour.set_friction(self._friction)
 
-    def _advance(self) -> None:
-        """Act on the newest joint states, unless touch lags behind: then the motion pauses."""
+    def process(self) -> None:
+        """Act on the newest joint states, unless touch lags behind: then the motion pauses.
+
+        After a pause all fingers' messages must have been taken, or some seem to have let go.
+        """
         if self._waiting is None or len(self._forces) < len(FINGERS):
             return
         time, positions = self._waiting

@@ -88,12 +88,12 @@ class KinematicTrackerNode(Shell):
         self._frame = ObjectFrame(self)
         self._kinematic = self.stream(PoseWithCovarianceStamped, "/object/pose/kinematic")
         self._fused = self.stream(PoseWithCovarianceStamped, "/object/pose")
+        for finger in FINGERS:  # taken first: after a pause, touch must not seem to have ended
+            self.listen(WrenchStamped, f"/contact/{finger}/force", self._force_taker(finger))
         self.listen(JointState, "/joint_states", self._on_joints)
         self.listen(PoseWithCovarianceStamped, VISION, self._on_vision)
         self.listen(Float64, "/vision_tracker/score", self._on_score)
         self.listen(Bool, "/object/held", self._on_held, LATCHED)
-        for finger in FINGERS:
-            self.listen(WrenchStamped, f"/contact/{finger}/force", self._force_taker(finger))
 
     def _force_taker(self, finger: str) -> Callable[[Stamped], None]:
         topic = f"/contact/{finger}/force"

@@ -109,14 +109,18 @@ class Grasp:
     def truth(self, positions):
         return KINEMATICS.sensor_pose("thumb", positions) @ self.offset
 
-    def step(self, positions=POSITIONS, fingers=FINGERS, vision=True):
-        """Publish 10 ms."""
+    def send(self, positions=POSITIONS, fingers=FINGERS):
+        """Publish 10 ms that nobody has taken yet."""
         self.time += 0.01
         send_joints(self.bench, self.time, positions)
         for finger in FINGERS:
             wrench = np.concatenate([np.zeros(3), FORCE * (finger in fingers)])
             message = cv.wrench_to_message(wrench, self.time, "world")
             self.bench.send(f"/contact/{finger}/force", message)
+
+    def step(self, positions=POSITIONS, fingers=FINGERS, vision=True):
+        """Publish 10 ms."""
+        self.send(positions, fingers)
         self.bench.work(0.01)
         if vision:
             pose = self.truth(positions)
@@ -183,6 +187,14 @@ def test_tracked_pose_does_not_leap_while_forces_are_late(grasp):
         grasp.step(spread, fingers=("thumb", "index"), vision=False)
     freed = cv.uncertain_pose_to_core(grasp.poses(topic)[-1], topic, "world")[0][:3, 3]
     assert np.linalg.norm(freed - places[-1]) > 1e-4
+
+
+def test_tracking_goes_on_after_messages_have_piled_up(grasp):
+    start_tracking(grasp)
+    for _ in range(60):
+        grasp.send()
+    topic = "/object/pose/kinematic"
+    grasp.bench.until(lambda: cv.to_seconds(grasp.poses(topic)[-1].stamp) > grasp.time - 0.001)
 
 
 def test_fused_pose_is_silent_while_the_object_stands_on_the_table(grasp):

@@ -80,6 +80,7 @@ def test_any_node_may_be_killed(system, listener, tmp_path):
     for name in [n for n in OUTPUT if n != "robot_sim"]:
         kill_and_wait(system, listener, name)
         estimate_grows(listener)
+    listener.wait(lambda: phases[-1].data != "excite", 30.0, "the phase of the new controller")
     assert phases[-1].data == "resumed"
 
     kill_and_wait(system, listener, "robot_sim")
