@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -196,44 +197,19 @@ class TimeOffset(_ReadingEffect):
 
     def _measured(self, samples: WrenchSamples, then: _Shifted) -> Array:
         """Contact wrench (N, 6) with the forces of now in the body frame of then."""
-        point, _ = self._points(samples, then)
-        turn, _ = self._turn(samples, then)
-        force, torque = _apply(turn, samples.contact_force), _apply(turn, samples.contact_torque)
-        moment = np.cross(point, force) + torque
+        place = then.place(samples, self.reading)
+        force, torque = place.turned(samples)
+        moment = np.cross(place.point, force) + torque
         return np.concatenate([moment.sum(axis=1), force.sum(axis=1)], axis=1)
 
     def _measured_change(self, samples: WrenchSamples, then: _Shifted) -> Array:
         """Derivative of `_measured` by the offset."""
-        point, point_change = self._points(samples, then)
-        turn, turn_change = self._turn(samples, then)
-        force = _apply(turn, samples.contact_force)
-        force_change = _apply(turn_change, samples.contact_force)
-        moment = np.cross(point_change, force) + np.cross(point, force_change)
-        moment = moment + _apply(turn_change, samples.contact_torque)
+        place = then.place(samples, self.reading)
+        force, _ = place.turned(samples)
+        force_change, torque_change = place.turned_change(samples)
+        moment = np.cross(place.point_change, force) + np.cross(place.point, force_change)
+        moment = moment + torque_change
         return np.concatenate([moment.sum(axis=1), force_change.sum(axis=1)], axis=1)
-
-    def _turn(self, samples: WrenchSamples, then: _Shifted) -> tuple[Array, Array]:
-        """Rotation (N, C, 3, 3) of readings into the body frame of then, and its derivative."""
-        count = samples.contact_force.shape[1]
-        if self.reading == "sensor":
-            back = np.swapaxes(samples.contact_rotation, 2, 3)
-            return then.contact_rotation @ back, then.contact_rotation_change @ back
-        if self.reading == "body":
-            unit = np.broadcast_to(np.eye(3), (len(samples.time), count, 3, 3))
-            return unit, np.zeros_like(unit)
-        turn, change = then.to_body @ samples.rotation, then.to_body_change @ samples.rotation
-        return turn[:, None], change[:, None]
-
-    def _points(self, samples: WrenchSamples, then: _Shifted) -> tuple[Array, Array]:
-        """Contact points in the body frame of then and their derivative by the offset."""
-        if self.reading != "contact":
-            return then.point, then.point_change
-        turn, change = self._turn(samples, then)
-        shift = np.einsum("nij,nj->ni", then.to_body, samples.position - then.position)
-        shift_change = np.einsum("nij,nj->ni", then.to_body_change, samples.position)
-        shift_change = shift_change - then.origin_change
-        moved = _apply(turn, samples.contact_point) + shift[:, None]
-        return moved, _apply(change, samples.contact_point) + shift_change[:, None]
 
 
 def _apply(turn: Array, vectors: Array) -> Array:
@@ -267,6 +243,38 @@ def _shifted(samples: WrenchSamples, offset: float) -> _Shifted:
         kept.clear()
         kept[offset] = _Shifted(samples, offset)
     return kept[offset]
+
+
+@dataclass(frozen=True)
+class _Place:
+    """Where readings of now act in the body frame of then, with derivatives by the offset.
+
+    Attributes:
+        turn: (N, C or 1, 3, 3) from the body frame of now, or None where readings stay in it.
+        point: (N, C, 3) of contact, m.
+    """
+
+    turn: Array | None
+    turn_change: Array | None
+    point: Array
+    point_change: Array
+
+    def turned(self, samples: WrenchSamples) -> tuple[Array, Array]:
+        """Forces and torques (N, C, 3)."""
+        if self.turn is None:
+            return samples.contact_force, samples.contact_torque
+        return _turned(self.turn, samples)
+
+    def turned_change(self, samples: WrenchSamples) -> tuple[Array, Array]:
+        """Derivative of `turned`."""
+        if self.turn_change is None:
+            return np.zeros_like(samples.contact_force), np.zeros_like(samples.contact_torque)
+        return _turned(self.turn_change, samples)
+
+
+def _turned(turn: Array, samples: WrenchSamples) -> tuple[Array, Array]:
+    torque = samples.contact_torque
+    return _apply(turn, samples.contact_force), _apply(turn, torque) if torque.any() else torque
 
 
 class _Shifted:
@@ -306,6 +314,37 @@ class _Shifted:
         self.origin_change = np.einsum("nij,nj->ni", self.to_body_change, self.position) + (
             np.einsum("nij,nj->ni", self.to_body, position_change)
         )
+        self._places: dict[str, _Place] = {}
+
+    def place(self, samples: WrenchSamples, reading: str) -> _Place:
+        """Where the readings of a time offset act; `samples` of the same motion."""
+        if reading not in self._places:
+            self._places[reading] = _Place(
+                *self._turn(samples, reading), *self._points(samples, reading)
+            )
+        return self._places[reading]
+
+    def _turn(self, samples: WrenchSamples, reading: str) -> tuple[Array | None, Array | None]:
+        """Rotation of readings into the body frame of then, and its derivative."""
+        if reading == "body":
+            return None, None
+        if reading == "sensor":
+            back = np.swapaxes(samples.contact_rotation, 2, 3)
+            return self.contact_rotation @ back, self.contact_rotation_change @ back
+        turn, change = self.to_body @ samples.rotation, self.to_body_change @ samples.rotation
+        return turn[:, None], change[:, None]
+
+    def _points(self, samples: WrenchSamples, reading: str) -> tuple[Array, Array]:
+        """Contact points in the body frame of then, and their derivative."""
+        if reading != "contact":
+            return self.point, self.point_change
+        turn, change = self.to_body @ samples.rotation, self.to_body_change @ samples.rotation
+        shift = np.einsum("nij,nj->ni", self.to_body, samples.position - self.position)
+        shift_change = np.einsum("nij,nj->ni", self.to_body_change, samples.position)
+        shift_change = shift_change - self.origin_change
+        moved = _apply(turn[:, None], samples.contact_point) + shift[:, None]
+        moved_change = _apply(change[:, None], samples.contact_point) + shift_change[:, None]
+        return moved, moved_change
 
 
 def _split(values: Array, shapes: Sequence[tuple[int, ...]]) -> list[Array]:

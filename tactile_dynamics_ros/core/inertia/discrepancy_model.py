@@ -38,6 +38,8 @@ Array = NDArray[np.float64]
 _MOST_REFINEMENTS = 8
 _SETTLED = 0.995
 _STILL = 1.0
+_MISFIT = 0.2
+_SLOW = 0.02
 _QUICK_ITERATIONS = 12
 _QUICK_TOLERANCE = 2e-5
 _JOINT_ITERATIONS = 40
@@ -209,7 +211,7 @@ class HeldObjectModel:
                 break
             settled = model.whitened_rms > _SETTLED * best.whitened_rms
             last, best = best, model
-            if settled and _step_size(last, best) < _STILL:
+            if settled and (_step_size(last, best) < _STILL or _is_stuck(last, best)):
                 break
         return HeldObjectModel.from_fit(best, self.catalogue)
 
@@ -291,6 +293,12 @@ def _split(values: Array, theta: Sequence[Array]) -> tuple[Array, tuple[Array, .
     sizes = np.cumsum([10, *[len(part) for part in theta]])
     phi, *parts = np.split(values, sizes[:-1])
     return phi, tuple(parts)
+
+
+def _is_stuck(before: FittedModel, after: FittedModel) -> bool:
+    """Whether a misfit remains that more of the same will not remove."""
+    excess = before.whitened_rms**2 - 1.0
+    return excess > _MISFIT and before.whitened_rms**2 - after.whitened_rms**2 < _SLOW * excess
 
 
 def _step_size(before: FittedModel, after: FittedModel) -> float:
