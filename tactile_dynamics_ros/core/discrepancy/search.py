@@ -103,13 +103,14 @@ def dominates(
 def add_effect(model: ResidualModel, before: Assessment, config: DiagnosisConfig) -> Choice | None:
     """Add the effect with the best evidence, if it has any.
 
-    Where most of the error is a vibration that the motion does not have, only effects that can
-    ring are tried.
+    Where most of the error is a vibration that the motion does not have, only effects are tried
+    that can ring, or that would explain nearly all of it: the grip may vibrate as well.
     """
     floor, scores = before.structure.floor, before.scores
     line = find_vibration(model, floor)
     if line is not None and line.share > config.vibration:
-        scores = tuple(score for score in scores if score.family.rings)
+        enough = config.explained * (before.rms**2 - floor**2) * len(model.residual)
+        scores = tuple(score for score in scores if score.family.rings or score.gain > enough)
     choice = choose_effect(model, scores, floor)
     if choice is None or choice.best.criterion > choice.without - config.indifference:
         return None

@@ -12,6 +12,7 @@ from tactile_dynamics_ros.core.inertia.latent import LatentSignal
 from tactile_dynamics_ros.core.inertia.local_polynomial import (
     LocalFunctional,
     local_polynomial,
+    mean_weights,
     typical_period,
 )
 from tactile_dynamics_ros.core.inertia.noise import white_noise_std
@@ -25,6 +26,7 @@ _LOADED = 0.3
 _RAGGED = 0.5
 """Longest difference (s) between the ends of streams that is no break of contact."""
 _EXTRAPOLATED = 0.1
+_COVERED = 0.75
 _FALLBACK_FORCE_STD = 0.03
 _FALLBACK_TORQUE_STD = 1e-3
 _POINT_STD_FLOOR = 1e-5
@@ -164,14 +166,18 @@ def _force_functional(time: Array, grid: Array, period: float) -> LocalFunctiona
     grid_period = _grid_period(grid)
     if period >= 0.6 * grid_period:
         return _interpolation(time, grid, period)
-    half = 0.5 * grid_period
-    size = min(int(np.ceil(2 * half / period)) + 1, len(time))
-    start = np.clip(np.searchsorted(time, grid - half), 0, len(time) - size).astype(np.int64)
-    offset = np.abs(time[start[:, None] + np.arange(size)] - grid[:, None])
-    weights = (offset <= half).astype(float)
+    return _average(time, grid, period, 0.5 * grid_period)
+
+
+def _average(time: Array, grid: Array, period: float, half: float) -> LocalFunctional:
+    """Mean over [grid - half, grid + half]; valid where three quarters of it are covered."""
+    size = min(int(np.ceil(2 * half / period)) + 3, len(time))
+    start = np.clip(np.searchsorted(time, grid - half) - 1, 0, len(time) - size).astype(np.int64)
+    offset = time[start[:, None] + np.arange(size)] - grid[:, None]
+    weights = mean_weights(offset, half, period)
     total = weights.sum(axis=1, keepdims=True)
-    weights = weights / np.where(total > 0, total, 1.0)
-    return LocalFunctional(start, weights[:, None], total[:, 0] > 0)
+    covered = total[:, 0] * period > _COVERED * 2.0 * half
+    return LocalFunctional(start, (weights / np.maximum(total, 1e-9))[:, None], covered)
 
 
 def _interpolation(time: Array, grid: Array, period: float) -> LocalFunctional:

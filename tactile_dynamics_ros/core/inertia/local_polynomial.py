@@ -49,6 +49,15 @@ def typical_period(sample_time: Array) -> float:
     return mean if mean > _BURSTS * median else median
 
 
+def mean_weights(offset: Array, half: float, period: float) -> Array:
+    """Shares, 0 to 1, of samples at times `offset` in a mean over [-half, half].
+
+    A sample stands for one period around it. Counting whole samples instead would read a signal up
+    to half a period early or late.
+    """
+    return np.asarray(np.clip((half + 0.5 * period - np.abs(offset)) / period, 0.0, 1.0))
+
+
 def local_polynomial(
     sample_time: Array,
     grid_time: Array,

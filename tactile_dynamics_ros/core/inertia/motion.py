@@ -9,7 +9,11 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.latent import LatentSignal, isotropic_factor
-from tactile_dynamics_ros.core.inertia.local_polynomial import LocalFunctional, local_polynomial
+from tactile_dynamics_ros.core.inertia.local_polynomial import (
+    LocalFunctional,
+    local_polynomial,
+    typical_period,
+)
 from tactile_dynamics_ros.core.inertia.noise import white_noise_std
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, log_so3
 from tactile_dynamics_ros.core.streams import ImuStream, PoseStream, Streams
@@ -110,6 +114,12 @@ def _differentiate_rotation(
         derivatives = np.einsum("nok,nki->oni", functional.weights, local)
         centre = exp_so3(derivatives[0]) @ centre
     return centre, derivatives[1], derivatives[2]
+
+
+def motion_period(streams: Streams) -> float:
+    """Period of the samples of the orientation, s; 0 if there are none."""
+    rotating = streams.pose or streams.imu
+    return typical_period(rotating.time) if rotating is not None else 0.0
 
 
 def motion_signals(

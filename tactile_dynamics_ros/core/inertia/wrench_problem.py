@@ -32,7 +32,7 @@ from tactile_dynamics_ros.core.inertia.contact_grid import (
     contact_signals,
 )
 from tactile_dynamics_ros.core.inertia.latent import LatentSignal
-from tactile_dynamics_ros.core.inertia.motion import motion_signals
+from tactile_dynamics_ros.core.inertia.motion import motion_period, motion_signals
 from tactile_dynamics_ros.core.inertia.outliers import noise_share
 from tactile_dynamics_ros.core.inertia.sampled_signals import SampledSignals
 from tactile_dynamics_ros.core.inertia.sensitivity import (
@@ -51,6 +51,9 @@ _VARIANCE_FLOOR = 1e-14
 _UNREAD_VARIANCE = 1e6
 """Of residuals whose motion, beyond a clock's offset, was not recorded: they tell nothing."""
 _MINIMUM_SAMPLES = 10
+_SLOW = 0.6
+_DEGREES = 2
+_SMOOTHING_PERIODS = 4.0
 
 
 @dataclass(frozen=True)
@@ -71,12 +74,23 @@ class ProblemConfig:
         0.005,
         0.5,
     )
-    window_degree: int = parameter(4, "degree of those polynomials", "", 2, 6)
+    window_degree: int = parameter(4, "their degree; two more where poses are slow", "", 2, 6)
     maximum_rate: float = parameter(125.0, "grid rate above which forces are averaged", "Hz", 1.0)
 
     def __post_init__(self) -> None:
         """Check ranges."""
         check_ranges(self)
+
+    def windows(self, period: float) -> tuple[tuple[float, int], tuple[float, int]]:
+        """Half width (s) and degree for residuals and for regressors, of poses with this period.
+
+        Slow poses make the former so wide that the degree must grow, and leave the latter too few
+        samples to smooth.
+        """
+        slow = period > _SLOW * self.window_half_width
+        degree = self.window_degree + _DEGREES * slow
+        wide = max(self.regressor_half_width, _SMOOTHING_PERIODS * period)
+        return (self.window_half_width, degree), (wide, self.window_degree)
 
 
 @dataclass(frozen=True)
@@ -123,8 +137,8 @@ class WrenchProblem:
         if span is not None:
             grid = grid[(grid >= span[0]) & (grid < span[1])]
         motion, smooth = (
-            motion_signals(streams, grid, half_width, config.window_degree, GRAVITY_W)
-            for half_width in (config.window_half_width, config.regressor_half_width)
+            motion_signals(streams, grid, half_width, degree, GRAVITY_W)
+            for half_width, degree in config.windows(motion_period(streams))
         )
         contacts = tuple(
             contact_signals(c, grid)

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.inertia.local_polynomial import mean_weights
+
 Array = NDArray[np.float64]
 
 _LIMIT = 1024
@@ -129,12 +131,15 @@ class ContactQueue:
         return reading if reading.in_contact else None
 
     def _mean(self, time: float, grid_period: float) -> ContactReading | None:
-        first = bisect_left(self._times, time - 0.5 * grid_period)
-        last = bisect_left(self._times, time + 0.5 * grid_period)
-        chosen = [r for r in self._readings[first:last] if r.in_contact]
-        if len(chosen) == 0:
+        half = 0.5 * grid_period
+        first = bisect_left(self._times, time - half - 0.5 * self._period)
+        last = bisect_left(self._times, time + half + 0.5 * self._period)
+        offset = np.array(self._times[first:last]) - time
+        weights = mean_weights(offset, half, self._period)
+        weights = weights * [reading.in_contact for reading in self._readings[first:last]]
+        if not weights.any():
             return None
-        return _mix(chosen, np.full(len(chosen), 1.0 / len(chosen)))
+        return _mix(self._readings[first:last], weights / weights.sum())
 
     def _scaled(self, reading: ContactReading | None, grid_period: float) -> ContactReading | None:
         if reading is None or self._period == 0.0:
