@@ -9,7 +9,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.effects.cases import REPORT_START, Case, plan, plan_quick
+from benchmarks.effects.cases import (
+    REPORT_START,
+    SENSOR_SETS,
+    Case,
+    plan,
+    plan_quick,
+    with_sensors,
+)
 from benchmarks.effects.figures import draw_confusion, draw_thresholds
 from benchmarks.effects.grading import count_confusions, grade, is_in_group
 from benchmarks.effects.running import run_all
@@ -91,7 +98,10 @@ def _choose_cases(options: argparse.Namespace) -> list[Case]:
         )
     wanted = set(options.only or [])
     cases = [case for case in cases if not wanted or wanted & {case.kind, *case.effects}]
-    return [case for case in cases if not options.levels or case.level in options.levels]
+    cases = [case for case in cases if not options.levels or case.level in options.levels]
+    if options.sensors is None:
+        return cases
+    return with_sensors(cases, options.sensors or tuple(SENSOR_SETS))
 
 
 def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
@@ -107,6 +117,12 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--workers", type=int, default=1, help="processes")
     parser.add_argument("--only", nargs="*", help="kinds or effects, for example clean force_bias")
     parser.add_argument("--levels", nargs="*", type=float, help="only these sizes")
+    parser.add_argument(
+        "--sensors",
+        nargs="*",
+        choices=tuple(SENSOR_SETS),
+        help="sensors of other laboratories, these or all of them in turn",
+    )
     parser.add_argument(
         "--records", type=Path, default=RECORDS, help="file that is continued (one line per case)"
     )

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import cycle
+from typing import Any
 
 from benchmarks.hidden import CATALOGUE, OUTSIDE, ScenarioOptions, SensorOptions, randomness
 from benchmarks.hidden.recordings import HiddenRecording, generate_at_whitened_rms
@@ -13,6 +15,22 @@ REPORT_START = 1000
 
 STRONG = 1.35
 LEVELS = (1.1, 1.2, STRONG, 2.0, 4.0)
+SENSOR_SETS: dict[str, dict[str, Any]] = {
+    "fast_forces": {"force_rate_hz": 1000.0, "pose_rate_hz": 60.0, "stagger": True},
+    "forces_250": {"force_rate_hz": 250.0},
+    "poses_250": {"pose_rate_hz": 250.0, "stagger": True},
+    "all_500": {"force_rate_hz": 500.0, "pose_rate_hz": 500.0},
+    "all_50": {"force_rate_hz": 50.0, "pose_rate_hz": 50.0},
+    "poses_30": {"pose_rate_hz": 30.0},
+    "quiet_unstated": {"force_std": 0.005, "state_force_std": False},
+    "loud_unstated": {"force_std": 0.1, "state_force_std": False},
+    "loud_poses": {"position_std": 0.002, "rotation_std_deg": 1.0},
+    "quiet_poses": {"position_std": 5e-5, "rotation_std_deg": 0.02},
+    "noisy_points": {"contact_position_std": 0.0005},
+    "gaps": {"pose_gaps": 4, "zero_when_lifted": True},
+}
+"""Sensors of other laboratories: what differs from the usual ones."""
+
 _PAIR_PARTNERS = tuple(name for name in CATALOGUE if name != "sloshing_mass")
 
 
@@ -27,6 +45,7 @@ class Case:
         level: whitened RMS to which each effect alone would raise the error.
         seed: of everything else.
         duration: s.
+        sensor_set: one of `SENSOR_SETS`, or the usual ones.
     """
 
     kind: str
@@ -34,12 +53,14 @@ class Case:
     level: float
     seed: int
     duration: float = 30.0
+    sensor_set: str = ""
 
     @property
     def key(self) -> str:
         """Name that no other case has."""
         hidden = "+".join(self.effects) or "nothing"
-        return f"{self.kind}:{hidden}:{self.level:g}:{self.seed}:{self.duration:g}"
+        key = f"{self.kind}:{hidden}:{self.level:g}:{self.seed}:{self.duration:g}"
+        return f"{key}:{self.sensor_set}" if self.sensor_set else key
 
     def scenario(self) -> ScenarioOptions:
         """Half of the recordings have a re-grasp, a quarter loses contact, a third has no roll.
@@ -64,7 +85,8 @@ class Case:
     def sensors(self) -> SensorOptions:
         """A quarter of the recordings samples at different phases, a third shows normals only."""
         frames = "finger" if self.seed % 3 else "normal"
-        return SensorOptions(stagger=self.seed % 4 == 2, frames=frames)
+        usual = SensorOptions(stagger=self.seed % 4 == 2, frames=frames)
+        return replace(usual, **SENSOR_SETS.get(self.sensor_set, {}))
 
     def record(self) -> HiddenRecording:
         """Generate the recording."""
@@ -105,6 +127,11 @@ def plan(start: int, seeds: int, clean: int, pairs: int, outside: int, calm: int
             Case("single", (name,), level, start + k) for k in range(seeds) for name in CATALOGUE
         ]
     return cases
+
+
+def with_sensors(cases: Sequence[Case], names: Sequence[str]) -> list[Case]:
+    """The cases with other sensors, sets of `SENSOR_SETS` in turn."""
+    return [replace(case, sensor_set=name) for case, name in zip(cases, cycle(names), strict=False)]
 
 
 def _draw_pairs(start: int, count: int) -> Iterator[Case]:

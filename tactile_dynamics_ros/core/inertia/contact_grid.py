@@ -11,6 +11,7 @@ from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.latent import LatentSignal
 from tactile_dynamics_ros.core.inertia.local_polynomial import (
     LocalFunctional,
+    lagrange_weights,
     local_polynomial,
     mean_weights,
     typical_period,
@@ -27,6 +28,8 @@ _RAGGED = 0.5
 """Longest difference (s) between the ends of streams that is no break of contact."""
 _EXTRAPOLATED = 0.1
 _COVERED = 0.75
+_CUBIC = 4
+_EMPTY = 1e-9
 _FALLBACK_FORCE_STD = 0.03
 _FALLBACK_TORQUE_STD = 1e-3
 _POINT_STD_FLOOR = 1e-5
@@ -109,12 +112,13 @@ def _kinematic_span(streams: Streams) -> tuple[float, float]:
 def contact_signals(contact: ContactStream, grid: Array) -> ContactSignals:
     """Read one contact on the grid."""
     period = typical_period(contact.time)
-    functional = _force_functional(contact.time, grid, period)
     nearest = nearest_samples(contact.time, grid)
     distance = np.abs(contact.time[nearest] - grid)
     present = distance < max(0.75 * period, 0.75 * _grid_period(grid))
     magnitude = np.linalg.norm(contact.force, axis=1) + np.linalg.norm(contact.torque, axis=1)
-    in_contact = present & (magnitude[nearest] > 1e-9)
+    loaded = magnitude > _EMPTY
+    functional = _force_functional(contact.time, grid, period, loaded)
+    in_contact = present & loaded[nearest]
     weights = functional.weights * in_contact[:, None, None]
     functional = replace(functional, weights=weights)
     signals = {"force": LatentSignal(functional, _force_noise(contact))}
@@ -158,14 +162,16 @@ def _identity(time: Array, grid: Array) -> LocalFunctional | None:
     return LocalFunctional(nearest, np.ones((count, 1, 1)), np.ones(count, dtype=bool))
 
 
-def _force_functional(time: Array, grid: Array, period: float) -> LocalFunctional:
-    """The sample itself, linear interpolation, or the mean over one grid period."""
+def _force_functional(
+    time: Array, grid: Array, period: float, loaded: NDArray[np.bool_]
+) -> LocalFunctional:
+    """The sample itself, interpolation, or the mean over one grid period."""
     same = _identity(time, grid)
     if same is not None:
         return same
     grid_period = _grid_period(grid)
     if period >= 0.6 * grid_period:
-        return _interpolation(time, grid, period)
+        return _interpolation(time, grid, period, loaded)
     return _average(time, grid, period, 0.5 * grid_period)
 
 
@@ -180,8 +186,14 @@ def _average(time: Array, grid: Array, period: float, half: float) -> LocalFunct
     return LocalFunctional(start, (weights / np.maximum(total, 1e-9))[:, None], covered)
 
 
-def _interpolation(time: Array, grid: Array, period: float) -> LocalFunctional:
-    """Linear between neighbours; not valid beyond the ends and inside gaps."""
+def _interpolation(
+    time: Array, grid: Array, period: float, loaded: NDArray[np.bool_]
+) -> LocalFunctional:
+    """Cubic through four loaded samples in a row, else linear between neighbours.
+
+    Not valid beyond the ends and inside gaps. A line would cut the peaks of a force of 4 Hz that is
+    sampled at 100 Hz by 0.5 %.
+    """
     left = np.clip(np.searchsorted(time, grid, side="right") - 1, 0, len(time) - 2)
     step = time[left + 1] - time[left]
     share = (grid - time[left]) / step
@@ -189,10 +201,18 @@ def _interpolation(time: Array, grid: Array, period: float) -> LocalFunctional:
     inside = (share > -reach) & (share < 1.0 + reach)
     near = step < _SILENCE_PERIODS * period
     bridged = near | (np.minimum(share, 1.0 - share) < reach)
-    share = np.clip(share, 0.0, 1.0)
-    share = np.where(near, share, np.round(share))
-    weights = np.stack([1.0 - share, share], axis=1)
-    return LocalFunctional(left.astype(np.int64), weights[:, None], inside & bridged)
+    clipped = np.clip(share, 0.0, 1.0)
+    clipped = np.where(near, clipped, np.round(clipped))
+    start = np.clip(left - 1, 0, max(len(time) - _CUBIC, 0))
+    index = np.minimum(start[:, None] + np.arange(_CUBIC), len(time) - 1)
+    weights = np.zeros((len(grid), _CUBIC))
+    rows = np.arange(len(grid))
+    weights[rows, left - start] = 1.0 - clipped
+    weights[rows, left - start + 1] = clipped
+    even = np.diff(time[index], axis=1) < _SILENCE_PERIODS * period
+    smooth = even.all(axis=1) & loaded[index].all(axis=1) & (share >= 0.0) & (share <= 1.0)
+    weights[smooth] = lagrange_weights(time[index[smooth]], grid[smooth])
+    return LocalFunctional(start.astype(np.int64), weights[:, None], inside & bridged)
 
 
 def _point_functional(time: Array, grid: Array) -> LocalFunctional:

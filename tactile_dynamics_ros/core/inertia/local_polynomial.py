@@ -58,6 +58,15 @@ def mean_weights(offset: Array, half: float, period: float) -> Array:
     return np.asarray(np.clip((half + 0.5 * period - np.abs(offset)) / period, 0.0, 1.0))
 
 
+def lagrange_weights(nodes: Array, at: Array) -> Array:
+    """Weights (N, W) by which values at nodes (N, W) give their polynomial at (N,) times."""
+    count = nodes.shape[1]
+    others = ~np.eye(count, dtype=bool)
+    to_nodes = (at[:, None] - nodes)[:, None, :]
+    between = nodes[:, :, None] - nodes[:, None, :] + np.eye(count)
+    return np.asarray(np.prod(np.where(others, to_nodes / between, 1.0), axis=2))
+
+
 def local_polynomial(
     sample_time: Array,
     grid_time: Array,

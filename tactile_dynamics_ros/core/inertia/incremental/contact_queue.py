@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from dataclasses import dataclass
+from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.inertia.local_polynomial import mean_weights
+from tactile_dynamics_ros.core.inertia.local_polynomial import lagrange_weights, mean_weights
 
 Array = NDArray[np.float64]
 
@@ -16,6 +17,8 @@ _LIMIT = 1024
 _SILENCE_PERIODS = 2.5
 _LOADED = 0.3
 _EMPTY = 1e-9
+_SAME = 1e-4
+_FAST = 0.6
 _PERIOD_GAIN = 0.05
 
 
@@ -91,9 +94,17 @@ class ContactQueue:
         self._times.clear()
         self._readings.clear()
 
-    def is_settled(self, time: float, now: float) -> bool:
-        """Whether the reading at `time` is decided: a later one came, or none will."""
-        return self.newest >= time or now - max(time, self.newest) > self._timeout
+    def is_settled(self, time: float, grid_period: float, now: float) -> bool:
+        """Whether the reading at `time` is decided: all that it needs came, or nothing will."""
+        if self._is_fast(grid_period):
+            came = self.newest >= time + 0.5 * grid_period
+        else:
+            came = abs(self.newest - time) <= _SAME or time <= max(self._times[-2:-1], default=-inf)
+        return came or now - max(time, self.newest) > self._timeout
+
+    def _is_fast(self, grid_period: float) -> bool:
+        """Whether readings are averaged over one period of the grid."""
+        return 0.0 < self._period < _FAST * grid_period
 
     def read(self, time: float, grid_period: float) -> ContactReading | None:
         """Reading at `time`: the sample, a mean over one grid period, or an interpolation.
@@ -104,8 +115,8 @@ class ContactQueue:
         Returns:
             None where the contact is absent.
         """
-        right = bisect_left(self._times, time - 1e-4)
-        if right < len(self._times) and abs(self._times[right] - time) <= 1e-4:
+        right = bisect_left(self._times, time - _SAME)
+        if right < len(self._times) and abs(self._times[right] - time) <= _SAME:
             return self._scaled(self._exact(right, grid_period), grid_period)
         if right == 0 or right == len(self._times):
             return None
@@ -119,13 +130,23 @@ class ContactQueue:
         if not (before.in_contact and after.in_contact):
             nearer = before if time - self._times[right - 1] < 0.5 * gap else after
             return nearer if nearer.in_contact else None
-        if self._period < 0.6 * grid_period:
+        if self._is_fast(grid_period):
             return self._scaled(self._mean(time, grid_period), grid_period)
-        share = (time - self._times[right - 1]) / gap
-        return self._scaled(_mix([before, after], np.array([1 - share, share])), grid_period)
+        return self._scaled(self._between(time, right), grid_period)
+
+    def _between(self, time: float, right: int) -> ContactReading:
+        """Interpolation: cubic through four readings in a row, else linear."""
+        chosen = slice(right - 2, right + 2)
+        times, readings = self._times[chosen], self._readings[chosen]
+        even = len(times) == 4 and times[-1] - times[0] < 3 * _SILENCE_PERIODS * self._period
+        if not (even and all(reading.in_contact for reading in readings)):
+            chosen = slice(right - 1, right + 1)
+            times, readings = self._times[chosen], self._readings[chosen]
+        weights = lagrange_weights(np.array([times]), np.array([time]))[0]
+        return _mix(readings, weights)
 
     def _exact(self, index: int, grid_period: float) -> ContactReading | None:
-        if self._period < 0.6 * grid_period:
+        if self._is_fast(grid_period):
             return self._mean(self._times[index], grid_period)
         reading = self._readings[index]
         return reading if reading.in_contact else None

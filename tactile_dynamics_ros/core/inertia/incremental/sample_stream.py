@@ -154,9 +154,10 @@ class SampleStream:
             time = float(self._poses.rows("time", row, row + 1)[0])
             if layout is None and row >= self._segment_start:
                 return
-            if not all(queue.is_settled(time, now) for queue in self._queues.values()):
+            period = layout.period if layout else 0.01
+            if not all(queue.is_settled(time, period, now) for queue in self._queues.values()):
                 return
-            self._contacts.append(self._read(time, layout.period if layout else 0.01))
+            self._contacts.append(self._read(time, period))
 
     def next_range(self, first: int, limit: int) -> tuple[int, int, Layout] | None:
         """Next rows from `first` on, at most `limit`, whose windows are complete and gapless."""
