@@ -1,0 +1,135 @@
+"""Recordings of other laboratories: rates, phases and noise that differ between the streams."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from benchmarks.effects.cases import Case
+from tactile_dynamics_ros.core.discrepancy.assessment import assess
+from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
+from tactile_dynamics_ros.core.inertia.contact_grid import contact_signals
+from tactile_dynamics_ros.core.inertia.discrepancy_model import HeldObjectModel
+from tactile_dynamics_ros.core.inertia.incremental.contact_queue import (
+    ContactQueue,
+    ContactReading,
+)
+from tactile_dynamics_ros.core.inertia.local_polynomial import lagrange_weights, mean_weights
+from tactile_dynamics_ros.core.inertia.readings import fit_with_readings
+from tactile_dynamics_ros.core.inertia.wrench_problem import ProblemConfig
+from tactile_dynamics_ros.core.streams import ContactStream
+
+GRID = 0.2 + 0.008 * np.arange(60)
+
+
+def contact(time, force):
+    """A contact whose force along z is given at some times."""
+    count = len(time)
+    return ContactStream(
+        name="thumb",
+        time=time,
+        force=np.stack([np.zeros(count), np.zeros(count), force], axis=1),
+        torque=np.zeros((count, 3)),
+        force_std=np.full((count, 3), 0.03),
+        pose_time=time,
+        position=np.zeros((count, 3)),
+        rotation=np.broadcast_to(np.eye(3), (count, 3, 3)),
+    )
+
+
+def queue_of(time, force):
+    """The same, as it arrives live."""
+    queue = ContactQueue(timeout=0.1)
+    for stamp, value in zip(time, force, strict=True):
+        vector = np.array([0.0, 0.0, value])
+        queue.append(
+            stamp,
+            ContactReading(np.zeros(3), np.eye(3), vector, np.zeros(3), np.full(3, 0.03)),
+        )
+    return queue
+
+
+@pytest.mark.parametrize("rate", [250.0, 400.0, 1000.0])
+@pytest.mark.parametrize("phase", [0.0, 0.0003, 0.002])
+def test_forces_faster_than_the_grid_are_read_without_delay(rate, phase):
+    time = phase + np.arange(0.0, 1.0, 1.0 / rate)
+    ramp = 1.0 + 10.0 * time
+    force, _, _ = contact_signals(contact(time, ramp), GRID).evaluate()
+    assert force[:, 2] == pytest.approx(1.0 + 10.0 * GRID, abs=1e-3)  # 0.1 ms
+    queue = queue_of(time, ramp)
+    live = [queue.read(stamp, 0.008).force[2] for stamp in GRID]
+    assert live == pytest.approx(1.0 + 10.0 * GRID, abs=1e-3)
+
+
+def test_forces_between_samples_keep_their_peaks():
+    time = 0.005 + np.arange(0.0, 1.0, 0.01)
+    grid = np.arange(0.1, 0.9, 0.01)
+    wave = 3.0 + np.sin(2.0 * np.pi * 4.0 * time)
+    truth = 3.0 + np.sin(2.0 * np.pi * 4.0 * grid)
+    force, _, _ = contact_signals(contact(time, wave), grid).evaluate()
+    assert force[:, 2] == pytest.approx(truth, abs=2e-4)
+    queue = queue_of(time, wave)
+    live = [queue.read(stamp, 0.01).force[2] for stamp in grid]
+    assert live == pytest.approx(truth, abs=2e-4)
+
+
+def test_where_contact_begins_the_force_does_not_swing_over():
+    time = 0.005 + np.arange(0.0, 1.0, 0.01)
+    step = np.where(time > 0.5, 2.0, 0.0)
+    grid = np.arange(0.1, 0.9, 0.01)
+    force, _, _ = contact_signals(contact(time, step), grid).evaluate()
+    assert force[:, 2].min() >= 0.0
+    assert force[:, 2].max() <= 2.0 + 1e-12
+
+
+def test_a_live_reading_is_decided_when_all_that_it_needs_has_come():
+    fast = queue_of(np.arange(0.0, 0.1035, 0.001), np.ones(104))
+    assert not fast.is_settled(0.1, 0.01, now=0.103)
+    assert fast.is_settled(0.098, 0.01, now=0.103)
+    between = queue_of(0.005 + np.arange(0.0, 0.1, 0.01), np.ones(10))
+    assert between.is_settled(0.08, 0.01, now=0.1)
+    assert not between.is_settled(0.09, 0.01, now=0.1)
+    same = queue_of(np.arange(0.0, 0.1, 0.01), np.ones(10))
+    assert same.is_settled(0.09, 0.01, now=0.1)
+    assert not same.is_settled(0.1, 0.01, now=0.1)
+    assert same.is_settled(0.1, 0.01, now=0.3)
+
+
+def test_weights_of_means_and_interpolations():
+    offset = np.array([-0.006, -0.004, 0.0, 0.004, 0.006])
+    assert mean_weights(offset, 0.004, 0.004) == pytest.approx([0.0, 0.5, 1.0, 0.5, 0.0])
+    nodes = np.array([[0.0, 1.0, 2.0, 3.5]])
+    weights = lagrange_weights(nodes, np.array([1.4]))[0]
+    for power in range(4):
+        assert weights @ nodes[0] ** power == pytest.approx(1.4**power)
+
+
+def test_slow_poses_bend_more_and_are_smoothed_over_as_many_samples():
+    config = ProblemConfig()
+    assert config.windows(0.01) == ((0.04, 4), (0.1, 4))
+    assert config.windows(0.02) == ((0.04, 4), (0.1, 4))
+    (_, degree), (wide, smooth) = config.windows(1.0 / 30.0)
+    assert (degree, smooth) == (6, 4)
+    assert wide == pytest.approx(4.0 / 30.0)
+
+
+def fitted(case):
+    """The rigid body without effects, fitted to a case of the benchmark."""
+    return HeldObjectModel.from_fit(fit_with_readings(case.record().streams))
+
+
+@pytest.mark.parametrize(
+    ("seed", "sensors"), [(313, "forces_250"), (310, "poses_30"), (330, "quiet_unstated")]
+)
+def test_nothing_is_missing_from_clean_recordings_of_other_sensors(seed, sensors):
+    model = fitted(Case("clean", (), 1.0, seed, 30.0, sensors))
+    assessment = assess(model)
+    assert assessment.adequate
+    assert assessment.structure.floor < 1.02
+
+
+def test_a_gain_is_named_although_the_grip_alone_vibrates():
+    case = Case("single", ("force_scale",), 1.5, 312, 30.0, "fast_forces")
+    diagnosis = diagnose(fitted(case))
+    assert diagnosis.effect == "force_scale"
+    assert diagnosis.remaining < 1.05
