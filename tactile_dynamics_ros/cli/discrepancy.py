@@ -7,7 +7,7 @@ import sys
 from argparse import Namespace, _SubParsersAction
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from tactile_dynamics_ros.cli.friction_recording import (
     Question,
@@ -20,6 +20,9 @@ from tactile_dynamics_ros.cli.recordings import (
     read_effects,
     read_recording,
 )
+
+if TYPE_CHECKING:
+    from tactile_dynamics_ros.core.inertia.fitted_model import FittedModel
 
 
 def add_parser(verbs: _SubParsersAction[Any]) -> None:
@@ -60,7 +63,7 @@ def run_diagnose(args: Namespace) -> int:
     from tactile_dynamics_ros.core.discrepancy.documents import diagnosis_document
 
     question = _ask(args)
-    diagnosis = diagnose(question.model)
+    diagnosis = _answer(question, diagnose)
     document = diagnosis_document(diagnosis)
     _print(args, document, _diagnose_lines(document))
     if args.out:
@@ -76,7 +79,7 @@ def run_explain(args: Namespace) -> int:
     from tactile_dynamics_ros.core.discrepancy.explanation import explain
 
     question = _ask(args)
-    explanation = explain(question.model)
+    explanation = _answer(question, explain)
     document = explanation_document(explanation)
     _print(args, document, _explain_lines(document, question.alone))
     if args.out:
@@ -91,18 +94,44 @@ def _ask(args: Namespace) -> Question:
     if is_probe_recording(args):
         return question_friction(args)
     from tactile_dynamics_ros.core.inertia.discrepancy_model import HeldObjectModel
-    from tactile_dynamics_ros.core.inertia.readings import fit_with_readings
+    from tactile_dynamics_ros.core.inertia.readings import fit_with_readings, fit_with_seen_noise
 
     recording, effects = read_recording(args), read_effects(args)
     fitted = fit_with_readings(recording.streams, effects)
-    if fitted.survey is not None:
-        print(f"note: {fitted.survey.remark}", file=sys.stderr)
+    _note(fitted)
+
+    def otherwise() -> HeldObjectModel | None:
+        other = None if fitted.restated else fit_with_seen_noise(recording.streams, effects)
+        return None if other is None else HeldObjectModel.from_fit(other)
+
     return Question(
         HeldObjectModel.from_fit(fitted),
         "rigid body alone",
         lambda: dict(fitted.to_estimate().error.to_json()),
         recording,
+        otherwise,
     )
+
+
+def _answer(question: Question, ask: Callable[[Any], Any]) -> Any:
+    """Diagnose or explain; where that fails, once more with the noise that the samples show."""
+    answer = ask(question.model)
+    other = question.otherwise() if answer.verdict == "unexplained" else None
+    again = None if other is None else ask(other)
+    if again is None or not again.leaves_noise:
+        return answer
+    _note(other.fitted)
+    return again
+
+
+def _note(fitted: FittedModel) -> None:
+    """Say what was not taken as it is recorded."""
+    from tactile_dynamics_ros.core.inertia.stated_noise import remark_on
+
+    if fitted.survey is not None:
+        print(f"note: {fitted.survey.remark}", file=sys.stderr)
+    if fitted.restated:
+        print(f"note: {remark_on(fitted.restated)}", file=sys.stderr)
 
 
 def _print(args: Namespace, document: dict[str, Any], lines: list[str]) -> None:

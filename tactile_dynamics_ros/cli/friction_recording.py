@@ -27,12 +27,14 @@ class Question:
         alone: what the model without effects is called.
         error: gives the field ``error`` of the document of `compare`.
         recording: for the report; None where none is drawn.
+        otherwise: gives the model with other noise, or None; asked where this one explains nothing.
     """
 
     model: Any
     alone: str
     error: Callable[[], dict[str, Any]]
     recording: Recording | None = None
+    otherwise: Callable[[], Any] = lambda: None
 
 
 def add_model_argument(parser: ArgumentParser) -> None:

@@ -58,6 +58,11 @@ class Diagnosis:
         """Held-out error with the missing effect, over the noise floor."""
         return self.after.rms / self.floor
 
+    @property
+    def leaves_noise(self) -> bool:
+        """Whether the residual, with all that was added, is the white noise that was stated."""
+        return (self.steps[-1].after if self.steps else self.assessment).white
+
     @cached_property
     def separating_motion(self) -> dict[str, Any] | None:
         """Plan of the motion that would tell the group apart, or None."""

@@ -59,6 +59,11 @@ class Explanation:
     floor: float
     signature: Signature | None
 
+    @property
+    def leaves_noise(self) -> bool:
+        """Whether the residual of the final model is the white noise that was stated."""
+        return self.last.leaves_noise
+
 
 def explain(model: ResidualModel, config: DiagnosisConfig | None = None) -> Explanation:
     """Diagnose, add, refit and repeat until the model is adequate or nothing helps.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -97,6 +97,7 @@ class FittedModel:
         frame_covariance: (6, 6) of a displacement of the body frame that all poses share, body
             axes [rotation, translation]; None where their noise is independent.
         survey: of all stretches where only some were fitted.
+        restated: seen over stated noise of the streams whose own scatter was used.
     """
 
     blocks: tuple[Block, ...]
@@ -108,6 +109,7 @@ class FittedModel:
     converged: bool
     frame_covariance: Array | None = None
     survey: Survey | None = None
+    restated: dict[str, float] = field(default_factory=dict)
 
     @property
     def phi(self) -> Array:

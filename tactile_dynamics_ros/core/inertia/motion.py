@@ -15,7 +15,7 @@ from tactile_dynamics_ros.core.inertia.local_polynomial import (
     typical_period,
 )
 from tactile_dynamics_ros.core.inertia.noise import white_noise_std
-from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, log_so3
+from tactile_dynamics_ros.core.rigid_body.rotation import accumulated_rotation, exp_so3, log_so3
 from tactile_dynamics_ros.core.streams import ImuStream, PoseStream, Streams
 
 Array = NDArray[np.float64]
@@ -152,7 +152,7 @@ def motion_signals(
         assert imu is not None and imu.rotation is not None
         rotation, position = imu.rotation, None
         functional = local_polynomial(imu.time, grid, half_width, degree)
-        std = white_noise_std(imu.time, _small_rotations(rotation)) or _FALLBACK_ROTATION_STD
+        std = white_noise_std(imu.time, accumulated_rotation(rotation)) or _FALLBACK_ROTATION_STD
         signals["orientation"] = LatentSignal(functional, isotropic_factor(len(imu.time), std))
     if imu is not None:
         signals |= _imu_signals(imu, grid, half_width)
@@ -177,12 +177,6 @@ def _imu_signals(imu: ImuStream, grid: Array, half_width: float) -> dict[str, La
     return signals
 
 
-def _small_rotations(rotation: Array) -> Array:
-    """Rotation vectors relative to the previous sample, summed: a signal with the same noise."""
-    steps = log_so3(rotation[1:] @ np.swapaxes(rotation[:-1], 1, 2))
-    return np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
-
-
 def _pose_noise(pose: PoseStream) -> tuple[Array, Array]:
     """White-noise factors (K, 3, 3) of orientation and position.
 
@@ -191,7 +185,7 @@ def _pose_noise(pose: PoseStream) -> tuple[Array, Array]:
     """
     count = len(pose.time)
     seen = (
-        white_noise_std(pose.time, _small_rotations(pose.rotation)),
+        white_noise_std(pose.time, accumulated_rotation(pose.rotation)),
         white_noise_std(pose.time, pose.position),
     )
     fallbacks = (_FALLBACK_ROTATION_STD, _FALLBACK_POSITION_STD)

@@ -6,12 +6,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from tactile_dynamics_ros.core.discrepancy.assessment import noise_floor
+from tactile_dynamics_ros.core.discrepancy.assessment import assess, noise_floor
 from tactile_dynamics_ros.core.discrepancy.screening import screen
 from tactile_dynamics_ros.core.discrepancy.selection import try_effect
 from tactile_dynamics_ros.core.inertia.batch import BatchConfig
 from tactile_dynamics_ros.core.inertia.discrepancy_model import HeldObjectModel
 from tactile_dynamics_ros.core.inertia.fitted_model import FittedModel
+from tactile_dynamics_ros.core.inertia.stated_noise import restate_noise
 from tactile_dynamics_ros.core.inertia.stretches import fit_representative
 from tactile_dynamics_ros.core.streams import Streams
 
@@ -26,12 +27,39 @@ def fit_with_readings(
 
     Of a long recording only stretches are fitted (`fit_representative`).
     Readings are the frame of a lag, the fingers that have a bias, the law of a torsion.
+    Where samples do not scatter as stated, their scatter is used if that leaves nothing but noise.
 
     Args:
         streams: of the recording.
         effects: of the model, in the order of the result.
         config: of the fit.
     """
+    fitted = _fit(streams, effects, config)
+    if _is_white(fitted):
+        return fitted
+    again = fit_with_seen_noise(streams, effects, config)
+    return again if again is not None and _is_white(again) else fitted
+
+
+def fit_with_seen_noise(
+    streams: Streams, effects: Sequence[Effect] = (), config: BatchConfig | None = None
+) -> FittedModel | None:
+    """The same with the noise that samples show; None where that is what they state.
+
+    Args:
+        streams: of the recording.
+        effects: of the model.
+        config: of the fit.
+    """
+    restated, ratios = restate_noise(streams)
+    return replace(_fit(restated, effects, config), restated=ratios) if ratios else None
+
+
+def _is_white(fitted: FittedModel) -> bool:
+    return assess(HeldObjectModel.from_fit(fitted)).white
+
+
+def _fit(streams: Streams, effects: Sequence[Effect], config: BatchConfig | None) -> FittedModel:
     open_names = [effect.name for effect in effects if not effect.variant]
     fitted = fit_representative(streams, [e for e in effects if e.variant], config)
     model = HeldObjectModel.from_fit(fitted)

@@ -153,3 +153,9 @@ def quaternion_to_matrix(quaternion: Array) -> Array:
     q = q / np.linalg.norm(q, axis=-1, keepdims=True)
     cross = skew(q[..., :3])
     return np.asarray(np.eye(3) + 2.0 * q[..., 3, None, None] * cross + 2.0 * (cross @ cross))
+
+
+def accumulated_rotation(rotation: Array) -> Array:
+    """Rotation vectors (N, 3) from sample to sample, summed: a signal with the same noise."""
+    steps = log_so3(rotation[1:] @ np.swapaxes(rotation[:-1], 1, 2))
+    return np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
