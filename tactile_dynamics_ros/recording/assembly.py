@@ -24,6 +24,7 @@ from tactile_dynamics_ros.recording.cleaning import (
     find_absurd,
     find_bad_quaternions,
     find_glitches,
+    find_held,
     find_not_finite,
     find_not_increasing,
     find_saturated,
@@ -33,6 +34,7 @@ from tactile_dynamics_ros.recording.cleaning import (
 Array = NDArray[np.float64]
 
 STANDARD_GRAVITY = 9.81
+HELD = "sample of a slower sensor repeated"
 
 
 @dataclass(frozen=True)
@@ -117,6 +119,7 @@ def _clean_poses(columns: PoseColumns, log: ProblemLog) -> PoseColumns:
         log.drop(label, "quaternion is not a rotation", find_bad_quaternions(fields[2])), fields
     )
     fields = select(_drop_disorder(label, fields[0], log), fields)
+    fields = select(log.drop(label, HELD, find_held(fields[1], fields[2])), fields)
     norm = np.asarray(np.linalg.norm(fields[2], axis=1, keepdims=True))
     off = int(np.count_nonzero(np.abs(norm - 1.0) > QUATERNION_TOLERANCE))
     log.note(label, "quaternion is not of unit length (normalised)", off)
@@ -213,6 +216,10 @@ def _clean_wrenches(columns: WrenchColumns, log: ProblemLog) -> WrenchColumns:
     fields = select(_drop_disorder(label, fields[0], log), fields)
     saturated = find_saturated(np.concatenate([fields[1], fields[2]], axis=1))
     fields = select(log.drop(label, "sensor saturated", saturated), fields)
+    loaded = np.flatnonzero(fields[1].any(axis=1) | fields[2].any(axis=1))
+    held = np.zeros(len(fields[0]), dtype=bool)
+    held[loaded] = find_held(fields[1][loaded], fields[2][loaded])
+    fields = select(log.drop(label, HELD, held), fields)
     return WrenchColumns(label, *fields)
 
 

@@ -26,6 +26,9 @@ GLITCH_ANGLE = 0.1
 GLITCH_FACTOR = 20.0
 STEP_FACTOR = 5.0
 SATURATED_RUN = 5
+HELD_SHARE = 0.3
+HELD_REGULAR = 0.95
+HELD_FEWEST = 30
 GAP_SECONDS = 0.1
 GAP_FACTOR = 5.0
 
@@ -80,6 +83,24 @@ def find_not_increasing(time: Array) -> Mask:
         bad[index] = False
         index = int(previous[index])
     return bad
+
+
+def find_held(*columns: Array) -> Mask:
+    """Return repetitions of a slower sensor whose last sample is published again and again.
+
+    They come in a regular rhythm, many times, unlike those of a signal that rests now and then or
+    is coarsely quantised.
+    """
+    same = np.all([(c[1:] == c[:-1]).all(axis=tuple(range(1, c.ndim))) for c in columns], axis=0)
+    held = np.concatenate([np.zeros(min(len(columns[0]), 1), dtype=bool), same])
+    if len(held) < 2 or held.mean() < HELD_SHARE:
+        return np.zeros(len(held), dtype=bool)
+    starts = np.flatnonzero(~held)
+    lengths = np.diff(starts)
+    ratio = len(held) / len(starts)
+    usual = (lengths >= np.floor(ratio)) & (lengths <= np.ceil(ratio))
+    regular = len(lengths) >= HELD_FEWEST and usual.mean() >= HELD_REGULAR
+    return held if regular else np.zeros(len(held), dtype=bool)
 
 
 def find_bad_quaternions(quaternion: Array) -> Mask:

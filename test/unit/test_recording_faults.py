@@ -16,7 +16,7 @@ from synthetic_recording import held_box
 
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.recording import Recording
-from tactile_dynamics_ros.recording.cleaning import find_not_increasing, find_saturated
+from tactile_dynamics_ros.recording.cleaning import find_held, find_not_increasing, find_saturated
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 POSE, FORCE = "/object/pose", "/contact/index/force"
@@ -166,6 +166,38 @@ def test_a_saturated_force_is_dropped(edited, bag):
     kept = recording.streams.contacts["index"].force[:, 0]
     assert dropped > 25
     assert dropped + np.count_nonzero(kept == rail) == np.count_nonzero(clean <= rail)
+
+
+@pytest.mark.parametrize(("sensor", "published"), [(50.0, 100.0), (60.0, 100.0), (30.0, 200.0)])
+def test_repetitions_of_a_slower_sensor_are_found(sensor, published):
+    rng = np.random.default_rng(1)
+    values = rng.normal(size=(500, 3))
+    index = np.floor(np.arange(400) * sensor / published).astype(int)
+    held = find_held(values[index])
+    assert held.tolist() == [False, *(np.diff(index) == 0).tolist()]
+
+
+def test_resting_quantised_or_noisy_signals_do_not_count_as_repeated():
+    rng = np.random.default_rng(2)
+    assert not find_held(np.ones((300, 3))).any()
+    assert not find_held(rng.normal(size=(300, 3))).any()
+    for step in (0.5, 1.0, 2.0, 4.0):
+        assert not find_held(np.round(rng.normal(size=(300, 3)) / step)).any()
+    assert not find_held(np.empty((0, 3))).any()
+
+
+def test_a_pose_that_is_published_twice_is_kept_once(edited):
+    last = {}
+
+    def repeat(message, count):
+        if count % 2:
+            message.pose.pose = last["pose"]
+        last["pose"] = message.pose.pose
+
+    recording = Recording.from_bag(edited(POSE, repeat))
+    [(line, count)] = recording.problems.items()
+    assert line == "/object/pose: sample of a slower sensor repeated (dropped)"
+    assert len(recording.streams.pose.time) == count
 
 
 def test_constant_and_held_signals_are_not_called_saturated():
