@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from benchmarks.effects.cases import Case
 from tactile_dynamics_ros.core.discrepancy.assessment import assess
 from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
+from tactile_dynamics_ros.core.effects.registry import create_effect
 from tactile_dynamics_ros.core.inertia.contact_grid import contact_signals
 from tactile_dynamics_ros.core.inertia.discrepancy_model import HeldObjectModel
+from tactile_dynamics_ros.core.inertia.fitting import fit_further
 from tactile_dynamics_ros.core.inertia.incremental.contact_queue import (
     ContactQueue,
     ContactReading,
 )
 from tactile_dynamics_ros.core.inertia.local_polynomial import lagrange_weights, mean_weights
 from tactile_dynamics_ros.core.inertia.readings import fit_with_readings
+from tactile_dynamics_ros.core.inertia.refinement import Step
 from tactile_dynamics_ros.core.inertia.wrench_problem import ProblemConfig
 from tactile_dynamics_ros.core.streams import ContactStream
 
@@ -133,3 +138,35 @@ def test_a_gain_is_named_although_the_grip_alone_vibrates():
     diagnosis = diagnose(fitted(case))
     assert diagnosis.effect == "force_scale"
     assert diagnosis.remaining < 1.05
+
+
+def test_a_weakly_determined_parameter_is_followed_to_its_end():
+    """One step of the alternation goes a third of the way there; 7 mm were reported for 0 +- 1."""
+    streams = Case("clean", (), 1.0, 352).record().streams
+    effect = create_effect("contact_offset").with_variant("middle")
+    fitted = fit_with_readings(streams, [effect])
+    offset = HeldObjectModel.from_fit(fitted).parameters()["contact_offset"]
+    for entry in offset.values():
+        assert abs(entry["value"]) < 3.0 * entry["std"]
+    further = fit_further(fitted, 4)
+    assert Step.between(fitted, further).length < 0.3
+
+
+@pytest.mark.parametrize("factor", [0.5, 2.0])
+def test_noise_that_is_not_what_is_stated_is_read_from_the_samples(factor):
+    streams = Case("clean", (), 1.0, 344, 15.0).record().streams
+    contacts = {
+        name: replace(one, force_std=factor * one.force_std)
+        for name, one in streams.contacts.items()
+    }
+    fit = fit_with_readings(replace(streams, contacts=contacts))
+    assert assess(HeldObjectModel.from_fit(fit)).white
+    assert set(fit.restated) == {"index", "middle", "ring", "thumb"}
+    assert list(fit.restated.values()) == pytest.approx([1.0 / factor] * 4, rel=0.1)
+    assert not fit_with_readings(streams).restated
+
+
+def test_a_vibration_is_not_taken_for_noise():
+    streams = Case("outside", ("motor_vibration",), 2.0, 300, 10.0).record().streams
+    model = HeldObjectModel.from_fit(fit_with_readings(streams))
+    assert not assess(model).adequate

@@ -20,13 +20,14 @@ from tactile_dynamics_ros.core.discrepancy.model import (
 from tactile_dynamics_ros.core.effects.effect import Effect
 from tactile_dynamics_ros.core.effects.registry import create_effect, registered_names
 from tactile_dynamics_ros.core.inertia.fitted_model import FittedModel
-from tactile_dynamics_ros.core.inertia.fitting import fit_further, fit_model, nearest_body
+from tactile_dynamics_ros.core.inertia.fitting import fit_model, nearest_body
 from tactile_dynamics_ros.core.inertia.least_squares import levenberg_marquardt
 from tactile_dynamics_ros.core.inertia.quick_fit import (
     ExtendedSystem,
     FrozenSystem,
     Whitening,
 )
+from tactile_dynamics_ros.core.inertia.refinement import refine
 from tactile_dynamics_ros.core.inertia.separating_motion import plan_separation
 from tactile_dynamics_ros.core.inertia.systematic import systematic_covariance_of_rows
 from tactile_dynamics_ros.core.inertia.term_library import wrench_terms
@@ -35,11 +36,6 @@ from tactile_dynamics_ros.core.inertia.wrench_residuals import wrench_residuals
 
 Array = NDArray[np.float64]
 
-_MOST_REFINEMENTS = 8
-_SETTLED = 0.995
-_STILL = 1.0
-_MISFIT = 0.2
-_SLOW = 0.02
 _QUICK_ITERATIONS = 12
 _QUICK_TOLERANCE = 2e-5
 _JOINT_ITERATIONS = 40
@@ -204,15 +200,7 @@ class HeldObjectModel:
             for b in self.fitted.blocks
         ]
         xi, theta = nearest_body(self.phi, self.fitted.phi), self.theta
-        best = fit_model(problems, self.effects, theta, xi, 2)
-        for _ in range(_MOST_REFINEMENTS - 1):
-            model = fit_further(best, 2)
-            if model.whitened_rms > best.whitened_rms:
-                break
-            settled = model.whitened_rms > _SETTLED * best.whitened_rms
-            last, best = best, model
-            if settled and (_step_size(last, best) < _STILL or _is_stuck(last, best)):
-                break
+        best = refine(fit_model(problems, self.effects, theta, xi, 2))
         return HeldObjectModel.from_fit(best, self.catalogue)
 
     def parameters(self) -> ParameterTable:
@@ -293,16 +281,3 @@ def _split(values: Array, theta: Sequence[Array]) -> tuple[Array, tuple[Array, .
     sizes = np.cumsum([10, *[len(part) for part in theta]])
     phi, *parts = np.split(values, sizes[:-1])
     return phi, tuple(parts)
-
-
-def _is_stuck(before: FittedModel, after: FittedModel) -> bool:
-    """Whether a misfit remains that more of the same will not remove."""
-    excess = before.whitened_rms**2 - 1.0
-    return excess > _MISFIT and before.whitened_rms**2 - after.whitened_rms**2 < _SLOW * excess
-
-
-def _step_size(before: FittedModel, after: FittedModel) -> float:
-    """Square of the step between two fits, in units of their uncertainty."""
-    step = np.concatenate([after.phi - before.phi, *map(np.subtract, after.theta, before.theta)])
-    change = after.white_jacobian @ step
-    return float(change @ change)

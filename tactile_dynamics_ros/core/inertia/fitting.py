@@ -77,6 +77,28 @@ def fit_further(model: FittedModel, iterations: int) -> FittedModel:
     return _alternate(model.blocks, model.xi, model.effects, list(model.theta), iterations)
 
 
+def fit_beyond(before: FittedModel, after: FittedModel, factor: float) -> FittedModel:
+    """Continue the alternation from where a step leads if it is prolonged.
+
+    The alternation converges linearly; where one step is a share r of the last, its end lies
+    r / (1 - r) steps ahead (Aitken 1926).
+
+    Args:
+        before: fitted.
+        after: the same some iterations later.
+        factor: by which the step between them is added once more.
+    """
+
+    def ahead(old: Array, new: Array) -> Array:
+        return np.asarray(new + factor * (new - old))
+
+    xi = ahead(before.xi, after.xi)
+    theta = [ahead(old, new) for old, new in zip(before.theta, after.theta, strict=True)]
+    problems = _denoise(after.blocks, xi, after.effects, theta, first=False)
+    blocks = _whiten(problems, xi, after.effects, theta)
+    return _alternate(blocks, xi, after.effects, theta, 2)
+
+
 def _alternate(
     blocks: tuple[Block, ...],
     present: Array,

@@ -63,6 +63,8 @@ def _fit(streams: Streams, effects: Sequence[Effect], config: BatchConfig | None
     open_names = [effect.name for effect in effects if not effect.variant]
     fitted = fit_representative(streams, [e for e in effects if e.variant], config)
     model = HeldObjectModel.from_fit(fitted)
+    if fitted.effects:
+        model = model.refined()
     for name in open_names:
         floor = noise_floor(model)
         scores = screen(model, model.families([name]), floor)

@@ -1,0 +1,87 @@
+"""Thorough fits: the alternation of `fitting` until its end is near."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.inertia.fitted_model import FittedModel
+from tactile_dynamics_ros.core.inertia.fitting import fit_beyond, fit_further
+
+Array = NDArray[np.float64]
+
+_MOST_ROUNDS = 7
+_RISE = 1.001
+"""Of the error, which may rise a little because the covariance changes too."""
+_SETTLED = 0.995
+_NEAR = 0.3
+_USUAL_RATE = 0.5
+_SLOWEST_RATE = 0.9
+_MISFIT = 0.2
+_SLOW = 0.02
+
+
+@dataclass(frozen=True)
+class Step:
+    """From one fit to the next.
+
+    Attributes:
+        white: (M,) change of the white residual that is due to the parameters.
+    """
+
+    white: Array
+
+    @classmethod
+    def between(cls, before: FittedModel, after: FittedModel) -> Step:
+        """The step between two fits of the same effects."""
+        change = [after.phi - before.phi, *map(np.subtract, after.theta, before.theta)]
+        return cls(after.white_jacobian @ np.concatenate(change))
+
+    @property
+    def length(self) -> float:
+        """In units of the uncertainty."""
+        return float(np.linalg.norm(self.white))
+
+    def rate(self, last: Step) -> float:
+        """By which steps shrink, 0 to 0.9."""
+        share = float(self.white @ last.white) / max(last.length**2, 1e-12)
+        return float(np.clip(share, 0.0, _SLOWEST_RATE))
+
+
+def refine(model: FittedModel) -> FittedModel:
+    """Fit on until the end of the alternation is near, or a misfit remains that does not go.
+
+    Steps that shrink by a rate r lead r / (1 - r) times the last one further: where that is far,
+    the next fit starts there.
+
+    Args:
+        model: fitted.
+    """
+    last: Step | None = None
+    rate = _USUAL_RATE
+    for _ in range(_MOST_ROUNDS):
+        further = fit_further(model, 2)
+        if further.whitened_rms > _RISE * model.whitened_rms:
+            return model
+        step = Step.between(model, further)
+        rate = rate if last is None else step.rate(last)
+        ahead = rate / (1.0 - rate)
+        if _is_near(model, further, step.length * ahead):
+            return further
+        beyond = fit_beyond(model, further, ahead) if last is not None and ahead > 1.0 else None
+        if beyond is not None and beyond.whitened_rms <= _RISE * further.whitened_rms:
+            model, last = beyond, None
+        else:
+            model, last = further, step
+    return model
+
+
+def _is_near(before: FittedModel, after: FittedModel, left: float) -> bool:
+    """Whether the error falls no more, and what is left to go is short or leads nowhere."""
+    if after.whitened_rms <= _SETTLED * before.whitened_rms:
+        return False
+    excess = before.whitened_rms**2 - 1.0
+    fall = before.whitened_rms**2 - after.whitened_rms**2
+    return left < _NEAR or (excess > _MISFIT and fall < _SLOW * excess)
