@@ -87,6 +87,14 @@ def test_where_contact_begins_the_force_does_not_swing_over():
     assert force[:, 2].max() <= 2.0 + 1e-12
 
 
+@pytest.mark.parametrize("count", [2, 3])
+def test_a_handful_of_samples_is_read_on_lines(count):
+    time = 0.005 + 0.01 * np.arange(count)
+    grid = np.arange(0.006, time[-1], 0.01)
+    force, _, _ = contact_signals(contact(time, 1.0 + time), grid).evaluate()
+    assert force[:, 2] == pytest.approx(1.0 + grid)
+
+
 def test_a_live_reading_is_decided_when_all_that_it_needs_has_come():
     fast = queue_of(np.arange(0.0, 0.1035, 0.001), np.ones(104))
     assert not fast.is_settled(0.1, 0.01, now=0.103)

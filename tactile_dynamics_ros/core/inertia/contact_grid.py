@@ -209,7 +209,8 @@ def _interpolation(
     rows = np.arange(len(grid))
     weights[rows, left - start] = 1.0 - clipped
     weights[rows, left - start + 1] = clipped
-    even = np.diff(time[index], axis=1) < _SILENCE_PERIODS * period
+    steps = np.diff(time[index], axis=1)
+    even = (steps > 0.0) & (steps < _SILENCE_PERIODS * period)
     smooth = even.all(axis=1) & loaded[index].all(axis=1) & (share >= 0.0) & (share <= 1.0)
     weights[smooth] = lagrange_weights(time[index[smooth]], grid[smooth])
     return LocalFunctional(start.astype(np.int64), weights[:, None], inside & bridged)

@@ -35,7 +35,7 @@ def fit_with_readings(
         config: of the fit.
     """
     fitted = _fit(streams, effects, config)
-    if _is_white(fitted):
+    if not restate_noise(streams)[1] or _is_white(fitted):
         return fitted
     again = fit_with_seen_noise(streams, effects, config)
     return again if again is not None and _is_white(again) else fitted
