@@ -80,7 +80,7 @@ def local_polynomial(
         sample_time: (K,) s, increasing.
         grid_time: (N,) s, increasing.
         half_width: s; at least degree + 2 samples are used whatever the rate.
-        degree: of the polynomial.
+        degree: of the polynomial; less if there are too few samples at all.
         orders: number of derivative orders wanted, including the value.
 
     Returns:
@@ -88,6 +88,7 @@ def local_polynomial(
     """
     period = typical_period(sample_time)
     size = min(max(2 * round(half_width / period) + 1, degree + 2), len(sample_time))
+    degree = min(degree, size - 1)
     centre = np.searchsorted(sample_time, grid_time - 0.5 * period)
     start = np.clip(centre - size // 2, 0, len(sample_time) - size).astype(np.int64)
     offset = sample_time[start[:, None] + np.arange(size)] - grid_time[:, None]
