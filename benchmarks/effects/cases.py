@@ -88,6 +88,11 @@ class Case:
         usual = SensorOptions(stagger=self.seed % 4 == 2, frames=frames)
         return replace(usual, **SENSOR_SETS.get(self.sensor_set, {}))
 
+    @property
+    def axes_told(self) -> bool:
+        """Whether the recording tells the axes of the sensors, which turn against the object."""
+        return self.scenario().finger_roll and self.sensors().frames == "finger"
+
     def record(self) -> HiddenRecording:
         """Generate the recording."""
         targets = dict.fromkeys(self.effects, self.level)

@@ -143,7 +143,9 @@ def _grade_effect(records: list[Record]) -> dict[str, Any]:
         effect = record["effects"][0]
         estimate = ((record.get("estimates") or {}).get(effect) or {}).get("json")
         if estimate:
-            errors = parameter_errors(effect, record["truth"], estimate)
+            errors = parameter_errors(
+                effect, record["truth"], estimate, record.get("axes_told", True)
+            )
             within += [abs(error) <= 1.96 * std for error, std in errors.values()]
             relative += [abs(error) / std for error, std in errors.values()]
     befores = [diagnosis_of(r).get("error", {}).get("before") for r in records]

@@ -41,11 +41,12 @@ def true_parameters(effect: str, truth: dict[str, Any]) -> dict[str, float]:
 
 
 def parameter_errors(
-    effect: str, truth: dict[str, Any], estimate: dict[str, Any]
+    effect: str, truth: dict[str, Any], estimate: dict[str, Any], axes_told: bool = True
 ) -> dict[str, tuple[float, float]]:
     """(error, stated standard deviation) of every parameter that both sides name.
 
-    What the product says of all fingers together is compared with the truth of one of them.
+    What the product says of all fingers together is compared with the truth of one of them. Where a
+    recording does not tell the axes of the sensors, lengths of vectors in them are compared.
     """
     found = next(
         (entry for name, entry in estimate["effects"].items() if name.split(":")[0] == effect), {}
@@ -57,7 +58,24 @@ def parameter_errors(
         said = name if name in found else name.partition("_")[2]
         if said in found and found[said]["std"]:
             errors[said] = (found[said]["value"] - value, found[said]["std"])
-    return errors
+    in_axes = truth["effects"][effect].get("variant") == "contact" or effect == "sensor_rotation"
+    return errors if axes_told or not in_axes else _length_errors(errors, found)
+
+
+def _length_errors(
+    errors: dict[str, tuple[float, float]], found: dict[str, Any]
+) -> dict[str, tuple[float, float]]:
+    """Errors of the lengths of vectors whose coordinates are named ..._x, ..._y, ..._z."""
+    lengths = {}
+    for name in sorted({key[:-2] for key in errors}):
+        keys = [key for key in errors if key[:-2] == name]
+        said = np.array([found[key]["value"] for key in keys])
+        true = said - [errors[key][0] for key in keys]
+        std = np.array([errors[key][1] for key in keys])
+        length = float(np.linalg.norm(said))
+        along = float(np.linalg.norm(std * said / max(length, 1e-12)))
+        lengths[name] = (length - float(np.linalg.norm(true)), along)
+    return lengths
 
 
 def _gain_errors(true: dict[str, float], found: dict[str, Any]) -> dict[str, tuple[float, float]]:

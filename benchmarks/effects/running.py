@@ -28,6 +28,7 @@ def run_case(case: Case, ask: Ask = ask_command) -> dict[str, Any]:
     """Make the recording, ask the product about it and return both, ready for JSON."""
     recording = case.record()
     record: dict[str, Any] = {"key": case.key, **vars(case), "truth": recording.truth()}
+    record["axes_told"] = case.axes_told
     record["reached"] = [
         float(np.hypot(1.0, excess_rms(effect, recording.scenario, case.sensors())))
         for effect in recording.effects

@@ -202,3 +202,15 @@ def test_quick_benchmark_asks_the_real_command(tmp_path, capsys):
     assert summary["clean"]["count"] == summary["single"]["count"] == 1
     assert summary["single"]["right_or_group"] == 1.0
     assert len(read_records(tmp_path / "records.jsonl")) == 3
+
+
+def test_vectors_in_axes_that_nobody_tells_are_compared_by_length():
+    bias = {"middle.bias": {"value": [0.03, 0.04, 0.0], "unit": "N"}}
+    truth = {"effects": {"force_bias": {"variant": "contact", "parameters": bias}}}
+    values = {"middle_b_x": 0.0, "middle_b_y": 0.0, "middle_b_z": 0.051}
+    said = {name: {"value": value, "std": 0.001} for name, value in values.items()}
+    estimate = {"effects": {"force_bias": said}}
+    [(name, (error, std))] = parameter_errors("force_bias", truth, estimate, False).items()
+    assert name == "middle_b"
+    assert (error, std) == pytest.approx((0.001, 0.001))
+    assert len(parameter_errors("force_bias", truth, estimate, True)) == 3
