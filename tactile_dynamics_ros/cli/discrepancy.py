@@ -94,22 +94,19 @@ def _ask(args: Namespace) -> Question:
     if is_probe_recording(args):
         return question_friction(args)
     from tactile_dynamics_ros.core.inertia.discrepancy_model import HeldObjectModel
-    from tactile_dynamics_ros.core.inertia.readings import fit_with_readings, fit_with_seen_noise
+    from tactile_dynamics_ros.core.inertia.readings import fit_with_readings, model_with_seen_noise
 
     recording, effects = read_recording(args), read_effects(args)
     fitted = fit_with_readings(recording.streams, effects)
     _note(fitted)
 
-    def otherwise() -> HeldObjectModel | None:
-        other = None if fitted.restated else fit_with_seen_noise(recording.streams, effects)
-        return None if other is None else HeldObjectModel.from_fit(other)
-
+    model = HeldObjectModel.from_fit(fitted)
     return Question(
-        HeldObjectModel.from_fit(fitted),
+        model,
         "rigid body alone",
         lambda: dict(fitted.to_estimate().error.to_json()),
         recording,
-        otherwise,
+        lambda: model_with_seen_noise(model, recording.streams, effects),
     )
 
 

@@ -19,6 +19,8 @@ from tactile_dynamics_ros.core.streams import Streams
 if TYPE_CHECKING:
     from tactile_dynamics_ros.core.effects.effect import Effect
 
+_FLOOR_TOLERANCE = 0.04
+
 
 def fit_with_readings(
     streams: Streams, effects: Sequence[Effect] = (), config: BatchConfig | None = None
@@ -37,20 +39,38 @@ def fit_with_readings(
     fitted = _fit(streams, effects, config)
     if not restate_noise(streams)[1] or _is_white(fitted):
         return fitted
-    again = fit_with_seen_noise(streams, effects, config)
+    again = _fit_with_seen_noise(streams, effects, config)
     return again if again is not None and _is_white(again) else fitted
 
 
-def fit_with_seen_noise(
-    streams: Streams, effects: Sequence[Effect] = (), config: BatchConfig | None = None
-) -> FittedModel | None:
-    """The same with the noise that samples show; None where that is what they state.
+def model_with_seen_noise(
+    model: HeldObjectModel, streams: Streams, effects: Sequence[Effect] = ()
+) -> HeldObjectModel | None:
+    """The model with the noise that samples show, where its noise floor speaks for that.
 
     Args:
+        model: with the noise that is stated.
         streams: of the recording.
         effects: of the model.
-        config: of the fit.
+
+    Returns:
+        None where the floor is 1 as it should be, or where it is not with the other noise either.
     """
+    if model.fitted.restated or _is_quiet(model):
+        return None
+    fitted = _fit_with_seen_noise(streams, effects, None)
+    other = None if fitted is None else HeldObjectModel.from_fit(fitted)
+    return other if other is not None and _is_quiet(other) else None
+
+
+def _is_quiet(model: HeldObjectModel) -> bool:
+    return abs(noise_floor(model) - 1.0) < _FLOOR_TOLERANCE
+
+
+def _fit_with_seen_noise(
+    streams: Streams, effects: Sequence[Effect], config: BatchConfig | None
+) -> FittedModel | None:
+    """None where samples scatter as stated."""
     restated, ratios = restate_noise(streams)
     return replace(_fit(restated, effects, config), restated=ratios) if ratios else None
 
