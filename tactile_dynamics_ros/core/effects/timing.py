@@ -319,9 +319,12 @@ class _Shifted:
     def place(self, samples: WrenchSamples, reading: str) -> _Place:
         """Where the readings of a time offset act; `samples` of the same motion."""
         if reading not in self._places:
-            self._places[reading] = _Place(
-                *self._turn(samples, reading), *self._points(samples, reading)
-            )
+            turn, change = self._turn(samples, reading)
+            point, point_change = self.point, self.point_change
+            if reading == "contact":
+                assert turn is not None and change is not None
+                point, point_change = self._points(samples, turn, change)
+            self._places[reading] = _Place(turn, change, point, point_change)
         return self._places[reading]
 
     def _turn(self, samples: WrenchSamples, reading: str) -> tuple[Array | None, Array | None]:
@@ -334,17 +337,13 @@ class _Shifted:
         turn, change = self.to_body @ samples.rotation, self.to_body_change @ samples.rotation
         return turn[:, None], change[:, None]
 
-    def _points(self, samples: WrenchSamples, reading: str) -> tuple[Array, Array]:
-        """Contact points in the body frame of then, and their derivative."""
-        if reading != "contact":
-            return self.point, self.point_change
-        turn, change = self.to_body @ samples.rotation, self.to_body_change @ samples.rotation
+    def _points(self, samples: WrenchSamples, turn: Array, change: Array) -> tuple[Array, Array]:
+        """Contact points of now in the body frame of then, and their derivative."""
         shift = np.einsum("nij,nj->ni", self.to_body, samples.position - self.position)
         shift_change = np.einsum("nij,nj->ni", self.to_body_change, samples.position)
         shift_change = shift_change - self.origin_change
-        moved = _apply(turn[:, None], samples.contact_point) + shift[:, None]
-        moved_change = _apply(change[:, None], samples.contact_point) + shift_change[:, None]
-        return moved, moved_change
+        moved = _apply(turn, samples.contact_point) + shift[:, None]
+        return moved, _apply(change, samples.contact_point) + shift_change[:, None]
 
 
 def _split(values: Array, shapes: Sequence[tuple[int, ...]]) -> list[Array]:

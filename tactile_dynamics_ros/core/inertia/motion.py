@@ -14,7 +14,7 @@ from tactile_dynamics_ros.core.inertia.local_polynomial import (
     local_polynomial,
     typical_period,
 )
-from tactile_dynamics_ros.core.inertia.noise import white_noise_std
+from tactile_dynamics_ros.core.inertia.noise import white_noise_std, white_pose_noise_std
 from tactile_dynamics_ros.core.rigid_body.rotation import accumulated_rotation, exp_so3, log_so3
 from tactile_dynamics_ros.core.streams import ImuStream, PoseStream, Streams
 
@@ -184,10 +184,7 @@ def _pose_noise(pose: PoseStream) -> tuple[Array, Array]:
     also covers slow errors, which differentiation does not see.
     """
     count = len(pose.time)
-    seen = (
-        white_noise_std(pose.time, accumulated_rotation(pose.rotation)),
-        white_noise_std(pose.time, pose.position),
-    )
+    seen = white_pose_noise_std(pose.time, pose.rotation, pose.position)
     fallbacks = (_FALLBACK_ROTATION_STD, _FALLBACK_POSITION_STD)
     factors = []
     for k, (level, fallback) in enumerate(zip(seen, fallbacks, strict=True)):

@@ -7,6 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.rigid_body.rotation import accumulated_rotation
+
 Array = NDArray[np.float64]
 
 _ORDER = 6
@@ -36,3 +38,14 @@ def white_noise_std(time: Array, values: Array) -> float:
         return 0.0
     scale = math.sqrt(math.comb(2 * _ORDER, _ORDER))
     return float(1.4826 * np.median(np.abs(differences)) / scale)
+
+
+def white_pose_noise_std(time: Array, rotation: Array, position: Array) -> tuple[float, float]:
+    """`white_noise_std` of the orientation (rad) and of the position (m) of a stream of poses.
+
+    Args:
+        time: (N,) s.
+        rotation: (N, 3, 3).
+        position: (N, 3) m.
+    """
+    return white_noise_std(time, accumulated_rotation(rotation)), white_noise_std(time, position)

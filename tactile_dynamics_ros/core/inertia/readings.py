@@ -37,10 +37,11 @@ def fit_with_readings(
         config: of the fit.
     """
     fitted = _fit(streams, effects, config)
-    if not restate_noise(streams)[1] or _is_white(fitted):
+    restated, ratios = restate_noise(streams)
+    if not ratios or _is_white(fitted):
         return fitted
-    again = _fit_with_seen_noise(streams, effects, config)
-    return again if again is not None and _is_white(again) else fitted
+    again = replace(_fit(restated, effects, config), restated=ratios)
+    return again if _is_white(again) else fitted
 
 
 def model_with_seen_noise(
@@ -56,23 +57,15 @@ def model_with_seen_noise(
     Returns:
         None where the floor is 1 as it should be, or where it is not with the other noise either.
     """
-    if model.fitted.restated or _is_quiet(model):
+    restated, ratios = restate_noise(streams)
+    if not ratios or model.fitted.restated or _is_quiet(model):
         return None
-    fitted = _fit_with_seen_noise(streams, effects, None)
-    other = None if fitted is None else HeldObjectModel.from_fit(fitted)
-    return other if other is not None and _is_quiet(other) else None
+    other = HeldObjectModel.from_fit(replace(_fit(restated, effects, None), restated=ratios))
+    return other if _is_quiet(other) else None
 
 
 def _is_quiet(model: HeldObjectModel) -> bool:
     return abs(noise_floor(model) - 1.0) < _FLOOR_TOLERANCE
-
-
-def _fit_with_seen_noise(
-    streams: Streams, effects: Sequence[Effect], config: BatchConfig | None
-) -> FittedModel | None:
-    """None where samples scatter as stated."""
-    restated, ratios = restate_noise(streams)
-    return replace(_fit(restated, effects, config), restated=ratios) if ratios else None
 
 
 def _is_white(fitted: FittedModel) -> bool:

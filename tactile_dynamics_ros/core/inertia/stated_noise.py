@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.inertia.noise import white_noise_std
-from tactile_dynamics_ros.core.rigid_body.rotation import accumulated_rotation
+from tactile_dynamics_ros.core.inertia.noise import white_noise_std, white_pose_noise_std
 from tactile_dynamics_ros.core.streams import ContactStream, PoseStream, Streams
 
 Array = NDArray[np.float64]
@@ -74,9 +73,6 @@ def _pose_ratio(pose: PoseStream) -> float:
     if pose.covariance is None:
         return 1.0
     variances = np.median(np.einsum("nii->ni", pose.covariance), axis=0)
-    seen = (
-        white_noise_std(pose.time, accumulated_rotation(pose.rotation)),
-        white_noise_std(pose.time, pose.position),
-    )
+    seen = white_pose_noise_std(pose.time, pose.rotation, pose.position)
     stated = np.sqrt([variances[:3].mean(), variances[3:].mean()])
     return max(s / t for s, t in zip(seen, stated, strict=True)) if stated.all() else 1.0

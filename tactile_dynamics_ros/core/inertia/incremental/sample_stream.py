@@ -16,8 +16,7 @@ from tactile_dynamics_ros.core.inertia.incremental.contact_queue import (
 )
 from tactile_dynamics_ros.core.inertia.incremental.residuals import ContactRows, PoseWindows
 from tactile_dynamics_ros.core.inertia.incremental.rolling_table import RollingTable, sliding_rows
-from tactile_dynamics_ros.core.inertia.noise import white_noise_std
-from tactile_dynamics_ros.core.rigid_body.rotation import log_so3
+from tactile_dynamics_ros.core.inertia.noise import white_noise_std, white_pose_noise_std
 
 Array = NDArray[np.float64]
 
@@ -281,10 +280,8 @@ class SampleStream:
         time, rotation = (self._poses.rows(name, first, end) for name in ("time", "rotation"))
         if len(time) < _NOISE_EVERY:
             return
-        local = log_so3(rotation[1:] @ np.swapaxes(rotation[:-1], 1, 2))
-        turned = np.concatenate([np.zeros((1, 3)), np.cumsum(local, axis=0)])
         position = self._poses.rows("position", first, end)
-        seen = np.array([white_noise_std(time, turned), white_noise_std(time, position)])
+        seen = np.array(white_pose_noise_std(time, rotation, position))
         noise = self._poses.rows("noise", first, end)
         power = np.median(np.einsum("nsij,nsij->ns", noise, noise), axis=0)
         ratio = np.maximum(seen, _NOISE_FLOOR) / np.sqrt(power / 3.0)
