@@ -49,6 +49,8 @@ class RobotSim(Shell):
     setpoints by their clock: messages that come in bursts do not make the motion jerk.
     """
 
+    gather = 0.0
+
     def __init__(self) -> None:
         super().__init__("robot_sim")
         self.config = declare_config(self, PaceConfig)
