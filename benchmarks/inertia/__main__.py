@@ -36,14 +36,14 @@ def run(sections: Sequence[str], quick: bool, say: Callable[[str], None]) -> dic
             *((3, 3, 1) if quick else (48, 24, 8)), say
         ),
         "coverage": lambda: honesty.run_coverage(
-            *((12, 2, 4, 6.0) if quick else (240, 40, 40, 10.0)), say
+            *((12, 2, 4, 6.0) if quick else (240, 240, 120, 10.0)), say
         ),
         "feasibility": lambda: honesty.run_feasibility(1 if quick else 5, say),
         "live": lambda: cost.run_live(*((2000, 300) if quick else (60000, 1700)), say),
         "batch_time": lambda: cost.run_batch_time(2 if quick else 10, say),
         "excitation": lambda: gain.run_excitation(2 if quick else 20, 15.0, say),
-        "wrist_ft": lambda: boxes.run_wrist(1 if quick else 5, say),
-        "in_hand": lambda: boxes.run_in_hand(1 if quick else 3, say),
+        "wrist_ft": lambda: boxes.run_wrist(1 if quick else 20, say),
+        "in_hand": lambda: boxes.run_in_hand(1 if quick else 20, say),
     }
     results = {name: runs[name]() for name in SECTIONS if name in sections}
     machine = {"cpus": os.cpu_count(), "python": platform.python_version(), "quick": quick}

@@ -1,9 +1,12 @@
 """Cramer-Rao bounds on the ten parameters, from exact motion and forces.
 
-Two bounds are given. `forces_only`: the motion is known exactly and only the stated white force
-noise remains; no estimator of any kind can do better on average. `with_poses`: the poses carry
-their stated noise as well and nothing is presumed of the motion but that a quartic polynomial
-describes each stretch of nine poses; regressors and covariance are exact.
+Three bounds are given. `forces_only`: the motion is known exactly and only the stated white force
+noise remains; no estimator of any kind can do better on average. `with_frame`: the course of the
+motion is known exactly too, but where the object's frame sits on the body is known only from the N
+poses with their stated white noise, to sigma / sqrt(N); no estimator can do better on average
+either, and the parameters are asked for in that frame. `with_poses`: the poses carry their stated
+noise and nothing is presumed of the motion but that a quartic polynomial describes each stretch of
+nine poses; regressors and covariance are exact.
 """
 
 from __future__ import annotations
@@ -18,6 +21,7 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     InertialParameters,
     affine_invariant_distance,
     com_inertia_jacobian,
+    dynamic_parameters_from_pseudo_inertia,
     pseudo_inertia,
     trace_error,
 )
@@ -50,6 +54,24 @@ def forces_only(case: Case) -> Array:
     factor = np.linalg.cholesky(covariance)
     white = np.linalg.solve(factor, exact_regressor(case)).reshape(-1, 10)
     return np.linalg.inv(white.T @ white)
+
+
+def with_frame(case: Case) -> Array:
+    """Bound (10, 10) on the covariance of phi in a body frame that only its noisy poses show.
+
+    A frame that is off by a rotation e and a translation t has the pseudo-inertia P + D P + P D^T
+    with D = [[-skew(e), -t], [0, 0]]; e and t are uncertain by the poses' noise over sqrt(N).
+    """
+    sensors, count = case.sensors, len(case.streams.pose.time)
+    stds = np.repeat([np.radians(sensors.rotation_std_deg), sensors.position_std], 3)
+    moved = []
+    for twist in np.eye(6):
+        change = np.zeros((4, 4))
+        change[:3, :3], change[:3, 3] = -skew(twist[:3]), -twist[3:]
+        shifted = change @ case.truth.pseudo_inertia
+        moved.append(dynamic_parameters_from_pseudo_inertia(shifted + shifted.T))
+    spread = np.array(moved).T * stds / np.sqrt(count)
+    return forces_only(case) + spread @ spread.T
 
 
 def with_poses(case: Case) -> Array:

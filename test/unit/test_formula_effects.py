@@ -301,3 +301,19 @@ def test_the_verb_lists_what_formulas_can_name(capsys):
     assert all(name in text for name in ("omega", "grip", "turn_rate", "cross"))
     assert main(["effects", "--quantities", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["vectors"]["v"]["unit"] == "m/s"
+
+
+def test_formulas_of_motion_are_external_and_those_of_forces_are_not(tmp_path):
+    path = tmp_path / "mine.yaml"
+    entry = """  {name}:
+    parameters: {{k: {{unit: {unit}, prior_std: 1.0}}}}
+    wrench: {{force: {law}}}
+"""
+    path.write_text(
+        "effects:\n"
+        + entry.format(name="of_motion", unit="N s/m", law="-k*v")
+        + entry.format(name="of_forces", unit='"1"', law="k*f_thumb")
+    )
+    found = {effect.name: effect for effect in load_effects(path)}
+    assert found["of_motion"].external
+    assert not found["of_forces"].external

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.inertia.__main__ import main
-from benchmarks.inertia.bound import deviations, forces_only, rms, spread, with_poses
+from benchmarks.inertia.bound import deviations, forces_only, rms, spread, with_frame, with_poses
 from benchmarks.inertia.boxes import BOXES, wrist_recording
 from benchmarks.inertia.page import BEGIN, END, keep_results, write_page
 from benchmarks.inertia.peers import PEERS, SmoothedData, plain_isam2
@@ -21,7 +21,12 @@ from benchmarks.inertia.published import (
 from benchmarks.inertia.scenarios import four_fingers, table_one
 from benchmarks.inertia.scores import Score, medians
 from tactile_dynamics_ros.core.inertia.batch import estimate_inertia
-from tactile_dynamics_ros.core.rigid_body.inertial_parameters import inertia_vector, is_feasible
+from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
+    InertialParameters,
+    inertia_vector,
+    is_feasible,
+)
+from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 
 
 def test_table_one_object_is_the_paper_s():
@@ -43,6 +48,21 @@ def test_bounds_are_ordered_and_shrink_with_noise():
         for c in (table_one(v, 3, duration=4.0) for v in (0.1, 1.0))
     )
     assert large / small == pytest.approx(np.sqrt(10.0), rel=0.05)
+
+
+def test_a_frame_that_poses_show_moves_the_parameters_as_its_bound_says():
+    case = four_fingers(2, 4.0)
+    rng, count = np.random.default_rng(0), len(case.streams.pose.time)
+    stds = np.array([np.radians(0.2), 5e-4]) / np.sqrt(count)
+    body, found = case.truth, []
+    for _ in range(3000):
+        turn, shift = exp_so3(stds[0] * rng.normal(size=3)), stds[1] * rng.normal(size=3)
+        seen = InertialParameters(
+            body.mass, turn.T @ (body.com - shift), turn.T @ body.inertia_com @ turn
+        )
+        found.append(seen.dynamic_parameters)
+    stated = with_frame(case) - forces_only(case)
+    assert np.sqrt(np.diag(stated)) == pytest.approx(np.std(found, axis=0), rel=0.06, abs=1e-12)
 
 
 def test_errors_drawn_from_a_bound_are_one_deviation_of_it():

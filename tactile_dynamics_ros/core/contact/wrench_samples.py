@@ -43,8 +43,10 @@ class WrenchSamples:
         contact_torque: (N, C, 3) N m about the contact point, body frame.
         in_contact: (N, C).
         gravity: (3,) m/s^2, world axes.
-        motion: samples with the same motion and contacts from which `with_forces` made these;
-            `dataclasses.replace` forgets it.
+        external: (N, 6) known wrench on the object beside those of the contacts, body frame;
+            None for none.
+        motion: samples with the same motion and contacts from which `with_forces` or
+            `with_external` made these; `dataclasses.replace` forgets it.
     """
 
     time: Array
@@ -61,12 +63,19 @@ class WrenchSamples:
     contact_torque: Array
     in_contact: NDArray[np.bool_]
     gravity: Array
+    external: Array | None = None
     motion: WrenchSamples | None = field(default=None, init=False)
 
     def with_forces(self, force: Array, torque: Array | None = None) -> WrenchSamples:
         """The same motion and contacts with other forces, (N, C, 3), and torques if given."""
         torques = self.contact_torque if torque is None else torque
-        changed = replace(self, contact_force=force, contact_torque=torques)
+        return self._on_same_motion(replace(self, contact_force=force, contact_torque=torques))
+
+    def with_external(self, wrench: Array) -> WrenchSamples:
+        """The same with a known external wrench, (N, 6)."""
+        return self._on_same_motion(replace(self, external=wrench))
+
+    def _on_same_motion(self, changed: WrenchSamples) -> WrenchSamples:
         object.__setattr__(changed, "motion", self.motion or self)
         return changed
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from tactile_dynamics_ros.core.discrepancy.assessment import Assessment, assess
 from tactile_dynamics_ros.core.discrepancy.diagnosis_config import DiagnosisConfig
 from tactile_dynamics_ros.core.discrepancy.exchange import exchange
@@ -85,10 +87,21 @@ def reconsider_steps(steps: Sequence[Step], config: DiagnosisConfig) -> tuple[St
 
 
 def is_hopeless(steps: Sequence[Step], first: Assessment, config: DiagnosisConfig) -> bool:
-    """Whether the effects explain so little that more of them would be guesses."""
+    """Whether the effects explain so little that more of them would be guesses.
+
+    Effects that hide each other explain little one by one: the first may stay if the screening
+    promises that another beside it explains most.
+    """
     after = steps[-1].after
-    share = explained_share(first.rms, after.rms, after.structure.floor)
-    return share < (config.first_progress if len(steps) == 1 else config.second_progress)
+    floor = after.structure.floor
+    share = explained_share(first.rms, after.rms, floor)
+    if len(steps) > 1:
+        return share < config.second_progress
+    if share >= config.first_progress:
+        return False
+    gain = max((score.gain for score in after.scores), default=0.0)
+    left = np.sqrt(max(after.rms**2 - gain / len(steps[-1].choice.model.residual), 0.0))
+    return explained_share(first.rms, float(left), floor) < config.second_progress
 
 
 def dominates(

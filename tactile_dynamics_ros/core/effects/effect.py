@@ -55,6 +55,9 @@ class Effect(ABC):
         remedy: what to do about it.
         rings: whether it can oscillate at a frequency that the motion does not have.
         lasting: whether it is an error of a sensor that lasts, or cannot be told from one.
+        external: whether it is a wrench on the object that its motion determines, not computed from
+            or added to what sensors read: sensors that are late show it late.
+        delays: whether it makes sensors late; `delayed` says how.
     """
 
     name: ClassVar[str] = ""
@@ -65,6 +68,8 @@ class Effect(ABC):
     remedy: ClassVar[str] = ""
     rings: ClassVar[bool] = False
     lasting: ClassVar[bool] = False
+    external: ClassVar[bool] = True
+    delays: ClassVar[bool] = False
 
     @property
     def variant(self) -> str:
@@ -133,6 +138,16 @@ class Effect(ABC):
     def zero(self, samples: WrenchSamples) -> Array:
         """Parameters of the absent effect."""
         return np.zeros(len(self.parameters(samples)))
+
+    def delayed(self, samples: WrenchSamples, theta: Array, columns: Array) -> Array:
+        """What sensors with this effect show of wrenches.
+
+        Args:
+            samples: motion and contacts.
+            theta: (k,) parameters.
+            columns: (N, 6, ...) wrenches, or their derivatives, body frame.
+        """
+        return columns
 
     def whole_samples_late(self, theta: Array, period: float) -> tuple[int, Array]:
         """By how many samples forces are late against the motion, and theta of exactly that.

@@ -33,6 +33,7 @@ class FingerEffect(Effect):
         allows_common: whether one set of parameters for all contacts is a sensible reading.
     """
 
+    external = False
     allows_common = False
 
     def __init__(self, contacts: tuple[str, ...] = (), common: bool = False) -> None:

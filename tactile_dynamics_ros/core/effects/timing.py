@@ -33,6 +33,8 @@ class _ReadingEffect(Effect):
             slope at zero: far from zero Delta is not linear, but near a mixture of them.
     """
 
+    external = False
+    delays = True
     readings: ClassVar[tuple[str, ...]] = ()
     nodes: ClassVar[tuple[float, ...]] = ()
 
@@ -79,9 +81,9 @@ class SensorLag(_ReadingEffect):
     """First-order lag of the measured forces z_i in the body, contact or world frame.
 
     In a frame that turns with w_F, tau (z' + (w - w_F) x z) + z = true force (body axes), so the
-    measured wrench W z is L [Y phi - tau Q] with L the lag, Q = sum W_i ((w - w_F) x z_i) -
-    [sum p_i' x z_i, 0], and Delta = Y phi - L [Y phi - tau Q]. Forces that lead (tau < 0) are no
-    lag: Delta = 0 there.
+    measured wrench W z is L [S - tau Q] with L the lag, S = Y phi - w_ext what the contacts bear
+    (w_ext other external wrenches), Q = sum W_i ((w - w_F) x z_i) - [sum p_i' x z_i, 0], and
+    Delta = S - L [S - tau Q]. Forces that lead (tau < 0) are no lag: Delta = 0 there.
     """
 
     name = "sensor_lag"
@@ -119,14 +121,20 @@ class SensorLag(_ReadingEffect):
         matrix = load_regressor(samples)
         return share * (matrix - first_order_lag(samples.time, matrix, used)[0])
 
+    def delayed(self, samples: WrenchSamples, theta: Array, columns: Array) -> Array:
+        """L of the columns."""
+        used, share = _usable_lag(float(theta[0]))
+        late = first_order_lag(samples.time, columns, used)[0]
+        return np.asarray(columns + share * (late - columns))
+
     def _signals(self, samples: WrenchSamples, inertia: Array) -> tuple[Array, Array]:
-        """Y phi and Q, both (N, 6)."""
+        """S and Q, both (N, 6)."""
         force = np.cross(self._turning(samples), samples.contact_force)
         torque = np.cross(samples.contact_point, force)
         torque = torque + np.cross(self._turning(samples), samples.contact_torque)
         torque = torque - np.cross(contact_point_rate(samples), samples.contact_force)
         turned = np.concatenate([torque.sum(axis=1), force.sum(axis=1)], axis=1)
-        return load_regressor(samples) @ inertia, turned
+        return _borne(samples, inertia), turned
 
     def _turning(self, samples: WrenchSamples) -> Array:
         """Angular velocity of the body relative to the frame of the lag, (N, C, 3)."""
@@ -134,6 +142,12 @@ class SensorLag(_ReadingEffect):
         if self.reading == "body":
             return np.zeros_like(spin)
         return spin - contact_rate(samples) if self.reading == "sensor" else np.asarray(spin)
+
+
+def _borne(samples: WrenchSamples, inertia: Array) -> Array:
+    """Wrench (N, 6) that the contacts bear: that of the load without known external ones."""
+    load = np.asarray(load_regressor(samples) @ inertia)
+    return load if samples.external is None else load - samples.external
 
 
 def _usable_lag(tau: float) -> tuple[float, float]:
@@ -176,17 +190,20 @@ class TimeOffset(_ReadingEffect):
         Readings of a motion before or after the recording tell nothing: they count as right.
         """
         then = _shifted(samples, float(theta[0]))
-        now = load_regressor(samples) @ inertia - samples.measured_wrench
+        now = _borne(samples, inertia) - samples.measured_wrench
         return np.asarray(now + then.share[:, None] * self._excess(samples, then, inertia))
 
     def _excess(self, samples: WrenchSamples, then: _Shifted, inertia: Array) -> Array:
-        """Measured wrench (N, 6) in the body frame of then, beyond what the motion then needs."""
-        return self._measured(samples, then) - then.regressor @ inertia
+        """Measured wrench (N, 6) in the body frame of then, beyond what the contacts bore then."""
+        excess = self._measured(samples, then) - then.regressor @ inertia
+        return excess if samples.external is None else excess + then.at(samples, samples.external)
 
     def jacobian(self, samples: WrenchSamples, inertia: Array, theta: Array) -> Array:
         """By the offset."""
         then = _shifted(samples, float(theta[0]))
         change = self._measured_change(samples, then) - then.regressor_change @ inertia
+        if samples.external is not None:
+            change = change - then.at(samples, samples.external, 1)
         fading = then.share_change[:, None] * self._excess(samples, then, inertia)
         return np.asarray((then.share[:, None] * change + fading)[..., None])
 
@@ -194,6 +211,12 @@ class TimeOffset(_ReadingEffect):
         """Y(t) - Y(t - offset); Y(t) where the motion at t - offset was not recorded."""
         then = _shifted(samples, float(theta[0]))
         return load_regressor(samples) - then.share[:, None, None] * then.regressor
+
+    def delayed(self, samples: WrenchSamples, theta: Array, columns: Array) -> Array:
+        """The columns of then; none where the motion at t - offset was not recorded."""
+        then = _shifted(samples, float(theta[0]))
+        share = then.share.reshape(-1, *[1] * (columns.ndim - 1))
+        return np.asarray(share * then.at(samples, columns))
 
     def _measured(self, samples: WrenchSamples, then: _Shifted) -> Array:
         """Contact wrench (N, 6) with the forces of now in the body frame of then."""
@@ -288,6 +311,7 @@ class _Shifted:
     def __init__(self, samples: WrenchSamples, offset: float) -> None:
         offset = float(np.clip(offset, -_LONGEST_SHIFT, _LONGEST_SHIFT))
         spline, then = _motion_spline(samples), samples.time - offset
+        self._time = then
         slope = 1.0 / float(np.median(np.diff(samples.time)))
         beyond = slope * (then - np.clip(then, *samples.time[[0, -1]]))
         fade = np.clip(2.0 - np.abs(beyond), 0.0, 1.0)
@@ -315,6 +339,10 @@ class _Shifted:
             np.einsum("nij,nj->ni", self.to_body, position_change)
         )
         self._places: dict[str, _Place] = {}
+
+    def at(self, samples: WrenchSamples, values: Array, order: int = 0) -> Array:
+        """Values (N, ...) of every instant, or their derivative in time, at t - offset."""
+        return np.asarray(CubicSpline(samples.time, values)(self._time, order))
 
     def place(self, samples: WrenchSamples, reading: str) -> _Place:
         """Where the readings of a time offset act; `samples` of the same motion."""

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
+from tactile_dynamics_ros.core.effects.present import PresentEffects
 from tactile_dynamics_ros.core.inertia.estimate import EffectEstimate, InertialEstimate, ModelError
 from tactile_dynamics_ros.core.inertia.prior import LogCholeskyPrior
 from tactile_dynamics_ros.core.inertia.rigid_grasp import displacement_jacobian
@@ -207,10 +208,10 @@ class FittedModel:
         )
 
     def _block_jacobian(self, block: Block) -> Array:
-        samples, phi = block.problem.samples, self.phi
+        present = PresentEffects(self.effects, self.theta)
         columns = [
-            block.linearisation.whiten(effect.jacobian(samples, phi, theta))
-            for effect, theta in zip(self.effects, self.theta, strict=True)
+            block.linearisation.whiten(part)
+            for part in present.jacobians(block.problem.samples, self.phi)
         ]
         return np.concatenate([block.jacobian, *[-column for column in columns]], axis=1)
 

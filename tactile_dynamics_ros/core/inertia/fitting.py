@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.effects.present import PresentEffects
 from tactile_dynamics_ros.core.inertia.fitted_model import (
     Block,
     FittedModel,
@@ -149,8 +150,8 @@ def _whiten(
         linearisation = problem.linearise(phi, effects, theta)
         residual = linearisation.whiten(problem.residual(phi, effects, theta))
         by_phi = problem.regressor.copy()
-        for effect, value in zip(effects, theta, strict=True):
-            by_phi -= effect.inertia_jacobian(problem.samples, phi, value)
+        for part in PresentEffects(effects, theta).inertia_jacobians(problem.samples, phi):
+            by_phi -= part
         blocks.append(Block(problem, linearisation, residual, linearisation.whiten(by_phi)))
     return tuple(blocks)
 
@@ -249,21 +250,14 @@ class _ReducedSystem:
         return residual, np.concatenate([rows[:, :10], columns], axis=1)
 
     def _white_effects(self, phi: Array, theta: Sequence[Array]) -> Array:
-        total = [np.zeros((block.problem.count, 6)) for block in self._blocks]
-        for effect, value in zip(self._effects, theta, strict=True):
-            for delta, block in zip(total, self._blocks, strict=True):
-                delta += effect.wrench(block.problem.samples, phi, value)
+        present = PresentEffects(self._effects, theta)
+        total = [present.wrench(block.problem.samples, phi) for block in self._blocks]
         return whiten_blocks(self._blocks, total)
 
     def _effect_columns(self, phi: Array, theta: Sequence[Array]) -> Array:
+        present = PresentEffects(self._effects, theta)
         columns = [
-            np.concatenate(
-                [
-                    effect.jacobian(block.problem.samples, phi, value)
-                    for effect, value in zip(self._effects, theta, strict=True)
-                ],
-                axis=2,
-            )
+            np.concatenate(present.jacobians(block.problem.samples, phi), axis=2)
             for block in self._blocks
         ]
         return -self._white_columns("theta", columns)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.effects.effect import Effect
+from tactile_dynamics_ros.core.effects.present import PresentEffects
 from tactile_dynamics_ros.core.inertia.fitted_model import FittedModel, whiten_blocks
 from tactile_dynamics_ros.core.inertia.repeated_whitening import RepeatedWhitening
 from tactile_dynamics_ros.core.inertia.uncertainty import HOLD
@@ -38,21 +39,25 @@ class Whitening:
     def start(self) -> Array:
         """(M,) white residual of the model plus its effects at the denoised samples."""
         model = self.model
-        total = [np.zeros((b.problem.count, 6)) for b in model.blocks]
-        for effect, theta in zip(model.effects, model.theta, strict=True):
-            for delta, block in zip(total, model.blocks, strict=True):
-                delta += effect.wrench(block.problem.samples, model.phi, theta)
+        total = [self.present.wrench(b.problem.samples, model.phi) for b in model.blocks]
         return model.white_residual + self.whiten(total)
+
+    @property
+    def present(self) -> PresentEffects:
+        """The effects of the fitted model."""
+        return PresentEffects(self.model.effects, self.model.theta)
 
     def whiten(self, values: Sequence[Array]) -> Array:
         """White form of values (N, 6, ...) per block."""
         return whiten_blocks(self.model.blocks, values)
 
     def family_columns(self, effect: Effect) -> Array:
-        """White screening basis of one reading."""
+        """White screening basis of one reading, beside the effects of the fitted model."""
         if effect.label not in self.columns:
-            phi = self.model.phi
-            basis = [effect.screening_basis(b.problem.samples, phi) for b in self.model.blocks]
+            phi, present, basis = self.model.phi, self.present, []
+            for samples in self.model.samples:
+                found = effect.screening_basis(present.seen_by(effect, samples, phi), phi)
+                basis.append(present.as_shown(effect, samples, found))
             self.columns[effect.label] = (effect, self.whiten(basis))
         return self.columns[effect.label][1]
 
@@ -77,34 +82,44 @@ class FrozenSystem:
         residual = whitening.start + whitening.regressor @ (phi - self._model.phi)
         jacobian = np.empty((len(residual), len(x)))
         jacobian[:, :10] = whitening.regressor
+        theta = np.split(x[10:], np.cumsum(self._counts)[:-1])
+        present = PresentEffects(self._effects, theta if self._effects else ())
+        total = [present.wrench(samples, phi) for samples in self._model.samples]
+        residual = residual - whitening.whiten(total)
         first = 10
-        for effect, count in zip(self._effects, self._counts, strict=True):
-            part = slice(first, first + count)
-            delta, by_phi, by_theta = self.white_effect(effect, phi, x[part])
-            residual = residual - delta
-            jacobian[:, part] = -by_theta
+        for effect, value in zip(present.effects, present.theta, strict=True):
+            by_phi, by_theta = self.white_derivatives(effect, phi, value, present)
+            jacobian[:, first : first + len(value)] = -by_theta
             if by_phi is not None:
                 jacobian[:, :10] -= by_phi
-            first += count
+            first += len(value)
         prior = self._prior_rows @ x + self._prior_values
         return np.concatenate([residual, prior]), np.concatenate([jacobian, self._prior_rows])
 
-    def white_effect(
-        self, effect: Effect, phi: Array, theta: Array
-    ) -> tuple[Array, Array | None, Array]:
-        """White Delta with its derivatives by phi (None if zero) and theta."""
-        values, by_phi, by_theta = [], [], []
-        for block in self._model.blocks:
-            samples = block.problem.samples
-            values.append(effect.wrench(samples, phi, theta))
-            by_theta.append(effect.jacobian(samples, phi, theta))
-            by_phi.append(effect.inertia_jacobian(samples, phi, theta))
-        depends = any(np.any(part) for part in by_phi)
-        repeated = self._repeated
-        white_by_phi = repeated((effect.label, "phi"), by_phi) if depends else None
+    def white_wrench(
+        self, effect: Effect, phi: Array, theta: Array, present: PresentEffects
+    ) -> Array:
+        """White Delta of an effect beside those that are present."""
+        values = []
+        for samples in self._model.samples:
+            found = effect.wrench(present.seen_by(effect, samples, phi), phi, theta)
+            values.append(present.as_shown(effect, samples, found))
+        return self._whitening.whiten(values)
+
+    def white_derivatives(
+        self, effect: Effect, phi: Array, theta: Array, present: PresentEffects
+    ) -> tuple[Array | None, Array]:
+        """White derivatives of that Delta by phi (None if zero) and theta."""
+        by_phi: list[Array] = []
+        by_theta: list[Array] = []
+        for samples in self._model.samples:
+            seen = present.seen_by(effect, samples, phi)
+            load, own = effect.inertia_jacobian(seen, phi, theta), effect.jacobian(seen, phi, theta)
+            by_phi.append(present.as_shown(effect, samples, load))
+            by_theta.append(present.as_shown(effect, samples, own))
+        depends, repeated = any(np.any(part) for part in by_phi), self._repeated
         return (
-            self._whitening.whiten(values),
-            white_by_phi,
+            repeated((effect.label, "phi"), by_phi) if depends else None,
             repeated((effect.label, "theta"), by_theta),
         )
 
@@ -125,6 +140,7 @@ class ExtendedSystem:
 
     def __init__(self, model: HeldObjectModel, effect: Effect) -> None:
         self._model, self._effect = model, effect
+        self._present = PresentEffects(model.effects, model.theta)
         self._frozen = FrozenSystem(model.whitening, model.effects)
         self._residual, self._jacobian = self._frozen.evaluate(
             np.concatenate([model.phi, *model.theta])
@@ -137,7 +153,9 @@ class ExtendedSystem:
         """Rows of the data, then rows of the priors."""
         change, theta = x[: self.present], x[self.present :]
         phi = self._model.phi + change[:10]
-        delta, by_phi, by_theta = self._frozen.white_effect(self._effect, phi, theta)
+        given = self._effect, phi, theta, self._present
+        delta = self._frozen.white_wrench(*given)
+        by_phi, by_theta = self._frozen.white_derivatives(*given)
         rows, count = len(delta), len(theta)
         residual = self._residual + self._jacobian @ change
         residual[:rows] -= delta

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
 from tactile_dynamics_ros.core.effects.effect import Effect
 from tactile_dynamics_ros.core.effects.gravity import load_regressor
+from tactile_dynamics_ros.core.effects.present import PresentEffects
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
 from tactile_dynamics_ros.core.inertia.excitation.criterion import wrench_covariance
 from tactile_dynamics_ros.core.inertia.excitation.design import (
@@ -68,19 +69,16 @@ class Rival:
 
     def wrench(self, samples: WrenchSamples) -> Array:
         """Contact wrench (N, 6) that this explanation predicts: Y phi - Delta."""
-        value = load_regressor(samples) @ self.phi
-        for effect, theta in zip(self.effects, self.theta, strict=True):
-            value = value - effect.wrench(samples, self.phi, theta)
-        return np.asarray(value)
+        present = PresentEffects(self.effects, self.theta)
+        return np.asarray(load_regressor(samples) @ self.phi - present.wrench(samples, self.phi))
 
     def columns(self, samples: WrenchSamples) -> Array:
         """Derivative (N, 6, 10 + k) of that wrench."""
+        present = PresentEffects(self.effects, self.theta)
         by_phi = load_regressor(samples)
-        columns = []
-        for effect, theta in zip(self.effects, self.theta, strict=True):
-            by_phi = by_phi - effect.inertia_jacobian(samples, self.phi, theta)
-            columns.append(-effect.jacobian(samples, self.phi, theta))
-        return np.concatenate([by_phi, *columns], axis=2)
+        for part in present.inertia_jacobians(samples, self.phi):
+            by_phi = by_phi - part
+        return np.concatenate([by_phi, *(-c for c in present.jacobians(samples, self.phi))], axis=2)
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,7 @@ from scipy.sparse import bsr_array
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.contact.wrench_samples import GRAVITY_W, WrenchSamples
+from tactile_dynamics_ros.core.effects.present import PresentEffects
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.balance import balance_contacts
 from tactile_dynamics_ros.core.inertia.banded import BandedWhitener
@@ -231,13 +232,16 @@ class WrenchProblem:
         Effects on the forces correct the measured ones, noise included, and those on the clocks
         shift the measured motion by whole samples, as `linearise` assumes.
         """
+        present = PresentEffects(effects, theta)
         value = self.raw.regressor @ phi - self.measured.measured_wrench
+        value = value - present.wrench(self._measured_contacts, phi)
         for effect, parameters in zip(effects, theta, strict=True):
-            value = value - effect.wrench(self._measured_contacts, phi, parameters)
             late, rounded = effect.whole_samples_late(parameters, self._period)
             if late:
-                value = value + effect.wrench(self._measured_contacts, phi, rounded)
-                value = value - effect.wrench(self.measured, phi, rounded)
+                smooth = present.seen_by(effect, self._measured_contacts, phi)
+                raw = replace(self.measured, external=smooth.external)
+                value = value + effect.wrench(smooth, phi, rounded)
+                value = value - effect.wrench(raw, phi, rounded)
         return np.asarray(value)
 
     @cached_property
@@ -250,10 +254,8 @@ class WrenchProblem:
         self, phi: Array, effects: Sequence[Effect] = (), theta: Sequence[Array] = ()
     ) -> Array:
         """Predicted minus measured wrench, (N, 6), with motion by wide windows."""
-        value = self.wide.regressor @ phi - self.wide.samples.measured_wrench
-        for effect, parameters in zip(effects, theta, strict=True):
-            value = value - effect.wrench(self.samples, phi, parameters)
-        return np.asarray(value)
+        predicted = self.wide.regressor @ phi - self.wide.samples.measured_wrench
+        return np.asarray(predicted - PresentEffects(effects, theta).wrench(self.samples, phi))
 
     def linearise(
         self, phi: Array, effects: Sequence[Effect] = (), theta: Sequence[Array] = ()
@@ -290,9 +292,8 @@ class WrenchProblem:
     ) -> WrenchProblem:
         """Return the problem whose denoised contact forces balance the model."""
         lacking = self.regressor @ phi - self.samples.measured_wrench
-        for effect, parameters in zip(effects, theta, strict=True):
-            lacking = lacking - effect.wrench(self.samples, phi, parameters)
-        return replace(self, lacking=lacking)
+        present = PresentEffects(effects, theta)
+        return replace(self, lacking=lacking - present.wrench(self.samples, phi))
 
     def with_extra_variance(self, extra_variance: Array) -> WrenchProblem:
         """Return the problem with isolated outliers down-weighted; (valid samples,) variances."""

@@ -145,6 +145,7 @@ class _EffectFile:
             "family": "user",
             "formula": str(self._entry.get("formula") or self._written(pieces)),
             "laws": laws,
+            "external": not any(law.reads_sensors for law in laws),
             "definition": tuple(self._parameters),
             **texts,
         }

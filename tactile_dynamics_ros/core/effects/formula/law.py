@@ -69,6 +69,11 @@ class Law:
         """Whether mass or centre of mass occurs."""
         return any(e.has(*_LOAD) for e in self.expressions)
 
+    @property
+    def reads_sensors(self) -> bool:
+        """Whether measured forces or torques occur."""
+        return any(q.kind in ("f", "couple", "grip") for q in self.quantities.values())
+
     def is_polynomial(self, indices: Sequence[int]) -> bool:
         """Whether the wrench is a polynomial in these parameters."""
         chosen = [self.parameters[i] for i in indices]

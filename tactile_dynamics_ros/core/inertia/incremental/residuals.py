@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.contact.wrench_samples import GRAVITY_W, WrenchSamples
+from tactile_dynamics_ros.core.effects.present import PresentEffects
 from tactile_dynamics_ros.core.inertia.sensitivity import motion_sensitivity
 from tactile_dynamics_ros.core.rigid_body.newton_euler import regressor
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, log_so3, skew
@@ -197,18 +198,20 @@ class LinearisedModel:
 
     def residual(self, samples: WrenchSamples) -> Array:
         """E = Y phi - w - sum Delta, (B, 6)."""
-        value = _regressor(samples) @ self.phi - samples.measured_wrench
-        for effect, theta in zip(self.effects, self.theta, strict=True):
-            value = value - effect.wrench(samples, self.phi, theta)
-        return np.asarray(value)
+        predicted = _regressor(samples) @ self.phi - samples.measured_wrench
+        return np.asarray(predicted - self._present.wrench(samples, self.phi))
 
     def jacobian(self, samples: WrenchSamples) -> Array:
         """Derivative of the residual by [phi, theta], (B, 6, n)."""
-        columns = [_regressor(samples)]
-        for effect, theta in zip(self.effects, self.theta, strict=True):
-            columns[0] = columns[0] - effect.inertia_jacobian(samples, self.phi, theta)
-            columns.append(-effect.jacobian(samples, self.phi, theta))
-        return np.concatenate(columns, axis=2)
+        by_phi = _regressor(samples)
+        for part in self._present.inertia_jacobians(samples, self.phi):
+            by_phi = by_phi - part
+        by_theta = self._present.jacobians(samples, self.phi)
+        return np.concatenate([by_phi, *(-part for part in by_theta)], axis=2)
+
+    @property
+    def _present(self) -> PresentEffects:
+        return PresentEffects(self.effects, self.theta)
 
 
 def _regressor(samples: WrenchSamples) -> Array:
