@@ -55,8 +55,8 @@ class Effect(ABC):
         remedy: what to do about it.
         rings: whether it can oscillate at a frequency that the motion does not have.
         lasting: whether it is an error of a sensor that lasts, or cannot be told from one.
-        external: whether it is a wrench on the object that its motion determines, not computed from
-            or added to what sensors read: sensors that are late show it late.
+        external: whether it is a wrench on the object and no error of what sensors read: sensors
+            that are late show it late.
         delays: whether it makes sensors late; `delayed` says how.
     """
 
