@@ -80,6 +80,13 @@ def test_nearest_triangle_gives_normal_distance_and_region():
     assert surface.locate(np.array([0.0, -0.05, 0.005])).region == "body"
 
 
+def test_a_ball_has_a_surface():
+    ball = {"sphere": {"radius": 0.03}, "centre": [0.01, 0.0, 0.0]}
+    place = ObjectSurface.from_mapping({"shapes": [ball]}).locate(np.array([0.045, 0.0, 0.0]))
+    assert place.distance == pytest.approx(0.005, abs=2e-4)
+    np.testing.assert_allclose(place.normal, [-1, 0, 0], atol=0.06)
+
+
 def test_an_object_without_shapes_is_refused():
     with pytest.raises(BadInputError, match="shapes"):
         ObjectSurface.from_mapping({"name": "x"})

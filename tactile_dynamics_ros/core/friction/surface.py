@@ -129,6 +129,9 @@ def _mesh(shape: Mapping[str, Any]) -> Any:
     pose = described_pose(shape)
     if "box" in shape:
         return trimesh.creation.box(np.asarray(shape["box"], dtype=float), transform=pose)
+    if "sphere" in shape:
+        ball = trimesh.creation.icosphere(subdivisions=4, radius=float(shape["sphere"]["radius"]))
+        return ball.apply_transform(pose)
     size = shape["cylinder"]
     return trimesh.creation.cylinder(
         float(size["radius"]), float(size["height"]), sections=128, transform=pose
