@@ -46,10 +46,10 @@ time of one thread on two cores that other programs used as well, so that they a
 **The bound.** The Cramer-Rao bound is computed from the exact motion and forces of each recording,
 with only the white force noise left: no estimator of any kind can do better on average. The errors
 that it allows are medians over draws from a normal distribution with the bound as its covariance.
-Where poses are noisy, the parameters are asked for in a frame that only these poses show: its place
-on the body is uncertain by their noise over the root of their number (0.5 mm / sqrt(3000) = 0.009 mm
-per axis), even if the motion were known exactly otherwise. The bound with this frame is one that no
-estimator can beat either; both are given.
+Where poses are noisy, the parameters are asked for in a frame that only these poses show: its
+place on the body is uncertain by their noise over the root of their number (0.5 mm / sqrt(3000) =
+0.009 mm per axis), even if the motion were known exactly otherwise. The bound with this frame is
+one that no estimator can beat either; both are given.
 
 **Poses alone.** With 0.5 mm and 0.2 deg of noise in every pose the same forces tell less, chiefly
 because the lever arms of the contacts are read from the poses. If nothing is presumed of the

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -19,7 +19,7 @@ from tactile_dynamics_ros.core.discrepancy.search import (
     is_noise,
     is_settled,
 )
-from tactile_dynamics_ros.core.discrepancy.selection import Choice, Trial
+from tactile_dynamics_ros.core.discrepancy.selection import Choice, Trial, with_equals
 from tactile_dynamics_ros.core.discrepancy.signature import Signature, describe_residual
 from tactile_dynamics_ros.core.discrepancy.tempering import temper
 from tactile_dynamics_ros.core.discrepancy.validation import HeldOut, fits_equally, held_out
@@ -110,8 +110,10 @@ def diagnose(
     floor = min([first.structure.floor] + [s.after.structure.floor for s in steps])
     if not _accounts_for(model, steps, first, floor, config):
         return unnamed("adequate" if first.within_stated else "unexplained", steps, floor)
-    if len(steps) == 1 and steps[0].after.within_stated:
-        steps = (temper(steps[0]),)
+    if len(steps) == 1:
+        steps = (replace(steps[0], choice=with_equals(steps[0].choice)),)
+        if steps[0].after.within_stated:
+            steps = (temper(steps[0]),)
     step = steps[0]
     group, ambiguous = find_group(step.choice, config)
     if first.within_stated and any(r.source.family.lasting for r in step.choice.named(group)):

@@ -24,6 +24,7 @@ _ROUNDS = 3
 _CLOSE = 1.05
 _WHITE = 0.01
 _SIMPLER = 0.5
+_FAR = 1.25
 _EQUAL = 0.4
 """Share of the lead of the best by which a rival must win at home to be its equal."""
 
@@ -100,21 +101,27 @@ def _square(model: ResidualModel) -> float:
     return float(model.residual @ model.residual)
 
 
-def choose_effect(model: ResidualModel, scores: Sequence[Score], floor: float) -> Choice | None:
+def choose_effect(
+    model: ResidualModel, scores: Sequence[Score], floor: float, worthwhile: float = np.inf
+) -> Choice | None:
     """Refit the effects that could compete, and the best one thoroughly.
 
     A thorough refit moves the denoised signals and the whitening, on which rivals must then be
-    compared with it; should one of them win there, it is refitted in turn.
+    compared with it; should one of them win there, it is refitted in turn. Where even the best
+    leaves so much that it cannot be the answer, quick fits have to do.
 
     Args:
         model: to be extended.
         scores: of all families.
         floor: white RMS of the noise alone.
+        worthwhile: white RMS of a quick fit that is worth a thorough one.
     """
     trials = try_effects(model, scores, floor)
     if not trials:
         return None
     present = evidence(model, floor)
+    if _square(trials[0].model) > worthwhile**2 * len(model.residual):
+        return Choice(trials[0].model, trials[0], tuple(trials[1:]), present)
     reach = trials[0].criterion + _REACH * max(present - trials[0].criterion, 0.0) + _CHANCE
     names = [t.name for t in trials if t.criterion <= reach][: 1 + _MOST_RIVALS]
     best, tried = trials[0], set[str]()
@@ -130,8 +137,7 @@ def choose_effect(model: ResidualModel, scores: Sequence[Score], floor: float) -
         best, refined = trials[0], other
     own = next((t for t in trials if t.name == best.name), best)
     rivals = tuple(t for t in trials if t.name != best.name)
-    choice = _simplest(Choice(refined, own, rivals, evidence(bare, floor)))
-    return replace(choice, equals=_equals(choice))
+    return _simplest(Choice(refined, own, rivals, evidence(bare, floor)))
 
 
 def _rematch(
@@ -195,7 +201,13 @@ def _homes(
 
 
 def _simplest(choice: Choice) -> Choice:
-    """A rival with fewer parameters, if it leaves white noise and nobody beats it at home."""
+    """A rival with fewer parameters, if it leaves white noise and nobody beats it at home.
+
+    Where the best leaves far more than noise, no simpler one that fits as well can leave noise.
+    """
+    floor = examine(*instants(choice.model)).floor
+    if _square(choice.model) > (_FAR * floor) ** 2 * len(choice.model.residual):
+        return choice
     for home in _homes(choice, (-np.inf, -_SIMPLER), _WHITE):
         best = min((trial.criterion for trial in home.others), default=np.inf)
         if best > home.own.criterion - _CHANCE:
@@ -203,14 +215,17 @@ def _simplest(choice: Choice) -> Choice:
     return choice
 
 
-def _equals(choice: Choice) -> tuple[str, ...]:
-    """Rivals as simple as the best that beat it at home about as clearly as they lose to it."""
+def with_equals(choice: Choice) -> Choice:
+    """The choice with rivals as simple as the best that it cannot be told from.
+
+    They beat it at home about as clearly as they lose to it.
+    """
     best, found = choice.best, []
     for home in _homes(choice, (-_SIMPLER, _SIMPLER)):
         [away] = choice.named([home.own.name])
         if home.lead(best.name) > max(0.0, _EQUAL * (away.criterion - best.criterion)):
             found.append(home.own.name)
-    return tuple(found)
+    return replace(choice, equals=tuple(found))
 
 
 def try_effects(
