@@ -45,6 +45,8 @@ class ContactStream:
         position: (M, 3) contact point in the world, metres.
         rotation: (M, 3, 3) contact frame in the world; its z axis is the normal into the object.
         carries_torque: whether the torque is measured (a force/torque sensor) or zero by kind.
+        own_axes: whether noise is what the samples show along the axes of the contact frame; if
+            not, it is as stated, or the same along all axes.
     """
 
     name: str
@@ -56,6 +58,7 @@ class ContactStream:
     position: Array
     rotation: Array
     carries_torque: bool = False
+    own_axes: bool = False
 
 
 @dataclass(frozen=True)

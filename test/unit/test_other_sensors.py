@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.effects.cases import Case
+from benchmarks.inertia.boxes import wrist_recording
 from tactile_dynamics_ros.core.discrepancy.assessment import assess
 from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
 from tactile_dynamics_ros.core.effects.registry import create_effect
@@ -178,3 +179,16 @@ def test_a_vibration_is_not_taken_for_noise():
     streams = Case("outside", ("motor_vibration",), 2.0, 300, 10.0).record().streams
     model = HeldObjectModel.from_fit(fit_with_readings(streams))
     assert not assess(model).adequate
+
+
+@pytest.mark.parametrize("stated", [True, False])
+def test_axes_of_a_wrist_sensor_that_differ_in_noise_are_no_finding(stated):
+    """Standard deviations in world axes cannot state what a turning sensor's axes differ by."""
+    streams, truth = wrist_recording("box_0", 1)
+    if not stated:
+        bare = replace(streams.contacts["wrist"], force_std=None)
+        streams = replace(streams, contacts={"wrist": bare})
+    fitted = fit_with_readings(streams)
+    assert assess(HeldObjectModel.from_fit(fitted)).white
+    assert fitted.whitened_rms == pytest.approx(1.0, abs=0.02)
+    assert fitted.to_estimate().inertia.mass == pytest.approx(truth.mass, rel=2e-3)

@@ -16,7 +16,7 @@ from tactile_dynamics_ros.core.inertia.local_polynomial import (
     mean_weights,
     typical_period,
 )
-from tactile_dynamics_ros.core.inertia.noise import white_noise_std
+from tactile_dynamics_ros.core.inertia.noise import noise_along_axes, white_noise_std
 from tactile_dynamics_ros.core.streams import ContactStream, Streams, nearest_samples
 
 Array = NDArray[np.float64]
@@ -123,8 +123,7 @@ def contact_signals(contact: ContactStream, grid: Array) -> ContactSignals:
     functional = replace(functional, weights=weights)
     signals = {"force": LatentSignal(functional, _force_noise(contact))}
     if contact.carries_torque:
-        std = white_noise_std(contact.time, contact.torque) or _FALLBACK_TORQUE_STD
-        factor = np.broadcast_to(std * np.eye(3), (len(contact.time), 3, 3))
+        factor = _seen_noise(contact, contact.torque, _FALLBACK_TORQUE_STD)
         signals["torque"] = LatentSignal(functional, factor)
     point_functional = _point_functional(contact.pose_time, grid)
     point_std = white_noise_std(contact.pose_time, contact.position)
@@ -226,11 +225,19 @@ def _point_functional(time: Array, grid: Array) -> LocalFunctional:
 
 def _force_noise(contact: ContactStream) -> Array:
     """Noise factors (K, 3, 3): the stated standard deviations, or the scatter of the samples."""
-    count = len(contact.time)
-    if contact.force_std is not None and np.all(contact.force_std > 0):
-        return np.asarray(contact.force_std[:, :, None] * np.eye(3))
-    std = white_noise_std(contact.time, contact.force) or _FALLBACK_FORCE_STD
-    return np.broadcast_to(std * np.eye(3), (count, 3, 3))
+    if contact.own_axes or contact.force_std is None or not np.all(contact.force_std > 0):
+        return _seen_noise(contact, contact.force, _FALLBACK_FORCE_STD)
+    return np.asarray(contact.force_std[:, :, None] * np.eye(3))
+
+
+def _seen_noise(contact: ContactStream, values: Array, fallback: float) -> Array:
+    """Noise factors (K, 3, 3) of forces or torques from their scatter."""
+    if not contact.own_axes:
+        std = white_noise_std(contact.time, values) or fallback
+        return np.broadcast_to(std * np.eye(3), (len(contact.time), 3, 3))
+    axes = contact.rotation[nearest_samples(contact.pose_time, contact.time)]
+    stds = noise_along_axes(contact, values)
+    return np.asarray(axes * np.where(stds > 0.0, stds, fallback))
 
 
 def _dropped(time: Array, magnitude: Array, period: float, grid: Array) -> NDArray[np.bool_]:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.rigid_body.rotation import accumulated_rotation
+from tactile_dynamics_ros.core.streams import ContactStream, nearest_samples
 
 Array = NDArray[np.float64]
 
@@ -38,6 +39,18 @@ def white_noise_std(time: Array, values: Array) -> float:
         return 0.0
     scale = math.sqrt(math.comb(2 * _ORDER, _ORDER))
     return float(1.4826 * np.median(np.abs(differences)) / scale)
+
+
+def noise_along_axes(contact: ContactStream, values: Array) -> Array:
+    """`white_noise_std` (3,) of forces or torques (N, 3) along each axis of the contact frame.
+
+    Args:
+        contact: whose frame turns with the sensor.
+        values: world axes, at the times of the contact's forces.
+    """
+    axes = contact.rotation[nearest_samples(contact.pose_time, contact.time)]
+    along = np.einsum("nji,nj->ni", axes, values)
+    return np.array([white_noise_std(contact.time, along[:, [k]]) for k in range(3)])
 
 
 def white_pose_noise_std(time: Array, rotation: Array, position: Array) -> tuple[float, float]:

@@ -7,7 +7,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.inertia.noise import white_noise_std, white_pose_noise_std
+from tactile_dynamics_ros.core.inertia.noise import (
+    noise_along_axes,
+    white_noise_std,
+    white_pose_noise_std,
+)
 from tactile_dynamics_ros.core.streams import ContactStream, PoseStream, Streams
 
 Array = NDArray[np.float64]
@@ -26,15 +30,22 @@ def restate_noise(streams: Streams) -> tuple[Streams, dict[str, float]]:
 
     Returns:
         The streams, and seen over stated noise of those that were changed: names of contacts,
-        "pose".
+        "pose". Of a force/torque sensor that of its loudest axis, over that of all.
     """
-    ratios = {name: _force_ratio(contact) for name, contact in streams.contacts.items()}
-    changed = {name: ratio for name, ratio in ratios.items() if _differs(ratio)}
-    contacts = dict(streams.contacts)
-    for name, ratio in changed.items():
-        contact = contacts[name]
-        assert contact.force_std is not None
-        contacts[name] = replace(contact, force_std=ratio * contact.force_std)
+    uneven = {name: _unevenness(contact) for name, contact in streams.contacts.items()}
+    changed = {name: ratio for name, ratio in uneven.items() if ratio > _TOLERANCE}
+    contacts = {
+        name: replace(contact, own_axes=name in changed)
+        for name, contact in streams.contacts.items()
+    }
+    ratios = {
+        name: _force_ratio(contact) for name, contact in contacts.items() if not contact.own_axes
+    }
+    for name, ratio in ratios.items():
+        stated = contacts[name].force_std
+        if _differs(ratio) and stated is not None:
+            changed[name] = ratio
+            contacts[name] = replace(contacts[name], force_std=ratio * stated)
     pose = streams.pose
     if pose is not None and (ratio := _pose_ratio(pose)) > _TOLERANCE:
         changed["pose"] = ratio
@@ -49,11 +60,22 @@ def remark_on(ratios: dict[str, float]) -> str:
         ratios: seen over stated.
     """
     parts = ", ".join(f"{name} {ratio:.2g} times" for name, ratio in ratios.items())
-    return f"noise is not what is stated ({parts} that); what the samples show is used"
+    return f"noise is not as stated or presumed ({parts} that); what the samples show is used"
 
 
 def _differs(ratio: float) -> bool:
     return not 1.0 / _TOLERANCE <= ratio <= _TOLERANCE
+
+
+def _unevenness(contact: ContactStream) -> float:
+    """Noise of the loudest axis over that of all, of a force/torque sensor; 1 of others.
+
+    Standard deviations in world axes cannot state what the axes of a turning sensor differ by.
+    """
+    if not contact.carries_torque:
+        return 1.0
+    found = [noise_along_axes(contact, values) for values in (contact.force, contact.torque)]
+    return max(float(s.max() / np.sqrt(np.mean(s**2))) if s.all() else 1.0 for s in found)
 
 
 def _force_ratio(contact: ContactStream) -> float:
