@@ -75,7 +75,7 @@ class ForceBias(_OffsetEffect):
     lasting = True
     formula = "measured f_i = true f_i + b_i (sensor/body frame)"
     looks_like = "A residual that is constant in the body frame and acts where one finger touches."
-    sentence = "a fingertip reports a constant force too much"
+    sentence = "a force sensor reports a constant force too much"
     remedy = "Tare the sensor without contact, or add the bias to the model."
 
     def axis_parameters(self) -> tuple[EffectParameter, ...]:
@@ -98,7 +98,7 @@ class ForceDrift(_OffsetEffect):
     lasting = True
     formula = "measured f_i = true f_i + d_i t (sensor/body frame), t from the first sample"
     looks_like = "A residual that is fixed to the body frame and grows along the recording."
-    sentence = "the zero of a fingertip drifts"
+    sentence = "the zero of a force sensor drifts"
     remedy = "Let the sensor warm up, tare it more often, or add the drift to the model."
 
     def axis_parameters(self) -> tuple[EffectParameter, ...]:
@@ -125,7 +125,7 @@ class ForceScale(FingerEffect):
     lasting = True
     formula = "measured f_i = (1 + gain_i) true f_i"
     looks_like = "A residual along the force of one finger and in proportion to it."
-    sentence = "a fingertip reports its force too large or too small"
+    sentence = "a force sensor reports its force too large or too small"
     remedy = "Recalibrate the sensor, or add the gain to the model."
 
     def axis_parameters(self) -> tuple[EffectParameter, ...]:
@@ -190,7 +190,7 @@ class SensorRotation(FramedFingerEffect):
     lasting = True
     formula = "measured f_i = exp([r_i]) true f_i, r_i in the contact (or body, world) frame"
     looks_like = "A residual at right angles to the force of one finger and in proportion to it."
-    sentence = "a fingertip sensor is mounted at an angle"
+    sentence = "a force sensor is mounted at an angle"
     remedy = "Correct the mounting angle in the robot description, or add it to the model."
     frames = ("sensor", "body", "world")
 
