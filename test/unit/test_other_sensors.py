@@ -19,6 +19,7 @@ from tactile_dynamics_ros.core.inertia.incremental.contact_queue import (
     ContactQueue,
     ContactReading,
 )
+from tactile_dynamics_ros.core.inertia.incremental.replay import replay_streams
 from tactile_dynamics_ros.core.inertia.local_polynomial import lagrange_weights, mean_weights
 from tactile_dynamics_ros.core.inertia.readings import fit_with_readings
 from tactile_dynamics_ros.core.inertia.refinement import Step
@@ -192,3 +193,11 @@ def test_axes_of_a_wrist_sensor_that_differ_in_noise_are_no_finding(stated):
     assert assess(HeldObjectModel.from_fit(fitted)).white
     assert fitted.whitened_rms == pytest.approx(1.0, abs=0.02)
     assert fitted.to_estimate().inertia.mass == pytest.approx(truth.mass, rel=2e-3)
+
+
+def test_live_noise_of_forces_that_state_none_is_measured():
+    recording = Case("clean", (), 1.0, 360, 8.0, "loud_unstated").record()
+    estimate = list(replay_streams(recording.streams))[-1]
+    assert estimate.error.whitened_rms == pytest.approx(1.0, abs=0.1)
+    deviation = (estimate.inertia.mass - recording.truth()["mass"]) / estimate.parameter_std[0]
+    assert abs(deviation) < 3.0

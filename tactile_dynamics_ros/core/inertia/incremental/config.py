@@ -32,9 +32,11 @@ class IncrementalConfig:
         0.0, "standard deviation of contact points, at least (scatter is measured)", "m", 0.0, 0.05
     )
     torque_std: float = parameter(
-        1e-3, "standard deviation of torques of contacts that carry them", "N m", 0.0
+        1e-3, "standard deviation of torques until their scatter is measured", "N m", 0.0
     )
-    force_std: float = parameter(0.03, "standard deviation of forces that state none", "N", 1e-6)
+    force_std: float = parameter(
+        0.03, "standard deviation of unstated forces until their scatter is measured", "N", 1e-6
+    )
     rotation_std: float = parameter(
         1e-3, "standard deviation of rotations whose covariance is not stated", "rad", 1e-6
     )

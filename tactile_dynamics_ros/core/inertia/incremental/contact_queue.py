@@ -30,7 +30,7 @@ class ContactReading:
         point: (3,) m.
         rotation: (3, 3) contact frame.
         force: (3,) N; torque: (3,) N m about the point.
-        std: (3,) N, of an equivalent white noise at the rate of the poses.
+        std: (3,) N, of an equivalent white noise at the rate of the poses; NaN if not stated.
         lost: the reading is missing although the contact is loaded before and after.
     """
 

@@ -110,7 +110,7 @@ class IncrementalInertialEstimator:
             point_W: (3,) m.
             R_W: (3, 3) contact frame, z the normal into the object.
             force_W: (3,) N, on the object.
-            std_W: (3,) N per world axis.
+            std_W: (3,) N per world axis; the scatter of the readings if it is not stated.
             torque_W: (3,) N m about the point, for contacts that carry torque.
         """
         values = [np.asarray(v, dtype=float) for v in (point_W, R_W, force_W)]
@@ -118,8 +118,9 @@ class IncrementalInertialEstimator:
         if not math.isfinite(t + torque.sum() + sum(value.sum() for value in values)):
             self._stream.problems[f"contact '{name}' not finite"] += 1
             return
-        std = np.full(3, self._config.force_std) if std_W is None else np.asarray(std_W, float)
-        std = np.where(np.isfinite(std) & (std > 0.0), std, self._config.force_std)
+        std = np.full(3, np.nan) if std_W is None else np.asarray(std_W, dtype=float)
+        if not np.all(std > 0.0):
+            std = np.full(3, np.nan)
         point, rotation, force = values
         self._stream.add_contact(name, t, ContactReading(point, rotation, force, torque, std))
         self._newest = max(self._newest, t)

@@ -77,6 +77,8 @@ class SampleStream:
         self._draws = np.random.default_rng(0).normal(size=(_DRAWS, 6))
         self._noise_scale = np.ones(2)
         self._point_std = np.full(MAXIMUM_CONTACTS, config.point_std)
+        self._force_std = np.full(MAXIMUM_CONTACTS, config.force_std)
+        self._torque_std = np.full(MAXIMUM_CONTACTS, config.torque_std)
         self.problems: Counter[str] = Counter()
 
     @property
@@ -203,16 +205,17 @@ class SampleStream:
         def rows(name: str) -> Array:
             return self._contacts.rows(name, first, last)[:, :count]
 
-        torque_std = [self._config.torque_std * q.has_torque for q in self._queues.values()]
+        has_torque = np.array([queue.has_torque for queue in self._queues.values()])
+        std = rows("std")
         return ContactRows(
             self.names,
             rows("point"),
             rows("rotation"),
             rows("force"),
             rows("torque"),
-            rows("std"),
+            np.where(np.isnan(std), self._force_std[:count, None], std),
             rows("in_contact") > 0.0,
-            np.array(torque_std),
+            self._torque_std[:count] * has_torque,
             self._point_std[:count],
         )
 
@@ -286,19 +289,25 @@ class SampleStream:
         power = np.median(np.einsum("nsij,nsij->ns", noise, noise), axis=0)
         ratio = np.maximum(seen, _NOISE_FLOOR) / np.sqrt(power / 3.0)
         self._noise_scale = np.where(ratio < _OVERSTATED, ratio, 1.0)
-        self._measure_point_noise()
+        self._measure_contact_noise()
 
-    def _measure_point_noise(self) -> None:
-        """Scatter of each contact point, at least what the configuration states."""
+    def _measure_contact_noise(self) -> None:
+        """Scatter of forces and torques, and of each point at least what is configured."""
         end = self._contacts.end
         first = max(self._segment_start, self._contacts.start, end - _NOISE_POSES)
         time = self._poses.rows("time", first, end)
         for slot in range(len(self._queues)):
             held = self._contacts.rows("in_contact", first, end)[:, slot] > 0.0
-            point = self._contacts.rows("point", first, end)[:, slot]
-            std = white_noise_std(time[held], point[held])
-            if held.sum() >= _NOISE_EVERY and std > _POINT_STD_FLOOR:
-                self._point_std[slot] = max(std, self._config.point_std)
+            if held.sum() < _NOISE_EVERY:
+                continue
+            point, force, torque = (
+                white_noise_std(time[held], self._contacts.rows(name, first, end)[held, slot])
+                for name in ("point", "force", "torque")
+            )
+            if point > _POINT_STD_FLOOR:
+                self._point_std[slot] = max(point, self._config.point_std)
+            self._force_std[slot] = force or self._config.force_std
+            self._torque_std[slot] = torque or self._config.torque_std
 
 
 def _blank_row() -> dict[str, Any]:
