@@ -37,6 +37,9 @@ from tactile_dynamics_ros.sim.simulated_robot import (
 Array = NDArray[np.float64]
 
 PERIOD = 0.01
+AHEAD = 2.0
+"""A command that is stamped further ahead, s, is left from before a restart."""
+
 CAMERA_FRAME = "camera_depth_optical_frame"
 
 
@@ -121,6 +124,10 @@ class RobotSim(Shell):
             raise MessageError("unknown_joint", f"/joint_command: no joint '{unknown[0]}'")
         reader = self._reader.setdefault(names, JointReader(names, "/joint_command"))
         stamp = to_seconds(message.stamp)
+        ahead = stamp - self.robot.world.time
+        if ahead > AHEAD:
+            text = f"/joint_command: stamped {ahead:.3g} s ahead of /clock, from before a restart"
+            raise MessageError("command_ahead", text)
         self._commands.add(stamp + self.config.command_latency, (reader.positions(message), names))
         if stamp > 0.0:
             self._pace.note_command(stamp)

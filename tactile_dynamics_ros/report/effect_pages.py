@@ -121,8 +121,8 @@ contacts`. Functions: {functions}; `pi`, `+ - * / ^`.
 `Effect` or `LinearEffect`, decorate it with `@register_effect`, pass the file as `--effect-file
 my_effect.py`. [`examples/06_write_your_own_effect.py`](../examples/06_write_your_own_effect.py)
 is one, [`examples/07_effect_from_a_formula.py`](../examples/07_effect_from_a_formula.py) fits one
-from yaml. Say `external = False` in the class if it is an error of
-what sensors read, and not a wrench on the object: the latter is shown late by sensors that are late.
+from yaml. Say `external = False` in the class if it is an error of what sensors read, and not a
+wrench on the object: the latter is shown late by sensors that are late.
 
 **A class in a package of yours**: name it in the entry-point group and it is known wherever the
 package is installed, in nodes too:

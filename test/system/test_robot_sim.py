@@ -108,7 +108,7 @@ def test_command_is_executed_a_fixed_time_after_its_stamp(robot):
     assert 0.03 < started < 0.15
 
 
-def test_command_for_a_joint_that_does_not_exist_is_counted_and_harmless(robot):
+def test_commands_that_cannot_be_meant_are_counted_and_harmless(robot):
     from diagnostic_msgs.msg import DiagnosticArray
 
     from tactile_dynamics_ros.nodes.diagnostics import status_values
@@ -120,8 +120,10 @@ def test_command_for_a_joint_that_does_not_exist_is_counted_and_harmless(robot):
     def counted():
         publisher.publish(JointState(name=["elbow"], position=[1.0]))
         publisher.publish(JointState(name=[JOINT_NAMES[0]], position=[float("nan")]))
+        publisher.publish(cv.joints_to_message(JOINT_NAMES[:1], 1e4, np.zeros(1)))
         found = [status_values(s) for m in robot.seen["/diagnostics"] for s in m.status]
-        return any("unknown_joint" in f and "not_finite" in f for f in found)
+        faults = {"unknown_joint", "not_finite", "command_ahead"}
+        return any(faults <= set(f) for f in found)
 
     robot.wait(counted, 20.0, "fault counts")
     robot.wait_for_new("/joint_states", count=5)
