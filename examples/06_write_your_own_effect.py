@@ -35,6 +35,7 @@ class SensorCrosstalk(LinearEffect):
     looks_like = "A residual at one finger in proportion to the force of another."
     sentence = "the fingertip sensors read parts of each other's forces"
     remedy = "Separate or shield the sensor cables, or add the crosstalk to the model."
+    external = False  # an error of what sensors read, not a wrench on the object
 
     def parameters(self, samples):
         """Return one dimensionless share for every ordered pair of contacts."""

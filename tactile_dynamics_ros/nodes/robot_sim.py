@@ -38,7 +38,7 @@ Array = NDArray[np.float64]
 
 PERIOD = 0.01
 AHEAD = 2.0
-"""A command that is stamped further ahead, s, is left from before a restart."""
+"""A command that is stamped further ahead, s, is refused."""
 
 CAMERA_FRAME = "camera_depth_optical_frame"
 
@@ -49,7 +49,8 @@ class RobotSim(Shell):
     Where the machine is too slow, simulated time falls behind real time; nothing is skipped, and
     the simulation waits for a controller that is working but late. A command is executed a fixed
     time after its stamp (at once if it comes later or bears none), as drives do that follow
-    setpoints by their clock: messages that come in bursts do not make the motion jerk.
+    setpoints by their clock: messages that come in bursts do not make the motion jerk. One that is
+    stamped more than 2 s ahead is refused.
     """
 
     gather = 0.0
@@ -126,7 +127,10 @@ class RobotSim(Shell):
         stamp = to_seconds(message.stamp)
         ahead = stamp - self.robot.world.time
         if ahead > AHEAD:
-            text = f"/joint_command: stamped {ahead:.3g} s ahead of /clock, from before a restart"
+            text = (
+                f"/joint_command: stamped {ahead:.3g} s ahead of /clock: stamp commands with "
+                "simulated time (it may also be left from before a restart)"
+            )
             raise MessageError("command_ahead", text)
         self._commands.add(stamp + self.config.command_latency, (reader.positions(message), names))
         if stamp > 0.0:

@@ -109,6 +109,8 @@ tactile-dynamics estimate BAG --effect-file wind.yaml --effects wind
   all contacts that touch, at their points, and `f`, `grip`, `n`, `r`, `spin` are those of each
   contact. A list of wrenches adds up.
 - The wrench has to vanish where all parameters are zero.
+- `external: false` says that it is an error of what sensors read, `true` that it is a wrench on the
+  object, which late sensors show late. By default it is one if no force, torque or grip occurs.
 - `tactile-dynamics effects --quantities` prints what a formula can name:
 
 {quantities}

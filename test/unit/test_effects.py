@@ -299,3 +299,18 @@ def test_what_is_remembered_of_a_motion_is_shared_by_other_forces_only():
     assert load_regressor(pressed) is load_regressor(samples)
     turned = replace(pressed, angular_velocity=2.0 * samples.angular_velocity)
     assert not np.allclose(load_regressor(turned), load_regressor(samples))
+
+
+def test_an_effect_of_forces_has_to_say_what_it_is():
+    class Crosstalk(LinearEffect):
+        name, formula, looks_like, remedy = "mine", "a f", "a gain", "none"
+
+        def parameters(self, samples):
+            return (EffectParameter("a", "1", 0.1, "share"),)
+
+        def jacobian(self, samples, inertia, theta):
+            return samples.measured_wrench[..., None]
+
+    assert "external" in str(check_effect(Crosstalk()))
+    Crosstalk.external = False
+    assert check_effect(Crosstalk()).passed

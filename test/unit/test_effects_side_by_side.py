@@ -8,6 +8,7 @@ import pytest
 from benchmarks.hidden.recordings import generate
 from benchmarks.hidden.scenario import ScenarioOptions
 from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
+from tactile_dynamics_ros.core.discrepancy.screening import screen
 from tactile_dynamics_ros.core.effects import create_effect
 from tactile_dynamics_ros.core.effects.check import example_inertia, example_samples
 from tactile_dynamics_ros.core.effects.gravity import load_regressor
@@ -20,6 +21,7 @@ SETS = [
     (("sensor_lag", [0.05]), ("viscous_drag", [2.0])),
     (("time_offset:sensor", [0.037]), ("added_mass", [0.1])),
     (("time_offset:contact", [-0.033]), ("force_bias:thumb", [0.3, -0.2, 0.1])),
+    (("sensor_lag", [0.05]), ("gravity_tilt", [0.05, -0.03]), ("mass_change", [0.02])),
     (("sensor_lag:world", [0.08]), ("time_offset", [0.018]), ("rotational_drag", [0.05])),
 ]
 
@@ -94,3 +96,26 @@ def test_effects_that_hide_each_other_are_found():
     assert {step.name for step in diagnosis.steps} == {"time_offset", "viscous_drag"}
     assert diagnosis.verdict == "missing_effect"
     assert diagnosis.steps[-1].after.rms < 1.03
+
+
+def test_what_was_removed_no_longer_makes_others_late():
+    """Screening foresees what a refit gains, whatever the thorough fit behind it contained."""
+    recording = generate(
+        312, {"sensor_lag": 4.0, "viscous_drag": 3.0}, ScenarioOptions(duration=6.0)
+    )
+    names = ("sensor_lag", "viscous_drag")
+    both = fit_with_readings(recording.streams, [create_effect(name) for name in names])
+    model = HeldObjectModel.from_fit(both).without_effect("viscous_drag")
+    [score] = screen(model, model.families(["viscous_drag"]))
+    fitted = model.with_effect(score.family, score.coefficients)
+    gain = model.residual @ model.residual - fitted.residual @ fitted.residual
+    assert score.gain == pytest.approx(gain, rel=0.1)
+    bare = model.without_effect("sensor_lag")
+    [plain] = screen(bare, bare.families(["viscous_drag"]))
+    drag = create_effect("viscous_drag")
+    columns = bare.whitening.family_columns(drag, PresentEffects())
+    np.testing.assert_array_equal(plain.family.columns, columns)
+    beside = both.effects[0], both.theta[0]
+    assert not np.array_equal(
+        columns, bare.whitening.family_columns(drag, PresentEffects(*([x] for x in beside)))
+    )

@@ -317,3 +317,5 @@ def test_formulas_of_motion_are_external_and_those_of_forces_are_not(tmp_path):
     found = {effect.name: effect for effect in load_effects(path)}
     assert found["of_motion"].external
     assert not found["of_forces"].external
+    path.write_text(path.read_text() + "    external: true\n")
+    assert {effect.name: effect for effect in load_effects(path)}["of_forces"].external

@@ -56,7 +56,7 @@ def find_effects(
         if choice is None:
             break
         steps = (*steps, Step(choice, assess(choice.model, config.significance)))
-        if is_hopeless(steps, first, config):
+        if not choice.thorough or is_hopeless(steps, first, config):
             break
         if len(steps) == 2 or (len(steps) > 2 and is_enough(steps, first, config)):
             steps = reconsider_steps(steps, config)

@@ -58,12 +58,13 @@ class Choice:
     """The best effect and its rivals, all fitted at the whitening of the best.
 
     Attributes:
-        model: thoroughly fitted with the best effect.
+        model: fitted with the best effect.
         best: the best effect as a trial on common ground with its rivals.
         rivals: the others, best first.
         without: `evidence` of the same model without the effect.
         dispersion: of the residual that remains, see `tempering`.
         equals: rivals that beat the best at their own whitening about as clearly as it beats them.
+        thorough: whether `model` is; a quick fit that leaves too much is not fitted further.
     """
 
     model: ResidualModel
@@ -72,6 +73,7 @@ class Choice:
     without: float
     dispersion: float = 1.0
     equals: tuple[str, ...] = ()
+    thorough: bool = True
 
     def named(self, names: Sequence[str]) -> list[Trial]:
         """The rivals of these names."""
@@ -121,7 +123,7 @@ def choose_effect(
         return None
     present = evidence(model, floor)
     if _square(trials[0].model) > worthwhile**2 * len(model.residual):
-        return Choice(trials[0].model, trials[0], tuple(trials[1:]), present)
+        return Choice(trials[0].model, trials[0], tuple(trials[1:]), present, thorough=False)
     reach = trials[0].criterion + _REACH * max(present - trials[0].criterion, 0.0) + _CHANCE
     names = [t.name for t in trials if t.criterion <= reach][: 1 + _MOST_RIVALS]
     best, tried = trials[0], set[str]()

@@ -138,7 +138,7 @@ def check_effect(effect: Effect, samples: WrenchSamples | None = None) -> CheckR
     failures: list[str] = []
     for reading in effect.variants(samples):
         inertia = example_inertia()
-        for test in (_check_text, _check_shapes, _check_jacobians, _check_screening, _check_frames):
+        for test in _TESTS:
             try:
                 failures += [f"{reading.label}: {line}" for line in test(reading, samples, inertia)]
             except Exception as error:  # the report names what a foreign effect raised
@@ -162,6 +162,20 @@ def _check_text(effect: Effect, samples: WrenchSamples, inertia: Array) -> list[
         if not p.prior_std > 0:
             found.append(f"parameter {p.name}: prior_std = {p.prior_std}, expected > 0")
     return found
+
+
+def _check_kind(effect: Effect, samples: WrenchSamples, inertia: Array) -> list[str]:
+    """Effects computed from forces have to say whether they are wrenches on the object."""
+    theta = effect.typical(samples)
+    other = samples.with_forces(1.1 * samples.contact_force)
+    change = effect.wrench(other, inertia, theta) - effect.wrench(samples, inertia, theta)
+    stated = any("external" in vars(kind) for kind in type(effect).__mro__[:-1] if kind != Effect)
+    if stated or not effect.external or np.abs(change).max() < 1e-9:
+        return []
+    return [
+        "depends on forces: state the class attribute `external`, False for an error of what "
+        "sensors read, True for a wrench on the object"
+    ]
 
 
 def _check_shapes(effect: Effect, samples: WrenchSamples, inertia: Array) -> list[str]:
@@ -288,3 +302,13 @@ def _turn_body(samples: WrenchSamples, inertia: Array) -> tuple[WrenchSamples, A
     )
     matrix = change @ pseudo_inertia(inertia) @ change.T
     return turned, dynamic_parameters_from_pseudo_inertia(matrix), turn
+
+
+_TESTS = (
+    _check_text,
+    _check_kind,
+    _check_shapes,
+    _check_jacobians,
+    _check_screening,
+    _check_frames,
+)

@@ -80,6 +80,7 @@ class ContactTorsion(Effect):
 
     name = "contact_torsion"
     family = "contact"
+    external = True
     formula = "tau = -sum_i mu f_n,i tanh(w_n,i / w_0) n_i, w_n the spin about the contact normal"
     looks_like = "A torque residual about the contact normals against the spin, saturating early."
     sentence = "the soft fingertips resist being twisted about their normals"

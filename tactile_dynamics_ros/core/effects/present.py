@@ -63,6 +63,14 @@ class PresentEffects:
         ]
         return samples.with_external(np.sum(external, axis=0)) if external else samples
 
+    def influence_on(self, effect: Effect) -> tuple[object, ...]:
+        """What of the present effects changes how another is seen or shown; empty for nothing."""
+        return tuple(
+            (other.label, theta.tobytes())
+            for other, theta in zip(self.effects, self.theta, strict=True)
+            if (effect.delays and other.external) or (effect.external and other.delays)
+        )
+
     def as_shown(self, effect: Effect, samples: WrenchSamples, columns: Array) -> Array:
         """Columns (N, 6, ...) of an effect as late as the present sensors show them."""
         if not effect.external or not columns.any():

@@ -18,6 +18,7 @@ from tactile_dynamics_ros.core.discrepancy.model import (
     Residuals,
 )
 from tactile_dynamics_ros.core.effects.effect import Effect
+from tactile_dynamics_ros.core.effects.present import PresentEffects
 from tactile_dynamics_ros.core.effects.registry import create_effect, registered_names
 from tactile_dynamics_ros.core.inertia.fitted_model import FittedModel
 from tactile_dynamics_ros.core.inertia.fitting import fit_model, nearest_body
@@ -127,10 +128,10 @@ class HeldObjectModel:
         return [family for name in wanted for family in self._families(name)]
 
     def _families(self, name: str) -> list[Family]:
-        samples = self.samples
+        samples, present = self.samples, PresentEffects(self.effects, self.theta)
         found: list[tuple[Effect, str, Array, tuple[int, ...]]] = []
         for reading in create_effect(name).variants(samples):
-            columns = self.whitening.family_columns(reading)
+            columns = self.whitening.family_columns(reading, present)
             found.append((reading, reading.label, columns, tuple(range(columns.shape[1]))))
             for restricted, kept in reading.restrictions(samples):
                 found.append((restricted, reading.label, columns, kept))

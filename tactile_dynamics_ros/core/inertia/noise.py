@@ -29,16 +29,8 @@ def white_noise_std(time: Array, values: Array) -> float:
     Returns:
         One standard deviation for all columns; 0 if there are fewer than 20 samples.
     """
-    if len(time) < _MINIMUM_SAMPLES:
-        return 0.0
-    steps = np.diff(time)
-    regular = np.abs(steps - np.median(steps)) < 0.2 * np.median(steps)
-    complete = np.lib.stride_tricks.sliding_window_view(regular, _ORDER).all(axis=1)
-    differences = np.diff(values, _ORDER, axis=0)[complete]
-    if len(differences) == 0:
-        return 0.0
-    scale = math.sqrt(math.comb(2 * _ORDER, _ORDER))
-    return float(1.4826 * np.median(np.abs(differences)) / scale)
+    differences, _ = _differences(time, values)
+    return _spread(differences)
 
 
 def noise_along_axes(contact: ContactStream, values: Array) -> Array:
@@ -48,9 +40,28 @@ def noise_along_axes(contact: ContactStream, values: Array) -> Array:
         contact: whose frame turns with the sensor.
         values: world axes, at the times of the contact's forces.
     """
-    axes = contact.rotation[nearest_samples(contact.pose_time, contact.time)]
-    along = np.einsum("nji,nj->ni", axes, values)
-    return np.array([white_noise_std(contact.time, along[:, [k]]) for k in range(3)])
+    differences, middle = _differences(contact.time, values)
+    axes = contact.rotation[nearest_samples(contact.pose_time, contact.time[middle])]
+    along = np.einsum("nji,nj->ni", axes, differences)
+    return np.array([_spread(along[:, [k]]) for k in range(3)])
+
+
+def _differences(time: Array, values: Array) -> tuple[Array, NDArray[np.intp]]:
+    """Sixth differences (n, d) of evenly spaced samples, and the sample (n,) in the middle."""
+    if len(time) < _MINIMUM_SAMPLES:
+        return values[:0], np.zeros(0, dtype=np.intp)
+    steps = np.diff(time)
+    regular = np.abs(steps - np.median(steps)) < 0.2 * np.median(steps)
+    complete = np.lib.stride_tricks.sliding_window_view(regular, _ORDER).all(axis=1)
+    return np.diff(values, _ORDER, axis=0)[complete], np.flatnonzero(complete) + _ORDER // 2
+
+
+def _spread(differences: Array) -> float:
+    """Standard deviation of the samples behind sixth differences; 0 if there are none."""
+    if len(differences) == 0:
+        return 0.0
+    scale = math.sqrt(math.comb(2 * _ORDER, _ORDER))
+    return float(1.4826 * np.median(np.abs(differences)) / scale)
 
 
 def white_pose_noise_std(time: Array, rotation: Array, position: Array) -> tuple[float, float]:

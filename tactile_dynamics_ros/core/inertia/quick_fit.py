@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
 from tactile_dynamics_ros.core.effects.effect import Effect
 from tactile_dynamics_ros.core.effects.present import PresentEffects
 from tactile_dynamics_ros.core.inertia.fitted_model import FittedModel, whiten_blocks
@@ -25,10 +26,15 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Whitening:
-    """The fitted model that whitens, and the white columns computed on it so far."""
+    """The fitted model that whitens, and the white columns computed on it so far.
+
+    Attributes:
+        model: thoroughly fitted.
+        columns: white screening bases by label, with what they depend on.
+    """
 
     model: FittedModel
-    columns: dict[str, tuple[Effect, Array]] = field(default_factory=dict)
+    columns: dict[str, tuple[tuple[object, ...], Array]] = field(default_factory=dict)
 
     @cached_property
     def regressor(self) -> Array:
@@ -39,26 +45,23 @@ class Whitening:
     def start(self) -> Array:
         """(M,) white residual of the model plus its effects at the denoised samples."""
         model = self.model
-        total = [self.present.wrench(b.problem.samples, model.phi) for b in model.blocks]
+        present = PresentEffects(model.effects, model.theta)
+        total = [present.wrench(samples, model.phi) for samples in model.samples]
         return model.white_residual + self.whiten(total)
-
-    @property
-    def present(self) -> PresentEffects:
-        """The effects of the fitted model."""
-        return PresentEffects(self.model.effects, self.model.theta)
 
     def whiten(self, values: Sequence[Array]) -> Array:
         """White form of values (N, 6, ...) per block."""
         return whiten_blocks(self.model.blocks, values)
 
-    def family_columns(self, effect: Effect) -> Array:
-        """White screening basis of one reading, beside the effects of the fitted model."""
-        if effect.label not in self.columns:
-            phi, present, basis = self.model.phi, self.present, []
+    def family_columns(self, effect: Effect, present: PresentEffects) -> Array:
+        """White screening basis of one reading beside effects of a model."""
+        key = present.influence_on(effect)
+        if effect.label not in self.columns or self.columns[effect.label][0] != key:
+            phi, basis = self.model.phi, []
             for samples in self.model.samples:
                 found = effect.screening_basis(present.seen_by(effect, samples, phi), phi)
                 basis.append(present.as_shown(effect, samples, found))
-            self.columns[effect.label] = (effect, self.whiten(basis))
+            self.columns[effect.label] = (key, self.whiten(basis))
         return self.columns[effect.label][1]
 
 
@@ -88,7 +91,8 @@ class FrozenSystem:
         residual = residual - whitening.whiten(total)
         first = 10
         for effect, value in zip(present.effects, present.theta, strict=True):
-            by_phi, by_theta = self.white_derivatives(effect, phi, value, present)
+            seen = [present.seen_by(effect, samples, phi) for samples in self._model.samples]
+            by_phi, by_theta = self.white_derivatives(effect, phi, value, present, seen)
             jacobian[:, first : first + len(value)] = -by_theta
             if by_phi is not None:
                 jacobian[:, :10] -= by_phi
@@ -97,24 +101,34 @@ class FrozenSystem:
         return np.concatenate([residual, prior]), np.concatenate([jacobian, self._prior_rows])
 
     def white_wrench(
-        self, effect: Effect, phi: Array, theta: Array, present: PresentEffects
+        self,
+        effect: Effect,
+        phi: Array,
+        theta: Array,
+        present: PresentEffects,
+        seen: Sequence[WrenchSamples],
     ) -> Array:
-        """White Delta of an effect beside those that are present."""
-        values = []
-        for samples in self._model.samples:
-            found = effect.wrench(present.seen_by(effect, samples, phi), phi, theta)
-            values.append(present.as_shown(effect, samples, found))
+        """White Delta of an effect beside those that are present, at samples as it sees them."""
+        values = [
+            present.as_shown(effect, samples, effect.wrench(samples, phi, theta))
+            for samples in seen
+        ]
         return self._whitening.whiten(values)
 
     def white_derivatives(
-        self, effect: Effect, phi: Array, theta: Array, present: PresentEffects
+        self,
+        effect: Effect,
+        phi: Array,
+        theta: Array,
+        present: PresentEffects,
+        seen: Sequence[WrenchSamples],
     ) -> tuple[Array | None, Array]:
         """White derivatives of that Delta by phi (None if zero) and theta."""
         by_phi: list[Array] = []
         by_theta: list[Array] = []
-        for samples in self._model.samples:
-            seen = present.seen_by(effect, samples, phi)
-            load, own = effect.inertia_jacobian(seen, phi, theta), effect.jacobian(seen, phi, theta)
+        for samples in seen:
+            load = effect.inertia_jacobian(samples, phi, theta)
+            own = effect.jacobian(samples, phi, theta)
             by_phi.append(present.as_shown(effect, samples, load))
             by_theta.append(present.as_shown(effect, samples, own))
         depends, repeated = any(np.any(part) for part in by_phi), self._repeated
@@ -141,6 +155,9 @@ class ExtendedSystem:
     def __init__(self, model: HeldObjectModel, effect: Effect) -> None:
         self._model, self._effect = model, effect
         self._present = PresentEffects(model.effects, model.theta)
+        self._seen = [
+            self._present.seen_by(effect, samples, model.phi) for samples in model.fitted.samples
+        ]
         self._frozen = FrozenSystem(model.whitening, model.effects)
         self._residual, self._jacobian = self._frozen.evaluate(
             np.concatenate([model.phi, *model.theta])
@@ -153,7 +170,7 @@ class ExtendedSystem:
         """Rows of the data, then rows of the priors."""
         change, theta = x[: self.present], x[self.present :]
         phi = self._model.phi + change[:10]
-        given = self._effect, phi, theta, self._present
+        given = self._effect, phi, theta, self._present, self._seen
         delta = self._frozen.white_wrench(*given)
         by_phi, by_theta = self._frozen.white_derivatives(*given)
         rows, count = len(delta), len(theta)

@@ -17,6 +17,7 @@ from tactile_dynamics_ros.core.streams import ContactStream, PoseStream, Streams
 Array = NDArray[np.float64]
 
 _TOLERANCE = 1.2
+_FEWEST = 400
 
 
 def restate_noise(streams: Streams) -> tuple[Streams, dict[str, float]]:
@@ -60,7 +61,10 @@ def remark_on(ratios: dict[str, float]) -> str:
         ratios: seen over stated.
     """
     parts = ", ".join(f"{name} {ratio:.2g} times" for name, ratio in ratios.items())
-    return f"noise is not as stated or presumed ({parts} that); what the samples show is used"
+    return (
+        f"noise is not what is stated, or not the same along all axes ({parts} that); what the "
+        "samples show is used"
+    )
 
 
 def _differs(ratio: float) -> bool:
@@ -72,7 +76,7 @@ def _unevenness(contact: ContactStream) -> float:
 
     Standard deviations in world axes cannot state what the axes of a turning sensor differ by.
     """
-    if not contact.carries_torque:
+    if not contact.carries_torque or len(contact.time) < _FEWEST:
         return 1.0
     found = [noise_along_axes(contact, values) for values in (contact.force, contact.torque)]
     return max(float(s.max() / np.sqrt(np.mean(s**2))) if s.all() else 1.0 for s in found)

@@ -238,10 +238,8 @@ class WrenchProblem:
         for effect, parameters in zip(effects, theta, strict=True):
             late, rounded = effect.whole_samples_late(parameters, self._period)
             if late:
-                smooth = present.seen_by(effect, self._measured_contacts, phi)
-                raw = replace(self.measured, external=smooth.external)
-                value = value + effect.wrench(smooth, phi, rounded)
-                value = value - effect.wrench(raw, phi, rounded)
+                value = value + effect.wrench(self._measured_contacts, phi, rounded)
+                value = value - effect.wrench(self.measured, phi, rounded)
         return np.asarray(value)
 
     @cached_property

@@ -36,7 +36,7 @@ _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*$")
 _EFFECT_NAME = re.compile(r"[a-z][a-z0-9_]*$")
 _EFFECT_FIELDS = (
     "formula", "sentence", "looks_like", "remedy", "parameters", "constants", "definitions",
-    "wrench",
+    "wrench", "external",
 )  # fmt: skip
 _PARAMETER_FIELDS = ("unit", "prior_std", "typical", "description", "vector")
 _WRENCH_FIELDS = ("axes", "at", "force", "torque")
@@ -145,11 +145,20 @@ class _EffectFile:
             "family": "user",
             "formula": str(self._entry.get("formula") or self._written(pieces)),
             "laws": laws,
-            "external": not any(law.reads_sensors for law in laws),
+            "external": self._external(laws),
             "definition": tuple(self._parameters),
             **texts,
         }
         return type(self._name, (FormulaEffect,), body)
+
+    def _external(self, laws: tuple[Law, ...]) -> bool:
+        """Whether it is a wrench on the object: as stated, else if no sensor reading occurs."""
+        stated = self._entry.get("external")
+        if stated is None:
+            return not any(law.reads_sensors for law in laws)
+        if not isinstance(stated, bool):
+            raise BadInputError(f"{self._where}.external: {stated!r} is neither true nor false")
+        return stated
 
     def _text(self, key: str) -> str:
         return str(self._entry.get(key) or _TEXTS[key].format(self._name)).strip()

@@ -72,7 +72,8 @@ class Law:
     @property
     def reads_sensors(self) -> bool:
         """Whether measured forces or torques occur."""
-        return any(q.kind in ("f", "couple", "grip") for q in self.quantities.values())
+        read = [s for s, q in self.quantities.items() if q.kind in ("f", "couple", "grip")]
+        return any(expression.has(*read) for expression in self.expressions) if read else False
 
     def is_polynomial(self, indices: Sequence[int]) -> bool:
         """Whether the wrench is a polynomial in these parameters."""

@@ -119,7 +119,7 @@ class IncrementalInertialEstimator:
             self._stream.problems[f"contact '{name}' not finite"] += 1
             return
         std = np.full(3, np.nan) if std_W is None else np.asarray(std_W, dtype=float)
-        if not np.all(std > 0.0):
+        if not np.all(np.isfinite(std) & (std > 0.0)):
             std = np.full(3, np.nan)
         point, rotation, force = values
         self._stream.add_contact(name, t, ContactReading(point, rotation, force, torque, std))

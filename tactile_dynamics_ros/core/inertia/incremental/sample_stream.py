@@ -24,6 +24,7 @@ MAXIMUM_CONTACTS = 8
 _LAYOUT_POSES = 12
 _NOISE_POSES = 200
 _NOISE_EVERY = 50
+_FORCE_STD_FLOOR, _TORQUE_STD_FLOOR = 1e-4, 1e-6
 _OVERSTATED = 0.7
 _DRAWS = 4099
 _NOISE_FLOOR = (1e-5, 1e-6)
@@ -306,8 +307,10 @@ class SampleStream:
             )
             if point > _POINT_STD_FLOOR:
                 self._point_std[slot] = max(point, self._config.point_std)
-            self._force_std[slot] = force or self._config.force_std
-            self._torque_std[slot] = torque or self._config.torque_std
+            if force > _FORCE_STD_FLOOR:
+                self._force_std[slot] = force
+            if torque > _TORQUE_STD_FLOOR:
+                self._torque_std[slot] = torque
 
 
 def _blank_row() -> dict[str, Any]:
