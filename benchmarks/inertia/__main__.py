@@ -43,7 +43,7 @@ def run(sections: Sequence[str], quick: bool, say: Callable[[str], None]) -> dic
         "batch_time": lambda: cost.run_batch_time(2 if quick else 10, say),
         "excitation": lambda: gain.run_excitation(2 if quick else 20, 15.0, say),
         "wrist_ft": lambda: boxes.run_wrist(1 if quick else 20, say),
-        "in_hand": lambda: boxes.run_in_hand(1 if quick else 20, say),
+        "in_hand": lambda: boxes.run_in_hand(*((1, 1) if quick else (20, 5)), say),
     }
     results = {name: runs[name]() for name in SECTIONS if name in sections}
     machine = {"cpus": os.cpu_count(), "python": platform.python_version(), "quick": quick}
