@@ -54,6 +54,7 @@ class RobotSim(Shell):
     """
 
     gather = 0.0
+    """Few messages come, and all others wait for the next step."""
 
     def __init__(self) -> None:
         super().__init__("robot_sim")
