@@ -241,8 +241,7 @@ def _in_hand(result: dict[str, Any]) -> str:
     return (
         f"### Boxes in the simulated hand, whole chain (medians of {result['seeds']}, live of "
         f"{result['live_seeds']}; paper: its Table IV, C, No G; the same method on one of our "
-        "recordings)\n\n"
-        + _box_table(result, ("paper", "paper's method here", "ours", "live"))
+        "recordings)\n\n" + _box_table(result, ("paper", "paper's method here", "ours", "live"))
     )
 
 

@@ -5,11 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from benchmarks.inertia.scenarios import four_fingers
+from tactile_dynamics_ros.core.inertia.batch import estimate_inertia
 from tactile_dynamics_ros.core.inertia.systematic import (
     SYSTEMATIC_SIZE,
     systematic_basis,
     systematic_covariance_of_rows,
-    systematic_variance,
+    systematic_variances,
 )
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 
@@ -43,4 +45,15 @@ def test_lasting_errors_are_covered(size):
 
 
 def test_no_information_gives_no_variance():
-    assert systematic_variance(np.zeros((9, 9)), np.zeros(9)) == 0.0
+    assert not systematic_variances(np.zeros((9, 9)), np.zeros(9)).any()
+
+
+def test_a_gain_that_is_off_is_covered():
+    """One finger of four reads 20 % too much: what it shifts the mass by is in the interval."""
+    inside = []
+    for seed in range(1000, 1012):
+        case = four_fingers(seed, 8.0, {"force_scale": 2.0})
+        estimate = estimate_inertia(case.streams)
+        inside.append(abs(estimate.inertia.mass - case.truth.mass) / estimate.parameter_std[0])
+    assert np.mean(np.array(inside) < 3.0) > 0.9
+    assert np.median(inside) < 1.5

@@ -16,6 +16,7 @@ from tactile_dynamics_ros.core.inertia.estimate import EffectEstimate, InertialE
 from tactile_dynamics_ros.core.inertia.prior import LogCholeskyPrior
 from tactile_dynamics_ros.core.inertia.rigid_grasp import displacement_jacobian
 from tactile_dynamics_ros.core.inertia.systematic import (
+    sensor_gain_basis,
     systematic_basis,
     systematic_covariance_of_rows,
     systematic_lever,
@@ -191,9 +192,12 @@ class FittedModel:
 
     @cached_property
     def white_lasting_errors(self) -> Array:
-        """(6 N, 9) white wrenches of presumed lasting errors, see `systematic`."""
+        """(6 N, 9 + C) white wrenches of presumed lasting errors, see `systematic`."""
         lever = systematic_lever(self.samples[0])
-        bases = [systematic_basis(samples.rotation, lever) for samples in self.samples]
+        bases = [
+            np.concatenate([systematic_basis(s.rotation, lever), sensor_gain_basis(s)], axis=2)
+            for s in self.samples
+        ]
         return whiten_blocks(self.blocks, bases)
 
     @property

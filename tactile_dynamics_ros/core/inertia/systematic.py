@@ -1,9 +1,10 @@
 """Uncertainty from what the model leaves unexplained: errors that last do not average out.
 
-Where residuals betray a misfit, a constant wrench in the body frame (a bias, an unsensed contact, a
-wrong gain of a squeezing finger) and a constant force in the world (a cable) are presumed with the
-variance tau^2 that makes the residuals most likely. They are not estimated; what they would shift
-the parameters by is added to the covariance. On data that the model fits, tau is zero.
+Where residuals betray a misfit, a constant wrench in the body frame (a bias, an unsensed contact),
+a constant force in the world (a cable) and gains of the sensors that are off are presumed, with the
+variances that make the residuals most likely. They are not estimated; what they would shift the
+parameters by is added to the covariance. On data that the model fits, the variances are zero.
+The live estimate presumes the constant errors only, since more would cost it too much.
 """
 
 from __future__ import annotations
@@ -12,13 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
+from tactile_dynamics_ros.core.rigid_body.rotation import cross
 
 Array = NDArray[np.float64]
 
 SYSTEMATIC_SIZE = 9
+"""Number of constant errors, which come first in a basis."""
+
 _LIKELIHOOD_GAIN = 3.84
 _DECADES = np.geomspace(1e-10, 1e6, 161)
 _SMALLEST_LEVER = 0.01
+_ROUNDS = 2
 
 
 def systematic_lever(samples: WrenchSamples) -> float:
@@ -43,11 +48,23 @@ def systematic_basis(rotation: Array, lever: float) -> Array:
     return basis
 
 
-def systematic_variance(gram: Array, score: Array) -> float:
-    """Variance tau^2 (N^2) of the presumed errors that makes the residuals most likely.
+def sensor_gain_basis(samples: WrenchSamples) -> Array:
+    """Wrenches (N, 6, C) of a unit relative gain of each sensor: its contact's wrench.
 
-    The score B^T r of white residuals has covariance G; with the errors it is G + tau^2 G G. Zero
-    unless the likelihood gains significantly (5 %).
+    Args:
+        samples: with forces whose noise is not that of the residual.
+    """
+    force = samples.contact_force
+    torque = cross(samples.contact_point, force) + samples.contact_torque
+    return np.swapaxes(np.concatenate([torque, force], axis=2), 1, 2)
+
+
+def systematic_variances(gram: Array, score: Array) -> Array:
+    """Variances (q,) of the presumed errors that make the residuals most likely.
+
+    The score B^T r of white residuals has covariance G; with errors of variances D it is
+    G + G D G. D is tau_c^2 for the constant errors, which come first, and tau_s^2 for the gains of
+    sensors; each is zero unless the likelihood gains significantly (5 %).
 
     Args:
         gram: (q, q) G, of the white basis without its projection on the parameters.
@@ -56,15 +73,41 @@ def systematic_variance(gram: Array, score: Array) -> float:
     values, vectors = np.linalg.eigh(gram)
     seen = values > 1e-9 * float(values[-1])
     if not seen.any() or values[-1] <= 0.0:
-        return 0.0
-    values = values[seen]
-    square = (vectors[:, seen].T @ score) ** 2 / values
-    growth = 1.0 + np.multiply.outer(_DECADES / float(values.mean()), values)
-    cost = np.sum(np.log(growth) + square / growth, axis=1)
-    best = int(np.argmin(cost))
-    if cost[best] > square.sum() - _LIKELIHOOD_GAIN:
-        return 0.0
-    return float(_DECADES[best] / values.mean())
+        return np.zeros(len(score))
+    root = np.sqrt(values[seen])
+    white = vectors[:, seen].T @ score / root
+    mixing = root[:, None] * vectors[:, seen].T
+    kinds = [part for part in np.split(mixing, [SYSTEMATIC_SIZE], axis=1) if part.shape[1]]
+    shapes = [part @ part.T for part in kinds]
+    fits = [_most_likely(white, shapes, first) for first in range(len(shapes))]
+    found, cost = min(fits, key=lambda fit: fit[1])
+    if cost >= white @ white:
+        return np.zeros(len(score))
+    return np.repeat(found, [part.shape[1] for part in kinds])
+
+
+def _most_likely(white: Array, shapes: list[Array], first: int) -> tuple[Array, float]:
+    """Variances v of white ~ N(0, 1 + sum v_k S_k), found in turn, and -2 log likelihood.
+
+    Every variance that is not zero has to earn what would be significant.
+    """
+    found, cost = np.zeros(len(shapes)), np.inf
+    for step in range(_ROUNDS * len(shapes)):
+        k = (first + step) % len(shapes)
+        found[k] = 0.0
+        present = np.eye(len(white)) + np.tensordot(found, np.array(shapes), axes=1)
+        factor = np.linalg.cholesky(present)
+        inverse = np.linalg.inv(factor)
+        values, vectors = np.linalg.eigh(inverse @ shapes[k] @ inverse.T)
+        square = (vectors.T @ (inverse @ white)) ** 2
+        tried = np.append(0.0, _DECADES * len(white) / np.trace(shapes[k]))
+        growth = 1.0 + np.multiply.outer(tried, np.maximum(values, 0.0))
+        costs = np.sum(np.log(growth) + square / growth, axis=1)
+        costs += 2.0 * np.sum(np.log(np.diag(factor)))
+        costs += _LIKELIHOOD_GAIN * (np.count_nonzero(found) + (tried > 0.0))
+        best = int(np.argmin(costs))
+        found[k], cost = tried[best], float(costs[best])
+    return found, cost
 
 
 def systematic_covariance(inverse: Array, cross: Array, gram: Array, score: Array) -> Array:
@@ -78,8 +121,8 @@ def systematic_covariance(inverse: Array, cross: Array, gram: Array, score: Arra
     """
     shift = inverse @ cross
     remaining = gram - cross.T @ shift
-    variance = systematic_variance(0.5 * (remaining + remaining.T), score)
-    return np.asarray(variance * shift @ shift.T)
+    variances = systematic_variances(0.5 * (remaining + remaining.T), score)
+    return np.asarray((shift * variances) @ shift.T)
 
 
 def systematic_covariance_of_rows(
