@@ -12,6 +12,7 @@ from benchmarks.inertia.boxes import wrist_recording
 from tactile_dynamics_ros.core.discrepancy.assessment import assess
 from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
 from tactile_dynamics_ros.core.effects.registry import create_effect
+from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.contact_grid import contact_signals
 from tactile_dynamics_ros.core.inertia.discrepancy_model import HeldObjectModel
 from tactile_dynamics_ros.core.inertia.fitting import fit_further
@@ -24,6 +25,7 @@ from tactile_dynamics_ros.core.inertia.local_polynomial import lagrange_weights,
 from tactile_dynamics_ros.core.inertia.readings import fit_with_readings
 from tactile_dynamics_ros.core.inertia.refinement import Step
 from tactile_dynamics_ros.core.inertia.wrench_problem import ProblemConfig
+from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 from tactile_dynamics_ros.core.streams import ContactStream
 
 GRID = 0.2 + 0.008 * np.arange(60)
@@ -201,3 +203,16 @@ def test_live_noise_of_forces_that_state_none_is_measured():
     assert estimate.error.whitened_rms == pytest.approx(1.0, abs=0.1)
     deviation = (estimate.inertia.mass - recording.truth()["mass"]) / estimate.parameter_std[0]
     assert abs(deviation) < 3.0
+
+
+def test_a_gain_of_the_only_sensor_is_no_effect():
+    """It is a larger load; fitted beside a rotation of the sensor it made all residuals small."""
+    streams, _ = wrist_recording("box_0", 10)
+    wrist = streams.contacts["wrist"]
+    turn = wrist.rotation @ exp_so3(np.array([0.03, -0.02, 0.02])) @ wrist.rotation.swapaxes(1, 2)
+    force, torque = (np.einsum("nij,nj->ni", turn, v) for v in (wrist.force, wrist.torque))
+    turned = replace(streams, contacts={"wrist": replace(wrist, force=force, torque=torque)})
+    diagnosis = diagnose(HeldObjectModel.from_fit(fit_with_readings(turned)))
+    assert diagnosis.effect == "sensor_rotation"
+    with pytest.raises(BadInputError, match="force_scale.*cannot show it"):
+        fit_with_readings(turned, [create_effect("force_scale")])

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples, once_per_samples
-from tactile_dynamics_ros.core.effects.effect import EffectParameter
+from tactile_dynamics_ros.core.effects.effect import Effect, EffectParameter
 from tactile_dynamics_ros.core.effects.fingers import FingerEffect, FramedFingerEffect
 from tactile_dynamics_ros.core.effects.geometry import right_jacobian, vector_parameters
 from tactile_dynamics_ros.core.effects.registry import register_effect
@@ -127,6 +127,10 @@ class ForceScale(FingerEffect):
     looks_like = "A residual along the force of one finger and in proportion to it."
     sentence = "a force sensor reports its force too large or too small"
     remedy = "Recalibrate the sensor, or add the gain to the model."
+
+    def variants(self, samples: WrenchSamples) -> tuple[Effect, ...]:
+        """None of a single contact, whose gain is a larger load."""
+        return super().variants(samples) if len(samples.contact_names) > 1 else ()
 
     def axis_parameters(self) -> tuple[EffectParameter, ...]:
         """The gain error."""

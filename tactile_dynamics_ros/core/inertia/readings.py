@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from tactile_dynamics_ros.core.discrepancy.assessment import assess, noise_floor
 from tactile_dynamics_ros.core.discrepancy.screening import screen
 from tactile_dynamics_ros.core.discrepancy.selection import try_effect
+from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.batch import BatchConfig
 from tactile_dynamics_ros.core.inertia.discrepancy_model import HeldObjectModel
 from tactile_dynamics_ros.core.inertia.fitted_model import FittedModel
@@ -35,6 +36,9 @@ def fit_with_readings(
         streams: of the recording.
         effects: of the model, in the order of the result.
         config: of the fit.
+
+    Raises:
+        BadInputError: an effect is one that the contacts of this recording cannot show.
     """
     fitted = _fit(streams, effects, config)
     restated, ratios = restate_noise(streams)
@@ -79,8 +83,12 @@ def _fit(streams: Streams, effects: Sequence[Effect], config: BatchConfig | None
     if fitted.effects:
         model = model.refined()
     for name in open_names:
-        floor = noise_floor(model)
-        scores = screen(model, model.families([name]), floor)
+        floor, families = noise_floor(model), model.families([name])
+        if not families:
+            raise BadInputError(
+                f"effect '{name}': these contacts cannot show it beside the load; leave it out"
+            )
+        scores = screen(model, families, floor)
         best = try_effect(model, scores, name, floor).model
         assert isinstance(best, HeldObjectModel)
         model = best.refined()
