@@ -80,7 +80,7 @@ def keep_results(results: dict[str, Any], file: Path = RESULTS) -> dict[str, Any
     """Add sections to those kept from earlier runs; return all."""
     kept = json.loads(file.read_text()) if file.exists() else {}
     kept |= {name: section for name, section in results.items() if name != "machine"}
-    file.write_text(json.dumps(kept, indent=1, sort_keys=True) + "\n")
+    file.write_text(json.dumps(kept, indent=1) + "\n")
     return dict(kept)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -65,6 +65,38 @@ class Whitening:
         return self.columns[effect.label][1]
 
 
+@dataclass(frozen=True)
+class EffectBeside:
+    """An effect beside others.
+
+    Attributes:
+        effect: that is evaluated.
+        present: the others; the effect may be one of them.
+        seen: samples of each block as the effect sees them.
+    """
+
+    effect: Effect
+    present: PresentEffects
+    seen: tuple[WrenchSamples, ...]
+
+    @classmethod
+    def of(
+        cls,
+        effect: Effect,
+        present: PresentEffects,
+        samples: Sequence[WrenchSamples],
+        phi: Array,
+    ) -> EffectBeside:
+        """See the samples of each block at dynamic parameters (10,)."""
+        return cls(effect, present, tuple(present.seen_by(effect, s, phi) for s in samples))
+
+    def shown(
+        self, law: Callable[[WrenchSamples, Array, Array], Array], phi: Array, theta: Array
+    ) -> list[Array]:
+        """Values of a law of the effect per block, as late as the others make sensors."""
+        return [self.present.as_shown(self.effect, s, law(s, phi, theta)) for s in self.seen]
+
+
 class FrozenSystem:
     """Residual and Jacobian by [phi, theta] at fixed denoised signals and whitening, with prior.
 
@@ -91,8 +123,8 @@ class FrozenSystem:
         residual = residual - whitening.whiten(total)
         first = 10
         for effect, value in zip(present.effects, present.theta, strict=True):
-            seen = [present.seen_by(effect, samples, phi) for samples in self._model.samples]
-            by_phi, by_theta = self.white_derivatives(effect, phi, value, present, seen)
+            beside = EffectBeside.of(effect, present, self._model.samples, phi)
+            by_phi, by_theta = self.white_derivatives(beside, phi, value)
             jacobian[:, first : first + len(value)] = -by_theta
             if by_phi is not None:
                 jacobian[:, :10] -= by_phi
@@ -100,40 +132,19 @@ class FrozenSystem:
         prior = self._prior_rows @ x + self._prior_values
         return np.concatenate([residual, prior]), np.concatenate([jacobian, self._prior_rows])
 
-    def white_wrench(
-        self,
-        effect: Effect,
-        phi: Array,
-        theta: Array,
-        present: PresentEffects,
-        seen: Sequence[WrenchSamples],
-    ) -> Array:
-        """White Delta of an effect beside those that are present, at samples as it sees them."""
-        values = [
-            present.as_shown(effect, samples, effect.wrench(samples, phi, theta))
-            for samples in seen
-        ]
-        return self._whitening.whiten(values)
+    def white_wrench(self, beside: EffectBeside, phi: Array, theta: Array) -> Array:
+        """White Delta of an effect beside others."""
+        return self._whitening.whiten(beside.shown(beside.effect.wrench, phi, theta))
 
     def white_derivatives(
-        self,
-        effect: Effect,
-        phi: Array,
-        theta: Array,
-        present: PresentEffects,
-        seen: Sequence[WrenchSamples],
+        self, beside: EffectBeside, phi: Array, theta: Array
     ) -> tuple[Array | None, Array]:
         """White derivatives of that Delta by phi (None if zero) and theta."""
-        by_phi: list[Array] = []
-        by_theta: list[Array] = []
-        for samples in seen:
-            load = effect.inertia_jacobian(samples, phi, theta)
-            own = effect.jacobian(samples, phi, theta)
-            by_phi.append(present.as_shown(effect, samples, load))
-            by_theta.append(present.as_shown(effect, samples, own))
-        depends, repeated = any(np.any(part) for part in by_phi), self._repeated
+        effect, repeated = beside.effect, self._repeated
+        by_phi = beside.shown(effect.inertia_jacobian, phi, theta)
+        by_theta = beside.shown(effect.jacobian, phi, theta)
         return (
-            repeated((effect.label, "phi"), by_phi) if depends else None,
+            repeated((effect.label, "phi"), by_phi) if any(map(np.any, by_phi)) else None,
             repeated((effect.label, "theta"), by_theta),
         )
 
@@ -153,11 +164,9 @@ class ExtendedSystem:
     """Residual and Jacobian by the change of a model's parameters, linear, and a new effect's."""
 
     def __init__(self, model: HeldObjectModel, effect: Effect) -> None:
-        self._model, self._effect = model, effect
-        self._present = PresentEffects(model.effects, model.theta)
-        self._seen = [
-            self._present.seen_by(effect, samples, model.phi) for samples in model.fitted.samples
-        ]
+        self._model = model
+        present = PresentEffects(model.effects, model.theta)
+        self._beside = EffectBeside.of(effect, present, model.fitted.samples, model.phi)
         self._frozen = FrozenSystem(model.whitening, model.effects)
         self._residual, self._jacobian = self._frozen.evaluate(
             np.concatenate([model.phi, *model.theta])
@@ -170,9 +179,8 @@ class ExtendedSystem:
         """Rows of the data, then rows of the priors."""
         change, theta = x[: self.present], x[self.present :]
         phi = self._model.phi + change[:10]
-        given = self._effect, phi, theta, self._present, self._seen
-        delta = self._frozen.white_wrench(*given)
-        by_phi, by_theta = self._frozen.white_derivatives(*given)
+        delta = self._frozen.white_wrench(self._beside, phi, theta)
+        by_phi, by_theta = self._frozen.white_derivatives(self._beside, phi, theta)
         rows, count = len(delta), len(theta)
         residual = self._residual + self._jacobian @ change
         residual[:rows] -= delta
