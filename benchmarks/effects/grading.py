@@ -44,6 +44,11 @@ def is_right_alone(record: Record) -> bool:
     )
 
 
+def is_without_group(record: Record) -> bool:
+    """The right name, and nothing else that could do the same."""
+    return is_right_alone(record) and named_effects(diagnosis_of(record)) == list(record["effects"])
+
+
 def is_in_group(record: Record) -> bool:
     """The right name alone, or in a group whose members fit about equally well."""
     if is_right_alone(record):
@@ -124,6 +129,7 @@ def _grade_single(records: list[Record]) -> dict[str, Any]:
     return {
         "count": len(records),
         "right_alone": _share(records, is_right_alone),
+        "right_without_group": _share(records, is_without_group),
         "right_or_group": _share(records, is_in_group),
         "worst_effect_right_or_group": min(
             (entry["right_or_group"] for entry in per_effect.values() if entry["count"]),
@@ -163,18 +169,24 @@ def _grade_effect(records: list[Record]) -> dict[str, Any]:
 
 def _grade_ambiguous(records: list[Record]) -> dict[str, Any]:
     """Of the groups with the right name: how many the proposed motion resolves."""
-    groups = [r for r in records if diagnosis_of(r)["verdict"] == "ambiguous" and is_in_group(r)]
+    named = [r for r in records if r["effects"][0] in named_effects(diagnosis_of(r))]
+    groups = [r for r in named if diagnosis_of(r).get("group")]
     planned = [r for r in groups if r.get("separated")]
     return {
         "count": len(groups),
+        "said_ambiguous": _share(groups, lambda r: diagnosis_of(r)["verdict"] == "ambiguous"),
         "planned": len(planned),
-        "resolved": _share(planned, lambda r: _called_alone(r["separated"]) == r["effects"][0]),
+        "resolved": _share(planned, _is_resolved),
     }
 
 
-def _called_alone(answer: Record) -> str | None:
-    diagnosis = answer["json"] or _NOTHING
-    return diagnosis.get("effect") if diagnosis["verdict"] == "missing_effect" else None
+def _is_resolved(record: Record) -> bool:
+    """The right name after the motion, and none of those that it was to refute."""
+    refuted = diagnosis_of(record)["separating_motion"]["separates_from"]
+    after = (record["separated"] or {}).get("json") or _NOTHING
+    remaining = set(named_effects(after)) - {after.get("effect")}
+    right = after["verdict"] == "missing_effect" and after["effect"] == record["effects"][0]
+    return right and not remaining & {*refuted, diagnosis_of(record)["effect"]}
 
 
 def _grade_pairs(records: list[Record]) -> dict[str, Any]:

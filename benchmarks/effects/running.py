@@ -50,10 +50,9 @@ def run_case(case: Case, ask: Ask = ask_command) -> dict[str, Any]:
 def _separate(
     case: Case, recording: HiddenRecording, asked: dict[str, Any], folder: str, ask: Ask
 ) -> dict[str, Any] | None:
-    """Do the motion that an ambiguous diagnosis proposes, and diagnose what is recorded then."""
-    diagnosis = asked["json"] or {}
-    plan = diagnosis.get("separating_motion")
-    if diagnosis.get("verdict") != "ambiguous" or not plan:
+    """Do the motion that a diagnosis proposes, and diagnose what is recorded then."""
+    plan = (asked["json"] or {}).get("separating_motion")
+    if not plan:
         return None
     second = record_plan(recording, plan, case.sensors())
     bag = str(write_bag(second.streams, Path(folder) / "second"))

@@ -88,7 +88,7 @@ def record_plan(
 
     Args:
         recording: the first one.
-        plan: `separating_motion` of its diagnosis; of kind "regrasp", fingers move at half-time.
+        plan: `separating_motion` of its diagnosis; of kind "regrasp", all fingers move half-way.
         sensors: as of the first one.
     """
     first = recording.scenario
@@ -103,6 +103,7 @@ def record_plan(
         first.options,
         duration=plan["duration_s"],
         regrasp=plan["kind"] == "regrasp",
+        thumb_moves=True,
         contact_breaks=0,
     )
     scenario = first.moved(motion, options)

@@ -38,6 +38,8 @@ class ScenarioOptions:
         finger_roll: fingers turn about the contact normals, or keep their attitude to the object.
         regrasp: index, middle and ring move to new places around half-time.
         contact_breaks: how many times some finger loses contact and comes back.
+        thumb_moves: the thumb moves in a re-grasp too; until it lands the others hold the object
+            as if they stuck to it.
     """
 
     duration: float = 30.0
@@ -48,6 +50,7 @@ class ScenarioOptions:
     finger_roll: bool = True
     regrasp: bool = False
     contact_breaks: int = 0
+    thumb_moves: bool = False
 
 
 class MovesObject(Protocol):
@@ -189,8 +192,9 @@ def _draw_motion(rng: np.random.Generator, options: ScenarioOptions) -> Motion:
 def _draw_lifts(rng: np.random.Generator, options: ScenarioOptions) -> tuple[Lift, ...]:
     lifts = []
     if options.regrasp:
-        start = 0.5 * options.duration - 1.2
-        for order, finger in enumerate(rng.permutation(3)):
+        moving = 4 if options.thumb_moves else 3
+        start = 0.5 * options.duration - 0.4 * moving
+        for order, finger in enumerate(rng.permutation(moving)):
             begin = start + 0.9 * order
             lifts.append(Lift(int(finger), begin, begin + 0.7, moves=True))
     for _ in range(options.contact_breaks):

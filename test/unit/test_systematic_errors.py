@@ -44,6 +44,23 @@ def test_lasting_errors_are_covered(size):
     assert 0.75 < np.mean(inside) < 0.98
 
 
+def test_gains_are_covered_though_their_sum_leaves_no_trace():
+    """Four gains of which only the differences show: what they shift the load by is covered."""
+    inside, constant = [], np.zeros((400, SYSTEMATIC_SIZE))
+    for seed in range(200):
+        rng = np.random.default_rng(seed)
+        gains = 20.0 * rng.normal(size=(400, 4))
+        jacobian = gains.sum(axis=1, keepdims=True)
+        measured = rng.normal(size=400) + gains @ rng.normal(0.0, 0.1, 4)
+        inverse = np.linalg.inv(jacobian.T @ jacobian)
+        shift = -inverse @ jacobian.T @ measured
+        residual = measured + jacobian @ shift
+        basis = np.concatenate([constant, gains], axis=1)
+        added = systematic_covariance_of_rows(inverse, jacobian, basis, residual)
+        inside.append(abs(shift[0]) < 1.645 * np.sqrt((inverse + added)[0, 0]))
+    assert 0.86 < np.mean(inside) < 0.97
+
+
 def test_no_information_gives_no_variance():
     assert not systematic_variances(np.zeros((9, 9)), np.zeros(9)).any()
 

@@ -19,7 +19,7 @@ from tactile_dynamics_ros.core.discrepancy.search import (
     is_noise,
     is_settled,
 )
-from tactile_dynamics_ros.core.discrepancy.selection import Choice, Trial, with_equals
+from tactile_dynamics_ros.core.discrepancy.selection import Choice, Trial, contains, with_equals
 from tactile_dynamics_ros.core.discrepancy.signature import Signature, describe_residual
 from tactile_dynamics_ros.core.discrepancy.tempering import temper
 from tactile_dynamics_ros.core.discrepancy.validation import HeldOut, fits_equally, held_out
@@ -171,10 +171,11 @@ def _follows_other_law(step: Step, floor: float, config: DiagnosisConfig) -> boo
 
 
 def find_group(choice: Choice, config: DiagnosisConfig) -> tuple[tuple[str, ...], bool]:
-    """Rivals that fit held-out blocks as well, and whether one of them is as plausible.
+    """Rivals that the data cannot tell from the best, and whether one of them is as plausible.
 
-    Where lasting errors remain, what fits held-out blocks as well is as plausible. So is what
-    equals the best at its own whitening.
+    They fit held-out blocks as well, and are as plausible or contain what the best explains: more
+    data along the same motion could not refute them either. What equals the best at its own
+    whitening is as plausible; where lasting errors remain, so is all that fits held-out blocks.
     """
     best, lasting = choice.best, choice.dispersion > 1.0
 
@@ -182,13 +183,14 @@ def find_group(choice: Choice, config: DiagnosisConfig) -> tuple[tuple[str, ...]
         close = rival.criterion < best.criterion + config.indifference
         return close or rival.name in choice.equals
 
-    equal = [
-        rival
-        for rival in choice.rivals
-        if fits_equally(best.held_out, rival.held_out)
-        or (lasting and is_plausible(rival))
-        or rival.name in choice.equals
-    ]
+    def is_equal(rival: Trial) -> bool:
+        if rival.name in choice.equals:
+            return True
+        if not fits_equally(best.held_out, rival.held_out):
+            return lasting and is_plausible(rival)
+        return lasting or is_plausible(rival) or contains(choice, rival)
+
+    equal = [rival for rival in choice.rivals if is_equal(rival)]
     ambiguous = any(lasting or is_plausible(rival) for rival in equal)
     names = (best.name, *(r.name for r in equal)) if equal else ()
     return names, ambiguous

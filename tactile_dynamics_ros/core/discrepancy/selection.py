@@ -10,7 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.discrepancy.model import ResidualModel, instants
-from tactile_dynamics_ros.core.discrepancy.screening import Score, best_by_effect, screen
+from tactile_dynamics_ros.core.discrepancy.screening import (
+    Score,
+    best_by_effect,
+    orthonormal,
+    screen,
+)
 from tactile_dynamics_ros.core.discrepancy.structure import examine
 from tactile_dynamics_ros.core.discrepancy.validation import HeldOut, held_out
 
@@ -27,6 +32,8 @@ _SIMPLER = 0.5
 _FAR = 1.25
 _EQUAL = 0.4
 """Share of the lead of the best by which a rival must win at home to be its equal."""
+_CONTAINED = 1e-3
+"""Share of what the best explains that a rival may be unable to do and yet contains the best."""
 
 
 @dataclass(frozen=True)
@@ -228,6 +235,17 @@ def with_equals(choice: Choice) -> Choice:
         if home.lead(best.name) > max(0.0, _EQUAL * (away.criterion - best.criterion)):
             found.append(home.own.name)
     return replace(choice, equals=tuple(found))
+
+
+def contains(choice: Choice, rival: Trial) -> bool:
+    """Whether a rival could do all that the best does, however precise the data were.
+
+    That is so if what they predict differs by what the rival's parameters can make up for.
+    """
+    basis = orthonormal(rival.model.jacobian)
+    differs = rival.model.residual - choice.best.model.residual
+    left = differs - basis @ (basis.T @ differs)
+    return float(left @ left) <= _CONTAINED * max(choice.without - choice.best.criterion, 0.0)
 
 
 def try_effects(

@@ -23,7 +23,6 @@ from tactile_dynamics_ros.core.inertia.excitation.design import (
 from tactile_dynamics_ros.core.inertia.excitation.grip import Grip
 from tactile_dynamics_ros.core.inertia.excitation.limits import MotionLimits
 from tactile_dynamics_ros.core.inertia.excitation.trajectory import FourierOffsets, HeldPose
-from tactile_dynamics_ros.core.inertia.uncertainty import effect_freedom
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 
 if TYPE_CHECKING:
@@ -83,14 +82,14 @@ class Rival:
 
 @dataclass(frozen=True)
 class SeparationCriterion:
-    """How little the evidence of rivals differs from that of the best in a new recording.
+    """How little rivals would fail where the best is right, in a new recording.
 
-    Smaller is better: minus the sum of |chi^2 + (f_b - f_a) log N| over the rivals, each counted up
-    to twice what is decisive, with
-    chi^2 = min_d |W^-1/2 (w_a - w_b - G_b d)|^2 + d^T H_b d, w the predicted wrenches, G_b their
-    derivatives, H_b the prior of rival b and f the numbers of effect parameters that the motion
-    determines. The new recording stands alone: all that was learned from the present one may be
-    learned anew. Source: Box, Hill 1967, on discrimination among mechanistic models; Schwarz 1978.
+    Smaller is better: minus the sum of chi^2 over the rivals, each counted up to twice what is
+    decisive, with chi^2 = min_d |W^-1/2 (w_a - w_b - G_b d)|^2 + d^T H_b d, w the predicted
+    wrenches, G_b their derivatives and H_b the prior of rival b. A rival that contains the best
+    can only be less simple, which no motion changes. The new recording stands alone: all that was
+    learned from the present one may be learned anew. Source: Box, Hill 1967, on discrimination
+    among mechanistic models.
 
     Motions are sought at a lower rate than that of a recording; what the best one promises is
     evaluated at the latter, since between coarse samples a lag differs from a delay for no reason.
@@ -106,17 +105,14 @@ class SeparationCriterion:
         return -float(np.minimum(self.gaps(*parts), 2.0 * _DECISIVE).sum())
 
     def gaps(self, *parts: WrenchSamples) -> Array:
-        """Expected difference of -2 log evidence to each of the others, (rivals,)."""
+        """Expected chi^2 that each of the others leaves, (rivals,)."""
         covariances = [wrench_covariance(samples, self.force_std) for samples in parts]
         factors = [np.asarray(np.linalg.cholesky(c), dtype=np.float64) for c in covariances]
-        wrench, columns = self._predict(self.best, parts, factors)
-        freedom = effect_freedom(columns, self.best.prior[10:])
+        wrench, _ = self._predict(self.best, parts, factors)
         gaps = []
         for other in self.others:
             expected, own = self._predict(other, parts, factors)
-            count = effect_freedom(own, other.prior[10:]) - freedom
-            occam = count * np.log(_RECORDED_HZ / self.rate_hz * len(own))
-            gaps.append(abs(_chi_square(wrench - expected, own, other.prior) + occam))
+            gaps.append(_chi_square(wrench - expected, own, other.prior))
         return np.array(gaps)
 
     def _predict(
@@ -234,7 +230,7 @@ def _describe_motion(motion: DesignedMotion) -> str:
 
 def _describe_regrasp() -> str:
     return (
-        "move the object, grasp it at other points (contacts turned by "
+        "move the object, grasp it at other points (all contacts, for instance turned by "
         f"{np.degrees(_REGRASP_ANGLE):.0f} deg about it and moved along it) and move it again, "
         "all in one recording; no motion with one grasp separates them"
     )

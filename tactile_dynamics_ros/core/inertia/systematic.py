@@ -2,8 +2,10 @@
 
 Where residuals betray a misfit, a constant wrench in the body frame (a bias, an unsensed contact),
 a constant force in the world (a cable) and gains of the sensors that are off are presumed, with the
-variances that make the residuals most likely. They are not estimated; what they would shift the
-parameters by is added to the covariance. On data that the model fits, the variances are zero.
+variances that make the residuals most likely. The estimate is not corrected by them; what they
+would shift the parameters by is added to the covariance. A gain that all sensors share leaves no
+trace: only how much they differ says how far they may be off together. On data that the model fits,
+the variances are zero.
 The live estimate presumes the constant errors only, since more would cost it too much.
 """
 
@@ -11,6 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri, stdtrit
 
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
 from tactile_dynamics_ros.core.rigid_body.rotation import cross
@@ -24,6 +27,7 @@ _LIKELIHOOD_GAIN = 3.84
 _DECADES = np.geomspace(1e-10, 1e6, 161)
 _SMALLEST_LEVER = 0.01
 _ROUNDS = 2
+_QUANTILE = 0.95
 
 
 def systematic_lever(samples: WrenchSamples) -> float:
@@ -83,7 +87,20 @@ def systematic_variances(gram: Array, score: Array) -> Array:
     found, cost = min(fits, key=lambda fit: fit[1])
     if cost >= white @ white:
         return np.zeros(len(score))
+    if len(found) > 1:
+        found[1] *= _student_factor(found, shapes)
     return np.repeat(found, [part.shape[1] for part in kinds])
+
+
+def _student_factor(variances: Array, shapes: list[Array]) -> float:
+    """By what a variance of few gains grows, so that normal 90 % intervals hold.
+
+    The numbers that data show of gains with covariance v S beside other errors C are
+    nu = tr(v S (v S + C)^-1), at least one; the factor is (t_nu / t_inf)^2 at 95 %.
+    """
+    total = np.eye(len(shapes[1])) + np.tensordot(variances, np.array(shapes), axes=1)
+    shown = max(variances[1] * float(np.trace(np.linalg.solve(total, shapes[1]))), 1.0)
+    return float((stdtrit(shown, _QUANTILE) / ndtri(_QUANTILE)) ** 2)
 
 
 def _most_likely(white: Array, shapes: list[Array], first: int) -> tuple[Array, float]:
@@ -94,13 +111,16 @@ def _most_likely(white: Array, shapes: list[Array], first: int) -> tuple[Array, 
     found, cost = np.zeros(len(shapes)), np.inf
     for step in range(_ROUNDS * len(shapes)):
         k = (first + step) % len(shapes)
+        size = float(np.trace(shapes[k]))
+        if size == 0.0:
+            continue
         found[k] = 0.0
         present = np.eye(len(white)) + np.tensordot(found, np.array(shapes), axes=1)
         factor = np.linalg.cholesky(present)
         inverse = np.linalg.inv(factor)
         values, vectors = np.linalg.eigh(inverse @ shapes[k] @ inverse.T)
         square = (vectors.T @ (inverse @ white)) ** 2
-        tried = np.append(0.0, _DECADES * len(white) / np.trace(shapes[k]))
+        tried = np.append(0.0, _DECADES * len(white) / size)
         growth = 1.0 + np.multiply.outer(tried, np.maximum(values, 0.0))
         costs = np.sum(np.log(growth) + square / growth, axis=1)
         costs += 2.0 * np.sum(np.log(np.diag(factor)))
@@ -121,8 +141,25 @@ def systematic_covariance(inverse: Array, cross: Array, gram: Array, score: Arra
     """
     shift = inverse @ cross
     remaining = gram - cross.T @ shift
-    variances = systematic_variances(0.5 * (remaining + remaining.T), score)
-    return np.asarray((shift * variances) @ shift.T)
+    remaining = 0.5 * (remaining + remaining.T)
+    variances = systematic_variances(remaining, score)
+    return np.asarray(shift @ _second_moment(variances, remaining, score) @ shift.T)
+
+
+def _second_moment(variances: Array, gram: Array, score: Array) -> Array:
+    """E[b b^T] (q, q) of the presumed errors b.
+
+    Gains of sensors are what the data say of them: with P = (D^-1 + G)^-1, P + P s s^T P. Constant
+    errors stand in for much that is not modelled, so that their variance alone counts.
+    """
+    moment = np.diag(variances)
+    root = np.sqrt(variances)
+    posterior = np.linalg.inv(np.eye(len(root)) + root[:, None] * gram * root)
+    posterior *= np.outer(root, root)
+    found = posterior @ score
+    gains = slice(SYSTEMATIC_SIZE, None)
+    moment[gains, gains] = posterior[gains, gains] + np.outer(found[gains], found[gains])
+    return moment
 
 
 def systematic_covariance_of_rows(
