@@ -30,6 +30,7 @@ LAWS = {
     "zero_error": lambda block: np.ones_like(block.time),
     "spring": lambda block: block.place,
     "stretched_spring": lambda block: 3.0 * block.place,
+    "breaking_spring": lambda block: block.place * (block.time < 0.95 * block.time[-1]),
     "sticky_spring": lambda block: 0.08 * np.tanh(3.0 * block.speed) + 0.2 * block.place,
 }
 
@@ -233,6 +234,14 @@ def test_twins_come_as_a_group_with_what_would_separate_them() -> None:
     assert set(diagnosis.group) == {"spring", "stretched_spring"}
     assert diagnosis.separating_motion is not None
     assert "do not stretch" in diagnosis_document(diagnosis)["sentence"]
+
+
+def test_what_fails_only_for_a_while_is_told_from_the_effect() -> None:
+    """One block of time refutes the rival, however well it fits all others."""
+    known = ("viscous_friction", "spring", "breaking_spring")
+    diagnosis = diagnose(SlidingBlock(slide(6, spring=0.3), known=known))
+    assert (diagnosis.verdict, diagnosis.effect) == ("missing_effect", "spring")
+    assert diagnosis.group == ()
 
 
 def test_where_it_fails_is_where_the_law_acts() -> None:
