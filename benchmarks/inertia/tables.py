@@ -120,6 +120,7 @@ def _four_fingers(result: dict[str, Any]) -> str:
 
 def _coverage(result: dict[str, Any]) -> str:
     misfit = result["misfit"]
+    kinds = misfit["coverage_by_kind"]
     lines = [
         [
             name,
@@ -127,17 +128,20 @@ def _coverage(result: dict[str, Any]) -> str:
             f"{100 * result['live'][name]:.0f} %" if result["live"] else "",
             f"{misfit['interval_growth_median'][name]:.1f}",
             f"{100 * misfit['coverage'][name]:.0f} %",
+            *(f"{100 * part[name]:.0f} %" for part in kinds.values()),
         ]
         for name in result["batch"]
     ]
     header = ["parameter", "batch", "live", "growth under misfit", "coverage under misfit"]
+    header += [f"{kind.replace('_', ' ')} ({part['runs']})" for kind, part in kinds.items()]
     scatter = [
         f"{30 / result[key] ** 0.5:.0f} % over {result[key]} runs" for key in ("runs", "live_runs")
     ]
     return (
         f"### 90 % intervals that hold the truth ({result['runs']} batch and {result['live_runs']} "
         f"live runs of {result['duration_s']} s; misfit: one finger reads 20 % wrong, "
-        f"{misfit['runs']} runs, whitened RMS {misfit['whitened_rms_median']:.1f})\n\n"
+        f"or all by 8 to 20 % of either sign, {misfit['runs']} runs, whitened RMS "
+        f"{misfit['whitened_rms_median']:.1f})\n\n"
         + _table(header, lines)
         + f"\n\nBy chance a share of 90 % scatters by {scatter[0]}, {scatter[1]}."
     )
