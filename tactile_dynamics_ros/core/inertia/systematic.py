@@ -153,6 +153,8 @@ def _second_moment(variances: Array, gram: Array, score: Array) -> Array:
     errors stand in for much that is not modelled, so that their variance alone counts.
     """
     moment = np.diag(variances)
+    if not variances[SYSTEMATIC_SIZE:].any():
+        return moment
     root = np.sqrt(variances)
     posterior = np.linalg.inv(np.eye(len(root)) + root[:, None] * gram * root)
     posterior *= np.outer(root, root)
