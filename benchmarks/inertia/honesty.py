@@ -15,8 +15,14 @@ from benchmarks.inertia.scores import physical
 from tactile_dynamics_ros.core.inertia.batch import estimate_inertia
 from tactile_dynamics_ros.core.inertia.estimate import PARAMETER_NAMES, InertialEstimate
 from tactile_dynamics_ros.core.inertia.incremental.replay import replay_streams
-from tactile_dynamics_ros.core.rigid_body.inertial_parameters import is_feasible
+from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
+    InertialParameters,
+    is_feasible,
+)
 from tactile_dynamics_ros.core.streams import PoseStream, Streams
+
+Graded = tuple[InertialParameters, InertialEstimate]
+"""Truth and what was estimated."""
 
 _NINETY = 1.6449
 _TWENTY_PERCENT = 2.0
@@ -28,29 +34,27 @@ def run_coverage(
 ) -> dict[str, Any]:
     """Share of 90 % intervals that hold the truth, per parameter; clean and with a hidden error."""
     say(f"coverage: {runs} batch runs of {duration} s")
-    batch = [_z(*_estimate(_FIRST_SEED + k, duration)) for k in range(runs)]
+    clean = [_estimate(_FIRST_SEED + k, duration) for k in range(max(runs, misfit_runs))]
     say(f"coverage: {live_runs} live runs")
     live = [_z(*_live(_FIRST_SEED + k, duration)) for k in range(live_runs)]
     say(f"coverage: {misfit_runs} runs with wrong force scales of up to 20 %")
-    clean = [_estimate(_FIRST_SEED + k, duration) for k in range(misfit_runs)]
-    wrong, alone = [], []
+    wrong, fingers = [], []
     for k in range(misfit_runs):
-        recording = generate(
-            _FIRST_SEED + k, {"force_scale": _TWENTY_PERCENT}, ScenarioOptions(duration=duration)
-        )
-        case = from_recording(recording)
-        wrong.append((case, estimate_inertia(case.streams)))
-        alone.append(_wrong_fingers(recording) == 1)
-    growth = [w[1].parameter_std / c[1].parameter_std for w, c in zip(wrong, clean, strict=True)]
+        recording = _with_wrong_gains(_FIRST_SEED + k, duration)
+        wrong.append(_estimate_of(from_recording(recording)))
+        fingers.append(_wrong_fingers(recording))
+    growth = [
+        estimate.parameter_std / clean[k][1].parameter_std for k, (_, estimate) in enumerate(wrong)
+    ]
     scores = [_z(*w) for w in wrong]
     kinds = {
-        "one_finger": [z for z, one in zip(scores, alone, strict=True) if one],
-        "all_fingers": [z for z, one in zip(scores, alone, strict=True) if not one],
+        "one_finger": [z for z, count in zip(scores, fingers, strict=True) if count == 1],
+        "all_fingers": [z for z, count in zip(scores, fingers, strict=True) if count > 1],
     }
     return {
         "runs": runs,
         "duration_s": duration,
-        "batch": _shares(batch),
+        "batch": _shares([_z(*c) for c in clean[:runs]]),
         "live_runs": live_runs,
         "live": _shares(live) if live else {},
         "misfit": {
@@ -73,19 +77,27 @@ def _wrong_fingers(recording: HiddenRecording) -> int:
     return sum(gain["value"] != 0.0 for gain in gains)
 
 
-def _estimate(seed: int, duration: float) -> tuple[Case, InertialEstimate]:
+def _with_wrong_gains(seed: int, duration: float) -> HiddenRecording:
+    options = ScenarioOptions(duration=duration)
+    return generate(seed, {"force_scale": _TWENTY_PERCENT}, options)
+
+
+def _estimate(seed: int, duration: float) -> Graded:
+    return _estimate_of(four_fingers(seed, duration))
+
+
+def _estimate_of(case: Case) -> Graded:
+    return case.truth, estimate_inertia(case.streams)
+
+
+def _live(seed: int, duration: float) -> Graded:
     case = four_fingers(seed, duration)
-    return case, estimate_inertia(case.streams)
+    return case.truth, list(replay_streams(case.streams))[-1]
 
 
-def _live(seed: int, duration: float) -> tuple[Case, InertialEstimate]:
-    case = four_fingers(seed, duration)
-    return case, list(replay_streams(case.streams))[-1]
-
-
-def _z(case: Case, estimate: InertialEstimate) -> np.ndarray:
+def _z(truth: InertialParameters, estimate: InertialEstimate) -> np.ndarray:
     """Errors in stated standard deviations, (10,)."""
-    return (physical(estimate.inertia) - physical(case.truth)) / estimate.parameter_std
+    return (physical(estimate.inertia) - physical(truth)) / estimate.parameter_std
 
 
 def _shares(scores: list[np.ndarray]) -> dict[str, float]:

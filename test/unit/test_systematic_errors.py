@@ -66,7 +66,7 @@ def test_no_information_gives_no_variance():
 
 
 def test_a_gain_that_is_off_is_covered():
-    """One finger of four reads 20 % too much: what it shifts the mass by is in the interval."""
+    """Fingers read up to 20 % wrong: what that shifts the mass by is in the interval."""
     inside = []
     for seed in range(1000, 1012):
         case = four_fingers(seed, 8.0, {"force_scale": 2.0})

@@ -184,10 +184,10 @@ def find_group(choice: Choice, config: DiagnosisConfig) -> tuple[tuple[str, ...]
         return close or rival.name in choice.equals
 
     def is_equal(rival: Trial) -> bool:
-        if rival.name in choice.equals:
+        if rival.name in choice.equals or (lasting and is_plausible(rival)):
             return True
         if not fits_equally(best.held_out, rival.held_out):
-            return lasting and is_plausible(rival)
+            return False
         return lasting or is_plausible(rival) or contains(choice, rival)
 
     equal = [rival for rival in choice.rivals if is_equal(rival)]

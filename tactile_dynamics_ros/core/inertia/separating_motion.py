@@ -105,28 +105,21 @@ class SeparationCriterion:
         return -float(np.minimum(self.gaps(*parts), 2.0 * _DECISIVE).sum())
 
     def gaps(self, *parts: WrenchSamples) -> Array:
-        """Expected chi^2 that each of the others leaves, (rivals,)."""
+        """Expected chi^2 that each of the others leaves, (rivals,), of a recording at 100 Hz."""
+        root = np.sqrt(_RECORDED_HZ / self.rate_hz / len(parts))
         covariances = [wrench_covariance(samples, self.force_std) for samples in parts]
         factors = [np.asarray(np.linalg.cholesky(c), dtype=np.float64) for c in covariances]
-        wrench, _ = self._predict(self.best, parts, factors)
+        expected = [self.best.wrench(samples) for samples in parts]
         gaps = []
         for other in self.others:
-            expected, own = self._predict(other, parts, factors)
-            gaps.append(_chi_square(wrench - expected, own, other.prior))
+            rows = []
+            for samples, factor, wrench in zip(parts, factors, expected, strict=True):
+                differs = wrench - other.wrench(samples)
+                both = np.concatenate([differs[..., None], other.columns(samples)], axis=2)
+                rows.append(np.linalg.solve(factor, both).reshape(-1, both.shape[2]))
+            white = root * np.concatenate(rows)
+            gaps.append(_chi_square(white[:, 0], white[:, 1:], other.prior))
         return np.array(gaps)
-
-    def _predict(
-        self, rival: Rival, parts: Sequence[WrenchSamples], factors: Sequence[Array]
-    ) -> tuple[Array, Array]:
-        """White wrench and its derivatives, as many rows as if a sample were taken at 100 Hz."""
-        root = np.sqrt(_RECORDED_HZ / self.rate_hz / len(parts))
-        white = []
-        for samples, factor in zip(parts, factors, strict=True):
-            both = [rival.wrench(samples)[..., None], rival.columns(samples)]
-            found = np.linalg.solve(factor, np.concatenate(both, axis=2))
-            white.append(root * found.reshape(-1, found.shape[2]))
-        rows = np.concatenate(white)
-        return rows[:, 0], rows[:, 1:]
 
 
 def _chi_square(target: Array, columns: Array, prior: Array) -> float:

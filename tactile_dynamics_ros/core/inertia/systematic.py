@@ -68,7 +68,8 @@ def systematic_variances(gram: Array, score: Array) -> Array:
 
     The score B^T r of white residuals has covariance G; with errors of variances D it is
     G + G D G. D is tau_c^2 for the constant errors, which come first, and tau_s^2 for the gains of
-    sensors; each is zero unless the likelihood gains significantly (5 %).
+    sensors, widened for how few they are; each is zero unless the likelihood gains significantly
+    (5 %).
 
     Args:
         gram: (q, q) G, of the white basis without its projection on the parameters.
@@ -109,7 +110,8 @@ def _most_likely(white: Array, shapes: list[Array], first: int) -> tuple[Array, 
     Every variance that is not zero has to earn what would be significant.
     """
     found, cost = np.zeros(len(shapes)), np.inf
-    for step in range(_ROUNDS * len(shapes)):
+    rounds = _ROUNDS if len(shapes) > 1 else 1
+    for step in range(rounds * len(shapes)):
         k = (first + step) % len(shapes)
         size = float(np.trace(shapes[k]))
         if size == 0.0:
@@ -135,9 +137,9 @@ def systematic_covariance(inverse: Array, cross: Array, gram: Array, score: Arra
 
     Args:
         inverse: (p, p) of the information of data and prior, J^T J + prior.
-        cross: (p, q) J^T B of the white rows; gram: (q, q) B^T B.
-        gram: as above.
-        score: (q,) B^T r.
+        cross: (p, q) J^T B of the white rows.
+        gram: (q, q) B^T B.
+        score: (q,) B^T r of the residuals after the fit.
     """
     shift = inverse @ cross
     remaining = gram - cross.T @ shift
