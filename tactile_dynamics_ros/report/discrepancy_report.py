@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.discrepancy.sentences import capitalise, group_clause
 from tactile_dynamics_ros.report.discrepancies import (
     draw_before_after,
     draw_candidates,
@@ -175,9 +176,8 @@ def _candidates(findings: DiscrepancyFindings) -> list[Section]:
     )
     rows = [_candidate_row(c) for c in candidates[:_MOST_ROWS]]
     header = ["effect", "expected error", "p-value", "expected parameters"]
-    return [
-        Section("Which effect would explain it", _group_sentence(group), [picture], header, rows)
-    ]
+    sentences = _group_sentence(findings.diagnosis)
+    return [Section("Which effect would explain it", sentences, [picture], header, rows)]
 
 
 def _candidate_row(candidate: Mapping[str, Any]) -> tuple[str, ...]:
@@ -200,14 +200,14 @@ def _value_text(value: Any) -> str:
     return f"{float(value):.3g}"
 
 
-def _group_sentence(group: Sequence[str]) -> list[str]:
-    """Return what a group of indistinguishable effects means."""
-    if len(group) < 2:
-        return []
-    return [
-        f"This recording cannot tell {', '.join(group[:-1])} and {group[-1]} apart: they would "
-        "explain it equally well. A different motion can."
-    ]
+def _group_sentence(diagnosis: Mapping[str, Any]) -> list[str]:
+    """Return what a group of effects that may be the cause means."""
+    clause = group_clause(
+        str(diagnosis.get("verdict")),
+        list(diagnosis.get("group") or ()),
+        diagnosis.get("separating_motion"),
+    )
+    return [f"{capitalise(clause)}."] if clause else []
 
 
 def _places(findings: DiscrepancyFindings) -> list[Section]:

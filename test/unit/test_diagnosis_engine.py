@@ -22,6 +22,7 @@ from tactile_dynamics_ros.core.discrepancy.explanation import explain
 from tactile_dynamics_ros.core.discrepancy.model import Condition, Family, Residuals
 from tactile_dynamics_ros.core.discrepancy.screening import best_by_effect
 from tactile_dynamics_ros.core.discrepancy.selection import try_effect
+from tactile_dynamics_ros.core.discrepancy.sentences import group_clause
 
 NOISE = 0.05
 LAWS = {
@@ -233,7 +234,12 @@ def test_twins_come_as_a_group_with_what_would_separate_them() -> None:
     assert diagnosis.verdict == "ambiguous"
     assert set(diagnosis.group) == {"spring", "stretched_spring"}
     assert diagnosis.separating_motion is not None
-    assert "do not stretch" in diagnosis_document(diagnosis)["sentence"]
+    sentence = diagnosis_document(diagnosis)["sentence"]
+    assert "do not stretch" in sentence and "apart" in sentence
+    assert group_clause("missing_effect", ("cable", "spring", "drag"), None) == (
+        "the same could be done here, with more parameters, by spring or drag"
+    )
+    assert group_clause("missing_effect", ("cable",), None) == ""
 
 
 def test_what_fails_only_for_a_while_is_told_from_the_effect() -> None:

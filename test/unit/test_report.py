@@ -94,7 +94,7 @@ def _findings() -> DiscrepancyFindings:
             ],
         },
         diagnosis={
-            "verdict": "missing_effect",
+            "verdict": "ambiguous",
             "effect": "viscous_drag",
             "group": ["viscous_drag", "quadratic_drag"],
             "candidates": [

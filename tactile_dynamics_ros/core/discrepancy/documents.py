@@ -15,7 +15,7 @@ from tactile_dynamics_ros.core.discrepancy.search import explained_share
 from tactile_dynamics_ros.core.discrepancy.selection import Choice, Trial
 from tactile_dynamics_ros.core.discrepancy.sentences import (
     capitalise,
-    join_names,
+    group_clause,
     write_parameters,
     write_percent,
 )
@@ -135,21 +135,8 @@ def diagnosis_sentence(diagnosis: Diagnosis) -> str:
         text += f"; {diagnosis.steps[1].name} is missing too"
     elif diagnosis.remaining > _REMAINS and not diagnosis.steps[0].after.within_stated:
         text += f"; what remains is {diagnosis.remaining:.1f} times the noise"
-    return f"{text}{_group_clause(diagnosis)}."
-
-
-def _group_clause(diagnosis: Diagnosis) -> str:
-    """What else it may be, and what would tell."""
-    others = join_names([name for name in diagnosis.group if name != diagnosis.effect])
-    if not others:
-        return ""
-    if diagnosis.verdict == "ambiguous":
-        text = f"; this recording cannot tell it from {others}"
-    else:
-        text = f"; {others} could do the same here with more parameters"
-    if diagnosis.separating_motion:
-        text += f": {diagnosis.separating_motion['description']}"
-    return text
+    clause = group_clause(diagnosis.verdict, diagnosis.group, diagnosis.separating_motion)
+    return f"{text}; {clause}." if clause else f"{text}."
 
 
 def _effect_sentence(model: ResidualModel, parameters: ParameterTable, name: str) -> str:

@@ -48,11 +48,28 @@ def capitalise(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
-def join_names(names: Sequence[str]) -> str:
-    """``a``, ``a or b``, ``a, b or c``."""
+def join_names(names: Sequence[str], word: str = "or") -> str:
+    """``a``, ``a or b``, ``a, b or c``, or with another word."""
     if len(names) < 2:
         return "".join(names)
-    return f"{', '.join(names[:-1])} or {names[-1]}"
+    return f"{', '.join(names[:-1])} {word} {names[-1]}"
+
+
+def group_clause(verdict: str, group: Sequence[str], motion: Mapping[str, Any] | None) -> str:
+    """What else may be the cause and what would tell, as a clause; empty without a group.
+
+    Args:
+        verdict: of the diagnosis.
+        group: the effect that is named, then the others.
+        motion: that would separate them, if any does.
+    """
+    if len(group) < 2:
+        return ""
+    if verdict == "ambiguous":
+        text = f"this recording cannot tell {join_names(group, 'and')} apart"
+    else:
+        text = f"the same could be done here, with more parameters, by {join_names(group[1:])}"
+    return f"{text}: {motion['description']}" if motion else text
 
 
 def write_percent(share: float) -> str:
