@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from benchmarks.inertia.boxes import wrist_recording
 from benchmarks.inertia.scenarios import four_fingers
 from tactile_dynamics_ros.core.inertia.batch import estimate_inertia
 from tactile_dynamics_ros.core.inertia.systematic import (
@@ -63,6 +64,16 @@ def test_gains_are_covered_though_their_sum_leaves_no_trace():
 
 def test_no_information_gives_no_variance():
     assert not systematic_variances(np.zeros((9, 9)), np.zeros(9)).any()
+
+
+@pytest.mark.parametrize("box, seed", [("box_0", 300), ("box_0", 305), ("box_2", 300)])
+def test_the_gain_of_an_only_sensor_is_not_presumed_from_rounding(box, seed):
+    """It leaves no trace beside the load: the mass is known to a gram, not to kilograms."""
+    streams, truth = wrist_recording(box, seed)
+    estimate = estimate_inertia(streams)
+    std = estimate.parameter_std
+    assert np.all(std > 0.0) and std[0] < 0.01 * truth.mass
+    assert abs(estimate.inertia.mass - truth.mass) < 4.0 * std[0]
 
 
 def test_a_gain_that_is_off_is_covered():

@@ -28,6 +28,8 @@ _DECADES = np.geomspace(1e-10, 1e6, 161)
 _SMALLEST_LEVER = 0.01
 _ROUNDS = 2
 _QUANTILE = 0.95
+_LEAST_SHARE = 1e-4
+_TINY = 1e-300
 
 
 def systematic_lever(samples: WrenchSamples) -> float:
@@ -63,31 +65,23 @@ def sensor_gain_basis(samples: WrenchSamples) -> Array:
     return np.swapaxes(np.concatenate([torque, force], axis=2), 1, 2)
 
 
-def systematic_variances(gram: Array, score: Array) -> Array:
+def systematic_variances(mixing: Array, white: Array) -> Array:
     """Variances (q,) of the presumed errors that make the residuals most likely.
 
-    The score B^T r of white residuals has covariance G; with errors of variances D it is
-    G + G D G. D is tau_c^2 for the constant errors, which come first, and tau_s^2 for the gains of
-    sensors, widened for how few they are; each is zero unless the likelihood gains significantly
-    (5 %).
+    With errors of variances D the numbers that data show of them are N(0, 1 + A D A^T). D is
+    tau_c^2 for the constant errors, which come first, and tau_s^2 for the gains of sensors, widened
+    for how few they are; each is zero unless the likelihood gains significantly (5 %).
 
     Args:
-        gram: (q, q) G, of the white basis without its projection on the parameters.
-        score: (q,) likewise.
+        mixing: (r, q) A, see `_shown`.
+        white: (r,) likewise.
     """
-    values, vectors = np.linalg.eigh(gram)
-    seen = values > 1e-9 * float(values[-1])
-    if not seen.any() or values[-1] <= 0.0:
-        return np.zeros(len(score))
-    root = np.sqrt(values[seen])
-    white = vectors[:, seen].T @ score / root
-    mixing = root[:, None] * vectors[:, seen].T
     kinds = [part for part in np.split(mixing, [SYSTEMATIC_SIZE], axis=1) if part.shape[1]]
     shapes = [part @ part.T for part in kinds]
     fits = [_most_likely(white, shapes, first) for first in range(len(shapes))]
     found, cost = min(fits, key=lambda fit: fit[1])
     if cost >= white @ white:
-        return np.zeros(len(score))
+        return np.zeros(mixing.shape[1])
     if len(found) > 1:
         found[1] *= _student_factor(found, shapes)
     return np.repeat(found, [part.shape[1] for part in kinds])
@@ -142,25 +136,46 @@ def systematic_covariance(inverse: Array, cross: Array, gram: Array, score: Arra
         score: (q,) B^T r of the residuals after the fit.
     """
     shift = inverse @ cross
-    remaining = gram - cross.T @ shift
-    remaining = 0.5 * (remaining + remaining.T)
-    variances = systematic_variances(remaining, score)
-    return np.asarray(shift @ _second_moment(variances, remaining, score) @ shift.T)
+    mixing, white = _shown(gram, gram - cross.T @ shift, score)
+    moment = _second_moment(systematic_variances(mixing, white), mixing, white)
+    return np.asarray(shift @ moment @ shift.T)
 
 
-def _second_moment(variances: Array, gram: Array, score: Array) -> Array:
+def _shown(gram: Array, beside: Array, score: Array) -> tuple[Array, Array]:
+    """What data show of unit errors beside the parameters: A (r, q) and white numbers (r,).
+
+    The score has covariance A^T A. Directions and errors of which next to nothing is left, such as
+    the gain of an only sensor, which is a heavier load, are not shown: there the rest is rounding,
+    and what noise of the regressors leaves of it.
+
+    Args:
+        gram: (q, q) B^T B.
+        beside: (q, q) without its projection on the parameters.
+        score: (q,) likewise.
+    """
+    length = np.sqrt(np.maximum(np.diag(gram), _TINY))
+    values, vectors = np.linalg.eigh(beside / np.outer(length, length))
+    seen = values > _LEAST_SHARE
+    root, kept = np.sqrt(values[seen]), vectors[:, seen]
+    mixing = root[:, None] * kept.T
+    mixing[:, np.sum(mixing**2, axis=0) < _LEAST_SHARE] = 0.0
+    return mixing * length, kept.T @ (score / length) / root
+
+
+def _second_moment(variances: Array, mixing: Array, white: Array) -> Array:
     """E[b b^T] (q, q) of the presumed errors b.
 
-    Gains of sensors are what the data say of them: with P = (D^-1 + G)^-1, P + P s s^T P. Constant
-    errors stand in for much that is not modelled, so that their variance alone counts.
+    Gains of sensors are what the data say of them: with P = (D^-1 + A^T A)^-1 and white numbers w,
+    P + P A^T w w^T A P. Constant errors stand in for much that is not modelled, so that their
+    variance alone counts.
     """
     moment = np.diag(variances)
     if not variances[SYSTEMATIC_SIZE:].any():
         return moment
     root = np.sqrt(variances)
-    posterior = np.linalg.inv(np.eye(len(root)) + root[:, None] * gram * root)
-    posterior *= np.outer(root, root)
-    found = posterior @ score
+    own = mixing * root
+    posterior = np.linalg.inv(np.eye(len(root)) + own.T @ own) * np.outer(root, root)
+    found = posterior @ (mixing.T @ white)
     gains = slice(SYSTEMATIC_SIZE, None)
     moment[gains, gains] = posterior[gains, gains] + np.outer(found[gains], found[gains])
     return moment
