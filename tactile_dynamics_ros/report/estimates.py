@@ -180,5 +180,5 @@ def draw_comparison_with_truth(history: EstimateHistory, truth: InertialParamete
     places = np.arange(len(score))[::-1]
     axes.scatter(score, places, color=np.where(np.abs(score) <= 2, BLUE, RED), zorder=3)
     axes.set_yticks(places, LABELS)
-    axes.set_xlabel("error in standard deviations (19 of 20 lie in the band)")
+    axes.set_xlabel("error in standard deviations (19 of 20 should lie in the band)")
     return figure
