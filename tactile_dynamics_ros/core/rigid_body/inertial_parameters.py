@@ -18,6 +18,10 @@ from tactile_dynamics_ros.core.rigid_body.rotation import skew
 
 Array = NDArray[np.float64]
 
+_AXES = np.arange(3)
+_LOGARITHMS = 1 + _AXES
+_SHEAR_BASIS = np.zeros((10, 4, 4))
+_SHEAR_BASIS[range(4, 10), [0, 1, 0, 0, 1, 2], [1, 2, 2, 3, 3, 3]] = 1.0
 _INERTIA_ROWS = np.array([0, 0, 1, 0, 1, 2])
 _INERTIA_COLUMNS = np.array([0, 1, 1, 2, 2, 2])
 
@@ -79,14 +83,10 @@ def dynamic_parameters_from_pseudo_inertia(matrix: Array) -> Array:
 
 def log_cholesky_factor(xi: Array) -> Array:
     """Upper-triangular factor U (4, 4) of log-Cholesky coordinates (10,), P = U U^T."""
-    alpha, d1, d2, d3, s12, s23, s13, t1, t2, t3 = xi
-    e1, e2, e3 = np.exp(d1), np.exp(d2), np.exp(d3)
-    return np.asarray(
-        np.exp(alpha)
-        * np.array(
-            [[e1, s12, s13, t1], [0.0, e2, s23, t2], [0.0, 0.0, e3, t3], [0.0, 0.0, 0.0, 1.0]]
-        )
-    )
+    s12, s23, s13, t1, t2, t3 = xi[4:].tolist()
+    scale, e1, e2, e3 = np.exp(xi[:4]).tolist()
+    rows = [[e1, s12, s13, t1], [0.0, e2, s23, t2], [0.0, 0.0, e3, t3], [0.0, 0.0, 0.0, 1.0]]
+    return np.asarray(scale * np.array(rows))
 
 
 def dynamic_parameters_from_log_cholesky(xi: Array) -> Array:
@@ -121,13 +121,9 @@ def log_cholesky(matrix: Array) -> Array:
 
 def log_cholesky_factor_derivatives(factor: Array) -> Array:
     """Derivative dU/dxi, (10, 4, 4), of `log_cholesky_factor` at a factor U (4, 4)."""
-    derivatives = np.zeros((10, 4, 4))
+    derivatives = factor[3, 3] * _SHEAR_BASIS
     derivatives[0] = factor
-    for axis in range(3):
-        derivatives[1 + axis, axis, axis] = factor[axis, axis]
-    entries = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))
-    for k, (i, j) in enumerate(entries):
-        derivatives[4 + k, i, j] = factor[3, 3]
+    derivatives[_LOGARITHMS, _AXES, _AXES] = factor[_AXES, _AXES]
     return derivatives
 
 

@@ -9,6 +9,10 @@ from tactile_dynamics_ros.core.rigid_body.rotation import skew
 
 Array = NDArray[np.float64]
 
+_INERTIA_MAP = np.zeros((3, 3, 6))
+_INERTIA_MAP[[0, 1, 2] * 3, [0] * 3 + [1] * 3 + [2] * 3, [0, 1, 3, 1, 2, 4, 3, 4, 5]] = 1.0
+_INERTIA_MAP = _INERTIA_MAP.reshape(3, 18)
+
 
 def inertia_map(vector: Array) -> Array:
     """Matrix K(v) with ``I v = K(v) [I_xx, I_xy, I_yy, I_xz, I_yz, I_zz]``.
@@ -19,13 +23,8 @@ def inertia_map(vector: Array) -> Array:
     Returns:
         (..., 3, 6).
     """
-    vector = np.asarray(vector, dtype=float)
-    x, y, z = vector[..., 0], vector[..., 1], vector[..., 2]
-    matrix = np.zeros((*x.shape, 3, 6))
-    matrix[..., 0, 0], matrix[..., 0, 1], matrix[..., 0, 3] = x, y, z
-    matrix[..., 1, 1], matrix[..., 1, 2], matrix[..., 1, 4] = x, y, z
-    matrix[..., 2, 3], matrix[..., 2, 4], matrix[..., 2, 5] = x, y, z
-    return matrix
+    v = np.asarray(vector, dtype=float)
+    return np.asarray((v @ _INERTIA_MAP).reshape(*v.shape[:-1], 3, 6))
 
 
 def regressor(

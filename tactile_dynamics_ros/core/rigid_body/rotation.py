@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 _SMALL_ANGLE = 1e-6
+_NO_ANGLE = 1e-100
+_IDENTITY = np.eye(3)
 _NEXT, _LAST = [1, 2, 0], [2, 0, 1]
 _SKEW = np.zeros((3, 9))
 _SKEW[[2, 1, 2, 0, 1, 0], [1, 2, 3, 5, 6, 7]] = [-1.0, 1.0, 1.0, -1.0, -1.0, 1.0]
@@ -44,6 +46,8 @@ def twice(rotation: Array) -> Array:
 def exp_so3(rotation_vector: Array) -> Array:
     """Rotation of a rotation vector, R = I + sin(a)/a [v] + (1 - cos(a))/a^2 [v]^2.
 
+    With half angles h both factors are exact near zero: sin(h)/h cos(h) and (sin(h)/h)^2 / 2.
+
     Args:
         rotation_vector: (..., 3) rad.
 
@@ -51,13 +55,11 @@ def exp_so3(rotation_vector: Array) -> Array:
         (..., 3, 3) rotation matrices.
     """
     v = np.asarray(rotation_vector, dtype=float)
-    angle = np.linalg.norm(v, axis=-1)[..., None, None]
-    small = angle < _SMALL_ANGLE
-    safe = np.where(small, 1.0, angle)
-    first = np.where(small, 1.0 - angle**2 / 6.0, np.sin(safe) / safe)
-    second = np.where(small, 0.5 - angle**2 / 24.0, (1.0 - np.cos(safe)) / safe**2)
+    half = 0.5 * np.maximum(np.sqrt((v * v).sum(axis=-1)), _NO_ANGLE)[..., None, None]
+    ratio = np.sin(half) / half
     cross = skew(v)
-    return np.asarray(np.eye(3) + first * cross + second * (cross @ cross))
+    turn = (ratio * np.cos(half)) * cross + (0.5 * ratio * ratio) * (cross @ cross)
+    return np.asarray(_IDENTITY + turn)
 
 
 def log_so3(rotation: Array) -> Array:
@@ -73,7 +75,7 @@ def log_so3(rotation: Array) -> Array:
     """
     flat = np.asarray(rotation, dtype=float).reshape(*np.shape(rotation)[:-2], 9)
     cosine = 0.5 * (flat[..., 0] + flat[..., 4] + flat[..., 8] - 1.0)
-    if np.all(cosine > 0.0):
+    if (cosine > 0.0).all():
         half = flat @ _HALF_DIFFERENCE
         sine = np.sqrt((half * half).sum(axis=-1))
         small = sine < _SMALL_ANGLE

@@ -159,10 +159,10 @@ class Accumulation:
     def _derive(self) -> _Knowledge:
         assert self.solver is not None
         mapping, prior = self.solver.coordinate_jacobian(), self.solver.prior_information()
-        seen = self.information.factor @ mapping
-        keep = excited_projection(self._unexcited, self._prior, len(prior))
-        noise = keep @ mapping.T @ self.noise_information @ mapping @ keep.T
-        data = positive_part(keep @ seen.T @ seen @ keep.T - noise, prior)
+        kept = mapping @ excited_projection(self._unexcited, self._prior, len(prior)).T
+        seen = self.information.factor @ kept
+        noise = kept.T @ self.noise_information @ kept
+        data = positive_part(seen.T @ seen - noise, prior)
         bread = mapping @ np.linalg.inv(data + prior)
         filling = data + prior + noise
         return _Knowledge(data, prior, np.asarray(bread @ filling @ bread.T))

@@ -163,6 +163,8 @@ class LastingErrors:
 
 def positive_part(information: Array, scale: Array) -> Array:
     """Nearest information without negative directions, measured in units of `scale`."""
+    if lapack.dpotrf(information)[1] == 0:
+        return information
     factor = np.linalg.cholesky(scale)
     half = np.linalg.solve(factor, information)
     values, vectors = np.linalg.eigh(np.linalg.solve(factor, half.T))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -125,10 +126,12 @@ def data_directions(mapped: Array, data: Array, prior: Array) -> tuple[Direction
 class Summariser:
     """Turns a model's present state into a `LiveEstimate`.
 
-    What changes slowly (inflation, excitation) is found again at every tenth call only.
+    What changes slowly (inflation, lasting errors, excitation) is found again at every tenth call
+    only, each of them at another one.
     """
 
     _EVERY = 10
+    _TURNS = (0, 3, 6)
 
     def __init__(self, hull: CentreHull | None = None) -> None:
         """Start without a past; a hull bounds the centre of mass."""
@@ -144,12 +147,13 @@ class Summariser:
         solver, error = model.solver, model.rms_error
         covariance = model.state_covariance()
         data, prior = (part[:10, :10] for part in model.coordinate_information())
-        if model is not self._model or self._calls % self._EVERY == 0:
+        widening, lasting, excitation = self._due(model)
+        if widening:
             self._widen = np.sqrt(model.scores.inflation(model.state, covariance))
+        if lasting:
             self._lasting = model.lasting.covariance(model.state, covariance)
+        if excitation:
             self._not_excited = unexcited_parameters(solver.xi, data, prior)
-            self._model = model
-        self._calls += 1
         xi = solver.xi
         if self._hull is not None:
             xi = keep_in_hull(xi, data + prior, self._hull)
@@ -159,8 +163,8 @@ class Summariser:
             covariance=covariance[:10, :10],
             effects=_effect_estimates(model, covariance[10:, 10:]),
             error=ModelError(
-                float(np.sqrt(np.mean(error[3:] ** 2))),
-                float(np.sqrt(np.mean(error[:3] ** 2))),
+                math.sqrt(error[3:] @ error[3:] / 3.0),
+                math.sqrt(error[:3] @ error[:3] / 3.0),
                 model.information.whitened_rms,
             ),
             not_excited=self._not_excited,
@@ -174,6 +178,14 @@ class Summariser:
             latency=latency,
             pending=pending,
         )
+
+    def _due(self, model: Accumulation) -> list[bool]:
+        """Which of the slow parts this call finds again: all of them for another model."""
+        turn = self._calls % self._EVERY
+        due = [model is not self._model or turn == own for own in self._TURNS]
+        self._model = model
+        self._calls += 1
+        return due
 
 
 def _effect_estimates(model: Accumulation, covariance: Array) -> dict[str, EffectEstimate]:

@@ -205,9 +205,9 @@ class WhiteningPipeline:
             contacts = contacts.corrected(corrections[:, 0, 18:])
             jacobian, disturbed = self._jacobians_in_context(denoised, noisy, contacts, model)
         else:
-            jacobian, disturbed = (
-                model.jacobian(moved.samples(contacts)) for moved in (denoised, noisy)
-            )
+            both = DenoisedMotion.stack([denoised, noisy])
+            held = ContactRows.stack([contacts, contacts])
+            jacobian, disturbed = np.split(model.jacobian(both.samples(held)), 2)
         lasting = systematic_basis(denoised.rotation, self._lever)
         return np.concatenate([jacobian, disturbed - jacobian, lasting], axis=2)
 

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+_ORDERS = np.arange(3)
+_FACTORIALS = np.array([1.0, 1.0, 2.0])
 _CONTACT_FIELDS = ("point", "rotation", "force", "torque", "std", "in_contact")
 
 
@@ -196,14 +198,18 @@ class LinearisedModel:
     theta: Sequence[Array]
     origin: float
 
-    def residual(self, samples: WrenchSamples) -> Array:
-        """E = Y phi - w - sum Delta, (B, 6)."""
-        predicted = _regressor(samples) @ self.phi - samples.measured_wrench
-        return np.asarray(predicted - self._present.wrench(samples, self.phi))
+    def residual(self, samples: WrenchSamples) -> tuple[Array, Array]:
+        """E = Y phi - w - sum Delta, (B, 6), and its derivative by [phi, theta], (B, 6, n)."""
+        by_phi = _regressor(samples)
+        residual = by_phi @ self.phi - samples.measured_wrench
+        residual -= self._present.wrench(samples, self.phi)
+        return residual, self._jacobian(samples, by_phi)
 
     def jacobian(self, samples: WrenchSamples) -> Array:
         """Derivative of the residual by [phi, theta], (B, 6, n)."""
-        by_phi = _regressor(samples)
+        return self._jacobian(samples, _regressor(samples))
+
+    def _jacobian(self, samples: WrenchSamples, by_phi: Array) -> Array:
         for part in self._present.inertia_jacobians(samples, self.phi):
             by_phi = by_phi - part
         by_theta = self._present.jacobians(samples, self.phi)
@@ -227,11 +233,11 @@ def derivative_weights(offset: Array, degree: int) -> Array:
         offset: (B, W) s, sample times relative to the instant.
         degree: of the polynomial.
     """
-    scale = np.abs(offset).max(axis=1)
-    basis = (offset / scale[:, None])[..., None] ** np.arange(degree + 1)
+    scale = np.abs(offset).max(axis=1)[:, None]
+    basis = (offset / scale)[..., None] ** np.arange(degree + 1)
     transposed = np.swapaxes(basis, 1, 2)
     solution = np.linalg.solve(transposed @ basis, transposed)[:, :3]
-    factors = np.stack([np.ones_like(scale), 1.0 / scale, 2.0 / scale**2], axis=1)
+    factors = _FACTORIALS / scale**_ORDERS
     return np.asarray(solution * factors[..., None])
 
 
@@ -347,11 +353,12 @@ def linearise_residuals(
     sensitivity = motion_sensitivity(samples, model.phi, False, False)
     response = np.stack([sensitivity["orientation"], sensitivity["position"]], axis=1)
     noise = _residual_noise(weights, response, windows.noise[:, _inner(windows)])
-    residual = model.residual(samples) + np.einsum("bsoij,bsoj->bi", response, steps)
+    residual, jacobian = model.residual(samples)
+    residual += np.einsum("bsoij,bsoj->bi", response, steps)
     drawn = windows.draw[:, _inner(windows)].reshape(len(residual), -1)
     return ResidualBatch(
         motion,
-        model.jacobian(samples),
+        jacobian,
         residual,
         noise,
         np.einsum("bij,bj->bi", noise, drawn),

@@ -24,6 +24,8 @@ EFFECTS_KEY = gtsam.symbol("t", 0)
 
 _UPPER_ROWS = np.array([0, 1, 0, 0, 1, 2])
 _UPPER_COLUMNS = np.array([1, 2, 2, 3, 3, 3])
+_ROWS = np.concatenate([np.arange(4), _UPPER_ROWS])
+_COLUMNS = np.concatenate([np.arange(4), _UPPER_COLUMNS])
 _NEAR_ONE = 1e-4
 _SMALLEST_RATIO = 1e-150
 _MAXIMUM_ROUNDS = 8
@@ -79,7 +81,7 @@ class DivergencePrior:
     def divergence(self, xi: Array) -> float:
         """Prior cost: weight (tr(P0^-1 P) - log det(P0^-1 P) - 4)."""
         ratio = self._inverse @ log_cholesky_factor(xi)
-        excess = np.sum(ratio**2) - 2.0 * np.sum(np.log(np.diag(ratio))) - 4.0
+        excess = (ratio * ratio).sum() - 2.0 * np.log(ratio.diagonal()).sum() - 4.0
         return float(0.5 * self._scale**2 * excess)
 
     def error(self, xi: Array) -> tuple[Array, Array]:
@@ -87,23 +89,21 @@ class DivergencePrior:
         factor = log_cholesky_factor(xi)
         ratio = self._inverse @ factor
         derivatives = self._inverse @ log_cholesky_factor_derivatives(factor)
-        diagonal = np.diag(ratio)
-        value, slope = _root_excess(diagonal)
+        value, slope = np.transpose([_root_excess(x) for x in ratio.diagonal().tolist()])
         error = np.concatenate([value, ratio[_UPPER_ROWS, _UPPER_COLUMNS]])
-        by_diagonal = slope[:, None] * np.einsum("kii->ik", derivatives)
-        by_upper = derivatives[:, _UPPER_ROWS, _UPPER_COLUMNS].T
-        return self._scale * error, self._scale * np.concatenate([by_diagonal, by_upper])
+        jacobian = derivatives[:, _ROWS, _COLUMNS].T
+        jacobian[:4] *= slope[:, None]
+        return self._scale * error, self._scale * jacobian
 
 
-def _root_excess(x: Array) -> tuple[Array, Array]:
+def _root_excess(x: float) -> tuple[float, float]:
     """sign(x - 1) sqrt(x^2 - 2 log x - 1) and its derivative, smooth through x = 1."""
     gap = x - 1.0
-    near = np.abs(gap) < _NEAR_ONE
-    safe = np.where(near, 2.0, np.maximum(x, _SMALLEST_RATIO))
-    root = np.sign(safe - 1.0) * np.sqrt(safe**2 - 2.0 * np.log(safe) - 1.0)
-    value = np.where(near, math.sqrt(2.0) * (gap - gap**2 / 6.0), root)
-    slope = np.where(near, math.sqrt(2.0) * (1.0 - gap / 3.0), (safe - 1.0 / safe) / root)
-    return value, slope
+    if abs(gap) < _NEAR_ONE:
+        return math.sqrt(2.0) * (gap - gap**2 / 6.0), math.sqrt(2.0) * (1.0 - gap / 3.0)
+    x = max(x, _SMALLEST_RATIO)
+    root = math.copysign(math.sqrt(x * x - 2.0 * math.log(x) - 1.0), gap)
+    return root, (x - 1.0 / x) / root
 
 
 class SummarySolver:
@@ -143,14 +143,14 @@ class SummarySolver:
     def replace_summary(self, factor: Array, target: Array) -> None:
         """Exchange the data's [R | d] on [phi, theta] and iterate until the step is small."""
         start = self._state()
-        before = self._cost(start, factor, target)
         graph = gtsam.NonlinearFactorGraph()
         graph.add(self._summary_factor(factor, target))
         try:
-            self._iterate(graph)
-            after = self._cost(self._state(), factor, target)
+            if self._iterate(graph) == 0:
+                return
+            before, after = (self._cost(x, factor, target) for x in (start, self._state()))
         except (RuntimeError, _Diverged):
-            after = np.inf
+            before, after = 0.0, np.inf
         if not after <= before * (1.0 + 1e-9) + 1e-9:
             self._recover(start, factor, target)
 
@@ -193,21 +193,23 @@ class SummarySolver:
         self._xi, self._theta = np.array(xi), np.array(theta)
         self._rounded = None
 
-    def _iterate(self, graph: gtsam.NonlinearFactorGraph) -> None:
+    def _iterate(self, graph: gtsam.NonlinearFactorGraph) -> int:
+        """Exchange the factor; return the number of steps before one that is small."""
         removed = self._summary_index
         result = self._isam.update(graph, gtsam.Values(), removed)
         self._summary_index = list(result.getNewFactorsIndices())
         last = np.inf
-        for _ in range(_MAXIMUM_ROUNDS):
+        for count in range(_MAXIMUM_ROUNDS):
             previous = self._state()
             self._read()
             step = float(np.abs(self._state() - previous).max())
             if step < _STEP_TOLERANCE:
-                return
+                return count
             if step > _SHRINKING * last or np.abs(self._xi[:4]).max() > _LARGEST_LOGARITHM:
                 raise _Diverged
             self._isam.update()
             last = step
+        return _MAXIMUM_ROUNDS
 
     def _state(self) -> Array:
         return np.concatenate([self._xi, self._theta])
