@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from tactile_dynamics_ros.core.discrepancy.model import Family, ResidualModel
-from tactile_dynamics_ros.core.discrepancy.windows import window_starts
+from tactile_dynamics_ros.core.discrepancy.windows import Index, window_starts
 
 Array = NDArray[np.float64]
 
@@ -59,13 +60,13 @@ def screen(model: ResidualModel, families: Sequence[Family], floor: float = 1.0)
     basis = orthonormal(model.jacobian)
     residual = model.residual - basis @ (basis.T @ model.residual)
     starts = window_starts(model.time, _WINDOW)
-    projected: dict[int, tuple[Array, Array, Array]] = {}
+    projected: dict[int, _Projection] = {}
     scores = []
     for family in families:
         key = id(family.columns)
         if key not in projected:
-            projected[key] = _project(family.columns, basis, residual)
-        scores.append(_score(family, projected[key], residual, starts, basis.shape[1], floor))
+            projected[key] = _project(family.columns, basis, residual, starts)
+        scores.append(_score(family, projected[key], residual, basis.shape[1], floor))
     return scores
 
 
@@ -78,43 +79,52 @@ def orthonormal(matrix: Array) -> Array:
     return np.asarray(scaled @ (vectors[:, keep] / np.sqrt(values[keep])))
 
 
-def _project(columns: Array, basis: Array, residual: Array) -> tuple[Array, Array, Array]:
-    """Unit columns beside the model, the lengths they had there, and their whole lengths."""
+@dataclass(frozen=True)
+class _Projection:
+    """Columns U beside the model, scaled to unit length, in sums over W windows.
+
+    Attributes:
+        scale: (m,) lengths that the columns had there; infinite for those of which nothing is left.
+        grams: (W, m, m) U^T U.
+        shares: (W, m) U^T r.
+    """
+
+    scale: Array
+    grams: Array
+    shares: Array
+
+
+def _project(columns: Array, basis: Array, residual: Array, starts: Index) -> _Projection:
     whole = np.linalg.norm(columns, axis=0)
     beside = columns - basis @ (basis.T @ columns)
     length = np.linalg.norm(beside, axis=0)
-    usable = length > 1e-4 * np.maximum(whole, 1e-300)
-    scale = np.where(usable, length, np.inf)
-    return beside / scale, scale, whole
+    scale = np.where(length > 1e-4 * np.maximum(whole, 1e-300), length, np.inf)
+    unit = beside / scale
+    windows = [slice(*ends) for ends in pairwise([*starts.tolist(), len(unit)])]
+    grams = np.stack([unit[rows].T @ unit[rows] for rows in windows])
+    return _Projection(scale, grams, np.add.reduceat(unit * residual[:, None], starts, axis=0))
 
 
 def _score(
-    family: Family,
-    projected: tuple[Array, Array, Array],
-    residual: Array,
-    starts: NDArray[np.int64],
-    used: int,
-    floor: float,
+    family: Family, projection: _Projection, residual: Array, used: int, floor: float
 ) -> Score:
     kept = list(family.kept)
-    unit, scale = projected[0][:, kept], projected[1][kept]
-    values, vectors = np.linalg.eigh(unit.T @ unit)
+    grams, shares = projection.grams[:, kept][..., kept], projection.shares[:, kept]
+    values, vectors = np.linalg.eigh(grams.sum(axis=0))
     sound = values > _FEIGNED * max(float(values[-1]), 1e-300)
     half = vectors[:, sound] / np.sqrt(np.maximum(values[sound], 1e-300))
-    score = half.T @ (unit.T @ residual)
+    score = half.T @ shares.sum(axis=0)
     gain, freedom = float(score @ score), int(sound.sum())
     total = float(residual @ residual)
     remaining = max(len(residual) - used - freedom, 1)
     variance = max((total - gain) / remaining, 1e-300)
-    direction = unit @ half
-    unexplained = residual - direction @ score
-    scatter = np.add.reduceat(direction * unexplained[:, None], starts, axis=0)
+    scatter = (shares - grams @ (half @ score)) @ half
     excess = np.mean(np.sum(scatter**2, axis=0)) / variance if freedom else 1.0
     statistic = gain / (variance * max(1.0, float(excess)))
     rows = len(residual)
     return Score(
         family=family,
-        coefficients=np.asarray(half @ score) / scale,
+        coefficients=np.asarray(half @ score) / projection.scale[kept],
         gain=gain,
         freedom=freedom,
         p_value=float(chi2.sf(statistic, freedom)) if freedom else 1.0,

@@ -114,6 +114,13 @@ class Effect(ABC):
     def jacobian(self, samples: WrenchSamples, inertia: Array, theta: Array) -> Array:
         """Derivative d Delta / d theta, (N, 6, k)."""
 
+    def factored(self, samples: WrenchSamples, theta: Array) -> tuple[Array, Array] | None:
+        """Jacobian as columns (N, 6, b) that neither theta nor the load changes, times (b, k).
+
+        None where it has no such form, or where the columns are those of the Jacobian itself.
+        """
+        return None
+
     def inertia_jacobian(self, samples: WrenchSamples, inertia: Array, theta: Array) -> Array:
         """Derivative d Delta / d phi, (N, 6, 10); zero unless the effect depends on the load."""
         return np.zeros((len(samples.time), 6, 10))

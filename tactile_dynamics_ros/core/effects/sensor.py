@@ -6,13 +6,14 @@ from abc import abstractmethod
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples, once_per_samples
 from tactile_dynamics_ros.core.effects.effect import Effect, EffectParameter
 from tactile_dynamics_ros.core.effects.fingers import FingerEffect, FramedFingerEffect
 from tactile_dynamics_ros.core.effects.geometry import right_jacobian, vector_parameters
 from tactile_dynamics_ros.core.effects.registry import register_effect
-from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, skew
+from tactile_dynamics_ros.core.rigid_body.rotation import cross, exp_so3, skew
 
 Array = NDArray[np.float64]
 
@@ -205,25 +206,60 @@ class SensorRotation(FramedFingerEffect):
     def finger_wrench(self, samples: WrenchSamples, contact: int, theta: Array) -> Array:
         """Wrench of (exp(-r) - 1) f, and of the torque likewise."""
         turn = exp_so3(-theta) - np.eye(3)
-        force, torque = (v @ turn.T for v in self._readings(samples, contact))
-        return self._to_wrench(samples, contact, force[..., None], torque[..., None])[..., 0]
+        force = self._turned(samples, contact, samples.contact_force, turn)
+        torque = cross(samples.contact_point[:, contact], force)
+        if carries_torque(samples):
+            torque += self._turned(samples, contact, samples.contact_torque, turn)
+        return np.concatenate([torque, force], axis=1)
+
+    def _turned(
+        self, samples: WrenchSamples, contact: int, vectors: Array, matrix: Array
+    ) -> Array:
+        """Vectors (N, C, 3) of one contact times a matrix (3, 3) of the frame, body axes."""
+        own = vectors[:, contact]
+        if self.frame == "body":
+            return np.asarray(own @ matrix.T)
+        axes = self.axes(samples, contact)
+        return np.asarray((axes @ ((own[:, None] @ axes)[:, 0] @ matrix.T)[..., None])[..., 0])
 
     def finger_jacobian(self, samples: WrenchSamples, contact: int, theta: Array) -> Array:
         """By r: exp(-r) [v] J_r(-r)."""
-        left, right = exp_so3(-theta), right_jacobian(-theta)
-        force, torque = (left @ skew(v) @ right for v in self._readings(samples, contact))
-        return self._to_wrench(samples, contact, force, torque)
+        return _weighted(_product_columns(samples, self.frame, contact), _turn_jacobian(theta))
 
-    def _readings(self, samples: WrenchSamples, contact: int) -> tuple[Array, Array]:
-        """Force and torque in the frame of the rotation."""
-        frame = self.axes(samples, contact)
-        force, torque = samples.contact_force[:, contact], samples.contact_torque[:, contact]
-        return np.einsum("nji,nj->ni", frame, force), np.einsum("nji,nj->ni", frame, torque)
+    def factored(self, samples: WrenchSamples, theta: Array) -> tuple[Array, Array] | None:
+        """The wrench is linear in the nine numbers of exp(-r) - 1 of every finger."""
+        if self.common:
+            return None
+        parts = self._split(samples, theta)
+        columns = _all_product_columns(samples, self.frame, tuple(c for c, _ in parts))
+        return columns, block_diag(*(_turn_jacobian(part) for _, part in parts))
 
-    def _to_wrench(
-        self, samples: WrenchSamples, contact: int, force: Array, torque: Array
-    ) -> Array:
-        """Wrench columns of force and torque columns (N, 3, m) in the frame of the rotation."""
-        frame = self.axes(samples, contact)
-        stacked = np.concatenate([frame @ force, frame @ torque], axis=1)
-        return np.asarray(contact_map(samples, contact) @ stacked)
+
+@once_per_samples
+def _product_columns(samples: WrenchSamples, frame: str, contact: int) -> Array:
+    """Wrenches (N, 6, 9) of e_i v_j, v the force (and torque) of a contact in a frame."""
+    axes = SensorRotation(frame=frame).axes(samples, contact)
+    force, torque = (
+        axes[..., None] * (values[:, contact, None] @ axes)[:, :, None]
+        for values in (samples.contact_force, samples.contact_torque)
+    )
+    columns = np.concatenate([force, torque], axis=1).reshape(len(axes), 6, 9)
+    return np.asarray(contact_map(samples, contact) @ columns)
+
+
+@once_per_samples
+def _all_product_columns(samples: WrenchSamples, frame: str, contacts: tuple[int, ...]) -> Array:
+    return np.concatenate([_product_columns(samples, frame, c) for c in contacts], axis=2)
+
+
+def _weighted(columns: Array, weights: Array) -> Array:
+    """Columns (N, 6, b) times weights (b, ...), faster than one product per sample."""
+    product = columns.reshape(-1, len(weights)) @ weights
+    return np.asarray(product.reshape(*columns.shape[:2], *weights.shape[1:]))
+
+
+def _turn_jacobian(theta: Array) -> Array:
+    """Derivative (9, 3) of exp(-r) by r: exp(-r) [e_k] J_r(-r) e_j turns the k-th unit vector."""
+    left, right = exp_so3(-theta), right_jacobian(-theta)
+    by_vector = left @ skew(np.eye(3)) @ right
+    return np.asarray(by_vector.transpose(1, 0, 2).reshape(9, 3))

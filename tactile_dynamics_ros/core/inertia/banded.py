@@ -36,9 +36,7 @@ class BandedWhitener:
         Raises:
             NotIdentifiableError: C is not positive definite, even with small numbers added.
         """
-        size = sensitivities[0].shape[0]
-        products = [matrix @ matrix.T.tobsr(blocksize=(3, _BLOCK)) for matrix in sensitivities]
-        band = _sum_bands([product.tobsr(blocksize=(_BLOCK, _BLOCK)) for product in products], size)
+        band = _sum_bands([_lags(matrix) for matrix in sensitivities])
         band[0] += extra_variance
         diagonal = band[0].copy()
         for share in _SAFEGUARDS:
@@ -65,22 +63,46 @@ class BandedWhitener:
         return np.asarray(solution).reshape(values.shape)
 
 
-def _sum_bands(products: list[bsr_array], size: int) -> Array:
-    """Lower band storage of the sum of block-sparse symmetric matrices.
+def _lags(matrix: bsr_array) -> list[Array]:
+    """Blocks (N - d, 6, 6) of A A^T, rows k = d .. N - 1 with rows k - d, for d = 0, 1, ...
 
-    Block (row, column) goes to [column, j, 6 (row - column) + i], the columns of the band with
-    their diagonal at j, which are shifted to the top at the end.
+    Every row of A reads a window of as many samples, the windows never go back.
     """
-    count = size // _BLOCK
-    rows = [np.repeat(np.arange(count), np.diff(p.indptr)) for p in products]
-    lags = [row - product.indices for row, product in zip(rows, products, strict=True)]
-    reach = 1 + max(int(lag.max()) for lag in lags)
-    blocks = np.zeros((count, reach, _BLOCK, _BLOCK))
-    for product, lag in zip(products, lags, strict=True):
-        below = lag >= 0
-        blocks[product.indices[below], lag[below]] += product.data[below]
-    columns = blocks.transpose(0, 3, 1, 2).reshape(count, _BLOCK, _BLOCK * reach)
+    width = int(matrix.indptr[1])
+    start = matrix.indices[::width]
+    rows = matrix.data.reshape(len(start), width, _BLOCK, 3).transpose(0, 2, 1, 3)
+    rows = rows.reshape(len(start), _BLOCK, 3 * width)
+    found: list[Array] = []
+    for lag in range(len(start)):
+        shift = start[lag:] - start[: len(start) - lag]
+        if not (shift < width).any():
+            break
+        blocks = np.zeros((len(shift), _BLOCK, _BLOCK))
+        for common in np.unique(shift[shift < width]):
+            later = _as_slice(np.flatnonzero(shift == common))
+            overlap = 3 * (width - int(common))
+            after, before = rows[lag:][later][..., :overlap], rows[later][..., -overlap:]
+            blocks[later] = after @ before.swapaxes(1, 2)
+        found.append(blocks)
+    return found
+
+
+def _as_slice(index: NDArray[np.intp]) -> NDArray[np.intp] | slice:
+    """The same rows as a slice, which costs no copy, if they follow each other."""
+    first, end = int(index[0]), int(index[-1]) + 1
+    return slice(first, end) if end - first == len(index) else index
+
+
+def _sum_bands(signals: list[list[Array]]) -> Array:
+    """Lower band storage of the sum of block-banded matrices, each by its `_lags`.
+
+    Entry (i, j) of the blocks at lag d lies on diagonal 6 d + i - j.
+    """
+    reach, count = max(map(len, signals)), len(signals[0][0])
     band = np.zeros((_BLOCK * reach, count, _BLOCK))
-    for j in range(_BLOCK):
-        band[: _BLOCK * reach - j, :, j] = columns[:, j, j:].T
-    return band.reshape(_BLOCK * reach, size)
+    for lag in range(reach):
+        blocks = sum(lags[lag] for lags in signals if lag < len(lags))
+        for i in range(_BLOCK):
+            for j in range(_BLOCK if lag else i + 1):
+                band[_BLOCK * lag + i - j, : count - lag, j] = blocks[:, i, j]
+    return band.reshape(_BLOCK * reach, count * _BLOCK)

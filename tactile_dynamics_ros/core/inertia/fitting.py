@@ -256,11 +256,12 @@ class _ReducedSystem:
 
     def _effect_columns(self, phi: Array, theta: Sequence[Array]) -> Array:
         present = PresentEffects(self._effects, theta)
-        columns = [
-            np.concatenate(present.jacobians(block.problem.samples, phi), axis=2)
-            for block in self._blocks
-        ]
-        return -self._white_columns("theta", columns)
+        samples = [block.problem.samples for block in self._blocks]
+        columns = []
+        for effect, value in zip(self._effects, theta, strict=True):
+            seen = [present.seen_by(effect, s, phi) for s in samples]
+            columns.append(self._white_columns.jacobian(effect, present, seen, phi, value))
+        return -np.concatenate(columns, axis=1)
 
 
 def _denoise(

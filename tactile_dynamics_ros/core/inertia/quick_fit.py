@@ -49,6 +49,11 @@ class Whitening:
         total = [present.wrench(samples, model.phi) for samples in model.samples]
         return model.white_residual + self.whiten(total)
 
+    @cached_property
+    def repeated(self) -> RepeatedWhitening:
+        """Of columns that fits at this whitening have in common."""
+        return RepeatedWhitening(self.whiten)
+
     def whiten(self, values: Sequence[Array]) -> Array:
         """White form of values (N, 6, ...) per block."""
         return whiten_blocks(self.model.blocks, values)
@@ -105,7 +110,7 @@ class FrozenSystem:
 
     def __init__(self, whitening: Whitening, effects: tuple[Effect, ...]) -> None:
         self._whitening, self._effects = whitening, effects
-        self._model, self._repeated = whitening.model, RepeatedWhitening(whitening.whiten)
+        self._model, self._repeated = whitening.model, whitening.repeated
         samples = self._model.blocks[0].problem.samples
         self._counts = [len(effect.parameters(samples)) for effect in effects]
         stds = [p.prior_std for effect in effects for p in effect.parameters(samples)]
@@ -142,10 +147,9 @@ class FrozenSystem:
         """White derivatives of that Delta by phi (None if zero) and theta."""
         effect, repeated = beside.effect, self._repeated
         by_phi = beside.shown(effect.inertia_jacobian, phi, theta)
-        by_theta = beside.shown(effect.jacobian, phi, theta)
         return (
             repeated((effect.label, "phi"), by_phi) if any(map(np.any, by_phi)) else None,
-            repeated((effect.label, "theta"), by_theta),
+            repeated.jacobian(effect, beside.present, beside.seen, phi, theta),
         )
 
     def _prior(self, stds: Array) -> tuple[Array, Array]:

@@ -7,14 +7,22 @@ from collections.abc import Callable, Hashable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
+from tactile_dynamics_ros.core.effects.effect import Effect
+from tactile_dynamics_ros.core.effects.present import PresentEffects
+
 Array = NDArray[np.float64]
+
+_KEPT = 8
 
 
 class RepeatedWhitening:
     """Remembers the last white columns by key: those of linear effects are the same at every step.
 
+    Of the keys, those used lately.
+
     Args:
-        whiten: makes white columns of arrays.
+        whiten: makes white columns of arrays, one array per stretch of a recording.
     """
 
     def __init__(self, whiten: Callable[[Sequence[Array]], Array]) -> None:
@@ -23,7 +31,44 @@ class RepeatedWhitening:
 
     def __call__(self, key: Hashable, values: Sequence[Array]) -> Array:
         """White form of the arrays that come under one key."""
-        known = self._last.get(key)
-        if known is None or not all(map(np.array_equal, known[0], values)):
-            known = self._last[key] = values, self._whiten(values)
+        known = self._last.pop(key, None)
+        if known is None or not all(map(_is_same, known[0], values)):
+            known = values, self._whiten(values)
+        self._last[key] = known
+        if len(self._last) > _KEPT:
+            del self._last[next(iter(self._last))]
         return known[1]
+
+    def jacobian(
+        self,
+        effect: Effect,
+        present: PresentEffects,
+        samples: Sequence[WrenchSamples],
+        phi: Array,
+        theta: Array,
+    ) -> Array:
+        """White derivative (M, k) of an effect by its parameters.
+
+        Args:
+            effect: one that `present` may hold.
+            present: effects beside it, which may make sensors late.
+            samples: of each stretch, as the effect sees them.
+            phi: (10,) dynamic parameters.
+            theta: (k,) of the effect.
+        """
+
+        def shown(columns: Sequence[Array]) -> list[Array]:
+            parts = zip(samples, columns, strict=True)
+            return [present.as_shown(effect, s, part) for s, part in parts]
+
+        factored = [effect.factored(s, theta) for s in samples]
+        if factored[0] is None:
+            columns = [effect.jacobian(s, phi, theta) for s in samples]
+            return self((effect.label, "jacobian"), shown(columns))
+        parts = [part for part in factored if part is not None]
+        white = self((effect.label, "columns"), shown([columns for columns, _ in parts]))
+        return np.asarray(white @ parts[0][1])
+
+
+def _is_same(before: Array, now: Array) -> bool:
+    return before is now or np.array_equal(before, now)
