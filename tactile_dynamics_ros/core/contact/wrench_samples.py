@@ -110,6 +110,25 @@ def once_per_samples(
     return remembered
 
 
+def latest_per_samples(
+    function: Callable[Concatenate[WrenchSamples, Given], Value],
+) -> Callable[Concatenate[WrenchSamples, Given], Value]:
+    """Remember what a function makes of samples and of the latest arguments it got with them."""
+    known: WeakKeyDictionary[WrenchSamples, tuple[Hashable, Value]] = WeakKeyDictionary()
+
+    @wraps(function)
+    def remembered(
+        samples: WrenchSamples, /, *arguments: Given.args, **options: Given.kwargs
+    ) -> Value:
+        key = (arguments, tuple(options.items()))
+        found = known.get(samples)
+        if found is None or found[0] != key:
+            found = known[samples] = key, function(samples, *arguments, **options)
+        return found[1]
+
+    return remembered
+
+
 def once_per_motion(
     function: Callable[Concatenate[WrenchSamples, Given], Value],
 ) -> Callable[Concatenate[WrenchSamples, Given], Value]:

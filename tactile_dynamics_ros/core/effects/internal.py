@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
+from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples, latest_per_samples
 from tactile_dynamics_ros.core.effects.effect import Effect, EffectParameter, LinearEffect
 from tactile_dynamics_ros.core.effects.filters import (
     integrate_linear,
@@ -150,7 +150,7 @@ class SloshingMass(Effect):
 
     def wrench(self, samples: WrenchSamples, inertia: Array, theta: Array) -> Array:
         """Force -m_s u'' at r and the torque of the damper."""
-        response = self._respond(samples, theta, derivatives=False)
+        response = _respond(samples, self.reading, theta.tobytes())
         force = -theta[0] * to_body(samples, response.acceleration[..., 0])
         wrench = force_at(theta[3:], force)
         wrench[:, :3] += theta[0] * to_body(samples, self._damping(theta, response)[..., 0])
@@ -159,7 +159,7 @@ class SloshingMass(Effect):
     def jacobian(self, samples: WrenchSamples, inertia: Array, theta: Array) -> Array:
         """By mass, frequency, damping and rest point."""
         mass, point = theta[0], theta[3:]
-        response = self._respond(samples, theta, derivatives=True)
+        response = _respond(samples, self.reading, theta.tobytes())
         world = body_from_world(samples)
         force, torque = -world @ response.acceleration, world @ self._damping(theta, response)
         columns = force_columns(point, force) + torque_columns(torque)
@@ -204,53 +204,52 @@ class SloshingMass(Effect):
         columns[..., 2] += 4.0 * np.pi * hz * product
         return columns
 
-    def _respond(self, samples: WrenchSamples, theta: Array, derivatives: bool) -> _Response:
-        hz, damping = _used_shape(theta)
-        parts = [
-            self._respond_segment(samples, part, 2.0 * np.pi * hz, damping, theta[3:], derivatives)
-            for part in uniform_segments(samples.time)
-        ]
-        stacked = np.concatenate(parts, axis=1)
-        stacked[..., 1] *= 2.0 * np.pi
-        return _Response(*stacked)
 
-    def _respond_segment(
-        self,
-        samples: WrenchSamples,
-        part: slice,
-        omega_n: float,
-        damping: float,
-        point: Array,
-        derivatives: bool,
-    ) -> Array:
-        """Displacement, sliding and acceleration of one gap-free stretch, (3, n, 3, 6)."""
-        spin = samples.rotation[part] @ samples.angular_velocity[part][..., None]
-        system = _system(spin[..., 0], omega_n, damping)
-        omega = skew(samples.angular_velocity[part])
-        turn = samples.rotation[part] @ (skew(samples.angular_acceleration[part]) + omega @ omega)
-        offset = (turn @ point[:, None])[..., 0]
-        drive = (samples.gravity - samples.acceleration[part] - offset)[..., None]
-        if derivatives:
-            drive = np.concatenate([drive, -turn], axis=2)
-        middle = 0.5 * (system[1:] + system[:-1])
-        step = _discretise(middle, sample_period(samples.time))
-        states = integrate_linear(step[0], _trapezoid(step[1], drive), self._start(drive, omega_n))
-        found = np.zeros((3, *drive.shape[:2], 6))
-        columns = [0, 3, 4, 5] if derivatives else [0]
-        found[..., columns] = _motion(system, states, drive, spin)
-        if derivatives:
-            shape = _shape_drive(found[..., :1], omega_n, damping)
-            start = np.zeros((6, 2))
-            start[:3] = self._start(drive, omega_n)[:3, :1] * np.array([-2.0 / omega_n, 0.0])
-            states = integrate_linear(step[0], _trapezoid(step[1], shape), start)
-            found[..., 1:3] = _motion(system, states, shape, spin)
-        return found
+@latest_per_samples
+def _respond(samples: WrenchSamples, reading: str, parameters: bytes) -> _Response:
+    """Response to the motion for parameters theta, given as bytes."""
+    theta = np.frombuffer(parameters)
+    hz, damping = _used_shape(theta)
+    settled = not reading.endswith("unsettled")
+    parts = [
+        _respond_segment(samples, part, 2.0 * np.pi * hz, damping, theta[3:], settled)
+        for part in uniform_segments(samples.time)
+    ]
+    stacked = np.concatenate(parts, axis=1)
+    stacked[..., 1] *= 2.0 * np.pi
+    return _Response(*stacked)
 
-    def _start(self, drive: Array, omega_n: float) -> Array:
-        start = np.zeros((6, drive.shape[2]))
-        if not self.reading.endswith("unsettled"):
-            start[:3] = drive[0] / omega_n**2
-        return start
+
+def _respond_segment(
+    samples: WrenchSamples,
+    part: slice,
+    omega_n: float,
+    damping: float,
+    point: Array,
+    settled: bool,
+) -> Array:
+    """Displacement, sliding and acceleration of one gap-free stretch, (3, n, 3, 6)."""
+    spin = samples.rotation[part] @ samples.angular_velocity[part][..., None]
+    system = _system(spin[..., 0], omega_n, damping)
+    omega = skew(samples.angular_velocity[part])
+    turn = samples.rotation[part] @ (skew(samples.angular_acceleration[part]) + omega @ omega)
+    offset = (turn @ point[:, None])[..., 0]
+    drive = (samples.gravity - samples.acceleration[part] - offset)[..., None]
+    drive = np.concatenate([drive, -turn], axis=2)
+    middle = 0.5 * (system[1:] + system[:-1])
+    transition, step = _discretise(middle, sample_period(samples.time))
+    start = np.zeros((6, 4))
+    if settled:
+        start[:3] = drive[0] / omega_n**2
+    states = integrate_linear(transition, _trapezoid(step, drive), start)
+    found = np.empty((3, *drive.shape[:2], 6))
+    found[..., [0, 3, 4, 5]] = _motion(system, states, drive, spin)
+    shape = _shape_drive(found[..., :1], omega_n, damping)
+    by_shape = np.zeros((6, 2))
+    by_shape[:, 0] = -2.0 / omega_n * start[:, 0]
+    states = integrate_linear(transition, _trapezoid(step, shape), by_shape)
+    found[..., 1:3] = _motion(system, states, shape, spin)
+    return found
 
 
 def _used_shape(theta: Array) -> tuple[float, float]:

@@ -212,9 +212,7 @@ class SensorRotation(FramedFingerEffect):
             torque += self._turned(samples, contact, samples.contact_torque, turn)
         return np.concatenate([torque, force], axis=1)
 
-    def _turned(
-        self, samples: WrenchSamples, contact: int, vectors: Array, matrix: Array
-    ) -> Array:
+    def _turned(self, samples: WrenchSamples, contact: int, vectors: Array, matrix: Array) -> Array:
         """Vectors (N, C, 3) of one contact times a matrix (3, 3) of the frame, body axes."""
         own = vectors[:, contact]
         if self.frame == "body":

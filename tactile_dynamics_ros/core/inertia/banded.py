@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,14 +37,13 @@ class BandedWhitener:
         Raises:
             NotIdentifiableError: C is not positive definite, even with small numbers added.
         """
-        band = _sum_bands([_lags(matrix) for matrix in sensitivities])
-        band[0] += extra_variance
-        diagonal = band[0].copy()
+        band = _band_of_products(_Windows.of(sensitivities))
+        diagonal = band[0] + extra_variance
         for share in _SAFEGUARDS:
             band[0] = (1.0 + share) * diagonal
             factor, info = lapack.dpbtrf(band, lower=1)
             if info == 0:
-                return cls(np.asfortranarray(factor))
+                return cls(factor)
         raise NotIdentifiableError(
             "the noise of the recording cannot be whitened: stamps come in bursts, or poses or "
             f"forces repeat (row {info}); check the stamps of the streams"
@@ -63,28 +63,51 @@ class BandedWhitener:
         return np.asarray(solution).reshape(values.shape)
 
 
-def _lags(matrix: bsr_array) -> list[Array]:
-    """Blocks (N - d, 6, 6) of A A^T, rows k = d .. N - 1 with rows k - d, for d = 0, 1, ...
+@dataclass(frozen=True)
+class _Windows:
+    """A matrix whose N block rows read windows of as many samples, which never go back.
 
-    Every row of A reads a window of as many samples, the windows never go back.
+    Attributes:
+        start: (N,) first sample of each window.
+        width: samples W of a window.
+        rows: (N, 6, W c), c numbers of each sample.
     """
-    width = int(matrix.indptr[1])
-    start = matrix.indices[::width]
-    rows = matrix.data.reshape(len(start), width, _BLOCK, 3).transpose(0, 2, 1, 3)
-    rows = rows.reshape(len(start), _BLOCK, 3 * width)
-    found: list[Array] = []
-    for lag in range(len(start)):
-        shift = start[lag:] - start[: len(start) - lag]
-        if not (shift < width).any():
-            break
-        blocks = np.zeros((len(shift), _BLOCK, _BLOCK))
-        for common in np.unique(shift[shift < width]):
-            later = _as_slice(np.flatnonzero(shift == common))
-            overlap = 3 * (width - int(common))
-            after, before = rows[lag:][later][..., :overlap], rows[later][..., -overlap:]
-            blocks[later] = after @ before.swapaxes(1, 2)
-        found.append(blocks)
-    return found
+
+    start: NDArray[np.intp]
+    width: int
+    rows: Array
+
+    @classmethod
+    def of(cls, matrices: Sequence[bsr_array]) -> list[_Windows]:
+        """Matrices that read the same windows are one matrix."""
+        alike: dict[tuple[int, bytes], list[bsr_array]] = {}
+        for matrix in matrices:
+            width = int(matrix.indptr[1])
+            alike.setdefault((width, matrix.indices[::width].tobytes()), []).append(matrix)
+        return [cls._joined(width, group) for (width, _), group in alike.items()]
+
+    @classmethod
+    def _joined(cls, width: int, matrices: Sequence[bsr_array]) -> _Windows:
+        start = matrices[0].indices[::width].astype(np.intp)
+        blocks = [m.data.reshape(len(start), width, _BLOCK, 3) for m in matrices]
+        rows = np.concatenate(blocks, axis=3).transpose(0, 2, 1, 3)
+        return cls(start, width, rows.reshape(len(start), _BLOCK, -1))
+
+    @property
+    def reach(self) -> int:
+        """Rows ahead that share samples with a row, at most."""
+        after = np.searchsorted(self.start, self.start + self.width)
+        return int(np.max(after - np.arange(len(after)))) - 1
+
+    def add_products(self, blocks: Array, lag: int) -> None:
+        """Add row k times row (k + lag) transposed to `blocks` (N - lag, 6, 6)."""
+        shift = self.start[lag:] - self.start[: len(self.start) - lag]
+        numbers = self.rows.shape[2] // self.width
+        for common in np.unique(shift[shift < self.width]):
+            first = _as_slice(np.flatnonzero(shift == common))
+            overlap = numbers * (self.width - int(common))
+            before, after = self.rows[first], self.rows[lag:][first]
+            blocks[first] += before[..., -overlap:] @ after[..., :overlap].swapaxes(1, 2)
 
 
 def _as_slice(index: NDArray[np.intp]) -> NDArray[np.intp] | slice:
@@ -93,16 +116,21 @@ def _as_slice(index: NDArray[np.intp]) -> NDArray[np.intp] | slice:
     return slice(first, end) if end - first == len(index) else index
 
 
-def _sum_bands(signals: list[list[Array]]) -> Array:
-    """Lower band storage of the sum of block-banded matrices, each by its `_lags`.
+def _band_of_products(signals: list[_Windows]) -> Array:
+    """Lower band storage of sum A A^T.
 
-    Entry (i, j) of the blocks at lag d lies on diagonal 6 d + i - j.
+    Column 6 k + j of a block column holds its blocks from the diagonal down; in the band it begins
+    with the diagonal entry, j further down.
     """
-    reach, count = max(map(len, signals)), len(signals[0][0])
-    band = np.zeros((_BLOCK * reach, count, _BLOCK))
-    for lag in range(reach):
-        blocks = sum(lags[lag] for lags in signals if lag < len(lags))
-        for i in range(_BLOCK):
-            for j in range(_BLOCK if lag else i + 1):
-                band[_BLOCK * lag + i - j, : count - lag, j] = blocks[:, i, j]
-    return band.reshape(_BLOCK * reach, count * _BLOCK)
+    count = len(signals[0].start)
+    reaches = [signal.reach for signal in signals]
+    height = _BLOCK * (1 + max(reaches))
+    columns = np.zeros((count, _BLOCK, height))
+    for signal, reach in zip(signals, reaches, strict=True):
+        for lag in range(reach + 1):
+            below = slice(_BLOCK * lag, _BLOCK * (lag + 1))
+            signal.add_products(columns[: count - lag, :, below], lag)
+    band = np.empty_like(columns)
+    for j in range(_BLOCK):
+        band[:, j, : height - j], band[:, j, height - j :] = columns[:, j, j:], 0.0
+    return band.reshape(count * _BLOCK, height).T

@@ -124,7 +124,7 @@ def log_cholesky_factor_derivatives(factor: Array) -> Array:
     derivatives = factor[3, 3] * _SHEAR_BASIS
     derivatives[0] = factor
     derivatives[_LOGARITHMS, _AXES, _AXES] = factor[_AXES, _AXES]
-    return derivatives
+    return np.asarray(derivatives)
 
 
 def log_cholesky_jacobian(xi: Array) -> Array:

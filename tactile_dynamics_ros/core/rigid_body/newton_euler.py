@@ -9,9 +9,8 @@ from tactile_dynamics_ros.core.rigid_body.rotation import skew
 
 Array = NDArray[np.float64]
 
-_INERTIA_MAP = np.zeros((3, 3, 6))
-_INERTIA_MAP[[0, 1, 2] * 3, [0] * 3 + [1] * 3 + [2] * 3, [0, 1, 3, 1, 2, 4, 3, 4, 5]] = 1.0
-_INERTIA_MAP = _INERTIA_MAP.reshape(3, 18)
+_INERTIA_MAP = np.zeros((3, 18))
+_INERTIA_MAP[[0, 1, 2, 0, 1, 2, 0, 1, 2], [0, 1, 3, 7, 8, 10, 15, 16, 17]] = 1.0
 
 
 def inertia_map(vector: Array) -> Array:
