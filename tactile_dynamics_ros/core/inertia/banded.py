@@ -37,11 +37,11 @@ class BandedWhitener:
         Raises:
             NotIdentifiableError: C is not positive definite, even with small numbers added.
         """
-        band = _band_of_products(_Windows.of(sensitivities))
-        diagonal = band[0] + extra_variance
+        signals = _Windows.of(sensitivities)
         for share in _SAFEGUARDS:
-            band[0] = (1.0 + share) * diagonal
-            factor, info = lapack.dpbtrf(band, lower=1)
+            band = _band_of_products(signals)
+            band[0] = (1.0 + share) * (band[0] + extra_variance)
+            factor, info = lapack.dpbtrf(band, lower=1, overwrite_ab=1)
             if info == 0:
                 return cls(factor)
         raise NotIdentifiableError(
@@ -130,7 +130,6 @@ def _band_of_products(signals: list[_Windows]) -> Array:
         for lag in range(reach + 1):
             below = slice(_BLOCK * lag, _BLOCK * (lag + 1))
             signal.add_products(columns[: count - lag, :, below], lag)
-    band = np.empty_like(columns)
-    for j in range(_BLOCK):
-        band[:, j, : height - j], band[:, j, height - j :] = columns[:, j, j:], 0.0
-    return band.reshape(count * _BLOCK, height).T
+    for j in range(1, _BLOCK):
+        columns[:, j, :-j], columns[:, j, -j:] = columns[:, j, j:], 0.0
+    return columns.reshape(count * _BLOCK, height).T
