@@ -112,13 +112,12 @@ def _ask(args: Namespace) -> Question:
 
 def _answer(question: Question, ask: Callable[[Any], Any]) -> Any:
     """Diagnose or explain; where that fails, once more with the noise that the samples show."""
-    answer = ask(question.model)
-    other = question.otherwise() if answer.verdict == "unexplained" else None
-    again = None if other is None else ask(other)
-    if again is None or not again.leaves_noise:
-        return answer
-    _note(other.fitted)
-    return again
+    from tactile_dynamics_ros.core.discrepancy.asking import ask_twice
+
+    answer, model = ask_twice(ask, question.model, question.otherwise)
+    if model is not question.model:
+        _note(model.fitted)
+    return answer
 
 
 def _note(fitted: FittedModel) -> None:

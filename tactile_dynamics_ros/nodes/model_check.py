@@ -16,7 +16,6 @@ from std_srvs.srv import Trigger
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.contact.robot_description import FINGERS
-from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
 from tactile_dynamics_ros.core.discrepancy.documents import diagnosis_document
 from tactile_dynamics_ros.core.effects.registry import create_effect
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
@@ -169,7 +168,7 @@ class ModelCheckNode(Shell):
 
 def _document(check: LiveModelCheck) -> dict[str, Any]:
     """Diagnose and return the document of `tactile-dynamics diagnose --json`."""
-    return diagnosis_document(diagnose(check.model()))
+    return diagnosis_document(check.diagnose())
 
 
 def main() -> int:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -80,30 +82,36 @@ class ContactAccumulator:
         steps = max(len(self._times), 1)
         time = 0.5 * (self._times[0] + self._times[-1]) if self._times else 0.0
         self._rows, self._times = [], []
-        group = rows[:, 0].astype(int)
-        return {
-            name: _average(name, rows[group == index], steps, time)
-            for index, name in enumerate(self._names)
-        }
+        return {reading.name: reading for reading in _averages(self._names, rows, steps, time)}
 
 
-def _average(name: str, rows: Array, steps: int, time: float) -> ContactReading:
-    """Mean over a window of ``steps`` steps of contact rows (K, 17)."""
-    if len(rows) == 0:
-        zero = np.zeros(3)
-        return ContactReading(name, time, False, zero, zero, zero, zero, 0.0)
+def _averages(
+    names: tuple[str, ...], rows: Array, steps: int, time: float
+) -> Iterator[ContactReading]:
+    """Means over a window of ``steps`` steps of contact rows (K, 17), for each group."""
+    group = rows[:, 0].astype(int)
+    own = (group == np.arange(len(names))[:, None]).astype(float)
     point, normal, first, second = (rows[:, k : k + 3] for k in (2, 5, 8, 11))
-    pressure = rows[:, 14]
-    forces = pressure[:, None] * normal + rows[:, 15:16] * first + rows[:, 16:17] * second
-    centre = pressure @ point / pressure.sum()
-    mean_normal = pressure @ normal
-    return ContactReading(
-        name=name,
-        time=time,
-        in_contact=True,
-        force=forces.sum(axis=0) / steps,
-        torque=cross(point - centre, forces).sum(axis=0) / steps,
-        point=centre,
-        normal=mean_normal / max(float(np.linalg.norm(mean_normal)), 1e-12),
-        share=len(np.unique(rows[:, 1])) / steps,
-    )
+    pressure = rows[:, 14:15]
+    forces = pressure * normal + rows[:, 15:16] * first + rows[:, 16:17] * second
+    touched = np.unique(group * steps + rows[:, 1].astype(int)) // steps
+    shares = np.bincount(touched, minlength=len(names)) / steps
+    parts = (pressure, pressure * point, pressure * normal, forces, cross(point, forces))
+    sums = own @ np.concatenate(parts, axis=1)
+    for name, share, total in zip(names, shares.tolist(), sums, strict=True):
+        if share == 0.0:
+            zero = np.zeros(3)
+            yield ContactReading(name, time, False, zero, zero, zero, zero, 0.0)
+            continue
+        weighted, mean_normal, force, torque = total[1:].reshape(4, 3)
+        centre = weighted / total[0]
+        yield ContactReading(
+            name=name,
+            time=time,
+            in_contact=True,
+            force=force / steps,
+            torque=(torque - cross(centre, force)) / steps,
+            point=centre,
+            normal=mean_normal / max(math.sqrt(mean_normal @ mean_normal), 1e-12),
+            share=share,
+        )

@@ -196,6 +196,25 @@ def test_banded_whitener_equals_dense_cholesky():
     assert_allclose(whitener.whiten_transposed(values), np.linalg.solve(dense.T, values), atol=1e-7)
 
 
+def test_covariance_of_windows_that_share_samples_unevenly_equals_the_dense_one():
+    """Two signals read by the same jittered windows with a gap, and one by short windows."""
+    rng = np.random.default_rng(3)
+    time = np.delete(np.cumsum(rng.uniform(0.006, 0.014, 90)), slice(40, 45))
+    grid = np.delete(np.arange(time[6], time[-6], 0.01), slice(20, 24))
+    wide, narrow = (local_polynomial(time, grid, half, 2) for half in (0.03, 0.005))
+    matrices = [
+        LatentSignal(functional, isotropic_factor(len(time), std)).scaled_sensitivity(
+            rng.normal(size=(len(grid), orders, 6, 3))
+        )
+        for functional, std, orders in ((wide, 1e-3, 3), (wide, 2e-3, 3), (narrow, 0.5, 1))
+    ]
+    extra = rng.uniform(1.0, 2.0, 6 * len(grid))
+    dense = sum((matrix @ matrix.T).toarray() for matrix in matrices) + np.diag(extra)
+    values = rng.normal(size=(6 * len(grid), 2))
+    white = BandedWhitener.from_sensitivities(matrices, extra).whiten(values)
+    assert_allclose(white, np.linalg.solve(np.linalg.cholesky(dense), values), atol=1e-8)
+
+
 def test_noise_level_ignores_motion_and_gaps():
     rng = np.random.default_rng(3)
     time = np.delete(np.arange(3000) * 0.01, slice(500, 700))

@@ -293,6 +293,15 @@ def test_check_effect_finds_a_wrong_jacobian():
     assert "finite differences" in str(check_effect(Wrong()))
 
 
+def test_check_effect_finds_wrong_factors_of_a_jacobian():
+    class Wrong(type(create_effect("sensor_rotation"))):
+        def factored(self, samples, theta):
+            columns, weights = super().factored(samples, theta)
+            return columns, 2.0 * weights
+
+    assert "factored" in str(check_effect(Wrong()))
+
+
 def test_what_is_remembered_of_a_motion_is_shared_by_other_forces_only():
     samples = example_samples()
     pressed = samples.with_forces(2.0 * samples.contact_force)

@@ -222,6 +222,21 @@ def _check_jacobians(effect: Effect, samples: WrenchSamples, inertia: Array) -> 
     return found
 
 
+def _check_factors(effect: Effect, samples: WrenchSamples, inertia: Array) -> list[str]:
+    theta = effect.typical(samples)
+    found = effect.factored(samples, theta)
+    if found is None:
+        return []
+    columns, weights = found
+    other = effect.factored(samples, 0.5 * theta)
+    if other is None or not np.array_equal(columns, other[0]):
+        return ["factored: the columns depend on theta"]
+    jacobian = effect.jacobian(samples, inertia, theta)
+    if not np.allclose(columns @ weights, jacobian, rtol=0.0, atol=1e-9 * np.abs(jacobian).max()):
+        return ["factored: columns times weights differ from the jacobian"]
+    return []
+
+
 def _differences(function: Callable[[Array], Array], point: Array, steps: Array) -> Array:
     columns = []
     for k, step in enumerate(steps):
@@ -309,6 +324,7 @@ _TESTS = (
     _check_kind,
     _check_shapes,
     _check_jacobians,
+    _check_factors,
     _check_screening,
     _check_frames,
 )

@@ -11,10 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
+from tactile_dynamics_ros.core.discrepancy.asking import ask_twice
+from tactile_dynamics_ros.core.discrepancy.diagnosis import Diagnosis, diagnose
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.batch import BatchConfig, fit_recording
 from tactile_dynamics_ros.core.inertia.discrepancy_model import HeldObjectModel
-from tactile_dynamics_ros.core.inertia.fitted_model import FittedModel
+from tactile_dynamics_ros.core.inertia.readings import fit_with_readings, model_with_seen_noise
 from tactile_dynamics_ros.core.streams import ContactStream, PoseStream, Streams
 
 if TYPE_CHECKING:
@@ -29,7 +31,7 @@ class LiveCheckConfig:
 
     error_window: float = parameter(10.0, "span over which the error is taken", "s", 2.0, 60.0)
     diagnosis_window: float = parameter(40.0, "span that is diagnosed", "s", 5.0, 300.0)
-    iterations: int = parameter(2, "iterations of each fit", "", 1, 10)
+    iterations: int = parameter(2, "iterations of the fit of a comparison", "", 1, 10)
 
     def __post_init__(self) -> None:
         """Check ranges."""
@@ -124,25 +126,23 @@ class LiveModelCheck:
         Raises:
             BadInputError: too little has been measured yet.
         """
-        model = self._fit(self._config.error_window)
+        config = BatchConfig(iterations=self._config.iterations)
+        model = fit_recording(self.streams(self._config.error_window), self._effects, config)
         samples = model.samples[0]
         start = model.blocks[0].problem.start
         return LiveComparison(samples.time + start, -model.smooth_residual(), model.whitened_rms)
 
-    def model(self) -> HeldObjectModel:
-        """Fit the model to all kept measurements, ready to be diagnosed.
+    def diagnose(self) -> Diagnosis:
+        """Diagnose the model on all kept measurements, as `tactile-dynamics diagnose` does.
 
         Raises:
             BadInputError: too little has been measured yet.
         """
-        return HeldObjectModel.from_fit(self._fit(self._config.diagnosis_window))
-
-    def _fit(self, window: float) -> FittedModel:
-        streams = self.streams(window)
-        config = BatchConfig(
-            iterations=self._config.iterations, block_duration=2 * self._config.diagnosis_window
-        )
-        return fit_recording(streams, self._effects, config)
+        streams = self.streams(self._config.diagnosis_window)
+        model = HeldObjectModel.from_fit(fit_with_readings(streams, self._effects))
+        return ask_twice(
+            diagnose, model, lambda: model_with_seen_noise(model, streams, self._effects)
+        )[0]
 
     def streams(self, window: float) -> Streams:
         """The last `window` seconds of measurements.
