@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import fields, replace
+
 import numpy as np
 import pytest
 
 from benchmarks.inertia.boxes import wrist_recording
 from benchmarks.inertia.scenarios import four_fingers
+from tactile_dynamics_ros.core.effects.check import example_samples
 from tactile_dynamics_ros.core.inertia.batch import estimate_inertia
 from tactile_dynamics_ros.core.inertia.systematic import (
     SYSTEMATIC_SIZE,
+    sensor_gain_basis,
     systematic_basis,
     systematic_covariance_of_rows,
     systematic_variances,
@@ -85,3 +89,13 @@ def test_a_gain_that_is_off_is_covered():
         inside.append(abs(estimate.inertia.mass - case.truth.mass) / estimate.parameter_std[0])
     assert np.mean(np.array(inside) < 3.0) > 0.9
     assert np.median(inside) < 1.5
+
+
+def test_an_only_sensor_has_no_gain_to_presume():
+    """It is a heavier load, whatever a poor motion or a misfit may leave beside that."""
+    four = example_samples()
+    contact_fields = [field.name for field in fields(four) if field.name.startswith("contact_")]
+    alone = replace(four, **{name: getattr(four, name)[:, :1] for name in contact_fields[1:]})
+    alone = replace(alone, contact_names=four.contact_names[:1], in_contact=four.in_contact[:, :1])
+    assert sensor_gain_basis(four).shape == (len(four.time), 6, 4)
+    assert sensor_gain_basis(alone).shape == (len(four.time), 6, 0)

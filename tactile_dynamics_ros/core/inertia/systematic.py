@@ -57,9 +57,13 @@ def systematic_basis(rotation: Array, lever: float) -> Array:
 def sensor_gain_basis(samples: WrenchSamples) -> Array:
     """Wrenches (N, 6, C) of a unit relative gain of each sensor: its contact's wrench.
 
+    None of an only sensor, (N, 6, 0), whose gain is a heavier load.
+
     Args:
         samples: with forces whose noise is not that of the residual.
     """
+    if len(samples.contact_names) < 2:
+        return np.zeros((len(samples.time), 6, 0))
     force = samples.contact_force
     torque = cross(samples.contact_point, force) + samples.contact_torque
     return np.swapaxes(np.concatenate([torque, force], axis=2), 1, 2)
