@@ -323,3 +323,12 @@ def test_an_effect_of_forces_has_to_say_what_it_is():
     assert "external" in str(check_effect(Crosstalk()))
     Crosstalk.external = False
     assert check_effect(Crosstalk()).passed
+
+
+def test_whole_numbers_are_parameters_as_well():
+    """Whoever writes 2 Hz means 2.0 Hz, also where a response is remembered by its parameters."""
+    whole = np.array([1, 2, 1, 0, 0, 0])
+    expected = applied("sloshing_mass", whole)
+    found = create_effect("sloshing_mass").wrench(SAMPLES, INERTIA, whole)
+    assert np.abs(expected).max() > 0.0
+    np.testing.assert_array_equal(found, expected)

@@ -150,7 +150,7 @@ class SloshingMass(Effect):
 
     def wrench(self, samples: WrenchSamples, inertia: Array, theta: Array) -> Array:
         """Force -m_s u'' at r and the torque of the damper."""
-        response = _respond(samples, self.reading, theta.tobytes())
+        response = self._respond(samples, theta)
         force = -theta[0] * to_body(samples, response.acceleration[..., 0])
         wrench = force_at(theta[3:], force)
         wrench[:, :3] += theta[0] * to_body(samples, self._damping(theta, response)[..., 0])
@@ -159,7 +159,7 @@ class SloshingMass(Effect):
     def jacobian(self, samples: WrenchSamples, inertia: Array, theta: Array) -> Array:
         """By mass, frequency, damping and rest point."""
         mass, point = theta[0], theta[3:]
-        response = _respond(samples, self.reading, theta.tobytes())
+        response = self._respond(samples, theta)
         world = body_from_world(samples)
         force, torque = -world @ response.acceleration, world @ self._damping(theta, response)
         columns = force_columns(point, force) + torque_columns(torque)
@@ -188,6 +188,9 @@ class SloshingMass(Effect):
         mass = max(float(table[best, 0]), 1e-3)
         point = np.clip(table[best, 1:] / mass, -0.05, 0.05)
         return np.concatenate([[mass, self.screened_hz[best], _SCREENED_DAMPING], point])
+
+    def _respond(self, samples: WrenchSamples, theta: Array) -> _Response:
+        return _respond(samples, self.reading, np.asarray(theta, dtype=float).tobytes())
 
     def _damping(self, theta: Array, response: _Response) -> Array:
         """2 zeta w_n u x (u' - omega x u) per kg and its derivatives, world axes, (N, 3, 6)."""
