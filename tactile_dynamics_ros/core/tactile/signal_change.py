@@ -52,11 +52,13 @@ class RestState:
 
     Attributes:
         electrodes: (19,) counts. pressure: PDC counts. temperature: degC.
+        frames: how many frames it is the average of.
     """
 
     electrodes: Array
     pressure: float
     temperature: float
+    frames: int = 1
 
     @classmethod
     def from_frames(cls, raw: ArrayLike) -> RestState:
@@ -75,7 +77,8 @@ class RestState:
                 "lift the finger off before taring"
             )
         mean = counts.mean(axis=0)
-        return cls(mean[ELECTRODES], float(mean[PDC]), float(temperature(mean[TDC])))
+        warmth = float(temperature(mean[TDC]))
+        return cls(mean[ELECTRODES], float(mean[PDC]), warmth, len(counts))
 
     def change(self, counts: Array) -> Array:
         """Return (..., 20): electrode changes and PDC change, in hundreds of counts.
@@ -89,10 +92,16 @@ class RestState:
         return np.concatenate([electrodes, pressure], axis=-1) / 100.0
 
     def follow(self, counts: Array, gain: float) -> RestState:
-        """Return the rest state moved by ``gain`` towards a frame (44,) without contact."""
+        """Return the rest state with a frame (44,) without contact averaged in.
+
+        Electrodes wander by a count or so within seconds, so a long average is better: every
+        frame counts the same until 1 / gain of them, older ones then fade. Zero keeps the state.
+        """
+        share = max(gain, 1.0 / (self.frames + 1)) if gain > 0.0 else 0.0
         now = float(temperature(counts[TDC]))
         return RestState(
-            self.electrodes + gain * (counts[ELECTRODES] - self.electrodes),
-            self.pressure + gain * float(counts[PDC] - self.pressure),
-            self.temperature + gain * (now - self.temperature),
+            self.electrodes + share * (counts[ELECTRODES] - self.electrodes),
+            self.pressure + share * float(counts[PDC] - self.pressure),
+            self.temperature + share * (now - self.temperature),
+            self.frames + 1,
         )
