@@ -89,15 +89,29 @@ class ContactAssembly:
     def _release(self) -> None:
         while self._forces and self._poses and self._forces[0][0] <= self._poses[-1][0]:
             time, wrench = self._forces.popleft()
-            stamp, matrix = min(self._poses, key=lambda entry: abs(entry[0] - time))
-            if abs(stamp - time) > TOLERANCE:
+            place = self._place(time)
+            if place is None:
                 self._node.faults.add(f"force_without_pose_{self._name}")
                 continue
-            self._deliver(self._assemble(time, wrench, matrix))
+            self._deliver(self._assemble(time, wrench, *place))
 
-    def _assemble(self, time: float, wrench: Array, matrix: Array) -> AssembledContact:
+    def _place(self, time: float) -> tuple[Array, Array] | None:
+        """Point, on a line between two poses, and rotation of the nearer; None if it is too far."""
+        stamps = np.array([stamp for stamp, _ in self._poses])
+        nearest = int(np.argmin(np.abs(stamps - time)))
+        if abs(stamps[nearest] - time) > TOLERANCE:
+            return None
+        matrices = [matrix for _, matrix in self._poses]
+        after = int(np.searchsorted(stamps, time))
+        point = matrices[after][:3, 3]
+        if after > 0:
+            share = (stamps[after] - time) / (stamps[after] - stamps[after - 1])
+            point = point + share * (matrices[after - 1][:3, 3] - point)
+        return point, matrices[nearest][:3, :3]
+
+    def _assemble(
+        self, time: float, wrench: Array, point: Array, rotation: Array
+    ) -> AssembledContact:
         known = [std for stamp, std in self._stds if stamp <= time + 1e-9]
         std = known[-1] if known else (self._stds[0][1] if self._stds else None)
-        return AssembledContact(
-            time, self._name, matrix[:3, 3], matrix[:3, :3], wrench[3:], wrench[:3], std
-        )
+        return AssembledContact(time, self._name, point, rotation, wrench[3:], wrench[:3], std)

@@ -15,6 +15,7 @@ from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.banded import BandedWhitener
 from tactile_dynamics_ros.core.inertia.batch import estimate_inertia, fit_recording
 from tactile_dynamics_ros.core.inertia.contact_grid import choose_grid
+from tactile_dynamics_ros.core.inertia.incremental.replay import replay_streams
 from tactile_dynamics_ros.core.inertia.latent import LatentSignal, isotropic_factor
 from tactile_dynamics_ros.core.inertia.least_squares import levenberg_marquardt
 from tactile_dynamics_ros.core.inertia.local_polynomial import local_polynomial
@@ -106,6 +107,32 @@ def test_samples_dropped_under_load_are_left_out(recording, lost):
     estimate = estimate_inertia(replace(streams, contacts=streams.contacts | {"thumb": cut}))
     assert estimate.error.whitened_rms == pytest.approx(1.0, abs=0.06)
     assert abs(estimate.inertia.mass / recording.scenario.body.mass - 1) < 3e-3
+
+
+def without(contact: ContactStream, rng: np.random.Generator, share: float) -> ContactStream:
+    """Return a contact that lost single force readings and, others, poses."""
+    kept = only_where(contact, rng.random(len(contact.time)) > share)
+    seen = rng.random(len(contact.pose_time)) > share
+    columns = ("pose_time", "position", "rotation")
+    return replace(kept, **{name: getattr(contact, name)[seen] for name in columns})
+
+
+@pytest.mark.parametrize("every", [1, 2], ids=["with the poses", "by turns"])
+def test_single_samples_that_are_lost_cost_little(recording, every):
+    """A finger whose message is lost has not let go of the object."""
+    rng, contacts = np.random.default_rng(8), recording.streams.contacts
+    whole = {
+        name: only_where(contact, slice(k % every, None, every))
+        for k, (name, contact) in enumerate(contacts.items())
+    }
+    lossy = {name: without(contact, rng, 0.03) for name, contact in whole.items()}
+    before = estimate_inertia(replace(recording.streams, contacts=whole))
+    after = estimate_inertia(replace(recording.streams, contacts=lossy))
+    assert after.error.whitened_rms == pytest.approx(1.0, abs=0.06)
+    assert np.all(after.parameter_std < 1.25 * before.parameter_std)
+    assert abs(after.inertia.mass / recording.scenario.body.mass - 1) < 3e-3
+    *_, live = replay_streams(replace(recording.streams, contacts=lossy))
+    assert live.error.whitened_rms == pytest.approx(1.0, abs=0.06)
 
 
 def test_single_spikes_do_not_spoil_the_estimate(recording):

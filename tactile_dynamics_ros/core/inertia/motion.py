@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import median_filter
 
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.latent import LatentSignal, isotropic_factor
@@ -24,6 +25,7 @@ _FALLBACK_ROTATION_STD = 1e-3
 _FALLBACK_POSITION_STD = 1e-4
 _FALLBACK_SPECIFIC_FORCE_STD = 0.05
 _OVERSTATED = 0.7
+_NOISIER, _AROUND = 2.0, 25
 _IMU_HALF_WIDTH = 0.01
 
 
@@ -181,7 +183,8 @@ def _pose_noise(pose: PoseStream) -> tuple[Array, Array]:
     """White-noise factors (K, 3, 3) of orientation and position.
 
     The stated covariance is used unless the samples scatter clearly less: a tracker's covariance
-    also covers slow errors, which differentiation does not see.
+    also covers slow errors, which differentiation does not see. Single samples that are stated to
+    be noisier than those around them are.
     """
     count = len(pose.time)
     seen = white_pose_noise_std(pose.time, pose.rotation, pose.position)
@@ -193,7 +196,9 @@ def _pose_noise(pose: PoseStream) -> tuple[Array, Array]:
         if stated is None or not np.all(np.linalg.eigvalsh(stated)[:, 0] > 0):
             factors.append(isotropic_factor(count, level or fallback))
             continue
-        stated_level = float(np.sqrt(np.median(np.einsum("nii->ni", stated))))
-        scale = level / stated_level if 0 < level < _OVERSTATED * stated_level else 1.0
-        factors.append(np.asarray(scale * np.linalg.cholesky(stated)))
+        variance = np.einsum("nii->ni", stated)
+        ratio, each = level / float(np.sqrt(np.median(variance))), np.sqrt(variance.mean(axis=1))
+        scale = np.full(count, ratio if 0 < ratio < _OVERSTATED else 1.0)
+        scale[each > _NOISIER * median_filter(each, _AROUND)] = 1.0
+        factors.append(np.asarray(scale[:, None, None] * np.linalg.cholesky(stated)))
     return factors[0], factors[1]

@@ -32,6 +32,9 @@ _FEWEST_BLOCKS = 4
 _CONFIDENCE = 0.999
 _POINT_STD_FLOOR = 1e-5
 _WORTH_IT = 0.3
+_SYNCHRONOUS = 1e-4
+_MISSED_PERIODS = 1.5
+"""Steps from which a point between two samples is not known to some micrometres."""
 _FEWEST_CONTACTS = 3
 _SMALLEST_SPREAD = 0.005
 _PASSES = 2
@@ -112,7 +115,12 @@ class _Place:
         felt = nearest_samples(contact.time, pose.time)
         touching = np.any(contact.force[felt] != 0.0, axis=1)
         silence = np.abs(contact.time[felt] - pose.time)
-        there = inside & touching & (near < period) & (silence < 2.0 * period)
+        right = np.clip(
+            np.searchsorted(contact.pose_time, pose.time), 1, len(contact.pose_time) - 1
+        )
+        step = contact.pose_time[right] - contact.pose_time[right - 1]
+        known = (near < _SYNCHRONOUS) | (step < _MISSED_PERIODS * period)
+        there = inside & touching & known & (silence < 2.0 * period)
         point = np.asarray(CubicSpline(contact.pose_time, contact.position)(pose.time))
         place = cls(contact.name, point, there, std)
         return place if place._stays(pose) else None

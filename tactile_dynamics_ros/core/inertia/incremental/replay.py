@@ -30,16 +30,13 @@ def replay_streams(
     if streams.pose is None:
         raise BadInputError("no /object/pose in the recording: the live estimator needs poses")
     estimator = estimator or IncrementalInertialEstimator()
-    queues = [
-        (contact, nearest_samples(contact.pose_time, contact.time))
-        for contact in streams.contacts.values()
-    ]
+    queues = [(contact, _places(contact)) for contact in streams.contacts.values()]
     positions = [0] * len(queues)
     for k, time in enumerate(streams.pose.time):
         _add_pose(estimator, streams.pose, k)
-        for index, (contact, poses) in enumerate(queues):
+        for index, (contact, places) in enumerate(queues):
             while positions[index] < len(contact.time) and contact.time[positions[index]] <= time:
-                _add_contact(estimator, contact, positions[index], poses)
+                _add_contact(estimator, contact, positions[index], places)
                 positions[index] += 1
         estimate = estimator.update()
         if estimate is not None:
@@ -53,17 +50,24 @@ def _add_pose(estimator: IncrementalInertialEstimator, pose: PoseStream, k: int)
     estimator.add_pose(float(pose.time[k]), matrix, covariance)
 
 
+def _places(contact: ContactStream) -> tuple[Array, Array]:
+    """Points (K, 3), on a line between two poses, and rotations (K, 3, 3) of all readings."""
+    columns = [np.interp(contact.time, contact.pose_time, column) for column in contact.position.T]
+    nearest = nearest_samples(contact.pose_time, contact.time)
+    return np.stack(columns, axis=1), contact.rotation[nearest]
+
+
 def _add_contact(
     estimator: IncrementalInertialEstimator,
     contact: ContactStream,
     k: int,
-    poses: NDArray[np.int64],
+    places: tuple[Array, Array],
 ) -> None:
     estimator.add_contact(
         float(contact.time[k]),
         contact.name,
-        contact.position[poses[k]],
-        contact.rotation[poses[k]],
+        places[0][k],
+        places[1][k],
         contact.force[k],
         None if contact.force_std is None else contact.force_std[k],
         contact.torque[k] if contact.carries_torque else None,
