@@ -23,12 +23,14 @@ class PoseStream:
         position: (N, 3) p_WO in metres.
         rotation: (N, 3, 3) R_WO.
         covariance: (N, 6, 6) [rotation about world axes, position], or None if not stated.
+        white: whether the covariance is that of white noise; if not, slow errors may be in it.
     """
 
     time: Array
     position: Array
     rotation: Array
     covariance: Array | None = None
+    white: bool = False
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.latent import LatentSignal
 from tactile_dynamics_ros.core.inertia.local_polynomial import (
     LocalFunctional,
+    centred_weights,
     lagrange_weights,
     local_polynomial,
     mean_weights,
@@ -208,10 +209,9 @@ def _average(time: Array, grid: Array, period: float, half: float) -> LocalFunct
     size = min(int(np.ceil(2 * half / period)) + 3, len(time))
     start = np.clip(np.searchsorted(time, grid - half) - 1, 0, len(time) - size).astype(np.int64)
     offset = time[start[:, None] + np.arange(size)] - grid[:, None]
-    weights = mean_weights(offset, half, period)
-    total = weights.sum(axis=1, keepdims=True)
-    covered = total[:, 0] * period > _COVERED * 2.0 * half
-    return LocalFunctional(start, (weights / np.maximum(total, 1e-9))[:, None], covered)
+    shares = mean_weights(offset, half, period)
+    covered = shares.sum(axis=1) * period > _COVERED * 2.0 * half
+    return LocalFunctional(start, centred_weights(shares, offset)[:, None], covered)
 
 
 def _interpolation(

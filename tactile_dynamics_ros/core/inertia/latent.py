@@ -20,10 +20,13 @@ class LatentSignal:
     Attributes:
         functional: how the values and derivatives at the grid follow from the samples.
         noise_factor: (K, 3, 3) square roots S_k of the noise covariance.
+        chart: (N, W, 3, 3) how what a functional reads moves with a sample, where that is not the
+            sample itself; None if it is.
     """
 
     functional: LocalFunctional
     noise_factor: Array
+    chart: Array | None = None
 
     def scaled_sensitivity(self, sensitivity: Array) -> bsr_array:
         """Sparse d e / d x S: how the residuals move with one standard deviation of each sample.
@@ -38,6 +41,8 @@ class LatentSignal:
         weights = self.functional.weights
         orders = sensitivity.shape[1]
         per_sample = np.einsum("nok,noij->nkij", weights[:, :orders], sensitivity, optimize=True)
+        if self.chart is not None:
+            per_sample = per_sample @ self.chart
         blocks = per_sample @ self.functional.gather(self.noise_factor)
         count, size = blocks.shape[:2]
         pointer = np.arange(0, count * size + 1, size)

@@ -11,6 +11,8 @@ Array = NDArray[np.float64]
 
 _WITHOUT_GAPS = 99.0
 _BURSTS = 1.3
+_SLOPE_SEEN = 0.2
+"""Least spread of samples over the square of their distance from zero that a line needs."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +60,26 @@ def mean_weights(offset: Array, half: float, period: float) -> Array:
     return np.asarray(np.clip((half + 0.5 * period - np.abs(offset)) / period, 0.0, 1.0))
 
 
+def centred_weights(shares: Array, offset: Array) -> Array:
+    """Weights (N, W) of the mean, at offset zero, of a line through samples that count by `shares`.
+
+    w_k = s_k (S_2 - S_1 o_k) / (S_0 S_2 - S_1^2), S_j = sum s_k o_k^j. A plain mean of samples that
+    come unevenly, or of which one is lost, would read a force early or late. Where the samples do
+    not tell a slope it is that mean; where there are none, zero.
+
+    Args:
+        shares: (N, W) not negative.
+        offset: (N, W) s.
+    """
+    zeroth, first, second = (np.sum(shares * offset**k, axis=-1, keepdims=True) for k in range(3))
+    determinant = zeroth * second - first**2
+    several = determinant > _SLOPE_SEEN * zeroth * second
+    slope = np.divide(first, second, where=several, out=np.zeros_like(first))
+    weights = shares * (1.0 - slope * offset)
+    total = np.sum(weights, axis=-1, keepdims=True)
+    return np.asarray(np.divide(weights, total, where=total > 0.0, out=np.zeros_like(weights)))
+
+
 def lagrange_weights(nodes: Array, at: Array) -> Array:
     """Weights (N, W) by which values at nodes (N, W) give their polynomial at (N,) times."""
     count = nodes.shape[1]
@@ -89,7 +111,8 @@ def local_polynomial(
     period = typical_period(sample_time)
     size = min(max(2 * round(half_width / period) + 1, degree + 2), len(sample_time))
     degree = min(degree, size - 1)
-    centre = np.searchsorted(sample_time, grid_time - 0.5 * period)
+    middle = 0.5 * period if size % 2 else 0.0
+    centre = np.searchsorted(sample_time, grid_time - middle)
     start = np.clip(centre - size // 2, 0, len(sample_time) - size).astype(np.int64)
     offset = sample_time[start[:, None] + np.arange(size)] - grid_time[:, None]
     scale = 0.5 * size * period

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
 
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.latent import LatentSignal, isotropic_factor
@@ -16,7 +15,12 @@ from tactile_dynamics_ros.core.inertia.local_polynomial import (
     typical_period,
 )
 from tactile_dynamics_ros.core.inertia.noise import white_noise_std, white_pose_noise_std
-from tactile_dynamics_ros.core.rigid_body.rotation import accumulated_rotation, exp_so3, log_so3
+from tactile_dynamics_ros.core.rigid_body.rotation import (
+    accumulated_rotation,
+    exp_so3,
+    log_so3,
+    skew,
+)
 from tactile_dynamics_ros.core.streams import ImuStream, PoseStream, Streams
 
 Array = NDArray[np.float64]
@@ -25,7 +29,6 @@ _FALLBACK_ROTATION_STD = 1e-3
 _FALLBACK_POSITION_STD = 1e-4
 _FALLBACK_SPECIFIC_FORCE_STD = 0.05
 _OVERSTATED = 0.7
-_NOISIER, _AROUND = 2.0, 25
 _IMU_HALF_WIDTH = 0.01
 
 
@@ -118,6 +121,20 @@ def _differentiate_rotation(
     return centre, derivatives[1], derivatives[2]
 
 
+def _rotation_chart(rotation: Array, functional: LocalFunctional) -> Array:
+    """(N, W, 3, 3) derivative of local rotation vectors by rotations d of the world, R -> exp(d) R.
+
+    log(exp(d) exp(v)) = v + (1 - [v] / 2 + [v]^2 / 12 - ...) d; [v] is not small while a body turns
+    by a tenth of a radian within a window. Source: Chirikjian 2012, Eq. 10.86.
+    """
+    window = functional.gather(rotation)
+    centre = rotation[functional.start + np.argmax(functional.weights[:, 0], axis=1)]
+    local = log_so3(window @ np.swapaxes(centre, 1, 2)[:, None])
+    middle = np.einsum("nk,nki->ni", functional.weights[:, 0], local)
+    turned = skew(local - middle[:, None])
+    return np.asarray(np.eye(3) - 0.5 * turned + turned @ turned / 12.0)
+
+
 def motion_period(streams: Streams) -> float:
     """Period of the samples of the orientation, s; 0 if there are none."""
     rotating = streams.pose or streams.imu
@@ -146,7 +163,8 @@ def motion_signals(
     if pose is not None:
         functional = local_polynomial(pose.time, grid, half_width, degree)
         factors = _pose_noise(pose)
-        signals["orientation"] = LatentSignal(functional, factors[0])
+        chart = _rotation_chart(pose.rotation, functional)
+        signals["orientation"] = LatentSignal(functional, factors[0], chart)
         rotation, position = pose.rotation, pose.position
         if imu is None:
             signals["position"] = LatentSignal(functional, factors[1])
@@ -155,7 +173,8 @@ def motion_signals(
         rotation, position = imu.rotation, None
         functional = local_polynomial(imu.time, grid, half_width, degree)
         std = white_noise_std(imu.time, accumulated_rotation(rotation)) or _FALLBACK_ROTATION_STD
-        signals["orientation"] = LatentSignal(functional, isotropic_factor(len(imu.time), std))
+        factor, chart = isotropic_factor(len(imu.time), std), _rotation_chart(rotation, functional)
+        signals["orientation"] = LatentSignal(functional, factor, chart)
     if imu is not None:
         signals |= _imu_signals(imu, grid, half_width)
         if pose is not None:
@@ -183,8 +202,7 @@ def _pose_noise(pose: PoseStream) -> tuple[Array, Array]:
     """White-noise factors (K, 3, 3) of orientation and position.
 
     The stated covariance is used unless the samples scatter clearly less: a tracker's covariance
-    also covers slow errors, which differentiation does not see. Single samples that are stated to
-    be noisier than those around them are.
+    also covers slow errors, which differentiation does not see.
     """
     count = len(pose.time)
     seen = white_pose_noise_std(pose.time, pose.rotation, pose.position)
@@ -196,9 +214,8 @@ def _pose_noise(pose: PoseStream) -> tuple[Array, Array]:
         if stated is None or not np.all(np.linalg.eigvalsh(stated)[:, 0] > 0):
             factors.append(isotropic_factor(count, level or fallback))
             continue
-        variance = np.einsum("nii->ni", stated)
-        ratio, each = level / float(np.sqrt(np.median(variance))), np.sqrt(variance.mean(axis=1))
-        scale = np.full(count, ratio if 0 < ratio < _OVERSTATED else 1.0)
-        scale[each > _NOISIER * median_filter(each, _AROUND)] = 1.0
-        factors.append(np.asarray(scale[:, None, None] * np.linalg.cholesky(stated)))
+        stated_level = float(np.sqrt(np.median(np.einsum("nii->ni", stated))))
+        overstated = not pose.white and 0 < level < _OVERSTATED * stated_level
+        scale = level / stated_level if overstated else 1.0
+        factors.append(np.asarray(scale * np.linalg.cholesky(stated)))
     return factors[0], factors[1]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,16 +12,18 @@ Array = NDArray[np.float64]
 
 _ORDER = 6
 _MINIMUM_SAMPLES = 20
+_SHORTEST, _LONGEST = 0.3, 1.7
+"""Steps between samples, in periods, that are no gap and no burst."""
 
 
 def white_noise_std(time: Array, values: Array) -> float:
     """Standard deviation of the white part, from sixth differences of the samples.
 
-    std = 1.4826 median|D^6 x| / sqrt(binomial(12, 6)); smooth motion vanishes under D^6 and the
-    median ignores gaps and spikes.
+    std = 1.4826 median|D^6 x|, D^6 being divided differences of unit noise: smooth motion vanishes
+    under them however unevenly it is sampled, and the median ignores gaps and spikes.
 
     Args:
-        time: (N,) s; only steps close to the median period are used.
+        time: (N,) s; windows with gaps are left out.
         values: (N, d).
 
     Returns:
@@ -47,21 +47,28 @@ def noise_along_axes(contact: ContactStream, values: Array) -> Array:
 
 
 def _differences(time: Array, values: Array) -> tuple[Array, NDArray[np.intp]]:
-    """Sixth differences (n, d) of evenly spaced samples, and the sample (n,) in the middle."""
+    """Sixth divided differences (n, d) of unit noise, and the sample (n,) in the middle.
+
+    sum_k w_k x_k, w_k ~ 1 / prod_(j != k) (t_k - t_j), sum_k w_k^2 = 1.
+    """
     if len(time) < _MINIMUM_SAMPLES:
         return values[:0], np.zeros(0, dtype=np.intp)
-    steps = np.diff(time)
-    regular = np.abs(steps - np.median(steps)) < 0.2 * np.median(steps)
+    steps = np.diff(time) / np.median(np.diff(time))
+    regular = (steps > _SHORTEST) & (steps < _LONGEST)
     complete = np.lib.stride_tricks.sliding_window_view(regular, _ORDER).all(axis=1)
-    return np.diff(values, _ORDER, axis=0)[complete], np.flatnonzero(complete) + _ORDER // 2
+    start = np.flatnonzero(complete)
+    window = start[:, None] + np.arange(_ORDER + 1)
+    place = np.concatenate([[0.0], np.cumsum(steps)])[window]
+    between = place[:, :, None] - place[:, None, :] + np.eye(_ORDER + 1)
+    weights = 1.0 / np.prod(between, axis=2)
+    weights /= np.linalg.norm(weights, axis=1, keepdims=True)
+    change = values[window] - values[start][:, None]
+    return np.einsum("nk,nkd->nd", weights, change), start + _ORDER // 2
 
 
 def _spread(differences: Array) -> float:
-    """Standard deviation of the samples behind sixth differences; 0 if there are none."""
-    if len(differences) == 0:
-        return 0.0
-    scale = math.sqrt(math.comb(2 * _ORDER, _ORDER))
-    return float(1.4826 * np.median(np.abs(differences)) / scale)
+    """Standard deviation of the samples behind differences; 0 if there are none."""
+    return float(1.4826 * np.median(np.abs(differences))) if len(differences) else 0.0
 
 
 def white_pose_noise_std(time: Array, rotation: Array, position: Array) -> tuple[float, float]:

@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 _BLOCK_S = 0.5
 _FEWEST_BLOCKS = 4
 _CONFIDENCE = 0.999
-_POINT_STD_FLOOR = 1e-5
+_POINT_STD_FLOOR = 2e-6
 _WORTH_IT = 0.3
 _SYNCHRONOUS = 1e-4
 _MISSED_PERIODS = 1.5
@@ -175,9 +175,8 @@ def _align(pose: PoseStream, start: PoseStream, places: list[_Place]) -> PoseStr
         slope += np.einsum("nij,nj->ni", stated, away)
         step = np.linalg.solve(information, slope[..., None])[..., 0]
         rotation, position = exp_so3(step[:, :3]) @ rotation, position + step[:, 3:]
-    return replace(
-        pose, rotation=rotation, position=position, covariance=np.linalg.inv(information)
-    )
+    covariance = np.linalg.inv(information)
+    return replace(pose, rotation=rotation, position=position, covariance=covariance, white=True)
 
 
 def _frame_covariance(pose: PoseStream, held: NDArray[np.bool_]) -> Array:

@@ -43,7 +43,8 @@ def motion_sensitivity(
 ) -> dict[str, Array]:
     """Derivatives (N, O, 6, 3) of e = Y phi - w by value and derivatives of each motion signal.
 
-    A world rotation d of the object changes a body-frame vector R^T x by R^T [x] d.
+    A world rotation d of the object changes a body-frame vector R^T x by R^T [x] d. Of rates read
+    from rotation vectors about the present orientation half of that is in the vectors already.
 
     Returns:
         By name: orientation (orders 0-2), position (0-2), and with an IMU specific_force (0) and
@@ -66,8 +67,8 @@ def motion_sensitivity(
         signals["gyro"] = np.stack([by_rate, by_change], axis=1)
         orientation[:, 1:] = 0.0
     else:
-        orientation[:, 0] += by_rate @ skew(samples.angular_velocity) @ to_body
-        orientation[:, 0] += by_change @ skew(samples.angular_acceleration) @ to_body
+        orientation[:, 0] += 0.5 * by_rate @ skew(samples.angular_velocity) @ to_body
+        orientation[:, 0] += 0.5 * by_change @ skew(samples.angular_acceleration) @ to_body
     return signals | {"orientation": orientation, "position": position}
 
 

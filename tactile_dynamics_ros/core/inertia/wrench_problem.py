@@ -41,6 +41,7 @@ from tactile_dynamics_ros.core.inertia.sensitivity import (
     force_sensitivity_of_effects,
     motion_sensitivity,
 )
+from tactile_dynamics_ros.core.rigid_body.newton_euler import regressor
 from tactile_dynamics_ros.core.streams import Streams
 
 if TYPE_CHECKING:
@@ -233,7 +234,7 @@ class WrenchProblem:
         shift the measured motion by whole samples, as `linearise` assumes.
         """
         present = PresentEffects(effects, theta)
-        value = self.raw.regressor @ phi - self.measured.measured_wrench
+        value = self._measured_regressor @ phi - self.measured.measured_wrench
         value = value - present.wrench(self._measured_contacts, phi)
         for effect, parameters in zip(effects, theta, strict=True):
             late, rounded = effect.whole_samples_late(parameters, self._period)
@@ -241,6 +242,16 @@ class WrenchProblem:
                 value = value + effect.wrench(self._measured_contacts, phi, rounded)
                 value = value - effect.wrench(self.measured, phi, rounded)
         return np.asarray(value)
+
+    @cached_property
+    def _measured_regressor(self) -> Array:
+        """(N, 6, 10) regressor of the measured motion, linear in the noise of its angular velocity.
+
+        Y(w) - Y(w - w_smooth) with no acceleration: the square of that noise, which a covariance by
+        first order does not know, is as large as the noise of the forces where poses are slow.
+        """
+        noise = self.measured.angular_velocity - self.smooth.samples.angular_velocity
+        return self.raw.regressor - regressor(np.zeros_like(noise), noise, np.zeros_like(noise))
 
     @cached_property
     def _measured_contacts(self) -> WrenchSamples:
@@ -327,7 +338,8 @@ class WrenchProblem:
             weights=functional.weights[index],
             valid=functional.valid[index],
         )
-        return replace(signal, functional=kept)
+        chart = None if signal.chart is None else signal.chart[index]
+        return replace(signal, functional=kept, chart=chart)
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,11 @@ from math import inf
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.inertia.local_polynomial import lagrange_weights, mean_weights
+from tactile_dynamics_ros.core.inertia.local_polynomial import (
+    centred_weights,
+    lagrange_weights,
+    mean_weights,
+)
 
 Array = NDArray[np.float64]
 
@@ -156,11 +160,11 @@ class ContactQueue:
         first = bisect_left(self._times, time - half - 0.5 * self._period)
         last = bisect_left(self._times, time + half + 0.5 * self._period)
         offset = np.array(self._times[first:last]) - time
-        weights = mean_weights(offset, half, self._period)
-        weights = weights * [reading.in_contact for reading in self._readings[first:last]]
-        if not weights.any():
+        shares = mean_weights(offset, half, self._period)
+        shares = shares * [reading.in_contact for reading in self._readings[first:last]]
+        if not shares.any():
             return None
-        return _mix(self._readings[first:last], weights / weights.sum())
+        return _mix(self._readings[first:last], centred_weights(shares, offset))
 
     def _scaled(self, reading: ContactReading | None, grid_period: float) -> ContactReading | None:
         if reading is None or self._period == 0.0:
