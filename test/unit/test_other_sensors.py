@@ -21,7 +21,11 @@ from tactile_dynamics_ros.core.inertia.incremental.contact_queue import (
     ContactReading,
 )
 from tactile_dynamics_ros.core.inertia.incremental.replay import replay_streams
-from tactile_dynamics_ros.core.inertia.local_polynomial import lagrange_weights, mean_weights
+from tactile_dynamics_ros.core.inertia.local_polynomial import (
+    centred_weights,
+    lagrange_weights,
+    mean_weights,
+)
 from tactile_dynamics_ros.core.inertia.readings import fit_with_readings
 from tactile_dynamics_ros.core.inertia.refinement import Step
 from tactile_dynamics_ros.core.inertia.wrench_problem import ProblemConfig
@@ -119,6 +123,15 @@ def test_weights_of_means_and_interpolations():
     weights = lagrange_weights(nodes, np.array([1.4]))[0]
     for power in range(4):
         assert weights @ nodes[0] ** power == pytest.approx(1.4**power)
+
+
+def test_a_mean_of_uneven_samples_is_that_of_the_instant():
+    offset = np.array([[-0.005, -0.001, 0.004], [-0.004, 0.004, 0.005], [0.0, 0.02, 0.03]])
+    shares = np.array([[0.75, 1.0, 1.0], [1.0, 0.0, 0.75], [1.0, 0.0, 0.0]])
+    weights = centred_weights(shares, offset)
+    assert weights.sum(axis=1) == pytest.approx(np.ones(3))
+    assert (weights * (7.0 + 30.0 * offset)).sum(axis=1) == pytest.approx(7.0 * np.ones(3))
+    assert not centred_weights(np.zeros((1, 3)), offset[:1]).any()
 
 
 def test_slow_poses_bend_more_and_are_smoothed_over_as_many_samples():
