@@ -102,3 +102,29 @@ def nearest_samples(stamps: Array, time: Array) -> NDArray[np.int64]:
     right = np.minimum(right, len(stamps) - 1)
     left = np.maximum(right - 1, 0)
     return np.where(time - stamps[left] <= stamps[right] - time, left, right)
+
+
+def enclosing_steps(stamps: Array, time: Array) -> tuple[NDArray[np.int64], Array]:
+    """Sample (N,) before each time (the first or last but one at the ends), and step (N,) after it.
+
+    Args:
+        stamps: (K,) s, increasing, two at least.
+        time: (N,) s.
+    """
+    left = np.clip(np.searchsorted(stamps, time, side="right") - 1, 0, len(stamps) - 2)
+    return left, stamps[left + 1] - stamps[left]
+
+
+def places_at(
+    pose_time: Array, position: Array, rotation: Array, time: Array
+) -> tuple[Array, Array]:
+    """Contact points (N, 3), on lines between poses, and rotations (N, 3, 3) of the nearest poses.
+
+    Args:
+        pose_time: (M,) s, increasing.
+        position: (M, 3) m.
+        rotation: (M, 3, 3).
+        time: (N,) s.
+    """
+    points = np.stack([np.interp(time, pose_time, column) for column in position.T], axis=1)
+    return points, rotation[nearest_samples(pose_time, time)]

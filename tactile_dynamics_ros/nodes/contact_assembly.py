@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped, Vector3Stamped, WrenchStamped
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.streams import places_at
 from tactile_dynamics_ros.nodes.conversions import (
     StampGate,
     pose_to_core,
@@ -96,18 +99,15 @@ class ContactAssembly:
             self._deliver(self._assemble(time, wrench, *place))
 
     def _place(self, time: float) -> tuple[Array, Array] | None:
-        """Point, on a line between two poses, and rotation of the nearer; None if it is too far."""
-        stamps = np.array([stamp for stamp, _ in self._poses])
-        nearest = int(np.argmin(np.abs(stamps - time)))
-        if abs(stamps[nearest] - time) > TOLERANCE:
+        """`places_at` of the poses before and after; None if both are too far."""
+        after = bisect_left(self._poses, time, key=lambda entry: entry[0])
+        around = list(islice(self._poses, max(after - 1, 0), after + 1))
+        stamps = np.array([stamp for stamp, _ in around])
+        if np.min(np.abs(stamps - time)) > TOLERANCE:
             return None
-        matrices = [matrix for _, matrix in self._poses]
-        after = int(np.searchsorted(stamps, time))
-        point = matrices[after][:3, 3]
-        if after > 0:
-            share = (stamps[after] - time) / (stamps[after] - stamps[after - 1])
-            point = point + share * (matrices[after - 1][:3, 3] - point)
-        return point, matrices[nearest][:3, :3]
+        poses = np.array([matrix for _, matrix in around])
+        points, rotations = places_at(stamps, poses[:, :3, 3], poses[:, :3, :3], np.array([time]))
+        return points[0], rotations[0]
 
     def _assemble(
         self, time: float, wrench: Array, point: Array, rotation: Array

@@ -18,13 +18,20 @@ from tactile_dynamics_ros.core.inertia.local_polynomial import (
     typical_period,
 )
 from tactile_dynamics_ros.core.inertia.noise import noise_along_axes, white_noise_std
-from tactile_dynamics_ros.core.streams import ContactStream, Streams, nearest_samples
+from tactile_dynamics_ros.core.streams import (
+    ContactStream,
+    Streams,
+    enclosing_steps,
+    nearest_samples,
+)
 
 Array = NDArray[np.float64]
 
-_SYNCHRONOUS = 1e-4
+SYNCHRONOUS = 1e-4
+"""Difference (s) of stamps that are the same."""
+MISSED_PERIODS = 1.5
+"""Step, in periods, from which a sample is missing."""
 _SILENCE_PERIODS = 2.5
-_MISSED_PERIODS = 1.5
 _BRIDGED = 0.025
 """Longest step (s) across a lost sample that is interpolated: a cubic is 0.2 % off at 4 Hz."""
 _LOADED = 0.3
@@ -88,20 +95,20 @@ def choose_grid(streams: Streams, maximum_rate: float) -> Array:
     first, last = _kinematic_span(streams)
     periods = [typical_period(c.time) for c in contacts]
     period = max(*periods, 1.0 / maximum_rate)
-    stamps = np.unique(np.round(np.concatenate([c.time for c in contacts]) / _SYNCHRONOUS))
+    stamps = np.unique(np.round(np.concatenate([c.time for c in contacts]) / SYNCHRONOUS))
     shared = len(stamps) <= 1.05 * max(len(c.time) for c in contacts)
     if shared and max(periods) < 1.5 * min(periods) and min(periods) >= 0.99 / maximum_rate:
-        grid = stamps * _SYNCHRONOUS
+        grid = stamps * SYNCHRONOUS
     else:
         start = max(first, min(c.time[0] for c in contacts))
         end = min(last, max(c.time[-1] for c in contacts))
         grid = np.arange(start, end, period)
-    grid = grid[(grid >= first - _SYNCHRONOUS) & (grid <= last + _SYNCHRONOUS)]
+    grid = grid[(grid >= first - SYNCHRONOUS) & (grid <= last + SYNCHRONOUS)]
     if len(grid) < 2:
         raise BadInputError(
             f"contacts and object pose do not overlap in time: pose covers {first:.3f} to "
-            f"{last:.3f} s, contacts {stamps[0] * _SYNCHRONOUS:.3f} to "
-            f"{stamps[-1] * _SYNCHRONOUS:.3f} s; check the stamps"
+            f"{last:.3f} s, contacts {stamps[0] * SYNCHRONOUS:.3f} to "
+            f"{stamps[-1] * SYNCHRONOUS:.3f} s; check the stamps"
         )
     return np.asarray(grid)
 
@@ -169,7 +176,7 @@ def _identity(time: Array, grid: Array) -> LocalFunctional | None:
 def _coincide(time: Array, grid: Array) -> bool:
     """Whether all samples near a grid time have its stamp."""
     distance = np.abs(time[nearest_samples(time, grid)] - grid)
-    return not np.any((distance > 2 * _SYNCHRONOUS) & (distance < 0.75 * _grid_period(grid)))
+    return not np.any((distance > 2 * SYNCHRONOUS) & (distance < 0.75 * _grid_period(grid)))
 
 
 def _misses_samples(time: Array) -> bool:
@@ -177,15 +184,15 @@ def _misses_samples(time: Array) -> bool:
     if len(time) < 2:
         return False
     steps, period = np.diff(time), typical_period(time)
-    return bool(np.any((steps > _MISSED_PERIODS * period) & (steps < _SILENCE_PERIODS * period)))
+    return bool(np.any((steps > MISSED_PERIODS * period) & (steps < _SILENCE_PERIODS * period)))
 
 
 def _short_silences(
     time: Array, grid: Array, period: float, loaded: NDArray[np.bool_]
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Grid times (N,) between neighbouring samples: both loaded, and one of them only."""
-    left = np.clip(np.searchsorted(time, grid, side="right") - 1, 0, len(time) - 2)
-    near = time[left + 1] - time[left] < _SILENCE_PERIODS * period
+    left, step = enclosing_steps(time, grid)
+    near = step < _SILENCE_PERIODS * period
     near &= (grid >= time[left]) & (grid <= time[left + 1])
     before, after = loaded[left], loaded[left + 1]
     return near & before & after, near & (before != after)
@@ -222,12 +229,11 @@ def _interpolation(
     Not valid beyond the ends, inside gaps, and where a sample of a slow stream is missing. A line
     would cut the peaks of a force of 4 Hz that is sampled at 100 Hz by 0.5 %.
     """
-    left = np.clip(np.searchsorted(time, grid, side="right") - 1, 0, len(time) - 2)
-    step = time[left + 1] - time[left]
+    left, step = enclosing_steps(time, grid)
     share = (grid - time[left]) / step
     reach = _EXTRAPOLATED * period / step
     inside = (share > -reach) & (share < 1.0 + reach)
-    near = step < np.clip(_BRIDGED, _MISSED_PERIODS * period, _SILENCE_PERIODS * period)
+    near = step < np.clip(_BRIDGED, MISSED_PERIODS * period, _SILENCE_PERIODS * period)
     bridged = near | (np.minimum(share, 1.0 - share) < reach)
     clipped = np.clip(share, 0.0, 1.0)
     clipped = np.where(near, clipped, np.round(clipped))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,6 +87,20 @@ class MotionSignals:
         }
         return replace(self, rotation=rotation, **moved)
 
+    @cached_property
+    def rotation_chart(self) -> Array:
+        """(N, W, 3, 3) derivative of local rotation vectors by world rotations d, R -> exp(d) R.
+
+        log(exp(d) exp(v)) = v + (1 - [v] / 2 + [v]^2 / 12 - ...) d; [v] is not small while a body
+        turns by a tenth of a radian within a window. Source: Chirikjian 2012, Eq. 10.86.
+        """
+        functional = self.signals["orientation"].functional
+        window, centre = _windows(self.rotation, functional)
+        local = _about(centre, window)
+        middle = np.einsum("nk,nki->ni", functional.weights[:, 0], local)
+        turned = skew(local - middle[:, None])
+        return np.asarray(np.eye(3) - 0.5 * turned + turned @ turned / 12.0)
+
     def evaluate(self) -> Motion:
         """Kinematics at the grid times."""
         rotation, rate, rate_change = _differentiate_rotation(
@@ -111,28 +126,23 @@ def _differentiate_rotation(
     rotation: Array, functional: LocalFunctional
 ) -> tuple[Array, Array, Array]:
     """R, world angular velocity and acceleration by a polynomial in local rotation vectors."""
-    nearest = functional.start + np.argmax(functional.weights[:, 0], axis=1)
-    window = functional.gather(rotation)
-    centre = rotation[nearest]
+    window, centre = _windows(rotation, functional)
     for _ in range(2):
-        local = log_so3(window @ np.swapaxes(centre, 1, 2)[:, None])
+        local = _about(centre, window)
         derivatives = np.einsum("nok,nki->oni", functional.weights, local)
         centre = exp_so3(derivatives[0]) @ centre
     return centre, derivatives[1], derivatives[2]
 
 
-def _rotation_chart(rotation: Array, functional: LocalFunctional) -> Array:
-    """(N, W, 3, 3) derivative of local rotation vectors by rotations d of the world, R -> exp(d) R.
+def _windows(rotation: Array, functional: LocalFunctional) -> tuple[Array, Array]:
+    """Rotations (N, W, 3, 3) of all windows and (N, 3, 3) those in their middle."""
+    middle = functional.start + np.argmax(functional.weights[:, 0], axis=1)
+    return functional.gather(rotation), rotation[middle]
 
-    log(exp(d) exp(v)) = v + (1 - [v] / 2 + [v]^2 / 12 - ...) d; [v] is not small while a body turns
-    by a tenth of a radian within a window. Source: Chirikjian 2012, Eq. 10.86.
-    """
-    window = functional.gather(rotation)
-    centre = rotation[functional.start + np.argmax(functional.weights[:, 0], axis=1)]
-    local = log_so3(window @ np.swapaxes(centre, 1, 2)[:, None])
-    middle = np.einsum("nk,nki->ni", functional.weights[:, 0], local)
-    turned = skew(local - middle[:, None])
-    return np.asarray(np.eye(3) - 0.5 * turned + turned @ turned / 12.0)
+
+def _about(centre: Array, window: Array) -> Array:
+    """Rotation vectors (N, W, 3) of windows (N, W, 3, 3) about centres (N, 3, 3), world axes."""
+    return log_so3(window @ np.swapaxes(centre, 1, 2)[:, None])
 
 
 def motion_period(streams: Streams) -> float:
@@ -163,8 +173,7 @@ def motion_signals(
     if pose is not None:
         functional = local_polynomial(pose.time, grid, half_width, degree)
         factors = _pose_noise(pose)
-        chart = _rotation_chart(pose.rotation, functional)
-        signals["orientation"] = LatentSignal(functional, factors[0], chart)
+        signals["orientation"] = LatentSignal(functional, factors[0])
         rotation, position = pose.rotation, pose.position
         if imu is None:
             signals["position"] = LatentSignal(functional, factors[1])
@@ -173,8 +182,7 @@ def motion_signals(
         rotation, position = imu.rotation, None
         functional = local_polynomial(imu.time, grid, half_width, degree)
         std = white_noise_std(imu.time, accumulated_rotation(rotation)) or _FALLBACK_ROTATION_STD
-        factor, chart = isotropic_factor(len(imu.time), std), _rotation_chart(rotation, functional)
-        signals["orientation"] = LatentSignal(functional, factor, chart)
+        signals["orientation"] = LatentSignal(functional, isotropic_factor(len(imu.time), std))
     if imu is not None:
         signals |= _imu_signals(imu, grid, half_width)
         if pose is not None:

@@ -17,13 +17,20 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.stats import chi2
 
+from tactile_dynamics_ros.core.inertia.contact_grid import MISSED_PERIODS, SYNCHRONOUS
 from tactile_dynamics_ros.core.inertia.noise import white_noise_std
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     dynamic_parameters_from_pseudo_inertia,
     pseudo_inertia,
 )
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, log_so3, skew
-from tactile_dynamics_ros.core.streams import ContactStream, PoseStream, Streams, nearest_samples
+from tactile_dynamics_ros.core.streams import (
+    ContactStream,
+    PoseStream,
+    Streams,
+    enclosing_steps,
+    nearest_samples,
+)
 
 Array = NDArray[np.float64]
 
@@ -32,9 +39,6 @@ _FEWEST_BLOCKS = 4
 _CONFIDENCE = 0.999
 _POINT_STD_FLOOR = 2e-6
 _WORTH_IT = 0.3
-_SYNCHRONOUS = 1e-4
-_MISSED_PERIODS = 1.5
-"""Steps from which a point between two samples is not known to some micrometres."""
 _FEWEST_CONTACTS = 3
 _SMALLEST_SPREAD = 0.005
 _PASSES = 2
@@ -115,11 +119,8 @@ class _Place:
         felt = nearest_samples(contact.time, pose.time)
         touching = np.any(contact.force[felt] != 0.0, axis=1)
         silence = np.abs(contact.time[felt] - pose.time)
-        right = np.clip(
-            np.searchsorted(contact.pose_time, pose.time), 1, len(contact.pose_time) - 1
-        )
-        step = contact.pose_time[right] - contact.pose_time[right - 1]
-        known = (near < _SYNCHRONOUS) | (step < _MISSED_PERIODS * period)
+        _, step = enclosing_steps(contact.pose_time, pose.time)
+        known = (near < SYNCHRONOUS) | (step < MISSED_PERIODS * period)
         there = inside & touching & known & (silence < 2.0 * period)
         point = np.asarray(CubicSpline(contact.pose_time, contact.position)(pose.time))
         place = cls(contact.name, point, there, std)

@@ -315,7 +315,9 @@ class WrenchProblem:
         by_motion = motion_sensitivity(
             samples, phi, motion.specific_force is not None, motion.gyro is not None
         )
-        found = [(name, signal, by_motion[name]) for name, signal in motion.signals.items()]
+        signals = dict(motion.signals)
+        signals["orientation"] = replace(signals["orientation"], chart=motion.rotation_chart)
+        found = [(name, signal, by_motion[name]) for name, signal in signals.items()]
         for index, contact in enumerate(self.contacts):
             by_contact = contact_sensitivity(samples, index)
             found += [

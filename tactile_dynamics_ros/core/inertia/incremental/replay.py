@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.incremental.estimator import IncrementalInertialEstimator
 from tactile_dynamics_ros.core.inertia.incremental.live_estimate import LiveEstimate
-from tactile_dynamics_ros.core.streams import ContactStream, PoseStream, Streams, nearest_samples
+from tactile_dynamics_ros.core.streams import ContactStream, PoseStream, Streams, places_at
 
 Array = NDArray[np.float64]
 
@@ -30,7 +30,10 @@ def replay_streams(
     if streams.pose is None:
         raise BadInputError("no /object/pose in the recording: the live estimator needs poses")
     estimator = estimator or IncrementalInertialEstimator()
-    queues = [(contact, _places(contact)) for contact in streams.contacts.values()]
+    queues = [
+        (contact, places_at(contact.pose_time, contact.position, contact.rotation, contact.time))
+        for contact in streams.contacts.values()
+    ]
     positions = [0] * len(queues)
     for k, time in enumerate(streams.pose.time):
         _add_pose(estimator, streams.pose, k)
@@ -48,13 +51,6 @@ def _add_pose(estimator: IncrementalInertialEstimator, pose: PoseStream, k: int)
     matrix[:3, :3], matrix[:3, 3] = pose.rotation[k], pose.position[k]
     covariance = None if pose.covariance is None else pose.covariance[k]
     estimator.add_pose(float(pose.time[k]), matrix, covariance)
-
-
-def _places(contact: ContactStream) -> tuple[Array, Array]:
-    """Points (K, 3), on a line between two poses, and rotations (K, 3, 3) of all readings."""
-    columns = [np.interp(contact.time, contact.pose_time, column) for column in contact.position.T]
-    nearest = nearest_samples(contact.pose_time, contact.time)
-    return np.stack(columns, axis=1), contact.rotation[nearest]
 
 
 def _add_contact(
