@@ -55,15 +55,36 @@ def read_recording(args: Namespace) -> Recording:
     """Read the recording that the arguments name; problems go to stderr, one line each.
 
     Raises:
-        BadInputError: it cannot be read, or a remapping is malformed.
+        BadInputError: it cannot be read, no contact pushes, or a remapping is malformed.
     """
     from tactile_dynamics_ros.recording import Recording
 
     span = _parse_span(args.between)
     recording = Recording.from_bag(args.bag, remap=_parse_remappings(args.remap))
-    for line in recording.problem_lines():
+    lines = recording.problem_lines()
+    if not recording.streams.contacts:
+        known = next((f", as in {line}" for line in lines if "force" in line), "")
+        raise BadInputError(
+            f"{recording.source}: no contact has a usable force{known}; expected at least one "
+            "/contact/<name>/force that pushes"
+        )
+    for line in lines:
         print(f"note: {line}", file=sys.stderr)
-    return recording.between(*span) if span else recording
+    return _part(recording, *span) if span else recording
+
+
+def _part(recording: Recording, start: float, stop: float) -> Recording:
+    """Return a part of a recording.
+
+    Raises:
+        BadInputError: nothing was recorded then.
+    """
+    if start > recording.duration or stop <= 0.0:
+        raise BadInputError(
+            f"--between {start:g},{stop:g}: nothing was recorded then; {recording.source} lasts "
+            f"from 0 to {recording.duration:.1f} s"
+        )
+    return recording.between(start, stop)
 
 
 def _parse_span(argument: str | None) -> tuple[float, float] | None:

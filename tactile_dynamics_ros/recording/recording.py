@@ -19,6 +19,7 @@ from tactile_dynamics_ros.recording.bag_files import BagTables, read_tables
 from tactile_dynamics_ros.recording.bag_writer import write_bag
 from tactile_dynamics_ros.recording.cdr import empty_table
 from tactile_dynamics_ros.recording.cleaning import ProblemLog
+from tactile_dynamics_ros.recording.conventions import doubtful_conventions
 
 
 @dataclass(frozen=True)
@@ -124,9 +125,9 @@ class Recording:
         return write_bag(self.streams, Path(path), self.epoch_ns)
 
     def problem_lines(self) -> list[str]:
-        """Return one line per kind of fault, the most frequent first."""
+        """Return one line per doubt about conventions, then per kind of fault by frequency."""
         ranked = sorted(self.problems.items(), key=lambda item: -item[1])
-        return [f"{text}: {count}" for text, count in ranked]
+        return doubtful_conventions(self.streams) + [f"{text}: {count}" for text, count in ranked]
 
 
 class _BagAssembly:
