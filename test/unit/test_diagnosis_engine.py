@@ -6,7 +6,7 @@ The balance reads the pull on the block, f = m g sin(a) + m acceleration + noise
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
 
@@ -223,6 +223,18 @@ def test_an_unknown_law_is_not_given_a_known_name_but_a_formula() -> None:
 
 def test_a_hum_is_reported_with_its_frequency() -> None:
     diagnosis = diagnose(SlidingBlock(slide(5, hum=0.1)))
+    assert diagnosis.verdict == "unexplained"
+    assert diagnosis.signature is not None
+    assert diagnosis.signature.frequency_hz == pytest.approx(13.0, rel=0.02)
+
+
+def test_a_hum_is_found_between_lost_samples() -> None:
+    whole = slide(5, hum=0.1)
+    sample = np.arange(len(whole.time))
+    lost_of_each_half_second = np.random.default_rng(5).integers(5, 45, len(sample) // 50)
+    kept = sample % 50 >= lost_of_each_half_second[sample // 50]
+    parts = {f.name: getattr(whole, f.name)[kept] for f in fields(whole)}
+    diagnosis = diagnose(SlidingBlock(Block(**parts)))
     assert diagnosis.verdict == "unexplained"
     assert diagnosis.signature is not None
     assert diagnosis.signature.frequency_hz == pytest.approx(13.0, rel=0.02)

@@ -162,10 +162,13 @@ def strongest_line(frame: str, time: Array, white: Array, floor: float) -> Line 
 def _fine_spectrum(time: Array, values: Array) -> tuple[Array, Array, float]:
     """Frequencies, power summed over columns (1 per column for unit white noise), resolution."""
     period = float(np.median(np.diff(time)))
-    count = len(values)
-    window = np.hanning(count)[:, None]
+    place = np.round((time - time[0]) / period).astype(int)
+    count = int(place[-1]) + 1
+    window = np.hanning(count)[place, None]
     size = int(2 ** np.ceil(np.log2(count * _PADDING)))
-    transform = np.fft.rfft((values - values.mean(axis=0)) * window, size, axis=0)
+    tapered = np.zeros((count, values.shape[1]))
+    tapered[place] = (values - values.mean(axis=0)) * window
+    transform = np.fft.rfft(tapered, size, axis=0)
     power = (np.abs(transform) ** 2).sum(axis=1) / (np.sum(window**2) * values.shape[1])
     hz = np.asarray(np.fft.rfftfreq(size, period), dtype=np.float64)
     return hz, np.asarray(power, dtype=np.float64), 1.0 / (count * period)
