@@ -115,6 +115,17 @@ def enclosing_steps(stamps: Array, time: Array) -> tuple[NDArray[np.int64], Arra
     return left, stamps[left + 1] - stamps[left]
 
 
+def on_lines(stamps: Array, values: Array, time: Array) -> Array:
+    """Values (N, k) on lines between samples, those of the first and last sample beyond them.
+
+    Args:
+        stamps: (K,) s, increasing.
+        values: (K, k).
+        time: (N,) s.
+    """
+    return np.stack([np.interp(time, stamps, column) for column in values.T], axis=1)
+
+
 def places_at(
     pose_time: Array, position: Array, rotation: Array, time: Array
 ) -> tuple[Array, Array]:
@@ -126,5 +137,4 @@ def places_at(
         rotation: (M, 3, 3).
         time: (N,) s.
     """
-    points = np.stack([np.interp(time, pose_time, column) for column in position.T], axis=1)
-    return points, rotation[nearest_samples(pose_time, time)]
+    return on_lines(pose_time, position, time), rotation[nearest_samples(pose_time, time)]

@@ -8,7 +8,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.streams import ContactStream, PoseStream, Streams, places_at
+from tactile_dynamics_ros.core.rigid_body.rotation import log_so3
+from tactile_dynamics_ros.core.streams import ContactStream, PoseStream, Streams, on_lines
 
 Array = NDArray[np.float64]
 
@@ -58,7 +59,7 @@ def _net_force(contacts: list[ContactStream]) -> Array:
     if not contacts:
         return np.zeros((0, 3))
     time = max((c.time for c in contacts), key=len)
-    each = [np.stack([np.interp(time, c.time, f) for f in c.force.T], axis=1) for c in contacts]
+    each = [on_lines(c.time, c.force, time) for c in contacts]
     total = np.asarray(np.sum(each, axis=0))
     return total[np.any(each, axis=(0, 2))]
 
@@ -68,7 +69,7 @@ def _doubt_units(pose: PoseStream, contacts: list[ContactStream]) -> str:
     for contact in contacts:
         if not len(contact.pose_time):
             continue
-        points, _ = places_at(contact.pose_time, contact.position, contact.rotation, pose.time)
+        points = on_lines(contact.pose_time, contact.position, pose.time)
         distance = float(np.median(np.linalg.norm(points - pose.position, axis=1)))
         if distance > _FARTHEST:
             return (
@@ -81,8 +82,8 @@ def _doubt_units(pose: PoseStream, contacts: list[ContactStream]) -> str:
 def _doubt_order(pose: PoseStream) -> str:
     """Where poses jump from sample to sample."""
     step = float(np.median(np.linalg.norm(np.diff(pose.position, axis=0), axis=1)))
-    cosine = (np.einsum("nij,nij->n", pose.rotation[1:], pose.rotation[:-1]) - 1.0) / 2.0
-    turn = float(np.median(np.arccos(np.clip(cosine, -1.0, 1.0))))
+    turns = log_so3(pose.rotation[1:] @ np.swapaxes(pose.rotation[:-1], 1, 2))
+    turn = float(np.median(np.linalg.norm(turns, axis=1)))
     if step < _FARTHEST_STEP and turn < _WIDEST_STEP:
         return ""
     return (

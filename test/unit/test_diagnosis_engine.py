@@ -6,7 +6,7 @@ The balance reads the pull on the block, f = m g sin(a) + m acceleration + noise
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -23,6 +23,7 @@ from tactile_dynamics_ros.core.discrepancy.model import Condition, Family, Resid
 from tactile_dynamics_ros.core.discrepancy.screening import best_by_effect
 from tactile_dynamics_ros.core.discrepancy.selection import try_effect
 from tactile_dynamics_ros.core.discrepancy.sentences import group_clause
+from tactile_dynamics_ros.core.discrepancy.signature import find_line
 
 NOISE = 0.05
 LAWS = {
@@ -238,6 +239,15 @@ def test_a_hum_is_found_between_lost_samples() -> None:
     assert diagnosis.verdict == "unexplained"
     assert diagnosis.signature is not None
     assert diagnosis.signature.frequency_hz == pytest.approx(13.0, rel=0.02)
+
+
+def test_a_hum_is_found_in_stretches_that_lie_minutes_apart() -> None:
+    whole = slide(5, hum=0.1)
+    apart = replace(whole, time=whole.time + 240.0 * (np.arange(len(whole.time)) // 1000))
+    line = find_line(SlidingBlock(apart).residuals())
+    assert line is not None
+    assert line.hz == pytest.approx(13.0, rel=0.02)
+    assert line.share > 0.8
 
 
 def test_twins_come_as_a_group_with_what_would_separate_them() -> None:

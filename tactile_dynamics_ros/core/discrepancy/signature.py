@@ -17,6 +17,8 @@ from tactile_dynamics_ros.core.discrepancy.structure import examine
 
 Array = NDArray[np.float64]
 
+_LONGEST_SILENCE = 2.0
+"""Time without samples that spectra keep, s."""
 _PADDING = 8
 _SIDE_BAND = 0.5
 _LINE_OVER_BAND = 12.0
@@ -160,9 +162,14 @@ def strongest_line(frame: str, time: Array, white: Array, floor: float) -> Line 
 
 
 def _fine_spectrum(time: Array, values: Array) -> tuple[Array, Array, float]:
-    """Frequencies, power summed over columns (1 per column for unit white noise), resolution."""
-    period = float(np.median(np.diff(time)))
-    place = np.round((time - time[0]) / period).astype(int)
+    """Frequencies, power summed over columns (1 per column for unit white noise), resolution.
+
+    Lost samples are zeros; long silences, as between stretches of a recording, are closed.
+    """
+    steps = np.diff(time)
+    period = float(np.median(steps))
+    closed = np.where(steps > _LONGEST_SILENCE, period, steps)
+    place = np.round(np.append(0.0, np.cumsum(closed)) / period).astype(int)
     count = int(place[-1]) + 1
     window = np.hanning(count)[place, None]
     size = int(2 ** np.ceil(np.log2(count * _PADDING)))
