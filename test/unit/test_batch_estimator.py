@@ -18,7 +18,7 @@ from tactile_dynamics_ros.core.inertia.contact_grid import choose_grid
 from tactile_dynamics_ros.core.inertia.incremental.replay import replay_streams
 from tactile_dynamics_ros.core.inertia.latent import LatentSignal, isotropic_factor
 from tactile_dynamics_ros.core.inertia.least_squares import levenberg_marquardt
-from tactile_dynamics_ros.core.inertia.local_polynomial import local_polynomial
+from tactile_dynamics_ros.core.inertia.local_polynomial import Window, local_polynomial
 from tactile_dynamics_ros.core.inertia.noise import white_noise_std
 from tactile_dynamics_ros.core.inertia.wrench_problem import WrenchProblem
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import is_feasible
@@ -203,7 +203,7 @@ def test_local_polynomial_is_exact_on_polynomials():
     grid = np.linspace(time[10], time[-10], 77)
     coefficients = rng.normal(size=5)
     values = np.polyval(coefficients, time)[:, None]
-    functional = local_polynomial(time, grid, 0.04, 4)
+    functional = local_polynomial(time, grid, Window(0.04, 4))
     for order in range(3):
         expected = np.polyval(np.polyder(coefficients, order), grid)
         assert_allclose(functional.apply(values, order)[:, 0], expected, rtol=1e-6, atol=1e-6)
@@ -212,7 +212,7 @@ def test_local_polynomial_is_exact_on_polynomials():
 def test_banded_whitener_equals_dense_cholesky():
     rng = np.random.default_rng(2)
     time = np.arange(40) * 0.01
-    functional = local_polynomial(time, time[5:30], 0.03, 3)
+    functional = local_polynomial(time, time[5:30], Window(0.03, 3))
     signal = LatentSignal(functional, isotropic_factor(40, 0.3))
     matrix = signal.scaled_sensitivity(rng.normal(size=(25, 3, 6, 3)))
     extra = rng.uniform(1.0, 2.0, 150)
@@ -228,7 +228,7 @@ def test_covariance_of_windows_that_share_samples_unevenly_equals_the_dense_one(
     rng = np.random.default_rng(3)
     time = np.delete(np.cumsum(rng.uniform(0.006, 0.014, 90)), slice(40, 45))
     grid = np.delete(np.arange(time[6], time[-6], 0.01), slice(20, 24))
-    wide, narrow = (local_polynomial(time, grid, half, 2) for half in (0.03, 0.005))
+    wide, narrow = (local_polynomial(time, grid, Window(half, 2)) for half in (0.03, 0.005))
     matrices = [
         LatentSignal(functional, isotropic_factor(len(time), std)).scaled_sensitivity(
             rng.normal(size=(len(grid), orders, 6, 3))

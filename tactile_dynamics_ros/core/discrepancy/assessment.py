@@ -12,7 +12,12 @@ from scipy.stats import chi2
 
 from tactile_dynamics_ros.core.discrepancy.model import ResidualModel, instants
 from tactile_dynamics_ros.core.discrepancy.screening import Score, adjusted_p_value, screen
-from tactile_dynamics_ros.core.discrepancy.structure import Structure, examine, periodogram
+from tactile_dynamics_ros.core.discrepancy.structure import (
+    Structure,
+    examine,
+    noise_floors,
+    periodogram,
+)
 from tactile_dynamics_ros.core.discrepancy.structure import noise_floor as spectral_floor
 from tactile_dynamics_ros.core.discrepancy.windows import window_starts
 
@@ -26,6 +31,8 @@ _MOST_OF_A_SECOND = 2.0
 _WINDOW = 1.0
 _SLOW_HZ = 5.0
 _FAST_SHARE = 1.3
+_FLOOR_TOLERANCE = 0.04
+_CHANNEL_TOLERANCE = 0.15
 
 
 @dataclass(frozen=True)
@@ -111,3 +118,11 @@ def _is_within_stated(time: Array, white: Array, floor: float) -> bool:
 def noise_floor(model: ResidualModel) -> float:
     """White RMS of the noise alone, by the spectrum of the residual."""
     return spectral_floor(periodogram(*instants(model)))
+
+
+def noise_is_as_stated(model: ResidualModel) -> bool:
+    """Whether the noise alone has a white RMS of 1, of all channels and about so of each."""
+    spectrum = periodogram(*instants(model))
+    each = np.abs(noise_floors(spectrum) - 1.0)
+    all_of_them = abs(spectral_floor(spectrum) - 1.0)
+    return bool(all_of_them < _FLOOR_TOLERANCE and each.max() < _CHANNEL_TOLERANCE)

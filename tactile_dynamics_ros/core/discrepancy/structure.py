@@ -56,9 +56,14 @@ def periodogram(time: Array, white: Array) -> Spectrum:
     return Spectrum(hz, np.abs(transform) ** 2 / count)
 
 
+def noise_floors(spectrum: Spectrum) -> Array:
+    """White RMS of the noise by channel: the median of exponential variates is ln 2 their mean."""
+    return np.asarray(np.sqrt(np.median(spectrum.power, axis=0) / np.log(2.0)))
+
+
 def noise_floor(spectrum: Spectrum) -> float:
-    """White RMS of the noise: the median of exponential variates is ln 2 times their mean."""
-    return float(np.sqrt(np.median(spectrum.power, axis=0).mean() / np.log(2.0)))
+    """White RMS of the noise of all channels."""
+    return float(np.sqrt(np.mean(noise_floors(spectrum) ** 2)))
 
 
 def examine(time: Array, white: Array) -> Structure:
@@ -76,8 +81,7 @@ def examine(time: Array, white: Array) -> Structure:
     spectrum = periodogram(time, white)
     seen = 2.0 * len(spectrum.hz) * np.log(2.0) ** 2
     known = seen + _STATED_FREEDOM
-    own = np.median(spectrum.power, axis=0) / np.log(2.0)
-    level = (seen * own + _STATED_FREEDOM) / known
+    level = (seen * noise_floors(spectrum) ** 2 + _STATED_FREEDOM) / known
     scaled = spectrum.power / level
     band_p = _band_p_values(scaled, known)
     line_p, line = _line(spectrum.hz, scaled, known)

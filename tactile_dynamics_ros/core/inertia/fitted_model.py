@@ -186,8 +186,11 @@ class FittedModel:
 
     def _lasting_covariance(self, inverse: Array) -> Array:
         """Covariance that presumed lasting errors add, see `systematic`."""
+        mapping = self._coordinate_jacobian
+        to_excited = mapping @ np.linalg.solve(mapping.T, self._excited_projection).T
+        rows = self.white_jacobian @ to_excited
         return systematic_covariance_of_rows(
-            inverse, self.white_jacobian, self.white_lasting_errors, self.white_residual
+            inverse, rows, self.white_lasting_errors, self.white_residual
         )
 
     @cached_property
@@ -274,5 +277,5 @@ def whiten_blocks(blocks: Sequence[Block], values: Sequence[Array]) -> Array:
 
 def regressor_noise_information(blocks: Sequence[Block]) -> Array:
     """Noise part of J^T J, (10, 10) on phi, from one seeded draw of the pose noise."""
-    draws = [block.linearisation.whiten(block.problem.regressor_noise()) for block in blocks]
+    draws = [b.linearisation.whiten(b.problem.regressor_noise(b.linearisation)) for b in blocks]
     return np.asarray(sum((draw.T @ draw for draw in draws), start=np.zeros((10, 10))))

@@ -36,6 +36,7 @@ Array = NDArray[np.float64]
 _MOST_STEPS = 20
 _TOLERANCE = 1e-6
 _FLATTEST = 0.1
+_FLAT = 1e-2
 
 
 def fit_model(
@@ -100,6 +101,25 @@ def fit_beyond(before: FittedModel, after: FittedModel, factor: float) -> Fitted
     return _alternate(blocks, xi, after.effects, theta, 2)
 
 
+def fit_unfolded(model: FittedModel, iterations: int) -> FittedModel | None:
+    """Fit again from a thicker body where a fit has made it flat; None where it has not.
+
+    The error hardly depends on the logarithm of a thickness that is next to nothing, so that the
+    descent may stay there for ever although a thicker body fits better.
+
+    Args:
+        model: fitted.
+        iterations: of the alternation.
+    """
+    usual = dynamic_parameters_from_log_cholesky(model.prior.mean)
+    thickness = np.linalg.eigvalsh(pseudo_inertia(model.phi))
+    if np.all(thickness > _FLAT * np.linalg.eigvalsh(pseudo_inertia(usual))):
+        return None
+    xi, theta = nearest_body(model.phi, usual), list(model.theta)
+    blocks = _whiten([b.problem for b in model.blocks], xi, model.effects, theta)
+    return _alternate(blocks, xi, model.effects, theta, iterations)
+
+
 def _alternate(
     blocks: tuple[Block, ...],
     present: Array,
@@ -107,17 +127,30 @@ def _alternate(
     values: list[Array],
     iterations: int,
 ) -> FittedModel:
-    """Fit at fixed covariance, then find the covariance at the fit, and so on."""
+    """Fit at fixed covariance, then find the covariance at the fit, and so on.
+
+    Motion that a poor start takes for noise may be known for motion after a step: then directions
+    that were held are let go, and the count begins anew.
+    """
     prior = contact_prior(blocks[0].problem.samples)
-    total = sum((b.jacobian.T @ b.jacobian for b in blocks), start=np.zeros((10, 10)))
-    unexcited = unexcited_directions(total, regressor_noise_information(blocks), prior)
+    unexcited = _unexcited(blocks, prior)
     converged = False
-    for iteration in range(iterations):
+    done, first = 0, True
+    while done < iterations:
         trusted = prior.weighted(_misfit(blocks))
         present, values, converged = _solve(blocks, present, effects, values, trusted, unexcited)
-        problems = _denoise(blocks, present, effects, values, first=iteration == 0)
+        problems = _denoise(blocks, present, effects, values, first)
         blocks = _whiten(problems, present, effects, values)
+        done, first = done + 1, False
+        still = _unexcited(blocks, prior) if unexcited.size else unexcited
+        if still.size < unexcited.size:
+            done, unexcited = 0, still
     return FittedModel(blocks, present, tuple(effects), tuple(values), prior, unexcited, converged)
+
+
+def _unexcited(blocks: Sequence[Block], prior: LogCholeskyPrior) -> Array:
+    total = sum((b.jacobian.T @ b.jacobian for b in blocks), start=np.zeros((10, 10)))
+    return unexcited_directions(total, regressor_noise_information(blocks), prior)
 
 
 def _start(problems: Sequence[WrenchProblem], prior: LogCholeskyPrior) -> Array:

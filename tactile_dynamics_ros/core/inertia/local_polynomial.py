@@ -11,8 +11,35 @@ Array = NDArray[np.float64]
 
 _WITHOUT_GAPS = 99.0
 _BURSTS = 1.3
+_SPARE = 2
+"""Samples that a window has at least beyond those that determine its polynomial."""
+_FAINT = 1e-3
+_ORDERS = np.arange(3)
+_FACTORIALS = np.array([1.0, 1.0, 2.0])
 _SLOPE_SEEN = 0.2
 """Least spread of samples over the square of their distance from zero that a line needs."""
+
+
+@dataclass(frozen=True)
+class Window:
+    """Samples around a time and the polynomial through them.
+
+    Attributes:
+        half_width: s.
+        degree: of the polynomial.
+        tapered: samples count less the farther they are. What polynomials on untapered windows let
+            through of the noise at high frequencies comes back as slow noise where the grid is
+            slower than the samples. Source: Schmid, Rath & Diebold 2022, ACS Meas. Sci. Au 2, 185.
+    """
+
+    half_width: float
+    degree: int
+    tapered: bool = False
+
+    def size(self, period: float) -> int:
+        """Samples of a window, at least so many that the ends of a tapered one may weigh little."""
+        least = self.degree + 1 + (_SPARE + 1 if self.tapered else 1)
+        return max(2 * round(self.half_width / period) + 1, least)
 
 
 @dataclass(frozen=True)
@@ -51,15 +78,6 @@ def typical_period(sample_time: Array) -> float:
     return mean if mean > _BURSTS * median else median
 
 
-def mean_weights(offset: Array, half: float, period: float) -> Array:
-    """Shares, 0 to 1, of samples at times `offset` in a mean over [-half, half].
-
-    A sample stands for one period around it. Counting whole samples instead would read a signal up
-    to half a period early or late.
-    """
-    return np.asarray(np.clip((half + 0.5 * period - np.abs(offset)) / period, 0.0, 1.0))
-
-
 def centred_weights(shares: Array, offset: Array) -> Array:
     """Weights (N, W) of the mean, at offset zero, of a line through samples that count by `shares`.
 
@@ -90,37 +108,54 @@ def lagrange_weights(nodes: Array, at: Array) -> Array:
 
 
 def local_polynomial(
-    sample_time: Array,
-    grid_time: Array,
-    half_width: float,
-    degree: int,
-    orders: int = 3,
+    sample_time: Array, grid_time: Array, window: Window, orders: int = 3
 ) -> LocalFunctional:
     """Least-squares polynomial through the samples around each grid time.
 
     Args:
         sample_time: (K,) s, increasing.
         grid_time: (N,) s, increasing.
-        half_width: s; at least degree + 2 samples are used whatever the rate.
-        degree: of the polynomial; less if there are too few samples at all.
+        window: the samples used and the degree, which is less if there are too few at all.
         orders: number of derivative orders wanted, including the value.
 
     Returns:
-        The functionals; windows are clipped at the ends of the recording.
+        The functionals; windows are clipped at the ends of the recording, and not tapered there.
     """
     period = typical_period(sample_time)
-    size = min(max(2 * round(half_width / period) + 1, degree + 2), len(sample_time))
-    degree = min(degree, size - 1)
+    size = min(window.size(period), len(sample_time))
+    degree = min(window.degree, size - 1)
     middle = 0.5 * period if size % 2 else 0.0
-    centre = np.searchsorted(sample_time, grid_time - middle)
-    start = np.clip(centre - size // 2, 0, len(sample_time) - size).astype(np.int64)
+    unclipped = np.searchsorted(sample_time, grid_time - middle) - size // 2
+    start = np.clip(unclipped, 0, len(sample_time) - size).astype(np.int64)
     offset = sample_time[start[:, None] + np.arange(size)] - grid_time[:, None]
-    scale = 0.5 * size * period
-    basis = (offset / scale)[..., None] ** np.arange(degree + 1)
-    normal = np.swapaxes(basis, 1, 2) @ basis
-    solution = np.linalg.solve(normal, np.swapaxes(basis, 1, 2))[:, :orders]
-    factors = np.array([1.0, 1.0 / scale, 2.0 / scale**2])[:orders]
+    shares = np.ones_like(offset)
+    if window.tapered:
+        whole = start == unclipped
+        shares[whole] = tapered_shares(offset[whole], 0.5 * (size + 1) * period)
+    weights = polynomial_weights(shares, offset, degree, orders)
     span = offset[:, -1] - offset[:, 0]
     nearest = np.abs(offset).min(axis=1)
     valid = (span < (size + 0.5) * period) & (nearest < 1.5 * period)
-    return LocalFunctional(start, solution * factors[:, None], valid)
+    return LocalFunctional(start, weights, valid)
+
+
+def polynomial_weights(shares: Array, offset: Array, degree: int, orders: int = 3) -> Array:
+    """Weights (N, O, W) of value and derivatives, at offset zero, of a least-squares polynomial.
+
+    Args:
+        shares: (N, W) by which squared deviations count, positive.
+        offset: (N, W) s.
+        degree: less than W.
+        orders: O, number of derivative orders, including the value; at most 3.
+    """
+    scale = np.abs(offset).max(axis=1)[:, None]
+    basis = (offset / scale)[..., None] ** np.arange(degree + 1)
+    counted = np.swapaxes(basis * shares[..., None], 1, 2)
+    solution = np.linalg.solve(counted @ basis, counted)[:, :orders]
+    factors = _FACTORIALS[:orders] / scale ** _ORDERS[:orders]
+    return np.asarray(solution * factors[..., None])
+
+
+def tapered_shares(offset: Array, half_width: float) -> Array:
+    """(1 - u^2)^2 of distances u in half widths, and hardly anything beyond one."""
+    return np.asarray(np.maximum(1.0 - (offset / half_width) ** 2, _FAINT) ** 2)

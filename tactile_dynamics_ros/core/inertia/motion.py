@@ -12,6 +12,7 @@ from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.latent import LatentSignal, isotropic_factor
 from tactile_dynamics_ros.core.inertia.local_polynomial import (
     LocalFunctional,
+    Window,
     local_polynomial,
     typical_period,
 )
@@ -152,15 +153,14 @@ def motion_period(streams: Streams) -> float:
 
 
 def motion_signals(
-    streams: Streams, grid: Array, half_width: float, degree: int, gravity: Array
+    streams: Streams, grid: Array, window: Window, gravity: Array
 ) -> MotionSignals:
     """Choose the kinematic signals of a recording: IMU where it measures, poses otherwise.
 
     Args:
         streams: needs an object pose, or an IMU with orientation.
         grid: (N,) s.
-        half_width: s, of the polynomial windows.
-        degree: of the polynomials.
+        window: of the polynomials.
         gravity: (3,) m/s^2, world.
 
     Raises:
@@ -171,7 +171,7 @@ def motion_signals(
         raise BadInputError("no orientation of the object: /object/pose and /object/imu are absent")
     signals: dict[str, LatentSignal] = {}
     if pose is not None:
-        functional = local_polynomial(pose.time, grid, half_width, degree)
+        functional = local_polynomial(pose.time, grid, window)
         factors = _pose_noise(pose)
         signals["orientation"] = LatentSignal(functional, factors[0])
         rotation, position = pose.rotation, pose.position
@@ -180,11 +180,11 @@ def motion_signals(
     else:
         assert imu is not None and imu.rotation is not None
         rotation, position = imu.rotation, None
-        functional = local_polynomial(imu.time, grid, half_width, degree)
+        functional = local_polynomial(imu.time, grid, window)
         std = white_noise_std(imu.time, accumulated_rotation(rotation)) or _FALLBACK_ROTATION_STD
         signals["orientation"] = LatentSignal(functional, isotropic_factor(len(imu.time), std))
     if imu is not None:
-        signals |= _imu_signals(imu, grid, half_width)
+        signals |= _imu_signals(imu, grid, window)
         if pose is not None:
             signals["position"] = LatentSignal(functional, factors[1])
     valid = np.all([signal.functional.valid for signal in signals.values()], axis=0)
@@ -193,15 +193,16 @@ def motion_signals(
     return MotionSignals(rotation, position, force, gyro, signals, gravity, valid)
 
 
-def _imu_signals(imu: ImuStream, grid: Array, half_width: float) -> dict[str, LatentSignal]:
+def _imu_signals(imu: ImuStream, grid: Array, window: Window) -> dict[str, LatentSignal]:
     count = len(imu.time)
     std = imu.specific_force_std or white_noise_std(imu.time, imu.specific_force)
     factor = isotropic_factor(count, std or _FALLBACK_SPECIFIC_FORCE_STD)
-    functional = local_polynomial(imu.time, grid, _IMU_HALF_WIDTH, 2, orders=1)
+    functional = local_polynomial(imu.time, grid, Window(_IMU_HALF_WIDTH, 2), orders=1)
     signals = {"specific_force": LatentSignal(functional, factor)}
     if imu.angular_velocity is not None:
         gyro_std = white_noise_std(imu.time, imu.angular_velocity) or _FALLBACK_ROTATION_STD
-        functional = local_polynomial(imu.time, grid, half_width, 3, orders=2)
+        of_rates = replace(window, degree=window.degree - 1)
+        functional = local_polynomial(imu.time, grid, of_rates, orders=2)
         signals["gyro"] = LatentSignal(functional, isotropic_factor(count, gyro_std))
     return signals
 

@@ -6,7 +6,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from tactile_dynamics_ros.core.discrepancy.assessment import assess, noise_floor
+from tactile_dynamics_ros.core.discrepancy.assessment import (
+    assess,
+    noise_floor,
+    noise_is_as_stated,
+)
 from tactile_dynamics_ros.core.discrepancy.screening import screen
 from tactile_dynamics_ros.core.discrepancy.selection import try_effect
 from tactile_dynamics_ros.core.errors import BadInputError
@@ -19,8 +23,6 @@ from tactile_dynamics_ros.core.streams import Streams
 
 if TYPE_CHECKING:
     from tactile_dynamics_ros.core.effects.effect import Effect
-
-_FLOOR_TOLERANCE = 0.04
 
 
 def fit_with_readings(
@@ -62,14 +64,10 @@ def model_with_seen_noise(
         None where the floor is 1 as it should be, or where it is not with the other noise either.
     """
     restated, ratios = restate_noise(streams)
-    if not ratios or model.fitted.restated or _is_quiet(model):
+    if not ratios or model.fitted.restated or noise_is_as_stated(model):
         return None
     other = HeldObjectModel.from_fit(replace(_fit(restated, effects, None), restated=ratios))
-    return other if _is_quiet(other) else None
-
-
-def _is_quiet(model: HeldObjectModel) -> bool:
-    return abs(noise_floor(model) - 1.0) < _FLOOR_TOLERANCE
+    return other if noise_is_as_stated(other) else None
 
 
 def _is_white(fitted: FittedModel) -> bool:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.inertia.fitted_model import FittedModel
-from tactile_dynamics_ros.core.inertia.fitting import fit_beyond, fit_further
+from tactile_dynamics_ros.core.inertia.fitting import fit_beyond, fit_further, fit_unfolded
 
 Array = NDArray[np.float64]
 
@@ -51,6 +51,15 @@ class Step:
 
 
 def refine(model: FittedModel) -> FittedModel:
+    """`_to_the_end`, also from a thicker body where the fit has made it flat."""
+    refined = _to_the_end(model)
+    thicker = fit_unfolded(refined, 2)
+    if thicker is None or thicker.whitened_rms >= refined.whitened_rms:
+        return refined
+    return _to_the_end(thicker)
+
+
+def _to_the_end(model: FittedModel) -> FittedModel:
     """Fit on until the end of the alternation is near, or a misfit remains that does not go.
 
     Steps that shrink by a rate r lead r / (1 - r) times the last one further: where that is far,

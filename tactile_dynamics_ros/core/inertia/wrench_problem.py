@@ -33,6 +33,7 @@ from tactile_dynamics_ros.core.inertia.contact_grid import (
     contact_signals,
 )
 from tactile_dynamics_ros.core.inertia.latent import LatentSignal
+from tactile_dynamics_ros.core.inertia.local_polynomial import Window
 from tactile_dynamics_ros.core.inertia.motion import motion_period, motion_signals
 from tactile_dynamics_ros.core.inertia.outliers import noise_share
 from tactile_dynamics_ros.core.inertia.sampled_signals import SampledSignals
@@ -53,8 +54,6 @@ _VARIANCE_FLOOR = 1e-14
 _UNREAD_VARIANCE = 1e6
 """Of residuals whose motion, beyond a clock's offset, was not recorded: they tell nothing."""
 _MINIMUM_SAMPLES = 10
-_SLOW = 0.6
-_DEGREES = 2
 _SMOOTHING_PERIODS = 4.0
 
 
@@ -63,12 +62,13 @@ class ProblemConfig:
     """How raw streams become residuals."""
 
     window_half_width: float = parameter(
-        0.04,
-        "half width of the motion windows of the residual",
+        0.07,
+        "half width of the tapered motion windows of the residual",
         "s",
         0.005,
         0.5,
     )
+    window_degree: int = parameter(6, "their degree", "", 2, 6)
     regressor_half_width: float = parameter(
         0.1,
         "half width of the motion windows of the regressors",
@@ -76,23 +76,23 @@ class ProblemConfig:
         0.005,
         0.5,
     )
-    window_degree: int = parameter(4, "their degree; two more where poses are slow", "", 2, 6)
+    regressor_degree: int = parameter(4, "their degree", "", 2, 6)
     maximum_rate: float = parameter(125.0, "grid rate above which forces are averaged", "Hz", 1.0)
 
     def __post_init__(self) -> None:
         """Check ranges."""
         check_ranges(self)
 
-    def windows(self, period: float) -> tuple[tuple[float, int], tuple[float, int]]:
-        """Half width (s) and degree for residuals and for regressors, of poses with this period.
+    def windows(self, period: float) -> tuple[Window, Window]:
+        """Those of residuals and of regressors, of poses with this period.
 
-        Slow poses make the former so wide that the degree must grow, and leave the latter too few
-        samples to smooth.
+        Slow poses would leave the latter too few samples to smooth.
         """
-        slow = period > _SLOW * self.window_half_width
-        degree = self.window_degree + _DEGREES * slow
         wide = max(self.regressor_half_width, _SMOOTHING_PERIODS * period)
-        return (self.window_half_width, degree), (wide, self.window_degree)
+        return (
+            Window(self.window_half_width, self.window_degree, tapered=True),
+            Window(wide, self.regressor_degree),
+        )
 
 
 @dataclass(frozen=True)
@@ -139,8 +139,8 @@ class WrenchProblem:
         if span is not None:
             grid = grid[(grid >= span[0]) & (grid < span[1])]
         motion, smooth = (
-            motion_signals(streams, grid, half_width, degree, GRAVITY_W)
-            for half_width, degree in config.windows(motion_period(streams))
+            motion_signals(streams, grid, window, GRAVITY_W)
+            for window in config.windows(motion_period(streams))
         )
         contacts = tuple(
             contact_signals(c, grid)
@@ -214,16 +214,11 @@ class WrenchProblem:
         """(N, 6, 10) Newton-Euler regressor of the denoised samples."""
         return self.smooth.regressor
 
-    def regressor_noise(self, seed: int = 0) -> Array:
-        """(N, 6, 10) one draw of how pose noise moves the regressor of the denoised samples."""
-        rng = np.random.default_rng(seed)
-        draws = {
-            name: np.einsum(
-                "kij,kj->ki", signal.noise_factor, rng.normal(size=(len(signal.noise_factor), 3))
-            )
-            for name, signal in self.raw.motion.signals.items()
-        }
-        return np.asarray(self.smooth.corrected(draws).regressor - self.regressor)
+    def regressor_noise(self, linearisation: Linearisation, seed: int = 0) -> Array:
+        """(N, 6, 10) one draw of how noise that is left of the poses moves `regressor`."""
+        denoised = self.smooth is not self.wide
+        left = linearisation.draw_errors(np.random.default_rng(seed), denoised)
+        return np.asarray(self.smooth.corrected(left).regressor - self.regressor)
 
     def residual(
         self, phi: Array, effects: Sequence[Effect] = (), theta: Sequence[Array] = ()
@@ -363,6 +358,22 @@ class Linearisation:
     def whiten(self, values: Array) -> Array:
         """L^-1 of (N, 6) or (N, 6, m) values, as (6 N,) or (6 N, m)."""
         return self.whitener.whiten(values.reshape(-1, *values.shape[2:]))
+
+    def draw_errors(self, rng: np.random.Generator, denoised: bool) -> dict[str, Array]:
+        """One draw of the errors z - x of the motion, (K, 3) by name, or of what `denoise` leaves.
+
+        The latter is a draw from the posterior of x: draw the noise of all signals, and take from
+        it what is expected given the residual that it makes. Source: Matheron's rule; Doucet 2010.
+        """
+        standard = [rng.normal(size=(len(factor), 3)) for factor in self.factors]
+        pairs = zip(self.names, self.factors, standard, strict=True)
+        motion = (pair for pair in pairs if ":" not in pair[0])
+        errors = {name: np.einsum("kij,kj->ki", factor, z) for name, factor, z in motion}
+        if not denoised:
+            return errors
+        made = sum(a @ z.ravel() for a, z in zip(self.sensitivities, standard, strict=True))
+        expected = self.denoise(self.whitener.whiten(np.asarray(made)))
+        return {name: error + expected[name] for name, error in errors.items()}
 
     def denoise(self, white_residual: Array) -> dict[str, Array]:
         """Expected errors x - z = -S A^T L^-T r of every signal, (K, 3) by name.

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.core.inertia.local_polynomial import (
     centred_weights,
     lagrange_weights,
-    mean_weights,
+    polynomial_weights,
+    tapered_shares,
 )
 
 Array = NDArray[np.float64]
@@ -24,6 +25,9 @@ _EMPTY = 1e-9
 _SAME = 1e-4
 _FAST = 0.6
 _PERIOD_GAIN = 0.05
+_AVERAGED = 1.25
+"""Half width of means in periods of the grid: their noise is about white on the grid."""
+_BENT = 4
 
 
 @dataclass(frozen=True)
@@ -101,17 +105,17 @@ class ContactQueue:
     def is_settled(self, time: float, grid_period: float, now: float) -> bool:
         """Whether the reading at `time` is decided: all that it needs came, or nothing will."""
         if self._is_fast(grid_period):
-            came = self.newest >= time + 0.5 * grid_period
+            came = self.newest >= time + _AVERAGED * grid_period
         else:
             came = abs(self.newest - time) <= _SAME or time <= max(self._times[-2:-1], default=-inf)
         return came or now - max(time, self.newest) > self._timeout
 
     def _is_fast(self, grid_period: float) -> bool:
-        """Whether readings are averaged over one period of the grid."""
+        """Whether readings are averaged over periods of the grid."""
         return 0.0 < self._period < _FAST * grid_period
 
     def read(self, time: float, grid_period: float) -> ContactReading | None:
-        """Reading at `time`: the sample, a mean over one grid period, or an interpolation.
+        """Reading at `time`: the sample, a mean by a tapered parabola, or an interpolation.
 
         Noise is stated as white noise of the grid with the same power at low frequency,
         std^2 = std_sample^2 T_sample / T_grid.
@@ -156,15 +160,16 @@ class ContactQueue:
         return reading if reading.in_contact else None
 
     def _mean(self, time: float, grid_period: float) -> ContactReading | None:
-        half = 0.5 * grid_period
-        first = bisect_left(self._times, time - half - 0.5 * self._period)
-        last = bisect_left(self._times, time + half + 0.5 * self._period)
-        offset = np.array(self._times[first:last]) - time
-        shares = mean_weights(offset, half, self._period)
-        shares = shares * [reading.in_contact for reading in self._readings[first:last]]
-        if not shares.any():
+        half = _AVERAGED * grid_period
+        chosen = slice(bisect_left(self._times, time - half), bisect_left(self._times, time + half))
+        readings, offset = self._readings[chosen], np.array([self._times[chosen]]) - time
+        held = np.array([reading.in_contact for reading in readings])
+        if not held.any():
             return None
-        return _mix(self._readings[first:last], centred_weights(shares, offset))
+        shares = tapered_shares(offset, half) * held
+        if held.all() and len(held) > _BENT:
+            return _mix(readings, polynomial_weights(shares, offset, 2, orders=1)[0, 0])
+        return _mix(readings, centred_weights(shares, offset)[0])
 
     def _scaled(self, reading: ContactReading | None, grid_period: float) -> ContactReading | None:
         if reading is None or self._period == 0.0:

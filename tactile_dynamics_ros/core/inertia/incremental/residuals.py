@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.contact.wrench_samples import GRAVITY_W, WrenchSamples
 from tactile_dynamics_ros.core.effects.present import PresentEffects
+from tactile_dynamics_ros.core.inertia.local_polynomial import polynomial_weights
 from tactile_dynamics_ros.core.inertia.sensitivity import motion_sensitivity
 from tactile_dynamics_ros.core.rigid_body.newton_euler import regressor
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, log_so3, skew
@@ -25,8 +26,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_ORDERS = np.arange(3)
-_FACTORIALS = np.array([1.0, 1.0, 2.0])
 _CONTACT_FIELDS = ("point", "rotation", "force", "torque", "std", "in_contact")
 
 
@@ -226,21 +225,6 @@ def _regressor(samples: WrenchSamples) -> Array:
     )
 
 
-def derivative_weights(offset: Array, degree: int) -> Array:
-    """Weights (B, 3, W) of value, first and second derivative of a least-squares polynomial at 0.
-
-    Args:
-        offset: (B, W) s, sample times relative to the instant.
-        degree: of the polynomial.
-    """
-    scale = np.abs(offset).max(axis=1)[:, None]
-    basis = (offset / scale)[..., None] ** np.arange(degree + 1)
-    transposed = np.swapaxes(basis, 1, 2)
-    solution = np.linalg.solve(transposed @ basis, transposed)[:, :3]
-    factors = _FACTORIALS / scale**_ORDERS
-    return np.asarray(solution * factors[..., None])
-
-
 def _centred_rotation(windows: PoseWindows, weights: Array) -> tuple[Array, Array]:
     """Denoised rotation (B, 3, 3) and the window's world rotation vectors (B, W, 3) from it."""
     middle = windows.time.shape[1] // 2
@@ -297,8 +281,9 @@ def denoise_motion(windows: PoseWindows, degree: int) -> tuple[DenoisedMotion, A
     """
     middle, inner = windows.time.shape[1] // 2, _inner(windows)
     offset = windows.time - windows.time[:, middle, None]
-    long_weights = derivative_weights(offset, degree)
-    weights = derivative_weights(offset[:, inner], degree)
+    equal = np.ones_like(offset)
+    long_weights = polynomial_weights(equal, offset, degree)
+    weights = polynomial_weights(equal[:, inner], offset[:, inner], degree)
     rotation, local = _centred_rotation(windows, long_weights)
     centre = windows.position[:, middle, None]
     shift = windows.position - centre
