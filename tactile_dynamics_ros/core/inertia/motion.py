@@ -152,9 +152,7 @@ def motion_period(streams: Streams) -> float:
     return typical_period(rotating.time) if rotating is not None else 0.0
 
 
-def motion_signals(
-    streams: Streams, grid: Array, window: Window, gravity: Array
-) -> MotionSignals:
+def motion_signals(streams: Streams, grid: Array, window: Window, gravity: Array) -> MotionSignals:
     """Choose the kinematic signals of a recording: IMU where it measures, poses otherwise.
 
     Args:
