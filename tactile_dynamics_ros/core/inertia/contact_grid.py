@@ -215,7 +215,7 @@ def _force_functional(
         return _interpolation(time, grid, period, loaded)
     window = Window(_AVERAGED * grid_period, 2, tapered=True)
     functional = local_polynomial(time, grid, window, orders=1)
-    held = functional.gather(loaded)
+    held = loaded[functional.indices]
     even = held.all(axis=1) | ~held.any(axis=1)
     return replace(functional, valid=functional.valid & even)
 
