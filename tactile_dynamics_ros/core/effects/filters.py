@@ -6,32 +6,63 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
+from scipy.interpolate import CubicHermiteSpline
 
 Array = NDArray[np.float64]
 
 _GAP = 1.8
+_SHORT = 0.5
+_FACTORIALS = np.array([1.0, 1.0, 2.0, 6.0])
 
 
-def uniform_segments(time: Array) -> list[slice]:
-    """Stretches of samples without gaps longer than 1.8 periods."""
+def segments(time: Array) -> list[slice]:
+    """Stretches of samples without gaps longer than half a second or 1.8 periods."""
     if len(time) < 2:
         return [slice(0, len(time))]
     steps = np.diff(time)
-    edges = np.flatnonzero(steps > _GAP * np.median(steps)) + 1
+    edges = np.flatnonzero(steps > max(_SHORT, _GAP * float(np.median(steps)))) + 1
     bounds = [0, *edges.tolist(), len(time)]
     return [slice(a, b) for a, b in zip(bounds[:-1], bounds[1:], strict=True)]
 
 
-def sample_period(time: Array) -> float:
-    """Median period, s."""
-    return float(np.median(np.diff(time))) if len(time) > 1 else 1.0
+def taylor(time: Array, values: Array) -> Array:
+    """Values and first three derivatives of `local_cubic` at the begin of each interval.
+
+    Args:
+        time: (n,) s, of one stretch.
+        values: (n, ...).
+
+    Returns:
+        (4, n - 1, ...).
+    """
+    if len(time) < 2:
+        return np.zeros((4, 0, *values.shape[1:]))
+    found = local_cubic(time, values).c[::-1]
+    return np.asarray(found * _FACTORIALS.reshape(4, *[1] * (found.ndim - 1)))
+
+
+def local_cubic(time: Array, values: Array) -> CubicHermiteSpline:
+    """Cubics between samples with the slopes of parabolas through three of them."""
+    slopes = np.gradient(values, time, axis=0, edge_order=min(2, len(time) - 1))
+    return CubicHermiteSpline(time, values, slopes)
+
+
+def evenly_filled(time: Array) -> tuple[Array, NDArray[np.intp]]:
+    """Times with as many between as make all steps about equal, and where the given ones are."""
+    steps = np.diff(time)
+    if len(steps) == 0:
+        return time, np.arange(len(time))
+    counts = np.maximum(np.round(steps / np.median(steps)), 1.0).astype(np.intp)
+    places = np.concatenate([[0], np.cumsum(counts)])
+    return np.interp(np.arange(places[-1] + 1), places, time), places
 
 
 def first_order_lag(time: Array, values: Array, tau: float) -> tuple[Array, Array]:
     """Response y of ``tau y' + y = u`` from rest at the first value, and d y / d tau.
 
-    Exact for values that are linear between samples; each uniform stretch starts settled.
+    Exact for cubics between the values (`taylor`): within an interval
+    y = p + (y_k - p_k) exp(-(t - t_k) / tau) with p = u - tau u' + tau^2 u'' - tau^3 u'''. Each
+    stretch starts settled.
 
     Args:
         time: (N,) s.
@@ -41,23 +72,41 @@ def first_order_lag(time: Array, values: Array, tau: float) -> tuple[Array, Arra
     Returns:
         y and dy/dtau, both (N, ...).
     """
-    ratio = sample_period(time) / tau
-    decay = np.exp(-ratio)
-    mean = (1.0 - decay) / ratio
-    change_of_decay = decay * ratio / tau
-    change_of_mean = mean / tau - change_of_decay / ratio
-    now, before = 1.0 - mean, mean - decay
-    now_change, before_change = -change_of_mean, change_of_mean - change_of_decay
-    response, change = np.empty_like(values), np.empty_like(values)
-    for part in uniform_segments(time):
-        u = values[part] - values[part][:1]
-        y = lfilter([now, before], [1.0, -decay], u, axis=0)
-        shifted = np.concatenate([np.zeros_like(y[:1]), y[:-1]])
-        earlier = np.concatenate([np.zeros_like(u[:1]), u[:-1]])
-        drive = change_of_decay * shifted + now_change * u + before_change * earlier
-        response[part] = y + values[part][:1]
-        change[part] = lfilter([1.0], [1.0, -decay], drive, axis=0)
-    return response, change
+    flat = values.reshape(len(values), -1)
+    response, change = np.empty_like(flat, dtype=float), np.empty_like(flat, dtype=float)
+    for part in segments(time):
+        response[part], change[part] = _lag_segment(time[part], flat[part], tau)
+    return response.reshape(values.shape), change.reshape(values.shape)
+
+
+def _lag_segment(time: Array, values: Array, tau: float) -> tuple[Array, Array]:
+    rises = taylor(time, values)
+    steps = np.diff(time)[:, None]
+    begin, begin_change = _following(rises, tau)
+    end, end_change = _following(_advanced(rises, steps), tau)
+    decay = np.exp(-steps / tau)
+    drive = end - decay * begin
+    response = integrate_linear(decay[..., None], drive[:, None], values[:1])[:, 0]
+    change_of_decay = decay * steps / tau**2
+    drive = end_change - decay * begin_change + change_of_decay * (response[:-1] - begin)
+    start = np.zeros_like(values[:1])
+    return response, integrate_linear(decay[..., None], drive[:, None], start)[:, 0]
+
+
+def _following(rises: Array, tau: float) -> tuple[Array, Array]:
+    """p = u - tau u' + tau^2 u'' - tau^3 u''' and dp/dtau."""
+    _, first, second, third = rises
+    value = rises[0] - tau * (first - tau * (second - tau * third))
+    return value, -first + tau * (2.0 * second - 3.0 * tau * third)
+
+
+def _advanced(rises: Array, steps: Array) -> Array:
+    """The derivatives at the end of each interval."""
+    value, first, second, third = rises
+    second_then = second + steps * third
+    first_then = first + steps * (second + steps * third / 2.0)
+    value_then = value + steps * (first + steps * (second / 2.0 + steps * third / 6.0))
+    return np.stack([value_then, first_then, second_then, third])
 
 
 def integrate_linear(system: Array, drive: Array, start: Array) -> Array:

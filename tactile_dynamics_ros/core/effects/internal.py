@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples, latest_per_samples
 from tactile_dynamics_ros.core.effects.effect import Effect, EffectParameter, LinearEffect
 from tactile_dynamics_ros.core.effects.filters import (
+    evenly_filled,
     integrate_linear,
-    sample_period,
-    uniform_segments,
+    local_cubic,
+    segments,
+    taylor,
 )
 from tactile_dynamics_ros.core.effects.geometry import (
     body_from_world,
@@ -36,6 +38,8 @@ _SLOWEST_HZ = 0.2
 _FASTEST_HZ = 15.0
 _LEAST_DAMPING = 0.003
 _MOST_DAMPING = 2.0
+_SERIES = 9
+_FACTORIALS = (1.0, 1.0, 2.0, 6.0, 24.0)
 
 
 @register_effect
@@ -216,7 +220,7 @@ def _respond(samples: WrenchSamples, reading: str, parameters: bytes) -> _Respon
     settled = not reading.endswith("unsettled")
     parts = [
         _respond_segment(samples, part, 2.0 * np.pi * hz, damping, theta[3:], settled)
-        for part in uniform_segments(samples.time)
+        for part in segments(samples.time)
     ]
     stacked = np.concatenate(parts, axis=1)
     stacked[..., 1] *= 2.0 * np.pi
@@ -233,26 +237,29 @@ def _respond_segment(
 ) -> Array:
     """Displacement, sliding and acceleration of one gap-free stretch, (3, n, 3, 6)."""
     spin = samples.rotation[part] @ samples.angular_velocity[part][..., None]
-    system = _system(spin[..., 0], omega_n, damping)
     omega = skew(samples.angular_velocity[part])
     turn = samples.rotation[part] @ (skew(samples.angular_acceleration[part]) + omega @ omega)
     offset = (turn @ point[:, None])[..., 0]
     drive = (samples.gravity - samples.acceleration[part] - offset)[..., None]
     drive = np.concatenate([drive, -turn], axis=2)
+    time, read = evenly_filled(samples.time[part])
+    if len(time) > len(read):
+        spin, drive = (local_cubic(time[read], values)(time) for values in (spin, drive))
+    system = _system(spin[..., 0], omega_n, damping)
     middle = 0.5 * (system[1:] + system[:-1])
-    transition, step = _discretise(middle, sample_period(samples.time))
+    transition, pushes = _discretise(middle, np.diff(time))
     start = np.zeros((6, 4))
     if settled:
         start[:3] = drive[0] / omega_n**2
-    states = integrate_linear(transition, _trapezoid(step, drive), start)
+    states = integrate_linear(transition, _pushed(pushes, taylor(time, drive)), start)
     found = np.empty((3, *drive.shape[:2], 6))
     found[..., [0, 3, 4, 5]] = _motion(system, states, drive, spin)
     shape = _shape_drive(found[..., :1], omega_n, damping)
     by_shape = np.zeros((6, 2))
     by_shape[:, 0] = -2.0 / omega_n * start[:, 0]
-    states = integrate_linear(transition, _trapezoid(step, shape), by_shape)
+    states = integrate_linear(transition, _pushed(pushes, taylor(time, shape)), by_shape)
     found[..., 1:3] = _motion(system, states, shape, spin)
-    return found
+    return found[:, read]
 
 
 def _used_shape(theta: Array) -> tuple[float, float]:
@@ -284,24 +291,34 @@ def _system(spin: Array, omega_n: float, damping: float) -> Array:
     return matrix
 
 
-def _discretise(matrix: Array, period: float) -> tuple[Array, Array]:
-    """Transition exp(M h) and its integral over one step for matrices (n, S, S), by series."""
-    scaled = matrix * period
+def _discretise(matrix: Array, steps: Array) -> tuple[Array, Array]:
+    """Transitions exp(M h) and responses to inputs t^j / j! of the lower half of the states.
+
+    Args:
+        matrix: (n, S, S) M.
+        steps: (n,) h, s.
+
+    Returns:
+        (n, S, S) and (4, n, S, S / 2) for j = 0 to 3: integrals of exp(M (h - t)) t^j / j!.
+    """
+    step = steps[:, None, None]
+    scaled = matrix * step
+    half = matrix.shape[-1] // 2
     power = np.broadcast_to(np.eye(matrix.shape[-1]), scaled.shape)
-    transition, step = power.copy(), power.copy()
-    factorial = 1.0
-    for order in range(1, 9):
+    transition = power.copy()
+    pushes = np.stack([power[..., half:] / factorial for factorial in _FACTORIALS[1:]])
+    for order in range(1, _SERIES):
         power = power @ scaled
-        factorial *= order
-        transition = transition + power / factorial
-        step = step + power / (factorial * (order + 1))
-    return transition, step * period
+        transition = transition + power / math.factorial(order)
+        for j in range(4):
+            pushes[j] += power[..., half:] / math.factorial(order + j + 1)
+    scale = [step ** (j + 1) for j in range(4)]
+    return transition, pushes * np.stack(scale)
 
 
-def _trapezoid(step: Array, drive: Array) -> Array:
-    """Input of one step for the mean drive, (n - 1, 6, m)."""
-    mean = 0.5 * (drive[1:] + drive[:-1])
-    return np.asarray(step[:, :, 3:] @ mean)
+def _pushed(pushes: Array, rises: Array) -> Array:
+    """Input of every step, (n, S, m), for a drive with derivatives (4, n, S / 2, m)."""
+    return np.asarray(np.sum(pushes @ rises, axis=0))
 
 
 def _filtered(time: Array, drive: Array, hz: float, unsettled: bool) -> Array:
@@ -313,21 +330,17 @@ def _filtered(time: Array, drive: Array, hz: float, unsettled: bool) -> Array:
         hz: natural frequency.
         unsettled: start unstretched rather than hanging.
     """
-    period = sample_period(time)
     omega = 2.0 * np.pi * hz
-    system = _system(np.zeros((2, 3)), omega, _SCREENED_DAMPING)[:, [0, 3]][:, :, [0, 3]]
-    transition, step = (m[0] for m in _discretise(system[:1], period))
-    trace, determinant = float(np.trace(transition)), float(np.linalg.det(transition))
-    denominator = [1.0, -trace, determinant]
-    gain = 0.5 * step[:, 1]
-    cofactor = np.array(
-        [[-transition[1, 1], transition[0, 1]], [transition[1, 0], -transition[0, 0]]]
-    )
-    response = np.empty_like(drive)
-    for part in uniform_segments(time):
-        u = drive[part] - (0.0 if unsettled else drive[part][:1])
-        pair = u + np.concatenate([np.zeros_like(u[:1]), u[:-1]])
-        numerators = np.stack([gain, cofactor @ gain], axis=1)
-        states = [lfilter(n, denominator, pair, axis=0) for n in numerators]
-        response[part] = u - omega**2 * states[0] - 2.0 * _SCREENED_DAMPING * omega * states[1]
-    return response
+    system = _system(np.zeros((1, 3)), omega, _SCREENED_DAMPING)[:, [0, 3]][:, :, [0, 3]]
+    states = np.empty((len(time), 2, drive.shape[1]))
+    for part in segments(time):
+        filled, read = evenly_filled(time[part])
+        steps = np.diff(filled)
+        transition, pushes = _discretise(np.repeat(system, len(steps), axis=0), steps)
+        start = np.zeros((2, drive.shape[1]))
+        if not unsettled:
+            start[0] = drive[part][0] / omega**2
+        pushing = local_cubic(time[part], drive[part])(filled) if len(steps) else drive[part]
+        rises = taylor(filled, pushing)[:, :, None]
+        states[part] = integrate_linear(transition, _pushed(pushes, rises), start)[read]
+    return drive - omega**2 * states[:, 0] - 2.0 * _SCREENED_DAMPING * omega * states[:, 1]

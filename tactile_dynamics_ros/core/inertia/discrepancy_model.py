@@ -197,8 +197,7 @@ class HeldObjectModel:
     @cached_property
     def _refined(self) -> HeldObjectModel:
         problems = [
-            b.problem.denoised({}).balanced(self.phi, self.effects, self.theta)
-            for b in self.fitted.blocks
+            b.problem.balanced(self.phi, self.effects, self.theta) for b in self.fitted.blocks
         ]
         xi, theta = nearest_body(self.phi, self.fitted.phi), self.theta
         best = refine(fit_model(problems, self.effects, theta, xi, 2))

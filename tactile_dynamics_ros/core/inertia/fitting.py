@@ -101,6 +101,20 @@ def fit_beyond(before: FittedModel, after: FittedModel, factor: float) -> Fitted
     return _alternate(blocks, xi, after.effects, theta, 2)
 
 
+def fit_trusting(model: FittedModel, iterations: int) -> FittedModel:
+    """Fit again as if the model were right: all that remains is noise, of the motion too.
+
+    What effects do is seen on motion whose noise may exceed it. The fit then leaves a misfit, a
+    misfit is not charged to the motion, and so the motion stays as noisy as it is.
+
+    Args:
+        model: fitted.
+        iterations: of the alternation.
+    """
+    theta = list(model.theta)
+    return _alternate(model.blocks, model.xi, model.effects, theta, iterations, trusting=True)
+
+
 def fit_unfolded(model: FittedModel, iterations: int) -> FittedModel | None:
     """Fit again from a thicker body where a fit has made it flat; None where it has not.
 
@@ -126,6 +140,7 @@ def _alternate(
     effects: Sequence[Effect],
     values: list[Array],
     iterations: int,
+    trusting: bool = False,
 ) -> FittedModel:
     """Fit at fixed covariance, then find the covariance at the fit, and so on.
 
@@ -139,7 +154,7 @@ def _alternate(
     while done < iterations:
         trusted = prior.weighted(_misfit(blocks))
         present, values, converged = _solve(blocks, present, effects, values, trusted, unexcited)
-        problems = _denoise(blocks, present, effects, values, first)
+        problems = _denoise(blocks, present, effects, values, first, trusting)
         blocks = _whiten(problems, present, effects, values)
         done, first = done + 1, False
         still = _unexcited(blocks, prior) if unexcited.size else unexcited
@@ -303,13 +318,14 @@ def _denoise(
     effects: Sequence[Effect],
     theta: Sequence[Array],
     first: bool,
+    trusting: bool = False,
 ) -> tuple[WrenchProblem, ...]:
     """Move the signals behind the regressors to their expected true values."""
     phi = dynamic_parameters_from_log_cholesky(xi)
     problems = []
     for block in blocks:
         white = block.linearisation.whiten(block.problem.residual(phi, effects, theta))
-        problem = block.problem.denoised(block.linearisation.denoise(white))
+        problem = block.problem.denoised(block.linearisation.denoise(white, trusting))
         problem = problem.balanced(phi, effects, theta)
         if first:
             residual = problem.residual(phi, effects, theta)

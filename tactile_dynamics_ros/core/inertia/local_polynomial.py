@@ -14,6 +14,8 @@ _BURSTS = 1.3
 _SPARE = 2
 """Samples that a window has at least beyond those that determine its polynomial."""
 _FAINT = 1e-3
+_LOST = 1.0 / 6.0
+"""Share of its samples that a window may lack, at least one."""
 _ORDERS = np.arange(3)
 _FACTORIALS = np.array([1.0, 1.0, 2.0])
 _SLOPE_SEEN = 0.2
@@ -120,6 +122,7 @@ def local_polynomial(
 
     Returns:
         The functionals; windows are clipped at the ends of the recording, and not tapered there.
+        Of those that ought to be tapered none is valid that lacks more than a quarter at one side.
     """
     period = typical_period(sample_time)
     size = min(window.size(period), len(sample_time))
@@ -127,15 +130,19 @@ def local_polynomial(
     middle = 0.5 * period if size % 2 else 0.0
     unclipped = np.searchsorted(sample_time, grid_time - middle) - size // 2
     start = np.clip(unclipped, 0, len(sample_time) - size).astype(np.int64)
+    clipped = np.abs(start - unclipped)
     offset = sample_time[start[:, None] + np.arange(size)] - grid_time[:, None]
     shares = np.ones_like(offset)
     if window.tapered:
-        whole = start == unclipped
+        whole = clipped == 0
         shares[whole] = tapered_shares(offset[whole], 0.5 * (size + 1) * period)
     weights = polynomial_weights(shares, offset, degree, orders)
     span = offset[:, -1] - offset[:, 0]
     nearest = np.abs(offset).min(axis=1)
-    valid = (span < (size + 0.5) * period) & (nearest < 1.5 * period)
+    lost = max(1.0, _LOST * size)
+    valid = (span < (size + lost - 0.5) * period) & (nearest < 1.5 * period)
+    if window.tapered:
+        valid &= clipped <= size // 4
     return LocalFunctional(start, weights, valid)
 
 

@@ -1,17 +1,19 @@
-"""Isolated spikes: single samples that no physical effect of the object explains."""
+"""What in a residual is noise: isolated spikes, and the share that its spectrum tells."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter, uniform_filter1d
+from scipy.ndimage import median_filter, uniform_filter
+from scipy.signal import ShortTimeFFT
+from scipy.signal.windows import hann
 
 Array = NDArray[np.float64]
 
 _SPIKE = 7.0
 _NEIGHBOURHOOD = 9
-_MISFIT_WINDOW = 51
-_MISFIT = 1.25
+_FRAME = 128
+_MISFIT = 1.7
 
 
 def isolated_outlier_variance(white_residual: Array, residual: Array) -> Array:
@@ -33,18 +35,28 @@ def isolated_outlier_variance(white_residual: Array, residual: Array) -> Array:
     return np.asarray(np.where(spike, 10.0 * np.sum(residual**2, axis=1), 0.0))
 
 
-def noise_share(white_residual: Array) -> Array:
-    """Share of each white residual that is noise: one over the mean square around it, at most 1.
+def expected_noise(white_residual: Array) -> Array:
+    """Noise that is expected in a white residual, given its spectrum around each time.
 
     Where something that the model lacks adds variance s^2 to white unit noise, the expected noise
-    is r / (1 + s^2); the mean square of 51 samples estimates 1 + s^2.
+    is r / (1 + s^2). The power of frames of 128 samples estimates 1 + s^2 by frequency: what a
+    model lacks follows the motion, which is slower than most of the noise.
 
     Args:
         white_residual: (6 N,).
 
     Returns:
-        (6 N,) factors.
+        (6 N,) of no more power than the residual.
+
+    Source: Wiener 1949.
     """
-    square = (white_residual.reshape(-1, 6) ** 2).mean(axis=1)
-    local = uniform_filter1d(square, _MISFIT_WINDOW, mode="nearest")
-    return np.repeat(np.where(local > _MISFIT, 1.0 / np.maximum(local, 1.0), 1.0), 6)
+    rows = white_residual.reshape(-1, 6)
+    length = min(_FRAME, 2 * (len(rows) // 2))
+    window = hann(length, sym=False)
+    transform = ShortTimeFFT(window, length // 2, fs=1.0)
+    spectra = transform.stft(rows, axis=0)
+    power = np.mean(np.abs(spectra) ** 2, axis=1, keepdims=True) / np.sum(window**2)
+    power = uniform_filter(power, (3, 1, 3), mode="nearest")
+    share = np.where(power > _MISFIT, 1.0 / np.maximum(power, 1.0), 1.0)
+    noise = transform.istft(spectra * share, k1=len(rows), f_axis=0)
+    return np.asarray(noise).reshape(-1)

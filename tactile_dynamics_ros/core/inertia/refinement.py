@@ -8,7 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.inertia.fitted_model import FittedModel
-from tactile_dynamics_ros.core.inertia.fitting import fit_beyond, fit_further, fit_unfolded
+from tactile_dynamics_ros.core.inertia.fitting import (
+    fit_beyond,
+    fit_further,
+    fit_trusting,
+    fit_unfolded,
+)
 
 Array = NDArray[np.float64]
 
@@ -21,6 +26,7 @@ _USUAL_RATE = 0.5
 _SLOWEST_RATE = 0.9
 _MISFIT = 0.2
 _SLOW = 0.02
+_DOUBTFUL = 1.05
 
 
 @dataclass(frozen=True)
@@ -51,12 +57,24 @@ class Step:
 
 
 def refine(model: FittedModel) -> FittedModel:
-    """`_to_the_end`, also from a thicker body where the fit has made it flat."""
+    """`_to_the_end`, also from a thicker body where the fit has made it flat.
+
+    Where a misfit remains, the fit is tried from motion as it would be if there were none.
+    """
     refined = _to_the_end(model)
     thicker = fit_unfolded(refined, 2)
-    if thicker is None or thicker.whitened_rms >= refined.whitened_rms:
-        return refined
-    return _to_the_end(thicker)
+    if thicker is not None:
+        refined = _better(refined, thicker)
+    if refined.effects and refined.whitened_rms > _DOUBTFUL:
+        refined = _better(refined, fit_trusting(refined, 3))
+    return refined
+
+
+def _better(present: FittedModel, start: FittedModel) -> FittedModel:
+    """The end from another start, if its error is lower."""
+    if start.whitened_rms >= present.whitened_rms:
+        return present
+    return min(present, _to_the_end(start), key=lambda model: model.whitened_rms)
 
 
 def _to_the_end(model: FittedModel) -> FittedModel:

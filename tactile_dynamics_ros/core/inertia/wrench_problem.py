@@ -35,7 +35,7 @@ from tactile_dynamics_ros.core.inertia.contact_grid import (
 from tactile_dynamics_ros.core.inertia.latent import LatentSignal
 from tactile_dynamics_ros.core.inertia.local_polynomial import Window
 from tactile_dynamics_ros.core.inertia.motion import motion_period, motion_signals
-from tactile_dynamics_ros.core.inertia.outliers import noise_share
+from tactile_dynamics_ros.core.inertia.outliers import expected_noise
 from tactile_dynamics_ros.core.inertia.sampled_signals import SampledSignals
 from tactile_dynamics_ros.core.inertia.sensitivity import (
     contact_sensitivity,
@@ -375,13 +375,13 @@ class Linearisation:
         expected = self.denoise(self.whitener.whiten(np.asarray(made)))
         return {name: error + expected[name] for name, error in errors.items()}
 
-    def denoise(self, white_residual: Array) -> dict[str, Array]:
+    def denoise(self, white_residual: Array, trusting: bool = False) -> dict[str, Array]:
         """Expected errors x - z = -S A^T L^-T r of every signal, (K, 3) by name.
 
-        Of residuals that stay large, motion is charged with the share of the noise only; contacts
-        with all, so that effects see forces that balance the model.
+        Of residuals that stay large, motion is charged with the share of the noise only, unless the
+        model is trusted; contacts with all, so that effects see forces that balance the model.
         """
-        noise = white_residual * noise_share(white_residual)
+        noise = white_residual if trusting else expected_noise(white_residual)
         share = self.whitener.whiten_transposed(np.stack([white_residual, noise], axis=1))
         corrections = {}
         for name, matrix, factor in zip(self.names, self.sensitivities, self.factors, strict=True):
