@@ -94,7 +94,7 @@ def _lag_segment(time: Array, values: Array, tau: float) -> tuple[Array, Array]:
 
 
 def _following(rises: Array, tau: float) -> tuple[Array, Array]:
-    """p = u - tau u' + tau^2 u'' - tau^3 u''' and dp/dtau."""
+    """P = u - tau u' + tau^2 u'' - tau^3 u''' and dp/dtau."""
     _, first, second, third = rises
     value = rises[0] - tau * (first - tau * (second - tau * third))
     return value, -first + tau * (2.0 * second - 3.0 * tau * third)

@@ -38,8 +38,7 @@ _SLOWEST_HZ = 0.2
 _FASTEST_HZ = 15.0
 _LEAST_DAMPING = 0.003
 _MOST_DAMPING = 2.0
-_SERIES = 9
-_FACTORIALS = (1.0, 1.0, 2.0, 6.0, 24.0)
+_SERIES = 8
 
 
 @register_effect
@@ -303,17 +302,16 @@ def _discretise(matrix: Array, steps: Array) -> tuple[Array, Array]:
     """
     step = steps[:, None, None]
     scaled = matrix * step
-    half = matrix.shape[-1] // 2
-    power = np.broadcast_to(np.eye(matrix.shape[-1]), scaled.shape)
-    transition = power.copy()
-    pushes = np.stack([power[..., half:] / factorial for factorial in _FACTORIALS[1:]])
-    for order in range(1, _SERIES):
-        power = power @ scaled
-        transition = transition + power / math.factorial(order)
-        for j in range(4):
-            pushes[j] += power[..., half:] / math.factorial(order + j + 1)
-    scale = [step ** (j + 1) for j in range(4)]
-    return transition, pushes * np.stack(scale)
+    size = matrix.shape[-1]
+    place = np.arange(size)
+    found = np.zeros_like(scaled)
+    pushes = np.empty((4, *matrix.shape[:-1], size // 2))
+    for order in range(_SERIES + 4, -1, -1):  # phi_j = 1 / j! + M h phi_j+1
+        found = scaled @ found
+        found[:, place, place] += 1.0 / math.factorial(order)
+        if 1 <= order <= 4:
+            pushes[order - 1] = step**order * found[..., size // 2 :]
+    return found, pushes
 
 
 def _pushed(pushes: Array, rises: Array) -> Array:

@@ -27,6 +27,8 @@ _SLOWEST_RATE = 0.9
 _MISFIT = 0.2
 _SLOW = 0.02
 _DOUBTFUL = 1.05
+_HOPEFUL = 0.9
+"""Of the squared error beyond noise, what one step may leave that is worth more of them."""
 
 
 @dataclass(frozen=True)
@@ -63,18 +65,22 @@ def refine(model: FittedModel) -> FittedModel:
     """
     refined = _to_the_end(model)
     thicker = fit_unfolded(refined, 2)
-    if thicker is not None:
+    if thicker is not None and thicker.whitened_rms < refined.whitened_rms:
         refined = _better(refined, thicker)
     if refined.effects and refined.whitened_rms > _DOUBTFUL:
-        refined = _better(refined, fit_trusting(refined, 3))
+        trusted = fit_trusting(refined, 1)
+        if _excess(trusted) < _HOPEFUL * _excess(refined):
+            refined = _better(refined, fit_trusting(trusted, 2))
     return refined
 
 
 def _better(present: FittedModel, start: FittedModel) -> FittedModel:
     """The end from another start, if its error is lower."""
-    if start.whitened_rms >= present.whitened_rms:
-        return present
     return min(present, _to_the_end(start), key=lambda model: model.whitened_rms)
+
+
+def _excess(model: FittedModel) -> float:
+    return model.whitened_rms**2 - 1.0
 
 
 def _to_the_end(model: FittedModel) -> FittedModel:
@@ -109,6 +115,6 @@ def _is_near(before: FittedModel, after: FittedModel, left: float) -> bool:
     """Whether the error falls no more, and what is left to go is short or leads nowhere."""
     if after.whitened_rms <= _SETTLED * before.whitened_rms:
         return False
-    excess = before.whitened_rms**2 - 1.0
+    excess = _excess(before)
     fall = before.whitened_rms**2 - after.whitened_rms**2
     return left < _NEAR or (excess > _MISFIT and fall < _SLOW * excess)
