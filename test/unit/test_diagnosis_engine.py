@@ -92,6 +92,10 @@ class SlidingBlock:
     def with_effect(self, family: Family, coefficients: np.ndarray) -> SlidingBlock:
         return SlidingBlock(self.block, (*self.effects, family.name), self.known)
 
+    @property
+    def noise_level(self) -> float:
+        return float(np.log(NOISE))
+
     def without_effect(self, name: str) -> SlidingBlock:
         left = tuple(effect for effect in self.effects if effect != name)
         return SlidingBlock(self.block, left, self.known)

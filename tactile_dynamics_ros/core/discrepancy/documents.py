@@ -180,6 +180,9 @@ def _facts(signature: Signature) -> str:
             f"goes with {signature.correlates_with.replace('_', ' ')} "
             f"({write_percent(signature.share)} of the excess error)"
         )
+    if signature.change:
+        verb = "ends" if signature.change.ends else "begins"
+        facts.append(f"{verb} at {signature.change.time:.1f} s, as {signature.change.label} would")
     if signature.formula:
         facts.append(f"looks like {signature.formula}")
     return ", ".join(facts)

@@ -111,6 +111,10 @@ class ResidualModel(Protocol):
     def freedom(self) -> float:
         """Number of effect parameters that the data determine."""
 
+    @property
+    def noise_level(self) -> float:
+        """Mean logarithm of the standard deviations by which residuals are made white."""
+
     def families(self, names: Sequence[str] | None = None) -> Sequence[Family]:
         """Families of the effects that the model could have."""
 

@@ -30,6 +30,8 @@ _CLOSE = 1.05
 _WHITE = 0.01
 _SIMPLER = 0.5
 _FAR = 1.25
+_INFLATED = 0.2
+"""Growth of the noise, as a logarithm, that an effect may not have."""
 _EQUAL = 0.4
 """Share of the lead of the best by which a rival must win at home to be its equal."""
 _CONTAINED = 1e-3
@@ -117,7 +119,9 @@ def choose_effect(
 
     A thorough refit moves the denoised signals and the whitening, on which rivals must then be
     compared with it; should one of them win there, it is refitted in turn. Where even the best
-    leaves so much that it cannot be the answer, quick fits have to do.
+    leaves so much that it cannot be the answer, quick fits have to do. An effect that explains the
+    residual by noise that it makes much larger, as contacts half a metre away do with that of the
+    forces, is passed over.
 
     Args:
         model: to be extended.
@@ -144,6 +148,9 @@ def choose_effect(
         if _square(other) > _square(refined):
             break
         best, refined = trials[0], other
+    if refined.noise_level > model.noise_level + _INFLATED:
+        others = [score for score in scores if score.family.name != best.name]
+        return choose_effect(model, others, floor, worthwhile)
     own = next((t for t in trials if t.name == best.name), best)
     rivals = tuple(t for t in trials if t.name != best.name)
     return _simplest(Choice(refined, own, rivals, evidence(bare, floor)))

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
 from tactile_dynamics_ros.core.discrepancy.assessment import noise_floor
+from tactile_dynamics_ros.core.discrepancy.change import Change, clear_change
 from tactile_dynamics_ros.core.discrepancy.model import Family, ResidualModel, Residuals
 from tactile_dynamics_ros.core.discrepancy.screening import Score, best_by_effect, screen
 from tactile_dynamics_ros.core.discrepancy.structure import examine
@@ -46,6 +47,7 @@ class Signature:
         share: of the excess error that this quantity explains.
         formula: a sparse law in named quantities that explains at least half of it, or None.
         intervals: times (start, end) in s of bursts, if the error comes in bursts.
+        change: the time at which it begins or ends, if there is one.
     """
 
     channels: tuple[str, ...]
@@ -55,6 +57,7 @@ class Signature:
     share: float
     formula: str | None
     intervals: tuple[tuple[float, float], ...]
+    change: Change | None = None
 
     def to_json(self) -> dict[str, Any]:
         """The part `unexplained` of the document of `diagnose`."""
@@ -66,6 +69,7 @@ class Signature:
             "frame": self.frame,
             "share_of_excess": self.share,
             "intervals": [list(interval) for interval in self.intervals],
+            "change": self.change.to_json() if self.change else None,
         }
 
 
@@ -90,6 +94,7 @@ def describe_residual(model: ResidualModel) -> Signature:
         share=share if named else 0.0,
         formula=_find_formula(model, scores, floor, excess),
         intervals=_bursts(residuals, floor),
+        change=clear_change(model, floor),
     )
 
 

@@ -43,7 +43,7 @@ def taylor(time: Array, values: Array) -> Array:
 
 def local_cubic(time: Array, values: Array) -> CubicHermiteSpline:
     """Cubics between samples with the slopes of parabolas through three of them."""
-    slopes = np.gradient(values, time, axis=0, edge_order=min(2, len(time) - 1))
+    slopes = np.gradient(values, time, axis=0, edge_order=2 if len(time) > 2 else 1)
     return CubicHermiteSpline(time, values, slopes)
 
 

@@ -195,6 +195,11 @@ class FrictionModel:
         values = np.maximum(np.linalg.eigvalsh(own.T @ own), 0.0)
         return float(np.sum(values / (1.0 + values)))
 
+    @property
+    def noise_level(self) -> float:
+        """The same for all: no effect of friction is one by the noise that it makes."""
+        return 0.0
+
     def families(self, names: Sequence[str] | None = None) -> list[Family]:
         """The linear form of every effect that the model lacks."""
         wanted = [n for n in (names or self.catalogue) if n not in self.effect_names]

@@ -122,6 +122,12 @@ class HeldObjectModel:
         """Denoised samples of the first stretch."""
         return self.fitted.blocks[0].problem.samples
 
+    @property
+    def noise_level(self) -> float:
+        """Mean logarithm of the diagonal of the Cholesky factor of the noise."""
+        bands = [block.linearisation.whitener.band[0] for block in self.fitted.blocks]
+        return float(np.mean(np.log(np.concatenate(bands))))
+
     def families(self, names: Sequence[str] | None = None) -> list[Family]:
         """Every reading, and every restriction of it, of effects that the model lacks."""
         wanted = [n for n in (names or self.catalogue) if n not in self.effect_names]

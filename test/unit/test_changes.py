@@ -1,0 +1,67 @@
+"""What begins at one time, or follows a law of its own, is not put down to many parameters."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.hidden.recordings import generate
+from benchmarks.hidden.scenario import ScenarioOptions
+from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
+from tactile_dynamics_ros.core.discrepancy.documents import diagnosis_sentence
+from tactile_dynamics_ros.core.inertia.discrepancy_model import HeldObjectModel
+from tactile_dynamics_ros.core.inertia.readings import fit_with_readings
+
+DURATION = 24.0
+
+
+def diagnose_altered(seed, alter):
+    """Diagnose a clean recording after one finger's stream was altered."""
+    streams = generate(seed, {}, ScenarioOptions(duration=DURATION, finger_roll=False)).streams
+    altered = alter(streams.contacts["index"])
+    contacts = {**streams.contacts, "index": altered}
+    fitted = fit_with_readings(replace(streams, contacts=contacts))
+    return diagnose(HeldObjectModel.from_fit(fitted))
+
+
+def late(time):
+    return time - time[0] > 0.55 * DURATION
+
+
+def jump_of_contact_point(contact, size=0.004):
+    jump = late(contact.pose_time)[:, None] * np.array([0.0, 0.0, size])
+    moved = contact.position + np.einsum("nij,nj->ni", contact.rotation, jump[:, [2, 0, 1]])
+    return replace(contact, position=moved)
+
+
+def jump_of_reading(contact, size=0.15):
+    return replace(contact, force=contact.force + late(contact.time)[:, None] * [size, 0.0, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("seed", "alter"),
+    [(901, jump_of_contact_point), (902, jump_of_contact_point), (903, jump_of_reading)],
+)
+def test_what_begins_at_one_time_is_no_known_effect_and_its_time_is_told(seed, alter):
+    diagnosis = diagnose_altered(seed, alter)
+    assert diagnosis.verdict == "unexplained"
+    change = diagnosis.signature.change
+    assert change is not None
+    assert not change.ends
+    assert change.time == pytest.approx(0.55 * DURATION, abs=0.8)
+    assert "index" in change.label
+    assert f"begins at {change.time:.1f} s" in diagnosis_sentence(diagnosis)
+
+
+def test_a_sensor_that_saturates_is_no_known_effect():
+    def saturating(contact):
+        size = np.linalg.norm(contact.force, axis=1, keepdims=True)
+        bound = 2.0 * np.median(size)
+        return replace(contact, force=contact.force * np.tanh(size / bound) / (size / bound))
+
+    diagnosis = diagnose_altered(904, saturating)
+    assert diagnosis.verdict == "unexplained"
+    assert diagnosis.signature.correlates_with == "force"
+    assert diagnosis.signature.change is None
