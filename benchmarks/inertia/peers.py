@@ -24,7 +24,7 @@ from tactile_dynamics_ros.core.rigid_body.rotation import skew
 
 Array = np.ndarray
 
-_SMOOTHING = ProblemConfig(regressor_half_width=0.12)
+_SMOOTHING = ProblemConfig(regressor_half_width=0.12, regressor_degree=4)
 _ENTROPIC_WEIGHT = 1e-2
 _KEY = gtsam.symbol("x", 0)
 

@@ -54,7 +54,7 @@ _VARIANCE_FLOOR = 1e-14
 _UNREAD_VARIANCE = 1e6
 """Of residuals whose motion, beyond a clock's offset, was not recorded: they tell nothing."""
 _MINIMUM_SAMPLES = 10
-_SMOOTHING_PERIODS = 4.0
+_SMOOTHING_PERIODS = 5.2
 
 
 @dataclass(frozen=True)
@@ -70,13 +70,13 @@ class ProblemConfig:
     )
     window_degree: int = parameter(6, "their degree", "", 2, 6)
     regressor_half_width: float = parameter(
-        0.1,
+        0.13,
         "half width of the motion windows of the regressors",
         "s",
         0.005,
         0.5,
     )
-    regressor_degree: int = parameter(4, "their degree", "", 2, 6)
+    regressor_degree: int = parameter(6, "their degree", "", 2, 6)
     maximum_rate: float = parameter(125.0, "grid rate above which forces are averaged", "Hz", 1.0)
 
     def __post_init__(self) -> None:
