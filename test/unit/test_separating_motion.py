@@ -56,8 +56,8 @@ def test_no_motion_refutes_a_rival_that_contains_the_best():
     assert refuted > 30.0
 
 
-def test_between_samples_of_a_recording_a_short_lag_is_a_delay():
-    """Coarse samples would promise a difference: lines and splines between them are not alike."""
+def test_a_short_lag_is_a_delay_however_coarse_the_samples():
+    """Coarse samples promise hardly more of a difference than fine ones."""
     samples = example_samples(2000)
     grip = Grip.from_samples(samples, example_inertia(), 0.8)
     start = HeldPose(samples.rotation[0], samples.position[0], samples.position[0])
@@ -69,7 +69,7 @@ def test_between_samples_of_a_recording_a_short_lag_is_a_delay():
         moved = start.follow(offsets, np.arange(0.0, 10.0, 1.0 / rate))
         criterion = SeparationCriterion(late, (lagging,), FORCE_STD, rate)
         gaps.append(float(criterion.gaps(grip.load(moved, example_inertia()))[0]))
-    assert gaps[0] > 5.0 * gaps[1]
+    assert gaps[0] < 2.0 * gaps[1]
 
 
 def test_more_motion_never_counts_more_than_what_is_decisive():

@@ -54,7 +54,7 @@ _VARIANCE_FLOOR = 1e-14
 _UNREAD_VARIANCE = 1e6
 """Of residuals whose motion, beyond a clock's offset, was not recorded: they tell nothing."""
 _MINIMUM_SAMPLES = 10
-_SMOOTHING_PERIODS = 5.2
+_SMOOTHING_PERIODS = 5.5
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class ProblemConfig:
     )
     window_degree: int = parameter(6, "their degree", "", 2, 6)
     regressor_half_width: float = parameter(
-        0.13,
+        0.16,
         "half width of the motion windows of the regressors",
         "s",
         0.005,
