@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.discrepancy.model import Family, ResidualModel
-from tactile_dynamics_ros.core.discrepancy.screening import orthonormal, screen
-from tactile_dynamics_ros.core.discrepancy.windows import window_starts
+from tactile_dynamics_ros.core.discrepancy.screening import FEIGNED, orthonormal, screen
+from tactile_dynamics_ros.core.discrepancy.windows import Index, window_rows, window_starts
 
 Array = NDArray[np.float64]
 
 _WINDOW = 0.5
 _MARGIN = 0.1
 _MOST_COLUMNS = 6
-_FEIGNED = 5e-5
 _MOST = 0.5
 _CLEARLY = 20.0
 
@@ -91,9 +89,9 @@ class _Sums:
     known: dict[int, tuple[Array, Array, Array]]
 
     @classmethod
-    def of(cls, bare: ResidualModel, rival: Array, starts: NDArray[np.int64]) -> _Sums:
+    def of(cls, bare: ResidualModel, rival: Array, starts: Index) -> _Sums:
         basis, residual = orthonormal(bare.jacobian), bare.residual
-        windows = [slice(*ends) for ends in pairwise([*starts.tolist(), len(residual)])]
+        windows = window_rows(starts, len(residual))
         grams = _beside(np.stack([basis[rows].T @ basis[rows] for rows in windows]))
         shares = _beside(np.add.reduceat(basis * residual[:, None], starts, axis=0))
         square = _beside(np.add.reduceat(residual**2, starts))
@@ -139,7 +137,7 @@ class _Sums:
         weighted = crosses @ self.inverse
         values, vectors = np.linalg.eigh(grams - weighted @ np.swapaxes(crosses, 1, 2))
         beside = shares - (weighted @ self.shares[..., None])[..., 0]
-        sound = values > _FEIGNED * np.trace(grams, axis1=1, axis2=2)[:, None]
+        sound = values > FEIGNED * np.trace(grams, axis1=1, axis2=2)[:, None]
         along = (np.swapaxes(vectors, 1, 2) @ beside[..., None])[..., 0]
         gain = np.where(sound, along**2 / np.where(sound, values, 1.0), 0.0)
         return gain.sum(axis=1), sound.sum(axis=1)

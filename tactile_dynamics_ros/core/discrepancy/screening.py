@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from tactile_dynamics_ros.core.discrepancy.model import Family, ResidualModel
-from tactile_dynamics_ros.core.discrepancy.windows import Index, window_starts
+from tactile_dynamics_ros.core.discrepancy.windows import Index, window_rows, window_starts
 
 Array = NDArray[np.float64]
 
 _WINDOW = 0.5
 _DEPENDENT = 1e-7
-_FEIGNED = 5e-5
+FEIGNED = 5e-5
+"""Of the largest eigenvalue, what columns must keep beside the model to count."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ def _project(columns: Array, basis: Array, residual: Array, starts: Index) -> _P
     length = np.linalg.norm(beside, axis=0)
     scale = np.where(length > 1e-4 * np.maximum(whole, 1e-300), length, np.inf)
     unit = beside / scale
-    windows = [slice(*ends) for ends in pairwise([*starts.tolist(), len(unit)])]
+    windows = window_rows(starts, len(unit))
     grams = np.stack([unit[rows].T @ unit[rows] for rows in windows])
     return _Projection(scale, grams, np.add.reduceat(unit * residual[:, None], starts, axis=0))
 
@@ -111,7 +111,7 @@ def _score(
     kept = list(family.kept)
     grams, shares = projection.grams[:, kept][..., kept], projection.shares[:, kept]
     values, vectors = np.linalg.eigh(grams.sum(axis=0))
-    sound = values > _FEIGNED * max(float(values[-1]), 1e-300)
+    sound = values > FEIGNED * max(float(values[-1]), 1e-300)
     half = vectors[:, sound] / np.sqrt(np.maximum(values[sound], 1e-300))
     score = half.T @ shares.sum(axis=0)
     gain, freedom = float(score @ score), int(sound.sum())

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,3 +20,8 @@ def window_starts(time: Array, length: float) -> Index:
     """First row of every window that is not empty."""
     index = window_index(time, length)
     return np.flatnonzero(np.concatenate([[True], np.diff(index) != 0])).astype(np.int64)
+
+
+def window_rows(starts: Index, count: int) -> list[slice]:
+    """Rows of every window, of `count` rows in all."""
+    return [slice(*ends) for ends in pairwise([*starts.tolist(), count])]
