@@ -6,13 +6,10 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
-import numpy as np
-
 from tactile_dynamics_ros.core.discrepancy.assessment import Assessment, assess
-from tactile_dynamics_ros.core.discrepancy.change import find_change
 from tactile_dynamics_ros.core.discrepancy.diagnosis_config import DiagnosisConfig
 from tactile_dynamics_ros.core.discrepancy.model import ResidualModel
-from tactile_dynamics_ros.core.discrepancy.screening import best_by_effect, screen
+from tactile_dynamics_ros.core.discrepancy.outdone import follows_other_law, is_outdone
 from tactile_dynamics_ros.core.discrepancy.search import (
     Step,
     dominates,
@@ -26,16 +23,11 @@ from tactile_dynamics_ros.core.discrepancy.selection import (
     Choice,
     Trial,
     contains,
-    try_effect,
     with_equals,
 )
 from tactile_dynamics_ros.core.discrepancy.signature import Signature, describe_residual
 from tactile_dynamics_ros.core.discrepancy.tempering import temper
 from tactile_dynamics_ros.core.discrepancy.validation import HeldOut, fits_equally, held_out
-
-_CLEARLY = 3.0
-_MANY = 3.5
-"""Parameters that effects have at least together if something unknown may do the same."""
 
 
 @dataclass(frozen=True)
@@ -121,8 +113,8 @@ def diagnose(
         return unnamed("adequate", (), first.structure.floor)
     steps = find_effects(model, first, config)
     floor = min([first.structure.floor] + [s.after.structure.floor for s in steps])
-    if not _accounts_for(model, steps, first, floor, config) or _is_outdone(
-        model, steps, floor, config
+    if not _accounts_for(model, steps, first, floor, config) or is_outdone(
+        model, steps, floor, config.indifference
     ):
         return unnamed("adequate" if first.within_stated else "unexplained", steps, floor)
     if len(steps) == 1:
@@ -170,50 +162,7 @@ def _accounts_for(
     if vibrates and not any(step.choice.best.source.family.rings for step in steps):
         return False
     share = explained_share(first.rms, steps[-1].after.rms, floor)
-    return share >= config.complete or not _follows_other_law(steps[-1], floor, config)
-
-
-def _is_outdone(
-    model: ResidualModel, steps: tuple[Step, ...], floor: float, config: DiagnosisConfig
-) -> bool:
-    """Whether a law of named quantities, or a change at one time, does the same more simply.
-
-    Many parameters can imitate what is none of the known effects; few leave nothing to better.
-    All are held against each other as quick fits at the whitening of the model without effects.
-
-    Args:
-        model: without the effects.
-        steps: that explain its residual.
-        floor: white RMS of the noise alone.
-        config: levels.
-    """
-    if steps[-1].after.within_stated or steps[-1].choice.model.freedom < model.freedom + _MANY:
-        return False
-    full, choices = model, 1
-    for step in steps:
-        trial = try_effect(full, screen(full, full.families([step.name]), floor), step.name, floor)
-        full, choices = trial.model, choices * trial.source.family.choices
-    extra = full.freedom - model.freedom
-    price = float(extra * np.log(len(full.residual)) + 2.0 * np.log(choices))
-    reached = float(full.residual @ full.residual) / floor**2 + price
-    clearly = _CLEARLY * config.indifference
-    laws = best_by_effect(screen(model, model.library(), floor))
-    if laws and laws[0].criterion < reached - clearly:
-        return True
-    change = find_change(model, full.residual, price, floor)
-    return change is not None and change.criterion < -clearly
-
-
-def _follows_other_law(step: Step, floor: float, config: DiagnosisConfig) -> bool:
-    """Whether a law of named quantities explains most of what is left, better than any effect."""
-    model = step.choice.model
-    laws = best_by_effect(screen(model, model.library(), floor))
-    effects = best_by_effect(step.after.scores)
-    if not laws:
-        return False
-    left = float(model.residual @ model.residual) - floor**2 * len(model.residual)
-    known = effects[0].criterion if effects else float("inf")
-    return laws[0].gain > 0.5 * left and laws[0].criterion < known - config.indifference
+    return share >= config.complete or not follows_other_law(steps[-1], floor, config.indifference)
 
 
 def find_group(choice: Choice, config: DiagnosisConfig) -> tuple[tuple[str, ...], bool]:

@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 from tactile_dynamics_ros.core.discrepancy.model import ResidualModel
 from tactile_dynamics_ros.core.discrepancy.screening import screen
-from tactile_dynamics_ros.core.discrepancy.selection import Choice, Trial, evidence, try_effects
+from tactile_dynamics_ros.core.discrepancy.selection import (
+    Choice,
+    Trial,
+    decisive,
+    evidence,
+    in_place,
+    try_effects,
+)
 
 _REACH = 0.05
 
@@ -37,13 +43,14 @@ def exchange(
     while len(choices) < len(present):
         place = len(choices)
         bare = model.without_effect(present[place].name)
-        own, without = _in_place(present[place], model, floor), evidence(bare, floor)
+        own, without = in_place(present[place], model, floor), evidence(bare, floor)
+        margin = max(indifference, decisive(model, floor))
         scores = screen(bare, bare.families(), floor)
         trials = try_effects(bare, scores, floor, _REACH, own.criterion)
         if changes and len(present) > 1 and without < own.criterion + indifference:
             model = bare.refined()
             del present[place]
-        elif changes and trials and trials[0].criterion < own.criterion - indifference:
+        elif changes and trials and trials[0].criterion < own.criterion - margin:
             present[place] = trials[0]
             model = trials[0].model.refined()
         else:
@@ -52,9 +59,3 @@ def exchange(
             continue
         changes, choices = changes - 1, []
     return model, tuple(choices)
-
-
-def _in_place(trial: Trial, model: ResidualModel, floor: float) -> Trial:
-    """The trial as it fits in the whole model."""
-    criterion = evidence(model, floor, trial.source.family.choices)
-    return replace(trial, model=model, criterion=criterion)

@@ -16,6 +16,9 @@ Array = NDArray[np.float64]
 
 ParameterTable = dict[str, dict[str, dict[str, Any]]]
 
+INFLATED = 0.2
+"""Growth of `noise_level` by which an effect explains by noise that it makes larger."""
+
 
 @dataclass(frozen=True)
 class Family:

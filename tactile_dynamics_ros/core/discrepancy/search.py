@@ -14,7 +14,7 @@ from tactile_dynamics_ros.core.discrepancy.model import ResidualModel
 from tactile_dynamics_ros.core.discrepancy.selection import Choice, choose_effect
 from tactile_dynamics_ros.core.discrepancy.signature import Line, find_line
 
-_QUICK_SHARE = 0.75
+_QUICK_SHARE = 0.85
 """Of what effects must explain together, the share that quick fits must show."""
 
 

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.discrepancy.model import ResidualModel, instants
+from tactile_dynamics_ros.core.discrepancy.model import INFLATED, ResidualModel, instants
 from tactile_dynamics_ros.core.discrepancy.screening import (
     Score,
     best_by_effect,
@@ -29,13 +29,13 @@ _ROUNDS = 3
 _CLOSE = 1.05
 _WHITE = 0.01
 _SIMPLER = 0.5
-_FAR = 1.25
-_INFLATED = 0.2
-"""Growth of the noise, as a logarithm, that an effect may not have."""
+_FAR = 1.12
 _EQUAL = 0.4
 """Share of the lead of the best by which a rival must win at home to be its equal."""
 _CONTAINED = 1e-3
 """Share of what the best explains that a rival may be unable to do and yet contains the best."""
+_DECISIVE = 0.1
+"""Share of what a model leaves beyond noise by which another must be better to be worth a fit."""
 
 
 @dataclass(frozen=True)
@@ -108,6 +108,18 @@ def evidence(
     )
 
 
+def decisive(model: ResidualModel, floor: float) -> float:
+    """Difference of `evidence` from which another effect is worth a thorough fit.
+
+    Where far more than noise remains, neither is the cause, and small differences mean nothing.
+
+    Args:
+        model: fitted.
+        floor: white RMS of the noise alone.
+    """
+    return _DECISIVE * max(_square(model) / floor**2 - len(model.residual), 0.0)
+
+
 def _square(model: ResidualModel) -> float:
     return float(model.residual @ model.residual)
 
@@ -137,23 +149,41 @@ def choose_effect(
         return Choice(trials[0].model, trials[0], tuple(trials[1:]), present, thorough=False)
     reach = trials[0].criterion + _REACH * max(present - trials[0].criterion, 0.0) + _CHANCE
     names = [t.name for t in trials if t.criterion <= reach][: 1 + _MOST_RIVALS]
-    best, tried = trials[0], set[str]()
-    refined = best.model.refined()
-    while True:
-        tried.add(best.label)
-        bare, trials = _rematch(refined, best.name, names, floor)
-        if trials[0].label in tried or len(tried) == _ROUNDS:
-            break
-        other = trials[0].model.refined()
-        if _square(other) > _square(refined):
-            break
-        best, refined = trials[0], other
-    if refined.noise_level > model.noise_level + _INFLATED:
+    best = trials[0]
+    refined, loudest = best.model.refined(), model.noise_level + INFLATED
+    if refined.noise_level > loudest:
         others = [score for score in scores if score.family.name != best.name]
         return choose_effect(model, others, floor, worthwhile)
-    own = next((t for t in trials if t.name == best.name), best)
-    rivals = tuple(t for t in trials if t.name != best.name)
-    return _simplest(Choice(refined, own, rivals, evidence(bare, floor)))
+    return _simplest(_compete(best, refined, names, floor, loudest))
+
+
+def _compete(
+    best: Trial, refined: ResidualModel, names: Sequence[str], floor: float, loudest: float
+) -> Choice:
+    """Exchange the best for the rival that beats it where it is at home, while the error falls.
+
+    Args:
+        best: effect.
+        refined: thorough fit with it.
+        names: of all that compete.
+        floor: white RMS of the noise alone.
+        loudest: noise level that an effect may have.
+    """
+    tried = {best.label}
+    while True:
+        bare, trials = _rematch(refined, best.name, names, floor)
+        own, rival = in_place(best, refined, floor), trials[0]
+        beaten = rival.criterion < own.criterion - decisive(refined, floor)
+        if not beaten or rival.label in tried or len(tried) == _ROUNDS:
+            break
+        other = rival.model.refined()
+        if other.noise_level > loudest or _square(other) > _square(refined):
+            break
+        best, refined = rival, other
+        tried.add(best.label)
+    own = next((trial for trial in trials if trial.label == best.label), own)
+    rivals = tuple(trial for trial in trials if trial.name != best.name)
+    return Choice(refined, own, rivals, evidence(bare, floor))
 
 
 def _rematch(
@@ -163,6 +193,12 @@ def _rematch(
     bare = model.without_effect(present)
     scores = screen(bare, bare.families(names), floor)
     return bare, try_effects(bare, scores, floor, np.inf)
+
+
+def in_place(trial: Trial, model: ResidualModel, floor: float) -> Trial:
+    """The trial as it fits in a model that has its effect."""
+    criterion = evidence(model, floor, trial.source.family.choices)
+    return replace(trial, model=model, criterion=criterion)
 
 
 @dataclass(frozen=True)

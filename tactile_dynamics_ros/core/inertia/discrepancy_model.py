@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
 from tactile_dynamics_ros.core.discrepancy.model import (
+    INFLATED,
     Family,
     ParameterTable,
     ResidualModel,
@@ -124,9 +125,8 @@ class HeldObjectModel:
 
     @property
     def noise_level(self) -> float:
-        """Mean logarithm of the diagonal of the Cholesky factor of the noise."""
-        bands = [block.linearisation.whitener.band[0] for block in self.fitted.blocks]
-        return float(np.mean(np.log(np.concatenate(bands))))
+        """That of the thorough fit behind this model."""
+        return self.fitted.noise_level
 
     def families(self, names: Sequence[str] | None = None) -> list[Family]:
         """Every reading, and every restriction of it, of effects that the model lacks."""
@@ -206,8 +206,11 @@ class HeldObjectModel:
             b.problem.balanced(self.phi, self.effects, self.theta) for b in self.fitted.blocks
         ]
         xi, theta = nearest_body(self.phi, self.fitted.phi), self.theta
-        best = refine(fit_model(problems, self.effects, theta, xi, 2))
-        return HeldObjectModel.from_fit(best, self.catalogue)
+        model = fit_model(problems, self.effects, theta, xi, 2)
+        quick = float(np.sqrt(np.mean(self.residual**2)))
+        foreseen = max(self.fitted.whitened_rms, quick)
+        refined = refine(model, foreseen, self.noise_level + INFLATED)
+        return HeldObjectModel.from_fit(refined, self.catalogue)
 
     def parameters(self) -> ParameterTable:
         """{effect: {parameter: {"value", "std", "unit"}}}, honest where the model does not fit."""

@@ -134,6 +134,12 @@ class FittedModel:
         freedom = len(self.white_residual) - self.white_jacobian.shape[1]
         return float(np.sqrt(np.sum(self.white_residual**2) / freedom))
 
+    @property
+    def noise_level(self) -> float:
+        """Mean logarithm of the diagonal of the Cholesky factor of the noise."""
+        bands = [block.linearisation.whitener.band[0] for block in self.blocks]
+        return float(np.mean(np.log(np.concatenate(bands))))
+
     @cached_property
     def _coordinate_jacobian(self) -> Array:
         """(10 + k, 10 + k) derivative of [phi, theta] by [xi, theta]."""

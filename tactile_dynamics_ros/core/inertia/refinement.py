@@ -58,43 +58,59 @@ class Step:
         return float(np.clip(share, 0.0, _SLOWEST_RATE))
 
 
-def refine(model: FittedModel) -> FittedModel:
+def refine(model: FittedModel, foreseen: float = np.inf, loudest: float = np.inf) -> FittedModel:
     """`_to_the_end`, also from a thicker body where the fit has made it flat.
 
     Where a misfit remains, the fit is tried from motion as it would be if there were none.
+
+    Args:
+        model: fitted.
+        foreseen: white RMS above which the fit has failed and is not pursued.
+        loudest: noise level likewise.
     """
-    refined = _to_the_end(model)
-    thicker = fit_unfolded(refined, 2)
+    refined = _to_the_end(model, loudest) if model.whitened_rms <= foreseen else model
+    if refined.noise_level > loudest:
+        return refined
+    thicker = fit_unfolded(refined, 2) if refined is not model else None
     if thicker is not None and thicker.whitened_rms < refined.whitened_rms:
-        refined = _better(refined, thicker)
+        refined = _better(refined, thicker, loudest)
     if refined.effects and refined.whitened_rms > _DOUBTFUL:
         trusted = fit_trusting(refined, 1)
         if _excess(trusted) < _HOPEFUL * _excess(refined):
-            refined = _better(refined, fit_trusting(trusted, 2))
+            trusted = fit_trusting(trusted, 2)
+            if trusted.whitened_rms <= foreseen:
+                refined = _better(refined, trusted, loudest)
     return refined
 
 
-def _better(present: FittedModel, start: FittedModel) -> FittedModel:
-    """The end from another start, if its error is lower."""
-    return min(present, _to_the_end(start), key=lambda model: model.whitened_rms)
+def _better(present: FittedModel, start: FittedModel, loudest: float) -> FittedModel:
+    """The end from another start, if its error is lower and its noise not too loud."""
+    end = _to_the_end(start, loudest)
+    better = end.whitened_rms < present.whitened_rms and end.noise_level <= loudest
+    return end if better else present
 
 
 def _excess(model: FittedModel) -> float:
     return model.whitened_rms**2 - 1.0
 
 
-def _to_the_end(model: FittedModel) -> FittedModel:
+def _to_the_end(model: FittedModel, loudest: float) -> FittedModel:
     """Fit on until the end of the alternation is near, or a misfit remains that does not go.
+
+    Or until the noise is too loud.
 
     Steps that shrink by a rate r lead r / (1 - r) times the last one further: where that is far,
     the next fit starts there.
 
     Args:
         model: fitted.
+        loudest: noise level.
     """
     last: Step | None = None
     rate = _USUAL_RATE
     for _ in range(_MOST_ROUNDS):
+        if model.noise_level > loudest:
+            return model
         further = fit_further(model, 2)
         if further.whitened_rms > _RISE * model.whitened_rms:
             return model

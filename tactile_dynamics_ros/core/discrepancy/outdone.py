@@ -1,0 +1,104 @@
+"""Effects that explain a residual, held against laws of named quantities and against changes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tactile_dynamics_ros.core.discrepancy.change import find_change
+from tactile_dynamics_ros.core.discrepancy.model import ResidualModel
+from tactile_dynamics_ros.core.discrepancy.screening import Score, best_by_effect, screen
+from tactile_dynamics_ros.core.discrepancy.search import Step
+from tactile_dynamics_ros.core.discrepancy.selection import try_effect
+
+_CLEARLY = 3.0
+"""In units of what does not decide."""
+_MANY = 3.5
+"""Parameters that effects have at least together if something unknown may do the same."""
+
+
+def is_outdone(
+    model: ResidualModel, steps: Sequence[Step], floor: float, indifference: float
+) -> bool:
+    """Whether a law of named quantities, or a change at one time, does the same more simply.
+
+    What leaves more than noise is held against laws where it is at home itself. Many parameters
+    can imitate what is none of the known effects even if they leave nothing: they are held against
+    laws and changes as quick fits at the whitening of the model without effects.
+
+    Args:
+        model: without the effects.
+        steps: that explain its residual.
+        floor: white RMS of the noise alone.
+        indifference: difference of -2 log evidence that does not decide.
+    """
+    last = steps[-1]
+    if last.after.within_stated:
+        return False
+    clearly = _CLEARLY * indifference
+    if not last.after.white and _is_outdone_at_home(steps, floor, clearly):
+        return True
+    return last.choice.model.freedom >= model.freedom + _MANY and _is_outdone_without(
+        model, steps, floor, clearly
+    )
+
+
+def _is_outdone_at_home(steps: Sequence[Step], floor: float, clearly: float) -> bool:
+    """By a law, at the whitening of the model with the effects."""
+    full = bare = steps[-1].choice.model
+    for step in steps:
+        bare = bare.without_effect(step.name)
+    law = _best_law(bare, floor)
+    families = [step.choice.best.source for step in steps]
+    reached = _square(full, floor) + _price(bare, full, families)
+    return law is not None and law.criterion < reached - clearly
+
+
+def _is_outdone_without(
+    model: ResidualModel, steps: Sequence[Step], floor: float, clearly: float
+) -> bool:
+    """By a law or a change, at the whitening of the model without effects."""
+    full, families = model, []
+    for step in steps:
+        trial = try_effect(full, screen(full, full.families([step.name]), floor), step.name, floor)
+        full = trial.model
+        families.append(trial.source)
+    price = _price(model, full, families)
+    law = _best_law(model, floor)
+    if law is not None and law.criterion < _square(full, floor) + price - clearly:
+        return True
+    change = find_change(model, full.residual, price, floor)
+    return change is not None and change.criterion < -clearly
+
+
+def _square(model: ResidualModel, floor: float) -> float:
+    return float(model.residual @ model.residual) / floor**2
+
+
+def _price(bare: ResidualModel, full: ResidualModel, added: Sequence[Score]) -> float:
+    """Of the parameters of effects, in units of -2 log evidence."""
+    extra, choices = full.freedom - bare.freedom, [score.family.choices for score in added]
+    return float(extra * np.log(len(full.residual)) + 2.0 * np.sum(np.log(choices)))
+
+
+def _best_law(model: ResidualModel, floor: float) -> Score | None:
+    laws = best_by_effect(screen(model, model.library(), floor))
+    return laws[0] if laws else None
+
+
+def follows_other_law(step: Step, floor: float, indifference: float) -> bool:
+    """Whether a law of named quantities explains most of what is left, better than any effect.
+
+    Args:
+        step: the last one.
+        floor: white RMS of the noise alone.
+        indifference: difference of -2 log evidence that does not decide.
+    """
+    model = step.choice.model
+    law, effects = _best_law(model, floor), best_by_effect(step.after.scores)
+    if law is None:
+        return False
+    left = float(model.residual @ model.residual) - floor**2 * len(model.residual)
+    known = effects[0].criterion if effects else float("inf")
+    return law.gain > 0.5 * left and law.criterion < known - indifference
