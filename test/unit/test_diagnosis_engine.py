@@ -19,11 +19,11 @@ from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
 from tactile_dynamics_ros.core.discrepancy.documents import diagnosis_document
 from tactile_dynamics_ros.core.discrepancy.exchange import exchange
 from tactile_dynamics_ros.core.discrepancy.explanation import explain
+from tactile_dynamics_ros.core.discrepancy.lines import find_line
 from tactile_dynamics_ros.core.discrepancy.model import Condition, Family, Residuals
 from tactile_dynamics_ros.core.discrepancy.screening import best_by_effect
 from tactile_dynamics_ros.core.discrepancy.selection import try_effect
 from tactile_dynamics_ros.core.discrepancy.sentences import group_clause
-from tactile_dynamics_ros.core.discrepancy.signature import find_line
 
 NOISE = 0.05
 LAWS = {
@@ -34,6 +34,11 @@ LAWS = {
     "stretched_spring": lambda block: 3.0 * block.place,
     "breaking_spring": lambda block: block.place * (block.time < 0.95 * block.time[-1]),
     "sticky_spring": lambda block: 0.08 * np.tanh(3.0 * block.speed) + 0.2 * block.place,
+    "soft_friction": lambda block: np.tanh(20.0 * block.speed),
+}
+TERMS = {
+    "v^3": lambda block: block.speed**3,
+    "v/|v|": lambda block: np.sign(block.speed),
 }
 
 
@@ -55,6 +60,7 @@ class SlidingBlock:
     block: Block
     effects: tuple[str, ...] = ()
     known: tuple[str, ...] = ("viscous_friction", "dry_friction", "zero_error", "spring")
+    terms: tuple[str, ...] = ("v^3",)
 
     @cached_property
     def jacobian(self) -> np.ndarray:
@@ -90,7 +96,7 @@ class SlidingBlock:
         return Family(name, name, name, columns, (0,), symbols=(name,))
 
     def with_effect(self, family: Family, coefficients: np.ndarray) -> SlidingBlock:
-        return SlidingBlock(self.block, (*self.effects, family.name), self.known)
+        return replace(self, effects=(*self.effects, family.name))
 
     @property
     def noise_level(self) -> float:
@@ -98,7 +104,7 @@ class SlidingBlock:
 
     def without_effect(self, name: str) -> SlidingBlock:
         left = tuple(effect for effect in self.effects if effect != name)
-        return SlidingBlock(self.block, left, self.known)
+        return replace(self, effects=left)
 
     def refined(self) -> SlidingBlock:
         return self
@@ -119,11 +125,11 @@ class SlidingBlock:
         return Residuals(self.time, white, NOISE * white, ("force",), ("N",), {}, (speed,))
 
     def library(self) -> list[Family]:
-        cubic = Family(
-            "speed^3", "speed^3", "speed^3", self.block.speed[:, None] ** 3 / NOISE, (0,),
-            symbols=("v^3",),
-        )  # fmt: skip
-        return [cubic]
+        return [self._term(name) for name in self.terms]
+
+    def _term(self, name: str) -> Family:
+        columns = TERMS[name](self.block)[:, None] / NOISE
+        return Family(name, name, name, columns, (0,), symbols=(name,))
 
     def separating_motion(self, rivals: Sequence[Any]) -> dict[str, Any]:
         return {"description": f"do not stretch {rivals[0].effects[-1]}"}
@@ -226,6 +232,18 @@ def test_an_unknown_law_is_not_given_a_known_name_but_a_formula() -> None:
     assert "v^3" in diagnosis.signature.formula
 
 
+def test_what_a_simpler_law_does_better_is_not_put_down_to_known_ones() -> None:
+    block = slide(11, dry_friction=0.5)
+    known = ("viscous_friction", "soft_friction", "spring")
+    ignorant = diagnose(SlidingBlock(block, known=known))
+    assert (ignorant.verdict, ignorant.effect) == ("missing_effect", "soft_friction")
+    diagnosis = diagnose(SlidingBlock(block, known=known, terms=("v^3", "v/|v|")))
+    assert (diagnosis.verdict, diagnosis.effect) == ("unexplained", None)
+    assert diagnosis.signature is not None
+    assert diagnosis.signature.formula is not None
+    assert diagnosis.signature.formula.endswith("v/|v|")
+
+
 def test_a_hum_is_reported_with_its_frequency() -> None:
     diagnosis = diagnose(SlidingBlock(slide(5, hum=0.1)))
     assert diagnosis.verdict == "unexplained"
@@ -252,6 +270,14 @@ def test_a_hum_is_found_in_stretches_that_lie_minutes_apart() -> None:
     assert line is not None
     assert line.hz == pytest.approx(13.0, rel=0.02)
     assert line.share > 0.8
+
+
+def test_a_misfit_whose_weight_beats_is_no_hum() -> None:
+    clean = SlidingBlock(slide(5)).residuals()
+    beat = 1.0 + 0.5 * np.cos(2.0 * np.pi * 31.0 * clean.time[:, None])
+    misfit = replace(clean, white=beat * (3.0 + clean.white), physical=3.0 + clean.white)
+    assert find_line(misfit) is None
+    assert find_line(replace(misfit, physical=misfit.white)) is not None
 
 
 def test_twins_come_as_a_group_with_what_would_separate_them() -> None:

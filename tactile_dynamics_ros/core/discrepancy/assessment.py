@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from tactile_dynamics_ros.core.discrepancy.model import ResidualModel, instants
 from tactile_dynamics_ros.core.discrepancy.screening import Score, adjusted_p_value, screen
@@ -40,19 +40,35 @@ class Assessment:
     """What distinguishes a model's residual from the noise that was stated.
 
     Attributes:
-        rms: white RMS of the residual.
-        scores: of every effect that could be added.
+        model: that was tested.
         structure: of the residual itself.
         significance: p-values below it count.
-        within_stated: whether sensors that state more than their white noise, such as fingertips
-            with lasting errors, account for the residual by what they state.
+        names: effects to be scored; all that the model lacks by default.
     """
 
-    rms: float
-    scores: tuple[Score, ...]
+    model: ResidualModel
     structure: Structure
     significance: float
-    within_stated: bool = False
+    names: tuple[str, ...] | None = None
+
+    @cached_property
+    def rms(self) -> float:
+        """White RMS of the residual."""
+        return float(np.sqrt(np.mean(self.model.residual**2)))
+
+    @cached_property
+    def scores(self) -> tuple[Score, ...]:
+        """Of every effect that could be added."""
+        families = self.model.families(self.names)
+        return tuple(screen(self.model, families, self.structure.floor))
+
+    @cached_property
+    def within_stated(self) -> bool:
+        """Whether sensors account for the residual by what they state.
+
+        That can be more than white noise, such as the lasting errors of fingertips.
+        """
+        return _is_within_stated(*instants(self.model), self.structure.floor)
 
     @cached_property
     def p_value(self) -> float:
@@ -67,7 +83,9 @@ class Assessment:
     @property
     def white(self) -> bool:
         """Whether the residual is the white noise that was stated."""
-        return self.p_value >= self.significance and self.noise_stated_well
+        if 2.0 * self.structure.p_value < self.significance or not self.noise_stated_well:
+            return False
+        return self.p_value >= self.significance
 
     @property
     def adequate(self) -> bool:
@@ -87,12 +105,8 @@ def assess(
         significance: family-wise level.
         names: effects to be scored; all that the model lacks by default.
     """
-    time, white = instants(model)
-    structure = examine(time, white)
-    scores = screen(model, model.families(names), structure.floor)
-    rms = float(np.sqrt(np.mean(model.residual**2)))
-    within = _is_within_stated(time, white, structure.floor)
-    return Assessment(rms, tuple(scores), structure, significance, within)
+    structure = examine(*instants(model))
+    return Assessment(model, structure, significance, None if names is None else tuple(names))
 
 
 def _is_within_stated(time: Array, white: Array, floor: float) -> bool:
@@ -104,7 +118,7 @@ def _is_within_stated(time: Array, white: Array, floor: float) -> bool:
     if floor >= _WHITE_PART:
         return False
     square = (white**2).mean(axis=1)
-    scatter = float(chi2.ppf(_LASTING_QUANTILE, _LASTING_FREEDOM)) / _LASTING_FREEDOM
+    scatter = float(chdtri(_LASTING_FREEDOM, 1.0 - _LASTING_QUANTILE)) / _LASTING_FREEDOM
     limit = floor**2 + (1.0 - floor**2) * scatter
     starts = window_starts(time, _WINDOW)
     seconds = np.add.reduceat(square, starts) / np.diff(np.append(starts, len(time)))

@@ -80,7 +80,8 @@ def _candidates(diagnosis: Diagnosis) -> list[Document]:
 
 
 def _first_trials(diagnosis: Diagnosis) -> list[Trial]:
-    if not diagnosis.steps:
+    """Refitted candidates; none where they were refitted beside effects that are not the cause."""
+    if not diagnosis.steps or (diagnosis.effect is None and len(diagnosis.steps) > 1):
         return []
     choice: Choice = diagnosis.steps[0].choice
     return sorted([choice.best, *choice.rivals], key=lambda trial: trial.criterion)

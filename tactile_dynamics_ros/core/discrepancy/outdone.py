@@ -16,6 +16,8 @@ _CLEARLY = 3.0
 """In units of what does not decide."""
 _MANY = 3.5
 """Parameters that effects have at least together if something unknown may do the same."""
+_HALF = 0.5
+"""Of a parameter: numbers of those that data determine are no integers."""
 
 
 def is_outdone(
@@ -45,11 +47,11 @@ def is_outdone(
 
 
 def _is_outdone_at_home(steps: Sequence[Step], floor: float, clearly: float) -> bool:
-    """By a law, at the whitening of the model with the effects."""
+    """By a law with no more parameters, at the whitening of the model with the effects."""
     full = bare = steps[-1].choice.model
     for step in steps:
         bare = bare.without_effect(step.name)
-    law = _best_law(bare, floor)
+    law = _best_law(bare, floor, full.freedom - bare.freedom + _HALF)
     families = [step.choice.best.source for step in steps]
     reached = _square(full, floor) + _price(bare, full, families)
     return law is not None and law.criterion < reached - clearly
@@ -82,9 +84,10 @@ def _price(bare: ResidualModel, full: ResidualModel, added: Sequence[Score]) -> 
     return float(extra * np.log(len(full.residual)) + 2.0 * np.sum(np.log(choices)))
 
 
-def _best_law(model: ResidualModel, floor: float) -> Score | None:
-    laws = best_by_effect(screen(model, model.library(), floor))
-    return laws[0] if laws else None
+def _best_law(model: ResidualModel, floor: float, freedom: float = np.inf) -> Score | None:
+    """The law of at most so many parameters with the best evidence."""
+    laws = [law for law in screen(model, model.library(), floor) if law.freedom <= freedom]
+    return min(laws, key=lambda law: law.criterion, default=None)
 
 
 def follows_other_law(step: Step, floor: float, indifference: float) -> bool:

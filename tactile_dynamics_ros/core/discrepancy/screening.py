@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from tactile_dynamics_ros.core.discrepancy.model import Family, ResidualModel
 from tactile_dynamics_ros.core.discrepancy.windows import Index, window_rows, window_starts
@@ -127,7 +127,7 @@ def _score(
         coefficients=np.asarray(half @ score) / projection.scale[kept],
         gain=gain,
         freedom=freedom,
-        p_value=float(chi2.sf(statistic, freedom)) if freedom else 1.0,
+        p_value=float(chdtrc(freedom, statistic)) if freedom else 1.0,
         predicted_rms=float(np.sqrt(max(total - gain, 0.0) / remaining)),
         criterion=(total - gain) / floor**2
         + freedom * float(np.log(rows))

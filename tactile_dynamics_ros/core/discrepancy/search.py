@@ -10,9 +10,9 @@ import numpy as np
 from tactile_dynamics_ros.core.discrepancy.assessment import Assessment, assess
 from tactile_dynamics_ros.core.discrepancy.diagnosis_config import DiagnosisConfig
 from tactile_dynamics_ros.core.discrepancy.exchange import exchange
+from tactile_dynamics_ros.core.discrepancy.lines import Line, find_line
 from tactile_dynamics_ros.core.discrepancy.model import ResidualModel
 from tactile_dynamics_ros.core.discrepancy.selection import Choice, choose_effect
-from tactile_dynamics_ros.core.discrepancy.signature import Line, find_line
 
 _QUICK_SHARE = 0.85
 """Of what effects must explain together, the share that quick fits must show."""

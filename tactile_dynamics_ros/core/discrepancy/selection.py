@@ -29,7 +29,7 @@ _ROUNDS = 3
 _CLOSE = 1.05
 _WHITE = 0.01
 _SIMPLER = 0.5
-_FAR = 1.12
+_FAR = 1.06
 _EQUAL = 0.4
 """Share of the lead of the best by which a rival must win at home to be its equal."""
 _CONTAINED = 1e-3

@@ -8,24 +8,16 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
 
 from tactile_dynamics_ros.core.discrepancy.assessment import noise_floor
 from tactile_dynamics_ros.core.discrepancy.change import Change, clear_change
+from tactile_dynamics_ros.core.discrepancy.lines import find_line, in_frames
 from tactile_dynamics_ros.core.discrepancy.model import Family, ResidualModel, Residuals
 from tactile_dynamics_ros.core.discrepancy.screening import Score, best_by_effect, screen
 from tactile_dynamics_ros.core.discrepancy.structure import examine
 
 Array = NDArray[np.float64]
 
-_LONGEST_SILENCE = 2.0
-"""Time without samples that spectra keep, s."""
-_PADDING = 8
-_SIDE_BAND = 0.5
-_LINE_OVER_BAND = 12.0
-_LINE_SHARE = 0.1
-_FEWEST_CYCLES = 6.0
-_DRIVEN_SHARE = 0.01
 _CHANNEL_SHARE = 0.15
 _CORRELATED = 0.1
 _FORMULA_SHARE = 0.5
@@ -96,102 +88,6 @@ def describe_residual(model: ResidualModel) -> Signature:
         intervals=_bursts(residuals, floor),
         change=clear_change(model, floor),
     )
-
-
-@dataclass(frozen=True)
-class Line:
-    """A line in a spectrum.
-
-    Attributes:
-        frame: in which it is narrowest.
-        hz: interpolated frequency.
-        strength: power over the mean power around it.
-        share: of the excess error that it holds.
-    """
-
-    frame: str
-    hz: float
-    strength: float
-    share: float
-
-
-def find_line(residuals: Residuals, floor: float = 1.0) -> Line | None:
-    """A narrow line in the spectrum, if there is one.
-
-    A vibration fixed to a frame is one line there and a widened one elsewhere. Lines that the
-    motion has too, or that hold little of the excess error, do not count.
-    """
-    lines = [
-        line
-        for frame, white in in_frames(residuals).items()
-        if (line := strongest_line(frame, residuals.time, white, floor)) is not None
-    ]
-    if not lines:
-        return None
-    line = max(lines, key=lambda found: found.strength)
-    drivers = residuals.drivers
-    if drivers is not None and _is_driven(residuals.time, drivers, line.hz):
-        return None
-    return line
-
-
-def in_frames(residuals: Residuals) -> dict[str, Array]:
-    """White residuals in every frame, ``body`` being that of the channels."""
-    turned = {
-        name: (matrix @ residuals.white[..., None])[..., 0]
-        for name, matrix in residuals.frames.items()
-    }
-    return {"body": residuals.white, **turned}
-
-
-def strongest_line(frame: str, time: Array, white: Array, floor: float) -> Line | None:
-    """The line of white residuals (N, D) that stands out most from its surroundings, if any.
-
-    Misfit of the motion is stronger at times than a vibration, but spread over a band.
-    """
-    hz, power, resolution = _fine_spectrum(time, white)
-    power = np.where(hz < _FEWEST_CYCLES * resolution, 0.0, power)
-    around = int(2.0 * max(_SIDE_BAND, 10.0 * resolution) / (hz[1] - hz[0])) | 1
-    surroundings = median_filter(power, around, mode="nearest")
-    peak = int(np.argmax(power / np.maximum(np.maximum(surroundings, np.median(power)), 1e-300)))
-    distance = np.abs(hz - hz[peak])
-    width = 2.5 * resolution
-    beside = (distance < max(_SIDE_BAND, 4.0 * width)) & (distance > width)
-    level = max(float(np.mean(power[beside])), float(np.median(power)) / np.log(2.0), 1e-300)
-    noise = floor**2 * power.size
-    share = float(power[distance <= width].sum()) / max(float(power.sum()) - noise, 1e-300)
-    strength = float(power[peak]) / level
-    if strength < _LINE_OVER_BAND or 0.0 < share < _LINE_SHARE:
-        return None
-    return Line(frame, float(hz[peak]), strength, share)
-
-
-def _fine_spectrum(time: Array, values: Array) -> tuple[Array, Array, float]:
-    """Frequencies, power summed over columns (1 per column for unit white noise), resolution.
-
-    Lost samples are zeros; long silences, as between stretches of a recording, are closed.
-    """
-    steps = np.diff(time)
-    period = float(np.median(steps))
-    closed = np.where(steps > _LONGEST_SILENCE, period, steps)
-    place = np.round(np.append(0.0, np.cumsum(closed)) / period).astype(int)
-    count = int(place[-1]) + 1
-    window = np.hanning(count)[place, None]
-    size = int(2 ** np.ceil(np.log2(count * _PADDING)))
-    tapered = np.zeros((count, values.shape[1]))
-    tapered[place] = (values - values.mean(axis=0)) * window
-    transform = np.fft.rfft(tapered, size, axis=0)
-    power = (np.abs(transform) ** 2).sum(axis=1) / (np.sum(window**2) * values.shape[1])
-    hz = np.asarray(np.fft.rfftfreq(size, period), dtype=np.float64)
-    return hz, np.asarray(power, dtype=np.float64), 1.0 / (count * period)
-
-
-def _is_driven(time: Array, drivers: Array, hz: float) -> bool:
-    """Whether the motion has a line of its own at a frequency."""
-    scaled = drivers / np.maximum(drivers.std(axis=0), 1e-12)
-    frequencies, power, resolution = _fine_spectrum(time, scaled)
-    near = np.abs(frequencies - hz) <= 2.0 * resolution
-    return float(power[near].sum()) > _DRIVEN_SHARE * float(power.sum())
 
 
 def failing_channels(residuals: Residuals, frame: str | None, floor: float) -> tuple[str, ...]:

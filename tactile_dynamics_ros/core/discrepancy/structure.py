@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import f
+from scipy.special import fdtrc
 
 Array = NDArray[np.float64]
 
@@ -108,8 +108,8 @@ def _band_p_values(scaled: Array, known: float) -> Array:
     sums = np.add.reduceat(scaled, edges[:-1], axis=0)
     bins = np.diff(np.append(edges[:-1], len(scaled)))
     channels, mean = scaled.shape[1], sums / bins[:, None] / (1.0 + _TOLERATED_POWER)
-    together = f.sf(mean.mean(axis=1), 2.0 * bins * channels, known * channels)
-    alone = f.sf(mean, 2.0 * bins[:, None], known)
+    together = fdtrc(2.0 * bins * channels, known * channels, mean.mean(axis=1))
+    alone = fdtrc(2.0 * bins[:, None], known, mean)
     return np.concatenate([together, alone.ravel()])
 
 
@@ -117,8 +117,8 @@ def _line(hz: Array, scaled: Array, known: float) -> tuple[float, float]:
     """P-value and frequency of the strongest line, single channels and their sum."""
     channels = scaled.shape[1]
     total = scaled.sum(axis=1)
-    p_total = float(f.sf(total.max() / channels, 2 * channels, known * channels)) * len(hz)
-    p_single = float(f.sf(scaled.max(), 2, known)) * scaled.size
+    p_total = float(fdtrc(2 * channels, known * channels, total.max() / channels)) * len(hz)
+    p_single = float(fdtrc(2, known, scaled.max())) * scaled.size
     if p_total <= p_single:
         return min(1.0, p_total), float(hz[np.argmax(total)])
     return min(1.0, p_single), float(hz[np.argmax(scaled.max(axis=1))])
@@ -130,7 +130,7 @@ def _bursts(time: Array, white: Array, known: float) -> tuple[float, Array]:
     energy = (white[: count * _BURST] ** 2).sum(axis=1).reshape(count, _BURST).sum(axis=1)
     freedom = _BURST * white.shape[1]
     mean = energy / freedom / (1.0 + _TOLERATED_POWER)
-    p_values = f.sf(mean, freedom, known * white.shape[1]) * count
+    p_values = fdtrc(freedom, known * white.shape[1], mean) * count
     found = np.flatnonzero(p_values < 1e-3)
     starts = time[found * _BURST]
     ends = time[np.minimum((found + 1) * _BURST, len(time) - 1)]

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
@@ -144,7 +144,7 @@ def estimate_region(
     prior = np.array([0.0, *2 * [np.deg2rad(config.tilt_std_deg) ** -2]])
     solution, covariance, excess = _fit(design, ratios, spread, prior)
     freedom = max(len(events) - 1, 1)
-    quantile = float(student.ppf(0.5 + 0.5 * config.confidence, freedom + 4.0))
+    quantile = float(stdtrit(freedom + 4.0, 0.5 + 0.5 * config.confidence))
     static = config.gain * float(solution[0])
     fit_std = config.gain * excess * float(np.sqrt(covariance[0, 0]))
     std = float(np.hypot(fit_std, config.gain_std * static))

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from tactile_dynamics_ros.core.inertia.contact_grid import MISSED_PERIODS, SYNCHRONOUS
 from tactile_dynamics_ros.core.inertia.noise import white_noise_std
@@ -144,7 +144,7 @@ class _Place:
             return False
         means = held[: count * size].reshape(count, size, 3).mean(axis=1)
         square = float(np.sum((means - means.mean(axis=0)) ** 2)) * size / noise**2
-        return square < float(chi2.ppf(_CONFIDENCE, 3 * (count - 1)))
+        return square < float(chdtri(3 * (count - 1), 1.0 - _CONFIDENCE))
 
 
 def _align(pose: PoseStream, start: PoseStream, places: list[_Place]) -> PoseStream:

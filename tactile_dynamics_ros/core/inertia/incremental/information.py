@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from tactile_dynamics_ros.core.inertia.systematic import SYSTEMATIC_SIZE, systematic_covariance
 
@@ -20,7 +20,7 @@ _CONFIDENCE = 0.99
 @lru_cache(maxsize=256)
 def _tolerated_ratio(blocks: int) -> float:
     """Ratio of variances that white noise over so many blocks exceeds in one case of a hundred."""
-    return float(chi2.ppf(_CONFIDENCE, blocks) / blocks)
+    return float(chdtri(blocks, 1.0 - _CONFIDENCE) / blocks)
 
 
 class SquareRootInformation:
