@@ -14,9 +14,6 @@ from tactile_dynamics_ros.core.discrepancy.lines import Line, find_line
 from tactile_dynamics_ros.core.discrepancy.model import ResidualModel
 from tactile_dynamics_ros.core.discrepancy.selection import Choice, choose_effect
 
-_QUICK_SHARE = 0.85
-"""Of what effects must explain together, the share that quick fits must show."""
-
 
 @dataclass(frozen=True)
 class Step:
@@ -51,8 +48,8 @@ def find_effects(
     steps: tuple[Step, ...] = ()
     present, assessment = model, first
     for _ in range(1 if first.within_stated else config.depth):
-        worthwhile = _worthwhile(first, assessment, config) if steps else np.inf
-        choice = add_effect(present, assessment, config, worthwhile)
+        needed = _needed(first, assessment, config) if steps else np.inf
+        choice = add_effect(present, assessment, config, needed)
         if choice is None:
             break
         steps = (*steps, Step(choice, assess(choice.model, config.significance)))
@@ -117,18 +114,18 @@ def dominates(
     return explained_share(first.rms, steps[0].after.rms, floor) >= config.dominating
 
 
-def _worthwhile(first: Assessment, before: Assessment, config: DiagnosisConfig) -> float:
-    """RMS from which a thorough refit may still explain enough to go on."""
+def _needed(first: Assessment, before: Assessment, config: DiagnosisConfig) -> float:
+    """White RMS that several effects must reach together."""
     floor = before.structure.floor
     excess = max(first.rms**2 - floor**2, 0.0)
-    return float(np.sqrt(floor**2 + (1.0 - _QUICK_SHARE * config.second_progress) * excess))
+    return float(np.sqrt(floor**2 + (1.0 - config.second_progress) * excess))
 
 
 def add_effect(
     model: ResidualModel,
     before: Assessment,
     config: DiagnosisConfig,
-    worthwhile: float = np.inf,
+    needed: float = np.inf,
 ) -> Choice | None:
     """Add the effect with the best evidence, if it has any.
 
@@ -140,7 +137,7 @@ def add_effect(
     if line is not None and line.share > config.vibration:
         enough = config.explained * (before.rms**2 - floor**2) * len(model.residual)
         scores = tuple(score for score in scores if score.family.rings or score.gain > enough)
-    choice = choose_effect(model, scores, floor, worthwhile)
+    choice = choose_effect(model, scores, floor, needed)
     if choice is None or choice.best.criterion > choice.without - config.indifference:
         return None
     return choice

@@ -34,6 +34,8 @@ _EQUAL = 0.4
 """Share of the lead of the best by which a rival must win at home to be its equal."""
 _CONTAINED = 1e-3
 """Share of what the best explains that a rival may be unable to do and yet contains the best."""
+_QUICK_SLACK = 1.6
+"""Of the squared error that may be left, what a quick fit may leave to be fitted thoroughly."""
 _DECISIVE = 0.1
 """Share of what a model leaves beyond noise by which another must be better to be worth a fit."""
 
@@ -73,7 +75,7 @@ class Choice:
         without: `evidence` of the same model without the effect.
         dispersion: of the residual that remains, see `tempering`.
         equals: rivals that beat the best at their own whitening about as clearly as it beats them.
-        thorough: whether `model` is; a quick fit that leaves too much is not fitted further.
+        thorough: whether all of them are; what leaves too much is not fitted further.
     """
 
     model: ResidualModel
@@ -125,36 +127,43 @@ def _square(model: ResidualModel) -> float:
 
 
 def choose_effect(
-    model: ResidualModel, scores: Sequence[Score], floor: float, worthwhile: float = np.inf
+    model: ResidualModel, scores: Sequence[Score], floor: float, needed: float = np.inf
 ) -> Choice | None:
     """Refit the effects that could compete, and the best one thoroughly.
 
     A thorough refit moves the denoised signals and the whitening, on which rivals must then be
-    compared with it; should one of them win there, it is refitted in turn. Where even the best
-    leaves so much that it cannot be the answer, quick fits have to do. An effect that explains the
-    residual by noise that it makes much larger, as contacts half a metre away do with that of the
-    forces, is passed over.
+    compared with it; should one of them win there, it is refitted in turn. Where the best leaves so
+    much that it cannot be the answer, that is the end of it. An effect that explains the residual
+    by noise that it makes much larger, as contacts half a metre away do with that of the forces, is
+    passed over.
 
     Args:
         model: to be extended.
         scores: of all families.
         floor: white RMS of the noise alone.
-        worthwhile: white RMS of a quick fit that is worth a thorough one.
+        needed: white RMS that the best must reach.
     """
     trials = try_effects(model, scores, floor)
     if not trials:
         return None
     present = evidence(model, floor)
-    if _square(trials[0].model) > worthwhile**2 * len(model.residual):
-        return Choice(trials[0].model, trials[0], tuple(trials[1:]), present, thorough=False)
+    slack = _QUICK_SLACK * (needed**2 - floor**2)
+    if _square(trials[0].model) > (floor**2 + slack) * len(model.residual):
+        return _given_up(trials[0], trials[1:], present)
     reach = trials[0].criterion + _REACH * max(present - trials[0].criterion, 0.0) + _CHANCE
     names = [t.name for t in trials if t.criterion <= reach][: 1 + _MOST_RIVALS]
     best = trials[0]
     refined, loudest = best.model.refined(), model.noise_level + INFLATED
     if refined.noise_level > loudest:
         others = [score for score in scores if score.family.name != best.name]
-        return choose_effect(model, others, floor, worthwhile)
+        return choose_effect(model, others, floor, needed)
+    if _square(refined) > needed**2 * len(refined.residual):
+        return _given_up(in_place(best, refined, floor), trials[1:], present)
     return _simplest(_compete(best, refined, names, floor, loudest))
+
+
+def _given_up(best: Trial, rivals: Sequence[Trial], without: float) -> Choice:
+    return Choice(best.model, best, tuple(rivals), without, thorough=False)
 
 
 def _compete(
