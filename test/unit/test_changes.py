@@ -11,6 +11,7 @@ from benchmarks.hidden.recordings import generate
 from benchmarks.hidden.scenario import ScenarioOptions
 from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
 from tactile_dynamics_ros.core.discrepancy.documents import diagnosis_sentence
+from tactile_dynamics_ros.core.discrepancy.model import Misfit
 from tactile_dynamics_ros.core.inertia.discrepancy_model import HeldObjectModel
 from tactile_dynamics_ros.core.inertia.readings import fit_with_readings
 
@@ -65,3 +66,10 @@ def test_a_sensor_that_saturates_is_no_known_effect():
     assert diagnosis.verdict == "unexplained"
     assert diagnosis.signature.correlates_with == "force"
     assert diagnosis.signature.change is None
+
+
+def test_an_effect_is_drowned_if_louder_noise_takes_back_what_it_explains() -> None:
+    before = Misfit(rms=2.0, noise_level=-3.5)
+    assert before.is_drowned(Misfit(rms=1.4, noise_level=-2.5))
+    assert not before.is_drowned(Misfit(rms=1.0, noise_level=-3.2))
+    assert not before.is_drowned(Misfit(rms=1.9, noise_level=-3.4))

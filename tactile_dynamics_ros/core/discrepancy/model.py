@@ -16,8 +16,8 @@ Array = NDArray[np.float64]
 
 ParameterTable = dict[str, dict[str, dict[str, Any]]]
 
-INFLATED = 0.2
-"""Growth of `noise_level` by which an effect explains by noise that it makes larger."""
+_LOUDER = 0.2
+_TAKEN_BACK = 0.5
 
 
 @dataclass(frozen=True)
@@ -144,6 +144,36 @@ class ResidualModel(Protocol):
 
     def separating_motion(self, rivals: Sequence[ResidualModel]) -> dict[str, Any] | None:
         """Plan of what would tell this model from others, or None if nothing would."""
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """Size of a residual, and of the noise by which it is made white.
+
+    Attributes:
+        rms: white RMS.
+        noise_level: mean logarithm of the standard deviations by which the residual is made white.
+    """
+
+    rms: float
+    noise_level: float
+
+    @classmethod
+    def of(cls, model: ResidualModel) -> Misfit:
+        """Of a fitted model."""
+        return cls(float(np.sqrt(np.mean(model.residual**2))), model.noise_level)
+
+    def is_drowned(self, after: Misfit) -> bool:
+        """Whether what an effect explains is explained by noise that it makes larger.
+
+        -2 log likelihood is rms^2 + 2 noise_level per row: the growth of the latter takes back at
+        least half of the fall of the former.
+
+        Args:
+            after: with the effect.
+        """
+        growth = after.noise_level - self.noise_level
+        return growth > _LOUDER and 2.0 * growth > _TAKEN_BACK * (self.rms**2 - after.rms**2)
 
 
 def instants(model: ResidualModel) -> tuple[Array, Array]:

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.discrepancy.model import INFLATED, ResidualModel, instants
+from tactile_dynamics_ros.core.discrepancy.model import Misfit, ResidualModel, instants
 from tactile_dynamics_ros.core.discrepancy.screening import (
     Score,
     best_by_effect,
@@ -153,13 +153,13 @@ def choose_effect(
     reach = trials[0].criterion + _REACH * max(present - trials[0].criterion, 0.0) + _CHANCE
     names = [t.name for t in trials if t.criterion <= reach][: 1 + _MOST_RIVALS]
     best = trials[0]
-    refined, loudest = best.model.refined(), model.noise_level + INFLATED
-    if refined.noise_level > loudest:
+    refined, before = best.model.refined(), Misfit.of(model)
+    if before.is_drowned(Misfit.of(refined)):
         others = [score for score in scores if score.family.name != best.name]
         return choose_effect(model, others, floor, needed)
     if _square(refined) > needed**2 * len(refined.residual):
         return _given_up(in_place(best, refined, floor), trials[1:], present)
-    return _simplest(_compete(best, refined, names, floor, loudest))
+    return _simplest(_compete(best, refined, names, floor, before))
 
 
 def _given_up(best: Trial, rivals: Sequence[Trial], without: float) -> Choice:
@@ -167,7 +167,7 @@ def _given_up(best: Trial, rivals: Sequence[Trial], without: float) -> Choice:
 
 
 def _compete(
-    best: Trial, refined: ResidualModel, names: Sequence[str], floor: float, loudest: float
+    best: Trial, refined: ResidualModel, names: Sequence[str], floor: float, before: Misfit
 ) -> Choice:
     """Exchange the best for the rival that beats it where it is at home, while the error falls.
 
@@ -176,7 +176,7 @@ def _compete(
         refined: thorough fit with it.
         names: of all that compete.
         floor: white RMS of the noise alone.
-        loudest: noise level that an effect may have.
+        before: without the effect.
     """
     tried = {best.label}
     while True:
@@ -186,7 +186,7 @@ def _compete(
         if not beaten or rival.label in tried or len(tried) == _ROUNDS:
             break
         other = rival.model.refined()
-        if other.noise_level > loudest or _square(other) > _square(refined):
+        if before.is_drowned(Misfit.of(other)) or _square(other) > _square(refined):
             break
         best, refined = rival, other
         tried.add(best.label)

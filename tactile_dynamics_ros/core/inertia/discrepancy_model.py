@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
 from tactile_dynamics_ros.core.discrepancy.model import (
-    INFLATED,
     Family,
+    Misfit,
     ParameterTable,
     ResidualModel,
     Residuals,
@@ -126,7 +126,7 @@ class HeldObjectModel:
     @property
     def noise_level(self) -> float:
         """That of the thorough fit behind this model."""
-        return self.fitted.noise_level
+        return self.fitted.misfit.noise_level
 
     def families(self, names: Sequence[str] | None = None) -> list[Family]:
         """Every reading, and every restriction of it, of effects that the model lacks."""
@@ -207,9 +207,8 @@ class HeldObjectModel:
         ]
         xi, theta = nearest_body(self.phi, self.fitted.phi), self.theta
         model = fit_model(problems, self.effects, theta, xi, 2)
-        quick = float(np.sqrt(np.mean(self.residual**2)))
-        foreseen = max(self.fitted.whitened_rms, quick)
-        refined = refine(model, foreseen, self.noise_level + INFLATED)
+        foreseen = max(self.fitted.whitened_rms, Misfit.of(self).rms)
+        refined = refine(model, self.fitted.misfit, foreseen)
         return HeldObjectModel.from_fit(refined, self.catalogue)
 
     def parameters(self) -> ParameterTable:

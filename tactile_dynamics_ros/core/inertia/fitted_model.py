@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
+from tactile_dynamics_ros.core.discrepancy.model import Misfit
 from tactile_dynamics_ros.core.effects.present import PresentEffects
 from tactile_dynamics_ros.core.inertia.estimate import EffectEstimate, InertialEstimate, ModelError
 from tactile_dynamics_ros.core.inertia.prior import LogCholeskyPrior
@@ -134,11 +135,11 @@ class FittedModel:
         freedom = len(self.white_residual) - self.white_jacobian.shape[1]
         return float(np.sqrt(np.sum(self.white_residual**2) / freedom))
 
-    @property
-    def noise_level(self) -> float:
-        """Mean logarithm of the diagonal of the Cholesky factor of the noise."""
+    @cached_property
+    def misfit(self) -> Misfit:
+        """White RMS, and mean logarithm of the diagonal of the Cholesky factor of the noise."""
         bands = [block.linearisation.whitener.band[0] for block in self.blocks]
-        return float(np.mean(np.log(np.concatenate(bands))))
+        return Misfit(self.whitened_rms, float(np.mean(np.log(np.concatenate(bands)))))
 
     @cached_property
     def _coordinate_jacobian(self) -> Array:

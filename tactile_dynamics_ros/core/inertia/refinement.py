@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.discrepancy.model import Misfit
 from tactile_dynamics_ros.core.inertia.fitted_model import FittedModel
 from tactile_dynamics_ros.core.inertia.fitting import (
     fit_beyond,
@@ -58,35 +59,35 @@ class Step:
         return float(np.clip(share, 0.0, _SLOWEST_RATE))
 
 
-def refine(model: FittedModel, foreseen: float = np.inf, loudest: float = np.inf) -> FittedModel:
+def refine(model: FittedModel, before: Misfit, foreseen: float) -> FittedModel:
     """`_to_the_end`, also from a thicker body where the fit has made it flat.
 
     Where a misfit remains, the fit is tried from motion as it would be if there were none.
 
     Args:
         model: fitted.
-        foreseen: white RMS above which the fit has failed and is not pursued.
-        loudest: noise level likewise.
+        before: without its last effect; a fit that is drowned in noise is not pursued.
+        foreseen: white RMS above which a fit has failed and is not pursued either.
     """
-    refined = _to_the_end(model, loudest) if model.whitened_rms <= foreseen else model
-    if refined.noise_level > loudest:
+    refined = _to_the_end(model, before) if model.whitened_rms <= foreseen else model
+    if before.is_drowned(refined.misfit):
         return refined
     thicker = fit_unfolded(refined, 2) if refined is not model else None
     if thicker is not None and thicker.whitened_rms < refined.whitened_rms:
-        refined = _better(refined, thicker, loudest)
+        refined = _better(refined, thicker, before)
     if refined.effects and refined.whitened_rms > _DOUBTFUL:
         trusted = fit_trusting(refined, 1)
         if _excess(trusted) < _HOPEFUL * _excess(refined):
             trusted = fit_trusting(trusted, 2)
             if trusted.whitened_rms <= foreseen:
-                refined = _better(refined, trusted, loudest)
+                refined = _better(refined, trusted, before)
     return refined
 
 
-def _better(present: FittedModel, start: FittedModel, loudest: float) -> FittedModel:
-    """The end from another start, if its error is lower and its noise not too loud."""
-    end = _to_the_end(start, loudest)
-    better = end.whitened_rms < present.whitened_rms and end.noise_level <= loudest
+def _better(present: FittedModel, start: FittedModel, before: Misfit) -> FittedModel:
+    """The end from another start, if its error is lower and not drowned in noise."""
+    end = _to_the_end(start, before)
+    better = end.whitened_rms < present.whitened_rms and not before.is_drowned(end.misfit)
     return end if better else present
 
 
@@ -94,22 +95,22 @@ def _excess(model: FittedModel) -> float:
     return model.whitened_rms**2 - 1.0
 
 
-def _to_the_end(model: FittedModel, loudest: float) -> FittedModel:
+def _to_the_end(model: FittedModel, before: Misfit) -> FittedModel:
     """Fit on until the end of the alternation is near, or a misfit remains that does not go.
 
-    Or until the noise is too loud.
+    Or until the error is drowned in noise.
 
     Steps that shrink by a rate r lead r / (1 - r) times the last one further: where that is far,
     the next fit starts there.
 
     Args:
         model: fitted.
-        loudest: noise level.
+        before: see `refine`.
     """
     last: Step | None = None
     rate = _USUAL_RATE
     for _ in range(_MOST_ROUNDS):
-        if model.noise_level > loudest:
+        if before.is_drowned(model.misfit):
             return model
         further = fit_further(model, 2)
         if further.whitened_rms > _RISE * model.whitened_rms:
