@@ -51,10 +51,9 @@ def _is_outdone_at_home(steps: Sequence[Step], floor: float, clearly: float) -> 
     full = bare = steps[-1].choice.model
     for step in steps:
         bare = bare.without_effect(step.name)
-    law = _best_law(bare, floor, full.freedom - bare.freedom + _HALF)
     families = [step.choice.best.source for step in steps]
     reached = _square(full, floor) + _price(bare, full, families)
-    return law is not None and law.criterion < reached - clearly
+    return _has_law(bare, floor, reached - clearly, full.freedom - bare.freedom + _HALF)
 
 
 def _is_outdone_without(
@@ -67,8 +66,7 @@ def _is_outdone_without(
         full = trial.model
         families.append(trial.source)
     price = _price(model, full, families)
-    law = _best_law(model, floor)
-    if law is not None and law.criterion < _square(full, floor) + price - clearly:
+    if _has_law(model, floor, _square(full, floor) + price - clearly):
         return True
     change = find_change(model, full.residual, price, floor)
     return change is not None and change.criterion < -clearly
@@ -84,10 +82,16 @@ def _price(bare: ResidualModel, full: ResidualModel, added: Sequence[Score]) -> 
     return float(extra * np.log(len(full.residual)) + 2.0 * np.sum(np.log(choices)))
 
 
-def _best_law(model: ResidualModel, floor: float, freedom: float = np.inf) -> Score | None:
-    """The law of at most so many parameters with the best evidence."""
+def _has_law(model: ResidualModel, floor: float, limit: float, freedom: float = np.inf) -> bool:
+    """Whether a law of at most so many parameters has a lower criterion, and no effect does.
+
+    What an effect of the catalogue does as well is nothing unknown.
+    """
     laws = [law for law in screen(model, model.library(), floor) if law.freedom <= freedom]
-    return min(laws, key=lambda law: law.criterion, default=None)
+    if min((law.criterion for law in laws), default=np.inf) >= limit:
+        return False
+    effects = screen(model, model.families(), floor)
+    return min((score.criterion for score in effects), default=np.inf) >= limit
 
 
 def follows_other_law(step: Step, floor: float, indifference: float) -> bool:
@@ -99,9 +103,10 @@ def follows_other_law(step: Step, floor: float, indifference: float) -> bool:
         indifference: difference of -2 log evidence that does not decide.
     """
     model = step.choice.model
-    law, effects = _best_law(model, floor), best_by_effect(step.after.scores)
-    if law is None:
+    laws = best_by_effect(screen(model, model.library(), floor))
+    effects = best_by_effect(step.after.scores)
+    if not laws:
         return False
     left = float(model.residual @ model.residual) - floor**2 * len(model.residual)
     known = effects[0].criterion if effects else float("inf")
-    return law.gain > 0.5 * left and law.criterion < known - indifference
+    return laws[0].gain > 0.5 * left and laws[0].criterion < known - indifference
