@@ -169,7 +169,7 @@ def _given_up(best: Trial, rivals: Sequence[Trial], without: float) -> Choice:
 def _compete(
     best: Trial, refined: ResidualModel, names: Sequence[str], floor: float, before: Misfit
 ) -> Choice:
-    """Exchange the best for the rival that beats it where it is at home, while the error falls.
+    """Exchange the best for the rival that beats it where it is at home, while evidence grows.
 
     Args:
         best: effect.
@@ -186,7 +186,8 @@ def _compete(
         if not beaten or rival.label in tried or len(tried) == _ROUNDS:
             break
         other = rival.model.refined()
-        if before.is_drowned(Misfit.of(other)) or _square(other) > _square(refined):
+        worse = in_place(rival, other, floor).criterion > own.criterion
+        if worse or before.is_drowned(Misfit.of(other)):
             break
         best, refined = rival, other
         tried.add(best.label)
