@@ -159,7 +159,8 @@ def choose_effect(
         return choose_effect(model, others, floor, needed)
     if _square(refined) > needed**2 * len(refined.residual):
         return _given_up(in_place(best, refined, floor), trials[1:], present)
-    return _simplest(_compete(best, refined, names, floor, before))
+    choice = _compete(best, refined, names, floor, before)
+    return _simplest(_sparser(choice, names, floor))
 
 
 def _given_up(best: Trial, rivals: Sequence[Trial], without: float) -> Choice:
@@ -191,9 +192,46 @@ def _compete(
             break
         best, refined = rival, other
         tried.add(best.label)
-    own = next((trial for trial in trials if trial.label == best.label), own)
-    rivals = tuple(trial for trial in trials if trial.name != best.name)
-    return Choice(refined, own, rivals, evidence(bare, floor))
+    return _at_home(own, bare, trials, floor)
+
+
+def _at_home(own: Trial, bare: ResidualModel, trials: Sequence[Trial], floor: float) -> Choice:
+    """The choice of an effect, thoroughly fitted, and its rivals as they are tried there."""
+    best = next((trial for trial in trials if trial.label == own.label), own)
+    rivals = tuple(trial for trial in trials if trial.name != own.name)
+    return Choice(own.model, best, rivals, evidence(bare, floor))
+
+
+def _sparser(choice: Choice, names: Sequence[str], floor: float) -> Choice:
+    """The same effect on fewer sensors, as long as evidence grows where that is at home.
+
+    Signals that a thorough fit denoises follow its model: errors that it gives to sensors that have
+    none look significant there.
+
+    Args:
+        choice: of one reading of an effect.
+        names: of all that compete.
+        floor: white RMS of the noise alone.
+    """
+    while True:
+        best = in_place(choice.best, choice.model, floor)
+        bare = choice.model.without_effect(best.name)
+        reading, most = best.source.family.reading, len(best.source.family.kept)
+        scores = [
+            score
+            for score in screen(bare, bare.families([best.name]), floor)
+            if score.family.reading == reading and len(score.family.kept) < most
+        ]
+        reach = best.criterion + _REACH * max(evidence(bare, floor) - best.criterion, 0.0)
+        fewer = min(scores, key=lambda score: score.criterion, default=None)
+        if fewer is None or fewer.criterion > reach:
+            return choice
+        trial = try_effect(bare, [fewer], best.name, floor)
+        model = trial.model.refined()
+        own = in_place(trial, model, floor)
+        if own.criterion > best.criterion:
+            return choice
+        choice = _at_home(own, *_rematch(model, own.name, names, floor), floor)
 
 
 def _rematch(
