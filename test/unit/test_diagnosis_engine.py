@@ -22,8 +22,8 @@ from tactile_dynamics_ros.core.discrepancy.explanation import explain
 from tactile_dynamics_ros.core.discrepancy.lines import find_line
 from tactile_dynamics_ros.core.discrepancy.model import Condition, Family, Residuals
 from tactile_dynamics_ros.core.discrepancy.screening import best_by_effect
-from tactile_dynamics_ros.core.discrepancy.selection import try_effect
 from tactile_dynamics_ros.core.discrepancy.sentences import group_clause
+from tactile_dynamics_ros.core.discrepancy.trials import try_effect
 
 NOISE = 0.05
 LAWS = {

@@ -8,7 +8,7 @@ import pytest
 from benchmarks.hidden.recordings import generate
 from benchmarks.hidden.scenario import ScenarioOptions
 from tactile_dynamics_ros.core.discrepancy.screening import screen
-from tactile_dynamics_ros.core.discrepancy.selection import try_effect
+from tactile_dynamics_ros.core.discrepancy.trials import try_effect
 from tactile_dynamics_ros.core.inertia.batch import fit_body
 from tactile_dynamics_ros.core.inertia.discrepancy_model import HeldObjectModel
 

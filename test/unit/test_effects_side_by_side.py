@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from benchmarks.effects.cases import Case
 from benchmarks.hidden.recordings import generate
 from benchmarks.hidden.scenario import ScenarioOptions
 from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
@@ -119,3 +120,11 @@ def test_what_was_removed_no_longer_makes_others_late():
     assert not np.array_equal(
         columns, bare.whitening.family_columns(drag, PresentEffects(*([x] for x in beside)))
     )
+
+
+def test_an_offset_of_one_finger_is_not_spread_over_others():
+    """Signals denoised with offsets of two fingers make both look significant."""
+    recording = Case("single", ("contact_offset",), 1.35, 15000).record()
+    diagnosis = diagnose(HeldObjectModel.from_fit(fit_with_readings(recording.streams)))
+    assert diagnosis.effect == "contact_offset"
+    assert diagnosis.steps[0].choice.best.label == "contact_offset:middle"

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from tactile_dynamics_ros.core.discrepancy.choice import Choice
 from tactile_dynamics_ros.core.discrepancy.diagnosis import Diagnosis
 from tactile_dynamics_ros.core.discrepancy.explanation import Explanation
 from tactile_dynamics_ros.core.discrepancy.model import ParameterTable, ResidualModel
 from tactile_dynamics_ros.core.discrepancy.screening import Score, best_by_effect
 from tactile_dynamics_ros.core.discrepancy.search import explained_share
-from tactile_dynamics_ros.core.discrepancy.selection import Choice, Trial
 from tactile_dynamics_ros.core.discrepancy.sentences import (
     capitalise,
     group_clause,
@@ -20,6 +20,7 @@ from tactile_dynamics_ros.core.discrepancy.sentences import (
     write_percent,
 )
 from tactile_dynamics_ros.core.discrepancy.signature import Signature
+from tactile_dynamics_ros.core.discrepancy.trials import Trial
 
 Document = dict[str, Any]
 

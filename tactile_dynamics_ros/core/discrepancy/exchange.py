@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from tactile_dynamics_ros.core.discrepancy.choice import Choice
 from tactile_dynamics_ros.core.discrepancy.model import ResidualModel
 from tactile_dynamics_ros.core.discrepancy.screening import screen
-from tactile_dynamics_ros.core.discrepancy.selection import (
-    Choice,
+from tactile_dynamics_ros.core.discrepancy.trials import (
     Trial,
     decisive,
     evidence,

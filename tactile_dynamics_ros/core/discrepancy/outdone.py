@@ -10,7 +10,7 @@ from tactile_dynamics_ros.core.discrepancy.change import find_change
 from tactile_dynamics_ros.core.discrepancy.model import ResidualModel
 from tactile_dynamics_ros.core.discrepancy.screening import Score, best_by_effect, screen
 from tactile_dynamics_ros.core.discrepancy.search import Step
-from tactile_dynamics_ros.core.discrepancy.selection import try_effect
+from tactile_dynamics_ros.core.discrepancy.trials import square, try_effect
 
 _CLEARLY = 3.0
 """In units of what does not decide."""
@@ -52,7 +52,7 @@ def _is_outdone_at_home(steps: Sequence[Step], floor: float, clearly: float) -> 
     for step in steps:
         bare = bare.without_effect(step.name)
     families = [step.choice.best.source for step in steps]
-    reached = _square(full, floor) + _price(bare, full, families)
+    reached = square(full) / floor**2 + _price(bare, full, families)
     return _has_law(bare, floor, reached - clearly, full.freedom - bare.freedom + _HALF)
 
 
@@ -66,14 +66,10 @@ def _is_outdone_without(
         full = trial.model
         families.append(trial.source)
     price = _price(model, full, families)
-    if _has_law(model, floor, _square(full, floor) + price - clearly):
+    if _has_law(model, floor, square(full) / floor**2 + price - clearly):
         return True
     change = find_change(model, full.residual, price, floor)
     return change is not None and change.criterion < -clearly
-
-
-def _square(model: ResidualModel, floor: float) -> float:
-    return float(model.residual @ model.residual) / floor**2
 
 
 def _price(bare: ResidualModel, full: ResidualModel, added: Sequence[Score]) -> float:
@@ -107,6 +103,6 @@ def follows_other_law(step: Step, floor: float, indifference: float) -> bool:
     effects = best_by_effect(step.after.scores)
     if not laws:
         return False
-    left = float(model.residual @ model.residual) - floor**2 * len(model.residual)
+    left = square(model) - floor**2 * len(model.residual)
     known = effects[0].criterion if effects else float("inf")
     return laws[0].gain > 0.5 * left and laws[0].criterion < known - indifference

@@ -8,11 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tactile_dynamics_ros.core.discrepancy.assessment import Assessment, assess
+from tactile_dynamics_ros.core.discrepancy.choice import Choice
 from tactile_dynamics_ros.core.discrepancy.diagnosis_config import DiagnosisConfig
 from tactile_dynamics_ros.core.discrepancy.exchange import exchange
 from tactile_dynamics_ros.core.discrepancy.lines import Line, find_line
 from tactile_dynamics_ros.core.discrepancy.model import ResidualModel
-from tactile_dynamics_ros.core.discrepancy.selection import Choice, choose_effect
+from tactile_dynamics_ros.core.discrepancy.selection import choose_effect
 
 
 @dataclass(frozen=True)

@@ -1,129 +1,31 @@
-"""Which effect, and which others the data cannot tell from it."""
+"""Which effect explains a residual best."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.discrepancy.model import Misfit, ResidualModel, instants
-from tactile_dynamics_ros.core.discrepancy.screening import (
-    Score,
-    best_by_effect,
-    orthonormal,
-    screen,
+from tactile_dynamics_ros.core.discrepancy.choice import Choice, at_home, rematch
+from tactile_dynamics_ros.core.discrepancy.homes import simplest
+from tactile_dynamics_ros.core.discrepancy.model import Misfit, ResidualModel
+from tactile_dynamics_ros.core.discrepancy.screening import Score, screen
+from tactile_dynamics_ros.core.discrepancy.trials import (
+    CHANCE,
+    REACH,
+    Trial,
+    decisive,
+    evidence,
+    in_place,
+    square,
+    try_effect,
+    try_effects,
 )
-from tactile_dynamics_ros.core.discrepancy.structure import examine
-from tactile_dynamics_ros.core.discrepancy.validation import HeldOut, held_out
 
-Array = NDArray[np.float64]
-
-_READINGS = 4
-_REACH = 0.25
 _MOST_RIVALS = 4
-_CHANCE = 12.0
 _ROUNDS = 3
-_CLOSE = 1.05
-_WHITE = 0.01
-_SIMPLER = 0.5
-_FAR = 1.06
-_EQUAL = 0.4
-"""Share of the lead of the best by which a rival must win at home to be its equal."""
-_CONTAINED = 1e-3
-"""Share of what the best explains that a rival may be unable to do and yet contains the best."""
 _QUICK_SLACK = 1.6
 """Of the squared error that may be left, what a quick fit may leave to be fitted thoroughly."""
-_DECISIVE = 0.1
-"""Share of what a model leaves beyond noise by which another must be better to be worth a fit."""
-
-
-@dataclass(frozen=True)
-class Trial:
-    """One model with one effect more, fitted.
-
-    Attributes:
-        name: the effect.
-        label: the reading of it.
-        model: the fitted model.
-        criterion: its `evidence`, comparable between trials at the same whitening.
-        source: the score that it started from.
-    """
-
-    name: str
-    label: str
-    model: ResidualModel
-    criterion: float
-    source: Score
-
-    @cached_property
-    def held_out(self) -> HeldOut:
-        """Held-out error."""
-        return held_out(self.model)
-
-
-@dataclass(frozen=True)
-class Choice:
-    """The best effect and its rivals, all fitted at the whitening of the best.
-
-    Attributes:
-        model: fitted with the best effect.
-        best: the best effect as a trial on common ground with its rivals.
-        rivals: the others, best first.
-        without: `evidence` of the same model without the effect.
-        dispersion: of the residual that remains, see `tempering`.
-        equals: rivals that beat the best at their own whitening about as clearly as it beats them.
-        thorough: whether all of them are; what leaves too much is not fitted further.
-    """
-
-    model: ResidualModel
-    best: Trial
-    rivals: tuple[Trial, ...]
-    without: float
-    dispersion: float = 1.0
-    equals: tuple[str, ...] = ()
-    thorough: bool = True
-
-    def named(self, names: Sequence[str]) -> list[Trial]:
-        """The rivals of these names."""
-        return [rival for rival in self.rivals if rival.name in names]
-
-
-def evidence(
-    model: ResidualModel, floor: float, choices: int = 1, dispersion: float = 1.0
-) -> float:
-    """-2 log evidence of a model up to a constant of its whitening (Schwarz 1978).
-
-    Args:
-        model: fitted.
-        floor: white RMS of the noise alone.
-        choices: number of families searched.
-        dispersion: by which squares and samples count less than those of white noise.
-    """
-    residual = model.residual
-    return (
-        float(residual @ residual) / floor**2 / dispersion
-        + model.freedom * float(np.log(len(residual) / dispersion))
-        + 2.0 * float(np.log(choices))
-    )
-
-
-def decisive(model: ResidualModel, floor: float) -> float:
-    """Difference of `evidence` from which another effect is worth a thorough fit.
-
-    Where far more than noise remains, neither is the cause, and small differences mean nothing.
-
-    Args:
-        model: fitted.
-        floor: white RMS of the noise alone.
-    """
-    return _DECISIVE * max(_square(model) / floor**2 - len(model.residual), 0.0)
-
-
-def _square(model: ResidualModel) -> float:
-    return float(model.residual @ model.residual)
 
 
 def choose_effect(
@@ -148,19 +50,19 @@ def choose_effect(
         return None
     present = evidence(model, floor)
     slack = _QUICK_SLACK * (needed**2 - floor**2)
-    if _square(trials[0].model) > (floor**2 + slack) * len(model.residual):
+    if square(trials[0].model) > (floor**2 + slack) * len(model.residual):
         return _given_up(trials[0], trials[1:], present)
-    reach = trials[0].criterion + _REACH * max(present - trials[0].criterion, 0.0) + _CHANCE
+    reach = trials[0].criterion + REACH * max(present - trials[0].criterion, 0.0) + CHANCE
     names = [t.name for t in trials if t.criterion <= reach][: 1 + _MOST_RIVALS]
     best = trials[0]
     refined, before = best.model.refined(), Misfit.of(model)
     if before.is_drowned(Misfit.of(refined)):
         others = [score for score in scores if score.family.name != best.name]
         return choose_effect(model, others, floor, needed)
-    if _square(refined) > needed**2 * len(refined.residual):
+    if square(refined) > needed**2 * len(refined.residual):
         return _given_up(in_place(best, refined, floor), trials[1:], present)
     choice = _compete(best, refined, names, floor, before)
-    return _simplest(_sparser(choice, names, floor))
+    return simplest(_sparser(choice, names, floor))
 
 
 def _given_up(best: Trial, rivals: Sequence[Trial], without: float) -> Choice:
@@ -181,7 +83,7 @@ def _compete(
     """
     tried = {best.label}
     while True:
-        bare, trials = _rematch(refined, best.name, names, floor)
+        bare, trials = rematch(refined, best.name, names, floor)
         own, rival = in_place(best, refined, floor), trials[0]
         beaten = rival.criterion < own.criterion - decisive(refined, floor)
         if not beaten or rival.label in tried or len(tried) == _ROUNDS:
@@ -192,14 +94,7 @@ def _compete(
             break
         best, refined = rival, other
         tried.add(best.label)
-    return _at_home(own, bare, trials, floor)
-
-
-def _at_home(own: Trial, bare: ResidualModel, trials: Sequence[Trial], floor: float) -> Choice:
-    """The choice of an effect, thoroughly fitted, and its rivals as they are tried there."""
-    best = next((trial for trial in trials if trial.label == own.label), own)
-    rivals = tuple(trial for trial in trials if trial.name != own.name)
-    return Choice(own.model, best, rivals, evidence(bare, floor))
+    return at_home(own, bare, trials, floor)
 
 
 def _sparser(choice: Choice, names: Sequence[str], floor: float) -> Choice:
@@ -222,7 +117,7 @@ def _sparser(choice: Choice, names: Sequence[str], floor: float) -> Choice:
             for score in screen(bare, bare.families([best.name]), floor)
             if score.family.reading == reading and len(score.family.kept) < most
         ]
-        reach = best.criterion + _REACH * max(evidence(bare, floor) - best.criterion, 0.0)
+        reach = best.criterion + REACH * max(evidence(bare, floor) - best.criterion, 0.0)
         fewer = min(scores, key=lambda score: score.criterion, default=None)
         if fewer is None or fewer.criterion > reach:
             return choice
@@ -231,160 +126,4 @@ def _sparser(choice: Choice, names: Sequence[str], floor: float) -> Choice:
         own = in_place(trial, model, floor)
         if own.criterion > best.criterion:
             return choice
-        choice = _at_home(own, *_rematch(model, own.name, names, floor), floor)
-
-
-def _rematch(
-    model: ResidualModel, present: str, names: Sequence[str], floor: float
-) -> tuple[ResidualModel, list[Trial]]:
-    """The model without its present effect, and all named effects tried at its whitening."""
-    bare = model.without_effect(present)
-    scores = screen(bare, bare.families(names), floor)
-    return bare, try_effects(bare, scores, floor, np.inf)
-
-
-def in_place(trial: Trial, model: ResidualModel, floor: float) -> Trial:
-    """The trial as it fits in a model that has its effect."""
-    criterion = evidence(model, floor, trial.source.family.choices)
-    return replace(trial, model=model, criterion=criterion)
-
-
-@dataclass(frozen=True)
-class _Home:
-    """A rival thoroughly fitted, and all effects of a choice at its whitening.
-
-    The signals that a thorough fit denoises follow its model, which puts all others at a
-    disadvantage there.
-
-    Attributes:
-        model: with the rival. floor: white RMS of the noise alone. bare: the model without it.
-        own: the rival as a trial there. others: the rest, best first.
-    """
-
-    model: ResidualModel
-    floor: float
-    bare: ResidualModel
-    own: Trial
-    others: tuple[Trial, ...]
-
-    def lead(self, name: str) -> float:
-        """By how much the rival beats an effect here."""
-        found = [trial.criterion for trial in self.others if trial.name == name]
-        return found[0] - self.own.criterion if found else np.inf
-
-
-def _homes(
-    choice: Choice, freedoms: tuple[float, float], least_p_value: float = 0.0
-) -> Iterator[_Home]:
-    """Homes of the rivals that fit nearly as well as the best, the simplest first.
-
-    Args:
-        choice: among them.
-        freedoms: lowest and highest number of parameters beyond those of the best.
-        least_p_value: of what a rival leaves being white noise.
-    """
-    names = [choice.best.name, *(rival.name for rival in choice.rivals)]
-    limit = _CLOSE * _square(choice.best.model)
-    for rival in sorted(choice.rivals, key=lambda trial: trial.model.freedom):
-        extra = rival.model.freedom - choice.best.model.freedom
-        if _square(rival.model) > limit or not freedoms[0] <= extra <= freedoms[1]:
-            continue
-        model = rival.model.refined()
-        structure = examine(*instants(model))
-        if structure.p_value < least_p_value:
-            continue
-        bare, trials = _rematch(model, rival.name, names, structure.floor)
-        own = [trial for trial in trials if trial.name == rival.name]
-        if own:
-            others = tuple(trial for trial in trials if trial is not own[0])
-            yield _Home(model, structure.floor, bare, own[0], others)
-
-
-def _simplest(choice: Choice) -> Choice:
-    """A rival with fewer parameters, if it leaves white noise and nobody beats it at home.
-
-    Where the best leaves far more than noise, no simpler one that fits as well can leave noise.
-    """
-    floor = examine(*instants(choice.model)).floor
-    if _square(choice.model) > (_FAR * floor) ** 2 * len(choice.model.residual):
-        return choice
-    for home in _homes(choice, (-np.inf, -_SIMPLER), _WHITE):
-        best = min((trial.criterion for trial in home.others), default=np.inf)
-        if best > home.own.criterion - _CHANCE:
-            return Choice(home.model, home.own, home.others, evidence(home.bare, home.floor))
-    return choice
-
-
-def with_equals(choice: Choice) -> Choice:
-    """The choice with rivals as simple as the best that it cannot be told from.
-
-    They beat it at home about as clearly as they lose to it.
-    """
-    best, found = choice.best, []
-    for home in _homes(choice, (-_SIMPLER, _SIMPLER)):
-        [away] = choice.named([home.own.name])
-        if home.lead(best.name) > max(0.0, _EQUAL * (away.criterion - best.criterion)):
-            found.append(home.own.name)
-    return replace(choice, equals=tuple(found))
-
-
-def contains(choice: Choice, rival: Trial) -> bool:
-    """Whether a rival could do all that the best does, however precise the data were.
-
-    That is so if what they predict differs by what the rival's parameters can make up for.
-    """
-    basis = orthonormal(rival.model.jacobian)
-    differs = rival.model.residual - choice.best.model.residual
-    left = differs - basis @ (basis.T @ differs)
-    return float(left @ left) <= _CONTAINED * max(choice.without - choice.best.criterion, 0.0)
-
-
-def try_effects(
-    model: ResidualModel,
-    scores: Sequence[Score],
-    floor: float,
-    reach: float = _REACH,
-    reached: float = np.inf,
-) -> list[Trial]:
-    """Refit effects at the whitening of the model, best first.
-
-    The score of a linear family bounds what its effect can reach; effects whose bound is far
-    behind the best refit are left out.
-
-    Args:
-        model: to be extended.
-        scores: of all families.
-        floor: white RMS of the noise alone.
-        reach: share of the fall of the best that a bound may lie behind.
-        reached: `evidence` that an effect is known to reach.
-    """
-    present = evidence(model, floor)
-    trials: list[Trial] = []
-    for score in best_by_effect(scores):
-        best = min([reached, *(trial.criterion for trial in trials)])
-        allowance = reach * max(present - best, 0.0) if best < np.inf else 0.0
-        if score.criterion > best + allowance + _CHANCE:
-            break
-        trials.append(try_effect(model, scores, score.family.name, floor))
-    return sorted(trials, key=lambda trial: trial.criterion)
-
-
-def try_effect(model: ResidualModel, scores: Sequence[Score], name: str, floor: float) -> Trial:
-    """Fit the promising readings of one effect quickly; return the best.
-
-    Args:
-        model: to be extended.
-        scores: of families, those of the effect among them.
-        name: of the effect.
-        floor: white RMS of the noise alone.
-    """
-    own = sorted((s for s in scores if s.family.name == name), key=lambda s: s.criterion)
-    first = {s.family.reading: s for s in reversed(own)}
-    picked = sorted(first.values(), key=lambda s: s.criterion)[:_READINGS]
-    picked += [s for s in own[:2] if s not in picked]
-    tried = []
-    for score in picked:
-        fitted = model.with_effect(score.family, score.coefficients)
-        criterion = evidence(fitted, floor, score.family.choices)
-        tried.append(Trial(name, score.family.label, fitted, criterion, score))
-    return min(tried, key=lambda trial: trial.criterion)
+        choice = at_home(own, *rematch(model, own.name, names, floor), floor)

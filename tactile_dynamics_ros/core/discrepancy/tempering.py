@@ -14,7 +14,7 @@ import numpy as np
 from tactile_dynamics_ros.core.discrepancy.assessment import assess
 from tactile_dynamics_ros.core.discrepancy.model import ResidualModel, instants
 from tactile_dynamics_ros.core.discrepancy.search import Step
-from tactile_dynamics_ros.core.discrepancy.selection import Trial, evidence
+from tactile_dynamics_ros.core.discrepancy.trials import Trial, evidence
 from tactile_dynamics_ros.core.discrepancy.validation import fits_equally
 from tactile_dynamics_ros.core.discrepancy.windows import window_index
 

@@ -12,7 +12,7 @@ from tactile_dynamics_ros.core.discrepancy.assessment import (
     noise_is_as_stated,
 )
 from tactile_dynamics_ros.core.discrepancy.screening import screen
-from tactile_dynamics_ros.core.discrepancy.selection import try_effect
+from tactile_dynamics_ros.core.discrepancy.trials import try_effect
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.batch import BatchConfig
 from tactile_dynamics_ros.core.inertia.discrepancy_model import HeldObjectModel

@@ -1,0 +1,138 @@
+"""Effects tried at a fixed whitening: quick fits and their evidence."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from tactile_dynamics_ros.core.discrepancy.model import ResidualModel
+from tactile_dynamics_ros.core.discrepancy.screening import Score, best_by_effect
+from tactile_dynamics_ros.core.discrepancy.validation import HeldOut, held_out
+
+REACH = 0.25
+"""Share of the fall of the best that a bound may lie behind to be worth a fit."""
+CHANCE = 12.0
+"""Difference of `evidence` that chance may make."""
+_READINGS = 4
+_DECISIVE = 0.1
+"""Share of what a model leaves beyond noise by which another must be better to be worth a fit."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One model with one effect more, fitted.
+
+    Attributes:
+        name: the effect.
+        label: the reading of it.
+        model: the fitted model.
+        criterion: its `evidence`, comparable between trials at the same whitening.
+        source: the score that it started from.
+    """
+
+    name: str
+    label: str
+    model: ResidualModel
+    criterion: float
+    source: Score
+
+    @cached_property
+    def held_out(self) -> HeldOut:
+        """Held-out error."""
+        return held_out(self.model)
+
+
+def evidence(
+    model: ResidualModel, floor: float, choices: int = 1, dispersion: float = 1.0
+) -> float:
+    """-2 log evidence of a model up to a constant of its whitening (Schwarz 1978).
+
+    Args:
+        model: fitted.
+        floor: white RMS of the noise alone.
+        choices: number of families searched.
+        dispersion: by which squares and samples count less than those of white noise.
+    """
+    residual = model.residual
+    return (
+        float(residual @ residual) / floor**2 / dispersion
+        + model.freedom * float(np.log(len(residual) / dispersion))
+        + 2.0 * float(np.log(choices))
+    )
+
+
+def decisive(model: ResidualModel, floor: float) -> float:
+    """Difference of `evidence` from which another effect is worth a thorough fit.
+
+    Where far more than noise remains, neither is the cause, and small differences mean nothing.
+
+    Args:
+        model: fitted.
+        floor: white RMS of the noise alone.
+    """
+    return _DECISIVE * max(square(model) / floor**2 - len(model.residual), 0.0)
+
+
+def square(model: ResidualModel) -> float:
+    """Squared white residual."""
+    return float(model.residual @ model.residual)
+
+
+def in_place(trial: Trial, model: ResidualModel, floor: float) -> Trial:
+    """The trial as it fits in a model that has its effect."""
+    criterion = evidence(model, floor, trial.source.family.choices)
+    return replace(trial, model=model, criterion=criterion)
+
+
+def try_effects(
+    model: ResidualModel,
+    scores: Sequence[Score],
+    floor: float,
+    reach: float = REACH,
+    reached: float = np.inf,
+) -> list[Trial]:
+    """Refit effects at the whitening of the model, best first.
+
+    The score of a linear family bounds what its effect can reach; effects whose bound is far
+    behind the best refit are left out.
+
+    Args:
+        model: to be extended.
+        scores: of all families.
+        floor: white RMS of the noise alone.
+        reach: share of the fall of the best that a bound may lie behind.
+        reached: `evidence` that an effect is known to reach.
+    """
+    present = evidence(model, floor)
+    trials: list[Trial] = []
+    for score in best_by_effect(scores):
+        best = min([reached, *(trial.criterion for trial in trials)])
+        allowance = reach * max(present - best, 0.0) if best < np.inf else 0.0
+        if score.criterion > best + allowance + CHANCE:
+            break
+        trials.append(try_effect(model, scores, score.family.name, floor))
+    return sorted(trials, key=lambda trial: trial.criterion)
+
+
+def try_effect(model: ResidualModel, scores: Sequence[Score], name: str, floor: float) -> Trial:
+    """Fit the promising readings of one effect quickly; return the best.
+
+    Args:
+        model: to be extended.
+        scores: of families, those of the effect among them.
+        name: of the effect.
+        floor: white RMS of the noise alone.
+    """
+    own = sorted((s for s in scores if s.family.name == name), key=lambda s: s.criterion)
+    first = {s.family.reading: s for s in reversed(own)}
+    picked = sorted(first.values(), key=lambda s: s.criterion)[:_READINGS]
+    picked += [s for s in own[:2] if s not in picked]
+    tried = []
+    for score in picked:
+        fitted = model.with_effect(score.family, score.coefficients)
+        criterion = evidence(fitted, floor, score.family.choices)
+        tried.append(Trial(name, score.family.label, fitted, criterion, score))
+    return min(tried, key=lambda trial: trial.criterion)
