@@ -66,7 +66,7 @@ def draw_convergence(
                 axes.axhline(scale * true_values[row], color=colour, linestyle=(0, (4, 3)))
         axes.set_ylim(settled_view(history, shown, scale, true_values))
         axes.set_ylabel(unit)
-        axes.set_xlabel("seconds of data used")
+        axes.set_xlabel("seconds since the first estimate")
         axes.margins(x=0.01)
         if len(rows) > 1:
             label_lines(axes, [LABELS[row] for row in shown])
@@ -89,10 +89,10 @@ def _values_of(body: InertialParameters) -> Array:
 def _draw_band(axes: Axes, history: EstimateHistory, row: int, scale: float, colour: str) -> None:
     """Draw one parameter with its band."""
     value, std = scale * history.value[:, row], scale * history.std[:, row]
-    axes.fill_between(
-        history.time, value - 2 * std, value + 2 * std, color=colour, alpha=0.16, linewidth=0
-    )
-    axes.plot(history.time, value, color=colour, label=LABELS[row], linewidth=1.5)
+    seconds = history.time - history.time[0]
+    low, high = value - 2 * std, value + 2 * std
+    axes.fill_between(seconds, low, high, color=colour, alpha=0.16, linewidth=0)
+    axes.plot(seconds, value, color=colour, label=LABELS[row], linewidth=1.5)
 
 
 def settled_view(
