@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.discrepancy.model import Family, ResidualModel
-from tactile_dynamics_ros.core.discrepancy.screening import FEIGNED, orthonormal, screen
+from tactile_dynamics_ros.core.discrepancy.screening import FEIGNED, Score, orthonormal
 from tactile_dynamics_ros.core.discrepancy.windows import Index, window_rows, window_starts
 
 Array = NDArray[np.float64]
@@ -157,14 +158,14 @@ def _side(windows: Array, ends: bool) -> Array:
     return np.concatenate([after[2:], np.zeros_like(after[:1])])
 
 
-def clear_change(model: ResidualModel, floor: float) -> Change | None:
+def clear_change(model: ResidualModel, scores: Sequence[Score], floor: float) -> Change | None:
     """A change that explains at least half of the excess error, and more than any effect could.
 
     Args:
         model: fitted.
+        scores: of every effect.
         floor: white RMS of the noise alone.
     """
-    scores = screen(model, model.families(), floor)
     if not scores:
         return None
     best = min(scores, key=lambda score: score.criterion)

@@ -103,7 +103,7 @@ def diagnose(
     before = held_out(model)
 
     def unnamed(verdict: str, steps: tuple[Step, ...], floor: float) -> Diagnosis:
-        signature = describe_residual(model) if verdict == "unexplained" else None
+        signature = describe_residual(first) if verdict == "unexplained" else None
         return Diagnosis(verdict, None, (), model, first, steps, before, before, floor, signature)
 
     if first.white:

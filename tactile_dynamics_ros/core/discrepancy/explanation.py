@@ -120,5 +120,5 @@ def _summarise(
         before=first.before,
         after=held_out(model),
         floor=floor,
-        signature=describe_residual(model) if left else None,
+        signature=describe_residual(final) if left else None,
     )

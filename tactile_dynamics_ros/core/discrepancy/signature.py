@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.discrepancy.assessment import noise_floor
+from tactile_dynamics_ros.core.discrepancy.assessment import Assessment
 from tactile_dynamics_ros.core.discrepancy.change import Change, clear_change
 from tactile_dynamics_ros.core.discrepancy.lines import find_line, in_frames
 from tactile_dynamics_ros.core.discrepancy.model import Family, ResidualModel, Residuals
 from tactile_dynamics_ros.core.discrepancy.screening import Score, best_by_effect, screen
-from tactile_dynamics_ros.core.discrepancy.structure import examine
+from tactile_dynamics_ros.core.discrepancy.structure import Structure
 
 Array = NDArray[np.float64]
 
@@ -65,10 +65,10 @@ class Signature:
         }
 
 
-def describe_residual(model: ResidualModel) -> Signature:
-    """Describe what is left over by spectrum, frame, bursts and sparse regression."""
+def describe_residual(assessment: Assessment) -> Signature:
+    """Describe what a model leaves over by spectrum, frame, bursts and sparse regression."""
+    model, floor = assessment.model, assessment.structure.floor
     residuals = model.residuals()
-    floor = noise_floor(model)
     line = find_line(residuals, floor)
     frequency = line.hz if line else None
     scores = screen(model, model.library(), floor)
@@ -85,8 +85,8 @@ def describe_residual(model: ResidualModel) -> Signature:
         correlates_with=named.family.name if named else None,
         share=share if named else 0.0,
         formula=_find_formula(model, scores, floor, excess),
-        intervals=_bursts(residuals, floor),
-        change=clear_change(model, floor),
+        intervals=_bursts(residuals, assessment.structure),
+        change=clear_change(model, assessment.scores, floor),
     )
 
 
@@ -101,15 +101,15 @@ def failing_channels(residuals: Residuals, frame: str | None, floor: float) -> t
     return tuple(residuals.channels[k] for k in order)
 
 
-def _bursts(residuals: Residuals, floor: float) -> tuple[tuple[float, float], ...]:
+def _bursts(residuals: Residuals, structure: Structure) -> tuple[tuple[float, float], ...]:
     """Times of the bursts if most of the excess error comes in a small part of the time."""
-    bursts = examine(residuals.time, residuals.white).bursts
+    bursts = structure.bursts
     if not len(bursts):
         return ()
     inside = np.any(
         (residuals.time[:, None] >= bursts[:, 0]) & (residuals.time[:, None] < bursts[:, 1]), axis=1
     )
-    excess = residuals.white**2 - floor**2
+    excess = residuals.white**2 - structure.floor**2
     share = float(excess[inside].sum() / max(float(excess.sum()), 1e-12))
     if share < _BURST_SHARE or inside.mean() > _BURST_TIME:
         return ()
