@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
-from tactile_dynamics_ros.core.discrepancy.model import ResidualModel, instants
+from tactile_dynamics_ros.core.discrepancy.model import Misfit, ResidualModel, instants
 from tactile_dynamics_ros.core.discrepancy.screening import Score, adjusted_p_value, screen
 from tactile_dynamics_ros.core.discrepancy.structure import (
     Structure,
@@ -54,7 +54,7 @@ class Assessment:
     @cached_property
     def rms(self) -> float:
         """White RMS of the residual."""
-        return float(np.sqrt(np.mean(self.model.residual**2)))
+        return Misfit.of(self.model).rms
 
     @cached_property
     def scores(self) -> tuple[Score, ...]:

@@ -12,11 +12,11 @@ from tactile_dynamics_ros.core.discrepancy.model import Misfit, ResidualModel
 from tactile_dynamics_ros.core.discrepancy.screening import Score, screen
 from tactile_dynamics_ros.core.discrepancy.trials import (
     CHANCE,
-    REACH,
     Trial,
     decisive,
     evidence,
     in_place,
+    reachable,
     square,
     try_effect,
     try_effects,
@@ -52,7 +52,7 @@ def choose_effect(
     slack = _QUICK_SLACK * (needed**2 - floor**2)
     if square(trials[0].model) > (floor**2 + slack) * len(model.residual):
         return _given_up(trials[0], trials[1:], present)
-    reach = trials[0].criterion + REACH * max(present - trials[0].criterion, 0.0) + CHANCE
+    reach = reachable(trials[0].criterion, present) + CHANCE
     names = [t.name for t in trials if t.criterion <= reach][: 1 + _MOST_RIVALS]
     best = trials[0]
     refined, before = best.model.refined(), Misfit.of(model)
@@ -117,9 +117,8 @@ def _sparser(choice: Choice, names: Sequence[str], floor: float) -> Choice:
             for score in screen(bare, bare.families([best.name]), floor)
             if score.family.reading == reading and len(score.family.kept) < most
         ]
-        reach = best.criterion + REACH * max(evidence(bare, floor) - best.criterion, 0.0)
         fewer = min(scores, key=lambda score: score.criterion, default=None)
-        if fewer is None or fewer.criterion > reach:
+        if fewer is None or fewer.criterion > reachable(best.criterion, choice.without):
             return choice
         trial = try_effect(bare, [fewer], best.name, floor)
         model = trial.model.refined()

@@ -15,6 +15,7 @@ from tactile_dynamics_ros.core.discrepancy.lines import find_line, in_frames
 from tactile_dynamics_ros.core.discrepancy.model import Family, ResidualModel, Residuals
 from tactile_dynamics_ros.core.discrepancy.screening import Score, best_by_effect, screen
 from tactile_dynamics_ros.core.discrepancy.structure import Structure
+from tactile_dynamics_ros.core.discrepancy.trials import square
 
 Array = NDArray[np.float64]
 
@@ -72,8 +73,7 @@ def describe_residual(assessment: Assessment) -> Signature:
     line = find_line(residuals, floor)
     frequency = line.hz if line else None
     scores = screen(model, model.library(), floor)
-    total = float(model.residual @ model.residual)
-    excess = max(total - floor**2 * len(model.residual), 1e-12)
+    excess = max(square(model) - floor**2 * len(model.residual), 1e-12)
     best = best_by_effect(scores)
     share = min(1.0, best[0].gain / excess) if best else 0.0
     named = best[0] if best and share > _CORRELATED else None

@@ -56,10 +56,9 @@ def evidence(
         choices: number of families searched.
         dispersion: by which squares and samples count less than those of white noise.
     """
-    residual = model.residual
     return (
-        float(residual @ residual) / floor**2 / dispersion
-        + model.freedom * float(np.log(len(residual) / dispersion))
+        square(model) / floor**2 / dispersion
+        + model.freedom * float(np.log(len(model.residual) / dispersion))
         + 2.0 * float(np.log(choices))
     )
 
@@ -74,6 +73,17 @@ def decisive(model: ResidualModel, floor: float) -> float:
         floor: white RMS of the noise alone.
     """
     return _DECISIVE * max(square(model) / floor**2 - len(model.residual), 0.0)
+
+
+def reachable(reached: float, without: float, share: float = REACH) -> float:
+    """`evidence` of what lies behind the best by less than a share of its fall.
+
+    Args:
+        reached: `evidence` of the best.
+        without: the same without an effect.
+        share: of the difference.
+    """
+    return reached + share * max(without - reached, 0.0)
 
 
 def square(model: ResidualModel) -> float:
@@ -110,8 +120,7 @@ def try_effects(
     trials: list[Trial] = []
     for score in best_by_effect(scores):
         best = min([reached, *(trial.criterion for trial in trials)])
-        allowance = reach * max(present - best, 0.0) if best < np.inf else 0.0
-        if score.criterion > best + allowance + CHANCE:
+        if score.criterion > reachable(best, present, reach) + CHANCE:
             break
         trials.append(try_effect(model, scores, score.family.name, floor))
     return sorted(trials, key=lambda trial: trial.criterion)

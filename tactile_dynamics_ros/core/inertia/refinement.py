@@ -69,10 +69,11 @@ def refine(model: FittedModel, before: Misfit, foreseen: float) -> FittedModel:
         before: without its last effect; a fit that is drowned in noise is not pursued.
         foreseen: white RMS above which a fit has failed and is not pursued either.
     """
-    refined = _to_the_end(model, before) if model.whitened_rms <= foreseen else model
+    pursued = model.whitened_rms <= foreseen
+    refined = _to_the_end(model, before) if pursued else model
     if before.is_drowned(refined.misfit):
         return refined
-    thicker = fit_unfolded(refined, 2) if refined is not model else None
+    thicker = fit_unfolded(refined, 2) if pursued else None
     if thicker is not None and thicker.whitened_rms < refined.whitened_rms:
         refined = _better(refined, thicker, before)
     if refined.effects and refined.whitened_rms > _DOUBTFUL:
