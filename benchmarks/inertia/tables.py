@@ -263,7 +263,8 @@ def _box_table(result: dict[str, Any], kinds: Sequence[str]) -> str:
                 f"{found['com_mm']:.2f}",
                 f"{1e5 * found['inertia']:.1f}",
             )
-            held = f"{100 * row['coverage']:.0f} %" if kind == "ours" else ""
-            lines.append([row["object"], kind, *values, held])
+            held = row["coverage"].get(kind)
+            share = f"{100 * held:.0f} %" if held else ""
+            lines.append([row["object"], kind, *values, share])
     header = ["object", "method", "Eq. 34", "distance", "mass, %", "CoM, mm"]
     return _table([*header, "inertia, 1e-5 kg m^2", "90 % intervals that hold"], lines)

@@ -9,6 +9,9 @@ from argparse import Namespace, _SubParsersAction
 from pathlib import Path
 from typing import Any
 
+_MOST_HELD_OUT = 150
+"""Simulated sensors per protocol that only calibrate the uncertainty."""
+
 
 def add_parser(verbs: _SubParsersAction[Any]) -> None:
     """Add the verb."""
@@ -16,7 +19,7 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
     parser.add_argument("what", choices=["biotac"], help="what to train")
     parser.add_argument("--seed", type=int, default=0, help="of units, presses and weights (0)")
     parser.add_argument(
-        "--units", type=int, default=800, help="simulated sensors per protocol (800)"
+        "--units", type=int, default=4000, help="simulated sensors per protocol (4000)"
     )
     parser.add_argument("--epochs", type=int, default=60, help="passes over the frames (60)")
     parser.add_argument("--out", metavar="FILE", help="where to write (the shipped file)")
@@ -30,13 +33,14 @@ def run(args: Namespace) -> int:
     from tactile_dynamics_ros.sim.sensors.biotac.calibrate import (
         HELD_OUT_SEED,
         join_presses,
+        label_batches,
         label_protocols,
     )
 
     start = time.monotonic()
     print("pressing simulated fingertips ...", file=sys.stderr)
-    presses = join_presses(label_protocols(args.units, args.seed).values())
-    others = max(args.units // 6, 2)
+    presses = label_batches(args.units, args.seed)
+    others = min(max(args.units // 6, 2), _MOST_HELD_OUT)
     held_out = join_presses(label_protocols(others, args.seed + HELD_OUT_SEED).values())
     command = f"train biotac --seed {args.seed} --units {args.units} --epochs {args.epochs}"
     config = TrainingConfig(epochs=args.epochs, seed=args.seed)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 
 import numpy as np
@@ -20,7 +21,7 @@ from tactile_dynamics_ros.core.tactile.network.estimator import (
     predict_presses,
     predict_sequence,
 )
-from tactile_dynamics_ros.core.tactile.network.inputs import Memory, lagged
+from tactile_dynamics_ros.core.tactile.network.inputs import INPUTS, Memory, lagged
 from tactile_dynamics_ros.core.tactile.network.training import TrainingConfig, train_network
 from tactile_dynamics_ros.core.tactile.network.voxel import (
     VoxelConfig,
@@ -88,7 +89,7 @@ def test_intervals_and_contact_point_of_the_shipped_network(unseen):
 def test_tiny_retraining_beats_the_analytic_estimator_fitted_to_the_same(unseen):
     few, others = presses(192, seed=5, frames=400), presses(24, seed=6, frames=400)
     config = TrainingConfig(epochs=20, every=6, width=64, batch=256, learning_rate=6e-3)
-    weights = train_network(few, others, "a test", config)
+    weights = train_network([few], others, "a test", config)
     fitted = fit_calibration(few, others, "a test", every=8)
     truth = unseen.force.reshape(-1, 3)
     network = [each.force for each in predict_presses(unseen, weights)]
@@ -143,9 +144,13 @@ def test_weights_file_round_trip_and_damage(tmp_path):
     path = tmp_path / "weights.npz"
     shipped_network().save(path)
     again = NetworkWeights.load(path)
-    inputs, size = np.random.default_rng(1).normal(size=(5, 101)), np.ones((5, 1))
+    inputs, size = np.random.default_rng(1).normal(size=(5, INPUTS)), np.ones((5, 1))
     expected = shipped_network().evaluate(inputs, size)
     assert np.array_equal(again.evaluate(inputs, size).force, expected.force)
+    older = dataclasses.replace(shipped_network(), mean=np.zeros(101), scale=np.ones(101))
+    older.save(path)
+    with pytest.raises(BadInputError, match="train again"):
+        NetworkWeights.load(path)
     path.write_bytes(b"nothing")
     with pytest.raises(BadInputError, match=r"weights\.npz"):
         NetworkWeights.load(path)

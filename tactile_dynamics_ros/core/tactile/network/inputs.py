@@ -10,8 +10,9 @@ from tactile_dynamics_ros.core.tactile.features import PATTERN_FLOOR, signal_siz
 
 Array = NDArray[np.float64]
 
-MEMORY = np.array([0.03, 0.25, 4.0])
-"""Time constants of the low-passes that give the network a past, s."""
+MEMORY = np.array([0.02, 0.05, 0.12, 0.3, 1.0, 4.0])
+"""Time constants of the low-passes that give the network a past, s: the short ones let it average
+the noise of a frame without lagging behind, the long ones show creep."""
 
 INPUTS = 20 * (1 + len(MEMORY)) + 2 + 19
 
@@ -20,7 +21,7 @@ REST_MEAN, REST_SPREAD = 3100.0, 300.0
 
 
 def lagged(change: Array, period: float) -> Array:
-    """Return (T, 3, 20) low-passed copies of a sequence (T, 20), zero before it starts."""
+    """Return (T, 6, 20) low-passed copies of a sequence (T, 20), zero before it starts."""
     follow = 1.0 - np.exp(-period / MEMORY)
     copies = [lfilter([f], [1.0, f - 1.0], change, axis=0) for f in follow]
     return np.stack(copies, axis=1)
@@ -42,13 +43,13 @@ class Memory:
         self._state = np.zeros((len(MEMORY), 20))
 
     def update(self, change: Array) -> Array:
-        """Return (3, 20) low-passed signals after the next frame (20,)."""
+        """Return (6, 20) low-passed signals after the next frame (20,)."""
         self._state = self._state + self._follow * (change - self._state)
         return self._state
 
 
 def network_inputs(change: Array, past: Array, rest: Array) -> tuple[Array, Array]:
-    """Return inputs (..., 101) and signal size (..., 1).
+    """Return inputs (..., INPUTS) and signal size (..., 1).
 
     The pattern change / size and the differences (change - past) / size tell where, how and since
     when; the size tells how hard, and scales the output. The rest state tells how sensitive each
@@ -56,7 +57,7 @@ def network_inputs(change: Array, past: Array, rest: Array) -> tuple[Array, Arra
 
     Args:
         change: (..., 20) tared signals, hundreds of counts.
-        past: (..., 3, 20) low-passed copies.
+        past: (..., 6, 20) low-passed copies.
         rest: (19,) electrode counts without contact.
     """
     size = signal_size(change) + PATTERN_FLOOR

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import torch
@@ -24,21 +25,23 @@ from tactile_dynamics_ros.core.tactile.network.weights import (
     SMALLEST_STD,
     STRENGTH_KNOTS,
     NetworkWeights,
+    as_stored,
 )
 
 Array = NDArray[np.float64]
 
 OUTPUTS = 10
+_PHASE_STEP = 7
 
 
 @dataclass(frozen=True)
 class TrainingConfig:
     """Size of the network and of its training."""
 
-    width: int = parameter(192, "units of the first two hidden layers", "", 4, 2048)
+    width: int = parameter(384, "units of the first three hidden layers", "", 4, 2048)
     epochs: int = parameter(60, "passes over the frames", "", 1, 10000)
     batch: int = parameter(1024, "frames per step", "", 8, 65536)
-    every: int = parameter(15, "use every such frame of a sequence", "", 1, 100)
+    every: int = parameter(40, "use every such frame of a sequence", "", 1, 100)
     learning_rate: float = parameter(3e-3, "largest step size", "", 1e-6, 1.0)
     weight_decay: float = parameter(1e-4, "decay of weights", "", 0.0, 1.0)
     place_share: float = parameter(0.1, "weight of the contact point in the loss", "", 0.0, 10.0)
@@ -50,7 +53,7 @@ class TrainingConfig:
 
 @dataclass(frozen=True)
 class Frames:
-    """Frames ready for training: inputs (N, 101), size (N, 1), force (N, 3), point (N, 3)."""
+    """Frames ready for training: inputs (N, INPUTS), size (N, 1), force (N, 3), point (N, 3)."""
 
     inputs: Tensor
     size: Tensor
@@ -58,38 +61,35 @@ class Frames:
     point: Tensor
 
 
-def prepare_frames(presses: LabelledPresses, every: int) -> Frames:
-    """Return every ``every``-th frame of all sequences, and of their mirrored copies."""
-    parts: list[tuple[Array, Array, Array, Array]] = []
-    for mirror, axes in ((np.arange(20), np.ones(3)), (MIRROR, MIRROR_AXES)):
-        columns = (presses.change, presses.force, presses.point, presses.rest)
-        for change, force, point, rest in zip(*columns, strict=True):
-            seen, level = change[:, mirror], rest[mirror[:19]]
-            inputs, size = network_inputs(seen, lagged(seen, presses.period), level)
-            parts.append(
-                (inputs[::every], size[::every], (force * axes)[::every], (point * axes)[::every])
-            )
-    stacked = [
-        torch.tensor(np.concatenate(part), dtype=torch.float32) for part in zip(*parts, strict=True)
-    ]
-    return Frames(*stacked)
+def prepare_frames(presses: Iterable[LabelledPresses], every: int) -> Frames:
+    """Return every ``every``-th frame of all sequences, and of their mirrored copies.
+
+    Sequences begin at different frames, so that all times since the first touch are seen.
+    """
+    rows: list[tuple[Array, ...]] = []
+    for part in presses:
+        for mirror, axes in ((np.arange(20), np.ones(3)), (MIRROR, MIRROR_AXES)):
+            columns = (part.change, part.force, part.point, part.rest)
+            for change, force, point, rest in zip(*columns, strict=True):
+                seen, level = change[:, mirror], rest[mirror[:19]]
+                found = network_inputs(seen, lagged(seen, part.period), level)
+                taken = slice(_PHASE_STEP * len(rows) % every, None, every)
+                each = (*found, force * axes, point * axes)
+                rows.append(tuple(values[taken].astype(np.float32) for values in each))
+    return Frames(*(torch.from_numpy(np.concatenate(column)) for column in zip(*rows, strict=True)))
 
 
 def build_network(width: int) -> nn.Sequential:
-    """Return the perceptron 101 - width - width - width / 2 - 10 with ReLU."""
-    return nn.Sequential(
-        nn.Linear(INPUTS, width),
-        nn.ReLU(),
-        nn.Linear(width, width),
-        nn.ReLU(),
-        nn.Linear(width, width // 2),
-        nn.ReLU(),
-        nn.Linear(width // 2, OUTPUTS),
-    )
+    """Return the perceptron INPUTS - width - width - width - width / 2 - 10 with SiLU."""
+    sizes = [INPUTS, width, width, width, width // 2]
+    layers: list[nn.Module] = []
+    for before, after in pairwise(sizes):
+        layers += [nn.Linear(before, after), nn.SiLU()]
+    return nn.Sequential(*layers, nn.Linear(sizes[-1], OUTPUTS))
 
 
 def train_network(
-    presses: LabelledPresses,
+    presses: Iterable[LabelledPresses],
     held_out: LabelledPresses,
     origin: str,
     config: TrainingConfig | None = None,
@@ -98,7 +98,7 @@ def train_network(
     """Train on ``presses`` and calibrate standard deviations on units of ``held_out``.
 
     Args:
-        presses: to train on.
+        presses: to train on, in parts that are not kept.
         held_out: of other units.
         origin: description that is stored with the weights.
         config: size and length of the training.
@@ -114,7 +114,7 @@ def train_network(
     )
     steps = config.epochs * (len(frames.size) // config.batch + 1)
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, config.learning_rate, steps)
-    standard = Frames((frames.inputs - mean) / scale, frames.size, frames.force, frames.point)
+    standard = Frames(frames.inputs.sub_(mean).div_(scale), frames.size, frames.force, frames.point)
     for epoch in range(config.epochs):
         losses = []
         order = torch.randperm(len(frames.size))
@@ -159,10 +159,13 @@ def _likelihood(error: Tensor, std: Tensor) -> Tensor:
 def _calibrated(
     network: nn.Sequential, mean: Tensor, scale: Tensor, held_out: LabelledPresses, origin: str
 ) -> NetworkWeights:
-    """Return weights whose 90 % intervals hold on held-out units in every band of force."""
+    """Return weights, as a file gives them back, with 90 % intervals that hold on held-out units.
+
+    They hold in every band of force.
+    """
     linear = [layer for layer in network if isinstance(layer, nn.Linear)]
     layers = tuple(
-        (layer.weight.detach().numpy().T.copy(), layer.bias.detach().numpy().copy())
+        (as_stored(layer.weight.detach().numpy().T), as_stored(layer.bias.detach().numpy()))
         for layer in linear
     )
     knots = len(STRENGTH_KNOTS)

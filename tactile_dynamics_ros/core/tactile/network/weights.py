@@ -9,9 +9,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit
 
 from tactile_dynamics_ros.core.contact.skin_surface import project_to_skin
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.tactile.network.inputs import INPUTS
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
@@ -45,8 +47,9 @@ class NetworkWeights:
     """A multilayer perceptron with standardised inputs and calibrated uncertainty.
 
     Attributes:
-        mean, scale: (101,) of the inputs.
-        layers: matrix (n_in, n_out) and bias (n_out,) per layer; ReLU between them.
+        mean, scale: (INPUTS,) of the inputs.
+        layers: matrix (n_in, n_out) and bias (n_out,) per layer; SiLU, x / (1 + exp(-x)), between
+            them. They are kept to half precision in the file.
         force_temperature: (6, 3) factors on the force std at STRENGTH_KNOTS.
         place_temperature: (6,) factors on the point std.
         origin: what it was trained on.
@@ -60,13 +63,14 @@ class NetworkWeights:
     origin: str
 
     def evaluate(self, inputs: Array, size: Array) -> Prediction:
-        """Return contacts for inputs (N, 101) and signal sizes (N, 1).
+        """Return contacts for inputs (N, INPUTS) and signal sizes (N, 1).
 
         f = size o_1..3, std = size (softplus(o_4..6) + floor) temperature(|f|).
         """
         hidden = ((inputs - self.mean) / self.scale).astype(np.float32)
         for matrix, bias in self.layers[:-1]:
-            hidden = np.maximum(hidden @ matrix + bias, 0.0)
+            hidden = hidden @ matrix + bias
+            hidden = hidden * expit(hidden)
         matrix, bias = self.layers[-1]
         output = (hidden @ matrix + bias).astype(np.float64)
         force = size * output[:, :3]
@@ -80,9 +84,9 @@ class NetworkWeights:
     def save(self, path: Path) -> None:
         """Write as a compressed npz file."""
         arrays: dict[str, NDArray[Any]] = {
-            f"matrix_{k}": layer[0] for k, layer in enumerate(self.layers)
+            f"matrix_{k}": layer[0].astype(np.float16) for k, layer in enumerate(self.layers)
         }
-        arrays |= {f"bias_{k}": layer[1] for k, layer in enumerate(self.layers)}
+        arrays |= {f"bias_{k}": layer[1].astype(np.float16) for k, layer in enumerate(self.layers)}
         arrays |= {"mean": self.mean, "scale": self.scale, "origin": np.array(self.origin)}
         arrays["force_temperature"] = self.force_temperature
         arrays["place_temperature"] = self.place_temperature
@@ -93,12 +97,20 @@ class NetworkWeights:
         """Read what `save` wrote.
 
         Raises:
-            BadInputError: the file is missing or holds no such network.
+            BadInputError: the file is missing, or holds no such network or one of another version.
         """
         try:
             with np.load(path) as content:
+                if len(content["mean"]) != INPUTS:
+                    raise ValueError(
+                        f"made for {len(content['mean'])} inputs, this version has {INPUTS}; "
+                        "train again (tactile-dynamics train biotac)"
+                    )
                 count = sum(name.startswith("matrix_") for name in content.files)
-                layers = tuple((content[f"matrix_{k}"], content[f"bias_{k}"]) for k in range(count))
+                layers = tuple(
+                    (as_stored(content[f"matrix_{k}"]), as_stored(content[f"bias_{k}"]))
+                    for k in range(count)
+                )
                 return cls(
                     content["mean"],
                     content["scale"],
@@ -109,6 +121,11 @@ class NetworkWeights:
                 )
         except (OSError, ValueError, KeyError) as error:
             raise BadInputError(f"network file {path}: {error}") from error
+
+
+def as_stored(values: NDArray[Any]) -> Single:
+    """Return weights as a file of half precision gives them back."""
+    return values.astype(np.float16).astype(np.float32)
 
 
 def interpolate(factors: Array, strength: Array) -> Array:

@@ -6,7 +6,7 @@ Run as ``python -m tactile_dynamics_ros.sim.sensors.biotac.calibrate --seed 0``.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -43,6 +43,13 @@ def label_protocols(units: int, seed: int) -> dict[str, LabelledPresses]:
     """Return the labelled presses of every protocol, ``units`` individual sensors each."""
     configs = protocols(units, seed)
     return {name: label_presses(record_presses(config)) for name, config in configs.items()}
+
+
+def label_batches(units: int, seed: int, batch: int = 250) -> Iterator[LabelledPresses]:
+    """Yield the labelled presses of every protocol, ``batch`` sensors at a time."""
+    for start in range(0, units, batch):
+        step = len(protocols(1, 0)) * (start // batch)
+        yield from label_protocols(min(batch, units - start), seed + step).values()
 
 
 def join_presses(parts: Iterable[LabelledPresses]) -> LabelledPresses:

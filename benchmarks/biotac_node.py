@@ -1,0 +1,106 @@
+"""How long the live node `biotac_force` takes, from a frame on its topic to the last force."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.contact.robot_description import FINGERS
+from tactile_dynamics_ros.sim.sensors.biotac import BioTacArray
+
+if TYPE_CHECKING:
+    from rclpy.node import Node
+
+_NODE = "import sys; from tactile_dynamics_ros.nodes.biotac_force import main; sys.exit(main())"
+_PAD = np.tile([-6e-3, 0.0, -7e-3], (len(FINGERS), 1))
+_TARE_FRAMES, _START_S, _LOST_S = 60, 30.0, 0.2
+
+
+def node_latency(frames: int = 2000) -> dict[str, float]:
+    """Publish frames of four pressed fingertips at 100 Hz and wait for the last finger's force.
+
+    The node is a process of its own; times (ms) include both ways over DDS.
+
+    Raises:
+        RuntimeError: the node does not answer.
+    """
+    domain = str(100 + os.getpid() % 100)
+    os.environ["ROS_DOMAIN_ID"] = domain
+    with tempfile.TemporaryDirectory() as folder:
+        words = ["--ros-args", "-p", f"tare_file:={Path(folder) / 'tare.npy'}"]
+        node = subprocess.Popen([sys.executable, "-c", _NODE, *words])
+        try:
+            spent = _round_trips(frames)
+        finally:
+            node.terminate()
+            node.wait(10.0)
+    lost = np.isnan(spent)
+    return {
+        "frames": len(spent),
+        "lost": int(lost.sum()),
+        "median_ms": float(np.median(spent[~lost])),
+        "p99_ms": float(np.quantile(spent[~lost], 0.99)),
+    }
+
+
+def _round_trips(frames: int) -> NDArray[np.float64]:
+    """Return the time (frames,) ms until the last force of each frame came back, NaN if none."""
+    import rclpy
+    from geometry_msgs.msg import WrenchStamped
+    from sensor_msgs.msg import Image
+
+    from tactile_dynamics_ros.nodes.conversions import biotac_to_message
+    from tactile_dynamics_ros.nodes.shell import STREAM
+
+    rclpy.init()
+    here = rclpy.create_node("biotac_latency")
+    arrived: list[float] = []
+    here.create_subscription(
+        WrenchStamped,
+        f"/biotac/{FINGERS[-1]}/force",
+        lambda _: arrived.append(time.perf_counter()),
+        STREAM,
+        raw=True,
+    )
+    publisher = here.create_publisher(Image, "/biotac/raw", STREAM)
+    _wait_for(here, lambda: publisher.get_subscription_count() > 0)
+    sensors, stamp, spent = BioTacArray(len(FINGERS), seed=0), 1.0, []
+    for k in range(_TARE_FRAMES + frames):
+        stamp += 0.01
+        press = 0.0 if k < _TARE_FRAMES else 1.0 + 0.5 * np.sin(0.05 * k)
+        counts = sensors.measure(np.tile([0.0, 0.0, -press], (len(FINGERS), 1)), _PAD)
+        message = biotac_to_message(counts, stamp, "hand")
+        arrived.clear()
+        start = time.perf_counter()
+        publisher.publish(message)
+        while not arrived and time.perf_counter() < start + _LOST_S:
+            rclpy.spin_once(here, timeout_sec=0.01)
+        if k >= _TARE_FRAMES:
+            spent.append(1e3 * (arrived[0] - start) if arrived else np.nan)
+        time.sleep(max(0.0, start + 0.01 - time.perf_counter()))
+    here.destroy_node()
+    rclpy.shutdown()
+    return np.array(spent)
+
+
+def _wait_for(node: Node, condition: Callable[[], bool]) -> None:
+    import rclpy
+
+    deadline = time.monotonic() + _START_S
+    while not condition():
+        if time.monotonic() > deadline:
+            raise RuntimeError("biotac_force did not start within 30 s")
+        rclpy.spin_once(node, timeout_sec=0.05)
+
+
+if __name__ == "__main__":
+    print(node_latency())
