@@ -21,7 +21,7 @@ from benchmarks.inertia.published import (
 )
 from benchmarks.inertia.scores import Score, physical
 from tactile_dynamics_ros.core.inertia.batch import estimate_inertia
-from tactile_dynamics_ros.core.inertia.estimate import PARAMETER_NAMES, InertiaEstimate
+from tactile_dynamics_ros.core.inertia.estimate import PARAMETER_NAMES, InertialEstimate
 from tactile_dynamics_ros.core.inertia.incremental.replay import replay_streams
 from tactile_dynamics_ros.core.inertia.paper_a import METHODS, TimeSteps, estimate_as_published
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
@@ -142,7 +142,7 @@ def _box_row(
     }
 
 
-def _deviation(estimate: InertiaEstimate, truth: InertialParameters) -> Array:
+def _deviation(estimate: InertialEstimate, truth: InertialParameters) -> Array:
     """Errors (10,) of mass, centre of mass and inertia in their standard deviations."""
     return np.asarray((physical(estimate.inertia) - physical(truth)) / estimate.parameter_std)
 
