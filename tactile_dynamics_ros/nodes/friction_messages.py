@@ -5,7 +5,7 @@ from __future__ import annotations
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from tactile_dynamics_ros.core.friction.estimate import FrictionEstimate
-from tactile_dynamics_ros.nodes.diagnostics import status_message
+from tactile_dynamics_ros.nodes.diagnostics import status_message, status_values
 
 
 def estimate_status(
@@ -32,3 +32,13 @@ def estimate_status(
     level = DiagnosticStatus.WARN if moves or outcome else DiagnosticStatus.OK
     text = "; ".join([*sentences, outcome] if outcome else sentences) or "no slip yet"
     return status_message("friction", values, level, text)
+
+
+def friction_range(message: DiagnosticStatus) -> tuple[float, float] | None:
+    """Return the least and the largest coefficient that a final estimate allows, or None.
+
+    They are the ends of all regions' intervals: which region a finger touches is not known.
+    """
+    values = status_values(message)
+    ends = [float(v) for key, v in values.items() if key.endswith((".low", ".high"))]
+    return (min(ends), max(ends)) if values.get("final") == "True" and ends else None

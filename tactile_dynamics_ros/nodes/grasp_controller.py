@@ -37,7 +37,7 @@ from tactile_dynamics_ros.nodes.conversions import (
     uncertain_pose_to_core,
     wrench_to_core,
 )
-from tactile_dynamics_ros.nodes.diagnostics import status_values
+from tactile_dynamics_ros.nodes.friction_messages import friction_range
 from tactile_dynamics_ros.nodes.parameters import declare_config
 from tactile_dynamics_ros.nodes.shell import LATCHED, Shell, run_node
 from tactile_dynamics_ros.nodes.wire import Joints, Stamped
@@ -137,10 +137,9 @@ class GraspControllerNode(Shell):
 
     def _on_friction(self, message: DiagnosticStatus) -> None:
         """Grip as the least friction that was measured asks for."""
-        values = status_values(message)
-        lows = [float(value) for key, value in values.items() if key.endswith(".low")]
-        if values.get("final") == "True" and lows:
-            self._friction = min(lows)
+        found = friction_range(message)
+        if found is not None:
+            self._friction = found[0]
             if self._behaviour is not None:
                 self._behaviour.set_friction(self._friction)
 

@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import InertiaStamped, PoseWithCovarianceStamped
+from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
+from tactile_dynamics_ros.core.contact.friction_cone import cone_share, distance_beyond
 from tactile_dynamics_ros.core.contact.robot_description import FINGERS
 from tactile_dynamics_ros.core.effects.registry import create_effect
 from tactile_dynamics_ros.core.inertia.estimate import PARAMETER_NAMES
@@ -26,9 +29,12 @@ from tactile_dynamics_ros.nodes.conversions import (
     uncertain_pose_to_core,
 )
 from tactile_dynamics_ros.nodes.diagnostics import status_message
+from tactile_dynamics_ros.nodes.friction_messages import friction_range
 from tactile_dynamics_ros.nodes.parameters import declare_config
-from tactile_dynamics_ros.nodes.shell import Shell, run_node
+from tactile_dynamics_ros.nodes.shell import LATCHED, Shell, run_node
 from tactile_dynamics_ros.nodes.wire import Stamped
+
+Array = NDArray[np.float64]
 
 POSE = "/object/pose"
 
@@ -46,7 +52,12 @@ class InertialEstimatorConfig:
 
 
 class InertialEstimatorNode(Shell):
-    """Feeds the incremental estimator and publishes what it knows."""
+    """Feeds the incremental estimator and publishes what it knows.
+
+    Once the friction probe has measured the surface, the share of the friction cone that each
+    finger uses is published, and a force that friction could not hold counts as uncertain by at
+    least its distance to the cone.
+    """
 
     gather = 0.1
 
@@ -59,6 +70,9 @@ class InertialEstimatorNode(Shell):
         self._change_model(config)
         self._gate = StampGate(POSE)
         self._last_time = 0.0
+        self._friction: tuple[float, float] | None = None
+        self._grip: dict[str, object] = {}
+        self.listen(DiagnosticStatus, "/friction_probe/estimate", self._on_friction, LATCHED)
         self.listen(PoseWithCovarianceStamped, POSE, self._on_pose)
         self._contacts = [ContactAssembly(self, name, self._on_contact) for name in config.contacts]
         self._inertia = self.latched(InertiaStamped, "/inertial_estimator/inertia")
@@ -82,6 +96,9 @@ class InertialEstimatorNode(Shell):
             self.reset()
         self.estimator.add_pose(to_seconds(message.stamp), pose, covariance)
 
+    def _on_friction(self, message: DiagnosticStatus) -> None:
+        self._friction = friction_range(message) or self._friction
+
     def _on_contact(self, contact: AssembledContact) -> None:
         self.estimator.add_contact(
             contact.time,
@@ -89,9 +106,22 @@ class InertialEstimatorNode(Shell):
             contact.point,
             contact.rotation,
             contact.force,
-            contact.std,
+            self._believed_std(contact),
             contact.torque,
         )
+
+    def _believed_std(self, contact: AssembledContact) -> Array | None:
+        """Return the force's standard deviation (3,), N, with what friction says of it."""
+        if self._friction is None:
+            return contact.std
+        least, largest = self._friction
+        normal = contact.rotation[:, 2]
+        self._grip[contact.name] = cone_share(contact.force, normal, least)
+        beyond = distance_beyond(contact.force, normal, largest)
+        if beyond == 0.0 or contact.std is None:
+            return contact.std
+        self.faults.add(f"beyond_friction_{contact.name}")
+        return np.asarray(np.hypot(contact.std, beyond))
 
     def _update(self) -> None:
         estimate = self.estimator.update()
@@ -102,7 +132,7 @@ class InertialEstimatorNode(Shell):
         self._last_time = estimate.time
         self._inertia.publish(inertia_to_message(estimate.inertia, estimate.time, "object"))
         message = DiagnosticArray(header=header(estimate.time, "object"))
-        message.status = status_of(estimate, self._model)
+        message.status = [*status_of(estimate, self._model), status_message("grip", self._grip)]
         self._status.publish(message)
 
 

@@ -4,6 +4,7 @@ import time
 
 import pytest
 import rclpy
+from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import (
     PoseStamped,
     PoseWithCovarianceStamped,
@@ -17,6 +18,8 @@ def kind_of(topic, message):
     """Return the type of a message; that of serialised ones follows from the topic."""
     if not isinstance(message, bytes):
         return type(message)
+    if topic == "/friction_probe/estimate":
+        return DiagnosticStatus
     if topic.startswith("/object/pose"):
         return PoseWithCovarianceStamped
     if topic.startswith("/camera"):

@@ -9,8 +9,10 @@ from geometry_msgs.msg import InertiaStamped
 from rclpy.parameter import Parameter
 from synthetic_recording import COM, FORCE_STD, INERTIA_COM, MASS, held_box
 
+from tactile_dynamics_ros.core.friction.estimate import FrictionEstimate
 from tactile_dynamics_ros.nodes import conversions as cv
 from tactile_dynamics_ros.nodes.diagnostics import status_values
+from tactile_dynamics_ros.nodes.friction_messages import estimate_status
 from tactile_dynamics_ros.nodes.inertial_estimator import InertialEstimatorNode
 from tactile_dynamics_ros.nodes.shell import LATCHED
 
@@ -82,6 +84,26 @@ def test_known_box_is_found_with_its_uncertainty(estimator):
         assert abs(float(values[name]) - truth) < 5 * std
     assert len(status(estimator, "directions")) == 10
     assert float(status(estimator, "solver")["whitened_rms"]) == pytest.approx(1.0, abs=0.15)
+
+
+def test_measured_friction_shows_the_grip_and_doubts_forces_that_it_cannot_hold(estimator):
+    streams = held_box(seconds=4.0).streams
+    index = streams.contacts["index"]
+    index.force[300:] += 20.0 * index.rotation[300:, :, 0]
+    found = {"object": FrictionEstimate("object", 8, 1.8, 0.1, (1.6, 2.0), 1.7, 0.02, 0.03)}
+    topic, profile = "/friction_probe/estimate", LATCHED
+    estimator.send(topic, estimate_status(found, True, ""), profile=profile)
+    node = estimator.nodes[0]
+    estimator.until(lambda: node._friction is not None)
+    play(estimator, streams)
+    estimator.until(
+        lambda: node.faults.counts["beyond_friction_index"] >= 95 and settled(estimator, 300)
+    )
+    press = np.sum(index.force * index.rotation[:, :, 2], axis=1)
+    drag = np.linalg.norm(index.force - press[:, None] * index.rotation[:, :, 2], axis=1)
+    pulled = (drag / (1.6 * press))[300:]
+    assert pulled.min() - 0.01 < float(status(estimator, "grip")["index"]) < pulled.max() + 0.01
+    assert estimator.seen[INERTIA][-1].inertia.m == pytest.approx(MASS, rel=0.03)
 
 
 def test_model_changes_live_and_unknown_effects_are_refused(estimator):
