@@ -58,6 +58,8 @@ class BiotacForce(Shell):
     A restarted node continues with the tare that it kept, since the fingers may hold something.
     """
 
+    gather = 0.0  # one message carries all fingers: there is nothing to wait for
+
     def __init__(self) -> None:
         super().__init__("biotac_force")
         self.config = declare_config(self, BiotacForceConfig)
