@@ -139,11 +139,15 @@ def score_with_gain(test: LabelledPresses, found: Sequence[Array]) -> dict[str, 
     return score_force(np.concatenate(corrected), None, test.force[:, half:].reshape(-1, 3))
 
 
+def _cache() -> Path:
+    CACHE.mkdir(parents=True, exist_ok=True)
+    return CACHE
+
+
 def network_of_same_presses(quick: bool) -> NetworkWeights:
     """Train ours on the presses of the compared ones, or read what an earlier run trained."""
-    CACHE.mkdir(parents=True, exist_ok=True)
     units, epochs = (40, 3) if quick else (VOXEL_UNITS, 30)
-    path = CACHE / f"network_{units}_{epochs}.npz"
+    path = _cache() / f"network_{units}_{epochs}.npz"
     if path.exists():
         return NetworkWeights.load(path)
     print("training our network on the presses of the voxel networks ...", file=sys.stderr)
@@ -157,12 +161,11 @@ def network_of_same_presses(quick: bool) -> NetworkWeights:
 
 def voxel_networks(quick: bool) -> dict[str, VoxelNetwork]:
     """Train the compared networks, or read what an earlier run has trained."""
-    CACHE.mkdir(parents=True, exist_ok=True)
     units, epochs = (40, 3) if quick else (VOXEL_UNITS, 10)
     presses: LabelledPresses | None = None
     networks = {}
     for name, heads in (("ICRA 2019", 1), ("paper A", 10)):
-        path = CACHE / f"voxel_{heads}_{units}_{epochs}.pt"
+        path = _cache() / f"voxel_{heads}_{units}_{epochs}.pt"
         network = VoxelNetwork(heads)
         if path.exists():
             network.load_state_dict(torch.load(path, weights_only=True))
@@ -218,7 +221,7 @@ def _times(call: Callable[[int], None], count: int) -> Array:
     return np.array(spent[count // 10 :])
 
 
-def run(quick: bool = False, in_hand: bool = True, live: bool = True) -> dict[str, Any]:
+def run(quick: bool = False, in_hand: bool = True) -> dict[str, Any]:
     """Run everything and return the numbers."""
     from benchmarks.biotac_in_hand import balance_in_hand
     from benchmarks.biotac_node import node_latency
@@ -243,9 +246,8 @@ def run(quick: bool = False, in_hand: bool = True, live: bool = True) -> dict[st
         ours: {name: models["ICRA 2019"][name] / models[ours][name] for name in MEDIANS}
         for ours in ("ours", "ours, same presses")
     }
-    if live:
-        results["live_node"] = node_latency(300 if quick else 6000)
     if in_hand:
+        results["live_node"] = node_latency(300 if quick else 6000)
         seeds = (0,) if quick else (0, 1, 2)
         results["in_hand"] = [balance_in_hand(seed, seconds=32.0) for seed in seeds]
     return results

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 import tempfile
@@ -14,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.cli.domain import private_domain
 from tactile_dynamics_ros.core.contact.robot_description import FINGERS
 from tactile_dynamics_ros.sim.sensors.biotac import BioTacArray
 
@@ -33,9 +33,7 @@ def node_latency(frames: int = 2000) -> dict[str, float]:
     Raises:
         RuntimeError: the node does not answer.
     """
-    domain = str(100 + os.getpid() % 100)
-    os.environ["ROS_DOMAIN_ID"] = domain
-    with tempfile.TemporaryDirectory() as folder:
+    with private_domain(), tempfile.TemporaryDirectory() as folder:
         words = ["--ros-args", "-p", f"tare_file:={Path(folder) / 'tare.npy'}"]
         node = subprocess.Popen([sys.executable, "-c", _NODE, *words])
         try:

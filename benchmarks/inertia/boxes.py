@@ -19,9 +19,9 @@ from benchmarks.inertia.published import (
     published_score,
     published_truth,
 )
-from benchmarks.inertia.scores import Score, physical
+from benchmarks.inertia.scores import NINETY, Score, deviations
 from tactile_dynamics_ros.core.inertia.batch import estimate_inertia
-from tactile_dynamics_ros.core.inertia.estimate import PARAMETER_NAMES, InertialEstimate
+from tactile_dynamics_ros.core.inertia.estimate import PARAMETER_NAMES
 from tactile_dynamics_ros.core.inertia.incremental.replay import replay_streams
 from tactile_dynamics_ros.core.inertia.paper_a import METHODS, TimeSteps, estimate_as_published
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
@@ -33,7 +33,6 @@ Array = NDArray[np.float64]
 BOXES = ("box_0", "box_1", "box_2", "box_3", "box_4")
 MEASURES = ("trace_error", "distance", "mass_percent", "com_mm", "inertia")
 
-_NINETY = 1.6449
 _TRIPLES = 60
 _FORCE_STD = np.array([0.035, 0.035, 0.13])
 _TORQUE_STD = np.array([1.7e-3, 1.7e-3, 3.5e-4])
@@ -110,7 +109,7 @@ def _box_row(
     live_seeds: int,
 ) -> dict[str, Any]:
     ours, lively = [], []
-    deviations: dict[str, list[Array]] = {"ours": [], "live": []}
+    in_stds: dict[str, list[Array]] = {"ours": [], "live": []}
     reproduced: Score | None = None
     for seed in range(seeds):
         streams, truth = record(box, seed)
@@ -118,11 +117,11 @@ def _box_row(
             continue
         estimate = estimate_inertia(streams)
         ours.append(Score.of(truth, estimate.inertia.dynamic_parameters, 0.0))
-        deviations["ours"].append(_deviation(estimate, truth))
+        in_stds["ours"].append(deviations(estimate, truth))
         if seed < live_seeds:
             last = list(replay_streams(streams))[-1]
             lively.append(Score.of(truth, last.inertia.dynamic_parameters, 0.0))
-            deviations["live"].append(_deviation(last, truth))
+            in_stds["live"].append(deviations(last, truth))
         if reproduced is None and not any(c.carries_torque for c in streams.contacts.values()):
             reproduced = _reproduce(streams, truth)
     return {
@@ -132,24 +131,19 @@ def _box_row(
         "live": _measures(lively),
         "paper": _measures([published_score(table, box)]),
         "paper's method here": _measures([reproduced] if reproduced else []),
-        "coverage": {kind: _coverage(found) for kind, found in deviations.items()},
+        "coverage": {kind: _coverage(found) for kind, found in in_stds.items()},
         "deviations": {
             name: float(value)
             for name, value in zip(
-                PARAMETER_NAMES, np.median(np.abs(deviations["ours"]), axis=0), strict=True
+                PARAMETER_NAMES, np.median(np.abs(in_stds["ours"]), axis=0), strict=True
             )
         },
     }
 
 
-def _deviation(estimate: InertialEstimate, truth: InertialParameters) -> Array:
-    """Errors (10,) of mass, centre of mass and inertia in their standard deviations."""
-    return np.asarray((physical(estimate.inertia) - physical(truth)) / estimate.parameter_std)
-
-
-def _coverage(deviations: list[Array]) -> float:
+def _coverage(in_stds: list[Array]) -> float:
     """Share of the 90 % intervals that hold."""
-    return float(np.mean(np.abs(deviations) < _NINETY)) if deviations else 0.0
+    return float(np.mean(np.abs(in_stds) < NINETY)) if in_stds else 0.0
 
 
 def _reproduce(streams: Streams, truth: InertialParameters) -> Score:

@@ -11,7 +11,7 @@ import numpy as np
 from benchmarks.hidden.recordings import HiddenRecording, generate
 from benchmarks.hidden.scenario import ScenarioOptions
 from benchmarks.inertia.scenarios import Case, four_fingers, from_recording
-from benchmarks.inertia.scores import physical
+from benchmarks.inertia.scores import NINETY, deviations
 from tactile_dynamics_ros.core.inertia.batch import estimate_inertia
 from tactile_dynamics_ros.core.inertia.estimate import PARAMETER_NAMES, InertialEstimate
 from tactile_dynamics_ros.core.inertia.incremental.replay import replay_streams
@@ -21,10 +21,9 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
 )
 from tactile_dynamics_ros.core.streams import PoseStream, Streams
 
-Graded = tuple[InertialParameters, InertialEstimate]
-"""Truth and what was estimated."""
+Graded = tuple[InertialEstimate, InertialParameters]
+"""What was estimated, and the truth."""
 
-_NINETY = 1.6449
 _TWENTY_PERCENT = 2.0
 _FIRST_SEED = 1000
 
@@ -36,7 +35,7 @@ def run_coverage(
     say(f"coverage: {runs} batch runs of {duration} s")
     clean = [_estimate(_FIRST_SEED + k, duration) for k in range(max(runs, misfit_runs))]
     say(f"coverage: {live_runs} live runs")
-    live = [_z(*_live(_FIRST_SEED + k, duration)) for k in range(live_runs)]
+    live = [deviations(*_live(_FIRST_SEED + k, duration)) for k in range(live_runs)]
     say(f"coverage: {misfit_runs} runs with wrong force scales of up to 20 %")
     wrong, fingers = [], []
     for k in range(misfit_runs):
@@ -44,9 +43,9 @@ def run_coverage(
         wrong.append(_estimate_of(from_recording(recording)))
         fingers.append(_wrong_fingers(recording))
     growth = [
-        estimate.parameter_std / clean[k][1].parameter_std for k, (_, estimate) in enumerate(wrong)
+        estimate.parameter_std / clean[k][0].parameter_std for k, (estimate, _) in enumerate(wrong)
     ]
-    scores = [_z(*w) for w in wrong]
+    scores = [deviations(*w) for w in wrong]
     kinds = {
         "one_finger": [z for z, count in zip(scores, fingers, strict=True) if count == 1],
         "all_fingers": [z for z, count in zip(scores, fingers, strict=True) if count > 1],
@@ -54,7 +53,7 @@ def run_coverage(
     return {
         "runs": runs,
         "duration_s": duration,
-        "batch": _shares([_z(*c) for c in clean[:runs]]),
+        "batch": _shares([deviations(*c) for c in clean[:runs]]),
         "live_runs": live_runs,
         "live": _shares(live) if live else {},
         "misfit": {
@@ -65,7 +64,7 @@ def run_coverage(
             "coverage_by_kind": {
                 kind: {"runs": len(part), **_shares(part)} for kind, part in kinds.items() if part
             },
-            "whitened_rms_median": float(np.median([w[1].error.whitened_rms for w in wrong])),
+            "whitened_rms_median": float(np.median([w[0].error.whitened_rms for w in wrong])),
             "error_in_deviations_median": _named(np.median(np.abs(scores), axis=0)),
         },
     }
@@ -87,21 +86,16 @@ def _estimate(seed: int, duration: float) -> Graded:
 
 
 def _estimate_of(case: Case) -> Graded:
-    return case.truth, estimate_inertia(case.streams)
+    return estimate_inertia(case.streams), case.truth
 
 
 def _live(seed: int, duration: float) -> Graded:
     case = four_fingers(seed, duration)
-    return case.truth, list(replay_streams(case.streams))[-1]
-
-
-def _z(truth: InertialParameters, estimate: InertialEstimate) -> np.ndarray:
-    """Errors in stated standard deviations, (10,)."""
-    return (physical(estimate.inertia) - physical(truth)) / estimate.parameter_std
+    return list(replay_streams(case.streams))[-1], case.truth
 
 
 def _shares(scores: list[np.ndarray]) -> dict[str, float]:
-    return _named(np.mean(np.abs(np.array(scores)) <= _NINETY, axis=0))
+    return _named(np.mean(np.abs(np.array(scores)) <= NINETY, axis=0))
 
 
 def _named(values: np.ndarray) -> dict[str, float]:

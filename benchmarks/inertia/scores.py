@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from tactile_dynamics_ros.core.inertia.estimate import InertialEstimate
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     InertialParameters,
     affine_invariant_distance,
@@ -15,6 +16,9 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     pseudo_inertia,
     trace_error,
 )
+
+NINETY = 1.6449
+"""Half the width of a 90 % interval, in standard deviations."""
 
 
 @dataclass(frozen=True)
@@ -78,3 +82,8 @@ def physical(inertia: InertialParameters) -> np.ndarray:
     """[m, com, I_xx, I_xy, I_yy, I_xz, I_yz, I_zz about the centre of mass], (10,)."""
     rows, columns = [0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]
     return np.concatenate([[inertia.mass], inertia.com, inertia.inertia_com[rows, columns]])
+
+
+def deviations(estimate: InertialEstimate, truth: InertialParameters) -> np.ndarray:
+    """Errors (10,) of `physical` in stated standard deviations."""
+    return (physical(estimate.inertia) - physical(truth)) / estimate.parameter_std

@@ -11,9 +11,9 @@ from geometry_msgs.msg import InertiaStamped, PoseWithCovarianceStamped
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
-from tactile_dynamics_ros.core.contact.friction_cone import cone_share, distance_beyond
 from tactile_dynamics_ros.core.contact.robot_description import FINGERS
 from tactile_dynamics_ros.core.effects.registry import create_effect
+from tactile_dynamics_ros.core.friction.cone import cone_share, distance_beyond
 from tactile_dynamics_ros.core.inertia.estimate import PARAMETER_NAMES
 from tactile_dynamics_ros.core.inertia.incremental import (
     IncrementalConfig,
