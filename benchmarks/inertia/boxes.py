@@ -19,7 +19,7 @@ from benchmarks.inertia.published import (
     published_score,
     published_truth,
 )
-from benchmarks.inertia.scores import NINETY, Score, deviations
+from benchmarks.inertia.scores import Score, deviations
 from tactile_dynamics_ros.core.inertia.batch import estimate_inertia
 from tactile_dynamics_ros.core.inertia.estimate import PARAMETER_NAMES
 from tactile_dynamics_ros.core.inertia.incremental.replay import replay_streams
@@ -27,6 +27,7 @@ from tactile_dynamics_ros.core.inertia.paper_a import METHODS, TimeSteps, estima
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 from tactile_dynamics_ros.core.streams import ContactStream, PoseStream, Streams
+from tactile_dynamics_ros.core.tactile.calibration import NORMAL_90
 
 Array = NDArray[np.float64]
 
@@ -143,7 +144,7 @@ def _box_row(
 
 def _coverage(in_stds: list[Array]) -> float:
     """Share of the 90 % intervals that hold."""
-    return float(np.mean(np.abs(in_stds) < NINETY)) if in_stds else 0.0
+    return float(np.mean(np.abs(in_stds) < NORMAL_90)) if in_stds else 0.0
 
 
 def _reproduce(streams: Streams, truth: InertialParameters) -> Score:

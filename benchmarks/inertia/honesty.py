@@ -11,7 +11,7 @@ import numpy as np
 from benchmarks.hidden.recordings import HiddenRecording, generate
 from benchmarks.hidden.scenario import ScenarioOptions
 from benchmarks.inertia.scenarios import Case, four_fingers, from_recording
-from benchmarks.inertia.scores import NINETY, deviations
+from benchmarks.inertia.scores import deviations
 from tactile_dynamics_ros.core.inertia.batch import estimate_inertia
 from tactile_dynamics_ros.core.inertia.estimate import PARAMETER_NAMES, InertialEstimate
 from tactile_dynamics_ros.core.inertia.incremental.replay import replay_streams
@@ -20,6 +20,7 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     is_feasible,
 )
 from tactile_dynamics_ros.core.streams import PoseStream, Streams
+from tactile_dynamics_ros.core.tactile.calibration import NORMAL_90
 
 Graded = tuple[InertialEstimate, InertialParameters]
 """What was estimated, and the truth."""
@@ -95,7 +96,7 @@ def _live(seed: int, duration: float) -> Graded:
 
 
 def _shares(scores: list[np.ndarray]) -> dict[str, float]:
-    return _named(np.mean(np.abs(np.array(scores)) <= NINETY, axis=0))
+    return _named(np.mean(np.abs(np.array(scores)) <= NORMAL_90, axis=0))
 
 
 def _named(values: np.ndarray) -> dict[str, float]:

@@ -17,9 +17,6 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     trace_error,
 )
 
-NINETY = 1.6449
-"""Half the width of a 90 % interval, in standard deviations."""
-
 
 @dataclass(frozen=True)
 class Score:
