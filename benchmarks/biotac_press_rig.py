@@ -52,15 +52,16 @@ def press_fingertips(unit_seed: int, seed: int, seconds: float = 60.0) -> tuple[
     return found[:, REST:], known[:, REST:]
 
 
-def calibrate_units(unit_seed: int, seed: int = 0) -> list[UnitGain]:
-    """Gains of the four fingertips from a minute of pressing each."""
-    return [fit_unit_gain(*pair) for pair in zip(*press_fingertips(unit_seed, seed), strict=True)]
+def calibrate_units(unit_seed: int) -> list[UnitGain]:
+    """Gains of the four fingertips of a hand from a minute of presses of its own."""
+    pressed = press_fingertips(unit_seed, seed=unit_seed)
+    return [fit_unit_gain(*pair) for pair in zip(*pressed, strict=True)]
 
 
 def _presses(frames: int, rng: np.random.Generator) -> tuple[Array, Array]:
     """Return forces (4, T, 3) N and contact points (4, T, 3) m: rolling, pressing, dragging."""
-    along = np.clip(ALONG[:, None] + 1.5e-3 * _waves(frames, 0.25, rng), -14e-3, 6.6e-3)
-    around = AROUND[:, None] + 0.33 * _waves(frames, 0.25, rng)
+    along = np.clip(ALONG[:, None] + 1.0e-3 * _waves(frames, 0.25, rng), -14e-3, 6.6e-3)
+    around = AROUND[:, None] + 0.2 * _waves(frames, 0.25, rng)
     ring = OUTER_RADIUS * np.sqrt(1.0 - (along / OUTER_RADIUS) ** 2)
     point = np.stack([along, ring * np.sin(around), -ring * np.cos(around)], axis=-1)
     normal = outward_normal(point)
