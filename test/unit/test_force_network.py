@@ -36,8 +36,10 @@ from tactile_dynamics_ros.core.tactile.network.weights import (
     shipped_network,
 )
 from tactile_dynamics_ros.core.tactile.unit_gain import fit_unit_gain
+from tactile_dynamics_ros.sim.sensors.biotac import BioTacArray
 from tactile_dynamics_ros.sim.sensors.biotac.calibrate import label_presses
 from tactile_dynamics_ros.sim.sensors.biotac.presses import PressConfig, record_presses
+from tactile_dynamics_ros.sim.sensors.biotac.skin import OUTER_RADIUS, outward_normal
 
 
 def presses(units: int, seed: int, frames: int = 500) -> LabelledPresses:
@@ -119,6 +121,24 @@ def test_live_estimator_equals_the_offline_prediction():
     force = np.array([each.force for each in live])
     difference = np.linalg.norm(force - offline.force, axis=1)[touching]
     assert np.median(difference) < 0.02
+
+
+def test_contact_ends_with_the_force_although_the_skin_creeps_back_slowly():
+    place = np.array([3.8e-3, 0.0, -OUTER_RADIUS * np.sqrt(1.0 - (3.8e-3 / OUTER_RADIUS) ** 2)])
+    firm, light = 60 + 30, 60 + 30 + 800 + 20
+    press = np.zeros(light + 200)
+    press[60:firm] = np.linspace(0.0, 3.0, 30)
+    press[firm : light - 20] = 3.0
+    press[light - 20 : light] = np.linspace(3.0, 0.0, 20)
+    press[light + 150 :] = 0.12
+    sensor = BioTacArray(1, seed=0)
+    raw = [sensor.measure(f * outward_normal(place)[None], place[None])[0] for f in press]
+    finger = NetworkForceEstimator()
+    finger.tare(raw[:55])
+    touching = np.array([finger.observe(frame).in_contact for frame in raw])
+    assert touching[firm : light - 20].all()
+    assert not touching[light + 5 : light + 150].any()
+    assert touching[light + 170 :].mean() > 0.9
 
 
 def test_four_fingers_take_less_than_two_milliseconds():

@@ -30,6 +30,7 @@ class FingertipConfig:
 
     touch_counts: float = parameter(10.0, "PDC rise that begins a contact", "counts", 1.0, 500.0)
     release_counts: float = parameter(6.0, "PDC rise below which it ends", "counts", 0.0, 500.0)
+    least_force: float = parameter(0.03, "force that a contact has at least", "N", 0.0, 1.0)
     touch_frames: int = parameter(2, "frames in a row that begin or end a contact", "", 1, 100)
     rest_gain: float = parameter(0.002, "least share of a frame in the rest state", "", 0, 1)
     gain: tuple[float, ...] = parameter(
@@ -158,11 +159,12 @@ class FingertipEstimator:
             )
         counts = check_frame(raw)
         change = fill_dead_electrodes(self._rest.change(counts), self.dead)
-        in_contact = self._touches(100.0 * float(change[_PRESSURE]))
-        if not in_contact and self._streak == 0:
+        force, std, point, point_std = self.model.predict(change)
+        rise = 100.0 * float(change[_PRESSURE])
+        in_contact = self._touches(rise, float(np.linalg.norm(force)))
+        if not in_contact and self._streak == 0 and rise <= self.config.release_counts:
             self._rest = self._rest.follow(counts, self.config.rest_gain)
         saturated = self._saturated(counts)
-        force, std, point, point_std = self.model.predict(change)
         force = self._gain @ force if in_contact else np.zeros(3)
         warming = float(temperature(counts[TDC])) - self._rest.temperature
         doubt = 3.0 if saturated else 1.0 + 0.3 * float(self.dead.sum())
@@ -178,10 +180,15 @@ class FingertipEstimator:
         )
         return self.last
 
-    def _touches(self, rise: float) -> bool:
-        """Switch contact on and off with hysteresis and debouncing."""
+    def _touches(self, rise: float, strength: float) -> bool:
+        """Switch contact on and off with hysteresis and debouncing.
+
+        PDC lingers for seconds after a firm grip (creep of the skin), when the force is back at
+        zero: a contact needs a force too.
+        """
         limit = self.config.release_counts if self._in_contact else self.config.touch_counts
-        self._streak = self._streak + 1 if (rise > limit) != self._in_contact else 0
+        touching = rise > limit and strength > self.config.least_force
+        self._streak = self._streak + 1 if touching != self._in_contact else 0
         if self._streak >= self.config.touch_frames:
             self._in_contact, self._streak = not self._in_contact, 0
         return self._in_contact
