@@ -16,7 +16,6 @@ from tactile_dynamics_ros.core.manipulation.grasp_controller import GraspControl
 from tactile_dynamics_ros.core.tactile.calibration import NORMAL_90
 from tactile_dynamics_ros.core.tactile.estimators import create_force_estimator
 from tactile_dynamics_ros.core.tactile.fingertip import FingertipConfig
-from tactile_dynamics_ros.core.tactile.unit_gain import UnitGain
 from tactile_dynamics_ros.sim.simulated_robot import Readings, SimulatedRobot, SimulatedRobotConfig
 
 Array = NDArray[np.float64]
@@ -31,17 +30,17 @@ class Touch:
     Args:
         kinematics: of the hand.
         model: of the force.
-        gains: of the four units, from their calibration; the identity if None.
+        tips: configurations of the four fingertips, from their calibration.
     """
 
     def __init__(
-        self, kinematics: HandKinematics, model: str, gains: Sequence[UnitGain] | None = None
+        self, kinematics: HandKinematics, model: str, tips: Sequence[FingertipConfig] | None = None
     ) -> None:
-        plain = FingertipConfig()
-        configs = [plain.with_gain(tuple(g.matrix.ravel())) for g in gains or ()]
         self._fingers = {
             finger: create_force_estimator(model, config)
-            for finger, config in zip(FINGERS, configs or [plain] * len(FINGERS), strict=True)
+            for finger, config in zip(
+                FINGERS, tips or [FingertipConfig()] * len(FINGERS), strict=True
+            )
         }
         self._state = ContactState(kinematics)
         self._rest: list[Array] = []
@@ -67,7 +66,7 @@ class Touch:
 def balance_in_hand(seed: int = 0, seconds: float = 40.0, model: str = "network") -> dict[str, Any]:
     """Grasp, lift and move an object; compare the net force with what moves it.
 
-    Every seed has fingertips of its own, calibrated by a minute of presses.
+    Every seed has fingertips of its own, calibrated by warming up and a minute of presses.
 
     Returns:
         rms and mean of the difference per world axis (N), the weight (N), and the share of samples

@@ -1,11 +1,11 @@
-"""A minute of pressing the simulated hand's fingertips against a known force, and what it yields.
+"""Calibration of the simulated hand's fingertips: ten minutes of warming up, a minute of pressing.
 
 Usage: python -m benchmarks.biotac_press_rig [--unit-seed 0] [--seed 0] [--out DIR]
 
-Every fingertip is pressed for a minute on the part of its skin that the grasps of this hand use, in
-all directions that friction lets one press, and a force sensor reads the force. The presses are
-written to a rosbag2 recording, from which `tactile-dynamics calibrate` finds the gains of `gains`
-in config/allegro_iiwa.yaml.
+From switching on, the fingertips warm up untouched. Then every one is pressed for a minute on the
+part of its skin that the grasps of this hand use, in all directions that friction lets one press,
+and a force sensor reads the force. Both are written to rosbag2 recordings, from which `tactile-dynamics
+calibrate` finds `drift` and `gains` of config/allegro_iiwa.yaml.
 """
 
 from __future__ import annotations
@@ -14,7 +14,10 @@ import argparse
 import json
 import subprocess
 import sys
+from collections.abc import Sequence
+from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +26,11 @@ from rosbags.typesys import Stores, get_typestore
 
 from tactile_dynamics_ros.core.contact.robot_description import FINGERS, sensor_frame
 from tactile_dynamics_ros.core.tactile.estimators import create_force_estimator
-from tactile_dynamics_ros.core.tactile.unit_gain import UnitGain, fit_unit_gain
-from tactile_dynamics_ros.sim.sensors.biotac import BioTacArray
+from tactile_dynamics_ros.core.tactile.fingertip import FingertipConfig
+from tactile_dynamics_ros.core.tactile.thermal_drift import fit_thermal_drift
+from tactile_dynamics_ros.core.tactile.unit_gain import fit_unit_gain
+from tactile_dynamics_ros.recording.fingertip_frames import ENCODING, RAW
+from tactile_dynamics_ros.sim.sensors.biotac import BioTacArray, BioTacConfig
 from tactile_dynamics_ros.sim.sensors.biotac.skin import OUTER_RADIUS, outward_normal
 
 Array = NDArray[np.float64]
@@ -33,29 +39,58 @@ ALONG = np.array([3.8e-3, 3.4e-3, 3.8e-3, 4.0e-3])
 AROUND = np.deg2rad([8.0, 0.0, -8.0, -44.0])
 """Where this hand's grasps touch the skin: along the finger (m) and around it."""
 
-REST, REFERENCE_STD = 60, 0.01
+_TARE = 60
+
+REST, REFERENCE_STD = 1000, 0.01
+WARM_UP, WARM_UP_PERIOD = 600.0, 0.1
+COLD_START = 10.0
 _WRENCH = "geometry_msgs/msg/WrenchStamped"
+_IMAGE = "sensor_msgs/msg/Image"
 
 
-def press_fingertips(unit_seed: int, seed: int, seconds: float = 60.0) -> tuple[Array, Array]:
-    """Return estimated and known forces (4, N, 3) of the hand's fingertips, sensor frames, N."""
+def warm_up(unit_seed: int, seed: int) -> NDArray[np.uint16]:
+    """Return frames (N, 4, 44) of the untouched fingertips from switching on, ten a second."""
+    config = BioTacConfig(cold_start=COLD_START)
+    array = BioTacArray(len(FINGERS), config, seed=seed + 60_000, unit_seed=unit_seed)
+    free = np.zeros((len(FINGERS), 3))
+    steps = range(round(WARM_UP / WARM_UP_PERIOD))
+    return np.array([array.measure(free, free, dt=WARM_UP_PERIOD) for _ in steps])
+
+
+def press_fingertips(
+    unit_seed: int, seed: int, seconds: float = 60.0, tips: Sequence[FingertipConfig] | None = None
+) -> tuple[Array, Array]:
+    """Return estimated and known forces (4, N, 3) of the hand's fingertips, sensor frames, N.
+
+    Args:
+        unit_seed: which hand.
+        seed: of presses and noise.
+        seconds: of pressing, after ten seconds of rest.
+        tips: configurations of the four fingertips.
+    """
+    tips = tips or [FingertipConfig()] * len(FINGERS)
     array = BioTacArray(len(FINGERS), seed=seed + 50_000, unit_seed=unit_seed)
     rng = np.random.default_rng([seed, 11])
-    force, point = _presses(round(100 * seconds), rng)
+    force, point = _presses(REST + round(100 * seconds), rng)
     raw = np.stack([array.measure(force[:, k], point[:, k]) for k in range(force.shape[1])], axis=1)
     found = np.zeros_like(force)
     for finger, counts in enumerate(raw):
-        estimator = create_force_estimator()
-        estimator.tare(counts[: REST - 5])
+        estimator = create_force_estimator(config=tips[finger])
+        estimator.tare(counts[:_TARE])
         found[finger] = [estimator.estimate(frame)[0] for frame in counts]
     known = force + REFERENCE_STD * rng.standard_normal(force.shape)
     return found[:, REST:], known[:, REST:]
 
 
-def calibrate_units(unit_seed: int) -> list[UnitGain]:
-    """Gains of the four fingertips of a hand from a minute of presses of its own."""
-    pressed = press_fingertips(unit_seed, seed=unit_seed)
-    return [fit_unit_gain(*pair) for pair in zip(*pressed, strict=True)]
+@lru_cache(maxsize=32)
+def calibrate_units(unit_seed: int) -> tuple[FingertipConfig, ...]:
+    """Configurations of a hand's fingertips, from warming up and presses of its own."""
+    frames = warm_up(unit_seed, seed=unit_seed)
+    drifts = [fit_thermal_drift(frames[:, k]).slope for k in range(len(FINGERS))]
+    tips = [FingertipConfig(drift=tuple(map(float, drift))) for drift in drifts]
+    pressed = press_fingertips(unit_seed, unit_seed, tips=tips)
+    gains = [fit_unit_gain(*pair).matrix for pair in zip(*pressed, strict=True)]
+    return tuple(tip.with_gain(tuple(gain.ravel())) for tip, gain in zip(tips, gains, strict=True))
 
 
 def _presses(frames: int, rng: np.random.Generator) -> tuple[Array, Array]:
@@ -90,40 +125,78 @@ def write_presses(path: Path, found: Array, known: Array) -> None:
                 connection = writer.add_connection(topic, _WRENCH, typestore=store)
                 for row, force in enumerate(forces[k]):
                     stamp = 10**9 + 10_000_000 * row
-                    writer.write(connection, stamp, _message(store, stamp, finger, force))
+                    writer.write(connection, stamp, _wrench(store, stamp, finger, force))
 
 
-def _message(store: object, stamp: int, finger: str, force: Array) -> bytes:
-    kinds = store.types  # type: ignore[attr-defined]
-    vector = kinds["geometry_msgs/msg/Vector3"]
-    time = kinds["builtin_interfaces/msg/Time"](sec=stamp // 10**9, nanosec=stamp % 10**9)
-    message = kinds[_WRENCH](
-        header=kinds["std_msgs/msg/Header"](stamp=time, frame_id=sensor_frame(finger)),
-        wrench=kinds["geometry_msgs/msg/Wrench"](
+def write_frames(path: Path, frames: NDArray[np.uint16], period: float) -> None:
+    """Write raw counts (N, 4, 44) as a recording."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connection = writer.add_connection(RAW, _IMAGE, typestore=store)
+        for row, counts in enumerate(frames):
+            stamp = 10**9 + round(1e9 * period) * row
+            writer.write(connection, stamp, _image(store, stamp, counts))
+
+
+def _wrench(store: Any, stamp: int, finger: str, force: Array) -> bytes:
+    vector = store.types["geometry_msgs/msg/Vector3"]
+    message = store.types[_WRENCH](
+        header=_header(store, stamp, sensor_frame(finger)),
+        wrench=store.types["geometry_msgs/msg/Wrench"](
             force=vector(*force), torque=vector(0.0, 0.0, 0.0)
         ),
     )
-    return bytes(store.serialize_cdr(message, _WRENCH))  # type: ignore[attr-defined]
+    return bytes(store.serialize_cdr(message, _WRENCH))
+
+
+def _image(store: Any, stamp: int, counts: NDArray[np.uint16]) -> bytes:
+    height, width = counts.shape
+    data = np.frombuffer(counts.astype("<u2").tobytes(), np.uint8)
+    header = _header(store, stamp, "biotac")
+    message = store.types[_IMAGE](header, height, width, ENCODING, 0, 2 * width, data)
+    return bytes(store.serialize_cdr(message, _IMAGE))
+
+
+def _header(store: Any, stamp: int, frame: str) -> Any:
+    time = store.types["builtin_interfaces/msg/Time"](sec=stamp // 10**9, nanosec=stamp % 10**9)
+    return store.types["std_msgs/msg/Header"](stamp=time, frame_id=frame)
+
+
+def _calibrate(*words: str) -> Any:
+    """Return what the command prints."""
+    command = [sys.executable, "-m", "tactile_dynamics_ros.cli.main", "calibrate", *words, "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    return json.loads(done.stdout)
+
+
+def _print_rows(name: str, rows: Sequence[Sequence[float]], digits: int) -> None:
+    print(f"    {name}:")
+    for finger, row in zip(FINGERS, rows, strict=True):
+        numbers = ", ".join(f"{value:.{digits}f}" for value in row)
+        start, end = "[" if finger == FINGERS[0] else " ", "]" if finger == FINGERS[-1] else ","
+        print(f"      {start}{numbers}{end}  # {finger}")
 
 
 def main() -> int:
-    """Press, record, calibrate with the command, print the parameter."""
+    """Warm up, press, record, calibrate with the command, print the parameters."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--unit-seed", type=int, default=0, help="which hand (0)")
     parser.add_argument("--seed", type=int, default=0, help="of presses and noise (0)")
-    parser.add_argument("--out", type=Path, default=Path("out/presses"), help="new recording")
+    parser.add_argument("--out", type=Path, default=Path("out/rig"), help="folder of recordings")
     arguments = parser.parse_args()
-    write_presses(arguments.out, *press_fingertips(arguments.unit_seed, arguments.seed))
-    print("    gains:")
+    warming, presses = arguments.out / "warm_up", arguments.out / "presses"
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    write_frames(warming, warm_up(arguments.unit_seed, arguments.seed), WARM_UP_PERIOD)
+    found = _calibrate(str(warming), "--drift")
+    drifts = [found[finger]["drift"] for finger in FINGERS]
+    tips = [FingertipConfig(drift=tuple(drift)) for drift in drifts]
+    write_presses(presses, *press_fingertips(arguments.unit_seed, arguments.seed, tips=tips))
+    gains = []
     for finger in FINGERS:
-        words = ["calibrate", str(arguments.out), "--finger", finger]
-        words += ["--reference", f"/rig/{finger}", "--json"]
-        command = [sys.executable, "-m", "tactile_dynamics_ros.cli.main", *words]
-        done = subprocess.run(command, capture_output=True, text=True, check=True)
-        numbers = [f"{value:.4f}" for row in json.loads(done.stdout)["matrix"] for value in row]
-        first, last = finger == FINGERS[0], finger == FINGERS[-1]
-        row = ", ".join(numbers) + ("]" if last else ",")
-        print(f"      {'[' if first else ' '}{row}  # {finger}")
+        words = str(presses), "--finger", finger, "--reference", f"/rig/{finger}"
+        gains.append(np.ravel(_calibrate(*words)["matrix"]).tolist())
+    _print_rows("drift", drifts, 2)
+    _print_rows("gains", gains, 4)
     return 0
 
 

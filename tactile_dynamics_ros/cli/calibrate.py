@@ -1,6 +1,8 @@
-"""`tactile-dynamics calibrate`: gain of a fingertip from presses against a known force.
+"""`tactile-dynamics calibrate`: what is particular to the fingertips of one hand.
 
-The recording is made with `gains` at one: what is fitted replaces them.
+The drift of their electrodes with temperature comes from a recording of free fingertips that warm
+up, the gain of each from presses against a known force, recorded with `gains` at one: what is
+fitted replaces them.
 """
 
 from __future__ import annotations
@@ -25,21 +27,64 @@ GAP_NS = 50_000_000
 def add_parser(verbs: _SubParsersAction[Any]) -> None:
     """Add the verb."""
     parser = verbs.add_parser(
-        "calibrate", help="gain of a fingertip from a recording of presses against a known force"
+        "calibrate",
+        help="fingertips of one hand: gain from presses on a known force, drift while warming up",
     )
     parser.add_argument("bag", metavar="BAG", help="rosbag2 directory, .mcap or .db3 file")
-    parser.add_argument("--finger", required=True, choices=FINGERS, help="which finger")
+    parser.add_argument(
+        "--drift",
+        action="store_true",
+        help="drift of all electrodes with temperature: /biotac/raw for ten minutes from switching "
+        "on, nothing touched",
+    )
+    parser.add_argument("--finger", choices=FINGERS, help="gain: of which finger")
     parser.add_argument(
         "--reference",
-        required=True,
         metavar="TOPIC",
-        help="WrenchStamped of the known force: on the object, in the frame of the finger's sensor",
+        help="gain: WrenchStamped of the known force, on the object, in the frame of the finger's "
+        "sensor",
     )
     parser.set_defaults(run=run)
 
 
 def run(args: Namespace) -> int:
-    """Fit the gain and print it."""
+    """Fit the gain or the drift and print it."""
+    if args.drift:
+        return _print_drift(args)
+    if args.finger is None or args.reference is None:
+        raise BadInputError("calibrate: expected --finger with --reference TOPIC, or --drift")
+    return _print_gain(args)
+
+
+def _print_drift(args: Namespace) -> int:
+    from tactile_dynamics_ros.core.tactile.thermal_drift import fit_thermal_drift
+    from tactile_dynamics_ros.recording.fingertip_frames import read_fingertip_frames
+
+    frames = read_fingertip_frames(Path(args.bag))
+    drifts = {finger: fit_thermal_drift(frames[:, k]) for k, finger in enumerate(FINGERS)}
+    if args.json:
+        result = {
+            finger: {
+                "drift": drift.slope.tolist(),
+                "std": drift.std.tolist(),
+                "kelvin": drift.span,
+                "samples": drift.frames,
+            }
+            for finger, drift in drifts.items()
+        }
+        print(json.dumps(result))
+        return 0
+    for finger, drift in drifts.items():
+        print(
+            f"{finger}: counts per kelvin of E1 to E19, +- {drift.std.mean():.2f} "
+            f"({drift.span:.1f} K, {drift.frames} frames)"
+        )
+        print("  " + ", ".join(f"{value:.2f}" for value in drift.slope))
+    print("the four rows one after the other are biotac_force's parameter `drift`")
+    return 0
+
+
+def _print_gain(args: Namespace) -> int:
     from tactile_dynamics_ros.core.tactile.unit_gain import fit_unit_gain
     from tactile_dynamics_ros.recording.bag_files import read_tables
 

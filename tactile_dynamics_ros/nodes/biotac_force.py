@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from geometry_msgs.msg import Vector3Stamped, WrenchStamped
@@ -15,6 +15,7 @@ from tactile_dynamics_ros.core.contact.robot_description import FINGERS, sensor_
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.tactile.estimators import create_force_estimator
 from tactile_dynamics_ros.core.tactile.fingertip import FingertipConfig
+from tactile_dynamics_ros.core.tactile.signal_change import COUNTS_PER_KELVIN
 from tactile_dynamics_ros.core.tactile.slip import SlipConfig, SlipDetector
 from tactile_dynamics_ros.nodes.conversions import (
     StampGate,
@@ -40,16 +41,31 @@ class BiotacForceConfig:
         (1.0, 1.0, 1.0, 1.0),
         "of index, middle, ring, thumb: a number each, or the nine of a matrix by rows each",
     )
+    drift: tuple[float, ...] = parameter(
+        (COUNTS_PER_KELVIN,) * len(FINGERS),
+        "of the electrodes with temperature: a number for each finger, or E1 to E19 of each",
+        "counts/K",
+    )
     tare_frames: int = parameter(30, "frames without contact that make a tare", "", 1, 1000)
     tare_file: str = parameter("", "where the tare outlives the node (empty: one per ROS domain)")
     tare_max_age: float = parameter(30.0, "pause after which a kept tare is not used", "s", 0.0)
 
     def __post_init__(self) -> None:
         check_ranges(self)
-        if len(self.gains) not in (len(FINGERS), 9 * len(FINGERS)):
-            raise BadInputError(
-                f"gains: {len(self.gains)} values, expected {len(FINGERS)} or {9 * len(FINGERS)}"
-            )
+        for name, each in (("gains", 9), ("drift", 19)):
+            count = len(getattr(self, name))
+            if count not in (len(FINGERS), each * len(FINGERS)):
+                raise BadInputError(
+                    f"{name}: {count} values, expected {len(FINGERS)} or {each * len(FINGERS)}"
+                )
+
+    def fingertip(self, finger: int, tip: FingertipConfig) -> FingertipConfig:
+        """Return what holds for all fingertips with the numbers of one unit."""
+        gain, drift = (
+            tuple(map(float, np.split(np.array(values), len(FINGERS))[finger]))
+            for values in (self.gains, self.drift)
+        )
+        return replace(tip, drift=drift).with_gain(gain)
 
 
 class BiotacForce(Shell):
@@ -66,8 +82,8 @@ class BiotacForce(Shell):
         tip = declare_config(self, FingertipConfig, "fingertip.")
         slip = declare_config(self, SlipConfig, "slip.")
         self.estimators = [
-            create_force_estimator(self.config.model, tip.with_gain(tuple(map(float, gain))))
-            for gain in np.split(np.array(self.config.gains), len(FINGERS))
+            create_force_estimator(self.config.model, self.config.fingertip(finger, tip))
+            for finger in range(len(FINGERS))
         ]
         self._slip = [SlipDetector(slip) for _ in FINGERS]
         self._kept = KeptTare(self.config.tare_file)

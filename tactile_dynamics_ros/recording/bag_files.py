@@ -87,6 +87,19 @@ def read_tables(path: Path, wanted: Callable[[str], bool]) -> BagTables:
     return bag
 
 
+def read_messages(path: Path, topic: str) -> Iterator[RawMessage]:
+    """Yield the serialised messages of one topic of a recording that is whole.
+
+    Raises:
+        BadInputError: there is no recording at the path, or it is damaged.
+    """
+    for part in _parts(path):
+        try:
+            yield from _regular_messages(part, {}, lambda name: name == topic)
+        except DAMAGE as error:
+            raise BadInputError(f"{part}: damaged ({_one_line(error)})") from error
+
+
 def _parts(path: Path) -> list[Path]:
     """Return what to open: the directory if it is complete, otherwise its storage files."""
     if not path.exists():

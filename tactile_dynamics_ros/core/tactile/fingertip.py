@@ -17,7 +17,12 @@ from tactile_dynamics_ros.core.tactile.electrodes import (
     FULL_SCALE,
     TDC,
 )
-from tactile_dynamics_ros.core.tactile.signal_change import RestState, check_frame, temperature
+from tactile_dynamics_ros.core.tactile.signal_change import (
+    COUNTS_PER_KELVIN,
+    RestState,
+    check_frame,
+    temperature,
+)
 
 Array = NDArray[np.float64]
 
@@ -36,6 +41,9 @@ class FingertipConfig:
     gain: tuple[float, ...] = parameter(
         (1.0,), "of this unit, from a known force: a number, or the nine of a matrix by rows"
     )
+    drift: tuple[float, ...] = parameter(
+        (COUNTS_PER_KELVIN,), "of this unit's electrodes: a number, or E1 to E19", "counts/K"
+    )
     period: float = parameter(0.01, "time between frames", "s", 1e-4, 1.0)
     saturation_margin: float = parameter(10.0, "counts from the range's ends", "counts", 0, 500)
     drift_warning: float = parameter(3.0, "warming since the rest state that is flagged", "K", 0.0)
@@ -48,6 +56,10 @@ class FingertipConfig:
             )
         if not 0.1 <= abs(np.linalg.det(self.gain_matrix)) <= 1e3:
             raise BadInputError(f"gain: {list(self.gain)} is no gain of a fingertip")
+        if len(self.drift) not in (1, 19) or not np.all(np.isfinite(self.drift)):
+            raise BadInputError(
+                f"drift: {len(self.drift)} numbers, expected one, or 19, all finite"
+            )
 
     @property
     def gain_matrix(self) -> Array:
@@ -133,7 +145,7 @@ class FingertipEstimator:
         Raises:
             BadInputError: the frames are malformed or show a contact.
         """
-        self._rest = RestState.from_frames(raw)
+        self._rest = RestState.from_frames(raw, np.array(self.config.drift))
         self._in_contact, self._streak = False, 0
         self.dead = find_dead_electrodes(np.atleast_2d(np.asarray(raw, dtype=float)))
         self.model.reset(self._rest.electrodes)

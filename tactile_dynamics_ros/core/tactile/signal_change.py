@@ -13,7 +13,8 @@ from tactile_dynamics_ros.core.tactile.electrodes import CHANNELS, ELECTRODES, F
 Array = NDArray[np.float64]
 
 COUNTS_PER_KELVIN = 31.7
-"""Mean drift of an electrode with temperature. Source: fits of one sensor, 25.7 to 35.3 degC."""
+"""Mean drift of an electrode with temperature. Source: fits of one sensor, 25.7 to 35.3 degC, whose
+electrodes drift by 27 to 38 counts per kelvin each."""
 
 
 def temperature(tdc: ArrayLike) -> Array:
@@ -52,16 +53,18 @@ class RestState:
 
     Attributes:
         electrodes: (19,) counts. pressure: PDC counts. temperature: degC.
+        drift: counts per kelvin, of all electrodes or (19,) of each.
         frames: how many frames it is the average of.
     """
 
     electrodes: Array
     pressure: float
     temperature: float
+    drift: float | Array = COUNTS_PER_KELVIN
     frames: int = 1
 
     @classmethod
-    def from_frames(cls, raw: ArrayLike) -> RestState:
+    def from_frames(cls, raw: ArrayLike, drift: float | Array = COUNTS_PER_KELVIN) -> RestState:
         """Average frames (K, 44) that were read without contact.
 
         Raises:
@@ -78,7 +81,7 @@ class RestState:
             )
         mean = counts.mean(axis=0)
         warmth = float(temperature(mean[TDC]))
-        return cls(mean[ELECTRODES], float(mean[PDC]), warmth, len(counts))
+        return cls(mean[ELECTRODES], float(mean[PDC]), warmth, drift, len(counts))
 
     def change(self, counts: Array) -> Array:
         """Return (..., 20): electrode changes and PDC change, in hundreds of counts.
@@ -86,7 +89,7 @@ class RestState:
         The electrodes' drift with the core's temperature is taken out.
         """
         warming = temperature(counts[..., TDC]) - self.temperature
-        drift = COUNTS_PER_KELVIN * warming[..., None]
+        drift = self.drift * warming[..., None]
         electrodes = counts[..., ELECTRODES] - self.electrodes - drift
         pressure = counts[..., PDC : PDC + 1] - self.pressure
         return np.concatenate([electrodes, pressure], axis=-1) / 100.0
@@ -103,5 +106,6 @@ class RestState:
             self.electrodes + share * (counts[ELECTRODES] - self.electrodes),
             self.pressure + share * float(counts[PDC] - self.pressure),
             self.temperature + share * (now - self.temperature),
+            self.drift,
             self.frames + 1,
         )

@@ -43,8 +43,17 @@ class BioTacConfig:
     vibration_noise: float = parameter(37.0, "noise of PAC at rest", "counts", 0.0, 500.0)
     slip_vibration: float = parameter(260.0, "PAC amplitude at 35 mm/s and 1 N", "counts", 0, 4000)
     core_temperature: float = parameter(31.0, "temperature of the heated core", "degC", 0.0, 80.0)
+    cold_start: float = parameter(
+        0.0,
+        "how much colder the core is when switched on, about 10 K on a real one",
+        "K",
+        0.0,
+        30.0,
+    )
     temperature_wander: float = parameter(0.8, "slow wander of that temperature", "K", 0.0, 20.0)
-    temperature_time: float = parameter(240.0, "its correlation time", "s", 1.0, 1e5)
+    temperature_time: float = parameter(
+        240.0, "its correlation time, also of warming up", "s", 1.0, 1e5
+    )
     contact_cooling: float = parameter(
         0.02, "cooling rate per newton on a cool object", "K/s", 0, 1
     )

@@ -59,7 +59,8 @@ class BioTacArray:
         self._point = np.tile([-6e-3, 0.0, -7e-3], (count, 1))
         self._wander = self.config.wander * self._rng.standard_normal((count, 19))
         std = self.config.temperature_wander
-        self._temperature = self.config.core_temperature + std * self._rng.standard_normal(count)
+        start = self.config.core_temperature - self.config.cold_start
+        self._temperature = start + std * self._rng.standard_normal(count)
 
     def measure(
         self,

@@ -1,0 +1,46 @@
+"""Raw counts of fingertips from recordings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rosbags.typesys import Stores, get_typestore
+
+from tactile_dynamics_ros.core.contact.robot_description import FINGERS
+from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.tactile.electrodes import CHANNELS
+from tactile_dynamics_ros.recording.bag_files import read_messages
+
+RAW = "/biotac/raw"
+ENCODING = "16UC1"
+_TYPE = "sensor_msgs/msg/Image"
+_SHAPE = (len(FINGERS), CHANNELS)
+
+
+def read_fingertip_frames(path: Path) -> NDArray[np.uint16]:
+    """Return all frames (N, 4, 44) on /biotac/raw: index, middle, ring, thumb.
+
+    Raises:
+        BadInputError: there is no such recording or topic, or an image has another type or shape.
+    """
+    store = get_typestore(Stores.ROS2_JAZZY)
+    frames = []
+    for _, kind, _, data in read_messages(path, RAW):
+        if kind != _TYPE:
+            raise BadInputError(f"{path}: {RAW} is {kind}, expected {_TYPE}")
+        frames.append(_counts(store.deserialize_cdr(data, kind)))
+    if not frames:
+        raise BadInputError(f"{path}: no images on {RAW}; record it")
+    return np.array(frames)
+
+
+def _counts(image: Any) -> NDArray[np.uint16]:
+    """Return the counts (4, 44) of a sensor_msgs/Image."""
+    found = image.encoding, (image.height, image.width)
+    if found != (ENCODING, _SHAPE) or image.step != 2 * CHANNELS:
+        raise BadInputError(f"{RAW}: image {found}, expected {(ENCODING, _SHAPE)} without padding")
+    counts = np.asarray(image.data).view(">u2" if image.is_bigendian else "<u2")
+    return counts.reshape(_SHAPE).astype(np.uint16)
