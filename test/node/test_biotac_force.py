@@ -9,6 +9,7 @@ from geometry_msgs.msg import Vector3Stamped, WrenchStamped
 from sensor_msgs.msg import Image
 
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.tactile.fingertip import FingertipConfig
 from tactile_dynamics_ros.nodes import conversions as cv
 from tactile_dynamics_ros.nodes.biotac_force import BiotacForce, BiotacForceConfig
 from tactile_dynamics_ros.nodes.kept_tare import KeptTare
@@ -134,3 +135,15 @@ def test_bad_frames_are_counted_and_harmless(node):
 def counts(driver):
     """Return the node's fault counts."""
     return driver.node.faults.counts
+
+
+def test_each_finger_takes_its_own_numbers():
+    config = BiotacForceConfig(
+        gains=(1.1, 1.2, 1.3, 1.4), drift=tuple(float(k) for k in range(4 * 19))
+    )
+    thumb = config.fingertip(3, FingertipConfig(touch_counts=12.0))
+    assert thumb.touch_counts == 12.0
+    assert thumb.gain_matrix[0, 0] == pytest.approx(1.4)
+    assert thumb.drift == tuple(float(k) for k in range(57, 76))
+    with pytest.raises(BadInputError, match="drift: 3 values, expected 4 or 76"):
+        BiotacForceConfig(drift=(30.0, 31.0, 32.0))
