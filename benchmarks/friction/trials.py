@@ -30,7 +30,7 @@ class Case:
     """One probe of the study.
 
     Attributes:
-        subject: what is probed. hand: seed of the fingertips. trial: number.
+        subject: what is probed. hand: seed of joint offsets, noise and place. trial: number.
         friction: static coefficient to use, or None to draw it.
         gain: of the fingertip, gain_std: its uncertainty.
         in_air: lifted instead of standing.

@@ -8,6 +8,8 @@ from typing import Any
 from benchmarks.inertia.accuracy import PUBLISHED_EQ_34
 from benchmarks.inertia.verdicts import judge
 
+WITHIN = "within_3_percent_and_3_mm"
+
 
 def render(results: dict[str, Any]) -> str:
     """All sections present in the results."""
@@ -245,8 +247,17 @@ def _in_hand(result: dict[str, Any]) -> str:
     return (
         f"### Boxes in the simulated hand, whole chain (medians of {result['seeds']}, live of "
         f"{result['live_seeds']}; paper: its Table IV, C, No G; the same method on one of our "
-        "recordings)\n\n" + _box_table(result, ("paper", "paper's method here", "ours", "live"))
+        "recordings)\n\n"
+        + _box_table(result, ("paper", "paper's method here", "ours", "live"))
+        + _single_runs(result)
     )
+
+
+def _single_runs(result: dict[str, Any]) -> str:
+    shares = [
+        f"{row['object']} {100 * row[WITHIN]:.0f} %" for row in result["rows"] if WITHIN in row
+    ]
+    return f"\n\nSingle runs within 3 % and 3 mm: {', '.join(shares)}." if shares else ""
 
 
 def _box_table(result: dict[str, Any], kinds: Sequence[str]) -> str:
