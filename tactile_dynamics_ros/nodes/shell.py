@@ -78,14 +78,17 @@ class Shell(Node):
     Attributes:
         faults: counts that appear on /diagnostics.
         gather: pause after a first message, s; those that follow meanwhile are taken together.
+        skimming: whether only the newest matters of the streams that may be skimmed.
         polled: subscriptions whose messages the node takes itself.
     """
 
     gather = 0.005
+    skimming = False
 
     def __init__(self, name: str) -> None:
         super().__init__(name, automatically_declare_parameters_from_overrides=True)
         self.polled: list[Subscription] = []
+        self._skimmed: set[Subscription] = set()
         self._polled_group = _Polled()
         self._periodic: list[_Periodic] = []
         self.faults = Faults(self)
@@ -94,13 +97,11 @@ class Shell(Node):
     def work(self) -> None:
         """Take all waiting messages and do what is due."""
         for subscription in self.polled:
-            handle = subscription.handle
-            with handle:
-                for _ in range(BURST):
-                    taken = handle.take_message(subscription.msg_type, subscription.raw)
-                    if taken is None:
-                        break
-                    subscription.callback(taken[0])
+            taken = _take(subscription)
+            if self.skimming and subscription in self._skimmed:
+                taken = taken[-1:]
+            for message in taken:
+                subscription.callback(message)
         self.process()
         now = time.monotonic()
         for entry in self._periodic:
@@ -123,6 +124,7 @@ class Shell(Node):
         callback: Callable[[Any], None],
         profile: QoSProfile = STREAM,
         raw: bool = False,
+        skim: bool = False,
     ) -> None:
         """Subscribe; a message that is refused or cannot be used yet is counted and dropped.
 
@@ -132,6 +134,7 @@ class Shell(Node):
             callback: gets the message, as `wire` reads it where it knows the type.
             profile: quality of service.
             raw: hand over the bytes of the message instead.
+            skim: while the node is `skimming`, hand over only the newest of those taken together.
         """
         decode = None if raw else decoder_of(kind)
 
@@ -153,6 +156,8 @@ class Shell(Node):
             raw=raw or decode is not None,
         )
         self.polled.append(subscription)
+        if skim:
+            self._skimmed.add(subscription)
 
     def stream(self, kind: type[Any], topic: str) -> Publisher:
         """Return a publisher of sensor data."""
@@ -177,6 +182,19 @@ class Shell(Node):
             return response
 
         self.create_service(Trigger, name, answer)
+
+
+def _take(subscription: Subscription) -> list[Any]:
+    """Return the messages that wait, the oldest first."""
+    taken: list[Any] = []
+    handle = subscription.handle
+    with handle:
+        for _ in range(BURST):
+            found = handle.take_message(subscription.msg_type, subscription.raw)
+            if found is None:
+                break
+            taken.append(found[0])
+    return taken
 
 
 def spin(node: Shell, stop: Callable[[], bool]) -> None:

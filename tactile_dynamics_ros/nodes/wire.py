@@ -112,6 +112,11 @@ def encode_stamped(stamp: AnyStamp, frame_id: str, values: Array) -> bytes:
     return _begin(stamp) + _frame(frame_id, 8) + values.astype("<f8", copy=False).tobytes()
 
 
+def encode_clock(stamp: AnyStamp) -> bytes:
+    """Return the serialised Clock of a stamp."""
+    return _begin(stamp)
+
+
 def decode_image(data: bytes) -> Picture:
     """Return a serialised Image."""
     order, stamp, end = _read_header(data)
