@@ -1,6 +1,10 @@
 """What all nodes share: which of the messages that came together are read."""
 
+import multiprocessing
+import os
+
 import numpy as np
+import pytest
 from geometry_msgs.msg import Vector3Stamped
 
 from tactile_dynamics_ros.nodes import shell, wire
@@ -22,3 +26,18 @@ def test_a_node_that_skims_reads_only_the_newest_where_that_is_allowed(bench, mo
     node.work()
     assert read["whole"] == [0, 1, 2, 3, 0, 1, 2, 3]
     assert read["skimmed"] == [0, 1, 2, 3, 3]
+
+
+@pytest.mark.parametrize(("given", "kept"), [("SCHED_OTHER", "SCHED_BATCH"), ("SCHED_IDLE",) * 2])
+def test_a_node_finishes_its_bursts_unless_another_policy_was_chosen(given, kept):
+    context = multiprocessing.get_context("spawn")
+    with context.Pool(1) as pool:
+        found = pool.apply(policy_of_a_process_with, (getattr(os, given),))
+    assert found == getattr(os, kept)
+
+
+def policy_of_a_process_with(given):
+    """Return the policy that a process with one has after starting a node."""
+    os.sched_setscheduler(0, given, os.sched_param(0))
+    shell.finish_bursts()
+    return os.sched_getscheduler(0)
