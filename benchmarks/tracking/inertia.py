@@ -30,8 +30,6 @@ def estimate_with_each(tape: Tape, tracks: dict[str, Track]) -> dict[str, Any]:
     contacts = _contacts(tape)
     found: dict[str, Any] = {"object": tape.name}
     for label, track in {"true_pose": _true_track(tape), **tracks}.items():
-        if label == "plain_icp":
-            continue
         found[label] = _score(Streams(_poses(track), contacts), truth)
     return found
 

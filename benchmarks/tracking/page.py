@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from statistics import median
 from typing import Any
 
 LABELS = {
@@ -11,6 +12,7 @@ LABELS = {
     "plain_icp": "plain frame-to-model ICP",
     "true_pose": "true poses",
 }
+SCORES = ("mass_percent", "com_mm", "trace_error", "distance")
 
 
 def render(results: dict[str, Any]) -> str:
@@ -96,19 +98,17 @@ def _recovery(found: list[dict[str, Any]]) -> str:
 
 
 def _inertia(found: list[dict[str, Any]]) -> str:
+    """Medians over the runs of each object."""
     rows = [
-        "| object | poses from | mass, % | centre of mass, mm | Eq. 34 | distance |",
-        "|---" * 6 + "|",
+        "| object | runs | poses from | mass, % | centre of mass, mm | Eq. 34 | distance |",
+        "|---" * 7 + "|",
     ]
-    for run in found:
-        for label, score in run.items():
-            if label == "object":
-                continue
-            if "error" in score:
-                rows.append(f"| {run['object']} | {LABELS[label]} | - | - | - | - |")
-                continue
-            rows.append(
-                f"| {run['object']} | {LABELS[label]} | {score['mass_percent']:.2f} "
-                f"| {score['com_mm']:.2f} | {score['trace_error']:.2f} | {score['distance']:.2f} |"
-            )
+    for name in dict.fromkeys(run["object"] for run in found):
+        runs = [run for run in found if run["object"] == name]
+        for label in (key for key in runs[0] if key != "object"):
+            scores = [run[label] for run in runs if "error" not in run[label]]
+            cells = ["-"] * len(SCORES)
+            if scores:
+                cells = [f"{median(score[key] for score in scores):.2f}" for key in SCORES]
+            rows.append(f"| {name} | {len(scores)} | {LABELS[label]} | " + " | ".join(cells) + " |")
     return "\n".join(rows)

@@ -72,7 +72,7 @@ def run(args: Namespace) -> int:
             monitor = Monitor(say)
             story = Story(monitor.node, say) if args.hidden != "none" else None
             try:
-                _start(supervisor, args, out, say)
+                start_processes(supervisor, args, out, say)
                 _play(supervisor, monitor, stop, args, story)
                 truth = monitor.reveal()
             finally:
@@ -137,7 +137,17 @@ def _design_motion(args: Namespace, out: Path, say: Callable[[str], None]) -> Pa
     return path
 
 
-def _start(supervisor: Supervisor, args: Namespace, out: Path, say: Callable[[str], None]) -> None:
+def start_processes(
+    supervisor: Supervisor, args: Namespace, out: Path, say: Callable[[str], None]
+) -> None:
+    """Design the motion and start recorder and nodes.
+
+    Args:
+        supervisor: that starts them.
+        args: of the verb, with the duration of the motion, s.
+        out: folder of recording and motion.
+        say: prints a line for people.
+    """
     config = share_file(DEFAULT_CONFIG)
     motion = _design_motion(args, out, say)
     extra: dict[str, dict[str, object]] = {

@@ -28,8 +28,9 @@ def run(args: Namespace) -> int:
     from rclpy.signals import SignalHandlerOptions
 
     from tactile_dynamics_ros.nodes.recorder import Recorder
-    from tactile_dynamics_ros.nodes.shell import spin
+    from tactile_dynamics_ros.nodes.shell import finish_bursts, spin
 
+    finish_bursts()
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     try:
         recorder = Recorder(Path(args.out), args.topics)

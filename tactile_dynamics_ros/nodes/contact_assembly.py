@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bisect import bisect_left
+from bisect import bisect_left, bisect_right
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -68,9 +68,9 @@ class ContactAssembly:
         self._forces: deque[tuple[float, Array]] = deque(maxlen=KEPT)
         self._poses: deque[tuple[float, Array]] = deque(maxlen=KEPT)
         self._stds: deque[tuple[float, Array]] = deque(maxlen=KEPT)
-        node.listen(PoseStamped, f"{self._topic}/pose", self._on_pose)
-        node.listen(Vector3Stamped, f"{self._topic}/force_std", self._on_std)
-        node.listen(WrenchStamped, f"{self._topic}/force", self._on_force)
+        node.listen(PoseStamped, f"{self._topic}/pose", self._on_pose, skim=True)
+        node.listen(Vector3Stamped, f"{self._topic}/force_std", self._on_std, skim=True)
+        node.listen(WrenchStamped, f"{self._topic}/force", self._on_force, skim=True)
 
     def _on_pose(self, message: Stamped) -> None:
         matrix = pose_to_core(message, f"{self._topic}/pose", WORLD)
@@ -99,8 +99,11 @@ class ContactAssembly:
             self._deliver(self._assemble(time, wrench, *place))
 
     def _place(self, time: float) -> tuple[Array, Array] | None:
-        """`places_at` of the poses before and after; None if both are too far."""
-        after = bisect_left(self._poses, time, key=lambda entry: entry[0])
+        """The pose of that stamp, or `places_at` of those around it; None if both are too far."""
+        after = bisect_left(self._poses, time, key=_stamp_of)
+        if after < len(self._poses) and self._poses[after][0] == time:
+            matrix = self._poses[after][1]
+            return matrix[:3, 3], matrix[:3, :3]
         around = list(islice(self._poses, max(after - 1, 0), after + 1))
         stamps = np.array([stamp for stamp, _ in around])
         if np.min(np.abs(stamps - time)) > TOLERANCE:
@@ -112,6 +115,10 @@ class ContactAssembly:
     def _assemble(
         self, time: float, wrench: Array, point: Array, rotation: Array
     ) -> AssembledContact:
-        known = [std for stamp, std in self._stds if stamp <= time + 1e-9]
-        std = known[-1] if known else (self._stds[0][1] if self._stds else None)
+        after = bisect_right(self._stds, time + 1e-9, key=_stamp_of)
+        std = self._stds[max(after - 1, 0)][1] if self._stds else None
         return AssembledContact(time, self._name, point, rotation, wrench[3:], wrench[:3], std)
+
+
+def _stamp_of(entry: tuple[float, Array]) -> float:
+    return entry[0]

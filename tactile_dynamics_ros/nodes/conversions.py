@@ -37,6 +37,7 @@ from tactile_dynamics_ros.nodes.wire import (
 
 Array = NDArray[np.float64]
 
+IDENTITY = np.eye(4)
 SWAP_HALVES = np.array([3, 4, 5, 0, 1, 2])
 SWAP_ROWS = SWAP_HALVES[:, None]
 BIOTAC_ENCODING = "16UC1"
@@ -114,7 +115,7 @@ def check_frame_id(topic: str, found: str, expected: str) -> None:
 
 
 def _finite(topic: str, values: Array) -> Array:
-    if not math.isfinite(values.sum()):
+    if not math.isfinite(sum(values.tolist())):
         raise MessageError("not_finite", f"{topic}: value {values.tolist()} is not finite")
     return values
 
@@ -153,7 +154,7 @@ def std_to_core(message: Stamped, topic: str) -> Array:
         MessageError: one is not finite or negative.
     """
     values = _finite(topic, message.values)
-    if values.min() < 0.0:
+    if min(values.tolist()) < 0.0:
         raise MessageError("negative_std", f"{topic}: {values.tolist()}, expected none negative")
     return values
 
@@ -183,7 +184,7 @@ def pose_to_core(message: Stamped, topic: str, frame: str) -> Array:
         raise MessageError(
             "bad_quaternion", f"{topic}: orientation {values[3:].tolist()} has length {norm:.3g}"
         )
-    matrix = np.eye(4)
+    matrix = IDENTITY.copy()
     matrix[:3, :3] = quaternion_to_matrix(values[3:] / norm)
     matrix[:3, 3] = values[:3]
     return matrix

@@ -91,7 +91,7 @@ class FrictionProbeNode(Shell):
         self._progress = self.latched(DiagnosticStatus, "/friction_probe/progress")
         self._estimate = self.latched(DiagnosticStatus, "/friction_probe/estimate")
         self._slips = self.create_publisher(DiagnosticStatus, "/friction_probe/slip", RELIABLE)
-        self.listen(JointState, "/joint_states", self._on_joints)
+        self.listen(JointState, "/joint_states", self._on_joints, skim=True)
         self.listen(JointState, COMMAND, self._on_command)
         self.listen(PoseWithCovarianceStamped, self.config.pose_topic, self._on_pose)
         self.listen(Vector3Stamped, f"/biotac/{probe_config.finger}/slip", self._on_slip)
@@ -119,6 +119,11 @@ class FrictionProbeNode(Shell):
     def gather(self) -> float:
         """Pause after a first message, s: long while nothing is probed."""
         return Shell.gather if self.probe.running else IDLE
+
+    @property
+    def skimming(self) -> bool:
+        """Whether only the newest readings matter: while nothing is probed."""
+        return not self.probe.running
 
     def destroy_node(self) -> None:
         """Leave the hand where it is told to be."""

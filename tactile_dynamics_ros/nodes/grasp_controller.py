@@ -72,6 +72,8 @@ class GraspControllerNode(Shell):
     the arm.
     """
 
+    skimming = True  # it acts on the newest joint states and forces
+
     def __init__(self) -> None:
         super().__init__("grasp_controller")
         self.config = declare_config(self, GraspNodeConfig)
@@ -90,10 +92,11 @@ class GraspControllerNode(Shell):
         self._held = self.latched(Bool, "/object/held")
         self._tare = self.create_client(Trigger, "/biotac_force/tare")
         self.start()
-        self.listen(JointState, "/joint_states", self._on_joints)
+        self.listen(JointState, "/joint_states", self._on_joints, skim=True)
         self.listen(PoseWithCovarianceStamped, VISION, self._on_vision)
         for finger in FINGERS:
-            self.listen(WrenchStamped, f"/contact/{finger}/force", self._force_taker(finger))
+            topic = f"/contact/{finger}/force"
+            self.listen(WrenchStamped, topic, self._force_taker(finger), skim=True)
         self.listen(Bool, "/friction_probe/active", self._on_probe, LATCHED)
         self.listen(DiagnosticStatus, "/friction_probe/estimate", self._on_friction, LATCHED)
         self.serve("/grasp_controller/start", self.start)

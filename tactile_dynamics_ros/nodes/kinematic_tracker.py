@@ -68,6 +68,7 @@ class KinematicTrackerNode(Shell):
     """
 
     gather = 0.03
+    skimming = True  # of touch, only the newest counts
 
     def __init__(self) -> None:
         super().__init__("kinematic_tracker")
@@ -89,7 +90,8 @@ class KinematicTrackerNode(Shell):
         self._kinematic = self.stream(PoseWithCovarianceStamped, "/object/pose/kinematic")
         self._fused = self.stream(PoseWithCovarianceStamped, "/object/pose")
         for finger in FINGERS:  # taken first: after a pause, touch must not seem to have ended
-            self.listen(WrenchStamped, f"/contact/{finger}/force", self._force_taker(finger))
+            topic = f"/contact/{finger}/force"
+            self.listen(WrenchStamped, topic, self._force_taker(finger), skim=True)
         self.listen(JointState, "/joint_states", self._on_joints)
         self.listen(PoseWithCovarianceStamped, VISION, self._on_vision)
         self.listen(Float64, "/vision_tracker/score", self._on_score)

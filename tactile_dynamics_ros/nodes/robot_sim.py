@@ -20,14 +20,13 @@ from tactile_dynamics_ros.nodes.conversions import (
     depth_to_message,
     joints_to_message,
     to_seconds,
-    to_time,
     uncertain_pose_to_message,
     wrench_to_message,
 )
 from tactile_dynamics_ros.nodes.pacing import DelayLine, Pace, PaceConfig
 from tactile_dynamics_ros.nodes.parameters import declare_config
 from tactile_dynamics_ros.nodes.shell import Shell, run_node
-from tactile_dynamics_ros.nodes.wire import Joints
+from tactile_dynamics_ros.nodes.wire import Joints, encode_clock, to_stamp
 from tactile_dynamics_ros.sim.simulated_robot import (
     Readings,
     SimulatedRobot,
@@ -86,7 +85,7 @@ class RobotSim(Shell):
             self._publish(self.robot.advance())
 
     def _publish(self, readings: Readings) -> None:
-        self._ticks.publish(Clock(clock=to_time(readings.time)))
+        self._ticks.publish(encode_clock(to_stamp(readings.time)))
         self._joints.publish(
             joints_to_message(
                 JOINT_NAMES,

@@ -66,6 +66,9 @@ class VisionTrackerNode(Shell):
     too little of it is visible.
     """
 
+    skimming = True
+    gather = 0.01  # joint states and poses come a hundred times a second, images fifteen times
+
     def __init__(self) -> None:
         super().__init__("vision_tracker")
         self.config = declare_config(self, VisionNodeConfig)
@@ -88,7 +91,7 @@ class VisionTrackerNode(Shell):
         self.listen(CameraInfo, CAMERA, self._on_camera)
         self.listen(JointState, "/joint_states", self._on_joints)
         if self.config.follow_fused:
-            self.listen(PoseWithCovarianceStamped, "/object/pose", self._on_fused)
+            self.listen(PoseWithCovarianceStamped, "/object/pose", self._on_fused, skim=True)
         self.listen(Image, DEPTH, self._on_image, NEWEST)
         self.serve("/vision_tracker/reset", self._reset)
         self.every(1.0, self._show)

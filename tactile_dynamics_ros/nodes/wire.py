@@ -31,6 +31,10 @@ STAMPED = ENCAPSULATION + 8
 """Where the stamp ends."""
 FRAME = STAMPED + 4
 """Where the text of the frame id begins, behind its length."""
+DOUBLE = {order: np.dtype(f"{order}f8") for order in "<>"}
+HEADER = {order: struct.Struct(f"{order}iII") for order in "<>"}
+"""Stamp and length of the frame id."""
+STAMP = struct.Struct("<iI")
 LITTLE = bytes((0, LITTLE_ENDIAN, 0, 0))
 
 
@@ -103,13 +107,18 @@ def decoder_of(kind: type[Any]) -> Decoder | None:
 def decode_stamped(data: bytes, count: int) -> Stamped:
     """Return header and the `count` doubles of a serialised message."""
     order, stamp, end = _read_header(data)
-    values = np.frombuffer(data, order + "f8", count, _aligned(end))
+    values = np.frombuffer(data, DOUBLE[order], count, _aligned(end))
     return Stamped(stamp, _text(data[FRAME:end]), values)
 
 
 def encode_stamped(stamp: AnyStamp, frame_id: str, values: Array) -> bytes:
     """Return the serialised message of a header and doubles (K,)."""
-    return _begin(stamp) + _frame(frame_id, 8) + values.astype("<f8", copy=False).tobytes()
+    return _begin(stamp) + _frame(frame_id, 8) + values.astype(DOUBLE["<"], copy=False).tobytes()
+
+
+def encode_clock(stamp: AnyStamp) -> bytes:
+    """Return the serialised Clock of a stamp."""
+    return _begin(stamp)
 
 
 def decode_image(data: bytes) -> Picture:
@@ -188,13 +197,13 @@ COUNTS: dict[type[Any], int] = {
 def _read_header(data: bytes) -> tuple[str, Stamp, int]:
     """Return the byte order, the stamp, and where the frame id ends."""
     order = "<" if data[1] == LITTLE_ENDIAN else ">"
-    sec, nanosec, length = struct.unpack_from(order + "iII", data, ENCAPSULATION)
+    sec, nanosec, length = HEADER[order].unpack_from(data, ENCAPSULATION)
     return order, Stamp(sec, nanosec), FRAME + length
 
 
 def _begin(stamp: AnyStamp) -> bytes:
     """Return encapsulation and stamp."""
-    return LITTLE + struct.pack("<iI", stamp.sec, stamp.nanosec)
+    return LITTLE + STAMP.pack(stamp.sec, stamp.nanosec)
 
 
 def _aligned(offset: int, size: int = 8) -> int:

@@ -51,9 +51,12 @@ class JointDrives:
         self._kp = stiffness_scale * np.array([joint.kp for joint in HAND_JOINTS])
         self._kd = np.sqrt(stiffness_scale) * np.array([joint.kd for joint in HAND_JOINTS])
         self._cap = np.array([joint.effort for joint in HAND_JOINTS])
+        self._floor = -self._cap
         self._arm_cap = [joint.effort for joint in ARM_JOINTS]
-        self._smoothing, self._dt = smoothing, time_step
+        self._dt, ratio = time_step, time_step / smoothing
+        self._pull, self._decay = ratio / smoothing, 1.0 + 2.0 * ratio + ratio**2
         self._speed = np.array([joint.velocity for joint in ACTUATED_JOINTS])
+        self._slowest = -self._speed
         self._lower = np.array([joint.lower for joint in ACTUATED_JOINTS])
         self._upper = np.array([joint.upper for joint in ACTUATED_JOINTS])
         self.target = np.zeros(len(ACTUATED_JOINTS))
@@ -89,7 +92,7 @@ class JointDrives:
         )
         velocity = np.array([state[1] for state in states[ARM_DOF:]])
         wanted = self._kp * gap[ARM_DOF:] - self._kd * velocity
-        self.torque = np.minimum(np.maximum(wanted, -self._cap), self._cap)
+        self.torque = np.minimum(np.maximum(wanted, self._floor), self._cap)
         pybullet.setJointMotorControlArray(
             self._robot,
             self._hand,
@@ -100,10 +103,8 @@ class JointDrives:
 
     def _smooth(self) -> None:
         """Advance the reference by one step (implicit in its own decay)."""
-        ratio = self._dt / self._smoothing
-        pull = (self.target - self.reference) * (ratio / self._smoothing)
-        rate = (self._rate + pull) / (1.0 + 2.0 * ratio + ratio**2)
-        self._rate = np.minimum(np.maximum(rate, -self._speed), self._speed)
+        rate = (self._rate + (self.target - self.reference) * self._pull) / self._decay
+        self._rate = np.minimum(np.maximum(rate, self._slowest), self._speed)
         self.reference = self.reference + self._dt * self._rate
 
     def _release_hand_motors(self) -> None:

@@ -115,6 +115,8 @@ class SimulatedRobot:
         self.camera_pose = look_at(
             np.array(self.config.camera_position), np.array(self.config.camera_target)
         )
+        if self.config.depth_rate_hz > 0.0:
+            self.camera.place_backdrop(self.world.hide_table())
         self._steps = max(1, round(period / self.world.config.time_step))
         self._last_position: Array | None = None
 

@@ -266,6 +266,13 @@ class HandWorld:
         self._gravity = np.array(gravity, dtype=float)
         pybullet.setGravity(*self._gravity.tolist(), physicsClientId=self.client)
 
+    def hide_table(self) -> Callable[[int], int]:
+        """Make the table invisible; return what creates one as it was in another Bullet client."""
+        pybullet.changeVisualShape(
+            self.table, -1, rgbaColor=(0.0, 0.0, 0.0, 0.0), physicsClientId=self.client
+        )
+        return lambda client: spawn_table(client, self.config.table_friction / self.model.friction)
+
     def _configure_engine(self) -> None:
         pybullet.setPhysicsEngineParameter(
             fixedTimeStep=self.config.time_step,

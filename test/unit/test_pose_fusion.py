@@ -88,6 +88,30 @@ def test_blackout_is_bridged_by_the_hand():
     assert nees[1190] < 40.0
 
 
+def test_an_object_that_rolls_unseen_is_not_known_for_sure_and_is_found_again():
+    fusion = PoseFusion()
+    roll = np.array([np.deg2rad(8.0), 0.0, 0.0, 0.0, 0.004, 0.003])
+    for k in range(300):
+        fusion.predict(np.eye(4), START, 0.01 * k)
+        if k % 7 == 0:
+            assert fusion.correct(np.eye(4), VISION, 0.01 * k)
+    for k in range(300, 350):
+        truth = perturbed(np.eye(4), 0.01 * (k - 300) * roll)
+        pose, covariance = fusion.predict(np.eye(4), START, 0.01 * k)
+        error = pose_error(pose, truth)
+        wrong = np.linalg.norm(error[:3]) > np.deg2rad(3.0)
+        assert not wrong or error @ np.linalg.solve(covariance, error) < 22.46  # 0.999 quantile
+    assert wrong
+    assert fusion.correct(truth, VISION, 3.49)
+    spread = [fusion.predict(np.eye(4), START, 0.01 * k)[1] for k in range(350, 1500)]
+    seen, late = spread[18], spread[-1]
+    config = fusion.config
+    growth = 11.5 * fusion.slip_factor + (config.unseen_slip * config.unseen_time) ** 2
+    for axis, usual in ((0, np.deg2rad(config.slip_rotation_deg)), (3, config.slip_position)):
+        assert late[axis, axis] == pytest.approx(growth * usual**2, rel=0.1)
+        assert seen[axis, axis] < 0.05 * late[axis, axis]
+
+
 def test_outliers_are_rejected_but_a_jump_is_followed():
     fusion = PoseFusion()
     rng = np.random.default_rng(1)

@@ -15,6 +15,7 @@ from tactile_dynamics_ros.sim.sensors.encoders import EncoderConfig, JointEncode
 from tactile_dynamics_ros.sim.sensors.fingertips import Fingertips
 from tactile_dynamics_ros.sim.sensors.marker_tracker import MarkerTracker, MarkerTrackerConfig
 from tactile_dynamics_ros.sim.sensors.wrist_sensor import WristSensor, WristSensorConfig
+from tactile_dynamics_ros.sim.simulated_robot import SimulatedRobot, SimulatedRobotConfig
 
 
 def test_encoders_have_noise_offset_play_and_steps():
@@ -98,6 +99,24 @@ def test_depth_image_back_projects_onto_the_scene(box_world):
     local = np.abs((points - BOX_POSE[:3, 3]) @ BOX_POSE[:3, :3]) - HALF_SIZE
     assert len(points) > 2000
     assert np.abs(local.max(axis=1)).max() < 1e-3
+
+
+def test_a_backdrop_drawn_once_shows_what_drawing_it_each_time_shows():
+    def robot(rate: float) -> SimulatedRobot:
+        return SimulatedRobot(SimulatedRobotConfig(seed=3, depth_rate_hz=rate))
+
+    drawn_once, drawn_always = robot(10.0), robot(0.0)
+    camera, table = drawn_once.camera, drawn_once.world.table
+    elsewhere = look_at(np.array([0.2, 0.7, 0.6]), np.array([0.5, 0.0, 0.0]))
+    for pose in (drawn_once.camera_pose, elsewhere, drawn_once.camera_pose):
+        expected = drawn_always.camera.render(drawn_always.world.client, pose)
+        assert np.array_equal(camera.render(drawn_once.world.client, pose), expected)
+    camera.place_backdrop(lambda client: None)
+    seen = camera.render(drawn_once.world.client, drawn_once.camera_pose)
+    assert seen.max() > 9.9, "the table is still drawn with each image"
+    assert table == drawn_always.world.table
+    for each in (drawn_once, drawn_always):
+        each.world.close()
 
 
 def test_pixels_are_where_the_intrinsics_say(box_world):

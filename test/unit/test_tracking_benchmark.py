@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from benchmarks.tracking.page import render
 from benchmarks.tracking.scores import measure, summarise
 from benchmarks.tracking.tape import Moment, Tape
 from benchmarks.tracking.trackers import Track
@@ -63,3 +64,13 @@ def test_turns_that_look_the_same_are_no_error(name, turn, counts):
     assert (found.rotation.max() > 0.05) == counts
     assert (found.nees.max() > 1.0) == counts
     assert found.position.max() < 1e-9
+
+
+def test_inertial_estimates_are_shown_as_medians_of_the_runs_that_gave_one():
+    def scored(mass):
+        return {"mass_percent": mass, "com_mm": 1.0, "trace_error": 2.0, "distance": 3.0}
+
+    runs = [{"object": "box_0", "fused": scored(mass)} for mass in (9.0, 1.0, 2.0)]
+    runs += [{"object": "box_0", "fused": {"error": "nothing is held"}}]
+    lines = render({"inertia": runs}).splitlines()
+    assert lines[2:] == ["| box_0 | 3 | fused | 2.00 | 1.00 | 2.00 | 3.00 |"]

@@ -194,7 +194,8 @@ def test_the_robot_is_where_its_joints_say(studio):
     depth = DepthCamera().render(studio.world.client, PLACE).ravel()
     row, column = np.mgrid[:240, :320]
     rays = studio.camera.rays(row.ravel().astype(float), column.ravel().astype(float))
-    robot = RobotVolume(HandKinematics(), margin=0.0).depth(HOME, PLACE, rays)
+    volume = RobotVolume(HandKinematics(), margin=0.0)
+    robot = volume.depth(HOME, PLACE, rays.reshape(240, 320, 3)).ravel()
     hand = np.isfinite(robot)
     same = np.abs(robot[hand] - depth[hand]) < 2e-3
     world = (rays * depth[:, None]) @ PLACE[:3, :3].T + PLACE[:3, 3]

@@ -8,6 +8,7 @@ pytest.importorskip("rclpy")
 from builtin_interfaces.msg import Time  # noqa: E402
 from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3Stamped, WrenchStamped  # noqa: E402
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
+from rosgraph_msgs.msg import Clock  # noqa: E402
 from sensor_msgs.msg import CameraInfo, Image, JointState  # noqa: E402
 
 from tactile_dynamics_ros.nodes import wire  # noqa: E402
@@ -38,6 +39,11 @@ def test_what_is_written_rclpy_reads(frame):
     assert (message.pose.pose.position.y, message.pose.pose.orientation.w) == (1.0, 6.0)
     assert message.pose.covariance.tolist() == values[7:].tolist()
     assert wire.decoder_of(PoseWithCovarianceStamped)(data).values.tolist() == values.tolist()
+
+
+def test_a_clock_is_as_rclpy_writes_it():
+    message = Clock(clock=Time(sec=STAMP.sec, nanosec=STAMP.nanosec))
+    assert wire.encode_clock(STAMP) == serialize_message(message)
 
 
 def test_big_endian_bytes_are_read():

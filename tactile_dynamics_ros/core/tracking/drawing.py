@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from tactile_dynamics_ros.core.tracking.morphology import count_around, grow, shrink
 from tactile_dynamics_ros.core.tracking.object_shape import ObjectShape
 from tactile_dynamics_ros.core.tracking.scene import Scene
 
@@ -15,7 +16,6 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _PROBE = 1.5
-_SQUARE = np.ones((3, 3), dtype=bool)
 _NEWTON_STEPS = 3
 _HIT = 3e-4
 
@@ -64,26 +64,21 @@ def draw(shape: ObjectShape, scene: Scene, pose: Array, band: float) -> Drawing:
     """
     reach = int(np.ceil(band))
     window = scene.window
-    points = shape.points @ pose[:3, :3].T + pose[:3, 3]
-    normals = shape.normals @ pose[:3, :3].T
-    points = points[np.einsum("ij,ij->i", normals, points) < 0.0]
+    facing = shape.planes + shape.normals @ (pose[:3, :3].T @ pose[:3, 3]) < 0.0
+    points = shape.points[facing] @ pose[:3, :3].T + pose[:3, 3]
     place = window.lookup(scene.camera.project(points))
     inside = place >= 0
-    place, values = place[inside], points[inside, 2]
-    order = np.argsort(-values)
     depth = np.full(window.shape[0] * window.shape[1], np.inf)
-    depth[place[order]] = values[order]
+    np.minimum.at(depth, place[inside], points[inside, 2])
     image = depth.reshape(window.shape)
-    mask = ndimage.binary_closing(np.isfinite(image), _SQUARE)
+    drawn = np.isfinite(image)
+    mask = shrink(grow(drawn))
     row, column = ndimage.distance_transform_edt(
-        ~np.isfinite(image), return_distances=False, return_indices=True
+        ~drawn, return_distances=False, return_indices=True
     )
-    grown = ndimage.binary_dilation(mask, _SQUARE, iterations=reach)
-    shrunk = ndimage.binary_erosion(mask, _SQUARE, iterations=reach)
-    inner = ndimage.binary_erosion(mask, _SQUARE)
-    return Drawing(
-        mask, image[row, column].ravel(), inner.ravel(), (grown & ~shrunk).ravel(), reach
-    )
+    covered = count_around(mask, reach)
+    border = (covered > 0) & (covered < (2 * reach + 1) ** 2)
+    return Drawing(mask, image[row, column].ravel(), shrink(mask).ravel(), border.ravel(), reach)
 
 
 def trace(shape: ObjectShape, rays: Array, depth: Array, pose: Array) -> tuple[Array, Array, Mask]:
@@ -125,8 +120,7 @@ def draw_outline(shape: ObjectShape, scene: Scene, pose: Array, drawing: Drawing
 
 def keep_contested(label: NDArray[np.int8], reach: int) -> NDArray[np.int8]:
     """Return labels (H, W) of +1 and -1 with those set to 0 that have no opposite nearby."""
-    near_object = ndimage.maximum_filter(label, 2 * reach + 1) == 1
-    near_empty = ndimage.minimum_filter(label, 2 * reach + 1) == -1
+    near_object, near_empty = grow(label == 1, reach), grow(label == -1, reach)
     return np.where(np.where(label == 1, near_empty, near_object), label, 0).astype(np.int8)
 
 

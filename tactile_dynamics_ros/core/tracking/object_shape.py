@@ -51,16 +51,14 @@ class BoxSurface:
         """Return signed distances (N,), m, and their gradients (N, 3)."""
         local = (points - self.pose[:3, 3]) @ self.pose[:3, :3]
         excess = np.abs(local) - self.half
-        outward = np.maximum(excess, 0.0)
-        length = np.linalg.norm(outward, axis=1)
-        deepest = np.argmax(excess, axis=1)
-        row = np.arange(len(local))
-        outside = length > 1e-12
-        gradient = np.zeros_like(local)
-        gradient[row, deepest] = 1.0
-        gradient[outside] = outward[outside] / length[outside, None]
-        distance = np.where(outside, length, excess[row, deepest])
-        return distance, (gradient * np.where(local < 0.0, -1.0, 1.0)) @ self.pose[:3, :3].T
+        gradient = np.maximum(excess, 0.0)
+        distance = np.sqrt(np.einsum("ij,ij->i", gradient, gradient))
+        inside = np.flatnonzero(distance <= 1e-12)
+        deepest = np.argmax(excess[inside], axis=1)
+        gradient[inside, deepest] = 1.0
+        gradient /= np.where(distance > 1e-12, distance, 1.0)[:, None]
+        distance[inside] = excess[inside, deepest]
+        return distance, np.copysign(gradient, local) @ self.pose[:3, :3].T
 
     def mesh(self) -> Triangles:
         """Return triangles, object frame."""
@@ -170,6 +168,7 @@ class ObjectShape:
         self.centre = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
         self.radius = float(np.linalg.norm(corners - self.centre, axis=1).max())
         self.points, self.normals = self._sample(meshes)
+        self.planes = np.einsum("ij,ij->i", self.normals, self.points)
         self.edge_points, self.edge_tangents, self.edge_normals = _sample_edges(meshes)
         self.symmetries, self.symmetry_axes = self._find_symmetries()
 

@@ -7,6 +7,9 @@ to image; this wander is estimated beside the slip, so that many images do not f
 that they do not have. Images are late: each corrects the slip with the prediction of its own time,
 which only needs the predictions of the last moments.
 
+Where no image comes any more, the object may roll on the fingers at a speed that lasts, which no
+random walk covers: the covariance then grows with the square of the time.
+
 Corrections are spread over a moment, so that the pose can be differentiated twice. Where vision
 contradicts, the covariance says so at once, and grows to the size of the disagreement
 until one of the two gives in.
@@ -49,6 +52,15 @@ class PoseFusionConfig:
     wander_time: float = parameter(1.0, "how long that error stays alike", "s", 0.01, 1e3)
     smoothing: float = parameter(0.04, "time over which a correction is spread", "s", 0.0, 10.0)
     history: float = parameter(1.0, "longest latency of vision", "s", 0.01, 60.0)
+    unseen_after: float = parameter(0.2, "pause of vision that counts as absence", "s", 0.0, 60.0)
+    unseen_slip: float = parameter(
+        5.0,
+        "slip at a steady speed while unseen, as a multiple of the usual",
+        "1/sqrt(s)",
+        0.0,
+        100.0,
+    )
+    unseen_time: float = parameter(0.7, "how long that speed may last", "s", 0.0, 60.0)
     outliers_to_restart: int = parameter(6, "rejected poses in a row that mean a slip", "", 1)
     doubt_position: float = parameter(0.03, "spread of a pose that images refute", "m", 0.0, 1.0)
     doubt_rotation_deg: float = parameter(20.0, "spread of a refuted pose", "deg", 0.0, 180.0)
@@ -111,7 +123,7 @@ class PoseFusion:
             self._covariance[_WANDER, _WANDER] = self._wander_spread
         elif self._history:
             elapsed = max(0.0, time - self._history[-1][0])
-            grown = self.slip_factor * elapsed
+            grown = self.slip_factor * elapsed + self._grown_unseen(self._history[-1][0], time)
             self._spread_correction(elapsed)
             self._covariance[_SLIP, _SLIP] += grown * self._growth
             self._grown.append((time, grown))
@@ -120,6 +132,20 @@ class PoseFusion:
             while past and past[0][0] < time - self.config.history:
                 past.popleft()
         return self._fuse(kinematic, self._covariance[_SLIP, _SLIP])
+
+    def _grown_unseen(self, before: float, now: float) -> float:
+        """Return how the slip's variance grows between two times as it does while unseen.
+
+        What rolls on the fingers does so at a speed that lasts: (a t)^2 until it has turned back.
+        """
+        config = self.config
+        if self._corrected == -np.inf:
+            return 0.0
+        first, last = (
+            min(max(time - self._corrected - config.unseen_after, 0.0), config.unseen_time)
+            for time in (before, now)
+        )
+        return config.unseen_slip**2 * (last**2 - first**2)
 
     def correct(self, vision: Array, covariance: Array, time: float) -> bool:
         """Correct the slip by a pose from vision; return whether it was used.

@@ -158,8 +158,9 @@ class Registration:
             blur = BLUR[min(k, len(BLUR) - 1)]
             if k < len(BLUR):
                 drawing = draw(self.shape, scene, pose, blur * config.outline_band)
-            system = self._ray_terms(scene, pose, drawing)
-            added, pull = self._outline_terms(scene, pose, drawing, blur)
+                surface, label = self._facing_pixels(scene, drawing), _label_border(scene, drawing)
+            system = self._ray_terms(scene, pose, drawing, surface)
+            added, pull = self._outline_terms(scene, pose, drawing, label, blur)
             information = system.information + added
             pose = self._step(pose, information, system.gradient + pull)
         return self.judge(scene, pose, information, system.misfit)
@@ -183,8 +184,7 @@ class Registration:
     def _nearest_terms(self, scene: Scene, pose: Array) -> _System:
         """Return the normal equations of pixels drawn to the nearest surface, from afar."""
         window, reach = scene.window, self.config.coarse_reach
-        index = np.flatnonzero(scene.free)
-        points = window.rays[index] * window.depth[index, None]
+        index, points = np.flatnonzero(scene.free), scene.free_points
         near = np.sum((points - self._pivot(pose)) ** 2, axis=1) < (self.shape.radius + reach) ** 2
         index, points = self._thin(index[near]), self._thin(points[near])
         distance, normal = self.shape.distance((points - pose[:3, 3]) @ pose[:3, :3])
@@ -195,11 +195,16 @@ class Registration:
         found = _Pixels(index[keep], foot[keep], normal[keep], distance[keep], cosine[keep])
         return self._normal_equations(scene, pose, found, reach)
 
-    def _ray_terms(self, scene: Scene, pose: Array, drawing: Drawing) -> _System:
+    def _facing_pixels(self, scene: Scene, drawing: Drawing) -> NDArray[np.intp]:
+        """Return indices of pixels that show the near side, or what is close to it."""
+        near = np.abs(scene.window.depth - drawing.depth) < 2.0 * self.config.fine_reach
+        return self._thin(np.flatnonzero(scene.free & drawing.inner & near))
+
+    def _ray_terms(
+        self, scene: Scene, pose: Array, drawing: Drawing, index: NDArray[np.intp]
+    ) -> _System:
         """Return the normal equations of pixels against the plane that their own rays meet."""
         window, reach = scene.window, self.config.fine_reach
-        near = np.abs(window.depth - drawing.depth) < 2.0 * reach
-        index = self._thin(np.flatnonzero(scene.free & drawing.inner & near))
         rays = window.rays[index]
         depth, normal, hit = trace(self.shape, rays, drawing.depth[index], pose)
         cosine = _cosine(normal, rays)
@@ -241,7 +246,12 @@ class Registration:
         return np.asarray(np.sqrt(along * cosine**2 + across**2 * sine2 + self.config.model_std**2))
 
     def _outline_terms(
-        self, scene: Scene, pose: Array, drawing: Drawing, blur: float
+        self,
+        scene: Scene,
+        pose: Array,
+        drawing: Drawing,
+        label: NDArray[np.int8],
+        blur: float,
     ) -> tuple[Array, Array]:
         """Return information and gradient of the probit model of the border's pixels.
 
@@ -249,10 +259,10 @@ class Registration:
             scene: labelled pixels.
             pose: (4, 4) X_CO.
             drawing: of the shape near that pose.
+            label: (P,) what the border's pixels show.
             blur: factor on the blur of the outline, to catch borders that are far off.
         """
         outline = draw_outline(self.shape, scene, pose, drawing)
-        label = _label_border(scene, drawing)
         index = np.flatnonzero(label)
         if outline is None or len(index) < 4:
             return np.zeros((6, 6)), np.zeros(6)
@@ -325,10 +335,8 @@ class Registration:
 
     def _strange(self, scene: Scene, pose: Array) -> float:
         """Return the share of pixels near the object that its surface does not explain."""
-        index = np.flatnonzero(scene.free)
-        points = scene.window.rays[index] * scene.window.depth[index, None]
-        near = np.sum((points - self._pivot(pose)) ** 2, axis=1) < self.shape.radius**2
-        points = points[near]
+        arm = scene.free_points - self._pivot(pose)
+        points = scene.free_points[np.einsum("ij,ij->i", arm, arm) < self.shape.radius**2]
         if not len(points):
             return 0.0
         distance, _ = self.shape.distance((points - pose[:3, 3]) @ pose[:3, :3])

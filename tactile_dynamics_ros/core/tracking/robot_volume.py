@@ -46,15 +46,17 @@ class RobotVolume:
         Args:
             positions: (23,) joint positions, rad.
             camera: (4, 4) X_WC.
-            rays: (P, 3) with z = 1, camera frame.
+            rays: (H, W, 3) with z = 1 of a rectangle of pixels, camera frame.
 
         Returns:
-            (P,) m, infinite where a ray meets nothing.
+            (H, W) m, infinite where a ray meets nothing.
         """
         where = self._kinematics.locate(positions)
         to_camera = np.linalg.inv(camera)
-        nearest = np.full(len(rays), np.inf)
-        across = np.ascontiguousarray(rays[:, :2].T)
+        height, width = rays.shape[:2]
+        nearest = np.full(height * width, np.inf)
+        across = rays[0, :, 0].copy(), rays[:, 0, 1].copy()
+        rays = rays.reshape(-1, 3)
         poses, halves = self._boxes(where)
         poses = to_camera @ poses
         reach = np.linalg.norm(halves, axis=1)
@@ -66,7 +68,7 @@ class RobotVolume:
         for k in _in_sight(centres, radii, across):
             index = _near(centres[k], radii[k], across)
             _meet_sphere(centres[k], radii[k], rays, index, nearest)
-        return nearest
+        return nearest.reshape(height, width)
 
     def _boxes(self, where: HandConfiguration) -> tuple[Array, Array]:
         """Return poses (B, 4, 4) in the world and half edges (B, 3)."""
@@ -96,20 +98,29 @@ def _cone(centre: Array, radius: Array) -> Array:
     return np.asarray(1.3 * radius / np.maximum(centre[..., 2] - 0.9 * radius, 1e-3))
 
 
-def _in_sight(centres: Array, radii: Array, across: Array) -> NDArray[np.intp]:
-    """Return indices of spheres in front of the camera that a bundle of rays may meet."""
+def _in_sight(centres: Array, radii: Array, across: tuple[Array, Array]) -> NDArray[np.intp]:
+    """Return indices of spheres in front of the camera that a rectangle of rays may meet."""
     ahead = centres[:, 2] > radii
     middle = centres[:, :2] / np.where(ahead, centres[:, 2], 1.0)[:, None]
     reach = _cone(centres, radii)[:, None]
-    inside = (middle + reach > across.min(axis=1)) & (middle - reach < across.max(axis=1))
+    low, high = ([f(side) for side in across] for f in (np.min, np.max))
+    inside = (middle + reach > low) & (middle - reach < high)
     return np.flatnonzero(ahead & inside[:, 0] & inside[:, 1])
 
 
-def _near(centre: Array, radius: float, across: Array) -> NDArray[np.intp]:
-    """Return indices of rays that pass near a sphere."""
+def _near(centre: Array, radius: float, across: tuple[Array, Array]) -> NDArray[np.intp]:
+    """Return indices of rays that pass near a sphere.
+
+    Args:
+        centre: (3,) camera frame, m.
+        radius: m.
+        across: x (W,) of the columns and y (H,) of the rows of rays with z = 1.
+    """
     reach = float(_cone(centre, np.asarray(radius)))
     x, y = centre[0] / centre[2], centre[1] / centre[2]
-    return np.flatnonzero((np.abs(across[0] - x) < reach) & (np.abs(across[1] - y) < reach))
+    columns = np.flatnonzero(np.abs(across[0] - x) < reach)
+    rows = np.flatnonzero(np.abs(across[1] - y) < reach)
+    return np.asarray(rows[:, None] * len(across[0]) + columns).ravel()
 
 
 def _meet_sphere(
@@ -129,12 +140,9 @@ def _meet_box(
 ) -> None:
     """Intersect rays with a box by its slabs."""
     start = -pose[:3, :3].T @ pose[:3, 3]
-    enter, leave = np.full(len(index), -np.inf), np.full(len(index), np.inf)
-    for axis in range(3):
-        speed = rays[index] @ pose[:3, axis]
-        speed = np.where(np.abs(speed) < 1e-9, 1e-9, speed)
-        low, high = (-half[axis] - start[axis]) / speed, (half[axis] - start[axis]) / speed
-        enter = np.maximum(enter, np.minimum(low, high))
-        leave = np.minimum(leave, np.maximum(low, high))
+    speed = pose[:3, :3].T @ rays[index].T
+    speed[np.abs(speed) < 1e-9] = 1e-9
+    low, high = (-half - start)[:, None] / speed, (half - start)[:, None] / speed
+    enter, leave = np.minimum(low, high).max(axis=0), np.maximum(low, high).min(axis=0)
     hit = (leave > enter) & (enter > 0.0)
     nearest[index[hit]] = np.minimum(nearest[index[hit]], enter[hit])

@@ -16,6 +16,7 @@ from tactile_dynamics_ros.core.tracking.depth_image import (
     Window,
     window_around,
 )
+from tactile_dynamics_ros.core.tracking.morphology import grow_cross
 from tactile_dynamics_ros.core.tracking.robot_volume import RobotVolume
 
 Array = NDArray[np.float64]
@@ -48,6 +49,12 @@ class Scene:
         filled = np.where(np.isfinite(depth), depth, np.inf).reshape(self.window.shape)
         smallest = ndimage.minimum_filter(filled, 3, mode="nearest").ravel()
         return np.where(np.isfinite(depth), smallest, np.nan)
+
+    @cached_property
+    def free_points(self) -> Array:
+        """Measured points (N, 3) of the free pixels, camera frame, m."""
+        index = np.flatnonzero(self.free)
+        return np.asarray(self.window.rays[index] * self.window.depth[index, None])
 
     def sunk(self, points: Array) -> float:
         """Return how far the lowest of points (N, 3), camera frame, is inside the support, m."""
@@ -83,9 +90,10 @@ def label_scene(
     safe = np.where(valid, depth, 1.0)
     robot = np.full(len(depth), np.inf)
     if volume is not None and positions is not None:
-        robot = volume.depth(positions, camera.pose, window.rays)
+        grid = window.rays.reshape(*window.shape, 3)
+        robot = volume.depth(positions, camera.pose, grid).ravel()
     shows_robot = np.isfinite(robot) & (safe > robot - ROBOT_TOLERANCE)
-    shows_robot = ndimage.binary_dilation(shows_robot.reshape(window.shape)).ravel()
+    shows_robot = grow_cross(shows_robot.reshape(window.shape)).ravel()
     free = valid & ~shows_robot
     if support_height is not None:
         height = (window.rays * safe[:, None]) @ camera.pose[2, :3] + camera.pose[2, 3]

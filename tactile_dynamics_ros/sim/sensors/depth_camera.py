@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import pybullet
@@ -17,6 +19,8 @@ Image = NDArray[np.float32]
 BASELINE = 0.075
 DISPARITY_STEPS = 8.0
 NATIVE_WIDTH = 640
+NEAR, FAR = 0.05, 10.0
+"""What Bullet draws lies between, m."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +58,14 @@ class DepthCameraConfig:
         return np.array([[f, 0.0, cx], [0.0, f, cy], [0.0, 0.0, 1.0]])
 
 
+class _Backdrop(NamedTuple):
+    """What never moves, from X_WC (4, 4): depth buffer of Bullet (H, W), and depth (H, W) in m."""
+
+    pose: Array
+    window: Image
+    depth: Image
+
+
 class DepthCamera:
     """Renders depth images and gives them the errors of structured light.
 
@@ -71,26 +83,61 @@ class DepthCamera:
         self._misplacement = np.eye(4)
         self._misplacement[:3, :3] = exp_so3(turn)
         self._misplacement[:3, 3] = self.config.pose_bias * self._rng.standard_normal(3)
+        self._spawn_backdrop: Callable[[int], object] | None = None
+        self._seen_backdrop: _Backdrop | None = None
 
     def render(self, client: int, pose: Array) -> Image:
-        """Return the true depth image (H, W) in m of a Bullet world.
-
-        Bullet's CPU renderer samples half a pixel to the left and below the pixel's centre; the
-        projection is shifted so that ``intrinsics`` hold.
+        """Return the true depth image (H, W) in m of a Bullet world, before the backdrop if any.
 
         Args:
             client: Bullet client.
             pose: (4, 4) X_WC.
         """
+        window = self._draw(client, pose)
+        if self._spawn_backdrop is None:
+            return _to_depth(window)
+        seen = self._backdrop(pose)
+        depth = seen.depth.copy()
+        nearer = np.flatnonzero(window < seen.window)
+        depth.ravel()[nearer] = _to_depth(window.ravel()[nearer])
+        return depth
+
+    def place_backdrop(self, spawn: Callable[[int], object]) -> None:
+        """Draw what never moves once per camera pose instead of with each image.
+
+        What is spawned must be invisible in the world, or it would be drawn with each image too.
+
+        Args:
+            spawn: creates it in a Bullet client.
+        """
+        self._spawn_backdrop, self._seen_backdrop = spawn, None
+
+    def _backdrop(self, pose: Array) -> _Backdrop:
+        """Return what is seen of the backdrop from X_WC (4, 4)."""
+        seen = self._seen_backdrop
+        if seen is None or not np.array_equal(seen.pose, pose):
+            assert self._spawn_backdrop is not None
+            client = pybullet.connect(pybullet.DIRECT)
+            self._spawn_backdrop(client)
+            window = self._draw(client, pose)
+            pybullet.disconnect(client)
+            seen = self._seen_backdrop = _Backdrop(pose.copy(), window, _to_depth(window))
+        return seen
+
+    def _draw(self, client: int, pose: Array) -> Image:
+        """Return Bullet's depth buffer (H, W).
+
+        Bullet's CPU renderer samples half a pixel to the left and below the pixel's centre; the
+        projection is shifted so that ``intrinsics`` hold.
+        """
         config = self.config
-        near, far = 0.05, 10.0
         view = np.linalg.inv(pose @ np.diag([1.0, -1.0, -1.0, 1.0]))
         f = config.focal_length
         projection = np.array(
             [
                 [2.0 * f / config.width, 0.0, 1.0 / config.width, 0.0],
                 [0.0, 2.0 * f / config.height, 1.0 / config.height, 0.0],
-                [0.0, 0.0, -(far + near) / (far - near), -2.0 * far * near / (far - near)],
+                [0.0, 0.0, -(FAR + NEAR) / (FAR - NEAR), -2.0 * FAR * NEAR / (FAR - NEAR)],
                 [0.0, 0.0, -1.0, 0.0],
             ]
         )
@@ -103,8 +150,7 @@ class DepthCamera:
             flags=pybullet.ER_NO_SEGMENTATION_MASK,
             physicsClientId=client,
         )[3]
-        window = np.reshape(np.asarray(buffer, dtype=np.float64), (config.height, config.width))
-        return (far * near / (far - (far - near) * window)).astype(np.float32)
+        return np.asarray(buffer, dtype=np.float32).reshape(config.height, config.width)
 
     def degrade(self, depth: Image) -> Image:
         """Return a measured depth image (H, W) for a true one: noise, quantisation, holes.
@@ -115,21 +161,33 @@ class DepthCamera:
         config = self.config
         depth = np.asarray(depth, dtype=np.float32)
         depth = self._jitter(depth, self._tilt(depth))
-        tilt = self._tilt(depth)
-        sigma = 1.2e-3 + 1.9e-3 * (depth - 0.4) ** 2
-        oblique = tilt > np.float32(np.deg2rad(60.0))
-        grazing = np.minimum(tilt[oblique], 1.5)
-        extra = 1e-4 / np.sqrt(depth[oblique])
-        sigma[oblique] += extra * grazing**2 / (np.pi / 2 - grazing) ** 2
-        noise = self._rng.standard_normal(depth.shape, dtype=np.float32)
-        measured = depth + config.noise_scale * sigma * noise
+        sigma = self._axial_noise(depth, self._tilt(depth))
+        measured = self._rng.standard_normal(depth.shape, dtype=np.float32)
+        sigma *= config.noise_scale
+        measured *= sigma
+        measured += depth
         scale = DISPARITY_STEPS * BASELINE * config.focal_length * NATIVE_WIDTH / config.width
-        measured = scale / np.maximum(np.rint(scale / np.maximum(measured, 0.05)), 1.0)
+        np.maximum(measured, 0.05, out=measured)
+        np.rint(np.divide(scale, measured, out=measured), out=measured)
+        np.divide(scale, np.maximum(measured, 1.0, out=measured), out=measured)
         lost = (measured < config.nearest) | (measured > config.farthest)
         lost |= self._edges(depth)
         if config.shadows:
             lost |= self._shadowed(depth)
-        return np.where(lost, np.nan, measured).astype(np.float32)
+        measured[lost] = np.nan
+        return measured
+
+    def _axial_noise(self, depth: Image, tilt: Image) -> Image:
+        """Return the standard deviation (H, W) of depth, m, at a tilt of the surface, rad."""
+        sigma = depth - np.float32(0.4)
+        sigma *= sigma
+        sigma *= np.float32(1.9e-3)
+        sigma += np.float32(1.2e-3)
+        oblique = np.flatnonzero(tilt > np.float32(np.deg2rad(60.0)))
+        grazing = np.minimum(tilt.ravel()[oblique], 1.5)
+        extra = 1e-4 / np.sqrt(depth.ravel()[oblique])
+        sigma.ravel()[oblique] += extra * grazing**2 / (np.pi / 2 - grazing) ** 2
+        return sigma
 
     def measure(self, client: int, pose: Array) -> Image:
         """Render and degrade; the camera stands a little off its calibrated pose (4, 4) X_WC."""
@@ -153,7 +211,7 @@ class DepthCamera:
         np.clip(column, 0, config.width - 1, out=column)
         row *= config.width
         row += column
-        return depth.ravel()[row]
+        return np.take(depth, row)
 
     def _tilt(self, depth: Image) -> Image:
         """Return the angle between the surface normal and the optical axis, rad."""
@@ -185,6 +243,12 @@ class DepthCamera:
         nearest = np.full(config.height * wide, np.inf, dtype=np.float32)
         np.minimum.at(nearest, place.ravel(), depth.ravel())
         return depth > np.float32(1.02) * nearest[place]
+
+
+def _to_depth(window: Image) -> Image:
+    """Return depth in m of values of Bullet's depth buffer, any shape."""
+    scale = FAR - (FAR - NEAR) * window.astype(np.float64)
+    return np.asarray(FAR * NEAR / scale, dtype=np.float32)
 
 
 def look_at(position: Array, target: Array) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from dataclasses import dataclass
+from functools import cached_property
 from math import inf
 
 import numpy as np
@@ -54,7 +55,7 @@ class ContactReading:
         """|force| + |torque|, as a measure of being loaded."""
         return float(np.linalg.norm(self.force) + np.linalg.norm(self.torque))
 
-    @property
+    @cached_property
     def in_contact(self) -> bool:
         """Whether anything is transmitted."""
         return bool(np.abs(self.force).sum() + np.abs(self.torque).sum() > _EMPTY)
@@ -184,12 +185,8 @@ class ContactQueue:
 
 def _mix(readings: list[ContactReading], weights: Array) -> ContactReading:
     middle = readings[int(np.argmax(weights))]
-    point, force, torque, std = np.zeros((4, 3))
-    for weight, reading in zip(weights.tolist(), readings, strict=True):
-        point += weight * reading.point
-        force += weight * reading.force
-        torque += weight * reading.torque
-        std += weight * reading.std
+    values = np.array([[r.point, r.force, r.torque, r.std] for r in readings])
+    point, force, torque, std = np.tensordot(weights, values, 1)
     return ContactReading(point, middle.rotation, force, torque, std)
 
 

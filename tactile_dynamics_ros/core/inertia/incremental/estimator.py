@@ -115,11 +115,11 @@ class IncrementalInertialEstimator:
         """
         values = [np.asarray(v, dtype=float) for v in (point_W, R_W, force_W)]
         torque = np.zeros(3) if torque_W is None else np.asarray(torque_W, dtype=float)
-        if not math.isfinite(t + torque.sum() + sum(value.sum() for value in values)):
+        if not math.isfinite(t + sum(sum(value.ravel().tolist()) for value in (torque, *values))):
             self._stream.problems[f"contact '{name}' not finite"] += 1
             return
         std = np.full(3, np.nan) if std_W is None else np.asarray(std_W, dtype=float)
-        if not np.all(np.isfinite(std) & (std > 0.0)):
+        if not all(0.0 < value < math.inf for value in std.tolist()):
             std = np.full(3, np.nan)
         point, rotation, force = values
         self._stream.add_contact(name, t, ContactReading(point, rotation, force, torque, std))
@@ -174,12 +174,13 @@ class IncrementalInertialEstimator:
     def _pose_noise(self, covariance: Array | None) -> Array:
         noise = np.zeros((2, 3, 3))
         for k, fallback in enumerate((self._config.rotation_std, self._config.position_std)):
-            noise[k] = fallback * np.eye(3)
             if covariance is None:
+                noise[k] = fallback * np.eye(3)
                 continue
             block = np.asarray(covariance, dtype=float)[3 * k : 3 * k + 3, 3 * k : 3 * k + 3]
             try:
                 noise[k] = np.linalg.cholesky(block)
             except np.linalg.LinAlgError:
+                noise[k] = fallback * np.eye(3)
                 self._stream.problems["pose covariance not positive definite"] += 1
         return noise

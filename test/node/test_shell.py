@@ -1,0 +1,43 @@
+"""What all nodes share: which of the messages that came together are read."""
+
+import multiprocessing
+import os
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import Vector3Stamped
+
+from tactile_dynamics_ros.nodes import shell, wire
+
+
+def test_a_node_that_skims_reads_only_the_newest_where_that_is_allowed(bench, monkeypatch):
+    node = bench.start(lambda: shell.Shell("skimmer"))
+    read = {"skimmed": [], "whole": []}
+    for name, heard in read.items():
+        node.listen(
+            Vector3Stamped, f"/{name}", lambda m, to=heard: to.append(m.values[0]),
+            skim=name == "skimmed",
+        )  # fmt: skip
+    stamp = wire.Stamp(1, 0)
+    waiting = [wire.encode_stamped(stamp, "world", np.full(3, float(k))) for k in range(4)]
+    monkeypatch.setattr(shell, "_take", lambda subscription: list(waiting))
+    node.work()
+    node.skimming = True
+    node.work()
+    assert read["whole"] == [0, 1, 2, 3, 0, 1, 2, 3]
+    assert read["skimmed"] == [0, 1, 2, 3, 3]
+
+
+@pytest.mark.parametrize(("given", "kept"), [("SCHED_OTHER", "SCHED_BATCH"), ("SCHED_IDLE",) * 2])
+def test_a_node_finishes_its_bursts_unless_another_policy_was_chosen(given, kept):
+    context = multiprocessing.get_context("spawn")
+    with context.Pool(1) as pool:
+        found = pool.apply(policy_of_a_process_with, (getattr(os, given),))
+    assert found == getattr(os, kept)
+
+
+def policy_of_a_process_with(given):
+    """Return the policy that a process with one has after starting a node."""
+    os.sched_setscheduler(0, given, os.sched_param(0))
+    shell.finish_bursts()
+    return os.sched_getscheduler(0)
