@@ -81,6 +81,11 @@ class Effect(ABC):
         """Name with the reading, for example ``sensor_lag:world``."""
         return f"{self.name}:{self.variant}" if self.variant else self.name
 
+    @property
+    def screened_as(self) -> str:
+        """What readings with the same `screening_basis` have in common; the label by default."""
+        return self.label
+
     def with_variant(self, variant: str) -> Effect:
         """Return the reading of that name.
 

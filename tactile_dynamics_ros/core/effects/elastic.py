@@ -99,6 +99,11 @@ class TetherSpring(Effect):
         """Empty, or `rest_length`."""
         return "rest_length" if self.rest else ""
 
+    @property
+    def screened_as(self) -> str:
+        """The basis does not depend on the rest length."""
+        return self.name
+
     def with_variant(self, variant: str) -> Effect:
         """`rest_length`."""
         if variant != "rest_length":

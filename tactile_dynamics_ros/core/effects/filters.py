@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,32 +73,61 @@ def first_order_lag(time: Array, values: Array, tau: float) -> tuple[Array, Arra
     Returns:
         y and dy/dtau, both (N, ...).
     """
-    flat = values.reshape(len(values), -1)
-    response, change = np.empty_like(flat, dtype=float), np.empty_like(flat, dtype=float)
-    for part in segments(time):
-        response[part], change[part] = _lag_segment(time[part], flat[part], tau)
+    stretches = _lag_stretches(time, values, tau)
+    response = np.concatenate([stretch.response for stretch in stretches])
+    change = np.concatenate([stretch.change for stretch in stretches])
     return response.reshape(values.shape), change.reshape(values.shape)
 
 
-def _lag_segment(time: Array, values: Array, tau: float) -> tuple[Array, Array]:
-    rises = taylor(time, values)
-    steps = np.diff(time)[:, None]
-    begin, begin_change = _following(rises, tau)
-    end, end_change = _following(_advanced(rises, steps), tau)
-    decay = np.exp(-steps / tau)
-    drive = end - decay * begin
-    response = integrate_linear(decay[..., None], drive[:, None], values[:1])[:, 0]
-    change_of_decay = decay * steps / tau**2
-    drive = end_change - decay * begin_change + change_of_decay * (response[:-1] - begin)
-    start = np.zeros_like(values[:1])
-    return response, integrate_linear(decay[..., None], drive[:, None], start)[:, 0]
+def lagged(time: Array, values: Array, tau: float) -> Array:
+    """The response of `first_order_lag` alone."""
+    parts = [stretch.response for stretch in _lag_stretches(time, values, tau)]
+    return np.concatenate(parts).reshape(values.shape)
 
 
-def _following(rises: Array, tau: float) -> tuple[Array, Array]:
-    """P = u - tau u' + tau^2 u'' - tau^3 u''' and dp/dtau."""
+def _lag_stretches(time: Array, values: Array, tau: float) -> list[_LagStretch]:
+    flat = values.reshape(len(values), -1)
+    return [_LagStretch(time[part], flat[part], tau) for part in segments(time)]
+
+
+class _LagStretch:
+    """A first-order lag of (n, m) values without gaps."""
+
+    def __init__(self, time: Array, values: Array, tau: float) -> None:
+        self._steps, self._values, self._tau = np.diff(time)[:, None], values, tau
+        self._decay = np.exp(-self._steps / tau)
+        self._begin = taylor(time, values)
+        self._end = _advanced(self._begin, self._steps)
+
+    @cached_property
+    def response(self) -> Array:
+        """(n, m) y."""
+        begin, end = (_following(rises, self._tau) for rises in (self._begin, self._end))
+        return self._integrated(end - self._decay * begin, self._values[:1])
+
+    @cached_property
+    def change(self) -> Array:
+        """(n, m) dy/dtau."""
+        begin, end = (_following_change(rises, self._tau) for rises in (self._begin, self._end))
+        change_of_decay = self._decay * self._steps / self._tau**2
+        beyond = self.response[:-1] - _following(self._begin, self._tau)
+        drive = end - self._decay * begin + change_of_decay * beyond
+        return self._integrated(drive, np.zeros_like(self._values[:1]))
+
+    def _integrated(self, drive: Array, start: Array) -> Array:
+        return integrate_linear(self._decay[..., None], drive[:, None], start)[:, 0]
+
+
+def _following(rises: Array, tau: float) -> Array:
+    """P = u - tau u' + tau^2 u'' - tau^3 u'''."""
+    value, first, second, third = rises
+    return np.asarray(value - tau * (first - tau * (second - tau * third)))
+
+
+def _following_change(rises: Array, tau: float) -> Array:
+    """dp/dtau."""
     _, first, second, third = rises
-    value = rises[0] - tau * (first - tau * (second - tau * third))
-    return value, -first + tau * (2.0 * second - 3.0 * tau * third)
+    return np.asarray(-first + tau * (2.0 * second - 3.0 * tau * third))
 
 
 def _advanced(rises: Array, steps: Array) -> Array:

@@ -93,19 +93,20 @@ class HeldObjectModel:
         return np.repeat(np.concatenate(times), 6)
 
     @cached_property
-    def _evaluated(self) -> tuple[Array, Array]:
+    def evaluated(self) -> tuple[Array, Array]:
+        """White residual and Jacobian, rows of the data, then rows of the prior."""
         system = FrozenSystem(self.whitening, self.effects)
         return system.evaluate(np.concatenate([self.phi, *self.theta]))
 
     @property
     def residual(self) -> Array:
         """(M,) white residual."""
-        return self._evaluated[0][: len(self.time)]
+        return self.evaluated[0][: len(self.time)]
 
     @property
     def jacobian(self) -> Array:
         """(M, 10 + k) derivative by phi and theta."""
-        return self._evaluated[1][: len(self.time)]
+        return self.evaluated[1][: len(self.time)]
 
     @cached_property
     def freedom(self) -> float:
@@ -174,7 +175,7 @@ class HeldObjectModel:
             _QUICK_TOLERANCE,
         )
         moved = self._moved(solution[: system.present], effect, solution[system.present :])
-        foreseen = system.evaluate(solution)[0][: len(self.time)]
+        foreseen = system.residual(solution)[: len(self.time)]
         if moved.residual @ moved.residual <= _CURVED * foreseen @ foreseen:
             return moved
         return moved._fitted(moved.effects, moved.theta)

@@ -30,7 +30,7 @@ class Whitening:
 
     Attributes:
         model: thoroughly fitted.
-        columns: white screening bases by label, with what they depend on.
+        columns: white screening bases by what they are screened as, with what they depend on.
     """
 
     model: FittedModel
@@ -60,14 +60,14 @@ class Whitening:
 
     def family_columns(self, effect: Effect, present: PresentEffects) -> Array:
         """White screening basis of one reading beside effects of a model."""
-        key = present.influence_on(effect)
-        if effect.label not in self.columns or self.columns[effect.label][0] != key:
+        name, key = effect.screened_as, present.influence_on(effect)
+        if name not in self.columns or self.columns[name][0] != key:
             phi, basis = self.model.phi, []
             for samples in self.model.samples:
                 found = effect.screening_basis(present.seen_by(effect, samples, phi), phi)
                 basis.append(present.as_shown(effect, samples, found))
-            self.columns[effect.label] = (key, self.whiten(basis))
-        return self.columns[effect.label][1]
+            self.columns[name] = (key, self.whiten(basis))
+        return self.columns[name][1]
 
 
 @dataclass(frozen=True)
@@ -172,22 +172,25 @@ class ExtendedSystem:
         present = PresentEffects(model.effects, model.theta)
         self._beside = EffectBeside.of(effect, present, model.fitted.samples, model.phi)
         self._frozen = FrozenSystem(model.whitening, model.effects)
-        self._residual, self._jacobian = self._frozen.evaluate(
-            np.concatenate([model.phi, *model.theta])
-        )
+        self._residual, self._jacobian = model.evaluated
         stds = [p.prior_std for p in effect.parameters(model.fitted.blocks[0].problem.samples)]
         self._prior = np.diag(1.0 / np.array(stds, dtype=float))
         self.present = self._jacobian.shape[1]
 
-    def evaluate(self, x: Array) -> tuple[Array, Array]:
-        """Rows of the data, then rows of the priors."""
+    def residual(self, x: Array) -> Array:
+        """Rows of the data, then rows of the prior of the model."""
         change, theta = x[: self.present], x[self.present :]
-        phi = self._model.phi + change[:10]
-        delta = self._frozen.white_wrench(self._beside, phi, theta)
-        by_phi, by_theta = self._frozen.white_derivatives(self._beside, phi, theta)
-        rows, count = len(delta), len(theta)
+        delta = self._frozen.white_wrench(self._beside, self._model.phi + change[:10], theta)
         residual = self._residual + self._jacobian @ change
-        residual[:rows] -= delta
+        residual[: len(delta)] -= delta
+        return residual
+
+    def evaluate(self, x: Array) -> tuple[Array, Array]:
+        """Residual and Jacobian, rows of the data, then rows of the priors."""
+        change, theta = x[: self.present], x[self.present :]
+        phi, residual = self._model.phi + change[:10], self.residual(x)
+        by_phi, by_theta = self._frozen.white_derivatives(self._beside, phi, theta)
+        rows, count = len(by_theta), len(theta)
         jacobian = np.zeros((len(residual) + count, len(x)))
         jacobian[: len(residual), : self.present] = self._jacobian
         jacobian[:rows, self.present :] = -by_theta
