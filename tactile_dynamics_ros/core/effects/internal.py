@@ -50,6 +50,7 @@ class SpinningRotor(LinearEffect):
 
     name = "spinning_rotor"
     family = "internal"
+    linear = True
     formula = "tau = -omega x h"
     looks_like = (
         "A torque residual at right angles to the angular velocity that changes sign with it."

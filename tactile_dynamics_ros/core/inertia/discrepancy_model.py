@@ -25,9 +25,9 @@ from tactile_dynamics_ros.core.inertia.fitted_model import FittedModel
 from tactile_dynamics_ros.core.inertia.fitting import fit_model, nearest_body
 from tactile_dynamics_ros.core.inertia.least_squares import levenberg_marquardt
 from tactile_dynamics_ros.core.inertia.quick_fit import (
-    ExtendedSystem,
     FrozenSystem,
     Whitening,
+    extended_system,
 )
 from tactile_dynamics_ros.core.inertia.refinement import refine
 from tactile_dynamics_ros.core.inertia.separating_motion import plan_separation
@@ -167,7 +167,7 @@ class HeldObjectModel:
         block = self.fitted.blocks[0]
         lacking = block.problem.residual(self.phi, self.effects, self.theta)
         start = effect.initial_guess(block.problem.samples, self.phi, coefficients, lacking)
-        system = ExtendedSystem(self, effect)
+        system = extended_system(self, effect)
         solution, _ = levenberg_marquardt(
             system.evaluate,
             np.concatenate([np.zeros(system.present), start]),
@@ -175,8 +175,7 @@ class HeldObjectModel:
             _QUICK_TOLERANCE,
         )
         moved = self._moved(solution[: system.present], effect, solution[system.present :])
-        foreseen = system.residual(solution)[: len(self.time)]
-        if moved.residual @ moved.residual <= _CURVED * foreseen @ foreseen:
+        if moved.residual @ moved.residual <= _CURVED * system.square(solution):
             return moved
         return moved._fitted(moved.effects, moved.theta)
 

@@ -173,22 +173,19 @@ class ExtendedSystem:
         self._beside = EffectBeside.of(effect, present, model.fitted.samples, model.phi)
         self._frozen = FrozenSystem(model.whitening, model.effects)
         self._residual, self._jacobian = model.evaluated
-        stds = [p.prior_std for p in effect.parameters(model.fitted.blocks[0].problem.samples)]
+        stds = [p.prior_std for p in effect.parameters(model.samples)]
         self._prior = np.diag(1.0 / np.array(stds, dtype=float))
         self.present = self._jacobian.shape[1]
 
-    def residual(self, x: Array) -> Array:
-        """Rows of the data, then rows of the prior of the model."""
-        change, theta = x[: self.present], x[self.present :]
-        delta = self._frozen.white_wrench(self._beside, self._model.phi + change[:10], theta)
-        residual = self._residual + self._jacobian @ change
-        residual[: len(delta)] -= delta
-        return residual
+    def square(self, x: Array) -> float:
+        """Squared white residual of the data."""
+        residual = self._moved(x)[: len(self._model.time)]
+        return float(residual @ residual)
 
     def evaluate(self, x: Array) -> tuple[Array, Array]:
-        """Residual and Jacobian, rows of the data, then rows of the priors."""
+        """Rows of the data, then rows of the priors."""
         change, theta = x[: self.present], x[self.present :]
-        phi, residual = self._model.phi + change[:10], self.residual(x)
+        phi, residual = self._model.phi + change[:10], self._moved(x)
         by_phi, by_theta = self._frozen.white_derivatives(self._beside, phi, theta)
         rows, count = len(by_theta), len(theta)
         jacobian = np.zeros((len(residual) + count, len(x)))
@@ -198,3 +195,70 @@ class ExtendedSystem:
             jacobian[:rows, :10] -= by_phi
         jacobian[len(residual) :, self.present :] = self._prior
         return np.concatenate([residual, self._prior @ theta]), jacobian
+
+    def _moved(self, x: Array) -> Array:
+        """Rows of the data, then rows of the prior of the model."""
+        change, theta = x[: self.present], x[self.present :]
+        delta = self._frozen.white_wrench(self._beside, self._model.phi + change[:10], theta)
+        residual = self._residual + self._jacobian @ change
+        residual[: len(delta)] -= delta
+        return np.asarray(residual)
+
+
+class FactoredSystem:
+    """`ExtendedSystem` of an effect with fixed columns: rotated to as many rows as columns."""
+
+    def __init__(self, model: HeldObjectModel, effect: Effect, columns: Array) -> None:
+        residual, jacobian = model.evaluated
+        rows, self.present = len(columns), jacobian.shape[1]
+        self._effect, self._samples = effect, model.samples
+        data = np.concatenate([jacobian[:rows], residual[:rows, None], -columns], axis=1)
+        self._data = _rotated(data)
+        self._prior_rows, self._prior_values = jacobian[rows:], residual[rows:]
+        stds = [p.prior_std for p in effect.parameters(model.samples)]
+        self._prior = np.diag(1.0 / np.array(stds, dtype=float))
+
+    def square(self, x: Array) -> float:
+        """Squared white residual of the data."""
+        residual = self._moved(x)
+        return float(residual @ residual)
+
+    def evaluate(self, x: Array) -> tuple[Array, Array]:
+        """Rows of the data, then rows of the priors."""
+        change, theta = x[: self.present], x[self.present :]
+        factored = self._effect.factored(self._samples, theta)
+        assert factored is not None
+        by_theta = self._data[:, self.present + 1 :] @ factored[1]
+        by_change = np.concatenate([self._data[:, : self.present], self._prior_rows])
+        values = self._prior_values + self._prior_rows @ change
+        residual = np.concatenate([self._moved(x), values, self._prior @ theta])
+        jacobian = np.zeros((len(residual), len(x)))
+        jacobian[: len(by_change), : self.present] = by_change
+        jacobian[: len(by_theta), self.present :] = by_theta
+        jacobian[len(by_change) :, self.present :] = self._prior
+        return residual, jacobian
+
+    def _moved(self, x: Array) -> Array:
+        numbers = self._effect.coefficients(self._samples, x[self.present :])
+        return np.asarray(self._data @ np.concatenate([x[: self.present], [1.0], numbers]))
+
+
+def _rotated(rows: Array) -> Array:
+    """Square root R (n, n) of A^T A for rows A (M, n): all products R x are as long as A x."""
+    gram = rows.T @ rows
+    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    values, vectors = np.linalg.eigh(gram / np.outer(scale, scale))
+    return np.asarray(np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T * scale)
+
+
+def extended_system(model: HeldObjectModel, effect: Effect) -> ExtendedSystem | FactoredSystem:
+    """The system of a model with one effect more, as small as the effect allows."""
+    zero = effect.zero(model.samples)
+    if effect.coefficients(model.samples, zero) is None:
+        return ExtendedSystem(model, effect)
+    present = PresentEffects(model.effects, model.theta)
+    beside = EffectBeside.of(effect, present, model.fitted.samples, model.phi)
+    white = model.whitening.repeated.factored(effect, present, beside.seen, zero)
+    return (
+        ExtendedSystem(model, effect) if white is None else FactoredSystem(model, effect, white[0])
+    )
