@@ -73,21 +73,27 @@ def first_order_lag(time: Array, values: Array, tau: float) -> tuple[Array, Arra
     Returns:
         y and dy/dtau, both (N, ...).
     """
-    stretches = _lag_stretches(time, values, tau)
-    response = np.concatenate([stretch.response for stretch in stretches])
-    change = np.concatenate([stretch.change for stretch in stretches])
-    return response.reshape(values.shape), change.reshape(values.shape)
+    lag = FirstOrderLag(time, values, tau)
+    return lag.response, lag.change
 
 
-def lagged(time: Array, values: Array, tau: float) -> Array:
-    """The response of `first_order_lag` alone."""
-    parts = [stretch.response for stretch in _lag_stretches(time, values, tau)]
-    return np.concatenate(parts).reshape(values.shape)
+class FirstOrderLag:
+    """The two results of `first_order_lag`, each computed where it is asked for."""
 
+    def __init__(self, time: Array, values: Array, tau: float) -> None:
+        """Args as those of `first_order_lag`."""
+        flat, self._shape = values.reshape(len(values), -1), values.shape
+        self._stretches = [_LagStretch(time[part], flat[part], tau) for part in segments(time)]
 
-def _lag_stretches(time: Array, values: Array, tau: float) -> list[_LagStretch]:
-    flat = values.reshape(len(values), -1)
-    return [_LagStretch(time[part], flat[part], tau) for part in segments(time)]
+    @cached_property
+    def response(self) -> Array:
+        """(N, ...) y."""
+        return np.concatenate([part.response for part in self._stretches]).reshape(self._shape)
+
+    @cached_property
+    def change(self) -> Array:
+        """(N, ...) dy/dtau."""
+        return np.concatenate([part.change for part in self._stretches]).reshape(self._shape)
 
 
 class _LagStretch:

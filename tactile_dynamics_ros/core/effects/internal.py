@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples, latest_per_samples
+from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples, latest_per_motion
 from tactile_dynamics_ros.core.effects.effect import Effect, EffectParameter, LinearEffect
 from tactile_dynamics_ros.core.effects.filters import (
     evenly_filled,
@@ -222,7 +222,7 @@ class SloshingMass(Effect):
         return columns
 
 
-@latest_per_samples
+@latest_per_motion
 def _respond(samples: WrenchSamples, reading: str, parameters: bytes) -> _Response:
     """Response to the motion for parameters theta, given as bytes."""
     theta = np.frombuffer(parameters)

@@ -8,7 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples, once_per_samples
+from tactile_dynamics_ros.core.contact.wrench_samples import (
+    WrenchSamples,
+    once_per_motion,
+    once_per_samples,
+)
 from tactile_dynamics_ros.core.effects.effect import Effect, EffectParameter
 from tactile_dynamics_ros.core.effects.fingers import FingerEffect, FramedFingerEffect
 from tactile_dynamics_ros.core.effects.geometry import right_jacobian, vector_parameters
@@ -56,7 +60,7 @@ class _OffsetEffect(FramedFingerEffect):
         """How the error develops, (N,)."""
 
 
-@once_per_samples
+@once_per_motion
 def _offset_columns(
     samples: WrenchSamples, kind: type[_OffsetEffect], frame: str, contact: int
 ) -> Array:

@@ -16,7 +16,7 @@ from tactile_dynamics_ros.core.contact.wrench_samples import (
     once_per_motion,
 )
 from tactile_dynamics_ros.core.effects.effect import Effect, EffectParameter
-from tactile_dynamics_ros.core.effects.filters import first_order_lag, lagged
+from tactile_dynamics_ros.core.effects.filters import FirstOrderLag
 from tactile_dynamics_ros.core.effects.geometry import contact_point_rate, contact_rate
 from tactile_dynamics_ros.core.effects.gravity import load_regressor
 from tactile_dynamics_ros.core.effects.registry import register_effect
@@ -107,27 +107,29 @@ class SensorLag(_ReadingEffect):
     def wrench(self, samples: WrenchSamples, inertia: Array, theta: Array) -> Array:
         """Delta; linear below a lag of 2 ms."""
         used, share = _usable_lag(float(theta[0]))
-        signal, late, _ = _late_signals(samples, self.reading, inertia.tobytes(), used)
-        return np.asarray(share * (signal - late[..., 0] + used * late[..., 1]))
+        signal, lag = _late_signals(samples, self.reading, inertia.tobytes(), used)
+        return np.asarray(share * (signal - lag.response[..., 0] + used * lag.response[..., 1]))
 
     def jacobian(self, samples: WrenchSamples, inertia: Array, theta: Array) -> Array:
         """By tau."""
         used, share = _usable_lag(float(theta[0]))
-        signal, late, change = _late_signals(samples, self.reading, inertia.tobytes(), used)
+        signal, lag = _late_signals(samples, self.reading, inertia.tobytes(), used)
+        late = lag.response
         if share != 1.0:
             return np.asarray((signal - late[..., 0]) / used + late[..., 1])[..., None]
-        return np.asarray(late[..., 1] + used * change[..., 1] - change[..., 0])[..., None]
+        by_tau = late[..., 1] + used * lag.change[..., 1] - lag.change[..., 0]
+        return np.asarray(by_tau)[..., None]
 
     def inertia_jacobian(self, samples: WrenchSamples, inertia: Array, theta: Array) -> Array:
         """Y - L Y."""
         used, share = _usable_lag(float(theta[0]))
         matrix = load_regressor(samples)
-        return np.asarray(share * (matrix - lagged(samples.time, matrix, used)))
+        return np.asarray(share * (matrix - FirstOrderLag(samples.time, matrix, used).response))
 
     def delayed(self, samples: WrenchSamples, theta: Array, columns: Array) -> Array:
         """L of the columns."""
         used, share = _usable_lag(float(theta[0]))
-        late = lagged(samples.time, columns, used)
+        late = FirstOrderLag(samples.time, columns, used).response
         return np.asarray(columns + share * (late - columns))
 
     def signals(self, samples: WrenchSamples, inertia: Array) -> tuple[Array, Array]:
@@ -150,10 +152,10 @@ class SensorLag(_ReadingEffect):
 @latest_per_samples
 def _late_signals(
     samples: WrenchSamples, reading: str, parameters: bytes, tau: float
-) -> tuple[Array, Array, Array]:
-    """S (N, 6), and [S, Q] (N, 6, 2) late with its derivative by tau, for phi given as bytes."""
+) -> tuple[Array, FirstOrderLag]:
+    """S (N, 6), and the lag of [S, Q] (N, 6, 2), for phi given as bytes."""
     signal, turned = SensorLag(reading).signals(samples, np.frombuffer(parameters))
-    return signal, *first_order_lag(samples.time, np.stack([signal, turned], -1), tau)
+    return signal, FirstOrderLag(samples.time, np.stack([signal, turned], -1), tau)
 
 
 def _borne(samples: WrenchSamples, inertia: Array) -> Array:
