@@ -18,6 +18,7 @@ from tactile_dynamics_ros.core.discrepancy.model import (
     ResidualModel,
     Residuals,
 )
+from tactile_dynamics_ros.core.discrepancy.trials import square
 from tactile_dynamics_ros.core.effects.effect import Effect
 from tactile_dynamics_ros.core.effects.present import PresentEffects
 from tactile_dynamics_ros.core.effects.registry import create_effect, registered_names
@@ -161,7 +162,7 @@ class HeldObjectModel:
         """Fit with one more effect at fixed whitening.
 
         The present effects are linear in the change of their parameters; where that proves too
-        coarse, all are fitted jointly.
+        coarse, all are fitted jointly, from where they were if the change leads astray.
         """
         effect: Effect = family.source
         block = self.fitted.blocks[0]
@@ -174,10 +175,12 @@ class HeldObjectModel:
             _QUICK_ITERATIONS,
             _QUICK_TOLERANCE,
         )
-        moved = self._moved(solution[: system.present], effect, solution[system.present :])
-        if moved.residual @ moved.residual <= _CURVED * system.square(solution):
+        change, theta = np.split(solution, [system.present])
+        moved = self._moved(change, effect, theta)
+        if square(moved) <= _CURVED * system.square(solution):
             return moved
-        return moved._fitted(moved.effects, moved.theta)
+        start = min(moved, self._moved(np.zeros_like(change), effect, theta), key=square)
+        return start._fitted(start.effects, start.theta)
 
     def _moved(self, change: Array, effect: Effect, theta: Array) -> HeldObjectModel:
         """The model with its parameters changed and one effect more."""

@@ -14,6 +14,7 @@ from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
 from tactile_dynamics_ros.core.effects.effect import Effect
 from tactile_dynamics_ros.core.effects.present import PresentEffects
 from tactile_dynamics_ros.core.inertia.fitted_model import FittedModel, whiten_blocks
+from tactile_dynamics_ros.core.inertia.least_squares import rotated
 from tactile_dynamics_ros.core.inertia.repeated_whitening import RepeatedWhitening
 from tactile_dynamics_ros.core.inertia.uncertainty import HOLD
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import log_cholesky_jacobian
@@ -213,7 +214,7 @@ class FactoredSystem:
         rows, self.present = len(columns), jacobian.shape[1]
         self._effect, self._samples = effect, model.samples
         data = np.concatenate([jacobian[:rows], residual[:rows, None], -columns], axis=1)
-        self._data = _rotated(data)
+        self._data = rotated(data)
         self._prior_rows, self._prior_values = jacobian[rows:], residual[rows:]
         stds = [p.prior_std for p in effect.parameters(model.samples)]
         self._prior = np.diag(1.0 / np.array(stds, dtype=float))
@@ -241,14 +242,6 @@ class FactoredSystem:
     def _moved(self, x: Array) -> Array:
         numbers = self._effect.coefficients(self._samples, x[self.present :])
         return np.asarray(self._data @ np.concatenate([x[: self.present], [1.0], numbers]))
-
-
-def _rotated(rows: Array) -> Array:
-    """Square root R (n, n) of A^T A for rows A (M, n): all products R x are as long as A x."""
-    gram = rows.T @ rows
-    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    values, vectors = np.linalg.eigh(gram / np.outer(scale, scale))
-    return np.asarray(np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T * scale)
 
 
 def extended_system(model: HeldObjectModel, effect: Effect) -> ExtendedSystem | FactoredSystem:
