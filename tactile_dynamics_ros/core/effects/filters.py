@@ -13,7 +13,6 @@ Array = NDArray[np.float64]
 
 _GAP = 1.8
 _SHORT = 0.5
-_FACTORIALS = np.array([1.0, 1.0, 2.0, 6.0])
 
 
 def segments(time: Array) -> list[slice]:
@@ -38,14 +37,22 @@ def taylor(time: Array, values: Array) -> Array:
     """
     if len(time) < 2:
         return np.zeros((4, 0, *values.shape[1:]))
-    found = local_cubic(time, values).c[::-1]
-    return np.asarray(found * _FACTORIALS.reshape(4, *[1] * (found.ndim - 1)))
+    step = np.diff(time).reshape(-1, *[1] * (values.ndim - 1))
+    first = slopes(time, values)
+    rise = np.diff(values, axis=0) / step
+    bend = (first[:-1] + first[1:] - 2.0 * rise) / step
+    second = 2.0 * ((rise - first[:-1]) / step - bend)
+    return np.stack([values[:-1], first[:-1], second, 6.0 * bend / step])
+
+
+def slopes(time: Array, values: Array) -> Array:
+    """Slopes (n, ...) of parabolas through three values, as those of `local_cubic`."""
+    return np.gradient(values, time, axis=0, edge_order=2 if len(time) > 2 else 1)
 
 
 def local_cubic(time: Array, values: Array) -> CubicHermiteSpline:
     """Cubics between samples with the slopes of parabolas through three of them."""
-    slopes = np.gradient(values, time, axis=0, edge_order=2 if len(time) > 2 else 1)
-    return CubicHermiteSpline(time, values, slopes)
+    return CubicHermiteSpline(time, values, slopes(time, values))
 
 
 def evenly_filled(time: Array) -> tuple[Array, NDArray[np.intp]]:
@@ -103,7 +110,9 @@ class _LagStretch:
         self._steps, self._values, self._tau = np.diff(time)[:, None], values, tau
         self._decay = np.exp(-self._steps / tau)
         self._begin = taylor(time, values)
-        self._end = _advanced(self._begin, self._steps)
+        _, _, second, third = self._begin
+        first = slopes(time, values)[1:] if len(time) > 1 else values[1:]
+        self._end = np.stack([values[1:], first, second + self._steps * third, third])
 
     @cached_property
     def response(self) -> Array:
@@ -134,15 +143,6 @@ def _following_change(rises: Array, tau: float) -> Array:
     """dp/dtau."""
     _, first, second, third = rises
     return np.asarray(-first + tau * (2.0 * second - 3.0 * tau * third))
-
-
-def _advanced(rises: Array, steps: Array) -> Array:
-    """The derivatives at the end of each interval."""
-    value, first, second, third = rises
-    second_then = second + steps * third
-    first_then = first + steps * (second + steps * third / 2.0)
-    value_then = value + steps * (first + steps * (second / 2.0 + steps * third / 6.0))
-    return np.stack([value_then, first_then, second_then, third])
 
 
 def integrate_linear(system: Array, drive: Array, start: Array) -> Array:

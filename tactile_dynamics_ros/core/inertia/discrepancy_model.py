@@ -179,8 +179,9 @@ class HeldObjectModel:
         moved = self._moved(change, effect, theta)
         if square(moved) <= _CURVED * system.square(solution):
             return moved
-        start = min(moved, self._moved(np.zeros_like(change), effect, theta), key=square)
-        return start._fitted(start.effects, start.theta)
+        held = self._moved(np.zeros_like(change), effect, theta)
+        nearer = held if square(held) < square(moved) else moved
+        return nearer._fitted(nearer.effects, nearer.theta)
 
     def _moved(self, change: Array, effect: Effect, theta: Array) -> HeldObjectModel:
         """The model with its parameters changed and one effect more."""
