@@ -289,7 +289,11 @@ def test_twins_come_as_a_group_with_what_would_separate_them() -> None:
     sentence = diagnosis_document(diagnosis)["sentence"]
     assert "do not stretch" in sentence and "apart" in sentence
     assert group_clause("missing_effect", ("cable", "spring", "drag"), None) == (
-        "the same could be done here, with more parameters, by spring or drag"
+        "the same could be done here, with more parameters, by spring or drag, "
+        "and no motion separates them"
+    )
+    assert group_clause("ambiguous", ("cable", "spring"), None).endswith(
+        "apart, and no motion was found that would"
     )
     assert group_clause("missing_effect", ("cable",), None) == ""
 

@@ -8,9 +8,15 @@ import pytest
 from benchmarks.hidden.recordings import generate
 from benchmarks.hidden.scenario import ScenarioOptions
 from tactile_dynamics_ros.core.discrepancy.screening import screen
-from tactile_dynamics_ros.core.discrepancy.trials import try_effect
+from tactile_dynamics_ros.core.discrepancy.trials import square, try_effect
+from tactile_dynamics_ros.core.effects.registry import create_effect, registered_names
 from tactile_dynamics_ros.core.inertia.batch import fit_body
 from tactile_dynamics_ros.core.inertia.discrepancy_model import HeldObjectModel
+from tactile_dynamics_ros.core.inertia.quick_fit import (
+    ExtendedSystem,
+    FactoredSystem,
+    extended_system,
+)
 
 
 @pytest.fixture(scope="module")
@@ -40,3 +46,59 @@ def test_an_effect_is_taken_away_again(tethered):
     left = both.without_effect("gravity_tilt")
     assert left.effect_names == ("tether_spring",)
     assert white_rms(left) == pytest.approx(white_rms(tethered), rel=0.02)
+
+
+@pytest.mark.parametrize(
+    "name", ["hanging_cable", "unsensed_contact", "force_bias", "force_scale", "sensor_rotation"]
+)
+def test_few_rows_say_the_same_as_all_of_them(tethered, name):
+    """Cost, gradient and information of an effect with fixed columns beside a spring."""
+    effect = create_effect(name)
+    few, every = extended_system(tethered, effect), ExtendedSystem(tethered, effect)
+    assert isinstance(few, FactoredSystem)
+    theta = 0.3 * effect.typical(tethered.samples)
+    point = np.concatenate([1e-3 * np.ones(every.present), theta])
+    assert few.square(point) == pytest.approx(every.square(point), rel=1e-9)
+    (short, by_short), (whole, by_whole) = few.evaluate(point), every.evaluate(point)
+    scale = np.linalg.norm(by_whole, axis=0)
+    for found, expected in (
+        (by_short.T @ short / scale, by_whole.T @ whole / scale),
+        (
+            by_short.T @ by_short / np.outer(scale, scale),
+            by_whole.T @ by_whole / np.outer(scale, scale),
+        ),
+    ):
+        np.testing.assert_allclose(found, expected, rtol=1e-7, atol=1e-7)
+
+
+def test_readings_that_are_screened_alike_have_the_same_basis(tethered):
+    shared = 0
+    for name in registered_names():
+        seen: dict[str, np.ndarray] = {}
+        for reading in create_effect(name).variants(tethered.samples):
+            basis = reading.screening_basis(tethered.samples, tethered.phi)
+            known = seen.setdefault(reading.screened_as, basis)
+            np.testing.assert_array_equal(basis, known)
+            shared += known is not basis
+    assert shared >= 3
+
+
+def test_a_joint_fit_starts_where_the_present_effects_were(monkeypatch):
+    """A spring with a rest length is hardly determined: its linear change leads far astray."""
+    recording = generate(361, {"magnetic_pull": 3.0}, ScenarioOptions(duration=6.0))
+    model = HeldObjectModel.from_fit(fit_body(recording.streams))
+    springs = screen(model, model.families(["tether_spring"]))
+    [spring] = [score for score in springs if score.family.label.endswith("rest_length")]
+    present = model.with_effect(spring.family, spring.coefficients)
+    starts, fit = [], HeldObjectModel._fitted
+
+    def watched(self, effects, theta):
+        starts.append(square(self))
+        return fit(self, effects, theta)
+
+    monkeypatch.setattr(HeldObjectModel, "_fitted", watched)
+    for score in screen(present, present.families(["added_mass", "time_offset"])):
+        both = present.with_effect(score.family, score.coefficients)
+        assert square(both) < square(present)
+    assert len(starts) >= 3
+    assert max(starts) < 2.0 * square(present)

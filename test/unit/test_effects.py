@@ -302,6 +302,14 @@ def test_check_effect_finds_wrong_factors_of_a_jacobian():
     assert "factored" in str(check_effect(Wrong()))
 
 
+def test_check_effect_finds_wrong_coefficients():
+    class Wrong(type(create_effect("hanging_cable"))):
+        def coefficients(self, samples, theta):
+            return 2.0 * super().coefficients(samples, theta)
+
+    assert "coefficients" in str(check_effect(Wrong()))
+
+
 def test_what_is_remembered_of_a_motion_is_shared_by_other_forces_only():
     samples = example_samples()
     pressed = samples.with_forces(2.0 * samples.contact_force)

@@ -133,9 +133,22 @@ def once_per_motion(
     function: Callable[Concatenate[WrenchSamples, Given], Value],
 ) -> Callable[Concatenate[WrenchSamples, Given], Value]:
     """`once_per_samples` for functions that forces and torques do not concern."""
-    remembered = once_per_samples(function)
+    return _of_motion(once_per_samples(function))
 
-    @wraps(function)
+
+def latest_per_motion(
+    function: Callable[Concatenate[WrenchSamples, Given], Value],
+) -> Callable[Concatenate[WrenchSamples, Given], Value]:
+    """`latest_per_samples` for functions that forces and torques do not concern."""
+    return _of_motion(latest_per_samples(function))
+
+
+def _of_motion(
+    remembered: Callable[Concatenate[WrenchSamples, Given], Value],
+) -> Callable[Concatenate[WrenchSamples, Given], Value]:
+    """The same with all samples of one motion."""
+
+    @wraps(remembered)
     def shared(samples: WrenchSamples, /, *arguments: Given.args, **options: Given.kwargs) -> Value:
         return remembered(samples.motion or samples, *arguments, **options)
 

@@ -58,6 +58,10 @@ def join_names(names: Sequence[str], word: str = "or") -> str:
 def group_clause(verdict: str, group: Sequence[str], motion: Mapping[str, Any] | None) -> str:
     """What else may be the cause and what would tell, as a clause; empty without a group.
 
+    Where one effect is named, the others contain what it does: that no motion separates them is
+    no matter of the search. Of effects that are as plausible more cannot be said than that none
+    was found.
+
     Args:
         verdict: of the diagnosis.
         group: the effect that is named, then the others.
@@ -67,9 +71,11 @@ def group_clause(verdict: str, group: Sequence[str], motion: Mapping[str, Any] |
         return ""
     if verdict == "ambiguous":
         text = f"this recording cannot tell {join_names(group, 'and')} apart"
+        otherwise = "and no motion was found that would"
     else:
         text = f"the same could be done here, with more parameters, by {join_names(group[1:])}"
-    return f"{text}: {motion['description']}" if motion else text
+        otherwise = "and no motion separates them"
+    return f"{text}: {motion['description']}" if motion else f"{text}, {otherwise}"
 
 
 def write_percent(share: float) -> str:

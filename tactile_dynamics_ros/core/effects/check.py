@@ -234,7 +234,12 @@ def _check_factors(effect: Effect, samples: WrenchSamples, inertia: Array) -> li
     jacobian = effect.jacobian(samples, inertia, theta)
     if not np.allclose(columns @ weights, jacobian, rtol=0.0, atol=1e-9 * np.abs(jacobian).max()):
         return ["factored: columns times weights differ from the jacobian"]
-    return []
+    numbers, wrench = effect.coefficients(samples, theta), effect.wrench(samples, inertia, theta)
+    if numbers is None or np.allclose(
+        columns @ numbers, wrench, rtol=0.0, atol=1e-9 * np.abs(wrench).max()
+    ):
+        return []
+    return ["coefficients: columns times numbers differ from the wrench"]
 
 
 def _differences(function: Callable[[Array], Array], point: Array, steps: Array) -> Array:

@@ -55,8 +55,19 @@ class UnsensedContact(Effect):
         by_point = point_columns(theta[None, :3])
         return np.tile(np.concatenate([by_force, by_point], axis=2), (len(samples.time), 1, 1))
 
+    def factored(self, samples: WrenchSamples, theta: Array) -> tuple[Array, Array]:
+        """Constant torque and force, times [p] and 1 by f, -[f] and 0 by p."""
+        by_force = np.concatenate([skew(theta[3:]), np.eye(3)])
+        by_point = np.concatenate([-skew(theta[:3]), np.zeros((3, 3))])
+        columns = self.screening_basis(samples, np.zeros(10))
+        return columns, np.concatenate([by_force, by_point], axis=1)
+
+    def coefficients(self, samples: WrenchSamples, theta: Array) -> Array:
+        """[p x f, f]."""
+        return force_at(theta[3:], theta[:3])
+
     def screening_basis(self, samples: WrenchSamples, inertia: Array) -> Array:
-        """Constant force and torque."""
+        """Constant torque and force."""
         return np.tile(np.eye(6), (len(samples.time), 1, 1))
 
     def initial_guess(
@@ -208,6 +219,7 @@ class ContactOffset(FingerEffect):
 
     name = "contact_offset"
     family = "contact"
+    linear = True
     formula = "measured point = true point + d (object frame): Delta = -[sum_i d_i x f_i, 0]"
     looks_like = "A torque residual that follows the grip force; the forces are explained."
     sentence = "the contact points are not where they are reported"

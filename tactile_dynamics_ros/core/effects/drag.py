@@ -19,6 +19,7 @@ class ViscousDrag(LinearEffect):
 
     name = "viscous_drag"
     family = "drag"
+    linear = True
     formula = "f = -c v at the body origin, v the velocity of the origin"
     looks_like = "A force residual against the velocity, growing in proportion to the speed."
     sentence = "the object drags through something viscous"
@@ -40,6 +41,7 @@ class QuadraticDrag(LinearEffect):
 
     name = "quadratic_drag"
     family = "drag"
+    linear = True
     formula = "f = -c |v| v at the body origin"
     looks_like = "A force residual against the velocity that grows with the square of the speed."
     sentence = "the object meets drag that grows with the square of its speed"
@@ -62,6 +64,7 @@ class RotationalDrag(LinearEffect):
 
     name = "rotational_drag"
     family = "drag"
+    linear = True
     formula = "tau = -c omega"
     looks_like = "A torque residual against the angular velocity; the forces are explained."
     sentence = "something viscous resists the rotation of the object"

@@ -14,6 +14,8 @@ from tactile_dynamics_ros.core.errors import BadInputError
 
 Array = NDArray[np.float64]
 
+_NO_LOAD = np.zeros(10)
+
 
 @dataclass(frozen=True)
 class EffectParameter:
@@ -58,6 +60,7 @@ class Effect(ABC):
         external: whether it is a wrench on the object and no error of what sensors read: sensors
             that are late show it late.
         delays: whether it makes sensors late; `delayed` says how.
+        linear: whether it is linear in theta, with columns that the load does not change.
     """
 
     name: ClassVar[str] = ""
@@ -70,6 +73,7 @@ class Effect(ABC):
     lasting: ClassVar[bool] = False
     external: ClassVar[bool] = True
     delays: ClassVar[bool] = False
+    linear: ClassVar[bool] = False
 
     @property
     def variant(self) -> str:
@@ -80,6 +84,11 @@ class Effect(ABC):
     def label(self) -> str:
         """Name with the reading, for example ``sensor_lag:world``."""
         return f"{self.name}:{self.variant}" if self.variant else self.name
+
+    @property
+    def screened_as(self) -> str:
+        """What readings with the same `screening_basis` have in common; the label by default."""
+        return self.label
 
     def with_variant(self, variant: str) -> Effect:
         """Return the reading of that name.
@@ -117,9 +126,16 @@ class Effect(ABC):
     def factored(self, samples: WrenchSamples, theta: Array) -> tuple[Array, Array] | None:
         """Jacobian as columns (N, 6, b) that neither theta nor the load changes, times (b, k).
 
-        None where it has no such form, or where the columns are those of the Jacobian itself.
+        None where it has no such form.
         """
-        return None
+        if not self.linear:
+            return None
+        zero = self.zero(samples)
+        return self.jacobian(samples, _NO_LOAD, zero), np.eye(len(zero))
+
+    def coefficients(self, samples: WrenchSamples, theta: Array) -> Array | None:
+        """Numbers (b,) by which the columns of `factored` give Delta; None where it has none."""
+        return theta if self.linear else None
 
     def inertia_jacobian(self, samples: WrenchSamples, inertia: Array, theta: Array) -> Array:
         """Derivative d Delta / d phi, (N, 6, 10); zero unless the effect depends on the load."""

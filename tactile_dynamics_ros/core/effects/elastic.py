@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
+from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples, once_per_motion
 from tactile_dynamics_ros.core.effects.effect import Effect, EffectParameter
 from tactile_dynamics_ros.core.effects.geometry import (
     arm_basis,
@@ -56,10 +56,17 @@ class HangingCable(Effect):
         by_point = point_columns(to_body(samples, theta[:3]))
         return np.concatenate([by_force, by_point], axis=2)
 
+    def factored(self, samples: WrenchSamples, theta: Array) -> tuple[Array, Array]:
+        """Forces at the origin and products of lever arm and force."""
+        return _world_forces(samples), _by_force_and_point(theta[:3], theta[3:])
+
+    def coefficients(self, samples: WrenchSamples, theta: Array) -> Array:
+        """F and p_j F_k."""
+        return _force_and_products(theta[:3], theta[3:])
+
     def screening_basis(self, samples: WrenchSamples, inertia: Array) -> Array:
         """Three forces at the origin and the nine products of lever arm and force."""
-        force = body_from_world(samples)
-        return np.concatenate([force_columns(np.zeros(3), force), arm_basis(force)], axis=2)
+        return _world_forces(samples)
 
     def initial_guess(
         self, samples: WrenchSamples, inertia: Array, coefficients: Array, residual: Array
@@ -98,6 +105,11 @@ class TetherSpring(Effect):
     def variant(self) -> str:
         """Empty, or `rest_length`."""
         return "rest_length" if self.rest else ""
+
+    @property
+    def screened_as(self) -> str:
+        """The basis does not depend on the rest length."""
+        return self.name
 
     def with_variant(self, variant: str) -> Effect:
         """`rest_length`."""
@@ -142,6 +154,29 @@ class TetherSpring(Effect):
             columns.append(force_at(point, stiffness * to_body(samples, direction))[..., None])
         return np.concatenate(columns, axis=2)
 
+    def factored(self, samples: WrenchSamples, theta: Array) -> tuple[Array, Array] | None:
+        """Without rest length: k, k a, k b and the products of b with k a, see `coefficients`."""
+        if self.rest:
+            return None
+        stiffness, anchor, point = theta[0], theta[1:4], theta[4:7]
+        weights = np.zeros((19, 7))
+        weights[0, 0] = 1.0
+        pull = _by_force_and_point(stiffness * anchor, point)
+        weights[1:13, 0] = pull[:, :3] @ anchor
+        weights[1:13, 1:4] = stiffness * pull[:, :3]
+        weights[1:13, 4:7] = pull[:, 3:]
+        weights[13:16, 0] = weights[16:, 0] = point
+        weights[13:16, 4:7] = weights[16:, 4:7] = stiffness * np.eye(3)
+        return _spring_columns(samples), weights
+
+    def coefficients(self, samples: WrenchSamples, theta: Array) -> Array | None:
+        """The numbers k, k a, b_j k a_k, k b and k b, see `_spring_columns`."""
+        if self.rest:
+            return None
+        stiffness, anchor, point = theta[0], theta[1:4], theta[4:7]
+        pull = _force_and_products(stiffness * anchor, point)
+        return np.concatenate([[stiffness], pull, stiffness * point, stiffness * point])
+
     def screening_basis(self, samples: WrenchSamples, inertia: Array) -> Array:
         """Spring at the origin, constant world force, spring of the body point, lever arms.
 
@@ -179,3 +214,34 @@ class TetherSpring(Effect):
         stretch = samples.position + samples.rotation @ theta[4:7] - theta[1:4]
         length = np.maximum(np.linalg.norm(stretch, axis=1), _SHORTEST)
         return stretch, stretch / length[:, None], length
+
+
+@once_per_motion
+def _world_forces(samples: WrenchSamples) -> Array:
+    """Forces along the world axes at the origin and their nine torques on arms, (N, 6, 12)."""
+    force = body_from_world(samples)
+    return np.concatenate([force_columns(np.zeros(3), force), arm_basis(force)], axis=2)
+
+
+def _force_and_products(force: Array, point: Array) -> Array:
+    """Coefficients (12,) of `_world_forces` for a force at a point."""
+    return np.concatenate([force, np.outer(point, force).ravel()])
+
+
+def _by_force_and_point(force: Array, point: Array) -> Array:
+    """Their derivative (12, 6)."""
+    products = np.zeros((3, 3, 6))
+    products[:, range(3), range(3)] = point[:, None]
+    products[range(3), :, range(3, 6)] = force
+    return np.concatenate([np.eye(3, 6), products.reshape(9, 6)])
+
+
+@once_per_motion
+def _spring_columns(samples: WrenchSamples) -> Array:
+    """Force -p, `_world_forces`, torques of -p on arms and forces along the body, (N, 6, 19)."""
+    spring = -to_body(samples, samples.position)[..., None]
+    arms = np.swapaxes(skew(np.eye(3)) @ spring[:, None], 1, 3)[:, 0]
+    fixed = np.broadcast_to(-np.eye(3), (len(spring), 3, 3))
+    at_origin = [force_columns(np.zeros(3), forces) for forces in (spring, fixed)]
+    columns = [at_origin[0], _world_forces(samples), torque_columns(arms), at_origin[1]]
+    return np.concatenate(columns, axis=2)

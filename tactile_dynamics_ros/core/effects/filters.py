@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,6 @@ Array = NDArray[np.float64]
 
 _GAP = 1.8
 _SHORT = 0.5
-_FACTORIALS = np.array([1.0, 1.0, 2.0, 6.0])
 
 
 def segments(time: Array) -> list[slice]:
@@ -37,14 +37,22 @@ def taylor(time: Array, values: Array) -> Array:
     """
     if len(time) < 2:
         return np.zeros((4, 0, *values.shape[1:]))
-    found = local_cubic(time, values).c[::-1]
-    return np.asarray(found * _FACTORIALS.reshape(4, *[1] * (found.ndim - 1)))
+    step = np.diff(time).reshape(-1, *[1] * (values.ndim - 1))
+    first = slopes(time, values)
+    rise = np.diff(values, axis=0) / step
+    bend = (first[:-1] + first[1:] - 2.0 * rise) / step
+    second = 2.0 * ((rise - first[:-1]) / step - bend)
+    return np.stack([values[:-1], first[:-1], second, 6.0 * bend / step])
+
+
+def slopes(time: Array, values: Array) -> Array:
+    """Slopes (n, ...) of parabolas through three values, as those of `local_cubic`."""
+    return np.gradient(values, time, axis=0, edge_order=2 if len(time) > 2 else 1)
 
 
 def local_cubic(time: Array, values: Array) -> CubicHermiteSpline:
     """Cubics between samples with the slopes of parabolas through three of them."""
-    slopes = np.gradient(values, time, axis=0, edge_order=2 if len(time) > 2 else 1)
-    return CubicHermiteSpline(time, values, slopes)
+    return CubicHermiteSpline(time, values, slopes(time, values))
 
 
 def evenly_filled(time: Array) -> tuple[Array, NDArray[np.intp]]:
@@ -72,41 +80,69 @@ def first_order_lag(time: Array, values: Array, tau: float) -> tuple[Array, Arra
     Returns:
         y and dy/dtau, both (N, ...).
     """
-    flat = values.reshape(len(values), -1)
-    response, change = np.empty_like(flat, dtype=float), np.empty_like(flat, dtype=float)
-    for part in segments(time):
-        response[part], change[part] = _lag_segment(time[part], flat[part], tau)
-    return response.reshape(values.shape), change.reshape(values.shape)
+    lag = FirstOrderLag(time, values, tau)
+    return lag.response, lag.change
 
 
-def _lag_segment(time: Array, values: Array, tau: float) -> tuple[Array, Array]:
-    rises = taylor(time, values)
-    steps = np.diff(time)[:, None]
-    begin, begin_change = _following(rises, tau)
-    end, end_change = _following(_advanced(rises, steps), tau)
-    decay = np.exp(-steps / tau)
-    drive = end - decay * begin
-    response = integrate_linear(decay[..., None], drive[:, None], values[:1])[:, 0]
-    change_of_decay = decay * steps / tau**2
-    drive = end_change - decay * begin_change + change_of_decay * (response[:-1] - begin)
-    start = np.zeros_like(values[:1])
-    return response, integrate_linear(decay[..., None], drive[:, None], start)[:, 0]
+class FirstOrderLag:
+    """The two results of `first_order_lag`, each computed where it is asked for."""
+
+    def __init__(self, time: Array, values: Array, tau: float) -> None:
+        """Args as those of `first_order_lag`."""
+        flat, self._shape = values.reshape(len(values), -1), values.shape
+        self._stretches = [_LagStretch(time[part], flat[part], tau) for part in segments(time)]
+
+    @cached_property
+    def response(self) -> Array:
+        """(N, ...) y."""
+        return np.concatenate([part.response for part in self._stretches]).reshape(self._shape)
+
+    @cached_property
+    def change(self) -> Array:
+        """(N, ...) dy/dtau."""
+        return np.concatenate([part.change for part in self._stretches]).reshape(self._shape)
 
 
-def _following(rises: Array, tau: float) -> tuple[Array, Array]:
-    """P = u - tau u' + tau^2 u'' - tau^3 u''' and dp/dtau."""
-    _, first, second, third = rises
-    value = rises[0] - tau * (first - tau * (second - tau * third))
-    return value, -first + tau * (2.0 * second - 3.0 * tau * third)
+class _LagStretch:
+    """A first-order lag of (n, m) values without gaps."""
+
+    def __init__(self, time: Array, values: Array, tau: float) -> None:
+        self._steps, self._values, self._tau = np.diff(time)[:, None], values, tau
+        self._decay = np.exp(-self._steps / tau)
+        self._begin = taylor(time, values)
+        _, _, second, third = self._begin
+        first = slopes(time, values)[1:] if len(time) > 1 else values[1:]
+        self._end = np.stack([values[1:], first, second + self._steps * third, third])
+
+    @cached_property
+    def response(self) -> Array:
+        """(n, m) y."""
+        begin, end = (_following(rises, self._tau) for rises in (self._begin, self._end))
+        return self._integrated(end - self._decay * begin, self._values[:1])
+
+    @cached_property
+    def change(self) -> Array:
+        """(n, m) dy/dtau."""
+        begin, end = (_following_change(rises, self._tau) for rises in (self._begin, self._end))
+        change_of_decay = self._decay * self._steps / self._tau**2
+        beyond = self.response[:-1] - _following(self._begin, self._tau)
+        drive = end - self._decay * begin + change_of_decay * beyond
+        return self._integrated(drive, np.zeros_like(self._values[:1]))
+
+    def _integrated(self, drive: Array, start: Array) -> Array:
+        return integrate_linear(self._decay[..., None], drive[:, None], start)[:, 0]
 
 
-def _advanced(rises: Array, steps: Array) -> Array:
-    """The derivatives at the end of each interval."""
+def _following(rises: Array, tau: float) -> Array:
+    """P = u - tau u' + tau^2 u'' - tau^3 u'''."""
     value, first, second, third = rises
-    second_then = second + steps * third
-    first_then = first + steps * (second + steps * third / 2.0)
-    value_then = value + steps * (first + steps * (second / 2.0 + steps * third / 6.0))
-    return np.stack([value_then, first_then, second_then, third])
+    return np.asarray(value - tau * (first - tau * (second - tau * third)))
+
+
+def _following_change(rises: Array, tau: float) -> Array:
+    """dp/dtau."""
+    _, first, second, third = rises
+    return np.asarray(-first + tau * (2.0 * second - 3.0 * tau * third))
 
 
 def integrate_linear(system: Array, drive: Array, start: Array) -> Array:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples, latest_per_samples
+from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples, latest_per_motion
 from tactile_dynamics_ros.core.effects.effect import Effect, EffectParameter, LinearEffect
 from tactile_dynamics_ros.core.effects.filters import (
     evenly_filled,
@@ -39,6 +40,8 @@ _FASTEST_HZ = 15.0
 _LEAST_DAMPING = 0.003
 _MOST_DAMPING = 2.0
 _SERIES = 8
+_STEP_DIGITS = 12
+"""Of steps in s: those that differ by less are the same but for rounding."""
 
 
 @register_effect
@@ -47,6 +50,7 @@ class SpinningRotor(LinearEffect):
 
     name = "spinning_rotor"
     family = "internal"
+    linear = True
     formula = "tau = -omega x h"
     looks_like = (
         "A torque residual at right angles to the angular velocity that changes sign with it."
@@ -121,6 +125,15 @@ class SloshingMass(Effect):
         """The reading."""
         return self.reading
 
+    @property
+    def screened_as(self) -> str:
+        """The basis depends on the start only, and on the frequencies."""
+        return f"{self.name}:{self._unsettled}:{self.screened_hz}"
+
+    @property
+    def _unsettled(self) -> bool:
+        return self.reading.endswith("unsettled")
+
     def with_variant(self, variant: str) -> Effect:
         """Return the reading of that name."""
         if variant not in self.readings:
@@ -172,11 +185,9 @@ class SloshingMass(Effect):
 
     def screening_basis(self, samples: WrenchSamples, inertia: Array) -> Array:
         """Responses of a filter bank over natural frequencies: force and arms."""
-        acceleration = samples.acceleration - samples.gravity
-        unsettled = self.reading.endswith("unsettled")
+        drive = samples.gravity - samples.acceleration
         columns = []
-        for hz in self.screened_hz:
-            response = _filtered(samples.time, -acceleration, hz, unsettled)
+        for response in _filtered(samples.time, drive, self.screened_hz, self._unsettled):
             force = -to_body(samples, response)
             arms = torque_columns(-skew(force))
             columns += [force_at(np.zeros(3), force)[..., None], arms]
@@ -211,7 +222,7 @@ class SloshingMass(Effect):
         return columns
 
 
-@latest_per_samples
+@latest_per_motion
 def _respond(samples: WrenchSamples, reading: str, parameters: bytes) -> _Response:
     """Response to the motion for parameters theta, given as bytes."""
     theta = np.frombuffer(parameters)
@@ -319,26 +330,38 @@ def _pushed(pushes: Array, rises: Array) -> Array:
     return np.asarray(np.sum(pushes @ rises, axis=0))
 
 
-def _filtered(time: Array, drive: Array, hz: float, unsettled: bool) -> Array:
-    """Accelerations u'' (N, 3) with the damper fixed in the world.
+def _filtered(
+    time: Array, drive: Array, frequencies: Sequence[float], unsettled: bool
+) -> list[Array]:
+    """Accelerations u'' (N, 3) at each natural frequency, with the damper fixed in the world.
 
     Args:
         time: (N,) s.
         drive: (N, 3) specific force on the mass, m/s^2.
-        hz: natural frequency.
+        frequencies: Hz.
         unsettled: start unstretched rather than hanging.
     """
-    omega = 2.0 * np.pi * hz
-    system = _system(np.zeros((1, 3)), omega, _SCREENED_DAMPING)[:, [0, 3]][:, :, [0, 3]]
-    states = np.empty((len(time), 2, drive.shape[1]))
+    found = [np.empty_like(drive) for _ in frequencies]
     for part in segments(time):
         filled, read = evenly_filled(time[part])
-        steps = np.diff(filled)
-        transition, pushes = _discretise(np.repeat(system, len(steps), axis=0), steps)
-        start = np.zeros((2, drive.shape[1]))
-        if not unsettled:
-            start[0] = drive[part][0] / omega**2
-        pushing = local_cubic(time[part], drive[part])(filled) if len(steps) else drive[part]
+        pushing = drive[part]
+        if len(filled) > len(read):
+            pushing = local_cubic(time[part], pushing)(filled)
         rises = taylor(filled, pushing)[:, :, None]
-        states[part] = integrate_linear(transition, _pushed(pushes, rises), start)[read]
-    return drive - omega**2 * states[:, 0] - 2.0 * _SCREENED_DAMPING * omega * states[:, 1]
+        for response, hz in zip(found, frequencies, strict=True):
+            followed = _followed(filled, pushing, rises, 2.0 * np.pi * hz, unsettled)
+            response[part] = followed[read]
+    return found
+
+
+def _followed(time: Array, drive: Array, rises: Array, omega_n: float, unsettled: bool) -> Array:
+    """`_filtered` of one stretch without gaps; `rises` (4, n - 1, 1, 3) of its drive."""
+    system = _system(np.zeros((1, 3)), omega_n, _SCREENED_DAMPING)[:, [0, 3]][:, :, [0, 3]]
+    steps, which = np.unique(np.round(np.diff(time), _STEP_DIGITS), return_inverse=True)
+    transition, pushes = _discretise(np.repeat(system, len(steps), axis=0), steps)
+    start = np.zeros((2, drive.shape[1]))
+    if not unsettled:
+        start[0] = drive[0] / omega_n**2
+    states = integrate_linear(transition[which], _pushed(pushes[:, which], rises), start)
+    damped = 2.0 * _SCREENED_DAMPING * omega_n * states[:, 1]
+    return np.asarray(drive - omega_n**2 * states[:, 0] - damped)

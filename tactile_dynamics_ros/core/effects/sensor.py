@@ -8,7 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples, once_per_samples
+from tactile_dynamics_ros.core.contact.wrench_samples import (
+    WrenchSamples,
+    once_per_motion,
+    once_per_samples,
+)
 from tactile_dynamics_ros.core.effects.effect import Effect, EffectParameter
 from tactile_dynamics_ros.core.effects.fingers import FingerEffect, FramedFingerEffect
 from tactile_dynamics_ros.core.effects.geometry import right_jacobian, vector_parameters
@@ -56,7 +60,7 @@ class _OffsetEffect(FramedFingerEffect):
         """How the error develops, (N,)."""
 
 
-@once_per_samples
+@once_per_motion
 def _offset_columns(
     samples: WrenchSamples, kind: type[_OffsetEffect], frame: str, contact: int
 ) -> Array:
@@ -74,6 +78,7 @@ class ForceBias(_OffsetEffect):
     name = "force_bias"
     family = "sensor"
     lasting = True
+    linear = True
     formula = "measured f_i = true f_i + b_i (sensor/body frame)"
     looks_like = "A residual that is constant in the body frame and acts where one finger touches."
     sentence = "a force sensor reports a constant force too much"
@@ -97,6 +102,7 @@ class ForceDrift(_OffsetEffect):
     name = "force_drift"
     family = "sensor"
     lasting = True
+    linear = True
     formula = "measured f_i = true f_i + d_i t (sensor/body frame), t from the first sample"
     looks_like = "A residual that is fixed to the body frame and grows along the recording."
     sentence = "the zero of a force sensor drifts"
@@ -150,6 +156,17 @@ class ForceScale(FingerEffect):
         relative = self._relative(samples, theta)
         columns = super().jacobian(samples, inertia, relative)
         return np.asarray(columns @ self._relative_jacobian(samples, theta))
+
+    def factored(self, samples: WrenchSamples, theta: Array) -> tuple[Array, Array]:
+        """Wrenches of the contacts times the derivative of -gain / (1 + gain) by the gains."""
+        by_relative = -1.0 / (1.0 + self._relative(samples, theta)) ** 2
+        weights = by_relative[:, None] * self._relative_jacobian(samples, theta)
+        return -self.screening_basis(samples, np.zeros(10)), weights
+
+    def coefficients(self, samples: WrenchSamples, theta: Array) -> Array:
+        """-gain / (1 + gain), gains as they count."""
+        relative = self._relative(samples, theta)
+        return np.asarray(-relative / (1.0 + relative))
 
     def _relative(self, samples: WrenchSamples, theta: Array) -> Array:
         """Gains (k,) that count: 1 / c_i - 1, c over its mean where all fingers have a gain."""
@@ -231,6 +248,13 @@ class SensorRotation(FramedFingerEffect):
         parts = self._split(samples, theta)
         columns = _all_product_columns(samples, self.frame, tuple(c for c, _ in parts))
         return columns, block_diag(*(_turn_jacobian(part) for _, part in parts))
+
+    def coefficients(self, samples: WrenchSamples, theta: Array) -> Array | None:
+        """The nine numbers of exp(-r) - 1 of every finger."""
+        if self.common:
+            return None
+        turns = [exp_so3(-part) - np.eye(3) for _, part in self._split(samples, theta)]
+        return np.ravel(turns)
 
 
 @once_per_samples

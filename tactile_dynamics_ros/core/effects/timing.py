@@ -10,9 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples, once_per_motion
+from tactile_dynamics_ros.core.contact.wrench_samples import (
+    WrenchSamples,
+    latest_per_samples,
+    once_per_motion,
+)
 from tactile_dynamics_ros.core.effects.effect import Effect, EffectParameter
-from tactile_dynamics_ros.core.effects.filters import first_order_lag
+from tactile_dynamics_ros.core.effects.filters import FirstOrderLag
 from tactile_dynamics_ros.core.effects.geometry import contact_point_rate, contact_rate
 from tactile_dynamics_ros.core.effects.gravity import load_regressor
 from tactile_dynamics_ros.core.effects.registry import register_effect
@@ -22,6 +26,7 @@ Array = NDArray[np.float64]
 
 _SHORTEST_LAG = 2e-3
 _LONGEST_SHIFT = 0.5
+_SHIFTS_KEPT = 3
 
 
 class _ReadingEffect(Effect):
@@ -102,32 +107,32 @@ class SensorLag(_ReadingEffect):
     def wrench(self, samples: WrenchSamples, inertia: Array, theta: Array) -> Array:
         """Delta; linear below a lag of 2 ms."""
         used, share = _usable_lag(float(theta[0]))
-        signal, turned = self._signals(samples, inertia)
-        lagged, _ = first_order_lag(samples.time, np.stack([signal, turned], -1), used)
-        return share * (signal - lagged[..., 0] + used * lagged[..., 1])
+        signal, lag = _late_signals(samples, self.reading, inertia.tobytes(), used)
+        return np.asarray(share * (signal - lag.response[..., 0] + used * lag.response[..., 1]))
 
     def jacobian(self, samples: WrenchSamples, inertia: Array, theta: Array) -> Array:
         """By tau."""
         used, share = _usable_lag(float(theta[0]))
-        signal, turned = self._signals(samples, inertia)
-        lagged, change = first_order_lag(samples.time, np.stack([signal, turned], -1), used)
+        signal, lag = _late_signals(samples, self.reading, inertia.tobytes(), used)
+        late = lag.response
         if share != 1.0:
-            return ((signal - lagged[..., 0]) / used + lagged[..., 1])[..., None]
-        return (lagged[..., 1] + used * change[..., 1] - change[..., 0])[..., None]
+            return np.asarray((signal - late[..., 0]) / used + late[..., 1])[..., None]
+        by_tau = late[..., 1] + used * lag.change[..., 1] - lag.change[..., 0]
+        return np.asarray(by_tau)[..., None]
 
     def inertia_jacobian(self, samples: WrenchSamples, inertia: Array, theta: Array) -> Array:
         """Y - L Y."""
         used, share = _usable_lag(float(theta[0]))
         matrix = load_regressor(samples)
-        return share * (matrix - first_order_lag(samples.time, matrix, used)[0])
+        return np.asarray(share * (matrix - FirstOrderLag(samples.time, matrix, used).response))
 
     def delayed(self, samples: WrenchSamples, theta: Array, columns: Array) -> Array:
         """L of the columns."""
         used, share = _usable_lag(float(theta[0]))
-        late = first_order_lag(samples.time, columns, used)[0]
+        late = FirstOrderLag(samples.time, columns, used).response
         return np.asarray(columns + share * (late - columns))
 
-    def _signals(self, samples: WrenchSamples, inertia: Array) -> tuple[Array, Array]:
+    def signals(self, samples: WrenchSamples, inertia: Array) -> tuple[Array, Array]:
         """S and Q, both (N, 6)."""
         force = np.cross(self._turning(samples), samples.contact_force)
         torque = np.cross(samples.contact_point, force)
@@ -142,6 +147,15 @@ class SensorLag(_ReadingEffect):
         if self.reading == "body":
             return np.zeros_like(spin)
         return spin - contact_rate(samples) if self.reading == "sensor" else np.asarray(spin)
+
+
+@latest_per_samples
+def _late_signals(
+    samples: WrenchSamples, reading: str, parameters: bytes, tau: float
+) -> tuple[Array, FirstOrderLag]:
+    """S (N, 6), and the lag of [S, Q] (N, 6, 2), for phi given as bytes."""
+    signal, turned = SensorLag(reading).signals(samples, np.frombuffer(parameters))
+    return signal, FirstOrderLag(samples.time, np.stack([signal, turned], -1), tau)
 
 
 def _borne(samples: WrenchSamples, inertia: Array) -> Array:
@@ -255,17 +269,18 @@ def _motion_spline(samples: WrenchSamples) -> CubicSpline:
 
 
 @once_per_motion
-def _latest_shift(_: WrenchSamples) -> dict[float, _Shifted]:
+def _latest_shifts(_: WrenchSamples) -> dict[float, _Shifted]:
     return {}
 
 
 def _shifted(samples: WrenchSamples, offset: float) -> _Shifted:
-    """The motion at t - offset; the latest one is kept."""
-    kept = _latest_shift(samples)
-    if offset not in kept:
-        kept.clear()
-        kept[offset] = _Shifted(samples, offset)
-    return kept[offset]
+    """The motion at t - offset; the latest ones are kept, so that readings share them."""
+    kept = _latest_shifts(samples)
+    found = kept.pop(offset, None) or _Shifted(samples, offset)
+    kept[offset] = found
+    if len(kept) > _SHIFTS_KEPT:
+        kept.pop(next(iter(kept)), None)
+    return found
 
 
 @dataclass(frozen=True)

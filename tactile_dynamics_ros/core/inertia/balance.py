@@ -28,16 +28,18 @@ def balance_contacts(samples: WrenchSamples, lacking: Array) -> WrenchSamples:
     """
     arms = skew(samples.contact_point)
     unit = np.broadcast_to(np.eye(3), arms.shape)
-    grasp = np.concatenate([arms, unit], axis=2) * samples.in_contact[:, :, None, None]
     length = max(float(np.sqrt(np.mean(samples.contact_point**2))), 1e-3)
-    scale = np.array([1.0 / length] * 3 + [1.0] * 3)
-    scaled = grasp * scale[:, None]
-    torque_map = np.zeros_like(scaled)
-    if np.any(samples.contact_torque):
-        torque_map[:, :, :3] = np.eye(3) * samples.in_contact[:, :, None, None]
-    gram = np.einsum("ncik,ncjk->nij", scaled, scaled)
-    gram = gram + np.einsum("ncik,ncjk->nij", torque_map, torque_map)
-    weights = np.linalg.solve(gram + _DAMPING * np.eye(6), (lacking * scale)[..., None])[..., 0]
-    force = np.einsum("ncik,ni->nck", scaled, weights)
-    torque = np.einsum("ncik,ni->nck", torque_map, weights) * length
-    return samples.with_forces(samples.contact_force + force, samples.contact_torque + torque)
+    touching = samples.in_contact[:, :, None, None]
+    scaled = np.concatenate([arms / length, unit], axis=2) * touching
+    joined = scaled.swapaxes(1, 2).reshape(len(scaled), 6, -1)
+    gram = joined @ joined.swapaxes(1, 2) + _DAMPING * np.eye(6)
+    measured = bool(np.any(samples.contact_torque))
+    if measured:
+        gram[:, :3, :3] += samples.in_contact.sum(axis=1)[:, None, None] * np.eye(3)
+    target = lacking * np.array([1.0 / length] * 3 + [1.0] * 3)
+    weights = np.linalg.solve(gram, target[..., None])
+    force = (weights.swapaxes(1, 2) @ joined).reshape(samples.contact_force.shape)
+    torque = samples.contact_torque
+    if measured:
+        torque = torque + length * touching[..., 0] * weights[:, None, :3, 0]
+    return samples.with_forces(samples.contact_force + force, torque)

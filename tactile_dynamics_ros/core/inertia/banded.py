@@ -89,8 +89,10 @@ class _Windows:
     @classmethod
     def _joined(cls, width: int, matrices: Sequence[bsr_array]) -> _Windows:
         start = matrices[0].indices[::width].astype(np.intp)
-        blocks = [m.data.reshape(len(start), width, _BLOCK, 3) for m in matrices]
-        rows = np.concatenate(blocks, axis=3).transpose(0, 2, 1, 3)
+        rows = np.empty((len(start), _BLOCK, width, 3 * len(matrices)))
+        for k, matrix in enumerate(matrices):
+            blocks = matrix.data.reshape(len(start), width, _BLOCK, 3)
+            rows[..., 3 * k : 3 * k + 3] = blocks.swapaxes(1, 2)
         return cls(start, width, rows.reshape(len(start), _BLOCK, -1))
 
     @property

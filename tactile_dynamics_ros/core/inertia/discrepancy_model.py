@@ -18,6 +18,7 @@ from tactile_dynamics_ros.core.discrepancy.model import (
     ResidualModel,
     Residuals,
 )
+from tactile_dynamics_ros.core.discrepancy.trials import square
 from tactile_dynamics_ros.core.effects.effect import Effect
 from tactile_dynamics_ros.core.effects.present import PresentEffects
 from tactile_dynamics_ros.core.effects.registry import create_effect, registered_names
@@ -25,9 +26,9 @@ from tactile_dynamics_ros.core.inertia.fitted_model import FittedModel
 from tactile_dynamics_ros.core.inertia.fitting import fit_model, nearest_body
 from tactile_dynamics_ros.core.inertia.least_squares import levenberg_marquardt
 from tactile_dynamics_ros.core.inertia.quick_fit import (
-    ExtendedSystem,
     FrozenSystem,
     Whitening,
+    extended_system,
 )
 from tactile_dynamics_ros.core.inertia.refinement import refine
 from tactile_dynamics_ros.core.inertia.separating_motion import plan_separation
@@ -93,19 +94,20 @@ class HeldObjectModel:
         return np.repeat(np.concatenate(times), 6)
 
     @cached_property
-    def _evaluated(self) -> tuple[Array, Array]:
+    def evaluated(self) -> tuple[Array, Array]:
+        """White residual and Jacobian, rows of the data, then rows of the prior."""
         system = FrozenSystem(self.whitening, self.effects)
         return system.evaluate(np.concatenate([self.phi, *self.theta]))
 
     @property
     def residual(self) -> Array:
         """(M,) white residual."""
-        return self._evaluated[0][: len(self.time)]
+        return self.evaluated[0][: len(self.time)]
 
     @property
     def jacobian(self) -> Array:
         """(M, 10 + k) derivative by phi and theta."""
-        return self._evaluated[1][: len(self.time)]
+        return self.evaluated[1][: len(self.time)]
 
     @cached_property
     def freedom(self) -> float:
@@ -160,24 +162,26 @@ class HeldObjectModel:
         """Fit with one more effect at fixed whitening.
 
         The present effects are linear in the change of their parameters; where that proves too
-        coarse, all are fitted jointly.
+        coarse, all are fitted jointly, from where they were if the change leads astray.
         """
         effect: Effect = family.source
         block = self.fitted.blocks[0]
         lacking = block.problem.residual(self.phi, self.effects, self.theta)
         start = effect.initial_guess(block.problem.samples, self.phi, coefficients, lacking)
-        system = ExtendedSystem(self, effect)
+        system = extended_system(self, effect)
         solution, _ = levenberg_marquardt(
             system.evaluate,
             np.concatenate([np.zeros(system.present), start]),
             _QUICK_ITERATIONS,
             _QUICK_TOLERANCE,
         )
-        moved = self._moved(solution[: system.present], effect, solution[system.present :])
-        foreseen = system.evaluate(solution)[0][: len(self.time)]
-        if moved.residual @ moved.residual <= _CURVED * foreseen @ foreseen:
+        change, theta = np.split(solution, [system.present])
+        moved = self._moved(change, effect, theta)
+        if square(moved) <= _CURVED * system.square(solution):
             return moved
-        return moved._fitted(moved.effects, moved.theta)
+        held = self._moved(np.zeros_like(change), effect, theta)
+        nearer = held if square(held) < square(moved) else moved
+        return nearer._fitted(nearer.effects, nearer.theta)
 
     def _moved(self, change: Array, effect: Effect, theta: Array) -> HeldObjectModel:
         """The model with its parameters changed and one effect more."""

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from tactile_dynamics_ros.core.effects.present import PresentEffects
 from tactile_dynamics_ros.core.inertia.fitted_model import (
@@ -15,7 +16,7 @@ from tactile_dynamics_ros.core.inertia.fitted_model import (
     regressor_noise_information,
     whiten_blocks,
 )
-from tactile_dynamics_ros.core.inertia.least_squares import levenberg_marquardt
+from tactile_dynamics_ros.core.inertia.least_squares import levenberg_marquardt, rotated
 from tactile_dynamics_ros.core.inertia.outliers import isolated_outlier_variance
 from tactile_dynamics_ros.core.inertia.prior import LogCholeskyPrior, contact_prior
 from tactile_dynamics_ros.core.inertia.repeated_whitening import RepeatedWhitening
@@ -244,7 +245,10 @@ def _solve(
     std = np.concatenate([prior.std, np.array(stds, dtype=float)])
     keep = HOLD * np.concatenate([unexcited.T, np.zeros((unexcited.shape[1], sum(sizes)))], axis=1)
     regular = np.concatenate([np.eye(len(std)), keep]) / std
-    system = _ReducedSystem(blocks, dynamic_parameters_from_log_cholesky(xi), effects, theta)
+    samples, phi = blocks[0].problem.samples, dynamic_parameters_from_log_cholesky(xi)
+    factored = all(e.coefficients(samples, e.zero(samples)) is not None for e in effects)
+    kind = _FactoredSystem if factored else _FullSystem
+    system = kind(blocks, phi, effects, theta)
 
     def evaluate(x: Array) -> tuple[Array, Array]:
         parts = np.split(x[10:], np.cumsum(sizes)[:-1]) if sizes else []
@@ -261,11 +265,46 @@ def _solve(
     return solution[:10], list(values), converged
 
 
-class _ReducedSystem:
-    """White residual r0 + J (phi - phi0) - L^-1 (Delta - Delta0), rotated to few rows.
+class _FactoredSystem:
+    """White residual r0 + J (phi - phi0) - U (c - c0), rotated to as many rows as columns.
 
-    Without effects ten rows suffice. With effects the full residual is evaluated.
+    U are the white columns of effects of which the load changes nothing, c their coefficients.
     """
+
+    def __init__(
+        self,
+        blocks: Sequence[Block],
+        phi: Array,
+        effects: Sequence[Effect],
+        theta: Sequence[Array],
+    ) -> None:
+        self._samples, self._phi, self._effects = blocks[0].problem.samples, phi, effects
+        self._start = self._numbers(theta)
+        parts = [np.concatenate([b.jacobian, b.residual[:, None]], axis=1) for b in blocks]
+        columns = [np.concatenate(parts)]
+        for effect, value in zip(effects, theta, strict=True):
+            found = [effect.factored(b.problem.samples, value) for b in blocks]
+            columns.append(-whiten_blocks(blocks, [f[0] for f in found if f is not None]))
+        self._rows = rotated(np.concatenate(columns, axis=1))
+
+    def evaluate(self, phi: Array, theta: Sequence[Array]) -> tuple[Array, Array]:
+        """Residual and Jacobian by [phi, theta]."""
+        moved = self._numbers(theta) - self._start
+        residual = self._rows @ np.concatenate([phi - self._phi, [1.0], moved])
+        pairs = zip(self._effects, theta, strict=True)
+        found = [effect.factored(self._samples, value) for effect, value in pairs]
+        weights = block_diag(*(f[1] for f in found if f is not None))
+        by_theta = self._rows[:, 11:] @ weights if self._effects else self._rows[:, 11:]
+        return residual, np.concatenate([self._rows[:, :10], by_theta], axis=1)
+
+    def _numbers(self, theta: Sequence[Array]) -> Array:
+        pairs = zip(self._effects, theta, strict=True)
+        numbers = [effect.coefficients(self._samples, value) for effect, value in pairs]
+        return np.concatenate([np.zeros(0), *(part for part in numbers if part is not None)])
+
+
+class _FullSystem:
+    """White residual r0 + J (phi - phi0) - L^-1 (Delta - Delta0), all rows of it."""
 
     def __init__(
         self,
@@ -278,18 +317,13 @@ class _ReducedSystem:
         self._rows = [np.concatenate([b.jacobian, b.residual[:, None]], axis=1) for b in blocks]
         self._white_columns = RepeatedWhitening(lambda values: whiten_blocks(blocks, values))
         self._white_start = self._white_effects(phi, theta)
-        if effects:
-            plain = whiten_blocks(blocks, [b.problem.regressor for b in blocks])
-            self._beside = plain - np.concatenate([b.jacobian for b in blocks])
-        else:
-            self._rows = [np.asarray(np.linalg.qr(np.concatenate(self._rows), mode="r"))]
+        plain = whiten_blocks(blocks, [b.problem.regressor for b in blocks])
+        self._beside = plain - np.concatenate([b.jacobian for b in blocks])
 
     def evaluate(self, phi: Array, theta: Sequence[Array]) -> tuple[Array, Array]:
         """Residual and Jacobian by [phi, theta]."""
         rows = np.concatenate(self._rows)
         residual = rows[:, :10] @ (phi - self._phi) + rows[:, 10]
-        if not self._effects:
-            return residual, rows[:, :10].copy()
         moved = self._white_effects(phi, theta) - self._white_start
         columns = self._effect_columns(phi, theta)
         # rows already hold dDelta/dphi at the start; the exact change replaces that linear part

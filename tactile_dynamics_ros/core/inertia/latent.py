@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,8 @@ from scipy.sparse import bsr_array
 from tactile_dynamics_ros.core.inertia.local_polynomial import LocalFunctional
 
 Array = NDArray[np.float64]
+
+_ALL = slice(None)
 
 
 @dataclass(frozen=True)
@@ -28,25 +31,32 @@ class LatentSignal:
     noise_factor: Array
     chart: Array | None = None
 
-    def scaled_sensitivity(self, sensitivity: Array) -> bsr_array:
+    @cached_property
+    def steps(self) -> Array:
+        """(N, W, 3, 3) how what is read moves with a standard deviation of each sample."""
+        gathered = self.functional.gather(self.noise_factor)
+        return gathered if self.chart is None else self.chart @ gathered
+
+    def scaled_sensitivity(
+        self, sensitivity: Array, rows: NDArray[np.intp] | slice = _ALL
+    ) -> bsr_array:
         """Sparse d e / d x S: how the residuals move with one standard deviation of each sample.
 
         Args:
-            sensitivity: (N, O, 6, 3) derivative of the residual with respect to the value and the
+            sensitivity: (n, O, 6, 3) derivative of the residual with respect to the value and the
                 derivatives of the signal at each grid time.
+            rows: which of the N grid times these are.
 
         Returns:
-            (6 N, 3 K) block-sparse matrix.
+            (6 n, 3 K) block-sparse matrix.
         """
-        weights = self.functional.weights
-        orders = sensitivity.shape[1]
-        per_sample = np.einsum("nok,noij->nkij", weights[:, :orders], sensitivity, optimize=True)
-        if self.chart is not None:
-            per_sample = per_sample @ self.chart
-        blocks = per_sample @ self.functional.gather(self.noise_factor)
-        count, size = blocks.shape[:2]
+        count, orders = sensitivity.shape[:2]
+        weights = self.functional.weights[rows, :orders]
+        per_sample = weights.swapaxes(1, 2) @ sensitivity.reshape(count, orders, 18)
+        size = weights.shape[2]
+        blocks = per_sample.reshape(count, size, 6, 3) @ self.steps[rows]
         pointer = np.arange(0, count * size + 1, size)
-        columns = self.functional.indices.ravel()
+        columns = self.functional.indices[rows].ravel()
         shape = (6 * count, 3 * len(self.noise_factor))
         return bsr_array((blocks.reshape(-1, 6, 3), columns, pointer), shape=shape)
 

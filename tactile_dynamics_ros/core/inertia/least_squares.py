@@ -1,4 +1,4 @@
-"""Levenberg-Marquardt on a handful of parameters."""
+"""Least squares on a handful of parameters: Levenberg-Marquardt, and rows rotated to few."""
 
 from __future__ import annotations
 
@@ -55,3 +55,11 @@ def levenberg_marquardt(
                 return x, True
             damping, growth = max(damping, _HESITANT) * growth, 2.0 * growth
     return x, False
+
+
+def rotated(rows: Array) -> Array:
+    """Square root R (n, n) of A^T A for rows A (M, n): all products R x are as long as A x."""
+    gram = rows.T @ rows
+    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    values, vectors = np.linalg.eigh(gram / np.outer(scale, scale))
+    return np.asarray(np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T * scale)

@@ -69,7 +69,11 @@ class LocalFunctional:
 
     def apply(self, values: Array, order: int) -> Array:
         """Derivative of the given order at every grid time, (K, d) -> (N, d)."""
-        return np.asarray(np.einsum("nk,nk...->n...", self.weights[:, order], self.gather(values)))
+        return np.asarray((self.weights[:, order, None] @ self.gather(values))[:, 0])
+
+    def apply_all(self, values: Array) -> Array:
+        """Value and derivatives at every grid time, (K, d) -> (O, N, d)."""
+        return np.moveaxis(self.weights @ self.gather(values), 1, 0)
 
 
 def typical_period(sample_time: Array) -> float:

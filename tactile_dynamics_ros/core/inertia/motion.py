@@ -89,7 +89,12 @@ class MotionSignals:
         return replace(self, rotation=rotation, **moved)
 
     @cached_property
-    def rotation_chart(self) -> Array:
+    def charted_signals(self) -> dict[str, LatentSignal]:
+        """The signals; that of the orientation with how rotation vectors move with it."""
+        orientation = replace(self.signals["orientation"], chart=self._rotation_chart())
+        return self.signals | {"orientation": orientation}
+
+    def _rotation_chart(self) -> Array:
         """(N, W, 3, 3) derivative of local rotation vectors by world rotations d, R -> exp(d) R.
 
         log(exp(d) exp(v)) = v + (1 - [v] / 2 + [v]^2 / 12 - ...) d; [v] is not small while a body
@@ -98,8 +103,8 @@ class MotionSignals:
         functional = self.signals["orientation"].functional
         window, centre = _windows(self.rotation, functional)
         local = _about(centre, window)
-        middle = np.einsum("nk,nki->ni", functional.weights[:, 0], local)
-        turned = skew(local - middle[:, None])
+        middle = functional.weights[:, :1] @ local
+        turned = skew(local - middle)
         return np.asarray(np.eye(3) - 0.5 * turned + turned @ turned / 12.0)
 
     def evaluate(self) -> Motion:
@@ -114,9 +119,7 @@ class MotionSignals:
         position = velocity = acceleration = np.zeros_like(omega)
         if self.position is not None:
             functional = self.signals["position"].functional
-            position, velocity, acceleration = (
-                functional.apply(self.position, o) for o in range(3)
-            )
+            position, velocity, acceleration = functional.apply_all(self.position)
         if self.specific_force is not None:
             body = self.signals["specific_force"].functional.apply(self.specific_force, 0)
             acceleration = np.einsum("nij,nj->ni", rotation, body) + self.gravity
@@ -130,7 +133,7 @@ def _differentiate_rotation(
     window, centre = _windows(rotation, functional)
     for _ in range(2):
         local = _about(centre, window)
-        derivatives = np.einsum("nok,nki->oni", functional.weights, local)
+        derivatives = np.moveaxis(functional.weights @ local, 1, 0)
         centre = exp_so3(derivatives[0]) @ centre
     return centre, derivatives[1], derivatives[2]
 
@@ -143,7 +146,8 @@ def _windows(rotation: Array, functional: LocalFunctional) -> tuple[Array, Array
 
 def _about(centre: Array, window: Array) -> Array:
     """Rotation vectors (N, W, 3) of windows (N, W, 3, 3) about centres (N, 3, 3), world axes."""
-    return log_so3(window @ np.swapaxes(centre, 1, 2)[:, None])
+    rows = window.reshape(len(window), -1, 3)
+    return log_so3((rows @ np.swapaxes(centre, 1, 2)).reshape(window.shape))
 
 
 def motion_period(streams: Streams) -> float:

@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter, uniform_filter
-from scipy.signal import ShortTimeFFT
-from scipy.signal.windows import hann
 
 Array = NDArray[np.float64]
 
@@ -51,12 +49,30 @@ def expected_noise(white_residual: Array) -> Array:
     Source: Wiener 1949.
     """
     rows = white_residual.reshape(-1, 6)
-    length = min(_FRAME, 2 * (len(rows) // 2))
-    window = hann(length, sym=False)
-    transform = ShortTimeFFT(window, length // 2, fs=1.0)
-    spectra = transform.stft(rows, axis=0)
-    power = np.mean(np.abs(spectra) ** 2, axis=1, keepdims=True) / np.sum(window**2)
-    power = uniform_filter(power, (3, 1, 3), mode="nearest")
+    half = min(_FRAME // 2, len(rows) // 2)
+    window = np.sin(np.pi * np.arange(2 * half) / (2 * half)) ** 2
+    spectra = np.fft.rfft(_frames(rows, half) * window[:, None], axis=1)
+    power = np.mean(np.abs(spectra) ** 2, axis=2) / np.sum(window**2)
+    power = uniform_filter(power, 3, mode="nearest")
     share = np.where(power > _MISFIT, 1.0 / np.maximum(power, 1.0), 1.0)
-    noise = transform.istft(spectra * share, k1=len(rows), f_axis=0)
-    return np.asarray(noise).reshape(-1)
+    dual = window / (window**2 + np.roll(window, half) ** 2)
+    noise = np.fft.irfft(spectra * share[..., None], 2 * half, axis=1) * dual[:, None]
+    return _overlapped(noise, len(rows)).reshape(-1)
+
+
+def _frames(rows: Array, half: int) -> Array:
+    """Frames (F, 2 half, 6) of rows (N, 6), each half a frame after the last; zeros beyond."""
+    count = -(-(len(rows) - 1) // half)
+    padded = np.zeros(((count + 2) * half, rows.shape[1]))
+    padded[half : half + len(rows)] = rows
+    halves = padded.reshape(count + 2, half, -1)
+    return np.concatenate([halves[:-1], halves[1:]], axis=1)
+
+
+def _overlapped(frames: Array, count: int) -> Array:
+    """Sum (count, 6) of overlapping frames, where the rows of `_frames` were."""
+    half = frames.shape[1] // 2
+    total = np.zeros((len(frames) + 1, half, frames.shape[2]))
+    total[:-1] += frames[:, :half]
+    total[1:] += frames[:, half:]
+    return total.reshape(-1, frames.shape[2])[half : half + count]

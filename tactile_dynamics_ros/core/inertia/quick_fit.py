@@ -14,6 +14,7 @@ from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
 from tactile_dynamics_ros.core.effects.effect import Effect
 from tactile_dynamics_ros.core.effects.present import PresentEffects
 from tactile_dynamics_ros.core.inertia.fitted_model import FittedModel, whiten_blocks
+from tactile_dynamics_ros.core.inertia.least_squares import rotated
 from tactile_dynamics_ros.core.inertia.repeated_whitening import RepeatedWhitening
 from tactile_dynamics_ros.core.inertia.uncertainty import HOLD
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import log_cholesky_jacobian
@@ -30,7 +31,7 @@ class Whitening:
 
     Attributes:
         model: thoroughly fitted.
-        columns: white screening bases by label, with what they depend on.
+        columns: white screening bases by what they are screened as, with what they depend on.
     """
 
     model: FittedModel
@@ -60,14 +61,14 @@ class Whitening:
 
     def family_columns(self, effect: Effect, present: PresentEffects) -> Array:
         """White screening basis of one reading beside effects of a model."""
-        key = present.influence_on(effect)
-        if effect.label not in self.columns or self.columns[effect.label][0] != key:
+        name, key = effect.screened_as, present.influence_on(effect)
+        if name not in self.columns or self.columns[name][0] != key:
             phi, basis = self.model.phi, []
             for samples in self.model.samples:
                 found = effect.screening_basis(present.seen_by(effect, samples, phi), phi)
                 basis.append(present.as_shown(effect, samples, found))
-            self.columns[effect.label] = (key, self.whiten(basis))
-        return self.columns[effect.label][1]
+            self.columns[name] = (key, self.whiten(basis))
+        return self.columns[name][1]
 
 
 @dataclass(frozen=True)
@@ -172,22 +173,22 @@ class ExtendedSystem:
         present = PresentEffects(model.effects, model.theta)
         self._beside = EffectBeside.of(effect, present, model.fitted.samples, model.phi)
         self._frozen = FrozenSystem(model.whitening, model.effects)
-        self._residual, self._jacobian = self._frozen.evaluate(
-            np.concatenate([model.phi, *model.theta])
-        )
-        stds = [p.prior_std for p in effect.parameters(model.fitted.blocks[0].problem.samples)]
+        self._residual, self._jacobian = model.evaluated
+        stds = [p.prior_std for p in effect.parameters(model.samples)]
         self._prior = np.diag(1.0 / np.array(stds, dtype=float))
         self.present = self._jacobian.shape[1]
+
+    def square(self, x: Array) -> float:
+        """Squared white residual of the data."""
+        residual = self._moved(x)[: len(self._model.time)]
+        return float(residual @ residual)
 
     def evaluate(self, x: Array) -> tuple[Array, Array]:
         """Rows of the data, then rows of the priors."""
         change, theta = x[: self.present], x[self.present :]
-        phi = self._model.phi + change[:10]
-        delta = self._frozen.white_wrench(self._beside, phi, theta)
+        phi, residual = self._model.phi + change[:10], self._moved(x)
         by_phi, by_theta = self._frozen.white_derivatives(self._beside, phi, theta)
-        rows, count = len(delta), len(theta)
-        residual = self._residual + self._jacobian @ change
-        residual[:rows] -= delta
+        rows, count = len(by_theta), len(theta)
         jacobian = np.zeros((len(residual) + count, len(x)))
         jacobian[: len(residual), : self.present] = self._jacobian
         jacobian[:rows, self.present :] = -by_theta
@@ -195,3 +196,62 @@ class ExtendedSystem:
             jacobian[:rows, :10] -= by_phi
         jacobian[len(residual) :, self.present :] = self._prior
         return np.concatenate([residual, self._prior @ theta]), jacobian
+
+    def _moved(self, x: Array) -> Array:
+        """Rows of the data, then rows of the prior of the model."""
+        change, theta = x[: self.present], x[self.present :]
+        delta = self._frozen.white_wrench(self._beside, self._model.phi + change[:10], theta)
+        residual = self._residual + self._jacobian @ change
+        residual[: len(delta)] -= delta
+        return np.asarray(residual)
+
+
+class FactoredSystem:
+    """`ExtendedSystem` of an effect with fixed columns: rotated to as many rows as columns."""
+
+    def __init__(self, model: HeldObjectModel, effect: Effect, columns: Array) -> None:
+        residual, jacobian = model.evaluated
+        rows, self.present = len(columns), jacobian.shape[1]
+        self._effect, self._samples = effect, model.samples
+        data = np.concatenate([jacobian[:rows], residual[:rows, None], -columns], axis=1)
+        self._data = rotated(data)
+        self._prior_rows, self._prior_values = jacobian[rows:], residual[rows:]
+        stds = [p.prior_std for p in effect.parameters(model.samples)]
+        self._prior = np.diag(1.0 / np.array(stds, dtype=float))
+
+    def square(self, x: Array) -> float:
+        """Squared white residual of the data."""
+        residual = self._moved(x)
+        return float(residual @ residual)
+
+    def evaluate(self, x: Array) -> tuple[Array, Array]:
+        """Rows of the data, then rows of the priors."""
+        change, theta = x[: self.present], x[self.present :]
+        factored = self._effect.factored(self._samples, theta)
+        assert factored is not None
+        by_theta = self._data[:, self.present + 1 :] @ factored[1]
+        by_change = np.concatenate([self._data[:, : self.present], self._prior_rows])
+        values = self._prior_values + self._prior_rows @ change
+        residual = np.concatenate([self._moved(x), values, self._prior @ theta])
+        jacobian = np.zeros((len(residual), len(x)))
+        jacobian[: len(by_change), : self.present] = by_change
+        jacobian[: len(by_theta), self.present :] = by_theta
+        jacobian[len(by_change) :, self.present :] = self._prior
+        return residual, jacobian
+
+    def _moved(self, x: Array) -> Array:
+        numbers = self._effect.coefficients(self._samples, x[self.present :])
+        return np.asarray(self._data @ np.concatenate([x[: self.present], [1.0], numbers]))
+
+
+def extended_system(model: HeldObjectModel, effect: Effect) -> ExtendedSystem | FactoredSystem:
+    """The system of a model with one effect more, as small as the effect allows."""
+    zero = effect.zero(model.samples)
+    if effect.coefficients(model.samples, zero) is None:
+        return ExtendedSystem(model, effect)
+    present = PresentEffects(model.effects, model.theta)
+    beside = EffectBeside.of(effect, present, model.fitted.samples, model.phi)
+    white = model.whitening.repeated.factored(effect, present, beside.seen, zero)
+    return (
+        ExtendedSystem(model, effect) if white is None else FactoredSystem(model, effect, white[0])
+    )

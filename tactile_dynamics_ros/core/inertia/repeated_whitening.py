@@ -56,18 +56,35 @@ class RepeatedWhitening:
             phi: (10,) dynamic parameters.
             theta: (k,) of the effect.
         """
+        found = self.factored(effect, present, samples, theta)
+        if found is not None:
+            return np.asarray(found[0] @ found[1])
+        columns = [effect.jacobian(s, phi, theta) for s in samples]
+        return self((effect.label, "jacobian"), _shown(effect, present, samples, columns))
 
-        def shown(columns: Sequence[Array]) -> list[Array]:
-            parts = zip(samples, columns, strict=True)
-            return [present.as_shown(effect, s, part) for s, part in parts]
+    def factored(
+        self,
+        effect: Effect,
+        present: PresentEffects,
+        samples: Sequence[WrenchSamples],
+        theta: Array,
+    ) -> tuple[Array, Array] | None:
+        """White columns (M, b) and (b, k) whose product is that derivative; None without such."""
+        parts = [p for s in samples if (p := effect.factored(s, theta)) is not None]
+        if not parts:
+            return None
+        columns = _shown(effect, present, samples, [columns for columns, _ in parts])
+        return self((effect.label, "columns"), columns), parts[0][1]
 
-        factored = [effect.factored(s, theta) for s in samples]
-        if factored[0] is None:
-            columns = [effect.jacobian(s, phi, theta) for s in samples]
-            return self((effect.label, "jacobian"), shown(columns))
-        parts = [part for part in factored if part is not None]
-        white = self((effect.label, "columns"), shown([columns for columns, _ in parts]))
-        return np.asarray(white @ parts[0][1])
+
+def _shown(
+    effect: Effect,
+    present: PresentEffects,
+    samples: Sequence[WrenchSamples],
+    columns: Sequence[Array],
+) -> list[Array]:
+    """Columns of each stretch as late as the present sensors show them."""
+    return [present.as_shown(effect, s, part) for s, part in zip(samples, columns, strict=True)]
 
 
 def _is_same(before: Array, now: Array) -> bool:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
 from tactile_dynamics_ros.core.inertia.contact_grid import ContactSignals
-from tactile_dynamics_ros.core.inertia.motion import MotionSignals
+from tactile_dynamics_ros.core.inertia.motion import Motion, MotionSignals
 from tactile_dynamics_ros.core.rigid_body.newton_euler import regressor
 
 Array = NDArray[np.float64]
@@ -33,16 +33,20 @@ class SampledSignals:
     contacts: tuple[ContactSignals, ...]
 
     @cached_property
+    def _kinematics(self) -> Motion:
+        return self.motion.evaluate()
+
+    @cached_property
     def samples(self) -> WrenchSamples:
         """Forces and motion at the valid grid times."""
-        motion, keep = self.motion.evaluate(), self.valid
+        motion, keep = self._kinematics, self.valid
         to_body = np.swapaxes(motion.rotation, 1, 2)[:, None]
         readings = [contact.evaluate() for contact in self.contacts]
         force, torque, point = (np.stack(part, axis=1) for part in zip(*readings, strict=True))
         frames = np.stack([contact.rotation for contact in self.contacts], axis=1)
 
         def body(vectors: Array) -> Array:
-            return np.asarray((to_body @ vectors[..., None])[..., 0][keep])
+            return np.asarray((vectors @ motion.rotation)[keep])
 
         return WrenchSamples(
             time=self.grid[keep] - self.start,
@@ -63,10 +67,11 @@ class SampledSignals:
 
     @cached_property
     def regressor(self) -> Array:
-        """(valid samples, 6, 10) Newton-Euler regressor."""
-        samples = self.samples
+        """(valid samples, 6, 10) Newton-Euler regressor, of the motion alone."""
+        motion, keep = self._kinematics, self.valid
+        felt = ((motion.acceleration - self.motion.gravity)[:, None] @ motion.rotation)[:, 0]
         return regressor(
-            samples.specific_acceleration, samples.angular_velocity, samples.angular_acceleration
+            felt[keep], motion.angular_velocity_B[keep], motion.angular_acceleration_B[keep]
         )
 
     def corrected(self, corrections: dict[str, Array]) -> SampledSignals:

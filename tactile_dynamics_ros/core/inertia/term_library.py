@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
-from tactile_dynamics_ros.core.effects.filters import first_order_lag
+from tactile_dynamics_ros.core.effects.filters import FirstOrderLag
 from tactile_dynamics_ros.core.effects.geometry import (
     AXES,
     body_from_world,
@@ -145,7 +145,7 @@ def _contact_terms(samples: WrenchSamples) -> Iterator[Term]:
         force = samples.contact_force[:, index]
         point = samples.contact_point[:, index]
         size = np.linalg.norm(force, axis=1, keepdims=True)
-        slow = first_order_lag(samples.time, force, _RELAXATION)[0]
+        slow = FirstOrderLag(samples.time, force, _RELAXATION).response
         shapes = np.stack([force, size * force, size**2 * force, force / np.maximum(size, 0.05)], 2)
         columns = force_columns(point, shapes)
         yield Term("force", f"{name}: along its force", columns, (), "contact")

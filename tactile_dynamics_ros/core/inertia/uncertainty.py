@@ -73,10 +73,10 @@ def effect_freedom(jacobian: Array, prior: Array) -> float:
         jacobian: (M, 10 + k) white derivative by phi and the effects' parameters.
         prior: (k,) information on those before the data.
     """
-    load = orthonormal(jacobian[:, :10])
     own = jacobian[:, 10:] / np.sqrt(prior)
-    own = own - load @ (load.T @ own)
-    values = np.maximum(np.linalg.eigvalsh(own.T @ own), 0.0)
+    load = orthonormal(jacobian[:, :10])
+    shared = load.T @ own
+    values = np.maximum(np.linalg.eigvalsh(own.T @ own - shared.T @ shared), 0.0)
     return float(np.sum(values / (1.0 + values)))
 
 

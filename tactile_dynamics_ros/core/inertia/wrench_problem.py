@@ -270,7 +270,7 @@ class WrenchProblem:
             effect.whole_samples_late(value, self._period)[0]
             for effect, value in zip(effects, theta, strict=True)
         )
-        now = np.arange(self.count)
+        now, places = np.arange(self.count), np.flatnonzero(self.valid)
         then = np.clip(now - late, 0, self.count - 1)
         unread = then != now - late
         names, matrices, factors = [], [], []
@@ -279,7 +279,7 @@ class WrenchProblem:
                 sensitivity = sensitivity + by_force[name]
             rows = now if name.startswith(("force:", "torque:")) else then
             names.append(name)
-            matrices.append(self._select(signal, rows).scaled_sensitivity(sensitivity[rows]))
+            matrices.append(signal.scaled_sensitivity(sensitivity[rows], places[rows]))
             factors.append(signal.noise_factor)
         extra = np.where(
             unread, _UNREAD_VARIANCE, self.extra_variance[self.valid] + _VARIANCE_FLOOR
@@ -310,9 +310,7 @@ class WrenchProblem:
         by_motion = motion_sensitivity(
             samples, phi, motion.specific_force is not None, motion.gyro is not None
         )
-        signals = dict(motion.signals)
-        signals["orientation"] = replace(signals["orientation"], chart=motion.rotation_chart)
-        found = [(name, signal, by_motion[name]) for name, signal in signals.items()]
+        found = [(n, signal, by_motion[n]) for n, signal in motion.charted_signals.items()]
         for index, contact in enumerate(self.contacts):
             by_contact = contact_sensitivity(samples, index)
             found += [
@@ -325,18 +323,6 @@ class WrenchProblem:
     def _period(self) -> float:
         """Of the grid, s."""
         return float(np.median(np.diff(self.grid)))
-
-    def _select(self, signal: LatentSignal, rows: NDArray[np.intp]) -> LatentSignal:
-        """The signal as read at some of the valid samples."""
-        functional, index = signal.functional, np.flatnonzero(self.valid)[rows]
-        kept = replace(
-            functional,
-            start=functional.start[index],
-            weights=functional.weights[index],
-            valid=functional.valid[index],
-        )
-        chart = None if signal.chart is None else signal.chart[index]
-        return replace(signal, functional=kept, chart=chart)
 
 
 @dataclass(frozen=True)
