@@ -1,6 +1,6 @@
 """Calibration of the simulated hand's fingertips: ten minutes of warming up, a minute of pressing.
 
-Usage: python -m benchmarks.biotac_press_rig [--unit-seed 0] [--seed 0] [--out DIR]
+Usage: python -m benchmarks.biotac_press_rig [--unit-seed 0] [--seed 0] [--seconds 60] [--out DIR]
 
 From switching on, the fingertips warm up untouched. Then every one is pressed for a minute on the
 part of its skin that the grasps of this hand use, in all directions that friction lets one press,
@@ -41,7 +41,7 @@ AROUND = np.deg2rad([8.0, 0.0, -8.0, -44.0])
 
 _TARE = 60
 
-REST, REFERENCE_STD = 1000, 0.01
+REST, REFERENCE_STD = 3000, 0.01
 WARM_UP, WARM_UP_PERIOD = 600.0, 0.1
 COLD_START = 10.0
 _WRENCH = "geometry_msgs/msg/WrenchStamped"
@@ -65,7 +65,7 @@ def press_fingertips(
     Args:
         unit_seed: which hand.
         seed: of presses and noise.
-        seconds: of pressing, after ten seconds of rest.
+        seconds: of pressing, after half a minute of rest.
         tips: configurations of the four fingertips.
     """
     tips = tips or [FingertipConfig()] * len(FINGERS)
@@ -182,6 +182,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--unit-seed", type=int, default=0, help="which hand (0)")
     parser.add_argument("--seed", type=int, default=0, help="of presses and noise (0)")
+    parser.add_argument("--seconds", type=float, default=60.0, help="of pressing (60)")
     parser.add_argument("--out", type=Path, default=Path("out/rig"), help="folder of recordings")
     arguments = parser.parse_args()
     warming, presses = arguments.out / "warm_up", arguments.out / "presses"
@@ -190,7 +191,8 @@ def main() -> int:
     found = _calibrate(str(warming), "--drift")
     drifts = [found[finger]["drift"] for finger in FINGERS]
     tips = [FingertipConfig(drift=tuple(drift)) for drift in drifts]
-    write_presses(presses, *press_fingertips(arguments.unit_seed, arguments.seed, tips=tips))
+    pressed = press_fingertips(arguments.unit_seed, arguments.seed, arguments.seconds, tips)
+    write_presses(presses, *pressed)
     gains = []
     for finger in FINGERS:
         words = str(presses), "--finger", finger, "--reference", f"/rig/{finger}"

@@ -37,7 +37,7 @@ class FingertipConfig:
     release_counts: float = parameter(6.0, "PDC rise below which it ends", "counts", 0.0, 500.0)
     least_force: float = parameter(0.03, "force that a contact has at least", "N", 0.0, 1.0)
     touch_frames: int = parameter(2, "frames in a row that begin or end a contact", "", 1, 100)
-    rest_gain: float = parameter(0.002, "least share of a frame in the rest state", "", 0, 1)
+    rest_gain: float = parameter(0.0005, "least share of a frame in the rest state", "", 0, 1)
     gain: tuple[float, ...] = parameter(
         (1.0,), "of this unit, from a known force: a number, or the nine of a matrix by rows"
     )
