@@ -29,7 +29,8 @@ from tactile_dynamics_ros.core.tactile.estimators import create_force_estimator
 from tactile_dynamics_ros.core.tactile.fingertip import FingertipConfig
 from tactile_dynamics_ros.core.tactile.thermal_drift import fit_thermal_drift
 from tactile_dynamics_ros.core.tactile.unit_gain import fit_unit_gain
-from tactile_dynamics_ros.recording.fingertip_frames import ENCODING, RAW
+from tactile_dynamics_ros.nodes.conversions import biotac_to_message, wrench_to_message
+from tactile_dynamics_ros.recording.cdr import BIOTAC_RAW
 from tactile_dynamics_ros.sim.sensors.biotac import BioTacArray, BioTacConfig
 from tactile_dynamics_ros.sim.sensors.biotac.skin import OUTER_RADIUS, outward_normal
 
@@ -39,11 +40,10 @@ ALONG = np.array([3.8e-3, 3.4e-3, 3.8e-3, 4.0e-3])
 AROUND = np.deg2rad([8.0, 0.0, -8.0, -44.0])
 """Where this hand's grasps touch the skin: along the finger (m) and around it."""
 
-_TARE = 60
-
 REST, REFERENCE_STD = 3000, 0.01
 WARM_UP, WARM_UP_PERIOD = 600.0, 0.1
 COLD_START = 10.0
+_TARE = 60
 _WRENCH = "geometry_msgs/msg/WrenchStamped"
 _IMAGE = "sensor_msgs/msg/Image"
 
@@ -125,41 +125,19 @@ def write_presses(path: Path, found: Array, known: Array) -> None:
                 connection = writer.add_connection(topic, _WRENCH, typestore=store)
                 for row, force in enumerate(forces[k]):
                     stamp = 10**9 + 10_000_000 * row
-                    writer.write(connection, stamp, _wrench(store, stamp, finger, force))
+                    wrench = np.concatenate([np.zeros(3), force])
+                    message = wrench_to_message(wrench, 1e-9 * stamp, sensor_frame(finger))
+                    writer.write(connection, stamp, message)
 
 
 def write_frames(path: Path, frames: NDArray[np.uint16], period: float) -> None:
     """Write raw counts (N, 4, 44) as a recording."""
     store = get_typestore(Stores.ROS2_JAZZY)
     with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        connection = writer.add_connection(RAW, _IMAGE, typestore=store)
+        connection = writer.add_connection(BIOTAC_RAW, _IMAGE, typestore=store)
         for row, counts in enumerate(frames):
             stamp = 10**9 + round(1e9 * period) * row
-            writer.write(connection, stamp, _image(store, stamp, counts))
-
-
-def _wrench(store: Any, stamp: int, finger: str, force: Array) -> bytes:
-    vector = store.types["geometry_msgs/msg/Vector3"]
-    message = store.types[_WRENCH](
-        header=_header(store, stamp, sensor_frame(finger)),
-        wrench=store.types["geometry_msgs/msg/Wrench"](
-            force=vector(*force), torque=vector(0.0, 0.0, 0.0)
-        ),
-    )
-    return bytes(store.serialize_cdr(message, _WRENCH))
-
-
-def _image(store: Any, stamp: int, counts: NDArray[np.uint16]) -> bytes:
-    height, width = counts.shape
-    data = np.frombuffer(counts.astype("<u2").tobytes(), np.uint8)
-    header = _header(store, stamp, "biotac")
-    message = store.types[_IMAGE](header, height, width, ENCODING, 0, 2 * width, data)
-    return bytes(store.serialize_cdr(message, _IMAGE))
-
-
-def _header(store: Any, stamp: int, frame: str) -> Any:
-    time = store.types["builtin_interfaces/msg/Time"](sec=stamp // 10**9, nanosec=stamp % 10**9)
-    return store.types["std_msgs/msg/Header"](stamp=time, frame_id=frame)
+            writer.write(connection, stamp, biotac_to_message(counts, 1e-9 * stamp, "biotac"))
 
 
 def _calibrate(*words: str) -> Any:

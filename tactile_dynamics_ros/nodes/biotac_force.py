@@ -28,8 +28,7 @@ from tactile_dynamics_ros.nodes.kept_tare import KeptTare
 from tactile_dynamics_ros.nodes.parameters import declare_config
 from tactile_dynamics_ros.nodes.shell import Shell, run_node
 from tactile_dynamics_ros.nodes.wire import Picture
-
-RAW = "/biotac/raw"
+from tactile_dynamics_ros.recording.cdr import BIOTAC_RAW
 
 
 @dataclass(frozen=True)
@@ -93,8 +92,8 @@ class BiotacForce(Shell):
             self.start_tare()
         else:
             self._set_rest(frames)
-        self._gate = StampGate(RAW)
-        self.listen(Image, RAW, self._on_raw)
+        self._gate = StampGate(BIOTAC_RAW)
+        self.listen(Image, BIOTAC_RAW, self._on_raw)
         self._force = [self.stream(WrenchStamped, f"/biotac/{f}/force") for f in FINGERS]
         self._std = [self.stream(Vector3Stamped, f"/biotac/{f}/force_std") for f in FINGERS]
         self._slips = [self.stream(Vector3Stamped, f"/biotac/{f}/slip") for f in FINGERS]
@@ -107,7 +106,7 @@ class BiotacForce(Shell):
         return f"taring with the next {self.config.tare_frames} frames; keep the fingers free"
 
     def _on_raw(self, message: Picture) -> None:
-        counts = biotac_to_core(message, RAW)
+        counts = biotac_to_core(message, BIOTAC_RAW)
         if self._gate.check(message.stamp):
             self.faults.add("clock_restarted")
             self.start_tare()

@@ -34,13 +34,13 @@ from tactile_dynamics_ros.nodes.wire import (
     encode_stamped,
     to_stamp,
 )
+from tactile_dynamics_ros.recording.cdr import BIOTAC_ENCODING
 
 Array = NDArray[np.float64]
 
 IDENTITY = np.eye(4)
 SWAP_HALVES = np.array([3, 4, 5, 0, 1, 2])
 SWAP_ROWS = SWAP_HALVES[:, None]
-BIOTAC_ENCODING = "16UC1"
 DEPTH_ENCODING = "32FC1"
 RESTART_AFTER = 1.0
 

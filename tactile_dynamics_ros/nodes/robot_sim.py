@@ -27,6 +27,7 @@ from tactile_dynamics_ros.nodes.pacing import DelayLine, Pace, PaceConfig
 from tactile_dynamics_ros.nodes.parameters import declare_config
 from tactile_dynamics_ros.nodes.shell import Shell, run_node
 from tactile_dynamics_ros.nodes.wire import Joints, encode_clock, to_stamp
+from tactile_dynamics_ros.recording.cdr import BIOTAC_RAW
 from tactile_dynamics_ros.sim.simulated_robot import (
     Readings,
     SimulatedRobot,
@@ -62,7 +63,7 @@ class RobotSim(Shell):
         self._reader: dict[tuple[str, ...], JointReader] = {}
         self._ticks = self.create_publisher(Clock, "/clock", 10)
         self._joints = self.stream(JointState, "/joint_states")
-        self._raw = self.stream(Image, "/biotac/raw")
+        self._raw = self.stream(Image, BIOTAC_RAW)
         self._wrist = self.stream(WrenchStamped, "/wrist/wrench")
         self._vision = self.stream(PoseWithCovarianceStamped, "/object/pose/vision")
         self._depth = self.stream(Image, "/camera/depth/image_rect")

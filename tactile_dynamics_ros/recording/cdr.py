@@ -28,6 +28,9 @@ LITTLE_ENDIAN = 1
 STAMP_AND_LENGTH = 12
 NANOSECONDS = 1_000_000_000
 
+BIOTAC_RAW, BIOTAC_ENCODING = "/biotac/raw", "16UC1"
+"""Topic and encoding of the images of raw counts of all fingertips."""
+
 
 @dataclass(frozen=True)
 class MessageTable:

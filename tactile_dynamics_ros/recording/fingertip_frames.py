@@ -13,9 +13,8 @@ from tactile_dynamics_ros.core.contact.robot_description import FINGERS
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.tactile.electrodes import CHANNELS
 from tactile_dynamics_ros.recording.bag_files import read_messages
+from tactile_dynamics_ros.recording.cdr import BIOTAC_ENCODING, BIOTAC_RAW
 
-RAW = "/biotac/raw"
-ENCODING = "16UC1"
 _TYPE = "sensor_msgs/msg/Image"
 _SHAPE = (len(FINGERS), CHANNELS)
 
@@ -28,19 +27,21 @@ def read_fingertip_frames(path: Path) -> NDArray[np.uint16]:
     """
     store = get_typestore(Stores.ROS2_JAZZY)
     frames = []
-    for _, kind, _, data in read_messages(path, RAW):
+    for _, kind, _, data in read_messages(path, BIOTAC_RAW):
         if kind != _TYPE:
-            raise BadInputError(f"{path}: {RAW} is {kind}, expected {_TYPE}")
+            raise BadInputError(f"{path}: {BIOTAC_RAW} is {kind}, expected {_TYPE}")
         frames.append(_counts(store.deserialize_cdr(data, kind)))
     if not frames:
-        raise BadInputError(f"{path}: no images on {RAW}; record it")
+        raise BadInputError(f"{path}: no images on {BIOTAC_RAW}; record it")
     return np.array(frames)
 
 
 def _counts(image: Any) -> NDArray[np.uint16]:
     """Return the counts (4, 44) of a sensor_msgs/Image."""
     found = image.encoding, (image.height, image.width)
-    if found != (ENCODING, _SHAPE) or image.step != 2 * CHANNELS:
-        raise BadInputError(f"{RAW}: image {found}, expected {(ENCODING, _SHAPE)} without padding")
+    if found != (BIOTAC_ENCODING, _SHAPE) or image.step != 2 * CHANNELS:
+        raise BadInputError(
+            f"{BIOTAC_RAW}: image {found}, expected {(BIOTAC_ENCODING, _SHAPE)} without padding"
+        )
     counts = np.asarray(image.data).view(">u2" if image.is_bigendian else "<u2")
     return counts.reshape(_SHAPE).astype(np.uint16)
