@@ -13,21 +13,24 @@ from tactile_dynamics_ros.core.effects.check import example_samples
 from tactile_dynamics_ros.core.inertia.batch import estimate_inertia
 from tactile_dynamics_ros.core.inertia.systematic import (
     SYSTEMATIC_SIZE,
+    PresumedErrors,
     sensor_gain_basis,
     systematic_basis,
-    systematic_covariance_of_rows,
     systematic_variances,
 )
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 
+LOAD = 1.0
+"""Weight that the sensors carry, N."""
 
-def white_rows(seed: int, size: float):
-    """A regression with a lasting error of the given size, as white rows."""
+
+def white_rows(seed: int, size: float, kinds: int = SYSTEMATIC_SIZE):
+    """A regression with lasting errors of the first kinds, of the given size, as white rows."""
     rng = np.random.default_rng(seed)
     rotation = exp_so3(rng.normal(0, 0.5, (400, 3)))
     basis = systematic_basis(rotation, 0.05).reshape(-1, SYSTEMATIC_SIZE)
     jacobian = rng.normal(size=(len(basis), 4)) + basis[:, 2:6]
-    error = size * rng.normal(size=SYSTEMATIC_SIZE)
+    error = size * rng.normal(size=SYSTEMATIC_SIZE) * (np.arange(SYSTEMATIC_SIZE) < kinds)
     measured = rng.normal(size=len(basis)) + basis @ error
     inverse = np.linalg.inv(jacobian.T @ jacobian)
     shift = -inverse @ jacobian.T @ measured
@@ -35,8 +38,22 @@ def white_rows(seed: int, size: float):
 
 
 def test_clean_residuals_presume_nothing():
-    found = [systematic_covariance_of_rows(*white_rows(k, 0.0)[:4])[0, 0] for k in range(60)]
-    assert np.mean(np.array(found) > 0.0) < 0.15
+    found = [PresumedErrors.of_rows(*white_rows(k, 0.0)[:4], LOAD) for k in range(60)]
+    assert np.mean([f.covariance[0, 0] > 0.0 for f in found]) < 0.15
+    assert np.mean([f.shift.any() for f in found]) < 0.15
+
+
+@pytest.mark.parametrize("load, left", [(100.0, 0.3), (1.0, 0.999)])
+def test_an_error_of_the_sensors_is_corrected_as_far_as_is_usual(load, left):
+    """A constant wrench of the body shifts the estimate by much less, unless it is unusual."""
+    before, after = [], []
+    for seed in range(60):
+        inverse, jacobian, basis, residual, shift = white_rows(seed, 1.0, kinds=6)
+        before.append(shift)
+        after.append(shift + PresumedErrors.of_rows(inverse, jacobian, basis, residual, load).shift)
+    ratio = np.linalg.norm(after) / np.linalg.norm(before)
+    assert ratio < left
+    assert load > 1.0 or ratio > 0.9
 
 
 @pytest.mark.parametrize("size", [0.5, 3.0])
@@ -44,7 +61,7 @@ def test_lasting_errors_are_covered(size):
     inside = []
     for seed in range(60):
         inverse, jacobian, basis, residual, shift = white_rows(seed, size)
-        added = systematic_covariance_of_rows(inverse, jacobian, basis, residual)
+        added = PresumedErrors.of_rows(inverse, jacobian, basis, residual, LOAD).covariance
         inside.append(np.abs(shift) < 1.645 * np.sqrt(np.diag(inverse + added)))
     assert 0.75 < np.mean(inside) < 0.98
 
@@ -61,7 +78,7 @@ def test_gains_are_covered_though_their_sum_leaves_no_trace():
         shift = -inverse @ jacobian.T @ measured
         residual = measured + jacobian @ shift
         basis = np.concatenate([constant, gains], axis=1)
-        added = systematic_covariance_of_rows(inverse, jacobian, basis, residual)
+        added = PresumedErrors.of_rows(inverse, jacobian, basis, residual, LOAD).covariance
         inside.append(abs(shift[0]) < 1.645 * np.sqrt((inverse + added)[0, 0]))
     assert 0.86 < np.mean(inside) < 0.97
 

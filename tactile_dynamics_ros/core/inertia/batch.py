@@ -88,7 +88,9 @@ def fit_problems(
 
 
 def fit_body(streams: Streams, config: BatchConfig | None = None) -> FittedModel:
-    """`fit_recording` of a rigid body, with poses sharpened where the contacts allow it.
+    """`fit_recording` of a rigid body, corrected by lasting errors of the sensors.
+
+    Poses are sharpened where the contacts allow it.
 
     Raises:
         BadInputError: contacts and motion are missing or do not overlap.
@@ -96,8 +98,8 @@ def fit_body(streams: Streams, config: BatchConfig | None = None) -> FittedModel
     """
     sharp = sharpen_poses(streams)
     if sharp is None:
-        return fit_recording(streams, (), config)
-    model = fit_recording(sharp.streams, (), config)
+        return fit_recording(streams, (), config).without_lasting_errors()
+    model = fit_recording(sharp.streams, (), config).without_lasting_errors()
     return replace(model, frame_covariance=sharp.frame_covariance)
 
 

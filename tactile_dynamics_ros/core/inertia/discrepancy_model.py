@@ -32,7 +32,7 @@ from tactile_dynamics_ros.core.inertia.quick_fit import (
 )
 from tactile_dynamics_ros.core.inertia.refinement import refine
 from tactile_dynamics_ros.core.inertia.separating_motion import plan_separation
-from tactile_dynamics_ros.core.inertia.systematic import systematic_covariance_of_rows
+from tactile_dynamics_ros.core.inertia.systematic import PresumedErrors
 from tactile_dynamics_ros.core.inertia.term_library import wrench_terms
 from tactile_dynamics_ros.core.inertia.uncertainty import effect_freedom, misfit_inflation
 from tactile_dynamics_ros.core.inertia.wrench_residuals import wrench_residuals
@@ -240,8 +240,9 @@ class HeldObjectModel:
         inverse = np.linalg.pinv(information / np.outer(scale, scale)) / np.outer(scale, scale)
         widen = misfit_inflation(residual, jacobian)
         basis = self.fitted.white_lasting_errors
-        lasting = systematic_covariance_of_rows(inverse, jacobian, basis, residual)
-        return np.asarray(inverse * np.outer(widen, widen) + lasting)
+        load = self.fitted.load
+        lasting = PresumedErrors.of_rows(inverse, jacobian, basis, residual, load)
+        return np.asarray(inverse * np.outer(widen, widen) + lasting.covariance)
 
     def sentence(self, name: str) -> str:
         """What an effect does to the object, as a clause."""

@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
+from tactile_dynamics_ros.core.contact.wrench_samples import GRAVITY_W, WrenchSamples
 from tactile_dynamics_ros.core.discrepancy.model import Misfit
 from tactile_dynamics_ros.core.effects.present import PresentEffects
 from tactile_dynamics_ros.core.inertia.estimate import EffectEstimate, InertialEstimate, ModelError
 from tactile_dynamics_ros.core.inertia.prior import LogCholeskyPrior
 from tactile_dynamics_ros.core.inertia.rigid_grasp import displacement_jacobian
 from tactile_dynamics_ros.core.inertia.systematic import (
+    PresumedErrors,
     sensor_gain_basis,
     systematic_basis,
-    systematic_covariance_of_rows,
     systematic_lever,
 )
 from tactile_dynamics_ros.core.inertia.uncertainty import (
@@ -99,6 +99,7 @@ class FittedModel:
         converged: whether the iteration converged.
         frame_covariance: (6, 6) of a displacement of the body frame that all poses share, body
             axes [rotation, translation]; None where their noise is independent.
+        corrected: the presumed lasting errors by which xi is corrected; None where it is not.
         survey: of all stretches where only some were fitted.
         restated: seen over stated noise of the streams whose own scatter was used.
     """
@@ -111,6 +112,7 @@ class FittedModel:
     unexcited: Array
     converged: bool
     frame_covariance: Array | None = None
+    corrected: PresumedErrors | None = None
     survey: Survey | None = None
     restated: dict[str, float] = field(default_factory=dict)
 
@@ -184,21 +186,35 @@ class FittedModel:
         filling = data + prior + to_excited.T @ self.noise_information @ to_excited
         covariance = mapping @ bread @ filling @ bread @ mapping.T
         widen = misfit_inflation(self.white_residual, self.white_jacobian)
-        inverse = np.asarray(mapping @ bread @ mapping.T)
-        covariance = covariance * np.outer(widen, widen) + self._lasting_covariance(inverse)
+        lasting = (self.corrected or self.presumed_errors).covariance
+        covariance = covariance * np.outer(widen, widen) + mapping @ lasting @ mapping.T
         if self.frame_covariance is not None:
             moved = displacement_jacobian(self.phi)
             covariance[:10, :10] += moved @ self.frame_covariance @ moved.T
         return np.asarray(covariance)
 
-    def _lasting_covariance(self, inverse: Array) -> Array:
-        """Covariance that presumed lasting errors add, see `systematic`."""
-        mapping = self._coordinate_jacobian
-        to_excited = mapping @ np.linalg.solve(mapping.T, self._excited_projection).T
-        rows = self.white_jacobian @ to_excited
-        return systematic_covariance_of_rows(
-            inverse, rows, self.white_lasting_errors, self.white_residual
+    @cached_property
+    def presumed_errors(self) -> PresumedErrors:
+        """Lasting errors that the residuals betray, on [xi, theta]."""
+        data, prior = self.coordinate_information
+        rows = self.white_jacobian @ self._coordinate_jacobian @ self._excited_projection.T
+        return PresumedErrors.of_rows(
+            np.asarray(np.linalg.inv(data + prior)),
+            rows,
+            self.white_lasting_errors,
+            self.white_residual,
+            self.load,
         )
+
+    def without_lasting_errors(self) -> FittedModel:
+        """Return the model with its inertia corrected by the presumed errors of the sensors."""
+        found = self.presumed_errors
+        return replace(self, xi=found.correct(self.xi), corrected=found)
+
+    @property
+    def load(self) -> float:
+        """Weight of the body, N."""
+        return float(self.phi[0] * np.linalg.norm(GRAVITY_W))
 
     @cached_property
     def white_lasting_errors(self) -> Array:

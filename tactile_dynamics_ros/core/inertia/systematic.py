@@ -1,15 +1,21 @@
-"""Uncertainty from what the model leaves unexplained: errors that last do not average out.
+"""Errors that last: presumed where residuals betray them, corrected as far as that is safe.
 
-Where residuals betray a misfit, a constant wrench in the body frame (a bias, an unsensed contact),
-a constant force in the world (a cable) and gains of the sensors that are off are presumed, with the
-variances that make the residuals most likely. The estimate is not corrected by them; what they
-would shift the parameters by is added to the covariance. A gain that all sensors share leaves no
-trace: only how much they differ says how far they may be off together. On data that the model fits,
-the variances are zero.
+Where residuals betray a misfit, a constant wrench in the body frame (sensors and finger frames
+that are off), a constant force in the world (a cable) and gains of the sensors that are off are
+presumed, with the variances that make the residuals most likely. On data that the model fits, they
+are zero.
+
+A reported estimate is corrected by the presumed errors of sensors, to which no more than the usual
+size of a calibrated sensor's is granted: so much is common, and larger presumed errors may stand in
+for something else that is not modelled. What all of them would shift the parameters by is added to
+the covariance, as if nothing had been corrected. A gain that all sensors share leaves no trace:
+only how much they differ says how far they may be off together.
 The live estimate presumes the constant errors only, since more would cost it too much.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +28,12 @@ Array = NDArray[np.float64]
 
 SYSTEMATIC_SIZE = 9
 """Number of constant errors, which come first in a basis."""
+_BODY_SIZE = 6
+"""Of which those of the sensors, constant in the body frame, come first."""
+
+_LARGEST_STEP = 0.5
+_CALIBRATED = 0.01
+"""Lasting error of calibrated sensors: of each one's gain, and of their sum over the load."""
 
 _LIKELIHOOD_GAIN = 3.84
 _DECADES = np.geomspace(1e-10, 1e6, 161)
@@ -72,22 +84,24 @@ def sensor_gain_basis(samples: WrenchSamples) -> Array:
 def systematic_variances(mixing: Array, white: Array) -> Array:
     """Variances (q,) of the presumed errors that make the residuals most likely.
 
-    With errors of variances D the numbers that data show of them are N(0, 1 + A D A^T). D is
-    tau_c^2 for the constant errors, which come first, and tau_s^2 for the gains of sensors, widened
-    for how few they are; each is zero unless the likelihood gains significantly (5 %).
+    With errors of variances D the numbers that data show of them are N(0, 1 + A D A^T). D is one
+    number each for constant wrenches of the body, constant forces of the world, and gains of
+    sensors, this one widened for how few they are; each is zero unless the likelihood gains
+    significantly (5 %).
 
     Args:
         mixing: (r, q) A, see `_shown`.
         white: (r,) likewise.
     """
-    kinds = [part for part in np.split(mixing, [SYSTEMATIC_SIZE], axis=1) if part.shape[1]]
+    parts = np.split(mixing, [_BODY_SIZE, SYSTEMATIC_SIZE], axis=1)
+    kinds = [part for part in parts if part.shape[1]]
     shapes = [part @ part.T for part in kinds]
     fits = [_most_likely(white, shapes, first) for first in range(len(shapes))]
     found, cost = min(fits, key=lambda fit: fit[1])
     if cost >= white @ white:
         return np.zeros(mixing.shape[1])
-    if len(found) > 1:
-        found[1] *= _student_factor(found, shapes)
+    if len(found) == len(parts):
+        found[-1] *= _student_factor(found, shapes)
     return np.repeat(found, [part.shape[1] for part in kinds])
 
 
@@ -97,8 +111,8 @@ def _student_factor(variances: Array, shapes: list[Array]) -> float:
     The numbers that data show of gains with covariance v S beside other errors C are
     nu = tr(v S (v S + C)^-1), at least one; the factor is (t_nu / t_inf)^2 at 95 %.
     """
-    total = np.eye(len(shapes[1])) + np.tensordot(variances, np.array(shapes), axes=1)
-    shown = max(variances[1] * float(np.trace(np.linalg.solve(total, shapes[1]))), 1.0)
+    total = np.eye(len(shapes[-1])) + np.tensordot(variances, np.array(shapes), axes=1)
+    shown = max(variances[-1] * float(np.trace(np.linalg.solve(total, shapes[-1]))), 1.0)
     return float((stdtrit(shown, _QUANTILE) / ndtri(_QUANTILE)) ** 2)
 
 
@@ -130,19 +144,56 @@ def _most_likely(white: Array, shapes: list[Array], first: int) -> tuple[Array, 
     return found, cost
 
 
-def systematic_covariance(inverse: Array, cross: Array, gram: Array, score: Array) -> Array:
-    """Covariance (p, p) to add to that of the parameters.
+@dataclass(frozen=True)
+class PresumedErrors:
+    """What presumed lasting errors do to an estimate.
 
-    Args:
-        inverse: (p, p) of the information of data and prior, J^T J + prior.
-        cross: (p, q) J^T B of the white rows.
-        gram: (q, q) B^T B.
-        score: (q,) B^T r of the residuals after the fit.
+    Attributes:
+        shift: (p,) to add to the parameters, which corrects them.
+        covariance: (p, p) to add to theirs.
     """
-    shift = inverse @ cross
-    mixing, white = _shown(gram, gram - cross.T @ shift, score)
-    moment = _second_moment(systematic_variances(mixing, white), mixing, white)
-    return np.asarray(shift @ moment @ shift.T)
+
+    shift: Array
+    covariance: Array
+
+    def correct(self, xi: Array) -> Array:
+        """Log-Cholesky coordinates (10,) corrected by the shift, if it is one of [xi, theta].
+
+        No further than where the body changes about linearly with them.
+        """
+        return np.asarray(xi + np.clip(self.shift[:10], -_LARGEST_STEP, _LARGEST_STEP))
+
+    @classmethod
+    def find(
+        cls, inverse: Array, cross: Array, gram: Array, score: Array, load: float
+    ) -> PresumedErrors:
+        """Find them in the sums that a fit leaves.
+
+        Args:
+            inverse: (p, p) of the information of data and prior, J^T J + prior.
+            cross: (p, q) J^T B of the white rows.
+            gram: (q, q) B^T B.
+            score: (q,) B^T r of the residuals after the fit.
+            load: N, weight that the sensors carry.
+        """
+        by_error = inverse @ cross
+        mixing, white = _shown(gram, gram - cross.T @ by_error, score)
+        variances = systematic_variances(mixing, white)
+        granted = np.full(len(gram), _CALIBRATED**2)
+        granted[:_BODY_SIZE] *= load**2
+        granted[_BODY_SIZE:SYSTEMATIC_SIZE] = 0.0
+        corrected, _ = _posterior(np.minimum(variances, granted), mixing, white)
+        moment = _second_moment(variances, mixing, white)
+        return cls(by_error @ corrected, np.asarray(by_error @ moment @ by_error.T))
+
+    @classmethod
+    def of_rows(
+        cls, inverse: Array, jacobian: Array, basis: Array, residual: Array, load: float
+    ) -> PresumedErrors:
+        """`find` in white rows: J (n, p), B (n, q) and r (n,)."""
+        cross = jacobian.T @ basis
+        score = basis.T @ residual - cross.T @ (inverse @ (jacobian.T @ residual))
+        return cls.find(inverse, cross, basis.T @ basis, score, load)
 
 
 def _shown(gram: Array, beside: Array, score: Array) -> tuple[Array, Array]:
@@ -166,29 +217,25 @@ def _shown(gram: Array, beside: Array, score: Array) -> tuple[Array, Array]:
     return mixing * length, kept.T @ (score / length) / root
 
 
+def _posterior(variances: Array, mixing: Array, white: Array) -> tuple[Array, Array]:
+    """Mean (q,) and covariance (q, q) of errors of these variances, given the white numbers w.
+
+    P = (D^-1 + A^T A)^-1 and P A^T w.
+    """
+    root = np.sqrt(variances)
+    own = mixing * root
+    spread = np.linalg.inv(np.eye(len(root)) + own.T @ own) * np.outer(root, root)
+    return spread @ (mixing.T @ white), spread
+
+
 def _second_moment(variances: Array, mixing: Array, white: Array) -> Array:
     """E[b b^T] (q, q) of the presumed errors b.
 
-    Gains of sensors are what the data say of them: with P = (D^-1 + A^T A)^-1 and white numbers w,
-    P + P A^T w w^T A P. Constant errors stand in for much that is not modelled, so that their
-    variance alone counts.
+    Gains of sensors are what the data say of them. Constant errors stand in for much that is not
+    modelled, so that their variance alone counts.
     """
     moment = np.diag(variances)
-    if not variances[SYSTEMATIC_SIZE:].any():
-        return moment
-    root = np.sqrt(variances)
-    own = mixing * root
-    posterior = np.linalg.inv(np.eye(len(root)) + own.T @ own) * np.outer(root, root)
-    found = posterior @ (mixing.T @ white)
+    mean, spread = _posterior(variances, mixing, white)
     gains = slice(SYSTEMATIC_SIZE, None)
-    moment[gains, gains] = posterior[gains, gains] + np.outer(found[gains], found[gains])
+    moment[gains, gains] = spread[gains, gains] + np.outer(mean[gains], mean[gains])
     return moment
-
-
-def systematic_covariance_of_rows(
-    inverse: Array, jacobian: Array, basis: Array, residual: Array
-) -> Array:
-    """`systematic_covariance` of white rows: J (n, p), B (n, q) and r (n,)."""
-    cross = jacobian.T @ basis
-    score = basis.T @ residual - cross.T @ (inverse @ (jacobian.T @ residual))
-    return systematic_covariance(inverse, cross, basis.T @ basis, score)

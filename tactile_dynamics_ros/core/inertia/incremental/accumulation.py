@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.contact.wrench_samples import GRAVITY_W
 from tactile_dynamics_ros.core.inertia.incremental.config import IncrementalConfig
 from tactile_dynamics_ros.core.inertia.incremental.information import (
     BlockScores,
@@ -25,7 +26,7 @@ from tactile_dynamics_ros.core.inertia.incremental.residuals import (
 from tactile_dynamics_ros.core.inertia.incremental.sample_stream import Layout, SampleStream
 from tactile_dynamics_ros.core.inertia.incremental.solver import DivergencePrior, SummarySolver
 from tactile_dynamics_ros.core.inertia.prior import contact_prior
-from tactile_dynamics_ros.core.inertia.systematic import systematic_lever
+from tactile_dynamics_ros.core.inertia.systematic import PresumedErrors, systematic_lever
 from tactile_dynamics_ros.core.inertia.uncertainty import (
     HOLD,
     excited_projection,
@@ -166,6 +167,16 @@ class Accumulation:
         bread = mapping @ np.linalg.inv(data + prior)
         filling = data + prior + noise
         return _Knowledge(data, prior, np.asarray(bread @ filling @ bread.T))
+
+    def presume_lasting_errors(self) -> PresumedErrors:
+        """Lasting errors that the residuals betray, on [xi, theta]."""
+        assert self.solver is not None
+        data, prior = self.coordinate_information()
+        kept = self.solver.coordinate_jacobian()
+        kept = kept @ excited_projection(self._unexcited, self._prior, len(prior)).T
+        load = float(self.state[0] * np.linalg.norm(GRAVITY_W))
+        inverse = np.asarray(np.linalg.inv(data + prior))
+        return self.lasting.presume(self.state, inverse, kept, load)
 
     def state_covariance(self) -> Array:
         """Covariance of [phi, theta], data and prior, as the stated noise has it.

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.linalg import lapack
 from scipy.special import chdtri
 
-from tactile_dynamics_ros.core.inertia.systematic import SYSTEMATIC_SIZE, systematic_covariance
+from tactile_dynamics_ros.core.inertia.systematic import SYSTEMATIC_SIZE, PresumedErrors
 
 Array = NDArray[np.float64]
 
@@ -154,11 +154,19 @@ class LastingErrors:
         self._gram += basis.T @ basis
         self._target += basis.T @ target
 
-    def covariance(self, state: Array, inverse: Array) -> Array:
-        """Covariance (n, n) to add to that of the estimate (n,), see `systematic_covariance`."""
-        remaining = self._gradient - self._hessian @ state
-        score = self._target - self._cross.T @ (state + inverse @ remaining)
-        return systematic_covariance(inverse, self._cross, self._gram, score)
+    def presume(self, state: Array, inverse: Array, mapping: Array, load: float) -> PresumedErrors:
+        """What they do to an estimate in other coordinates.
+
+        Args:
+            state: (n,) the estimate.
+            inverse: (n, n) of the information of data and prior on its coordinates.
+            mapping: (n, n) derivative of the state by these.
+            load: weight of the body, N.
+        """
+        remaining = mapping.T @ (self._gradient - self._hessian @ state)
+        cross = mapping.T @ self._cross
+        score = self._cross.T @ state - self._target + cross.T @ (inverse @ remaining)
+        return PresumedErrors.find(inverse, cross, self._gram, score, load)
 
 
 def positive_part(information: Array, scale: Array) -> Array:

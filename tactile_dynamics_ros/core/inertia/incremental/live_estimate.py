@@ -17,6 +17,7 @@ from tactile_dynamics_ros.core.inertia.estimate import (
 )
 from tactile_dynamics_ros.core.inertia.hull import CentreHull, keep_in_hull
 from tactile_dynamics_ros.core.inertia.incremental.accumulation import Accumulation
+from tactile_dynamics_ros.core.inertia.systematic import PresumedErrors
 from tactile_dynamics_ros.core.inertia.uncertainty import unexcited_parameters
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     InertialParameters,
@@ -138,7 +139,8 @@ class Summariser:
         self._hull = hull
         self._calls = 0
         self._model: Accumulation | None = None
-        self._widen, self._lasting = np.ones(0), np.zeros(0)
+        self._widen = np.ones(0)
+        self._presumed: PresumedErrors | None = None
         self._not_excited: tuple[str, ...] = ()
 
     def summarise(self, model: Accumulation, latency: float, pending: int) -> LiveEstimate:
@@ -150,14 +152,16 @@ class Summariser:
         widening, lasting, excitation = self._due(model)
         if widening:
             self._widen = np.sqrt(model.scores.inflation(model.state, covariance))
-        if lasting:
-            self._lasting = model.lasting.covariance(model.state, covariance)
+        if lasting or self._presumed is None:
+            self._presumed = model.presume_lasting_errors()
         if excitation:
             self._not_excited = unexcited_parameters(solver.xi, data, prior)
-        xi = solver.xi
+        xi = solver.xi if model.effects else self._presumed.correct(solver.xi)
         if self._hull is not None:
             xi = keep_in_hull(xi, data + prior, self._hull)
-        covariance = covariance * np.outer(self._widen, self._widen) + self._lasting
+        mapping = solver.coordinate_jacobian()
+        lasting_covariance = mapping @ self._presumed.covariance @ mapping.T
+        covariance = covariance * np.outer(self._widen, self._widen) + lasting_covariance
         return LiveEstimate(
             inertia=InertialParameters.from_log_cholesky(xi),
             covariance=covariance[:10, :10],
