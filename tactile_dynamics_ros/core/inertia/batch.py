@@ -14,7 +14,7 @@ from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.core.inertia.contact_grid import choose_grid
 from tactile_dynamics_ros.core.inertia.estimate import InertialEstimate
 from tactile_dynamics_ros.core.inertia.fitted_model import FittedModel
-from tactile_dynamics_ros.core.inertia.fitting import fit_model
+from tactile_dynamics_ros.core.inertia.fitting import fit_corrected, fit_model
 from tactile_dynamics_ros.core.inertia.hull import CentreHull, keep_in_hull
 from tactile_dynamics_ros.core.inertia.rigid_grasp import sharpen_poses
 from tactile_dynamics_ros.core.inertia.wrench_problem import ProblemConfig, WrenchProblem
@@ -98,8 +98,8 @@ def fit_body(streams: Streams, config: BatchConfig | None = None) -> FittedModel
     """
     sharp = sharpen_poses(streams)
     if sharp is None:
-        return fit_recording(streams, (), config).without_lasting_errors()
-    model = fit_recording(sharp.streams, (), config).without_lasting_errors()
+        return fit_corrected(fit_recording(streams, (), config))
+    model = fit_corrected(fit_recording(sharp.streams, (), config))
     return replace(model, frame_covariance=sharp.frame_covariance)
 
 

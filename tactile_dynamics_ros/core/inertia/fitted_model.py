@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -205,11 +205,6 @@ class FittedModel:
             self.white_residual,
             self.load,
         )
-
-    def without_lasting_errors(self) -> FittedModel:
-        """Return the model with its inertia corrected by the presumed errors of the sensors."""
-        found = self.presumed_errors
-        return replace(self, xi=found.correct(self.xi), corrected=found)
 
     @property
     def load(self) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -133,6 +134,24 @@ def fit_unfolded(model: FittedModel, iterations: int) -> FittedModel | None:
     xi, theta = nearest_body(model.phi, usual), list(model.theta)
     blocks = _whiten([b.problem for b in model.blocks], xi, model.effects, theta)
     return _alternate(blocks, xi, model.effects, theta, iterations)
+
+
+def fit_corrected(model: FittedModel) -> FittedModel:
+    """Correct the inertia by the lasting errors of the sensors that the residuals betray.
+
+    Args:
+        model: of a rigid body without effects, fitted.
+    """
+    found = model.presumed_errors
+    if not found.errors.any():
+        return replace(model, corrected=found)
+    ends = np.cumsum([len(block.residual) for block in model.blocks])[:-1]
+    lasting = np.split(model.white_lasting_errors @ found.errors, ends)
+    pairs = zip(model.blocks, lasting, strict=True)
+    blocks = [replace(block, residual=block.residual - part) for block, part in pairs]
+    trusted = model.prior.weighted(_misfit(blocks))
+    xi, _, converged = _solve(blocks, model.xi, (), (), trusted, model.unexcited)
+    return replace(model, xi=xi, converged=model.converged and converged, corrected=found)
 
 
 def _alternate(

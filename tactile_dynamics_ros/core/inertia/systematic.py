@@ -31,7 +31,6 @@ SYSTEMATIC_SIZE = 9
 _BODY_SIZE = 6
 """Of which those of the sensors, constant in the body frame, come first."""
 
-_LARGEST_STEP = 0.5
 _CALIBRATED = 0.01
 """Lasting error of calibrated sensors: of each one's gain, and of their sum over the load."""
 
@@ -146,22 +145,15 @@ def _most_likely(white: Array, shapes: list[Array], first: int) -> tuple[Array, 
 
 @dataclass(frozen=True)
 class PresumedErrors:
-    """What presumed lasting errors do to an estimate.
+    """Presumed lasting errors, and what they do to an estimate.
 
     Attributes:
-        shift: (p,) to add to the parameters, which corrects them.
-        covariance: (p, p) to add to theirs.
+        errors: (q,) those by which an estimate is corrected: taken off the residuals.
+        covariance: (p, p) to add to that of the parameters.
     """
 
-    shift: Array
+    errors: Array
     covariance: Array
-
-    def correct(self, xi: Array) -> Array:
-        """Log-Cholesky coordinates (10,) corrected by the shift, if it is one of [xi, theta].
-
-        No further than where the body changes about linearly with them.
-        """
-        return np.asarray(xi + np.clip(self.shift[:10], -_LARGEST_STEP, _LARGEST_STEP))
 
     @classmethod
     def find(
@@ -184,7 +176,7 @@ class PresumedErrors:
         granted[_BODY_SIZE:SYSTEMATIC_SIZE] = 0.0
         corrected, _ = _posterior(np.minimum(variances, granted), mixing, white)
         moment = _second_moment(variances, mixing, white)
-        return cls(by_error @ corrected, np.asarray(by_error @ moment @ by_error.T))
+        return cls(corrected, np.asarray(by_error @ moment @ by_error.T))
 
     @classmethod
     def of_rows(

@@ -168,6 +168,10 @@ class LastingErrors:
         score = self._cross.T @ state - self._target + cross.T @ (inverse @ remaining)
         return PresumedErrors.find(inverse, cross, self._gram, score, load)
 
+    def in_target(self, errors: Array, factor: Array) -> Array:
+        """What errors (9,) add to the target d of the summary |R x - d|^2; R is `factor`."""
+        return np.asarray(np.linalg.lstsq(factor.T, self._cross @ errors)[0])
+
 
 def positive_part(information: Array, scale: Array) -> Array:
     """Nearest information without negative directions, measured in units of `scale`."""

@@ -141,6 +141,7 @@ class Summariser:
         self._model: Accumulation | None = None
         self._widen = np.ones(0)
         self._presumed: PresumedErrors | None = None
+        self._correction = np.zeros(10)
         self._not_excited: tuple[str, ...] = ()
 
     def summarise(self, model: Accumulation, latency: float, pending: int) -> LiveEstimate:
@@ -154,9 +155,10 @@ class Summariser:
             self._widen = np.sqrt(model.scores.inflation(model.state, covariance))
         if lasting or self._presumed is None:
             self._presumed = model.presume_lasting_errors()
+            self._correction = self._correct(model, self._presumed.errors)
         if excitation:
             self._not_excited = unexcited_parameters(solver.xi, data, prior)
-        xi = solver.xi if model.effects else self._presumed.correct(solver.xi)
+        xi = solver.xi + self._correction
         if self._hull is not None:
             xi = keep_in_hull(xi, data + prior, self._hull)
         mapping = solver.coordinate_jacobian()
@@ -182,6 +184,14 @@ class Summariser:
             latency=latency,
             pending=pending,
         )
+
+    def _correct(self, model: Accumulation, errors: Array) -> Array:
+        """What to add to xi (10,); nothing beside effects, which may be what the errors are."""
+        assert model.solver is not None
+        if model.effects or not errors.any():
+            return np.zeros(10)
+        now = model.solver.xi
+        return np.asarray(model.corrected(errors, now + self._correction) - now)
 
     def _due(self, model: Accumulation) -> list[bool]:
         """Which of the slow parts this call finds again: all of them for another model."""

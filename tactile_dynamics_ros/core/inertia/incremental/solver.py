@@ -34,6 +34,7 @@ _SHRINKING = 0.9
 """Least shrinking of undamped steps, of one over the one before, that promises an end."""
 _ENOUGH = 1e-4
 """Relative fall of the cost below which the damped steps end."""
+_MANY_STEPS, _FEW_STEPS = 15, 3
 _LARGEST_LOGARITHM = 40.0
 _ROUNDING = 1e-10
 
@@ -154,6 +155,10 @@ class SummarySolver:
         if not after <= before * (1.0 + 1e-9) + 1e-9:
             self._recover(start, factor, target)
 
+    def nearby_optimum(self, start: Array, target: Array, factor: Array) -> Array:
+        """Coordinates xi of the optimum for another [R | d], a few damped steps from `start`."""
+        return self._damped(np.concatenate([start, self._theta]), factor, target, _FEW_STEPS)[:10]
+
     def hold(self, rows: Array) -> None:
         """Hold rows (10, 10) of xi - mean from now on; iSAM2 starts anew where it is."""
         self._prior.hold = rows
@@ -221,14 +226,7 @@ class SummarySolver:
 
     def _recover(self, start: Array, factor: Array, target: Array) -> None:
         """Solve the same problem by damped steps from `start` and restart iSAM2 there."""
-        rows = len(target) + len(start) + 10
-
-        def evaluate(x: Array) -> tuple[Array, Array]:
-            if np.abs(x[:4]).max() > _LARGEST_LOGARITHM:
-                return np.full(rows, np.inf), np.zeros((rows, len(x)))
-            return self._stacked(x[:10], x[10:], factor, target)
-
-        best, _ = levenberg_marquardt(evaluate, start, 15, _ENOUGH)
+        best = self._damped(start, factor, target, _MANY_STEPS)
         self._start(best[:10], best[10:])
         graph = gtsam.NonlinearFactorGraph()
         graph.add(self._summary_factor(factor, target))
@@ -238,6 +236,17 @@ class SummarySolver:
             self._start(best[:10], best[10:])
             return
         self._summary_index = list(result.getNewFactorsIndices())
+
+    def _damped(self, start: Array, factor: Array, target: Array, steps: int) -> Array:
+        """[xi, theta] after at most so many damped steps."""
+        rows = len(target) + len(start) + 10
+
+        def evaluate(x: Array) -> tuple[Array, Array]:
+            if np.abs(x[:4]).max() > _LARGEST_LOGARITHM:
+                return np.full(rows, np.inf), np.zeros((rows, len(x)))
+            return self._stacked(x[:10], x[10:], factor, target)
+
+        return levenberg_marquardt(evaluate, start, steps, _ENOUGH)[0]
 
     def _cost(self, x: Array, factor: Array, target: Array) -> float:
         """Sum of squared errors of data and priors at x = [xi, theta]."""
