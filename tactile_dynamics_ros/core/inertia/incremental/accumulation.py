@@ -178,12 +178,12 @@ class Accumulation:
         inverse = np.asarray(np.linalg.inv(data + prior))
         return self.lasting.presume(self.state, inverse, kept, load)
 
-    def corrected(self, errors: Array, start: Array) -> Array:
-        """Coordinates xi without these lasting errors (9,), sought from `start`."""
+    def corrected(self, errors: Array) -> Array:
+        """Coordinates xi (10,) of the estimate without these lasting errors (9,)."""
         assert self.solver is not None
         factor = self.information.factor
         target = self.information.target + self.lasting.in_target(errors, factor)
-        return self.solver.nearby_optimum(start, target, factor)
+        return self.solver.nearby_optimum(factor, target)
 
     def state_covariance(self) -> Array:
         """Covariance of [phi, theta], data and prior, as the stated noise has it.

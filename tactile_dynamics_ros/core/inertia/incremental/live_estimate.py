@@ -155,7 +155,7 @@ class Summariser:
             self._widen = np.sqrt(model.scores.inflation(model.state, covariance))
         if lasting or self._presumed is None:
             self._presumed = model.presume_lasting_errors()
-            self._correction = self._correct(model, self._presumed.errors)
+            self._correction = _correction(model, self._presumed.errors)
         if excitation:
             self._not_excited = unexcited_parameters(solver.xi, data, prior)
         xi = solver.xi + self._correction
@@ -185,14 +185,6 @@ class Summariser:
             pending=pending,
         )
 
-    def _correct(self, model: Accumulation, errors: Array) -> Array:
-        """What to add to xi (10,); nothing beside effects, which may be what the errors are."""
-        assert model.solver is not None
-        if model.effects or not errors.any():
-            return np.zeros(10)
-        now = model.solver.xi
-        return np.asarray(model.corrected(errors, now + self._correction) - now)
-
     def _due(self, model: Accumulation) -> list[bool]:
         """Which of the slow parts this call finds again: all of them for another model."""
         turn = self._calls % self._EVERY
@@ -200,6 +192,14 @@ class Summariser:
         self._model = model
         self._calls += 1
         return due
+
+
+def _correction(model: Accumulation, errors: Array) -> Array:
+    """What to add to xi (10,); nothing beside effects, which may be what the errors are."""
+    assert model.solver is not None
+    if model.effects or not errors.any():
+        return np.zeros(10)
+    return model.corrected(errors) - model.solver.xi
 
 
 def _effect_estimates(model: Accumulation, covariance: Array) -> dict[str, EffectEstimate]:

@@ -34,7 +34,7 @@ _SHRINKING = 0.9
 """Least shrinking of undamped steps, of one over the one before, that promises an end."""
 _ENOUGH = 1e-4
 """Relative fall of the cost below which the damped steps end."""
-_MANY_STEPS, _FEW_STEPS = 15, 3
+_MANY_STEPS, _FEW_STEPS = 15, 8
 _LARGEST_LOGARITHM = 40.0
 _ROUNDING = 1e-10
 
@@ -155,9 +155,9 @@ class SummarySolver:
         if not after <= before * (1.0 + 1e-9) + 1e-9:
             self._recover(start, factor, target)
 
-    def nearby_optimum(self, start: Array, target: Array, factor: Array) -> Array:
-        """Coordinates xi of the optimum for another [R | d], a few damped steps from `start`."""
-        return self._damped(np.concatenate([start, self._theta]), factor, target, _FEW_STEPS)[:10]
+    def nearby_optimum(self, factor: Array, target: Array) -> Array:
+        """Coordinates xi (10,) of the optimum for another [R | d], a few damped steps away."""
+        return self._damped(self._state(), factor, target, _FEW_STEPS)[:10]
 
     def hold(self, rows: Array) -> None:
         """Hold rows (10, 10) of xi - mean from now on; iSAM2 starts anew where it is."""
