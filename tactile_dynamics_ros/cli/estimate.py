@@ -19,6 +19,7 @@ from tactile_dynamics_ros.report.numbers import parameter_rows
 
 if TYPE_CHECKING:
     from tactile_dynamics_ros.core.inertia.estimate import InertialEstimate
+    from tactile_dynamics_ros.core.inertia.fitted_model import FittedModel
     from tactile_dynamics_ros.recording import Recording
 
 
@@ -41,7 +42,7 @@ def run(args: Namespace) -> int:
     streams = recording.streams
     model = fit_with_readings(streams, effects) if effects else fit_body(streams)
     estimate = model.to_estimate()
-    print(json.dumps(estimate.to_json()) if args.json else _describe(recording, estimate))
+    print(json.dumps(estimate.to_json()) if args.json else _describe(recording, model, estimate))
     if args.out:
         from tactile_dynamics_ros.report.estimate_report import write_estimate_report
 
@@ -69,7 +70,7 @@ def _require_determined(estimate: InertialEstimate) -> None:
         )
 
 
-def _describe(recording: Recording, estimate: InertialEstimate) -> str:
+def _describe(recording: Recording, model: FittedModel, estimate: InertialEstimate) -> str:
     """Return the estimate for people."""
     names = ", ".join(recording.streams.contacts)
     rows = [("", "value", "std", "unit"), *parameter_rows(estimate)]
@@ -79,7 +80,17 @@ def _describe(recording: Recording, estimate: InertialEstimate) -> str:
             f"{recording.source}: {estimate.duration:.1f} s, {estimate.samples} samples, "
             f"contacts {names}",
             align_rows(rows),
+            *_describe_correction(model),
             f"error: {error.whitened_rms:.2f} times the stated sensor noise (whitened RMS), "
             f"{error.force_rms_n:.3g} N, {error.torque_rms_nm:.3g} N m",
         ]
     )
+
+
+def _describe_correction(model: FittedModel) -> list[str]:
+    """Return a line on the wrench that sensors are taken to read too much, if there is any."""
+    wrench = model.corrected_wrench
+    if not wrench.any():
+        return []
+    torque, force = (", ".join(f"{v:.2g}" for v in part) for part in (wrench[:3], wrench[3:]))
+    return [f"corrected by ({force}) N, ({torque}) N m that the sensors seem to read too much"]

@@ -207,6 +207,14 @@ class FittedModel:
         )
 
     @property
+    def corrected_wrench(self) -> Array:
+        """(6,) body wrench [torque, force] that sensors are taken to read too much, N m and N."""
+        if self.corrected is None:
+            return np.zeros(6)
+        lever = systematic_lever(self.samples[0])
+        return np.asarray(self.corrected.errors[:6] * np.repeat([lever, 1.0], 3))
+
+    @property
     def load(self) -> float:
         """Weight of the body, N."""
         return float(self.phi[0] * np.linalg.norm(GRAVITY_W))

@@ -5,11 +5,11 @@ that are off), a constant force in the world (a cable) and gains of the sensors 
 presumed, with the variances that make the residuals most likely. On data that the model fits, they
 are zero.
 
-A reported estimate is corrected by the presumed errors of sensors, to which no more than the usual
-size of a calibrated sensor's is granted: so much is common, and larger presumed errors may stand in
-for something else that is not modelled. What all of them would shift the parameters by is added to
-the covariance, as if nothing had been corrected. A gain that all sensors share leaves no trace:
-only how much they differ says how far they may be off together.
+A reported estimate is corrected by the constant wrench of the sensors, to which a small share of
+the load is granted beforehand: residuals are correlated, and much that is not modelled, such as
+fingertips that give way to inertial forces, looks a little like it. What all presumed errors would
+shift the parameters by is added to the covariance, as if nothing had been corrected. A gain that
+all sensors share leaves no trace: only how much they differ says how far they may be off together.
 The live estimate presumes the constant errors only, since more would cost it too much.
 """
 
@@ -31,8 +31,8 @@ SYSTEMATIC_SIZE = 9
 _BODY_SIZE = 6
 """Of which those of the sensors, constant in the body frame, come first."""
 
-_CALIBRATED = 0.01
-"""Lasting error of calibrated sensors: of each one's gain, and of their sum over the load."""
+_GRANTED = 0.003
+"""Standard deviation, over the load, of the constant wrench by which estimates are corrected."""
 
 _LIKELIHOOD_GAIN = 3.84
 _DECADES = np.geomspace(1e-10, 1e6, 161)
@@ -171,9 +171,8 @@ class PresumedErrors:
         by_error = inverse @ cross
         mixing, white = _shown(gram, gram - cross.T @ by_error, score)
         variances = systematic_variances(mixing, white)
-        granted = np.full(len(gram), _CALIBRATED**2)
-        granted[:_BODY_SIZE] *= load**2
-        granted[_BODY_SIZE:SYSTEMATIC_SIZE] = 0.0
+        granted = np.zeros(len(gram))
+        granted[:_BODY_SIZE] = (_GRANTED * load) ** 2
         corrected, _ = _posterior(np.minimum(variances, granted), mixing, white)
         moment = _second_moment(variances, mixing, white)
         return cls(corrected, np.asarray(by_error @ moment @ by_error.T))
