@@ -90,3 +90,14 @@ def test_intervals_of_the_diagnosis_are_those_of_the_estimate() -> None:
     fit = fit_with_readings(disturbed, [create_effect("viscous_drag")])
     said = HeldObjectModel.from_fit(fit).parameters()["viscous_drag"]["c"]["std"]
     assert said == pytest.approx(fit.to_estimate().effects["viscous_drag"].std["c"], rel=0.3)
+
+
+def test_errors_that_follow_a_quick_motion_are_no_finding() -> None:
+    """Fingertips that give way and creep err at up to a dozen hertz where the motion is quick."""
+    for seed in range(4):
+        block = slide_with_lasting_error(seed, 0.5)
+        noise = np.fft.rfft(np.random.default_rng([seed, 2]).normal(size=len(block.time)))
+        hz = np.fft.rfftfreq(len(block.time), float(block.time[1] - block.time[0]))
+        follows = np.fft.irfft(np.where(hz < 14.0, noise, 0.0), len(block.time))
+        force = block.force + NOISE * follows
+        assert diagnose(SlidingBlock(dataclasses.replace(block, force=force))).verdict == "adequate"
