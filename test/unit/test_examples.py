@@ -31,8 +31,8 @@ def _run(name: str, arguments: list[str], capsys) -> str:
     return capsys.readouterr().out
 
 
-def _number(pattern: str, text: str) -> float:
-    return float(re.search(pattern, text)[1])
+def _number(pattern: str, text: str, group: int = 1) -> float:
+    return float(re.search(pattern, text)[group])
 
 
 @pytest.fixture(scope="module")
@@ -93,8 +93,10 @@ def test_03_tells_a_sensors_bias_from_the_load(tmp_path, capsys):
         tmp_path / "load.mcap"
     )
     alone, with_bias = _run("03", [str(path)], capsys).split("force_bias", 1)
-    assert abs(_number(r"mass +([\d.]+)", alone) - 0.9) > 0.05
-    assert _number(r"mass +([\d.]+)", with_bias) == pytest.approx(0.9, rel=0.01)
+    mass, error = r"mass +([\d.]+) \+- ([\d.]+)", r"error +([\d.]+)"
+    assert _number(error, alone) > 50.0 and _number(error, with_bias) < 3.0
+    assert _number(mass, with_bias) == pytest.approx(0.9, rel=0.01)
+    assert _number(mass, alone, 2) > 10.0 * _number(mass, with_bias, 2)
     assert _number(r"b_x +([-\d.]+)", with_bias) == pytest.approx(5.0, abs=0.2)
 
 
