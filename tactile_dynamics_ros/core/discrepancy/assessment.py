@@ -30,7 +30,7 @@ _LASTING_QUANTILE = 0.95
 _MOST_OF_A_SECOND = 2.0
 _WINDOW = 1.0
 _SLOW_HZ = 5.0
-_FAST_SHARE = 1.8
+_FAST_SHARE = 0.25
 _FLOOR_TOLERANCE = 0.04
 _CHANNEL_TOLERANCE = 0.15
 
@@ -113,7 +113,8 @@ def _is_within_stated(time: Array, white: Array, floor: float) -> bool:
     """Whether errors of the stated size that last may leave such a residual.
 
     Beyond the white noise they are few (three per fingertip), so that their mean square scatters
-    like chi^2 with 12 degrees of freedom; no second exceeds twice that; and they are slow.
+    like chi^2 with 12 degrees of freedom; no second exceeds twice that; and they are slow: above
+    5 Hz there is no more than a quarter of them.
     """
     if floor >= _WHITE_PART:
         return False
@@ -126,7 +127,7 @@ def _is_within_stated(time: Array, white: Array, floor: float) -> bool:
         return False
     spectrum = periodogram(time, white)
     fast = spectrum.power[spectrum.hz > _SLOW_HZ]
-    return bool(fast.size == 0 or fast.mean() <= _FAST_SHARE * floor**2)
+    return bool(fast.size == 0 or fast.mean() <= floor**2 + _FAST_SHARE * (1.0 - floor**2))
 
 
 def noise_floor(model: ResidualModel) -> float:
