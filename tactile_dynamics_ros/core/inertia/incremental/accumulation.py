@@ -49,11 +49,15 @@ _SCATTER = 10.0
 
 @dataclass(frozen=True)
 class _Knowledge:
-    """Information of data and prior on [xi, theta], and covariance of [phi, theta]."""
+    """Information of data and prior on [xi, theta], and covariance of [phi, theta].
+
+    `excited` is the derivative of [phi, theta] by the part of [xi, theta] that is excited.
+    """
 
     data: Array
     prior: Array
     covariance: Array
+    excited: Array
 
 
 class Accumulation:
@@ -166,17 +170,14 @@ class Accumulation:
         data = positive_part(seen.T @ seen - noise, prior)
         bread = mapping @ np.linalg.inv(data + prior)
         filling = data + prior + noise
-        return _Knowledge(data, prior, np.asarray(bread @ filling @ bread.T))
+        return _Knowledge(data, prior, np.asarray(bread @ filling @ bread.T), kept)
 
     def presume_lasting_errors(self) -> PresumedErrors:
         """Lasting errors that the residuals betray, on [xi, theta]."""
-        assert self.solver is not None
-        data, prior = self.coordinate_information()
-        kept = self.solver.coordinate_jacobian()
-        kept = kept @ excited_projection(self._unexcited, self._prior, len(prior)).T
+        known = self._knowledge()
         load = float(self.state[0] * np.linalg.norm(GRAVITY_W))
-        inverse = np.asarray(np.linalg.inv(data + prior))
-        return self.lasting.presume(self.state, inverse, kept, load)
+        inverse = np.asarray(np.linalg.inv(known.data + known.prior))
+        return self.lasting.presume(self.state, inverse, known.excited, load)
 
     def corrected(self, errors: Array) -> Array:
         """Coordinates xi (10,) of the estimate without these lasting errors (9,)."""
