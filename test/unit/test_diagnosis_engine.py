@@ -290,12 +290,16 @@ def test_twins_come_as_a_group_with_what_would_separate_them() -> None:
     assert "do not stretch" in sentence and "apart" in sentence
     assert group_clause("missing_effect", ("cable", "spring", "drag"), None) == (
         "the same could be done here, with more parameters, by spring or drag, "
-        "and no motion separates them"
+        "and no motion was found that separates them"
     )
     assert group_clause("ambiguous", ("cable", "spring"), None).endswith(
-        "apart, and no motion was found that would"
+        "apart, and no motion was found that separates them"
     )
     assert group_clause("missing_effect", ("cable",), None) == ""
+    some = {"description": "pull", "separates_from": ["spring"]}
+    assert group_clause("ambiguous", ("cable", "spring", "drag"), some).endswith(
+        "apart: pull; that does not separate cable from drag"
+    )
 
 
 def test_what_fails_only_for_a_while_is_told_from_the_effect() -> None:

@@ -255,6 +255,18 @@ def test_world_frame_lag_and_offset():
         assert after < 0.03 * before
 
 
+def test_one_finger_that_was_put_elsewhere_shows_the_axes_of_its_sensor():
+    """A bias turns with the sensor of a finger that moves half-way; the others stay."""
+    rotation = np.broadcast_to(SAMPLES.contact_rotation[:1], SAMPLES.contact_rotation.shape).copy()
+    still = replace(SAMPLES, contact_rotation=rotation)
+    rotation = rotation.copy()
+    rotation[len(rotation) // 2 :, 1] = rotation[0, 1] @ exp_so3(np.array([0.0, 0.0, 0.8]))
+    put_elsewhere = replace(SAMPLES, contact_rotation=rotation)
+    bias = create_effect("force_bias")
+    assert [effect.variant for effect in bias.variants(still)] == [""]
+    assert [effect.variant for effect in bias.variants(put_elsewhere)] == ["", "@sensor"]
+
+
 def test_unknown_names_and_readings_are_refused():
     with pytest.raises(BadInputError, match="viscous_drag"):
         create_effect("viscus_drag")

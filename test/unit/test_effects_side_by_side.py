@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -32,6 +34,14 @@ def present(chosen):
     return PresentEffects(effects, tuple(np.array(theta) for _, theta in chosen))
 
 
+def test_added_mass_beside_a_shifted_clock_leaves_white_noise():
+    """The noise of the motion that acts on the added mass is that of the shifted motion."""
+    names = ("time_offset", "added_mass")
+    recording = generate(313, dict.fromkeys(names, 4.0), ScenarioOptions(duration=12.0))
+    fitted = fit_with_readings(recording.streams, tuple(map(create_effect, names)))
+    assert 0.97 < fitted.whitened_rms < 1.03
+
+
 @pytest.mark.parametrize("chosen", SETS)
 def test_derivatives_are_those_of_the_sum(chosen):
     both = present(chosen)
@@ -48,6 +58,17 @@ def test_derivatives_are_those_of_the_sum(chosen):
     for k, step in enumerate(1e-6 * np.eye(10)):
         change = both.wrench(SAMPLES, INERTIA + step) - both.wrench(SAMPLES, INERTIA - step)
         np.testing.assert_allclose(by_phi[..., k], change / 2e-6, atol=2e-5)
+
+
+def test_noise_of_the_motion_acts_on_added_mass_too():
+    """A fluid that weighs many times the object leaves white noise, and its mass is measured."""
+    options = Case("calm", ("added_mass",), 2.0, 351).scenario()
+    recording = generate(351, {"added_mass": 95.0}, replace(options, duration=15.0))
+    fitted = fit_with_readings(recording.streams, (create_effect("added_mass"),))
+    truth = recording.truth()["effects"]["added_mass"]["parameters"]["mass"]["value"]
+    assert truth > 5.0 * fitted.phi[0]
+    assert fitted.theta[0][0] == pytest.approx(truth, rel=0.03)
+    assert 0.95 < fitted.whitened_rms < 1.05
 
 
 def test_late_forces_show_a_drag_late():
@@ -83,7 +104,10 @@ def test_an_effect_beside_late_sensors_is_measured():
         effect.name: theta[0] for effect, theta in zip(fitted.effects, fitted.theta, strict=True)
     }
     lag, mass = (truth[name]["parameters"] for name in ("sensor_lag", "added_mass"))
-    assert fitted.whitened_rms < 1.03
+    alone = generate(312, {"sensor_lag": 4.0}, ScenarioOptions(duration=12.0))
+    left_alone = fit_with_readings(alone.streams, (create_effect("sensor_lag"),)).whitened_rms
+    assert left_alone < 1.03
+    assert fitted.whitened_rms < 1.01 * left_alone
     assert found["sensor_lag"] == pytest.approx(lag["time_constant"]["value"], rel=0.02)
     assert found["added_mass"] == pytest.approx(mass["mass"]["value"], rel=0.02)
 

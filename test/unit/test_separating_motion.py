@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -36,7 +37,7 @@ def slowed(factor: float):
 
 def test_two_laws_of_drag_differ_more_when_speeds_differ_more():
     criterion = SeparationCriterion(
-        rival("viscous_drag", [0.3]), (rival("quadratic_drag", [0.3]),), FORCE_STD
+        rival("viscous_drag", [0.3]), ((rival("quadratic_drag", [0.3]),),), FORCE_STD
     )
     slow, fast = (float(criterion.gaps(slowed(f))[0]) for f in (0.1, 1.0))
     assert fast > 10.0 * slow
@@ -49,7 +50,7 @@ def test_no_motion_refutes_a_rival_that_contains_the_best():
     spring = rival("tether_spring", [2.0, 0.1, 0.2, -0.3, 0.0, 0.02, 0.01])
     samples = slowed(1.0)
     contained, refuted = (
-        float(SeparationCriterion(best, (other,), FORCE_STD).gaps(samples)[0])
+        float(SeparationCriterion(best, ((other,),), FORCE_STD).gaps(samples)[0])
         for best, other in ((cable, spring), (spring, cable))
     )
     assert contained < 1.0
@@ -67,13 +68,33 @@ def test_a_short_lag_is_a_delay_however_coarse_the_samples():
     gaps = []
     for rate in (20.0, 100.0):
         moved = start.follow(offsets, np.arange(0.0, 10.0, 1.0 / rate))
-        criterion = SeparationCriterion(late, (lagging,), FORCE_STD, rate)
+        criterion = SeparationCriterion(late, ((lagging,),), FORCE_STD, rate)
         gaps.append(float(criterion.gaps(grip.load(moved, example_inertia()))[0]))
     assert gaps[0] < 2.0 * gaps[1]
 
 
 def test_more_motion_never_counts_more_than_what_is_decisive():
-    others = (rival("quadratic_drag", [0.3]), rival("rotational_drag", [0.01]))
+    others = ((rival("quadratic_drag", [0.3]),), (rival("rotational_drag", [0.01]),))
     criterion = SeparationCriterion(rival("viscous_drag", [0.3]), others, FORCE_STD)
     assert criterion(slowed(1.0)) >= -2 * 2 * 30.0
     assert criterion(slowed(1.0)) <= criterion(slowed(0.05))
+
+
+def test_a_rival_may_need_other_fingers_in_the_new_recording():
+    """What a bias of one finger cannot follow, biases of several can: no motion refutes those."""
+    samples = dataclasses.replace(slowed(0.3), in_contact=slowed(0.3).in_contact | True)
+    push = rival("unsensed_contact", [0.3, -0.2, 0.4, 0.02, 0.01, -0.03])
+    thumb = create_effect("force_bias:thumb")
+    fitted = SimpleNamespace(
+        phi=example_inertia(),
+        effects=(thumb,),
+        theta=(np.array([0.3, -0.2, 0.4]),),
+        samples=samples,
+    )
+    alone, *free = Rival.readings_of(fitted)
+    assert [reading.effects[0].label for reading in free] == ["force_bias", "force_bias:@sensor"]
+    first, wrench = alone.wrench(samples), free[0].wrench(samples)
+    np.testing.assert_allclose(wrench, first, atol=1e-12)
+    gap_alone, gap = SeparationCriterion(push, ((alone,), (alone, *free)), FORCE_STD).gaps(samples)
+    assert gap_alone > 30.0
+    assert gap < 1.0

@@ -58,9 +58,8 @@ def join_names(names: Sequence[str], word: str = "or") -> str:
 def group_clause(verdict: str, group: Sequence[str], motion: Mapping[str, Any] | None) -> str:
     """What else may be the cause and what would tell, as a clause; empty without a group.
 
-    Where one effect is named, the others contain what it does: that no motion separates them is
-    no matter of the search. Of effects that are as plausible more cannot be said than that none
-    was found.
+    Where one effect is named, the others contain what it does, with more parameters; otherwise they
+    are as plausible.
 
     Args:
         verdict: of the diagnosis.
@@ -71,11 +70,14 @@ def group_clause(verdict: str, group: Sequence[str], motion: Mapping[str, Any] |
         return ""
     if verdict == "ambiguous":
         text = f"this recording cannot tell {join_names(group, 'and')} apart"
-        otherwise = "and no motion was found that would"
     else:
         text = f"the same could be done here, with more parameters, by {join_names(group[1:])}"
-        otherwise = "and no motion separates them"
-    return f"{text}: {motion['description']}" if motion else f"{text}, {otherwise}"
+    if not motion:
+        return f"{text}, and no motion was found that separates them"
+    told = motion.get("separates_from", group)
+    left = [name for name in group[1:] if name not in told]
+    remains = f"; that does not separate {group[0]} from {join_names(left)}" if left else ""
+    return f"{text}: {motion['description']}{remains}"
 
 
 def write_percent(share: float) -> str:

@@ -111,6 +111,14 @@ class Effect(ABC):
         """
         return ()
 
+    def freest(self) -> tuple[Effect, ...]:
+        """Readings of the name that this one may be a restriction of, or look like, anywhere.
+
+        Parameters of the same name mean the same, but for the axes that some recordings cannot
+        tell.
+        """
+        return (self,)
+
     @abstractmethod
     def parameters(self, samples: WrenchSamples) -> tuple[EffectParameter, ...]:
         """Parameters theta, k of them."""
@@ -171,6 +179,17 @@ class Effect(ABC):
             columns: (N, 6, ...) wrenches, or their derivatives, body frame.
         """
         return columns
+
+    def moved_load(self, inertia: Array, theta: Array) -> Array:
+        """Dynamic parameters (10,) that are accelerated with the load, beyond its own.
+
+        Noise of the motion acts on them as it does on the load.
+
+        Args:
+            inertia: (10,) dynamic parameters of the load.
+            theta: (k,) parameters.
+        """
+        return _NO_LOAD
 
     def whole_samples_late(self, theta: Array, period: float) -> tuple[int, Array]:
         """By how many samples forces are late against the motion, and theta of exactly that.

@@ -20,7 +20,8 @@ Array = NDArray[np.float64]
 
 _COMMON = "common"
 _MOST_SUBSETS = 6
-_LEAST_TURN = 0.02
+_LEAST_TURN = 0.04
+_MOSTLY = 0.9
 
 
 class FingerEffect(Effect):
@@ -77,6 +78,10 @@ class FingerEffect(Effect):
             columns = tuple(width * i + j for i in picked for j in range(width))
             found.append((effect, columns))
         return tuple(found)
+
+    def freest(self) -> tuple[Effect, ...]:
+        """All contacts, each for itself."""
+        return (type(self)(),)
 
     @abstractmethod
     def axis_parameters(self) -> tuple[EffectParameter, ...]:
@@ -194,6 +199,10 @@ class FramedFingerEffect(FingerEffect):
             if isinstance(effect, FingerEffect)
         )
 
+    def freest(self) -> tuple[Effect, ...]:
+        """All contacts, in every frame."""
+        return tuple(type(self)((), False, frame) for frame in self.frames)
+
     def axes(self, samples: WrenchSamples, contact: int) -> Array:
         """Axes of the frame at one contact, as columns in the body frame, (N, 3, 3)."""
         if self.frame == "sensor":
@@ -204,10 +213,13 @@ class FramedFingerEffect(FingerEffect):
 
 
 def frames_turn(samples: WrenchSamples) -> bool:
-    """Whether the contact frames turn in the body frame."""
-    frames = samples.contact_rotation
-    turned = frames @ np.swapaxes(frames[:1], 2, 3)
-    return bool(np.median(np.linalg.norm(log_so3(turned), axis=-1)) > _LEAST_TURN)
+    """Whether the frame of any contact turns in the body frame, for instance by a re-grasp."""
+    turns = []
+    for contact, touching in enumerate(samples.in_contact.T):
+        frames = samples.contact_rotation[touching, contact]
+        turned = log_so3(frames @ np.swapaxes(frames[:1], 1, 2))
+        turns.append(np.quantile(np.linalg.norm(turned, axis=-1), _MOSTLY) if len(turned) else 0.0)
+    return max(turns, default=0.0) > _LEAST_TURN
 
 
 def _proper_subsets(count: int) -> list[tuple[int, ...]]:

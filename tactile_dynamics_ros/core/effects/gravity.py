@@ -121,6 +121,11 @@ class AddedMass(ChoiceEffect):
             -theta[0] * self._inertial_regressor(samples) @ point_mass_jacobian(inertia)
         )
 
+    def moved_load(self, inertia: Array, theta: Array) -> Array:
+        """The added mass, at the origin or the centre of mass."""
+        at_com = self.reading == self.alternative
+        return np.asarray(theta[0] * (point_mass(inertia) if at_com else np.eye(10)[0]))
+
     def _inertial_regressor(self, samples: WrenchSamples) -> Array:
         """Regressor without gravity."""
         acceleration = to_body(samples, samples.acceleration)

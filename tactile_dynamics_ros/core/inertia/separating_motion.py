@@ -36,6 +36,7 @@ _RATE_HZ = 20.0
 _RECORDED_HZ = 100.0
 _FRICTION = 0.8
 _REGRASP_ANGLE = 0.8
+_BETWEEN_FINGERS = 1.0
 _EFFORT = DesignConfig(
     duration=20.0, lowest_hz=0.15, highest_hz=2.5, sines=5, evaluations=100, grid_rate_hz=_RATE_HZ
 )
@@ -62,9 +63,33 @@ class Rival:
     @classmethod
     def from_model(cls, model: HeldObjectModel) -> Rival:
         """Read a fitted model."""
-        stds = [p.prior_std for e in model.effects for p in e.parameters(model.samples)]
+        return cls._of(model, model.effects, model.theta)
+
+    @classmethod
+    def readings_of(cls, model: HeldObjectModel) -> tuple[Rival, ...]:
+        """A fitted model, and the same with what its last effect could be in another recording.
+
+        There it may need other fingers than here, and axes that look alike here may differ.
+        """
+        *others, last = model.effects
+        *thetas, fitted = model.theta
+        names = [p.name for p in last.parameters(model.samples)]
+        known = dict(zip(names, fitted, strict=True))
+        rivals = [cls.from_model(model)]
+        for reading in last.freest():
+            if reading.label == last.label:
+                continue
+            theta = [known.get(p.name, 0.0) for p in reading.parameters(model.samples)]
+            rivals.append(cls._of(model, (*others, reading), (*thetas, np.array(theta))))
+        return tuple(rivals)
+
+    @classmethod
+    def _of(
+        cls, model: HeldObjectModel, effects: tuple[Effect, ...], theta: tuple[Array, ...]
+    ) -> Rival:
+        stds = [p.prior_std for e in effects for p in e.parameters(model.samples)]
         prior = np.concatenate([np.full(10, _VAGUE), np.array(stds, dtype=float) ** -2.0])
-        return cls(model.phi, model.effects, model.theta, prior)
+        return cls(model.phi, effects, theta, prior)
 
     def wrench(self, samples: WrenchSamples) -> Array:
         """Contact wrench (N, 6) that this explanation predicts: Y phi - Delta."""
@@ -85,41 +110,47 @@ class SeparationCriterion:
     """How little rivals would fail where the best is right, in a new recording.
 
     Smaller is better: minus the sum of chi^2 over the rivals, each counted up to twice what is
-    decisive, with chi^2 = min_d |W^-1/2 (w_a - w_b - G_b d)|^2 + d^T H_b d, w the predicted
-    wrenches, G_b their derivatives and H_b the prior of rival b. A rival that contains the best
-    can only be less simple, which no motion changes. The new recording stands alone: all that was
-    learned from the present one may be learned anew. Source: Box, Hill 1967, on discrimination
-    among mechanistic models.
+    decisive, with chi^2 = min_b min_d |W^-1/2 (w_a - w_b - G_b d)|^2 + d^T H_b d, w the predicted
+    wrenches, b the readings of a rival, G_b their derivatives and H_b their prior. A rival that
+    contains the best can only be less simple, which no motion changes. The new recording stands
+    alone: all that was learned from the present one may be learned anew. Source: Box, Hill 1967, on
+    discrimination among mechanistic models.
 
     Motions are sought at a lower rate than that of a recording; what the best one promises is
     evaluated at the latter, since between coarse samples a lag differs from a delay for no reason.
+
+    Attributes:
+        best: what is taken to be right.
+        others: readings of each rival.
+        force_std: N.
+        rate_hz: of the samples.
     """
 
     best: Rival
-    others: tuple[Rival, ...]
+    others: tuple[tuple[Rival, ...], ...]
     force_std: float
     rate_hz: float = _RATE_HZ
 
     def __call__(self, *parts: WrenchSamples) -> float:
-        """Evaluate the criterion for a recording of one or more parts of equal weight."""
+        """Evaluate the criterion for a recording of one or more parts."""
         return -float(np.minimum(self.gaps(*parts), 2.0 * _DECISIVE).sum())
 
     def gaps(self, *parts: WrenchSamples) -> Array:
         """Expected chi^2 that each of the others leaves, (rivals,), of a recording at 100 Hz."""
-        root = np.sqrt(_RECORDED_HZ / self.rate_hz / len(parts))
         covariances = [wrench_covariance(samples, self.force_std) for samples in parts]
         factors = [np.asarray(np.linalg.cholesky(c), dtype=np.float64) for c in covariances]
         expected = [self.best.wrench(samples) for samples in parts]
-        gaps = []
-        for other in self.others:
+
+        def gap(other: Rival) -> float:
             rows = []
             for samples, factor, wrench in zip(parts, factors, expected, strict=True):
                 differs = wrench - other.wrench(samples)
                 both = np.concatenate([differs[..., None], other.columns(samples)], axis=2)
                 rows.append(np.linalg.solve(factor, both).reshape(-1, both.shape[2]))
-            white = root * np.concatenate(rows)
-            gaps.append(_chi_square(white[:, 0], white[:, 1:], other.prior))
-        return np.array(gaps)
+            white = np.sqrt(_RECORDED_HZ / self.rate_hz) * np.concatenate(rows)
+            return _chi_square(white[:, 0], white[:, 1:], other.prior)
+
+        return np.array([min(map(gap, readings)) for readings in self.others])
 
 
 def _chi_square(target: Array, columns: Array, prior: Array) -> float:
@@ -144,26 +175,28 @@ def plan_separation(
         Kind, description in words, numbers, expected chi^2; None if nothing would help.
     """
     samples = best.samples
-    force_std = _force_std(best)
-    criterion = SeparationCriterion(
-        Rival.from_model(best), tuple(Rival.from_model(model) for model in others), force_std
-    )
+    rivals = tuple(Rival.readings_of(model) for model in others)
+    criterion = SeparationCriterion(Rival.from_model(best), rivals, _force_std(best))
     try:
         grip = Grip.from_samples(samples, best.phi, _FRICTION)
         start = _start(samples)
         motion = design_motion(criterion, start, grip, best.phi, _LIMITS, None, _EFFORT)
     except TactileDynamicsError:
         return None
-    moved = start.follow(motion.offsets, _times(_RECORDED_HZ))
-    present, other = grip.load(moved, best.phi), _regrasp(grip).load(moved, best.phi)
-    names = [rival.effects[-1].name for rival in criterion.others]
-    criterion = replace(criterion, rate_hz=_RECORDED_HZ)
-    for kind, parts in (("motion", (present,)), ("regrasp", (present, other))):
-        gaps = criterion.gaps(*parts)
-        told = [name for name, gap in zip(names, gaps, strict=True) if gap >= _DECISIVE]
-        if told and (kind == "regrasp" or len(told) == len(names)):
-            return _plan(kind, motion, told, float(gaps.max()))
-    return None
+    times, names = _times(_RECORDED_HZ), [model.effects[-1].name for model in others]
+    recorded = replace(criterion, rate_hz=_RECORDED_HZ)
+    held = grip.load(start.follow(motion.offsets, times), best.phi)
+    parts = [
+        held_now.load(start.follow(motion.offsets, stage), best.phi)
+        for held_now, stage in _regrasp(grip, times)
+    ]
+    gaps = {"motion": recorded.gaps(held), "regrasp": recorded.gaps(*parts)}
+    told = {
+        kind: [name for name, gap in zip(names, values, strict=True) if gap >= _DECISIVE]
+        for kind, values in gaps.items()
+    }
+    kind = "regrasp" if len(told["regrasp"]) > len(told["motion"]) else "motion"
+    return _plan(kind, motion, told[kind], float(gaps[kind].max())) if told[kind] else None
 
 
 def _times(rate_hz: float) -> Array:
@@ -185,16 +218,24 @@ def _start(samples: WrenchSamples) -> HeldPose:
     return HeldPose(samples.rotation[nearest], position, position)
 
 
-def _regrasp(grip: Grip) -> Grip:
-    """The same hand with its contacts turned about the object's z axis and moved along it."""
+def _regrasp(grip: Grip, times: Array) -> list[tuple[Grip, Array]]:
+    """Grips and their times while one finger after the other moves, around half-time.
+
+    Contacts are turned about the object's z axis and moved along it.
+    """
     turn = exp_so3(np.array([0.0, 0.0, _REGRASP_ANGLE]))
     shift = 0.3 * float(np.linalg.norm(grip.point, axis=1).mean()) * np.array([0.0, 0.0, 1.0])
-    return replace(
-        grip,
-        point=grip.point @ turn.T + shift,
-        normal=grip.normal @ turn.T,
-        squeeze=grip.squeeze @ turn.T,
-    )
+    count = len(grip.point)
+    moves = 0.5 * _EFFORT.duration + _BETWEEN_FINGERS * (np.arange(count) - 0.5 * count)
+    stages = np.split(times, np.searchsorted(times, moves))
+    found = []
+    for stage, when in enumerate(stages):
+        point, normal, squeeze = grip.point.copy(), grip.normal.copy(), grip.squeeze.copy()
+        point[:stage] = point[:stage] @ turn.T + shift
+        normal[:stage] = normal[:stage] @ turn.T
+        squeeze[:stage] = squeeze[:stage] @ turn.T
+        found.append((replace(grip, point=point, normal=normal, squeeze=squeeze), when))
+    return found
 
 
 def _plan(kind: str, motion: DesignedMotion, told: list[str], gap: float) -> dict[str, Any]:
@@ -223,9 +264,9 @@ def _describe_motion(motion: DesignedMotion) -> str:
 
 def _describe_regrasp() -> str:
     return (
-        "move the object, grasp it at other points (all contacts, for instance turned by "
-        f"{np.degrees(_REGRASP_ANGLE):.0f} deg about it and moved along it) and move it again, "
-        "all in one recording; no motion with one grasp separates them"
+        "while the object moves, let one finger after the other grasp it at another point (all of "
+        f"them, for instance turned by {np.degrees(_REGRASP_ANGLE):.0f} deg about it and moved "
+        "along it), all in one recording; no motion with one grasp separates them"
     )
 
 

@@ -23,6 +23,7 @@ from scipy.sparse import bsr_array
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.contact.wrench_samples import GRAVITY_W, WrenchSamples
+from tactile_dynamics_ros.core.effects.gravity import load_regressor
 from tactile_dynamics_ros.core.effects.present import PresentEffects
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.balance import balance_contacts
@@ -225,17 +226,22 @@ class WrenchProblem:
     ) -> Array:
         """Residual e = Y phi - w - sum Delta(theta), (N, 6) [torque, force], body frame.
 
-        Effects on the forces correct the measured ones, noise included, and those on the clocks
-        shift the measured motion by whole samples, as `linearise` assumes.
+        As `linearise` assumes, what effects add to the load is moved as is measured, noise
+        included; effects on the forces correct the measured ones, noise included; and those on the
+        clocks shift the measured motion by whole samples.
         """
         present = PresentEffects(effects, theta)
         value = self._measured_regressor @ phi - self.measured.measured_wrench
+        moved = present.moved_load(phi)
+        if moved is not phi:
+            noise = self._measured_regressor - load_regressor(self.samples)
+            value = value + noise @ (moved - phi)
         value = value - present.wrench(self._measured_contacts, phi)
         for effect, parameters in zip(effects, theta, strict=True):
             late, rounded = effect.whole_samples_late(parameters, self._period)
             if late:
-                value = value + effect.wrench(self._measured_contacts, phi, rounded)
-                value = value - effect.wrench(self.measured, phi, rounded)
+                value = value + effect.wrench(self._measured_contacts, moved, rounded)
+                value = value - effect.wrench(self.measured, moved, rounded)
         return np.asarray(value)
 
     @cached_property
@@ -266,6 +272,7 @@ class WrenchProblem:
     ) -> Linearisation:
         """Covariance and whitening of the residual for given parameters."""
         by_force = force_sensitivity_of_effects(self.samples, phi, effects, theta)
+        moved = PresentEffects(effects, theta).moved_load(phi)
         late = sum(
             effect.whole_samples_late(value, self._period)[0]
             for effect, value in zip(effects, theta, strict=True)
@@ -274,7 +281,7 @@ class WrenchProblem:
         then = np.clip(now - late, 0, self.count - 1)
         unread = then != now - late
         names, matrices, factors = [], [], []
-        for name, signal, sensitivity in self._signals(phi):
+        for name, signal, sensitivity in self._signals(moved):
             if name in by_force:
                 sensitivity = sensitivity + by_force[name]
             rows = now if name.startswith(("force:", "torque:")) else then
@@ -305,10 +312,11 @@ class WrenchProblem:
         spread[self.valid] = extra_variance
         return replace(self, extra_variance=spread)
 
-    def _signals(self, phi: Array) -> list[tuple[str, LatentSignal, Array]]:
+    def _signals(self, load: Array) -> list[tuple[str, LatentSignal, Array]]:
+        """Latent signals with what they do to the residual of an accelerated load (10,)."""
         samples, motion = self.samples, self.raw.motion
         by_motion = motion_sensitivity(
-            samples, phi, motion.specific_force is not None, motion.gyro is not None
+            samples, load, motion.specific_force is not None, motion.gyro is not None
         )
         found = [(n, signal, by_motion[n]) for n, signal in motion.charted_signals.items()]
         for index, contact in enumerate(self.contacts):

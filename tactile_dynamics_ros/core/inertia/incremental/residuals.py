@@ -208,6 +208,11 @@ class LinearisedModel:
         """Derivative of the residual by [phi, theta], (B, 6, n)."""
         return self._jacobian(samples, _regressor(samples))
 
+    @property
+    def moved_load(self) -> Array:
+        """Dynamic parameters (10,) of all that is accelerated."""
+        return self._present.moved_load(self.phi)
+
     def _jacobian(self, samples: WrenchSamples, by_phi: Array) -> Array:
         for part in self._present.inertia_jacobians(samples, self.phi):
             by_phi = by_phi - part
@@ -335,7 +340,7 @@ def linearise_residuals(
     """
     motion, weights, steps = denoise_motion(windows, degree)
     samples = motion.samples(contacts, model.origin)
-    sensitivity = motion_sensitivity(samples, model.phi, False, False)
+    sensitivity = motion_sensitivity(samples, model.moved_load, False, False)
     response = np.stack([sensitivity["orientation"], sensitivity["position"]], axis=1)
     noise = _residual_noise(weights, response, windows.noise[:, _inner(windows)])
     residual, jacobian = model.residual(samples)
