@@ -61,6 +61,7 @@ def describe(summary: dict[str, Any]) -> str:
         _line("outside: unexplained", outside["unexplained"], outside["count"], ">= 85 %"),
         _line("outside: named wrongly", outside["wrong_name"], outside["count"], ""),
         _line("outside: frequency to 2 %", outside["frequency_within_two_percent"], None, ""),
+        _line("outside: right channel first", outside["right_channel"], None, ""),
         f"diagnose: median {_number(seconds['diagnose_median'])} s, at most "
         f"{_number(seconds['diagnose_max'])} s; compare: {_number(seconds['compare_median'])} s",
         f"crashes: {len(summary['crashes'])}; effects too weak for their object: "

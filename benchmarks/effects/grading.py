@@ -18,6 +18,8 @@ HONEST_RATIO = 1.05
 FLOOR_RATIO = 1.1
 FOUND_SHARE = 0.9
 TOO_WEAK = 0.93
+MAIN_CHANNEL = 0.5
+CHANNELS = tuple(f"{kind}_{axis}" for kind in ("torque", "force") for axis in "xyz")
 _NOTHING = {"verdict": "failed"}
 
 
@@ -211,6 +213,7 @@ def _grade_outside(records: list[Record]) -> dict[str, Any]:
         "unexplained": _share(records, _is_unexplained),
         "wrong_name": _share(records, lambda r: label_of(r) in CATALOGUE),
         "frequency_within_two_percent": _share(silent, _has_right_tone),
+        "right_channel": _share([r for r in records if _is_unexplained(r)], _has_right_channel),
         "effects": {name: dict(labels) for name, labels in called.items()},
     }
 
@@ -263,6 +266,14 @@ def _has_right_tone(record: Record) -> bool:
     values = np.atleast_1d(np.asarray(said if said else np.nan, dtype=float))
     tone = _tone(record)
     return tone is not None and bool(np.any(np.abs(values - tone) <= 0.02 * tone))
+
+
+def _has_right_channel(record: Record) -> bool:
+    """The channel that is named first carries at least half as much as any, in the frame named."""
+    said = diagnosis_of(record)["unexplained"]
+    carried = record["carried"].get(said["frame"], record["carried"]["body"])
+    named = carried[CHANNELS.index(said["channels"][0])]
+    return bool(named >= MAIN_CHANNEL * max(carried))
 
 
 def _is_too_weak(record: Record) -> bool:

@@ -19,7 +19,7 @@ import numpy as np
 from benchmarks.effects.cases import Case
 from benchmarks.effects.product import Answer, Ask, ask_command
 from benchmarks.hidden.bag import write_bag
-from benchmarks.hidden.calibration import excess_rms
+from benchmarks.hidden.calibration import excess_by_channel, excess_rms
 from benchmarks.hidden.planned import record_plan
 from benchmarks.hidden.recordings import HiddenRecording
 
@@ -39,12 +39,21 @@ def run_case(case: Case, ask: Ask = ask_command) -> dict[str, Any]:
             record["explain"] = _plain(ask(["explain", bag]))
         else:
             record["diagnose"] = _plain(ask(["diagnose", bag]))
+        if case.kind == "outside":
+            record["carried"] = _carried(case, recording)
         if case.kind == "clean":
             record["compare"] = _plain(ask(["compare", bag]))
         if case.kind in ("single", "calm"):
             record["estimates"] = _estimates(case.effects[0], record["diagnose"], bag, ask)
             record["separated"] = _separate(case, recording, record["diagnose"], folder, ask)
     return record
+
+
+def _carried(case: Case, recording: HiddenRecording) -> dict[str, list[float]]:
+    """How much each channel carries of the hidden effect, by frame."""
+    [effect] = recording.effects
+    found = excess_by_channel(effect, recording.scenario, case.sensors())
+    return {frame: values.tolist() for frame, values in found.items()}
 
 
 def _separate(

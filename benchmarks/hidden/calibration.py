@@ -57,7 +57,31 @@ def excess_rms(
     effect: HiddenEffect, scenario: Scenario, sensors: SensorOptions | None = None
 ) -> float:
     """Whitened RMS of what a rigid body leaves unexplained in readings without noise."""
-    sensors = sensors or SensorOptions()
+    truth, left, density = _unexplained(effect, scenario, sensors or SensorOptions())
+    return float(np.sqrt(_excess(left, truth.scene.time, *density).mean()))
+
+
+def excess_by_channel(
+    effect: HiddenEffect, scenario: Scenario, sensors: SensorOptions | None = None
+) -> dict[str, np.ndarray]:
+    """Squares of `excess_rms` of each channel (6,) in body axes and in world axes.
+
+    In world axes the noise of forces, and of torques, counts as the same along all axes.
+    """
+    truth, left, density = _unexplained(effect, scenario, sensors or SensorOptions())
+    turned = np.einsum("nij,nkj->nki", truth.scene.motion.rotation, left.reshape(-1, 2, 3))
+    alike = [np.repeat(values.reshape(2, 3).mean(axis=1), 3) for values in density]
+    time = truth.scene.time
+    return {
+        "body": _excess(left, time, *density),
+        "world": _excess(turned.reshape(-1, 6), time, *alike),
+    }
+
+
+def _unexplained(
+    effect: HiddenEffect, scenario: Scenario, sensors: SensorOptions
+) -> tuple[Truth, np.ndarray, tuple[np.ndarray, np.ndarray]]:
+    """Truth, the wrench (N, 6) that no rigid body explains (body axes) and the noise densities."""
     stride = max(1, round(scenario.options.physics_rate_hz / 100.0))
     truth = scenario.simulate((effect,), stride)
     readings = effect.output(effect.transduce(perfect_readings(truth)))
@@ -67,12 +91,17 @@ def excess_rms(
     rows = (regressor / slow[:, None]).reshape(-1, 10)
     aim = (measured / slow).reshape(-1)
     parameters = np.linalg.lstsq(rows, aim, rcond=None)[0]
-    left = (measured - regressor @ parameters) * np.sqrt(2.0 / len(measured))
+    return truth, measured - regressor @ parameters, (slow, fast)
+
+
+def _excess(left: np.ndarray, time: np.ndarray, slow: np.ndarray, fast: np.ndarray) -> np.ndarray:
+    """Mean square (6,) of each channel over the spectrum of its noise."""
+    left = left * np.sqrt(2.0 / len(left))
     spectrum = np.fft.rfft(left, axis=0)[1:]
-    omega = 2 * np.pi * np.fft.rfftfreq(len(left), truth.scene.time[1] - truth.scene.time[0])[1:]
+    omega = 2 * np.pi * np.fft.rfftfreq(len(left), time[1] - time[0])[1:]
     power = np.abs(spectrum) ** 2 / (slow**2 + (fast * omega[:, None] ** 2) ** 2)
     constant = np.abs(left.sum(axis=0)) ** 2 / (2.0 * slow**2)
-    return float(np.sqrt((power.sum() + constant.sum()) / measured.size))
+    return np.asarray((power.sum(axis=0) + constant) / len(left))
 
 
 def measured_wrench(readings: Readings) -> np.ndarray:

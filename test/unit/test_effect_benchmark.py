@@ -2,6 +2,7 @@
 
 import json
 
+import numpy as np
 import pytest
 
 from benchmarks.effects.__main__ import describe, main
@@ -22,6 +23,14 @@ from benchmarks.hidden import CATALOGUE, OUTSIDE, generate
 FLOOR = {"before": 2.0, "after": 1.01, "noise_floor": 1.0}
 
 
+def signature_of(case, tone):
+    """The world axis along which the hidden force is largest."""
+    recording = case.record()
+    wrench = recording.scenario.simulate(recording.effects).hidden_wrench
+    axis = "xyz"[int(np.argmax(np.mean(wrench[:, 3:] ** 2, axis=0)))]
+    return {"frequency_hz": tone, "frame": "world", "channels": [f"force_{axis}"]}
+
+
 def oracle(case, offset_in_std=0.0):
     """A product that knows the case and is wrong about every parameter by some deviations."""
     names = list(case.effects)
@@ -37,7 +46,7 @@ def oracle(case, offset_in_std=0.0):
         "effect": names[0] if case.kind == "single" else None,
         "group": [],
         "error": FLOOR,
-        "unexplained": {"frequency_hz": tones[0]} if tones else None,
+        "unexplained": signature_of(case, tones[0]) if tones else None,
     }
 
     def estimate(arguments):
@@ -92,6 +101,16 @@ def test_parameters_off_by_three_deviations_are_not_covered():
     summary = grade([record_of(CASES[1], offset_in_std=3.0)])
     assert summary["single"]["coverage"] == 0.0
     assert summary["single"]["effects"]["force_bias"]["median_error_in_std"] == pytest.approx(3.0)
+
+
+def test_a_torque_is_the_wrong_channel_for_a_force_at_the_origin(records):
+    [record] = [r for r in records if r["effects"] == ("dry_rubbing",)]
+    said = {"frequency_hz": None, "frame": "world", "channels": ["torque_z"]}
+    wrong = {**record["diagnose"]["json"], "unexplained": said}
+    assert grade([record])["outside"]["right_channel"] == 1.0
+    summary = grade([{**record, "diagnose": {**record["diagnose"], "json": wrong}}])
+    assert summary["outside"]["unexplained"] == 1.0
+    assert summary["outside"]["right_channel"] == 0.0
 
 
 def test_a_guesser_fails(records):
