@@ -52,8 +52,8 @@ def find_line(residuals: Residuals, floor: float = 1.0) -> Line | None:
     """
     lines = [
         line
-        for frame, white in in_frames(residuals).items()
-        if (line := strongest_line(frame, residuals.time, white, floor)) is not None
+        for frame in ("body", *residuals.frames)
+        if (line := _line_in(frame, residuals, floor)) is not None
     ]
     if not lines:
         return None
@@ -64,16 +64,15 @@ def find_line(residuals: Residuals, floor: float = 1.0) -> Line | None:
     return line if _is_physical(residuals, line) else None
 
 
-def in_frames(residuals: Residuals) -> dict[str, Array]:
-    """White residuals in every frame, ``body`` being that of the channels."""
-    frames = ("body", *residuals.frames)
-    return {frame: _turned(residuals, residuals.white, frame) for frame in frames}
+def _line_in(frame: str, residuals: Residuals, floor: float) -> Line | None:
+    white = in_frame(residuals, residuals.white, frame)
+    return strongest_line(frame, residuals.time, white, floor)
 
 
-def _turned(residuals: Residuals, values: Array, frame: str) -> Array:
-    if frame == "body":
-        return values
-    return np.asarray((residuals.frames[frame] @ values[..., None])[..., 0])
+def in_frame(residuals: Residuals, values: Array, frame: str | None) -> Array:
+    """Values (N, D) of the channels in a frame, ``body`` or an unknown one being their own."""
+    turn = residuals.frames.get(frame or "body")
+    return values if turn is None else np.asarray((turn @ values[..., None])[..., 0])
 
 
 def strongest_line(frame: str, time: Array, white: Array, floor: float) -> Line | None:
@@ -133,7 +132,7 @@ def _is_driven(time: Array, drivers: Array, hz: float) -> bool:
 
 def _is_physical(residuals: Residuals, line: Line) -> bool:
     """Whether the residual has a line before it is made white."""
-    values = _turned(residuals, residuals.physical, line.frame)
+    values = in_frame(residuals, residuals.physical, line.frame)
     scaled = values / np.maximum(values.std(axis=0), 1e-12)
     hz, power, resolution = _fine_spectrum(residuals.time, scaled)
     there, beside = _line_and_surroundings(hz, line.hz, resolution)

@@ -79,6 +79,9 @@ class Residuals:
         frames: matrices (N, D, D) that turn channels into other frames, by name of the frame.
         conditions: what was going on.
         drivers: (N, k) motion that may drive the residual, or None.
+        factors: e and C^-1 e, (N, D) each, of the residual e with covariance C: their products add
+            up to the squares of ``white``, and say of each channel what it contributes. None where
+            channels are independent.
     """
 
     time: Array
@@ -89,6 +92,7 @@ class Residuals:
     frames: dict[str, Array] = field(default_factory=dict)
     conditions: tuple[Condition, ...] = ()
     drivers: Array | None = None
+    factors: tuple[Array, Array] | None = None
 
 
 class ResidualModel(Protocol):

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.discrepancy.assessment import Assessment
 from tactile_dynamics_ros.core.discrepancy.change import Change, clear_change
-from tactile_dynamics_ros.core.discrepancy.lines import find_line, in_frames
+from tactile_dynamics_ros.core.discrepancy.lines import find_line, in_frame
 from tactile_dynamics_ros.core.discrepancy.model import Family, ResidualModel, Residuals
 from tactile_dynamics_ros.core.discrepancy.screening import Score, best_by_effect, screen
 from tactile_dynamics_ros.core.discrepancy.structure import Structure
@@ -91,11 +91,19 @@ def describe_residual(assessment: Assessment) -> Signature:
 
 
 def failing_channels(residuals: Residuals, frame: str | None, floor: float) -> tuple[str, ...]:
-    """Channels (with the frame, where not the body's) with a good part of the excess error."""
-    white = in_frames(residuals).get(frame or "body", residuals.white)
-    excess = np.maximum(np.mean(white**2, axis=0) - floor**2, 0.0)
+    """Channels (in the axes of the frame) with a good part of the excess error.
+
+    A channel contributes e_k (C^-1 e)_k to the square of the residual e with covariance C. White
+    channels alone do not say where an error acts: they are those of a triangular factor of C, in
+    which each holds what earlier ones do not tell of it.
+    """
+    plain, weighted = residuals.factors or (residuals.white, residuals.white)
+    square = np.mean(
+        in_frame(residuals, plain, frame) * in_frame(residuals, weighted, frame), axis=0
+    )
+    excess = np.maximum(square - floor**2, 0.0)
     if not np.any(excess > 0):
-        excess = np.mean(white**2, axis=0)
+        excess = np.maximum(square, 0.0)
     picked = np.flatnonzero(excess > _CHANNEL_SHARE * excess.max())
     order = picked[np.argsort(-excess[picked])]
     return tuple(residuals.channels[k] for k in order)

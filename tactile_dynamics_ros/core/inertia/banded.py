@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import lapack
+from scipy.linalg import blas, lapack
 from scipy.sparse import bsr_array
 
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
@@ -56,6 +56,10 @@ class BandedWhitener:
     def whiten_transposed(self, values: Array) -> Array:
         """L^-T values, (6 N, ...) -> the same shape."""
         return self._solve(values, "T")
+
+    def colour(self, white: Array) -> Array:
+        """L white, (6 N,) -> the same shape."""
+        return np.asarray(blas.dtbmv(len(self.band) - 1, self.band, white, lower=1))
 
     def _solve(self, values: Array, transpose: str) -> Array:
         columns = values.reshape(len(values), -1)

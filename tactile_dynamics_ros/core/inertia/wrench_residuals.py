@@ -41,7 +41,18 @@ def wrench_residuals(model: FittedModel, white: Array) -> Residuals:
         drivers=np.concatenate(
             [np.concatenate([s.velocity, s.angular_velocity], axis=1) for s in model.samples]
         ),
+        factors=_factors(model, white.ravel()),
     )
+
+
+def _factors(model: FittedModel, white: Array) -> tuple[Array, Array]:
+    """Residual e = L white and C^-1 e = L^-T white, (N, 6) each."""
+    whiteners = [block.linearisation.whitener for block in model.blocks]
+    parts = np.split(white, np.cumsum([len(block.residual) for block in model.blocks])[:-1])
+    pairs = list(zip(whiteners, parts, strict=True))
+    plain = np.concatenate([whitener.colour(part) for whitener, part in pairs])
+    weighted = np.concatenate([whitener.whiten_transposed(part) for whitener, part in pairs])
+    return plain.reshape(-1, 6), weighted.reshape(-1, 6)
 
 
 def conditions(samples: WrenchSamples) -> list[Condition]:
