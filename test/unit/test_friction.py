@@ -25,7 +25,7 @@ from tactile_dynamics_ros.core.friction.probe import FrictionProbe
 from tactile_dynamics_ros.core.friction.probe_config import FrictionProbeConfig, ProbePhase
 from tactile_dynamics_ros.core.friction.probe_input import ProbeContact, ProbeInput
 from tactile_dynamics_ros.core.friction.slip_detection import SlipFusion, SlipObservation
-from tactile_dynamics_ros.core.friction.slip_log import find_onset
+from tactile_dynamics_ros.core.friction.slip_log import find_slip
 from tactile_dynamics_ros.core.friction.surface import ObjectSurface
 from tactile_dynamics_ros.core.manipulation.grasp_planner import ARM_HOME, HAND_SEED
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
@@ -130,13 +130,22 @@ def test_rest_is_not_told_as_slip():
     assert not any(alarms)
 
 
-def test_onset_is_found_in_a_ramp_with_a_knee():
-    rng = np.random.default_rng(2)
+def test_the_slip_is_found_where_the_ratio_of_the_forces_peaks():
+    """Creep before the slip and noise of a few hundredths of a newton do not mislead."""
+    rng, ratios, times = np.random.default_rng(2), [], []
     time = np.arange(0.0, 0.5, 0.01)
-    after = np.maximum(time - 0.33, 0.0)
-    ratio = 0.5 + 0.4 * time - 2.0 * after + rng.normal(0.0, 0.015, len(time))
-    path = 0.5 * 0.08 * after**2 + rng.normal(0.0, 2e-5, len(time))
-    assert find_onset(time, ratio, path) == pytest.approx(0.33, abs=0.03)
+    for _ in range(40):
+        after = np.maximum(time - 0.33, 0.0)
+        normal = 1.4 - 1.2 * np.minimum(time, 0.4)
+        ratio = 0.55 + 0.2 * np.minimum(time, 0.33) - np.minimum(after, 0.1)
+        forces = normal, ratio * normal
+        normal, tangential = (f + rng.normal(0.0, 0.015, len(time)) for f in forces)
+        near = find_slip(normal, tangential)
+        ratios.append(tangential[near].mean() / normal[near].mean())
+        times.append(time[near].mean())
+    assert np.median(times) == pytest.approx(0.33, abs=0.04)
+    assert np.mean(ratios) == pytest.approx(0.616, rel=0.015)
+    assert np.std(ratios) < 0.015
 
 
 def draw_events(mu, rng, count=8, tilt=(0.0, 0.0), scatter=0.01, **changes):

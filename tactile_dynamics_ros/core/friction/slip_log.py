@@ -12,16 +12,14 @@ from tactile_dynamics_ros.core.friction.estimate import SlipEvent
 Array = NDArray[np.float64]
 
 _REACH = 0.45
-_BEFORE = 0.2
+_AFTER = 0.05
+_SMOOTHED = 9
+"""Instants whose mean is taken for the force at one of them."""
 _FEWEST = 6
 _LEAST_PATH = 6e-4
 _LEAST_TILT_PATH = 1e-3
 _LEAST_UNLOAD = 0.25
 _LEAST_COSINE = 0.8
-_LATE = 0.01
-"""By which a knee is found too late, since a slip begins slowly, s."""
-_RATIO_STD = 0.02
-_PLACE_STD = 3e-5
 
 
 @dataclass(frozen=True)
@@ -74,28 +72,19 @@ class SlipLog:
         """Return the slip of the attempt, or None if too little was seen of it.
 
         Tangential forces are taken along the pull: what is felt across it is mostly the error of
-        the force's direction. The onset is searched backwards from the detection; the forces
-        before it are fitted with a line each, whose value at the onset is the force just before
-        the slip. So the delay of the detection does not enter.
+        the force's direction. The slip is where the ratio of the smoothed forces is greatest, so
+        that neither the delay of the detection enters nor creep before the slip.
         """
         time, force = np.array(self._time), np.array(self._force)
         place = np.array(self._place) @ attempt.basis.T
         heading = np.array([np.cos(attempt.angle), np.sin(attempt.angle)])
         window = (time >= max(attempt.detected - _REACH, attempt.began)) & (
-            time <= attempt.detected + 0.03
+            time <= attempt.detected + _AFTER
         )
         if window.sum() < 2 * _FEWEST or np.any(force[window, 0] < 0.03):
             return None
-        onset = find_onset(
-            time[window],
-            np.linalg.norm(force[window, 1:], axis=1) / force[window, 0],
-            place[window, 1:] @ heading,
-        )
-        onset -= _LATE
-        before = (time > onset - _BEFORE) & (time < onset + 1e-9) & (time >= attempt.began)
-        if before.sum() < 4:
-            return None
-        value, std = _at_end(time[before] - onset, force[before])
+        near = np.flatnonzero(window)[find_slip(force[window, 0], force[window, 1:] @ heading)]
+        onset, (value, std) = float(time[near].mean()), _mean(time[near], force[near])
         ramp = (time >= attempt.began) & (time < onset)
         normal, tangential = float(value[0]), float(value[1:] @ heading)
         whole = float(np.linalg.norm(value[1:]))
@@ -122,32 +111,19 @@ class SlipLog:
         )
 
 
-def find_onset(time: Array, ratio: Array, path: Array) -> float:
-    """Return when a slip began, from the knee that force ratio and path share.
+def find_slip(normal: Array, tangential: Array) -> slice:
+    """Instants about which the ratio of the mean tangential to the mean normal force is greatest.
 
-    Before the knee the ratio follows its ramp and the fingertip creeps along at most; after it the
-    ratio has a slope of its own and the path grows with the square of time on top. The knee with
-    the least squared error wins.
+    Means are over as many instants: of single ones the greatest ratio is one of noise.
 
     Args:
-        time: (T,) s.
-        ratio: (T,) tangential over normal force.
-        path: (T,) m along the pull.
+        normal: (T,) N, positive.
+        tangential: (T,) N along the pull.
     """
-    best, least = float(time[-1]), np.inf
-    for knee in time[_FEWEST // 2 : -1]:
-        after = np.maximum(time - knee, 0.0)
-        line = np.column_stack([np.ones_like(time), time - knee])
-        error = _misfit(np.column_stack([line, after]), ratio) / _RATIO_STD**2
-        error += _misfit(np.column_stack([line, after, after**2]), path) / _PLACE_STD**2
-        if error < least:
-            best, least = float(knee), error
-    return best
-
-
-def _misfit(design: Array, values: Array) -> float:
-    solution = np.linalg.lstsq(design, values, rcond=None)[0]
-    return float(np.sum((values - design @ solution) ** 2))
+    window = np.ones(min(_SMOOTHED, len(normal)))
+    ratio = np.convolve(tangential, window, "valid") / np.convolve(normal, window, "valid")
+    first = int(np.argmax(ratio))
+    return slice(first, first + len(window))
 
 
 def _slide(
@@ -185,11 +161,9 @@ def _give(press: Array, depth: Array) -> float:
     return float(change @ depth / (change @ change))
 
 
-def _at_end(time: Array, values: Array) -> tuple[Array, Array]:
-    """Value and standard deviation at time 0 of lines through (T, K) values."""
-    design = np.column_stack([np.ones_like(time), time])
-    inverse = np.linalg.inv(design.T @ design)
-    line = inverse @ design.T @ values
-    error = values - design @ line
+def _mean(time: Array, values: Array) -> tuple[Array, Array]:
+    """Mean of (T, K) values and its standard deviation, from the scatter about lines."""
+    design = np.column_stack([np.ones_like(time), time - time.mean()])
+    error = values - design @ np.linalg.lstsq(design, values, rcond=None)[0]
     variance = np.sum(error**2, axis=0) / max(len(time) - 2, 1)
-    return line[0], np.sqrt(variance * inverse[0, 0])
+    return values.mean(axis=0), np.sqrt(variance / len(time))
