@@ -20,6 +20,8 @@ from tactile_dynamics_ros.core.inertia.latent import LatentSignal, isotropic_fac
 from tactile_dynamics_ros.core.inertia.least_squares import levenberg_marquardt
 from tactile_dynamics_ros.core.inertia.local_polynomial import Window, local_polynomial
 from tactile_dynamics_ros.core.inertia.noise import white_noise_std
+from tactile_dynamics_ros.core.inertia.prior import LogCholeskyPrior
+from tactile_dynamics_ros.core.inertia.uncertainty import unexcited_directions
 from tactile_dynamics_ros.core.inertia.wrench_problem import WrenchProblem
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import is_feasible
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
@@ -266,3 +268,14 @@ def test_levenberg_marquardt_solves_rosenbrock():
     solution, converged = levenberg_marquardt(evaluate, np.array([-1.2, 1.0]), iterations=100)
     assert converged
     assert_allclose(solution, [1.0, 1.0], atol=1e-4)
+
+
+def test_noise_beyond_all_measure_leaves_directions_unexcited():
+    """A fit that leads astray makes sums in which rounding alone is larger than the prior."""
+    prior = LogCholeskyPrior(np.zeros(10), np.ones(10))
+    rng = np.random.default_rng(8)
+    noise = rng.normal(size=(10, 3)) * 1e12
+    information = 100.0 * np.eye(10)
+    found = unexcited_directions(information, noise @ noise.T, prior)
+    left = noise - found @ (found.T @ noise)
+    assert np.abs(left).max() < 1e-6 * np.abs(noise).max()

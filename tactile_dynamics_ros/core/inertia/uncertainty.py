@@ -20,6 +20,7 @@ Array = NDArray[np.float64]
 _SCORE_BLOCK = 300
 _TOLERATED_RATIO = 2.0
 _OPEN = 0.25
+_ROUNDING = 1e-12
 _NOISE_RATIO = 1.5
 HOLD = 100.0
 """Weight, over that of the prior, with which unexcited directions are held at it."""
@@ -119,10 +120,13 @@ def unexcited_directions(
         (10, q) orthonormal directions of (xi - mean) / std.
     """
     mapping = log_cholesky_jacobian(prior.mean) * prior.std
+    beside = mapping.T @ noise @ mapping + np.eye(10)
+    scale = 1.0 / np.sqrt(np.diag(beside))
+    alike = np.outer(scale, scale)
     ratio, vectors = eigh(
-        mapping.T @ information @ mapping, mapping.T @ noise @ mapping + np.eye(10)
+        mapping.T @ information @ mapping * alike, beside * alike + _ROUNDING * np.eye(10)
     )
-    weak = vectors[:, ratio < _NOISE_RATIO + scatter]
+    weak = scale[:, None] * vectors[:, ratio < _NOISE_RATIO + scatter]
     return np.asarray(np.linalg.qr(weak)[0]) if weak.size else np.zeros((10, 0))
 
 
