@@ -24,7 +24,7 @@ class PressConfig:
     rest_frames: int = parameter(60, "frames without contact at the start", "", 1)
     typical_force: float = parameter(1.0, "median of the largest force of a sequence", "N", 0.01)
     strongest_force: float = parameter(6.0, "largest force of all", "N", 0.01)
-    friction: float = parameter(1.25, "largest ratio of tangential to normal force", "", 0.0, 3.0)
+    friction: float = parameter(0.8, "largest ratio of tangential to normal force", "", 0.0, 3.0)
     hold_share: float = parameter(
         0.4, "share of sequences that hold a nearly constant force", "", 0, 1
     )
