@@ -147,7 +147,11 @@ class ResidualModel(Protocol):
         """Families of named quantities, for a residual that no effect explains."""
 
     def separating_motion(self, rivals: Sequence[ResidualModel]) -> dict[str, Any] | None:
-        """Plan of what would tell this model from others, or None if nothing would."""
+        """Plan of what would tell this model from others, or None if nothing would.
+
+        Its `description` says what to do; `separates_from` names the rivals that it tells, all of
+        them where it is missing.
+        """
 
 
 @dataclass(frozen=True)

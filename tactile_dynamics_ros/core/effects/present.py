@@ -54,11 +54,8 @@ class PresentEffects:
 
     def moved_load(self, inertia: Array) -> Array:
         """Dynamic parameters (10,) of all that is accelerated: the load and what effects add."""
-        moved = inertia
-        for effect, theta in zip(self.effects, self.theta, strict=True):
-            added = effect.moved_load(inertia, theta)
-            moved = moved + added if added.any() else moved
-        return moved
+        pairs = zip(self.effects, self.theta, strict=True)
+        return sum((effect.moved_load(inertia, theta) for effect, theta in pairs), start=inertia)
 
     def seen_by(self, effect: Effect, samples: WrenchSamples, inertia: Array) -> WrenchSamples:
         """The samples as an effect needs them, which may be none of the present ones."""

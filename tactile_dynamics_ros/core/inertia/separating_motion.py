@@ -186,17 +186,22 @@ def plan_separation(
     times, names = _times(_RECORDED_HZ), [model.effects[-1].name for model in others]
     recorded = replace(criterion, rate_hz=_RECORDED_HZ)
     held = grip.load(start.follow(motion.offsets, times), best.phi)
-    parts = [
-        held_now.load(start.follow(motion.offsets, stage), best.phi)
-        for held_now, stage in _regrasp(grip, times)
-    ]
-    gaps = {"motion": recorded.gaps(held), "regrasp": recorded.gaps(*parts)}
-    told = {
-        kind: [name for name, gap in zip(names, values, strict=True) if gap >= _DECISIVE]
-        for kind, values in gaps.items()
-    }
-    kind = "regrasp" if len(told["regrasp"]) > len(told["motion"]) else "motion"
-    return _plan(kind, motion, told[kind], float(gaps[kind].max())) if told[kind] else None
+    kind, (gap, told) = "motion", _told(names, recorded.gaps(held))
+    if len(told) < len(names):
+        parts = [
+            stage.load(start.follow(motion.offsets, when), best.phi)
+            for stage, when in _regrasp(grip, times)
+        ]
+        regrasped = _told(names, recorded.gaps(*parts))
+        if len(regrasped[1]) > len(told):
+            kind, (gap, told) = "regrasp", regrasped
+    return _plan(kind, motion, told, gap) if told else None
+
+
+def _told(names: Sequence[str], gaps: Array) -> tuple[float, list[str]]:
+    """Largest expected chi^2, and the rivals that are refuted."""
+    told = [name for name, gap in zip(names, gaps, strict=True) if gap >= _DECISIVE]
+    return float(gaps.max()), told
 
 
 def _times(rate_hz: float) -> Array:
@@ -219,23 +224,30 @@ def _start(samples: WrenchSamples) -> HeldPose:
 
 
 def _regrasp(grip: Grip, times: Array) -> list[tuple[Grip, Array]]:
-    """Grips and their times while one finger after the other moves, around half-time.
+    """Grips and their times while one finger after the other moves, around half-time."""
+    landed, count = _elsewhere(grip), len(grip.point)
+    moves = 0.5 * _EFFORT.duration + _BETWEEN_FINGERS * (np.arange(count) - 0.5 * count)
+    stages = []
+    for stage, when in enumerate(np.split(times, np.searchsorted(times, moves))):
+        moved = (np.arange(count) < stage)[:, None]
+        point, normal, squeeze = (
+            np.where(moved, getattr(landed, name), getattr(grip, name))
+            for name in ("point", "normal", "squeeze")
+        )
+        stages.append((replace(grip, point=point, normal=normal, squeeze=squeeze), when))
+    return stages
 
-    Contacts are turned about the object's z axis and moved along it.
-    """
+
+def _elsewhere(grip: Grip) -> Grip:
+    """The same hand with its contacts turned about the object's z axis and moved along it."""
     turn = exp_so3(np.array([0.0, 0.0, _REGRASP_ANGLE]))
     shift = 0.3 * float(np.linalg.norm(grip.point, axis=1).mean()) * np.array([0.0, 0.0, 1.0])
-    count = len(grip.point)
-    moves = 0.5 * _EFFORT.duration + _BETWEEN_FINGERS * (np.arange(count) - 0.5 * count)
-    stages = np.split(times, np.searchsorted(times, moves))
-    found = []
-    for stage, when in enumerate(stages):
-        point, normal, squeeze = grip.point.copy(), grip.normal.copy(), grip.squeeze.copy()
-        point[:stage] = point[:stage] @ turn.T + shift
-        normal[:stage] = normal[:stage] @ turn.T
-        squeeze[:stage] = squeeze[:stage] @ turn.T
-        found.append((replace(grip, point=point, normal=normal, squeeze=squeeze), when))
-    return found
+    return replace(
+        grip,
+        point=grip.point @ turn.T + shift,
+        normal=grip.normal @ turn.T,
+        squeeze=grip.squeeze @ turn.T,
+    )
 
 
 def _plan(kind: str, motion: DesignedMotion, told: list[str], gap: float) -> dict[str, Any]:

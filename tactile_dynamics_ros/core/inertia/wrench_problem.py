@@ -23,7 +23,6 @@ from scipy.sparse import bsr_array
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.contact.wrench_samples import GRAVITY_W, WrenchSamples
-from tactile_dynamics_ros.core.effects.gravity import load_regressor
 from tactile_dynamics_ros.core.effects.present import PresentEffects
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.balance import balance_contacts
@@ -231,11 +230,9 @@ class WrenchProblem:
         clocks shift the measured motion by whole samples.
         """
         present = PresentEffects(effects, theta)
-        value = self._measured_regressor @ phi - self.measured.measured_wrench
         moved = present.moved_load(phi)
-        if moved is not phi:
-            noise = self._measured_regressor - load_regressor(self.samples)
-            value = value + noise @ (moved - phi)
+        value = self._measured_regressor @ moved - self.regressor @ (moved - phi)
+        value = value - self.measured.measured_wrench
         value = value - present.wrench(self._measured_contacts, phi)
         for effect, parameters in zip(effects, theta, strict=True):
             late, rounded = effect.whole_samples_late(parameters, self._period)
