@@ -44,7 +44,11 @@ class _Tracking:
         self.tracker = KinematicTracker(self.kinematics)
 
     def update(
-        self, time: float, positions: np.ndarray, vision: np.ndarray | None, touching: list[str]
+        self,
+        time: float,
+        positions: np.ndarray,
+        vision: np.ndarray | None,
+        contacts: dict[str, Contact],
     ) -> tuple[np.ndarray, np.ndarray] | None:
         """Fused pose and covariance, or None until enough has been seen."""
         anchor = self.kinematics.sensor_pose(ANCHOR, positions)
@@ -55,7 +59,9 @@ class _Tracking:
                 return None
             mean, _ = average_poses(np.stack(self.seen))
             self.tracker.initialise(anchor @ mean, positions, None, time)
-        fused = self.fusion.predict(*self.tracker.update(positions, time, touching), time)
+        place = self.kinematics.in_sensor_frame
+        points = {f: place(f, positions, contact.point) for f, contact in contacts.items()}
+        fused = self.fusion.predict(*self.tracker.update(positions, time, points), time)
         if vision is not None:
             self.fusion.correct(vision, self.tracker.vision_covariance(), time)
         return fused
@@ -123,9 +129,7 @@ def record_in_hand(
         if controller.phase not in ALOFT:
             continue
         tracking = tracking or _Tracking(kinematics)
-        fused = tracking.update(
-            readings.joint_time, readings.position, readings.vision, list(contacts)
-        )
+        fused = tracking.update(readings.joint_time, readings.position, readings.vision, contacts)
         if fused is not None:
             tape.poses.append((readings.joint_time, *fused))
             for name, contact in contacts.items():

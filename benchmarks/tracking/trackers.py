@@ -165,13 +165,19 @@ class LiveChain:
             self._tracker.initialise(anchor @ mean, moment.positions, self._covariance, moment.time)
         began = time.process_time()
         pose, covariance = self._tracker.update(
-            moment.positions, moment.time, list(moment.contacts)
+            moment.positions, moment.time, self._skin_points(moment)
         )
         self.replay.kinematic.seconds.append(time.process_time() - began)
         self.replay.kinematic.add(moment.time, pose, covariance, False)
         fused, spread = self._fusion.predict(pose, covariance, moment.time)
         self.replay.fused.add(moment.time, fused, spread, self._fusion.doubtful)
         self._fused = fused
+
+
+    def _skin_points(self, moment: Moment) -> dict[str, np.ndarray]:
+        """Contact points in the sensor frames."""
+        place = self._kinematics.in_sensor_frame
+        return {f: place(f, moment.positions, c.point) for f, c in moment.contacts.items()}
 
 
 def follow_plain_icp(tape: Tape, shape: ObjectShape, start: Track) -> Track:

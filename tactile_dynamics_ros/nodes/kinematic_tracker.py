@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from geometry_msgs.msg import PoseWithCovarianceStamped, WrenchStamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, WrenchStamped
 from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Float64
@@ -26,6 +26,7 @@ from tactile_dynamics_ros.core.tracking.pose_fusion import PoseFusion, PoseFusio
 from tactile_dynamics_ros.nodes.conversions import (
     JointReader,
     StampGate,
+    pose_to_core,
     to_seconds,
     uncertain_pose_to_core,
     uncertain_pose_to_message,
@@ -41,6 +42,7 @@ Array = NDArray[np.float64]
 
 VISION = "/object/pose/vision"
 WORLD = "world"
+_ORIGIN = np.zeros(3)
 
 
 @dataclass(frozen=True)
@@ -84,6 +86,7 @@ class KinematicTrackerNode(Shell):
         self._vision_covariance: Array | None = None
         self._touched: dict[str, float] = {}
         self._touching: set[str] = set()
+        self._points: dict[str, Array] = {}
         self._held = True
         self._refuting = 0
         self._frame = ObjectFrame(self)
@@ -93,6 +96,9 @@ class KinematicTrackerNode(Shell):
             topic = f"/contact/{finger}/force"
             self.listen(WrenchStamped, topic, self._force_taker(finger), skim=True)
         self.listen(JointState, "/joint_states", self._on_joints)
+        for finger in FINGERS:  # taken after the joints, with which they are turned
+            topic = f"/contact/{finger}/pose"
+            self.listen(PoseStamped, topic, self._point_taker(finger), skim=True)
         self.listen(PoseWithCovarianceStamped, VISION, self._on_vision)
         self.listen(Float64, "/vision_tracker/score", self._on_score)
         self.listen(Bool, "/object/held", self._on_held, LATCHED)
@@ -106,6 +112,17 @@ class KinematicTrackerNode(Shell):
                 self._touching.add(finger)
             else:
                 self._touching.discard(finger)
+
+        return take
+
+    def _point_taker(self, finger: str) -> Callable[[Stamped], None]:
+        topic = f"/contact/{finger}/pose"
+
+        def take(message: Stamped) -> None:
+            positions = self._joints.at(to_seconds(message.stamp))
+            if positions is not None:
+                point = pose_to_core(message, topic, WORLD)[:3, 3]
+                self._points[finger] = self.kinematics.in_sensor_frame(finger, positions, point)
 
         return take
 
@@ -163,13 +180,18 @@ class KinematicTrackerNode(Shell):
         self.fusion.reset()
 
     def _follow(self, message: Joints, positions: Array, time: float) -> None:
-        pose, covariance = self.tracker.update(positions, time, self._recent(time) & self._touching)
+        pose, covariance = self.tracker.update(positions, time, self._contacts(time))
         stamp = message.stamp
         self._kinematic.publish(uncertain_pose_to_message(pose, covariance, stamp, WORLD))
         fused, fused_covariance = self.fusion.predict(pose, covariance, time)
         if self._held and self.config.publish_fused:
             self._fused.publish(uncertain_pose_to_message(fused, fused_covariance, stamp, WORLD))
             self._frame.send(fused, stamp, WORLD)
+
+    def _contacts(self, time: float) -> dict[str, Array]:
+        """Return the points (3,) of the skin that touch now; the sensor's origin if not told."""
+        touching = sorted(self._recent(time) & self._touching)
+        return {finger: self._points.get(finger, _ORIGIN) for finger in touching}
 
     def _grasped(self, time: float) -> bool:
         """Whether thumb and another finger have touched within the release time."""
@@ -186,6 +208,7 @@ class KinematicTrackerNode(Shell):
         self._seen.clear()
         self._touched.clear()
         self._touching.clear()
+        self._points.clear()
 
 
 def main() -> int:

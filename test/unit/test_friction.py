@@ -7,7 +7,6 @@ from tactile_dynamics_ros.core.contact.hand_kinematics import HandKinematics
 from tactile_dynamics_ros.core.contact.robot_description import HAND_JOINTS
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 from tactile_dynamics_ros.core.friction.cone import (
-    align_points,
     friction_coefficient,
     probing_angles,
     split_force,
@@ -28,6 +27,7 @@ from tactile_dynamics_ros.core.friction.slip_detection import SlipFusion, SlipOb
 from tactile_dynamics_ros.core.friction.slip_log import find_slip
 from tactile_dynamics_ros.core.friction.surface import ObjectSurface
 from tactile_dynamics_ros.core.manipulation.grasp_planner import ARM_HOME, HAND_SEED
+from tactile_dynamics_ros.core.rigid_body.alignment import align_points
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 
 UP = np.array([0.0, 0.0, 1.0])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -19,7 +21,9 @@ from tactile_dynamics_ros.core.tracking.pose_average import average_poses
 
 HAND = np.deg2rad([0, 30, 45, 45, 0, 30, 45, 45, 5, 30, 50, 45, 60, 25, 15, 45])
 START = np.concatenate([[0.1, 0.5, -0.2, -1.2, 0.3, 0.7, 0.0], HAND])
-OTHERS = ("index", "middle", "ring")
+FINGERS = ("index", "middle", "ring", "thumb")
+HELD = {finger: np.array([3e-3, 0.0, -6.3e-3]) for finger in FINGERS}
+"""A contact point of each fingertip, sensor frame."""
 
 
 @pytest.fixture
@@ -42,23 +46,44 @@ def test_object_moves_rigidly_with_the_arm(kinematics):
     moved = START.copy()
     moved[:7] += [0.3, -0.2, 0.1, 0.4, -0.3, 0.2, 0.5]
     expected = kinematics.locate(moved).palm @ np.linalg.inv(palm) @ pose
-    estimate, covariance = tracker.update(moved, 1.0, OTHERS)
+    estimate, covariance = tracker.update(moved, 1.0, HELD)
     assert_allclose(estimate, expected, atol=1e-9)
     assert np.all(np.linalg.eigvalsh(covariance) > 0.0)
 
 
-def test_other_fingers_correct_roll_on_the_thumb(kinematics):
-    """The thumb's tip alone turns: the object, held by three other tips, does not."""
-    pose = object_in_hand(kinematics, START)
-    moved = START.copy()
-    moved[-1] += 0.05
-    errors = []
-    for touching in ((), OTHERS):
-        tracker = KinematicTracker(kinematics)
-        tracker.initialise(pose, START, time=0.0)
-        estimate, _ = tracker.update(moved, 0.1, touching)
-        errors.append(np.linalg.norm(pose_error(estimate, pose)[:3]))
-    assert errors[1] < 0.5 * errors[0]
+class Gears:
+    """Four fingertips that spin about parallel axes around a ball, by the same angle."""
+
+    fingers = FINGERS
+    tip, ball = 7e-3, 30e-3
+    around = np.deg2rad([0.0, 80.0, 170.0, 260.0])
+
+    def locate(self, angle):
+        sensors = np.tile(np.eye(4), (4, 1, 1))
+        sensors[:, :3, :3] = exp_so3(np.array([0.0, 0.0, float(angle)]))
+        sensors[:, 0, 3] = (self.tip + self.ball) * np.cos(self.around)
+        sensors[:, 1, 3] = (self.tip + self.ball) * np.sin(self.around)
+        return SimpleNamespace(sensors=sensors)
+
+    def jacobian(self, fingers, angle, points):
+        return np.zeros((len(points), 6, DOF))
+
+    def contacts(self, angle):
+        toward = self.around + np.pi - angle
+        points = self.tip * np.stack([np.cos(toward), np.sin(toward), 0.0 * toward], axis=1)
+        return dict(zip(FINGERS, points, strict=True))
+
+
+def test_ball_between_turning_fingertips_turns_like_a_gear():
+    """The ball stays and turns by minus the ratio of radii; points that stick would not say so."""
+    gears, steps = Gears(), np.linspace(0.0, 1.0, 101)
+    tracker = KinematicTracker(gears)
+    tracker.initialise(np.eye(4), steps[0], time=0.0)
+    for angle in steps[1:]:
+        pose, _ = tracker.update(angle, float(angle), gears.contacts(angle))
+    turn = log_so3(pose[:3, :3])
+    assert_allclose(turn, [0.0, 0.0, -gears.tip / gears.ball], atol=0.02 * gears.tip / gears.ball)
+    assert np.linalg.norm(pose[:3, 3]) < 1e-4
 
 
 def test_covariance_is_that_of_the_errors(kinematics):
@@ -82,7 +107,7 @@ def test_covariance_is_that_of_the_errors(kinematics):
         tracker.initialise(seen, START + offset, vision, time=0.0)
         held = np.concatenate([end[:7], START[7:]])
         noise = varying_std * rng.normal(size=DOF)
-        estimate, covariance = tracker.update(held + offset + noise, 1.0, OTHERS)
+        estimate, covariance = tracker.update(held + offset + noise, 1.0, HELD)
         residual = pose_error(estimate, truth_end)
         nees.append(residual @ np.linalg.solve(covariance, residual))
     assert 2.0 < np.mean(nees) < 7.5
@@ -95,7 +120,7 @@ def test_covariance_grows_with_joint_errors_and_time(kinematics):
     for config, time in [
         (KinematicTrackerConfig(), 0.0),
         (KinematicTrackerConfig(), 100.0),
-        (KinematicTrackerConfig(thumb_position_std=3e-3), 0.0),
+        (KinematicTrackerConfig(give_position=3e-3), 0.0),
     ]:
         tracker = KinematicTracker(kinematics, config)
         tracker.initialise(pose, START, 1e-10 * np.eye(6), time=0.0)
@@ -105,7 +130,9 @@ def test_covariance_grows_with_joint_errors_and_time(kinematics):
 
 
 def test_constant_offsets_of_the_hand_do_no_harm_while_only_the_arm_moves(kinematics):
-    joints = JointUncertaintyConfig(hand_offset=0.1, hand_noise=0.0, hand_backlash=0.0)
+    joints = JointUncertaintyConfig(
+        arm_offset=0.0, arm_noise=0.0, hand_offset=0.1, hand_noise=0.0, hand_backlash=0.0
+    )
     config = KinematicTrackerConfig(joints=joints, creep_position=0.0, creep_rotation_deg=0.0)
     tracker = KinematicTracker(kinematics, config)
     tracker.initialise(object_in_hand(kinematics, START), START, 1e-12 * np.eye(6), time=0.0)
@@ -114,7 +141,7 @@ def test_constant_offsets_of_the_hand_do_no_harm_while_only_the_arm_moves(kinema
     arm_only = tracker.update(moved, 1.0)[1]
     moved[-4:] += 0.1
     with_thumb = tracker.update(moved, 1.0)[1]
-    assert np.sqrt(arm_only[3, 3]) < 1.3 * config.thumb_position_std
+    assert np.sqrt(arm_only[3, 3]) < 1.3 * config.give_position
     assert np.trace(with_thumb[3:, 3:]) > 2.0 * np.trace(arm_only[3:, 3:])
 
 

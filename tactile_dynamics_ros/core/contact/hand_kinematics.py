@@ -109,6 +109,11 @@ class HandKinematics:
             return np.asarray(sensors[..., finger_index(finger), :, :])
         return np.asarray(sensors[np.arange(len(finger)), _rows(finger)])
 
+    def in_sensor_frame(self, finger: str, positions: Array, point: Array) -> Array:
+        """Return a point (3,) of the world in a finger's sensor frame, m."""
+        pose = self.sensor_pose(finger, positions)
+        return np.asarray((point - pose[:3, 3]) @ pose[:3, :3])
+
     def jacobian(self, finger: str | Sequence[str], positions: Array, point: Array) -> Array:
         """Return the Jacobian of a point that moves with a finger's sensor frame.
 

@@ -93,19 +93,3 @@ def probing_angles(count: int) -> Array:
     pairs = np.array([0.0, 0.25, 0.125, 0.375])
     turns = np.stack([pairs, pairs + 0.5], axis=1).reshape(-1)
     return 2.0 * np.pi * np.resize(turns, count)
-
-
-def align_points(points: Array, reference: Array) -> tuple[Array, Array]:
-    """Return R (3, 3) and t (3,) that bring points onto a reference, min sum |R p_k + t - q_k|^2.
-
-    Args:
-        points: (K, 3), at least three.
-        reference: (K, 3).
-
-    Source: Kabsch 1976.
-    """
-    centre, goal = points.mean(axis=0), reference.mean(axis=0)
-    left, _, right = np.linalg.svd((points - centre).T @ (reference - goal))
-    sign = np.diag([1.0, 1.0, np.sign(np.linalg.det(right.T @ left.T))])
-    turn = right.T @ sign @ left.T
-    return np.asarray(turn), np.asarray(goal - turn @ centre)

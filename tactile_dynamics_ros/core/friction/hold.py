@@ -14,7 +14,7 @@ from tactile_dynamics_ros.core.contact.hand_kinematics import (
     finger_index,
 )
 from tactile_dynamics_ros.core.contact.robot_description import HAND_JOINTS
-from tactile_dynamics_ros.core.friction.cone import align_points
+from tactile_dynamics_ros.core.rigid_body.alignment import align_points
 from tactile_dynamics_ros.core.rigid_body.rotation import log_so3, skew
 
 Array = NDArray[np.float64]
@@ -64,7 +64,8 @@ def total_wrench(points: Array, forces: Array, centre: Array) -> Array:
 class Hold:
     """Joint targets of the holding fingers that make up for what the probing finger does.
 
-    Their forces balance the probe's push, and a spring with integral action on the object brings it
+    Their forces balance what the probe is to push (what it is felt to push comes late, and a light
+    object in the air would be rocked by it), and a spring with integral action on the object brings it
     back to where it was: stiffness 150 N/m and 2 N m/rad, as far as 1.2 N and 0.06 N m.
 
     Source: facts on Allegro practice (object-level impedance 80 N/m, 2 N m/rad).
@@ -126,7 +127,7 @@ class Hold:
             dt: s since the last call.
             positions: (23,) measured, rad.
             wanted: (K,) normal forces, N.
-            probe: point (3,) and force (3,) of the probing finger.
+            probe: point (3,) and wanted force (3,) of the probing finger.
         """
         others = total_wrench(probe[0][None], probe[1][None], self._centre)
         back = self._bring_back(dt, positions)

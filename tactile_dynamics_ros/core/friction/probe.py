@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.core.contact.hand_kinematics import ARM_DOF, HandKinematics, finger_index
 from tactile_dynamics_ros.core.contact.robot_description import FINGERS
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
-from tactile_dynamics_ros.core.friction.cone import align_points, probing_angles, tangent_basis
+from tactile_dynamics_ros.core.friction.cone import probing_angles, tangent_basis
 from tactile_dynamics_ros.core.friction.estimate import (
     FrictionEstimate,
     SlipEvent,
@@ -21,6 +21,7 @@ from tactile_dynamics_ros.core.friction.probe_input import ProbeInput
 from tactile_dynamics_ros.core.friction.slip_detection import SlipFusion, SlipObservation, SlipState
 from tactile_dynamics_ros.core.friction.slip_log import Attempt, SlipLog
 from tactile_dynamics_ros.core.friction.surface import ObjectSurface, SurfacePlace
+from tactile_dynamics_ros.core.rigid_body.alignment import align_points
 
 Array = NDArray[np.float64]
 
@@ -199,7 +200,7 @@ class FrictionProbe:
         share = min(1.0, (seen.time - self._begin) / self.config.brace_time)
         self._memory += dt / _MEMORY_TIME * (self.components(felt) - self._memory)
         self._pushed += min(1.0, dt / 0.03) * (felt - self._pushed)
-        probing = (self._kinematics_point(seen.positions), self._pushed)
+        probing = (self._kinematics_point(seen.positions), wanted)
         grip = self._grip_from + share * (self._grip(self.wanted[0]) - self._grip_from)
         self._targets[ARM_DOF:] = self._hold.command(dt, seen.positions, grip, probing)
         self._targets[self._own] = finger

@@ -44,7 +44,7 @@ class FrictionProbeConfig:
     press: float = parameter(1.7, "normal force before each slip", "N", 0.3, 3.0)
     tangential: float = parameter(0.6, "tangential force of the first slip", "N", 0.1, 2.0)
     slip_normal: float = parameter(0.9, "normal force at which slips are wanted", "N", 0.2, 2.0)
-    grip: float = parameter(2.2, "normal force of the thumb while probing", "N", 0.3, 4.0)
+    grip: float = parameter(3.4, "normal force of the thumb while probing", "N", 0.3, 4.0)
     press_rate: float = parameter(4.0, "ramp of the press", "N/s", 0.1, 20.0)
     load_rate: float = parameter(1.5, "ramp of the tangential force", "N/s", 0.1, 20.0)
     fast_rate: float = parameter(1.5, "unloading far from slip", "N/s", 0.05, 10.0)

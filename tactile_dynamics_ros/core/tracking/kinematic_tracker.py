@@ -1,47 +1,47 @@
-"""Track a grasped object by the hand's joints: rigid to the thumb, softly held by the others.
+"""Track a grasped object by the hand's joints: it rolls on the fingertips that hold it.
 
-After one pose from vision the object moves with the thumb's frame; every other finger in contact
-says where the point it holds has gone. All of these are predictions of one pose, with errors that
-are correlated because they share joints; generalised least squares combines them and yields the
-covariance.
+After one pose from vision, every step of the joints moves the points of the skin that touch now,
+and the object moves so that its surface goes with them. Where on the skin that is, the fingertips
+tell; a point that is fixed for good, as in relaxed rigidity, would not see the object roll. A
+contact is a patch that resists being turned, so two fingers, or one, are enough.
 
-Source: paper A, Sec. IV (tracking by relaxed rigidity) and its reference 32.
+Source: paper A, Sec. IV (tracking by relaxed rigidity) and its reference 32; rolling contact after
+Montana 1988 (velocities of both surfaces agree at the contact).
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.contact.hand_kinematics import (
-    DOF,
     HandKinematics,
     finger_index,
 )
 from tactile_dynamics_ros.core.contact.joint_uncertainty import JointUncertaintyConfig
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
-from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, log_so3, skew, twice
+from tactile_dynamics_ros.core.rigid_body.alignment import align_points
+from tactile_dynamics_ros.core.rigid_body.rotation import log_so3, skew, twice
 
 Array = NDArray[np.float64]
 
 ANCHOR = "thumb"
 SETTLED_POSITION = 0.05
+_PATCH = np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
 
 
 @dataclass(frozen=True)
 class KinematicTrackerConfig:
-    """How softly the fingertips hold the object."""
+    """How the fingertips hold the object."""
 
-    thumb_rotation_std_deg: float = parameter(
-        1.0, "roll of the object on the thumb", "deg", 0.0, 45
-    )
-    thumb_position_std: float = parameter(3e-4, "give of the thumb's skin", "m", 0.0, 0.02)
-    finger_position_std: float = parameter(6e-4, "give and roll of another finger", "m", 0.0, 0.05)
-    creep_position: float = parameter(4e-4, "slow slip in the hand", "m/sqrt(s)", 0.0, 0.1)
+    patch: float = parameter(2e-3, "radius of a contact that resists being turned", "m", 1e-5, 0.02)
+    give_position: float = parameter(1e-4, "give of the skin", "m", 0.0, 0.02)
+    give_rotation_deg: float = parameter(0.1, "turn by the give of the skin", "deg", 0.0, 45.0)
+    creep_position: float = parameter(1e-4, "slow slip in the hand", "m/sqrt(s)", 0.0, 0.1)
     creep_rotation_deg: float = parameter(0.4, "slow turn in the hand", "deg/sqrt(s)", 0.0, 10.0)
     vision_position_std: float = parameter(1e-3, "initial position if not stated", "m", 0.0, 0.1)
     vision_rotation_std_deg: float = parameter(0.5, "initial rotation if not stated", "deg", 0, 45)
@@ -55,7 +55,7 @@ class KinematicTrackerConfig:
 
 
 class KinematicTracker:
-    """Pose of a grasped object from joint positions, with covariance.
+    """Pose of a grasped object from joint positions and contact points, with covariance.
 
     Args:
         kinematics: of arm and hand.
@@ -102,7 +102,7 @@ class KinematicTracker:
             covariance = self.vision_covariance()
         settled = _diagonal(np.deg2rad(self.config.settled_rotation_deg), SETTLED_POSITION)
         covariance = np.linalg.inv(np.linalg.inv(covariance) + np.linalg.inv(settled))
-        self._grasp = _Grasp(self.kinematics, pose, joint_positions, np.array(covariance), time)
+        self._grasp = _Grasp(self.kinematics, pose, joint_positions, covariance, time)
 
     def vision_covariance(self) -> Array:
         """Return the covariance (6, 6) taken for a pose from vision that states none."""
@@ -114,14 +114,15 @@ class KinematicTracker:
         self._grasp = None
 
     def update(
-        self, joint_positions: Array, time: float, touching: Collection[str] = ()
+        self, joint_positions: Array, time: float, contacts: Mapping[str, ArrayLike] | None = None
     ) -> tuple[Array, Array]:
         """Return the object's pose at new joint positions.
 
         Args:
             joint_positions: (23,) rad.
             time: s.
-            touching: fingers besides the thumb that hold the object now.
+            contacts: (3,) points of the skin that touch the object now, sensor frames, m, by
+                finger; the thumb's sensor frame holds the object where there is none.
 
         Returns:
             X_WO (4, 4) and its covariance (6, 6) [rotation, position], world axes.
@@ -133,35 +134,35 @@ class KinematicTracker:
             raise NotIdentifiableError(
                 "kinematic tracker has no initial object pose; send one on /object/pose/vision"
             )
-        grasp = self._grasp
-        predicted = grasp.rigid_prediction(joint_positions)
-        fingers = [finger for finger in touching if finger != ANCHOR]
-        design, innovation, constant, varying = grasp.relate(joint_positions, predicted, fingers)
-        joints = self.config.joints
-        noise = (constant * joints.constant_variance()) @ constant.T
-        noise += (varying * joints.varying_variance()) @ varying.T
-        noise += np.diag(self._give(len(fingers)))
-        weight = np.linalg.solve(noise, design).T
-        spread = np.linalg.inv(weight @ design)
-        correction = spread @ weight @ innovation
-        pose = np.eye(4)
-        pose[:3, :3] = exp_so3(correction[:3]) @ predicted[:3, :3]
-        pose[:3, 3] = predicted[:3, 3] + correction[3:]
-        return pose, spread + grasp.initial_covariance(pose) + self._creep(grasp.age(time))
+        grasp, config = self._grasp, self.config
+        hold = grasp.roll(joint_positions, contacts or {ANCHOR: np.zeros(3)}, config.patch)
+        constant, varying = grasp.sensitivities(joint_positions, hold)
+        covariance = (constant * config.joints.constant_variance()) @ constant.T
+        covariance += (varying * config.joints.varying_variance()) @ varying.T
+        covariance += grasp.initial_covariance() + self._give(grasp.age(time))
+        return grasp.pose.copy(), covariance
 
-    def _give(self, fingers: int) -> Array:
-        config = self.config
-        thumb = [np.deg2rad(config.thumb_rotation_std_deg)] * 3 + [config.thumb_position_std] * 3
-        return np.array(thumb + [config.finger_position_std] * (3 * fingers)) ** 2
+    def _give(self, age: float) -> Array:
+        config, root = self.config, np.sqrt(max(age, 0.0))
+        give = _diagonal(np.deg2rad(config.give_rotation_deg), config.give_position)
+        rotation = np.deg2rad(config.creep_rotation_deg)
+        return give + _diagonal(rotation * root, config.creep_position * root)
 
-    def _creep(self, age: float) -> Array:
-        root = np.sqrt(max(age, 0.0))
-        rotation = np.deg2rad(self.config.creep_rotation_deg)
-        return _diagonal(rotation * root, self.config.creep_position * root)
+
+@dataclass(frozen=True)
+class _Hold:
+    """Least squares by which the motions of K contacts make the object's.
+
+    Attributes:
+        index: of the fingers. share: (K, 6, 6) share of each one's motion [rotation, position].
+    """
+
+    index: list[int]
+    share: Array
 
 
 class _Grasp:
-    """What was known when tracking began: object, joints, and the points that fingers hold."""
+    """The object in the hand: where it is, and what was known when tracking began."""
 
     def __init__(
         self,
@@ -171,19 +172,13 @@ class _Grasp:
         covariance: Array,
         time: float | None,
     ) -> None:
+        self.pose = pose
         self._kinematics = kinematics
-        self._pose = pose
-        self._positions = np.array(positions, dtype=float)
+        self._first = pose
         self._covariance = covariance
         self._start = time
-        sensors = kinematics.locate(self._positions).sensors
-        self._thumb_to_object = np.linalg.inv(sensors[finger_index(ANCHOR)]) @ pose
-        self._tips = sensors[:, :3, 3].copy()
-        self._tips_in_object = (self._tips - pose[:3, 3]) @ pose[:3, :3]
-        self._object_jacobian = kinematics.jacobian(ANCHOR, self._positions, pose[:3, 3])
-        self._tip_jacobians = kinematics.jacobian(kinematics.fingers, self._positions, self._tips)[
-            :, 3:
-        ]
+        self._sensors = kinematics.locate(np.asarray(positions, dtype=float)).sensors.copy()
+        self._jacobians = self._tip_jacobians(positions, self._sensors)
 
     def age(self, time: float) -> float:
         """Return the time since tracking began."""
@@ -191,41 +186,52 @@ class _Grasp:
             self._start = time
         return time - self._start
 
-    def rigid_prediction(self, positions: Array) -> Array:
-        """Return X_WO if the object were rigid to the thumb."""
-        return np.asarray(self._kinematics.sensor_pose(ANCHOR, positions) @ self._thumb_to_object)
+    def roll(self, positions: Array, contacts: Mapping[str, ArrayLike], patch: float) -> _Hold:
+        """Move the object with the points of the skin that hold it.
 
-    def initial_covariance(self, pose: Array) -> Array:
-        """Return the covariance of the initial pose carried along to ``pose``."""
-        turn = twice(pose[:3, :3] @ self._pose[:3, :3].T)
+        The rigid motion is that which fits the motions of all contacts best, each a patch: its
+        middle and six points around it. For small motions v, w of the object and v_k, w_k of the
+        contacts at r_k that is min sum_k |v + w x r_k - v_k|^2 + 2/7 patch^2 |w - w_k|^2.
+        """
+        sensors = self._kinematics.locate(positions).sensors.copy()
+        index = [finger_index(finger) for finger in contacts]
+        points = np.array(list(contacts.values()), dtype=float)[:, None] + patch * _PATCH
+        before, after = _place(self._sensors[index], points), _place(sensors[index], points)
+        turn, shift = align_points(before.reshape(-1, 3), after.reshape(-1, 3))
+        self._sensors = sensors
+        self.pose = np.array(self.pose)
+        self.pose[:3, :3] = turn @ self.pose[:3, :3]
+        self.pose[:3, 3] = turn @ self.pose[:3, 3] + shift
+        design = np.tile(np.eye(6), (len(index), 1, 1))
+        design[:, 3:, :3] = -skew(after.mean(axis=1) - self.pose[:3, 3])
+        weighted = np.swapaxes(design, 1, 2) * ([2.0 / 7.0 * patch**2] * 3 + [1.0] * 3)
+        return _Hold(index, np.linalg.solve(np.sum(weighted @ design, axis=0), weighted))
+
+    def initial_covariance(self) -> Array:
+        """Return the covariance of the initial pose carried along to the pose of now."""
+        turn = twice(self._turn())
         return np.asarray(turn @ self._covariance @ turn.T)
 
-    def relate(
-        self, positions: Array, predicted: Array, fingers: Sequence[str]
-    ) -> tuple[Array, Array, Array, Array]:
-        """Return design, innovation, and sensitivities to constant and varying joint errors.
+    def sensitivities(self, positions: Array, hold: _Hold) -> tuple[Array, Array]:
+        """Return the pose's derivatives (6, 23) by constant and by varying errors of joints.
 
         A joint error that was there at the start acts only by how far its effect has changed.
         """
-        turn = predicted[:3, :3] @ self._pose[:3, :3].T
-        jacobian = self._kinematics.jacobian(ANCHOR, positions, predicted[:3, 3])
-        carried = twice(turn) @ self._object_jacobian
-        rows = 6 + 3 * len(fingers)
-        design, innovation = np.zeros((rows, 6)), np.zeros(rows)
-        constant, varying = np.zeros((rows, DOF)), np.zeros((rows, DOF))
-        design[:6], constant[:6], varying[:6] = np.eye(6), jacobian - carried, jacobian
-        index = [finger_index(finger) for finger in fingers]
-        tips = self._kinematics.locate(positions).sensors[index, :3, 3]
-        arms = self._tips_in_object[index] @ predicted[:3, :3].T
-        of_tips = self._kinematics.jacobian(fingers, positions, tips)[:, 3:]
-        design[6:, :3], design[6:, 3:] = (
-            -skew(arms).reshape(-1, 3),
-            np.tile(np.eye(3), (len(index), 1)),
-        )
-        innovation[6:] = (tips - predicted[:3, 3] - arms).ravel()
-        constant[6:] = (of_tips - turn @ self._tip_jacobians[index]).reshape(-1, DOF)
-        varying[6:] = of_tips.reshape(-1, DOF)
-        return design, innovation, constant, varying
+        jacobians = self._tip_jacobians(positions, self._sensors)[hold.index]
+        carried = twice(self._turn()) @ self._jacobians[hold.index]
+        constant = np.einsum("kij,kjn->in", hold.share, jacobians - carried)
+        return constant, np.einsum("kij,kjn->in", hold.share, jacobians)
+
+    def _turn(self) -> Array:
+        return np.asarray(self.pose[:3, :3] @ self._first[:3, :3].T)
+
+    def _tip_jacobians(self, positions: Array, sensors: Array) -> Array:
+        return self._kinematics.jacobian(self._kinematics.fingers, positions, sensors[:, :3, 3])
+
+
+def _place(poses: Array, points: Array) -> Array:
+    """Return points (K, N, 3) of K frames in the world."""
+    return np.asarray(points @ np.swapaxes(poses[:, :3, :3], 1, 2) + poses[:, None, :3, 3])
 
 
 def _diagonal(rotation_std: float, position_std: float) -> Array:

@@ -32,6 +32,8 @@ Array = NDArray[np.float64]
 
 OUTPUTS = 10
 _PHASE_STEP = 7
+_LARGEST_GRADIENT = 3.0
+"""Norm to which gradients are cut: a batch with a rare large error must not undo an epoch."""
 
 
 @dataclass(frozen=True)
@@ -124,6 +126,7 @@ def train_network(
             optimiser.zero_grad()
             loss = contact_loss(network(batch.inputs), batch, config.place_share)
             torch.autograd.backward(loss)
+            nn.utils.clip_grad_norm_(network.parameters(), _LARGEST_GRADIENT)
             optimiser.step()
             schedule.step()
             losses.append(float(loss.detach()))

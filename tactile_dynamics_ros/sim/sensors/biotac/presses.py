@@ -24,9 +24,13 @@ class PressConfig:
     rest_frames: int = parameter(60, "frames without contact at the start", "", 1)
     typical_force: float = parameter(1.0, "median of the largest force of a sequence", "N", 0.01)
     strongest_force: float = parameter(6.0, "largest force of all", "N", 0.01)
-    friction: float = parameter(0.8, "largest ratio of tangential to normal force", "", 0.0, 3.0)
+    friction: float = parameter(1.25, "largest ratio of tangential to normal force", "", 0.0, 3.0)
     hold_share: float = parameter(
-        0.4, "share of sequences that hold a nearly constant force", "", 0, 1
+        0.4,
+        "share of sequences that hold a nearly constant force, half of them until its end",
+        "",
+        0,
+        1,
     )
     flat_share: float = parameter(0.5, "share of sequences with a flat object", "", 0.0, 1.0)
     roll: float = parameter(1.5e-3, "how far the contact rolls over the skin", "m", 0.0, 1e-2)
@@ -106,7 +110,7 @@ def _forces(config: PressConfig, point: Array, rng: np.random.Generator) -> Arra
     varying = np.clip(0.55 + 0.45 * wave, 0.0, None)
     strength = peak * np.where(held, np.clip(0.8 + 0.1 * wave, 0.0, None), varying)
     ramp = (np.arange(config.frames) - config.rest_frames) / 30.0
-    strength = strength * np.clip(ramp, 0.0, 1.0)
+    strength = strength * np.clip(ramp, 0.0, 1.0) * np.where(held, _let_go(config, rng), 1.0)
     normal = outward_normal(point)
     tangent = np.stack([_waves(config, rng, 0.8) for _ in range(3)], axis=-1)
     tangent -= np.sum(tangent * normal, axis=-1, keepdims=True) * normal
@@ -114,6 +118,12 @@ def _forces(config: PressConfig, point: Array, rng: np.random.Generator) -> Arra
     tangent *= np.minimum(1.0, 1.0 / np.maximum(length, 1e-9))
     share = config.friction * rng.random((config.units, 1))
     return np.asarray(strength[..., None] * (normal + share[..., None] * tangent))
+
+
+def _let_go(config: PressConfig, rng: np.random.Generator) -> Array:
+    """Return (U, T) shares of a hold: one, and zero once the finger is lifted off for good."""
+    last = config.frames * rng.uniform(0.4, 1.6, (config.units, 1))
+    return np.clip((last - np.arange(config.frames)) / 20.0, 0.0, 1.0)
 
 
 def _waves(config: PressConfig, rng: np.random.Generator, rate_hz: float) -> Array:
