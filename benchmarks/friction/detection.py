@@ -15,8 +15,11 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 RAMPS = ("load", "unload", "drag", "slide")
-STILL, GROSS = 3e-4, 2e-3
-"""Sliding speed below which nothing slips, and above which it surely does, m/s."""
+STILL, GROSS = 3e-4, 1e-3
+"""Sliding speed below which nothing slips, and above which it surely does, m/s. Between the two an
+alarm is neither right nor wrong."""
+LATELY = 25
+"""Instants back to which an alarm may owe itself to a slip."""
 SOON = 0.5
 PERIOD = 0.01
 
@@ -119,9 +122,9 @@ def _score(
     for attempt in attempts:
         told, onset = detector(attempt), attempt.onset
         end = len(told) if onset is None else max(onset - 3, 0)
-        rising = told[:end] & ~np.concatenate([[False], told[:end][:-1]])
-        alarms += int(rising.sum())
-        quiet += PERIOD * end
+        rising = np.flatnonzero(told[:end] & ~np.concatenate([[False], told[:end][:-1]]))
+        alarms += sum(attempt.speed[max(0, k - LATELY) : k + 1].max() < STILL for k in rising)
+        quiet += PERIOD * int((attempt.speed[:end] < STILL).sum())
         if onset is None:
             continue
         slips += 1

@@ -173,7 +173,6 @@ class LiveChain:
         self.replay.fused.add(moment.time, fused, spread, self._fusion.doubtful)
         self._fused = fused
 
-
     def _skin_points(self, moment: Moment) -> dict[str, np.ndarray]:
         """Contact points in the sensor frames."""
         place = self._kinematics.in_sensor_frame

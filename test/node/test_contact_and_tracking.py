@@ -9,6 +9,7 @@ from tactile_dynamics_ros.core.contact.hand_kinematics import HandKinematics
 from tactile_dynamics_ros.core.contact.robot_description import FINGERS, JOINT_NAMES
 from tactile_dynamics_ros.core.manipulation.grasp_planner import ARM_HOME, HAND_SEED
 from tactile_dynamics_ros.core.rigid_body.rotation import log_so3
+from tactile_dynamics_ros.core.tracking.kinematic_tracker import KinematicTracker
 from tactile_dynamics_ros.nodes import conversions as cv
 from tactile_dynamics_ros.nodes.contact_state import ContactStateNode
 from tactile_dynamics_ros.nodes.kinematic_tracker import KinematicTrackerNode
@@ -17,6 +18,8 @@ from tactile_dynamics_ros.nodes.shell import LATCHED
 POSITIONS = np.concatenate([ARM_HOME, HAND_SEED])
 KINEMATICS = HandKinematics()
 FORCE = np.array([0.2, -0.1, -1.5])
+SKIN = {finger: np.array([4e-3, 0.0, -5.7e-3]) for finger in FINGERS}
+"""Where the skin touches, sensor frames."""
 
 
 def send_joints(bench, time, positions=POSITIONS):
@@ -118,6 +121,14 @@ class Grasp:
             message = cv.wrench_to_message(wrench, self.time, "world")
             self.bench.send(f"/contact/{finger}/force", message)
 
+    def touch(self, positions):
+        """Publish where the skin touches at the next 10 ms."""
+        for finger in FINGERS:
+            pose = KINEMATICS.sensor_pose(finger, positions).copy()
+            pose[:3, 3] += pose[:3, :3] @ SKIN[finger]
+            message = cv.pose_to_message(pose, self.time + 0.01, "world")
+            self.bench.send(f"/contact/{finger}/pose", message)
+
     def step(self, positions=POSITIONS, fingers=FINGERS, vision=True):
         """Publish 10 ms."""
         self.send(positions, fingers)
@@ -186,7 +197,28 @@ def test_tracked_pose_does_not_leap_while_forces_are_late(grasp):
     for _ in range(3):
         grasp.step(spread, fingers=("thumb", "index"), vision=False)
     freed = cv.uncertain_pose_to_core(grasp.poses(topic)[-1], topic, "world")[0][:3, 3]
-    assert np.linalg.norm(freed - places[-1]) > 1e-4
+    assert np.linalg.norm(freed - places[-1]) < 1e-6
+
+
+def test_object_rolls_on_the_contact_points_that_are_told(grasp):
+    start_tracking(grasp)
+    goal = 0.1 * np.r_[np.zeros(7), np.tile([0.0, 1.0, -1.0, 0.5], 4)]
+    path = [POSITIONS + share * goal for share in np.linspace(0.0, 1.0, 30)]
+    for positions in path:
+        grasp.touch(positions)
+        grasp.step(positions, vision=False)
+    topic = "/object/pose/kinematic"
+    grasp.bench.until(lambda: cv.to_seconds(grasp.poses(topic)[-1].stamp) > grasp.time - 0.001)
+    found, _ = cv.uncertain_pose_to_core(grasp.poses(topic)[-1], topic, "world")
+    gaps = []
+    for points in (SKIN, dict.fromkeys(FINGERS, np.zeros(3))):
+        tracker = KinematicTracker(KINEMATICS)
+        tracker.initialise(grasp.truth(POSITIONS), POSITIONS, time=0.0)
+        for positions in path:
+            expected, _ = tracker.update(positions, 0.0, points)
+        gaps.append(np.linalg.norm(found[:3, 3] - expected[:3, 3]))
+    assert gaps[0] < 2e-4
+    assert gaps[1] > 4.0 * gaps[0]
 
 
 def test_tracking_goes_on_after_messages_have_piled_up(grasp):

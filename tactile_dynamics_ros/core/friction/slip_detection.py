@@ -19,11 +19,11 @@ class SlipFusionConfig:
     electrodes: float = parameter(0.3, "weight of the electrodes' change", "", 0.0, 10.0)
     vibration_std: float = parameter(0.25, "scatter of the log level at rest", "", 0.01, 2.0)
     vibration_rise: float = parameter(0.6, "log level of a slow slip", "", 0.1, 3.0)
-    speed_std: float = parameter(1.2e-3, "scatter of the tip's speed at rest", "m/s", 1e-5, 0.1)
+    speed_std: float = parameter(1.8e-3, "scatter of the tip's speed at rest", "m/s", 1e-5, 0.1)
     speed_rise: float = parameter(2.5e-3, "speed of a slow slip", "m/s", 1e-4, 0.1)
     electrode_std: float = parameter(1.0, "scatter of the electrodes' change at rest", "", 0.01, 9)
     electrode_rise: float = parameter(2.5, "their change in a slip, in rest levels", "", 0.1, 50.0)
-    threshold: float = parameter(12.0, "log likelihood ratio that is a slip", "", 1.0, 100.0)
+    threshold: float = parameter(14.0, "log likelihood ratio that is a slip", "", 1.0, 100.0)
     window: float = parameter(0.04, "over which the tip's speed is taken", "s", 0.02, 0.5)
 
     def __post_init__(self) -> None:
