@@ -1,4 +1,4 @@
-"""Friction probing: accuracy over objects, slip detection, warping surface, hidden effects."""
+"""Friction probing: accuracy, slip detection, objects in the air or warping, hidden effects."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ from benchmarks.friction.accuracy import run_study, summarise_study
 from benchmarks.friction.detection import score_detectors
 from benchmarks.friction.figures import draw_study
 from benchmarks.friction.hidden import FIRST_SEED, run_hidden
+from benchmarks.friction.lifted import run_lifted, summarise_lifted
 from benchmarks.friction.warping import run_warping, summarise_warping
 
-PARTS = ("accuracy", "detection", "warping", "hidden")
+PARTS = ("accuracy", "detection", "lifted", "warping", "hidden")
 
 
 def main() -> int:
@@ -30,6 +31,9 @@ def main() -> int:
             found["detection"] = score_detectors(rows)
         if options.figure:
             print(f"wrote {draw_study(rows, Path(options.figure))}", file=sys.stderr)
+    if "lifted" in options.only:
+        lifted = run_lifted(options.lifted, options.processes, cache / "lifted.jsonl")
+        found["lifted"] = summarise_lifted(lifted)
     if "warping" in options.only:
         carton = run_warping(options.cartons, options.processes, cache / "warping.jsonl")
         found["warping"] = summarise_warping(carton)
@@ -43,6 +47,7 @@ def _parse() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--hands", type=int, default=10, help="fingertips, 10 probes with each")
     parser.add_argument("--cartons", type=int, default=6, help="probes of the warping carton")
+    parser.add_argument("--lifted", type=int, default=4, help="hands that probe in the air")
     parser.add_argument("--seeds", type=int, default=20, help="recordings per hidden effect")
     parser.add_argument("--start", type=int, default=FIRST_SEED, help="first seed of those")
     parser.add_argument("--processes", type=int, default=2, help="probes at a time")

@@ -1,5 +1,7 @@
 """Friction in the simulator, surfaces that give way, and how detectors of slip are scored."""
 
+from dataclasses import replace
+
 import numpy as np
 import pybullet
 import pytest
@@ -7,8 +9,10 @@ import pytest
 from benchmarks.friction.accuracy import calibrate, summarise_study
 from benchmarks.friction.detection import score_detectors
 from benchmarks.friction.subjects import REFERENCE, SUBJECTS, draw_friction
+from benchmarks.friction.trials import Case, build_trial
 from tactile_dynamics_ros.cli.probe import finger_gain
 from tactile_dynamics_ros.core.manipulation.grasp_planner import ARM_HOME, HAND_SEED
+from tactile_dynamics_ros.sim.probe_trial import run_probe_trial
 from tactile_dynamics_ros.sim.skin_friction import SkinFriction, SurfaceFriction
 from tactile_dynamics_ros.sim.warping import PANEL_INERTIA
 from tactile_dynamics_ros.sim.world import HandWorld, WorldConfig
@@ -45,6 +49,19 @@ def test_regions_have_their_own_friction():
         friction = SkinFriction(world, regions, surfaces)
         assert friction.region(np.array([0.03, 0.0, 0.0])) == "label"
         assert friction.region(np.array([0.03, 0.0, 0.1])) == "body"
+
+
+@pytest.mark.timeout(240)
+def test_an_object_in_the_air_is_probed_without_being_rocked():
+    """Were the felt force fed to the holding fingers, the brick would swing by 10 degrees."""
+    duplo = next(subject for subject in SUBJECTS if subject.name == "lego duplo")
+    trial = build_trial(Case(duplo, 301, in_air=True))
+    trial = replace(trial, probe=replace(trial.probe, most_slips=8))
+    result = run_probe_trial(trial)
+    assert result.outcome == "" and not result.dropped
+    found, truth = result.estimates[duplo.region], trial.surfaces[duplo.region].static
+    assert found.interval[0] < truth < found.interval[1]
+    assert found.static == pytest.approx(truth, rel=0.1)
 
 
 def test_a_face_that_gives_way_swings_as_its_spring_says():

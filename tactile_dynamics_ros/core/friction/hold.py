@@ -64,9 +64,9 @@ def total_wrench(points: Array, forces: Array, centre: Array) -> Array:
 class Hold:
     """Joint targets of the holding fingers that make up for what the probing finger does.
 
-    Their forces balance what the probe is to push (what it is felt to push comes late, and a light
-    object in the air would be rocked by it), and a spring with integral action on the object brings it
-    back to where it was: stiffness 150 N/m and 2 N m/rad, as far as 1.2 N and 0.06 N m.
+    Their forces balance what the probe is to push; what it is felt to push comes late, and would
+    rock a light object in the air. A spring with integral action on the object brings it back to
+    where it was: stiffness 150 N/m and 2 N m/rad, as far as 1.2 N and 0.06 N m.
 
     Source: facts on Allegro practice (object-level impedance 80 N/m, 2 N m/rad).
 
