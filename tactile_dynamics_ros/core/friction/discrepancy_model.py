@@ -36,6 +36,13 @@ class FrictionNoise:
     force_std: float = parameter(0.01, "of a tangential force at slip", "N", 1e-4, 1.0)
     relative_std: float = parameter(0.025, "scatter of single slips", "", 1e-4, 0.5)
     tilt_std_deg: float = parameter(5.0, "constant error of the force's direction", "deg", 0, 20)
+    reading_std: float = parameter(
+        0.004,
+        "constant error of the force at slip, since the greatest ratio is taken",
+        "N",
+        0.0,
+        1.0,
+    )
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -45,8 +52,9 @@ class FrictionNoise:
 class FrictionModel:
     """T = mu N with static and kinetic coefficient, and effects; residual measured - predicted.
 
-    The covariance of the residuals holds the scatter of single slips and one constant error of the
-    force's direction, which all slips share; its Cholesky factor makes them white.
+    The covariance of the residuals holds the scatter of single slips and what all slips share: one
+    constant error of the force's direction, and one of the force that is read as that of the slip;
+    its Cholesky factor makes them white.
 
     Attributes:
         slips: what was measured.
@@ -98,7 +106,9 @@ class FrictionModel:
         angle = np.repeat(slips.angle, 2)
         waves = steep[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
         tilt = np.deg2rad(noise.tilt_std_deg) ** 2
-        return np.linalg.cholesky(np.diag(own.reshape(-1)) + tilt * waves @ waves.T)
+        static = noise.reading_std * np.tile([1.0, 0.0], len(slips.time))
+        shared = tilt * waves @ waves.T + np.outer(static, static)
+        return np.linalg.cholesky(np.diag(own.reshape(-1)) + shared)
 
     def whiten(self, values: Array) -> Array:
         """White form of rows (2 N, ...)."""
