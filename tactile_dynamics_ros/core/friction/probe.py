@@ -27,6 +27,7 @@ Array = NDArray[np.float64]
 
 _RAMPS = (ProbePhase.LOAD, ProbePhase.UNLOAD, ProbePhase.DRAG)
 _FORCE_FLOOR = 0.2
+_LEAST_PRESS = 0.05
 _STEEPEST = 1.4
 _REACHED = 0.5
 _MEMORY_TIME = 2.0
@@ -192,7 +193,8 @@ class FrictionProbe:
         own = seen.contacts.get(self.config.finger)
         felt = np.zeros(3) if own is None else own.force
         point = self._contact_place(seen.positions)
-        state = self.slip_state = self.slips.update(seen.time, self._observation(seen, point))
+        seen_of_it = self._observation(seen, point, self.components(felt))
+        state = self.slip_state = self.slips.update(seen.time, seen_of_it)
         self._log.add(seen.time, self.components(felt), point)
         self._step_phase(dt, seen, state.slipping and self._elapsed(seen.time) > 0.08)
         wanted = self._force()
@@ -205,12 +207,13 @@ class FrictionProbe:
         self._targets[ARM_DOF:] = self._hold.command(dt, seen.positions, grip, probing)
         self._targets[self._own] = finger
 
-    def _observation(self, seen: ProbeInput, point: Array) -> SlipObservation:
+    def _observation(self, seen: ProbeInput, point: Array, felt: Array) -> SlipObservation:
         """What may be used: while the load builds up, finger and skin move without any slip."""
         self.path = float(point @ self._direction)
+        ratio = float(np.linalg.norm(felt[1:]) / max(felt[0], _LEAST_PRESS))
         if self.phase is ProbePhase.LOAD and seen.vibration is not None:
-            return SlipObservation(seen.vibration)
-        return SlipObservation(seen.vibration, seen.electrodes, self.path)
+            return SlipObservation(seen.vibration, ratio=ratio)
+        return SlipObservation(seen.vibration, seen.electrodes, self.path, ratio)
 
     def _step_phase(self, dt: float, seen: ProbeInput, slipping: bool) -> None:
         """Move the wanted normal and tangential force, and go on to the next phase."""

@@ -15,15 +15,16 @@ class SlipFusionConfig:
     """What each channel does at rest and in a slip, and how sure the detector has to be."""
 
     vibration: float = parameter(1.0, "weight of the vibration", "", 0.0, 10.0)
-    kinematics: float = parameter(1.0, "weight of the fingertip's motion", "", 0.0, 10.0)
-    electrodes: float = parameter(0.3, "weight of the electrodes' change", "", 0.0, 10.0)
+    kinematics: float = parameter(0.5, "weight of the fingertip's motion", "", 0.0, 10.0)
+    electrodes: float = parameter(0.15, "weight of the electrodes' change", "", 0.0, 10.0)
     vibration_std: float = parameter(0.25, "scatter of the log level at rest", "", 0.01, 2.0)
     vibration_rise: float = parameter(0.6, "log level of a slow slip", "", 0.1, 3.0)
     speed_std: float = parameter(1.8e-3, "scatter of the tip's speed at rest", "m/s", 1e-5, 0.1)
     speed_rise: float = parameter(2.5e-3, "speed of a slow slip", "m/s", 1e-4, 0.1)
     electrode_std: float = parameter(1.0, "scatter of the electrodes' change at rest", "", 0.01, 9)
     electrode_rise: float = parameter(2.5, "their change in a slip, in rest levels", "", 0.1, 50.0)
-    threshold: float = parameter(14.0, "log likelihood ratio that is a slip", "", 1.0, 100.0)
+    threshold: float = parameter(16.0, "log likelihood ratio that is a slip", "", 1.0, 100.0)
+    least_ratio: float = parameter(0.2, "of forces, below which no surface slips", "", 0.0, 1.0)
     window: float = parameter(0.04, "over which the tip's speed is taken", "s", 0.02, 0.5)
 
     def __post_init__(self) -> None:
@@ -38,11 +39,13 @@ class SlipObservation:
         vibration: PAC level over rest (1 = silence), or None where the tip has no such channel.
         electrodes: change of the electrodes between frames over its scatter at rest, or None.
         path: of the fingertip on the object along the pull, m, or None.
+        ratio: of the tangential to the normal force that is felt, or None.
     """
 
     vibration: float | None = None
     electrodes: float | None = None
     path: float | None = None
+    ratio: float | None = None
 
 
 @dataclass(frozen=True)
@@ -66,8 +69,9 @@ class SlipFusion:
     """Cumulative sum of log likelihood ratios of three channels.
 
     S = max(0, S + sum_k w_k (m_k z_k - m_k^2 / 2)), with z_k a channel over its scatter at rest and
-    m_k its level in a slow slip. A slip is told where S passes the threshold; it began where S last
-    was zero, so that the delay of every detection is known by itself.
+    m_k its level in a slow slip; what is hardly pulled is at rest. A slip is told where S passes the
+    threshold; it began where S last was zero, so that the delay of every detection is known by
+    itself.
 
     Args:
         config: levels.
@@ -92,7 +96,8 @@ class SlipFusion:
         if self._score == 0.0:
             self._onset = time
         most = 2.0 * self.config.threshold
-        self._score = min(max(0.0, self._score + gain), most)
+        pulled = seen.ratio is None or seen.ratio >= self.config.least_ratio
+        self._score = min(max(0.0, self._score + gain), most) if pulled else 0.0
         slipping = self._score > (0.5 if self._state.slipping else 1.0) * self.config.threshold
         onset = self._state.onset if self._state.slipping else self._onset
         self._state = SlipState(slipping, self._score, onset, 0.0 if speed is None else speed)
@@ -129,4 +134,4 @@ class SlipFusion:
 
 def _ratio(z: float, mean: float) -> float:
     """Log likelihood ratio of N(mean, 1) against N(0, 1), bounded so that no channel rules."""
-    return float(np.clip(mean * z - 0.5 * mean**2, -4.0, 4.0))
+    return float(np.clip(mean * z - 0.5 * mean**2, -4.0, 6.0))
