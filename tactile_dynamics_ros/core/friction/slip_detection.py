@@ -69,9 +69,8 @@ class SlipFusion:
     """Cumulative sum of log likelihood ratios of three channels.
 
     S = max(0, S + sum_k w_k (m_k z_k - m_k^2 / 2)), with z_k a channel over its scatter at rest and
-    m_k its level in a slow slip; what is hardly pulled is at rest. A slip is told where S passes the
-    threshold; it began where S last was zero, so that the delay of every detection is known by
-    itself.
+    m_k its level in a slow slip; what is hardly pulled is at rest. A slip is told where S passes
+    the threshold; it began where S last was zero, so that the delay of every detection is known.
 
     Args:
         config: levels.
