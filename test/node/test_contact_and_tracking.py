@@ -17,6 +17,8 @@ from tactile_dynamics_ros.nodes.shell import LATCHED
 
 POSITIONS = np.concatenate([ARM_HOME, HAND_SEED])
 KINEMATICS = HandKinematics()
+VISION_COVARIANCE = np.diag([np.deg2rad(0.3) ** 2] * 3 + [3e-4**2] * 3)
+"""About what `vision_tracker` states."""
 FORCE = np.array([0.2, -0.1, -1.5])
 SKIN = {finger: np.array([4e-3, 0.0, -5.7e-3]) for finger in FINGERS}
 """Where the skin touches, sensor frames."""
@@ -135,7 +137,7 @@ class Grasp:
         self.bench.work(0.01)
         if vision:
             pose = self.truth(positions)
-            message = cv.uncertain_pose_to_message(pose, 1e-6 * np.eye(6), self.time, "world")
+            message = cv.uncertain_pose_to_message(pose, VISION_COVARIANCE, self.time, "world")
             self.bench.send("/object/pose/vision", message)
             self.bench.work(0.01)
 
