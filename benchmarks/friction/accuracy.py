@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.friction.subjects import REFERENCE, SUBJECTS
-from benchmarks.friction.trials import Case, run_cases
+from benchmarks.friction.trials import Case, holds_truth, run_cases
 
 FIRST_HAND = 1000
 REFERENCE_STD = 0.005
@@ -51,10 +51,7 @@ def summarise_study(rows: Iterable[dict[str, Any]]) -> dict[str, Any]:
     done = [row for row in rows if "estimate" in row]
     error = np.array([row["true_static"] - row["estimate"]["static"] for row in done])
     raw = np.array([row["true_static"] - row["estimate"]["static"] / row["gain"] for row in done])
-    inside = [
-        row["estimate"]["interval"][0] <= row["true_static"] <= row["estimate"]["interval"][1]
-        for row in done
-    ]
+    inside = [holds_truth(row) for row in done]
     return {
         "probes": len(rows),
         "with_estimate": len(done),

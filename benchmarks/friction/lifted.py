@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.friction.subjects import SUBJECTS
-from benchmarks.friction.trials import Case, run_cases
+from benchmarks.friction.trials import Case, holds_truth, run_cases
 
 LIGHT = tuple(s for s in SUBJECTS if s.name in ("3D printed", "lego duplo"))
 """Those that this hand can lift (115 and 280 g)."""
@@ -25,10 +25,7 @@ def summarise_lifted(rows: list[dict[str, Any]]) -> dict[str, Any]:
     """Errors, intervals that hold, drops, and how far the object was from where it began."""
     done = [row for row in rows if "estimate" in row]
     errors = [row["true_static"] - row["estimate"]["static"] for row in done]
-    inside = [
-        row["estimate"]["interval"][0] <= row["true_static"] <= row["estimate"]["interval"][1]
-        for row in done
-    ]
+    inside = [holds_truth(row) for row in done]
     return {
         "probes": len(rows),
         "with_estimate": len(done),

@@ -106,6 +106,12 @@ def summarise(case: Case, trial: ProbeTrial, result: ProbeResult) -> dict[str, A
     return row
 
 
+def holds_truth(row: dict[str, Any]) -> bool:
+    """Whether the interval of a probe with an estimate holds the true static coefficient."""
+    low, high = row["estimate"]["interval"]
+    return bool(low <= row["true_static"] <= high)
+
+
 def slip_scores(result: ProbeResult) -> dict[str, Any]:
     """Time series that compare detectors of slip with the true speed, thinned to what is needed."""
     if not result.record.rows:

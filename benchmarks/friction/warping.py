@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.friction.subjects import SUBJECTS
-from benchmarks.friction.trials import Case, build_trial, run_cases, summarise
+from benchmarks.friction.trials import Case, build_trial, holds_truth, run_cases, summarise
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
 from tactile_dynamics_ros.sim.probe_trial import run_probe_trial
 
@@ -40,13 +40,7 @@ def summarise_warping(rows: list[dict[str, Any]]) -> dict[str, Any]:
     """How often it was noticed, and how often a number was given with false confidence."""
     done = [row for row in rows if "estimate" in row]
     said = [row for row in done if row["estimate"]["normal_moves"]]
-    outside = [
-        row
-        for row in done
-        if not row["estimate"]["interval"][0]
-        <= row["true_static"]
-        <= row["estimate"]["interval"][1]
-    ]
+    outside = [row for row in done if not holds_truth(row)]
     return {
         "probes": len(rows),
         "with_estimate": len(done),

@@ -114,7 +114,9 @@ class FrictionProbe:
         self._grip_from = np.einsum("ki,ki->k", forces, np.stack(normals))
         self._hold.begin(seen.positions, targets, points, np.stack(normals), forces, probing)
         self._impedance.begin(seen.positions, targets, own.force)
-        self._point_in_tip = (own.point - pose[:3, 3]) @ pose[:3, :3]
+        self._point_in_tip = self._kinematics.in_sensor_frame(
+            self.config.finger, seen.positions, own.point
+        )
         self._pushed = np.array(own.force)
         self._memory = self.components(own.force)
         self._tips_from = self._holding_tips(seen.positions)
@@ -193,14 +195,15 @@ class FrictionProbe:
         own = seen.contacts.get(self.config.finger)
         felt = np.zeros(3) if own is None else own.force
         point = self._contact_place(seen.positions)
-        seen_of_it = self._observation(seen, point, self.components(felt))
-        state = self.slip_state = self.slips.update(seen.time, seen_of_it)
-        self._log.add(seen.time, self.components(felt), point)
+        split = self.components(felt)
+        observation = self._observation(seen, point, split)
+        state = self.slip_state = self.slips.update(seen.time, observation)
+        self._log.add(seen.time, split, point)
         self._step_phase(dt, seen, state.slipping and self._elapsed(seen.time) > 0.08)
         wanted = self._force()
         finger = self._impedance.command(dt, seen.positions, wanted, felt)
         share = min(1.0, (seen.time - self._begin) / self.config.brace_time)
-        self._memory += dt / _MEMORY_TIME * (self.components(felt) - self._memory)
+        self._memory += dt / _MEMORY_TIME * (split - self._memory)
         self._pushed += min(1.0, dt / 0.03) * (felt - self._pushed)
         probing = (self._kinematics_point(seen.positions), wanted)
         grip = self._grip_from + share * (self._grip(self.wanted[0]) - self._grip_from)
