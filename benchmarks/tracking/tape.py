@@ -73,17 +73,19 @@ class Tape:
 
 
 class Slip:
-    """Pulls the held object until it has moved 2 cm in the hand.
+    """Pulls the held object until it has moved 2 cm in the hand, harder while it is slow.
 
     Args:
         axis: (3,) of the object frame along which it is pulled.
-        distance: m. start: time after the excitation has begun, s.
+        distance: m. start: time after the excitation has begun, s. speed: m/s, of the slip.
     """
 
-    def __init__(self, axis: np.ndarray, distance: float = 0.02, start: float = 3.0) -> None:
-        self._axis, self._distance, self._start = axis, distance, start
+    def __init__(
+        self, axis: np.ndarray, distance: float = 0.02, start: float = 3.0, speed: float = 0.05
+    ) -> None:
+        self._axis, self._distance, self._start, self._speed = axis, distance, start, speed
         self._first: tuple[float, np.ndarray] | None = None
-        self._force = 0.0
+        self._force, self._moved, self._pulled = 0.0, 0.0, -np.inf
         self.span: tuple[float, float] | None = None
         self.controller: GraspController | None = None
         self._done = False
@@ -99,10 +101,13 @@ class Slip:
         if world.time < began + self._start:
             self._first = (began, held)
             return
-        if np.linalg.norm(held[:3, 3] - first[:3, 3]) > self._distance:
+        moved = float(np.linalg.norm(held[:3, 3] - first[:3, 3]))
+        if moved > self._distance:
             self.span, self._done = (began + self._start, world.time), True
             return
-        self._force = min(self._force + 0.02, 40.0)
+        pace = (moved - self._moved) / max(world.time - self._pulled, 1e-9)
+        self._moved, self._pulled = moved, world.time
+        self._force = float(np.clip(self._force + (0.02 if pace < self._speed else -0.2), 0.0, 40.0))
         pose = world.object_pose()
         centre = pose[:3, :3] @ world.model.inertia.com + pose[:3, 3]
         world.apply_force(self._force * pose[:3, :3] @ self._axis, centre)
