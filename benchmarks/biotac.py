@@ -223,6 +223,7 @@ def _times(call: Callable[[int], None], count: int) -> Array:
 
 def run(quick: bool = False, in_hand: bool = True) -> dict[str, Any]:
     """Run everything and return the numbers."""
+    from benchmarks.biotac_bound import information_bound
     from benchmarks.biotac_in_hand import balance_in_hand
     from benchmarks.biotac_node import node_latency
 
@@ -242,6 +243,10 @@ def run(quick: bool = False, in_hand: bool = True) -> dict[str, Any]:
         "weights_from": shipped_network().origin,
     }
     models = results["models"]
+    results["bound"] = {
+        "models": information_bound(units, TEST_SEED),
+        "models_at_noise_of_real_unit": information_bound(units, TEST_SEED + 50, REAL_NOISE),
+    }
     results["improvement_over_icra_2019"] = {
         ours: {name: models["ICRA 2019"][name] / models[ours][name] for name in MEDIANS}
         for ours in ("ours", "ours, same presses")
@@ -265,6 +270,11 @@ def describe(results: dict[str, Any]) -> str:
                 + (f"  point {score['point_mm']:.2f} mm" if "point_mm" in score else "")
                 + (f"  90 % intervals cover {100 * cover:.1f} %" if cover is not None else "")
             )
+        bound = results["bound"][key]
+        lines.append(
+            f"  {'no estimator below':24s} {bound['magnitude_n']:.3f} N"
+            f"  {bound['direction_deg']:5.2f} deg"
+        )
     for key in ("improvement_over_icra_2019", "speed", "live_node", "in_hand"):
         if key in results:
             lines.append(f"{key.replace('_', ' ')}: {json.dumps(results[key])}")

@@ -1,48 +1,56 @@
-"""Paper A's study of friction: every object and region, every hand calibrated once."""
+"""Paper A's study of friction: every object and region, every hand calibrated on three blocks."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.friction.subjects import REFERENCE, SUBJECTS
+from benchmarks.friction.subjects import REFERENCES, SUBJECTS
 from benchmarks.friction.trials import Case, holds_truth, run_cases
 
 FIRST_HAND = 1000
 REFERENCE_STD = 0.005
 """How well the slope method is assumed to tell the coefficient of the reference block."""
+GRASP_STD = 0.01
+"""By how much the gain of a fingertip differs between two grasps."""
 FORCE_LIMIT = 4.5
 PAPER = 0.0056
 
 
 def run_study(hands: int, processes: int, cache: Path) -> list[dict[str, Any]]:
-    """Probe the reference block and all subjects with every hand; return the subjects' rows."""
+    """Probe the reference blocks and all subjects with every hand; return the subjects' rows."""
     rows = []
     for hand in range(FIRST_HAND, FIRST_HAND + hands):
-        known = run_cases([Case(REFERENCE, hand)], 1, cache)[0]
-        gain, std = calibrate(known)
+        known = [Case(block, hand) for block in REFERENCES]
+        gain, std = calibrate(run_cases(known, processes, cache))
         cases = [Case(subject, hand, gain=gain, gain_std=std) for subject in SUBJECTS]
         rows += [row | {"gain": gain} for row in run_cases(cases, processes, cache)]
     return rows
 
 
-def calibrate(row: dict[str, Any]) -> tuple[float, float]:
-    """Gain of a hand's finger and its standard deviation from a probe of the reference block.
+def calibrate(rows: Sequence[dict[str, Any]]) -> tuple[float, float]:
+    """Gain of a hand's finger and its standard deviation from probes of the reference blocks.
 
-    Beside the scatter of that probe and of the reference itself, one percent is allowed for what
-    differs between two grasps.
+    Beside the scatter of those probes and of the reference itself, one percent per probe is allowed
+    for what differs between two grasps, and as much for the grasp that follows. The blocks are of
+    one material, so that the error of its coefficient is the same in all.
     """
-    found = row.get("estimate")
-    if found is None:
+    rows = [row for row in rows if "estimate" in row]
+    if not rows:
         return 1.0, 0.1
-    rng = np.random.default_rng([row["hand"], 31])
-    reference = row["true_static"] + REFERENCE_STD * float(rng.standard_normal())
-    own = found["repeatable"] / 2.2 / found["static"]
-    std = float(np.sqrt(own**2 + (REFERENCE_STD / reference) ** 2 + 0.01**2))
-    return reference / found["static"], std
+    rng = np.random.default_rng([rows[0]["hand"], 31])
+    error = REFERENCE_STD * float(rng.standard_normal())
+    gains, variances = [], []
+    for row in rows:
+        found = row["estimate"]
+        gains.append((row["true_static"] + error) / found["static"])
+        variances.append((found["repeatable"] / 2.2 / found["static"]) ** 2 + GRASP_STD**2)
+    known = REFERENCE_STD / rows[0]["true_static"]
+    std = float(np.sqrt(np.mean(variances) / len(rows) + known**2 + GRASP_STD**2))
+    return float(np.mean(gains)), std
 
 
 def summarise_study(rows: Iterable[dict[str, Any]]) -> dict[str, Any]:

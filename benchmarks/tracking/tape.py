@@ -107,7 +107,9 @@ class Slip:
             return
         pace = (moved - self._moved) / max(world.time - self._pulled, 1e-9)
         self._moved, self._pulled = moved, world.time
-        self._force = float(np.clip(self._force + (0.02 if pace < self._speed else -0.2), 0.0, 40.0))
+        self._force = float(
+            np.clip(self._force + (0.02 if pace < self._speed else -0.2), 0.0, 40.0)
+        )
         pose = world.object_pose()
         centre = pose[:3, :3] @ world.model.inertia.com + pose[:3, 3]
         world.apply_force(self._force * pose[:3, :3] @ self._axis, centre)

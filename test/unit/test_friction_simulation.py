@@ -8,7 +8,7 @@ import pytest
 
 from benchmarks.friction.accuracy import calibrate, summarise_study
 from benchmarks.friction.detection import score_detectors
-from benchmarks.friction.subjects import REFERENCE, SUBJECTS, draw_friction
+from benchmarks.friction.subjects import REFERENCES, SUBJECTS, draw_friction
 from benchmarks.friction.trials import Case, build_trial
 from tactile_dynamics_ros.cli.probe import finger_gain
 from tactile_dynamics_ros.core.manipulation.grasp_planner import ARM_HOME, HAND_SEED
@@ -85,10 +85,24 @@ def test_a_face_that_gives_way_swings_as_its_spring_says():
 
 def test_friction_is_drawn_within_what_is_known_of_silicone():
     rng = np.random.default_rng(0)
-    for subject in (*SUBJECTS, REFERENCE):
+    for subject in (*SUBJECTS, *REFERENCES):
         for surface in draw_friction(subject, rng).values():
             assert 0.35 <= surface.static <= 1.2
             assert 0.74 <= surface.kinetic / surface.static <= 0.96
+
+
+def test_a_hands_gain_is_the_mean_of_what_its_blocks_tell_and_surer_with_more_of_them():
+    def row(static):
+        estimate = {"static": static, "repeatable": 0.02}
+        return {"hand": 5, "true_static": 0.8, "estimate": estimate}
+
+    one, alone = calibrate([row(0.72)])
+    gain, together = calibrate([row(0.72), row(0.738), row(0.7023)])
+    assert one == pytest.approx(0.8 / 0.72, rel=0.03)
+    assert 0.01 < alone < 0.03
+    assert gain == pytest.approx(one, rel=1e-3)
+    assert together < 0.9 * alone
+    assert calibrate([{"hand": 5, "outcome": "nothing held"}]) == (1.0, 0.1)
 
 
 def slip_row(onset=1.0, seen=1.05, rng=None):
@@ -129,10 +143,6 @@ def test_the_study_is_summarised_with_what_went_wrong():
     assert found["median_abs_error"] == pytest.approx(0.01)
     assert found["interval_coverage"] == 1.0
     assert (found["drops"], found["force_limit_violations"]) == (1, 1)
-    gain, std = calibrate({"hand": 1, "true_static": 0.8, "estimate": {
-        "static": 0.72, "repeatable": 0.01}})  # fmt: skip
-    assert gain == pytest.approx(0.8 / 0.72, rel=0.03)
-    assert 0.01 < std < 0.03
 
 
 def test_gain_of_a_finger_comes_from_the_region_with_most_slips():
