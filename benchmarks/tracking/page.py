@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from statistics import median
+from statistics import fmean, median, stdev
 from typing import Any
 
 LABELS = {
@@ -111,4 +111,20 @@ def _inertia(found: list[dict[str, Any]]) -> str:
             if scores:
                 cells = [f"{median(score[key] for score in scores):.2f}" for key in SCORES]
             rows.append(f"| {name} | {len(scores)} | {LABELS[label]} | " + " | ".join(cells) + " |")
-    return "\n".join(rows)
+    paired = [_paired(found, other) for other in ("kinematic_only", "true_pose")]
+    return "\n".join(rows) + "\n\n" + "\n".join(line for line in paired if line)
+
+
+def _paired(found: list[dict[str, Any]], other: str) -> str:
+    """By how much the errors with fused poses exceed those with others, run by run."""
+    runs = [run for run in found if "error" not in run["fused"] and "error" not in run[other]]
+    if len(runs) < 2:
+        return ""
+    terms = []
+    for key, name in zip(
+        SCORES, ("mass, %", "centre of mass, mm", "Eq. 34", "distance"), strict=True
+    ):
+        excess = [run["fused"][key] - run[other][key] for run in runs]
+        spread = stdev(excess) / len(excess) ** 0.5
+        terms.append(f"{name} {fmean(excess):+.2f} +- {spread:.2f}")
+    return f"Fused over {LABELS[other]}, mean of {len(runs)} runs: " + ", ".join(terms) + "."

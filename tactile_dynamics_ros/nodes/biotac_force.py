@@ -27,7 +27,7 @@ from tactile_dynamics_ros.nodes.conversions import (
 from tactile_dynamics_ros.nodes.kept_tare import KeptTare
 from tactile_dynamics_ros.nodes.parameters import declare_config
 from tactile_dynamics_ros.nodes.shell import Shell, run_node
-from tactile_dynamics_ros.nodes.wire import Picture
+from tactile_dynamics_ros.nodes.wire import AnyStamp, Picture
 from tactile_dynamics_ros.recording.cdr import BIOTAC_RAW
 
 
@@ -113,21 +113,24 @@ class BiotacForce(Shell):
         if self._rest is not None:
             self._collect(counts)
             return
+        touching = [self._publish_force(k, counts[k], message.stamp) for k in range(len(FINGERS))]
         for k, finger in enumerate(FINGERS):
-            seen = self.estimators[k].observe(counts[k])
-            if seen.saturated:
-                self.faults.add(f"saturated_{finger}")
-            if seen.drifting:
-                self.faults.add(f"warming_{finger}", f"{finger} warmed by {seen.warming:.1f} K")
-            torque = seen.torque if seen.in_contact else np.zeros(3)
-            wrench = np.concatenate([torque, seen.force])
-            stamp, frame = message.stamp, sensor_frame(finger)
-            self._std[k].publish(std_to_message(seen.std, stamp, frame))
-            self._force[k].publish(wrench_to_message(wrench, stamp, frame))
-            heard = self._slip[k].update(counts[k], seen.in_contact)
-            self._slips[k].publish(
-                slip_to_message(heard.score, heard.level, heard.slipping, stamp, frame)
-            )
+            heard = self._slip[k].update(counts[k], touching[k])
+            said = (heard.score, heard.level, heard.slipping)
+            self._slips[k].publish(slip_to_message(*said, message.stamp, sensor_frame(finger)))
+
+    def _publish_force(self, k: int, counts: NDArray[np.float64], stamp: AnyStamp) -> bool:
+        """Estimate and publish the force of finger ``k``; return whether it touches."""
+        finger, seen = FINGERS[k], self.estimators[k].observe(counts)
+        if seen.saturated:
+            self.faults.add(f"saturated_{finger}")
+        if seen.drifting:
+            self.faults.add(f"warming_{finger}", f"{finger} warmed by {seen.warming:.1f} K")
+        torque = seen.torque if seen.in_contact else np.zeros(3)
+        wrench = np.concatenate([torque, seen.force])
+        self._std[k].publish(std_to_message(seen.std, stamp, sensor_frame(finger)))
+        self._force[k].publish(wrench_to_message(wrench, stamp, sensor_frame(finger)))
+        return seen.in_contact
 
     def _collect(self, counts: NDArray[np.float64]) -> None:
         assert self._rest is not None
