@@ -9,7 +9,7 @@ from argparse import Namespace, _SubParsersAction
 from pathlib import Path
 from typing import Any
 
-_MOST_HELD_OUT = 150
+_MOST_HELD_OUT = 400
 """Simulated sensors per protocol that only calibrate the uncertainty."""
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -74,10 +74,10 @@ def prepare_frames(presses: Iterable[LabelledPresses], every: int) -> Frames:
             columns = (part.change, part.force, part.point, part.rest)
             for change, force, point, rest in zip(*columns, strict=True):
                 seen, level = change[:, mirror], rest[mirror[:19]]
-                found = network_inputs(seen, lagged(seen, part.period), level)
                 taken = slice(_PHASE_STEP * len(rows) % every, None, every)
-                each = (*found, force * axes, point * axes)
-                rows.append(tuple(values[taken].astype(np.float32) for values in each))
+                found = network_inputs(seen[taken], lagged(seen, part.period)[taken], level)
+                each = (*found, force[taken] * axes, point[taken] * axes)
+                rows.append(tuple(values.astype(np.float32) for values in each))
     return Frames(*(torch.from_numpy(np.concatenate(column)) for column in zip(*rows, strict=True)))
 
 
@@ -132,7 +132,7 @@ def train_network(
             losses.append(float(loss.detach()))
         if report is not None:
             report(epoch, float(np.mean(losses)))
-    return _calibrated(network, mean, scale, held_out, origin)
+    return calibrate_intervals(_plain_weights(network, mean, scale, origin), held_out)
 
 
 _FIELDS = ("inputs", "size", "force", "point")
@@ -159,22 +159,22 @@ def _likelihood(error: Tensor, std: Tensor) -> Tensor:
     return std.detach() * (0.5 * (error / std) ** 2 + std.log())
 
 
-def _calibrated(
-    network: nn.Sequential, mean: Tensor, scale: Tensor, held_out: LabelledPresses, origin: str
+def _plain_weights(
+    network: nn.Sequential, mean: Tensor, scale: Tensor, origin: str
 ) -> NetworkWeights:
-    """Return weights, as a file gives them back, with 90 % intervals that hold on held-out units.
-
-    They hold in every band of force.
-    """
+    """Return weights, as a file gives them back, with standard deviations as learnt."""
     linear = [layer for layer in network if isinstance(layer, nn.Linear)]
     layers = tuple(
         (as_stored(layer.weight.detach().numpy().T), as_stored(layer.bias.detach().numpy()))
         for layer in linear
     )
     knots = len(STRENGTH_KNOTS)
-    plain = NetworkWeights(
-        mean.numpy(), scale.numpy(), layers, np.ones((knots, 3)), np.ones(knots), origin
-    )
+    learnt = np.ones((knots, 3)), np.ones(knots)
+    return NetworkWeights(mean.numpy(), scale.numpy(), layers, *learnt, origin)
+
+
+def calibrate_intervals(plain: NetworkWeights, held_out: LabelledPresses) -> NetworkWeights:
+    """Return weights whose 90 % intervals hold on held-out units, in every band of force."""
     found = predict_presses(held_out, plain)
     force = np.concatenate([each.force for each in found])
     strength = np.linalg.norm(force, axis=1)
@@ -182,19 +182,15 @@ def _calibrated(
     error = np.abs(force - truth) / np.concatenate([each.std for each in found])
     gap = np.linalg.norm(np.concatenate([each.point for each in found]) - place, axis=1)
     place_error = gap / np.sqrt(3.0) / np.concatenate([each.point_std for each in found])
-    temperature = np.stack([_knot_factors(strength, axis) for axis in error.T], axis=1)
-    return NetworkWeights(
-        plain.mean,
-        plain.scale,
-        layers,
-        temperature,
-        _knot_factors(strength, place_error),
-        origin,
+    return replace(
+        plain,
+        force_temperature=np.stack([_knot_factors(strength, axis) for axis in error.T], axis=1),
+        place_temperature=_knot_factors(strength, place_error),
     )
 
 
 def _knot_factors(strength: Array, error: Array) -> Array:
-    """Return (6,) factors: 90 % quantile of normalised errors around each knot over 1.645."""
+    """Return (7,) factors: 90 % quantile of normalised errors around each knot over 1.645."""
     factors = np.ones(len(STRENGTH_KNOTS))
     edges = np.concatenate([[-1.0], 0.5 * (STRENGTH_KNOTS[1:] + STRENGTH_KNOTS[:-1]), [np.inf]])
     for k, (low, high) in enumerate(zip(edges[:-1], edges[1:], strict=True)):

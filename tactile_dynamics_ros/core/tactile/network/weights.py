@@ -24,7 +24,7 @@ SMALLEST_STD = 0.3
 """Lower bound of the force's standard deviation in hundredths of a newton per unit of size."""
 
 PLACE_SCALE = 1e-3
-STRENGTH_KNOTS = np.array([0.0, 0.2, 0.5, 1.0, 2.0, 4.0])
+STRENGTH_KNOTS = np.array([0.0, 0.2, 0.5, 1.0, 2.0, 3.0, 5.0])
 """Forces (N) at which the calibration of standard deviations is stated, linear in between."""
 
 
@@ -50,8 +50,8 @@ class NetworkWeights:
         mean, scale: (INPUTS,) of the inputs.
         layers: matrix (n_in, n_out) and bias (n_out,) per layer; SiLU, x / (1 + exp(-x)), between
             them. They are kept to half precision in the file.
-        force_temperature: (6, 3) factors on the force std at STRENGTH_KNOTS.
-        place_temperature: (6,) factors on the point std.
+        force_temperature: (7, 3) factors on the force std at STRENGTH_KNOTS.
+        place_temperature: (7,) factors on the point std.
         origin: what it was trained on.
     """
 
