@@ -31,6 +31,7 @@ from tactile_dynamics_ros.core.tactile.calibration import (
     LabelledPresses,
     shipped_calibration,
 )
+from tactile_dynamics_ros.core.tactile.estimators import observe_fingers
 from tactile_dynamics_ros.core.tactile.network.estimator import (
     NetworkForceEstimator,
     predict_presses,
@@ -188,8 +189,7 @@ def measure_speed(test: LabelledPresses, baseline: VoxelNetwork) -> dict[str, fl
         finger.tare(raw[:50, k])
 
     def frame(k: int) -> None:
-        for finger, counts in zip(fingers, raw[k], strict=True):
-            finger.observe(counts)
+        observe_fingers(fingers, list(raw[k]))
 
     def voxel_frame(k: int) -> None:
         predict_voxel(baseline, test.change[:4, k])

@@ -14,7 +14,7 @@ from tactile_dynamics_ros.core.contact.hand_kinematics import HandKinematics
 from tactile_dynamics_ros.core.contact.robot_description import FINGERS
 from tactile_dynamics_ros.core.manipulation.grasp_controller import GraspController, Phase
 from tactile_dynamics_ros.core.tactile.calibration import NORMAL_90
-from tactile_dynamics_ros.core.tactile.estimators import create_force_estimator
+from tactile_dynamics_ros.core.tactile.estimators import create_force_estimator, observe_fingers
 from tactile_dynamics_ros.core.tactile.fingertip import FingertipConfig
 from tactile_dynamics_ros.sim.simulated_robot import Readings, SimulatedRobot, SimulatedRobotConfig
 
@@ -54,8 +54,8 @@ class Touch:
                     self._fingers[finger].tare(np.array(self._rest)[:, k])
             return {}
         contacts = {}
-        for k, finger in enumerate(FINGERS):
-            seen = self._fingers[finger].observe(readings.counts[k])
+        seen_by_all = observe_fingers(list(self._fingers.values()), list(readings.counts))
+        for finger, seen in zip(self._fingers, seen_by_all, strict=True):
             if seen.in_contact:
                 contacts[finger] = self._state.update(
                     finger, readings.position, seen.force, seen.std, seen.torque

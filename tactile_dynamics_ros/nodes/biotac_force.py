@@ -13,8 +13,8 @@ from sensor_msgs.msg import Image
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.contact.robot_description import FINGERS, sensor_frame
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.tactile.estimators import create_force_estimator
-from tactile_dynamics_ros.core.tactile.fingertip import FingertipConfig
+from tactile_dynamics_ros.core.tactile.estimators import create_force_estimator, observe_fingers
+from tactile_dynamics_ros.core.tactile.fingertip import FingertipConfig, TactileEstimate
 from tactile_dynamics_ros.core.tactile.signal_change import COUNTS_PER_KELVIN
 from tactile_dynamics_ros.core.tactile.slip import SlipConfig, SlipDetector
 from tactile_dynamics_ros.nodes.conversions import (
@@ -113,15 +113,16 @@ class BiotacForce(Shell):
         if self._rest is not None:
             self._collect(counts)
             return
-        touching = [self._publish_force(k, counts[k], message.stamp) for k in range(len(FINGERS))]
+        seen = observe_fingers(self.estimators, list(counts))
+        for k, each in enumerate(seen):
+            self._publish_force(k, each, message.stamp)
         for k, finger in enumerate(FINGERS):
-            heard = self._slip[k].update(counts[k], touching[k])
+            heard = self._slip[k].update(counts[k], seen[k].in_contact)
             said = (heard.score, heard.level, heard.slipping)
             self._slips[k].publish(slip_to_message(*said, message.stamp, sensor_frame(finger)))
 
-    def _publish_force(self, k: int, counts: NDArray[np.float64], stamp: AnyStamp) -> bool:
-        """Estimate and publish the force of finger ``k``; return whether it touches."""
-        finger, seen = FINGERS[k], self.estimators[k].observe(counts)
+    def _publish_force(self, k: int, seen: TactileEstimate, stamp: AnyStamp) -> None:
+        finger = FINGERS[k]
         if seen.saturated:
             self.faults.add(f"saturated_{finger}")
         if seen.drifting:
@@ -130,7 +131,6 @@ class BiotacForce(Shell):
         wrench = np.concatenate([torque, seen.force])
         self._std[k].publish(std_to_message(seen.std, stamp, sensor_frame(finger)))
         self._force[k].publish(wrench_to_message(wrench, stamp, sensor_frame(finger)))
-        return seen.in_contact
 
     def _collect(self, counts: NDArray[np.float64]) -> None:
         assert self._rest is not None

@@ -25,7 +25,7 @@ from tactile_dynamics_ros.core.manipulation.grasp_controller import (
     Phase,
 )
 from tactile_dynamics_ros.core.manipulation.grasp_site import GraspSite
-from tactile_dynamics_ros.core.tactile.estimators import create_force_estimator
+from tactile_dynamics_ros.core.tactile.estimators import create_force_estimator, observe_fingers
 from tactile_dynamics_ros.core.tactile.slip import SlipDetector
 from tactile_dynamics_ros.core.tracking.pose_average import average_poses
 from tactile_dynamics_ros.sim.simulated_robot import SimulatedRobot, SimulatedRobotConfig
@@ -189,8 +189,8 @@ class _Chain:
         if readings.vision is not None:
             self._look(readings.vision)
         contacts = {}
-        for k, finger in enumerate(FINGERS):
-            tip = self._tips[k].observe(readings.counts[k].astype(float))
+        tips = observe_fingers(self._tips, list(readings.counts.astype(float)))
+        for finger, tip in zip(FINGERS, tips, strict=True):
             if tip.in_contact:
                 contact = self._contact_state.update(
                     finger, readings.position, tip.force, tip.std, tip.torque

@@ -9,13 +9,17 @@ import numpy as np
 import pytest
 
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
-from tactile_dynamics_ros.core.tactile.analytic_force import estimate_sequence
+from tactile_dynamics_ros.core.tactile.analytic_force import (
+    AnalyticForceEstimator,
+    estimate_sequence,
+)
 from tactile_dynamics_ros.core.tactile.calibration import (
     LabelledPresses,
     fit_calibration,
     shipped_calibration,
 )
 from tactile_dynamics_ros.core.tactile.electrodes import CHANNELS
+from tactile_dynamics_ros.core.tactile.estimators import observe_fingers
 from tactile_dynamics_ros.core.tactile.network.estimator import (
     NetworkForceEstimator,
     predict_presses,
@@ -122,6 +126,24 @@ def test_live_estimator_equals_the_offline_prediction():
     force = np.array([each.force for each in live])
     difference = np.linalg.norm(force - offline.force, axis=1)[touching]
     assert np.median(difference) < 0.02
+
+
+def test_fingers_that_are_observed_together_say_what_each_says_alone():
+    raw = record_presses(PressConfig(units=3, frames=200, seed=33)).raw.astype(float)
+    together = [NetworkForceEstimator() for _ in raw] + [AnalyticForceEstimator()]
+    alone = [NetworkForceEstimator() for _ in raw] + [AnalyticForceEstimator()]
+    frames = np.concatenate([raw, raw[:1]])
+    for fingers in (together, alone):
+        for finger, own in zip(fingers, frames, strict=True):
+            finger.tare(own[:50])
+    for k in range(50, 200):
+        for some in (slice(3), slice(3, 4)):
+            found = observe_fingers(together[some], list(frames[some, k]))
+            for seen, finger, own in zip(found, alone[some], frames[some, k], strict=True):
+                expected = finger.observe(own)
+                assert np.allclose(seen.force, expected.force, atol=1e-4)
+                assert np.allclose(seen.point, expected.point, atol=1e-6)
+                assert seen.in_contact == expected.in_contact
 
 
 def test_contact_ends_with_the_force_although_the_skin_creeps_back_slowly():

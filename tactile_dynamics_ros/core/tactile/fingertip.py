@@ -102,13 +102,17 @@ class TactileEstimate:
         return cross(self.point, self.force)
 
 
+Felt = tuple[Array, Array, Array, float]
+"""Force (3,), std (3,), N, contact point (3,) and its std, m."""
+
+
 class ForceModel(Protocol):
     """Turns tared signals, frame by frame, into a contact."""
 
     def reset(self, rest: Array) -> None:
         """Forget past frames; the electrodes rest at (19,) counts."""
 
-    def predict(self, change: Array) -> tuple[Array, Array, Array, float]:
+    def predict(self, change: Array) -> Felt:
         """Return force (3,), std (3,), contact point (3,) and its std for the next frame (20,)."""
 
 
@@ -165,13 +169,22 @@ class FingertipEstimator:
 
     def observe(self, raw: ArrayLike) -> TactileEstimate:
         """Return everything that a frame (44,) says; see `estimate`."""
+        change = self.tared_signals(raw)
+        return self.conclude(raw, change, self.model.predict(change))
+
+    def tared_signals(self, raw: ArrayLike) -> Array:
+        """Return the changes (20,) of the signals in a frame (44,), for the model."""
         if self._rest is None:
             raise NotIdentifiableError(
                 "BioTac force: the rest state is unknown; tare with frames without contact"
             )
-        counts = check_frame(raw)
-        change = fill_dead_electrodes(self._rest.change(counts), self.dead)
-        force, std, point, point_std = self.model.predict(change)
+        return fill_dead_electrodes(self._rest.change(check_frame(raw)), self.dead)
+
+    def conclude(self, raw: ArrayLike, change: Array, found: Felt) -> TactileEstimate:
+        """Return everything that a frame (44,) says, given what the model found in its changes."""
+        assert self._rest is not None
+        counts = np.asarray(raw, dtype=float)
+        force, std, point, point_std = found
         rise = 100.0 * float(change[_PRESSURE])
         in_contact = self._touches(rise, float(np.linalg.norm(force)))
         if not in_contact and self._streak == 0 and rise <= self.config.release_counts:

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.tactile.calibration import LabelledPresses
-from tactile_dynamics_ros.core.tactile.fingertip import FingertipConfig, FingertipEstimator
+from tactile_dynamics_ros.core.tactile.fingertip import (
+    Felt,
+    FingertipConfig,
+    FingertipEstimator,
+)
 from tactile_dynamics_ros.core.tactile.network.inputs import (
     REST_MEAN,
     Memory,
@@ -40,11 +46,26 @@ class NetworkForceModel:
         self._memory.reset()
         self._rest = rest
 
-    def predict(self, change: Array) -> tuple[Array, Array, Array, float]:
+    def predict(self, change: Array) -> Felt:
         """Return force (3,), std (3,), contact point (3,) and its std for the next frame (20,)."""
-        inputs, size = network_inputs(change, self._memory.update(change), self._rest)
-        found = self.weights.evaluate(inputs[None], size[None])
-        return found.force[0], found.std[0], found.point[0], float(found.point_std[0])
+        return predict_together([self], [change])[0]
+
+    def inputs(self, change: Array) -> tuple[Array, Array]:
+        """Return the network's inputs (INPUTS,) and signal size (1,) for the next frame (20,)."""
+        return network_inputs(change, self._memory.update(change), self._rest)
+
+
+def predict_together(models: Sequence[NetworkForceModel], changes: Sequence[Array]) -> list[Felt]:
+    """Return the contacts of several fingertips with the same weights, in one pass.
+
+    Args:
+        models: of the fingertips.
+        changes: (20,) next frame of each.
+    """
+    inputs, sizes = zip(*(m.inputs(c) for m, c in zip(models, changes, strict=True)), strict=True)
+    found = models[0].weights.evaluate(np.stack(inputs), np.stack(sizes))
+    columns = (found.force, found.std, found.point, found.point_std.tolist())
+    return list(zip(*columns, strict=True))
 
 
 class NetworkForceEstimator(FingertipEstimator):
