@@ -112,12 +112,13 @@ def _inertia(found: list[dict[str, Any]]) -> str:
                 cells = [f"{median(score[key] for score in scores):.2f}" for key in SCORES]
             rows.append(f"| {name} | {len(scores)} | {LABELS[label]} | " + " | ".join(cells) + " |")
     paired = [_paired(found, other) for other in ("kinematic_only", "true_pose")]
-    return "\n".join(rows) + "\n\n" + "\n".join(line for line in paired if line)
+    return "\n\n".join(["\n".join(rows), *filter(None, paired)])
 
 
 def _paired(found: list[dict[str, Any]], other: str) -> str:
-    """By how much the errors with fused poses exceed those with others, run by run."""
-    runs = [run for run in found if "error" not in run["fused"] and "error" not in run[other]]
+    """By how much errors with fused poses exceed those with others, over runs that have both."""
+    both = ("fused", other)
+    runs = [run for run in found if all("error" not in run.get(k, {"error": ""}) for k in both)]
     if len(runs) < 2:
         return ""
     terms = []

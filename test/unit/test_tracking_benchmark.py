@@ -74,3 +74,9 @@ def test_inertial_estimates_are_shown_as_medians_of_the_runs_that_gave_one():
     runs += [{"object": "box_0", "fused": {"error": "nothing is held"}}]
     lines = render({"inertia": runs}).splitlines()
     assert lines[2:] == ["| box_0 | 3 | fused | 2.00 | 1.00 | 2.00 | 3.00 |"]
+    pairs = [
+        {"object": "box_0", "fused": scored(mass), "kinematic_only": scored(1.0)}
+        for mass in (1.0, 2.0, 3.0)
+    ]
+    last = render({"inertia": pairs}).splitlines()[-1]
+    assert last.startswith("Fused over kinematic only, mean of 3 runs: mass, % +1.00 +- 0.58,")
