@@ -32,7 +32,14 @@ from tactile_dynamics_ros.sim.sensors.biotac.skin import (
     outward_normal,
     sensed_share,
 )
-from tactile_dynamics_ros.sim.sensors.biotac.unit import Units
+from tactile_dynamics_ros.sim.sensors.biotac.unit import (
+    GAP_STD,
+    LOCAL_SHARE_STD,
+    NODE_STD,
+    PRESSURE_GAIN_STD,
+    STIFFNESS_STD,
+    Units,
+)
 
 Array = NDArray[np.float64]
 
@@ -46,8 +53,7 @@ _LEVEL_STD = np.array([1.0, 1.0, 1.0, 5e-3, 5e-3])
 """How far forces (N) and contact points (m) may lie anywhere, before any signal."""
 _RATE_HZ = np.array([1.0, 1.0, 1.0, 0.5, 0.5])
 """How fast they vary at most in the presses."""
-_UNIT_STD = {"gap": 0.015, "stiffness": 0.015, "pressure_gain": 0.02}
-_SHARE_STD, _NODE_STD = 0.02, 8e-5
+_UNIT_STD = {"gap": GAP_STD, "stiffness": STIFFNESS_STD, "pressure_gain": PRESSURE_GAIN_STD}
 
 
 @dataclass(frozen=True)
@@ -122,17 +128,18 @@ def force_covariance(instant: Instant, config: BioTacConfig) -> Array:
     wander = config.wander**2 * np.exp(-lag / config.wander_time)
     electrodes = np.linalg.inv(config.noise**2 * np.eye(FRAMES) + wander + rest)
     pressure = config.pressure_noise**2 * (np.eye(FRAMES) + 1.0 / _REST_FRAMES)
-    weights = [electrodes] * 19 + [np.linalg.inv(pressure)]
+    weights = electrodes, np.linalg.inv(pressure)
     moving, lasting = _moving(instant, config), _lasting(instant, config)
     count = 5 * FRAMES
     information = np.eye(count + lasting.shape[1])
     information[:count, :count] = _prior_information(instant, lag)
-    for row, fixed, weight in zip(moving, lasting, weights, strict=True):
-        information[:count, :count] += np.kron(np.outer(row, row), weight)
-        cross = np.kron(row[:, None], weight.sum(axis=1)[:, None]) * fixed
+    for part, weight in zip((slice(19), slice(19, 20)), weights, strict=True):
+        rows, fixed = moving[part], lasting[part]
+        information[:count, :count] += np.kron(rows.T @ rows, weight)
+        cross = np.kron(rows.T @ fixed, weight.sum(axis=1)[:, None])
         information[:count, count:] += cross
         information[count:, :count] += cross.T
-        information[count:, count:] += weight.sum() * np.outer(fixed, fixed)
+        information[count:, count:] += weight.sum() * fixed.T @ fixed
     now = np.zeros((len(information), 3))
     now[FRAMES * np.arange(1, 4) - 1, np.arange(3)] = 1.0
     return np.asarray(now.T @ np.linalg.solve(information, now))
@@ -175,11 +182,11 @@ def _lasting(instant: Instant, config: BioTacConfig) -> Array:
         columns.append(std * _slope(*at, other, config, 1e-3))
     share = unit.local_share * np.exp(step)[:, None]
     other = dataclasses.replace(unit, local_share=share)
-    columns += _each_electrode(_SHARE_STD * _slope(*at, other, config, 1e-3))
+    columns += _each_electrode(LOCAL_SHARE_STD * _slope(*at, other, config, 1e-3))
     for axis in np.eye(3):
         moved = unit.nodes + 1e-6 * np.array([1.0, -1.0])[:, None, None, None] * axis
         other = dataclasses.replace(unit, nodes=moved)
-        columns += _each_electrode(_NODE_STD * _slope(*at, other, config, 1e-6))
+        columns += _each_electrode(NODE_STD * _slope(*at, other, config, 1e-6))
     columns.append(_CURVATURE_STD * _slope(*at, unit, config, 1.0, np.array([1.0, -1.0])))
     return np.stack(columns, axis=1)
 

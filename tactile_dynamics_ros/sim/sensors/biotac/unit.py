@@ -19,6 +19,11 @@ REST_COUNTS = np.array(_LEFT + _RIGHT + [3149, 3225, 3167], dtype=float)
 
 CURRENT_HALF_WIDTH = 1.5e-3
 """Half width of the fluid that an electrode's current crosses, m."""
+GAP_STD = STIFFNESS_STD = 0.015
+PRESSURE_GAIN_STD = LOCAL_SHARE_STD = 0.02
+"""How far these differ between units, relative to their means."""
+NODE_STD = 8e-5
+"""How far the skin's points above an electrode lie off their place, m along each axis."""
 _PATTERN = np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]], dtype=float)
 
 
@@ -62,15 +67,15 @@ def draw_units(count: int, config: BioTacConfig, rng: np.random.Generator) -> Un
     def vary(std: float, *shape: int) -> Array:
         return spread * std * rng.standard_normal((count, *shape))
 
-    gap = config.fluid_gap * np.exp(vary(0.015))
-    offset = vary(8e-5, 19, 3)
+    gap = config.fluid_gap * np.exp(vary(GAP_STD))
+    offset = vary(NODE_STD, 19, 3)
     return Units(
         nodes=_skin_nodes(gap, offset),
         rest_counts=REST_COUNTS + vary(150.0, 1) + vary(40.0, 19),
-        local_share=np.clip(config.local_share * np.exp(vary(0.02, 19)), 0.0, 1.0),
+        local_share=np.clip(config.local_share * np.exp(vary(LOCAL_SHARE_STD, 19)), 0.0, 1.0),
         gap=gap,
-        stiffness=np.exp(vary(0.015)),
-        pressure_gain=config.pressure_gain * np.exp(vary(0.02)),
+        stiffness=np.exp(vary(STIFFNESS_STD)),
+        pressure_gain=config.pressure_gain * np.exp(vary(PRESSURE_GAIN_STD)),
         pressure_rest=2050.0 + vary(60.0),
         temperature_slope=31.7 + vary(2.5, 19),
         vibration_rest=2000.0 + vary(25.0),
