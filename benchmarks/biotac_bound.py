@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.sim.sensors.biotac import BioTacArray, BioTacConfig
-from tactile_dynamics_ros.sim.sensors.biotac.presses import PressConfig, protocols, record_presses
+from tactile_dynamics_ros.sim.sensors.biotac.presses import PressConfig, plan_presses, protocols
 from tactile_dynamics_ros.sim.sensors.biotac.signals import electrode_counts, static_pressure
 from tactile_dynamics_ros.sim.sensors.biotac.skin import (
     fluid_thickness,
@@ -97,10 +97,10 @@ def information_bound(
 
 def _instants(press: PressConfig, rng: np.random.Generator) -> list[Instant]:
     """Draw moments with a force of 0.2 to 2 N."""
-    recorded = record_presses(press)
+    forces, points, _ = plan_presses(press)
     units = BioTacArray(press.units, seed=press.seed).units
     found = []
-    for k, (force, point) in enumerate(zip(recorded.force, recorded.point, strict=True)):
+    for k, (force, point) in enumerate(zip(forces, points, strict=True)):
         strength = np.linalg.norm(force, axis=1)
         useful = np.flatnonzero((strength >= 0.2) & (strength <= 2.0))
         for frame in rng.choice(useful, FRAMES_PER_UNIT) if len(useful) else ():

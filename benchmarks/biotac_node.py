@@ -28,7 +28,8 @@ _TARE_FRAMES, _START_S, _LOST_S = 60, 30.0, 0.2
 def node_latency(frames: int = 2000) -> dict[str, float]:
     """Publish frames of four pressed fingertips at 100 Hz and wait for the last finger's force.
 
-    The node is a process of its own; times (ms) include both ways over DDS.
+    The node is a process of its own; times (ms) include both ways over DDS. The receiver waits as
+    the nodes of this package do, since building an executor's wait set would count too.
 
     Raises:
         RuntimeError: the node does not answer.
@@ -57,19 +58,16 @@ def _round_trips(frames: int) -> NDArray[np.float64]:
     from sensor_msgs.msg import Image
 
     from tactile_dynamics_ros.nodes.conversions import biotac_to_message
-    from tactile_dynamics_ros.nodes.shell import STREAM
+    from tactile_dynamics_ros.nodes.shell import STREAM, take_messages
+    from tactile_dynamics_ros.nodes.waiting import Waiter
 
     rclpy.init()
     here = rclpy.create_node("biotac_latency")
-    arrived: list[float] = []
-    here.create_subscription(
-        WrenchStamped,
-        f"/biotac/{FINGERS[-1]}/force",
-        lambda _: arrived.append(time.perf_counter()),
-        STREAM,
-        raw=True,
+    force = here.create_subscription(
+        WrenchStamped, f"/biotac/{FINGERS[-1]}/force", lambda _: None, STREAM, raw=True
     )
     publisher = here.create_publisher(Image, "/biotac/raw", STREAM)
+    waiter = Waiter(here, [force])
     _wait_for(here, lambda: publisher.get_subscription_count() > 0)
     sensors, stamp, spent = BioTacArray(len(FINGERS), seed=0), 1.0, []
     for k in range(_TARE_FRAMES + frames):
@@ -77,13 +75,15 @@ def _round_trips(frames: int) -> NDArray[np.float64]:
         press = 0.0 if k < _TARE_FRAMES else 1.0 + 0.5 * np.sin(0.05 * k)
         counts = sensors.measure(np.tile([0.0, 0.0, -press], (len(FINGERS), 1)), _PAD)
         message = biotac_to_message(counts, stamp, "hand")
-        arrived.clear()
+        take_messages(force)
         start = time.perf_counter()
         publisher.publish(message)
+        arrived = False
         while not arrived and time.perf_counter() < start + _LOST_S:
-            rclpy.spin_once(here, timeout_sec=0.01)
+            waiter.wait(0.01)
+            arrived = bool(take_messages(force))
         if k >= _TARE_FRAMES:
-            spent.append(1e3 * (arrived[0] - start) if arrived else np.nan)
+            spent.append(1e3 * (time.perf_counter() - start) if arrived else np.nan)
         time.sleep(max(0.0, start + 0.01 - time.perf_counter()))
     here.destroy_node()
     rclpy.shutdown()

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.biotac_in_hand import ALOFT, Touch
+from benchmarks.biotac_press_rig import calibrate_units
 from tactile_dynamics_ros.core.contact.contact_state import Contact
 from tactile_dynamics_ros.core.contact.hand_kinematics import HandKinematics
 from tactile_dynamics_ros.core.manipulation.excitation import ExcitationConfig
@@ -116,11 +117,13 @@ class Slip:
 
 
 def record_tape(name: str, seed: int, duration: float, slip: Slip | None = None) -> Tape:
-    """Simulate one run with the depth camera and the tracker's own first pose."""
+    """Simulate one run with the depth camera and the tracker's own first pose.
+
+    Every seed has fingertips of its own, calibrated by warming up and a minute of presses.
+    """
+    world = WorldConfig(object_name=name, arm_meshes=True)
     robot = SimulatedRobot(
-        SimulatedRobotConfig(
-            seed=seed, depth_rate_hz=RATE_HZ, world=WorldConfig(object_name=name, arm_meshes=True)
-        )
+        SimulatedRobotConfig(seed=seed, unit_seed=seed, depth_rate_hz=RATE_HZ, world=world)
     )
     settings = robot.camera.config
     camera = PinholeCamera(settings.intrinsics, settings.width, settings.height, robot.camera_pose)
@@ -133,7 +136,7 @@ def record_tape(name: str, seed: int, duration: float, slip: Slip | None = None)
         slip.controller = controller
         robot.world.add_pre_step(slip)
     vision = VisionTracker(load_shape(object_file(name)), kinematics)
-    touch, seen, moments = Touch(kinematics, "network"), [], []
+    touch, seen, moments = Touch(kinematics, "network", calibrate_units(seed)), [], []
     while robot.world.time < _LIMIT_S and not controller.done:
         readings = robot.advance()
         contacts = touch.update(readings)

@@ -99,7 +99,7 @@ class Shell(Node):
     def work(self) -> None:
         """Take all waiting messages and do what is due."""
         for subscription in self.polled:
-            taken = _take(subscription)
+            taken = take_messages(subscription)
             if self.skimming and subscription in self._skimmed:
                 taken = taken[-1:]
             for message in taken:
@@ -186,7 +186,7 @@ class Shell(Node):
         self.create_service(Trigger, name, answer)
 
 
-def _take(subscription: Subscription) -> list[Any]:
+def take_messages(subscription: Subscription) -> list[Any]:
     """Return the messages that wait, the oldest first."""
     taken: list[Any] = []
     handle = subscription.handle

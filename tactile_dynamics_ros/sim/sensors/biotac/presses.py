@@ -64,30 +64,33 @@ class Presses:
 
     Attributes:
         raw: (U, T, 44) counts. force: (U, T, 3) N on the object, sensor frame.
-        point: (U, T, 3) contact point, sensor frame, m. touching: (U, T).
+        point: (U, T, 3) contact point, sensor frame, m.
         rest_frames: frames without contact at the start of every sequence.
     """
 
     raw: NDArray[np.uint16]
     force: Array
     point: Array
-    touching: NDArray[np.bool_]
     rest_frames: int
+
+
+def plan_presses(config: PressConfig) -> tuple[Array, Array, Array]:
+    """Return forces (U, T, 3) N, contact points (U, T, 3) m and curvatures (U,) 1/m to press with."""
+    rng = np.random.default_rng([config.seed, 7])
+    point = _contact_paths(config, rng)
+    force = _forces(config, point, rng)
+    flat = rng.random(config.units) < config.flat_share
+    return force, point, np.where(flat, 0.0, config.sharpest * rng.random(config.units))
 
 
 def record_presses(config: PressConfig, sensor: BioTacConfig | None = None) -> Presses:
     """Press ``config.units`` individual sensors and record counts, forces and contact points."""
-    rng = np.random.default_rng([config.seed, 7])
+    force, point, curvature = plan_presses(config)
     array = BioTacArray(config.units, sensor, seed=config.seed)
-    point = _contact_paths(config, rng)
-    force = _forces(config, point, rng)
-    flat = rng.random(config.units) < config.flat_share
-    curvature = np.where(flat, 0.0, config.sharpest * rng.random(config.units))
     raw = np.empty((config.units, config.frames, 44), dtype=np.uint16)
     for k in range(config.frames):
         raw[:, k] = array.measure(force[:, k], point[:, k], curvature=curvature)
-    touching = np.linalg.norm(force, axis=2) > 0.0
-    return Presses(raw, force, point, touching, config.rest_frames)
+    return Presses(raw, force, point, config.rest_frames)
 
 
 def _contact_paths(config: PressConfig, rng: np.random.Generator) -> Array:
