@@ -75,7 +75,7 @@ class Presses:
 
 
 def plan_presses(config: PressConfig) -> tuple[Array, Array, Array]:
-    """Return forces (U, T, 3) N, contact points (U, T, 3) m and curvatures (U,) 1/m to press with."""
+    """Return forces (U, T, 3) N, contact points (U, T, 3) m and curvatures (U,) 1/m."""
     rng = np.random.default_rng([config.seed, 7])
     point = _contact_paths(config, rng)
     force = _forces(config, point, rng)
