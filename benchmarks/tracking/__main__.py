@@ -49,7 +49,8 @@ def main() -> int:
     if "accuracy" in options.only:
         results |= _compare(runs, options)
     if "inertia" in options.only:
-        results["inertia"] = _estimate([run for run in runs if run[0] in BOXES], options)
+        boxes = [run for run in runs if run[0] in BOXES]
+        results["inertia"], results["inertia_fused"] = _estimate(boxes, options)
     if "search" in options.only:
         results["search"] = _search(options)
     if "recovery" in options.only:
@@ -118,9 +119,11 @@ def _compare(runs: tuple[tuple[str, int], ...], options: argparse.Namespace) -> 
     }
 
 
-def _estimate(runs: list[tuple[str, int]], options: argparse.Namespace) -> list[dict[str, Any]]:
-    """Estimate the inertia of boxes from each tracker's poses, several seeds of each."""
-    found = []
+def _estimate(
+    runs: list[tuple[str, int]], options: argparse.Namespace
+) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+    """Estimate the inertia of boxes from each tracker's poses; say how good the fused ones are."""
+    found, errors = [], []
     for name, first in runs:
         for seed in range(first, first + SEED_STEP * options.per_box, SEED_STEP):
             tape, shape = load_tape(options.tapes, name, seed, options.duration), _shape(name)
@@ -130,9 +133,10 @@ def _estimate(runs: list[tuple[str, int]], options: argparse.Namespace) -> list[
                 "vision_only": replay.vision,
                 "kinematic_only": replay.kinematic,
             }
+            errors.append(measure(tape, shape, replay.fused))
             found.append(estimate_with_each(tape, tracks))
             say(json.dumps({"seed": seed, **found[-1]}))
-    return found
+    return found, summarise(errors)
 
 
 def _brief(run: Errors) -> dict[str, float]:

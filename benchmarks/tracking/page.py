@@ -26,6 +26,8 @@ def render(results: dict[str, Any]) -> str:
         parts.append(_recovery(results["recovery"]))
     if results.get("inertia"):
         parts.append(_inertia(results["inertia"]))
+    if "inertia_fused" in results:
+        parts.append(_fused(results["inertia_fused"], len(results["inertia"])))
     return "\n\n".join(parts)
 
 
@@ -113,6 +115,15 @@ def _inertia(found: list[dict[str, Any]]) -> str:
             rows.append(f"| {name} | {len(scores)} | {LABELS[label]} | " + " | ".join(cells) + " |")
     paired = [_paired(found, other) for other in ("kinematic_only", "true_pose")]
     return "\n\n".join(["\n".join(rows), *filter(None, paired)])
+
+
+def _fused(summary: dict[str, Any], runs: int) -> str:
+    low, high = summary["nees_band_95"]
+    return (
+        f"Fused poses of these {runs} runs: {summary['position_rms_mm']:.2f} mm and "
+        f"{summary['rotation_rms_deg']:.2f} deg RMS, NEES {summary['nees']:.1f} "
+        f"(95 % band {low:.1f} - {high:.1f})."
+    )
 
 
 def _paired(found: list[dict[str, Any]], other: str) -> str:

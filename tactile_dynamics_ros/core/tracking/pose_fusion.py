@@ -42,19 +42,19 @@ class PoseFusionConfig:
     """How fast the object may slip in the hand, and what vision is worth."""
 
     slip_position: float = parameter(5e-4, "usual slip in the hand", "m/sqrt(s)", 1e-7, 0.1)
-    slip_rotation_deg: float = parameter(0.4, "usual turn in the hand", "deg/sqrt(s)", 1e-4, 90.0)
+    slip_rotation_deg: float = parameter(0.3, "usual turn in the hand", "deg/sqrt(s)", 1e-4, 90.0)
     adaptation: float = parameter(0.3, "how fast slip is learnt from innovations", "", 0.0, 1.0)
     strongest_slip: float = parameter(1e4, "largest factor on the usual slip's variance", "", 1.0)
-    bias_position: float = parameter(1e-4, "constant error of vision", "m", 0.0, 0.1)
-    bias_rotation_deg: float = parameter(0.03, "constant error of vision", "deg", 0.0, 45.0)
-    wander_position: float = parameter(1.2e-4, "wandering error of vision", "m", 0.0, 0.1)
-    wander_rotation_deg: float = parameter(0.06, "wandering error of vision", "deg", 0.0, 45.0)
+    bias_position: float = parameter(2e-4, "constant error of vision", "m", 0.0, 0.1)
+    bias_rotation_deg: float = parameter(0.02, "constant error of vision", "deg", 0.0, 45.0)
+    wander_position: float = parameter(8e-5, "wandering error of vision", "m", 0.0, 0.1)
+    wander_rotation_deg: float = parameter(0.03, "wandering error of vision", "deg", 0.0, 45.0)
     wander_time: float = parameter(1.0, "how long that error stays alike", "s", 0.01, 1e3)
     smoothing: float = parameter(0.04, "time over which a correction is spread", "s", 0.0, 10.0)
     history: float = parameter(1.0, "longest latency of vision", "s", 0.01, 60.0)
     unseen_after: float = parameter(0.2, "pause of vision that counts as absence", "s", 0.0, 60.0)
     unseen_slip: float = parameter(
-        8.0,
+        11.0,
         "slip at a steady speed while unseen, as a multiple of the usual",
         "1/sqrt(s)",
         0.0,
