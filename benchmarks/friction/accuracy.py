@@ -24,21 +24,32 @@ def run_study(hands: int, processes: int, cache: Path) -> list[dict[str, Any]]:
     """Probe the reference blocks and all subjects with every hand; return the subjects' rows."""
     rows = []
     for hand in range(FIRST_HAND, FIRST_HAND + hands):
-        known = [Case(block, hand) for block in REFERENCES]
-        gain, std = calibrate(run_cases(known, processes, cache))
-        cases = [Case(subject, hand, gain=gain, gain_std=std) for subject in SUBJECTS]
-        rows += [row | {"gain": gain} for row in run_cases(cases, processes, cache)]
+        known = run_cases([Case(block, hand) for block in REFERENCES], processes, cache)
+        cases = []
+        for subject in SUBJECTS:
+            gain, std = calibrate(known, subject.site().width)
+            cases.append(Case(subject, hand, gain=gain, gain_std=std))
+        found = run_cases(cases, processes, cache)
+        rows += [row | {"gain": case.gain} for row, case in zip(found, cases, strict=True)]
     return rows
 
 
-def calibrate(rows: Sequence[dict[str, Any]]) -> tuple[float, float]:
+_WIDTHS = {block.name: block.site().width for block in REFERENCES}
+
+
+def calibrate(rows: Sequence[dict[str, Any]], width: float) -> tuple[float, float]:
     """Gain of a hand's finger and its standard deviation from probes of the reference blocks.
+
+    What is as wide as a block is touched with the same place of the skin: between the widths of two
+    blocks (m) the gain is interpolated.
 
     Beside the scatter of those probes and of the reference itself, one percent per probe is allowed
     for what differs between two grasps, and as much for the grasp that follows. The blocks are of
     one material, so that the error of its coefficient is the same in all.
     """
-    rows = [row for row in rows if "estimate" in row]
+    rows = sorted(
+        (row for row in rows if "estimate" in row), key=lambda row: _WIDTHS[row["subject"]]
+    )
     if not rows:
         return 1.0, 0.1
     rng = np.random.default_rng([rows[0]["hand"], 31])
@@ -49,8 +60,9 @@ def calibrate(rows: Sequence[dict[str, Any]]) -> tuple[float, float]:
         gains.append((row["true_static"] + error) / found["static"])
         variances.append((found["repeatable"] / 2.2 / found["static"]) ** 2 + GRASP_STD**2)
     known = REFERENCE_STD / rows[0]["true_static"]
-    std = float(np.sqrt(np.mean(variances) / len(rows) + known**2 + GRASP_STD**2))
-    return float(np.mean(gains)), std
+    widths = [_WIDTHS[row["subject"]] for row in rows]
+    std = float(np.sqrt(np.interp(width, widths, variances) + known**2 + GRASP_STD**2))
+    return float(np.interp(width, widths, gains)), std
 
 
 def summarise_study(rows: Iterable[dict[str, Any]]) -> dict[str, Any]:

@@ -91,18 +91,20 @@ def test_friction_is_drawn_within_what_is_known_of_silicone():
             assert 0.74 <= surface.kinetic / surface.static <= 0.96
 
 
-def test_a_hands_gain_is_the_mean_of_what_its_blocks_tell_and_surer_with_more_of_them():
-    def row(static):
+def test_a_hands_gain_is_that_of_the_blocks_as_wide_as_what_is_held():
+    def row(block, static):
         estimate = {"static": static, "repeatable": 0.02}
-        return {"hand": 5, "true_static": 0.8, "estimate": estimate}
+        return {"hand": 5, "subject": block, "true_static": 0.8, "estimate": estimate}
 
-    one, alone = calibrate([row(0.72)])
-    gain, together = calibrate([row(0.72), row(0.738), row(0.7023)])
-    assert one == pytest.approx(0.8 / 0.72, rel=0.03)
-    assert 0.01 < alone < 0.03
-    assert gain == pytest.approx(one, rel=1e-3)
-    assert together < 0.9 * alone
-    assert calibrate([{"hand": 5, "outcome": "nothing held"}]) == (1.0, 0.1)
+    blocks = [row("reference", 0.72), row("wide reference", 0.75), row("narrow reference", 0.70)]
+    gains = [calibrate(blocks, width)[0] for width in (0.03, 0.042, 0.051, 0.06, 0.08)]
+    assert gains[0] == gains[1] == pytest.approx(0.8 / 0.70, rel=0.03)
+    assert gains[2] == pytest.approx(0.5 * (gains[1] + gains[3]))
+    assert gains[4] / gains[3] == pytest.approx(0.72 / 0.75)
+    assert calibrate(blocks[:1], 0.08)[0] == gains[3]
+    assert 0.01 < calibrate(blocks, 0.06)[1] < 0.03
+    nothing = {"hand": 5, "subject": "reference", "outcome": "nothing held"}
+    assert calibrate([nothing], 0.06) == (1.0, 0.1)
 
 
 def slip_row(onset=1.0, seen=1.05, rng=None):
