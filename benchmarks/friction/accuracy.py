@@ -34,9 +34,6 @@ def run_study(hands: int, processes: int, cache: Path) -> list[dict[str, Any]]:
     return rows
 
 
-_WIDTHS = {block.name: block.site().width for block in REFERENCES}
-
-
 def calibrate(rows: Sequence[dict[str, Any]], width: float) -> tuple[float, float]:
     """Gain of a hand's finger and its standard deviation from probes of the reference blocks.
 
@@ -47,11 +44,12 @@ def calibrate(rows: Sequence[dict[str, Any]], width: float) -> tuple[float, floa
     for what differs between two grasps, and as much for the grasp that follows. The blocks are of
     one material, so that the error of its coefficient is the same in all.
     """
-    rows = sorted(
-        (row for row in rows if "estimate" in row), key=lambda row: _WIDTHS[row["subject"]]
-    )
-    if not rows:
+    told = {row["subject"]: row for row in rows if "estimate" in row}
+    blocks = sorted((b.site().width, b.name) for b in REFERENCES if b.name in told)
+    if not blocks:
         return 1.0, 0.1
+    rows = [told[name] for _, name in blocks]
+    widths = [across for across, _ in blocks]
     rng = np.random.default_rng([rows[0]["hand"], 31])
     error = REFERENCE_STD * float(rng.standard_normal())
     gains, variances = [], []
@@ -60,7 +58,6 @@ def calibrate(rows: Sequence[dict[str, Any]], width: float) -> tuple[float, floa
         gains.append((row["true_static"] + error) / found["static"])
         variances.append((found["repeatable"] / 2.2 / found["static"]) ** 2 + GRASP_STD**2)
     known = REFERENCE_STD / rows[0]["true_static"]
-    widths = [_WIDTHS[row["subject"]] for row in rows]
     std = float(np.sqrt(np.interp(width, widths, variances) + known**2 + GRASP_STD**2))
     return float(np.interp(width, widths, gains)), std
 

@@ -80,3 +80,8 @@ def test_inertial_estimates_are_shown_as_medians_of_the_runs_that_gave_one():
     ]
     last = render({"inertia": pairs}).splitlines()[-1]
     assert last.startswith("Fused over kinematic only, mean of 3 runs: mass, % +1.00 +- 0.58,")
+    fused = {"position_rms_mm": 0.5, "rotation_rms_deg": 0.12, "nees": 6.2}
+    told = render({"inertia": pairs, "inertia_fused": fused | {"nees_band_95": [4.7, 7.5]}})
+    assert told.endswith(
+        "\n\nFused poses of these 3 runs: 0.50 mm and 0.12 deg RMS, NEES 6.2 (95 % band 4.7 - 7.5)."
+    )
