@@ -50,7 +50,8 @@ class Case:
     def key(self) -> str:
         """Name that tells cases apart."""
         place = "air" if self.in_air else "table"
-        return f"{self.subject.name}/{self.hand}/{self.trial}/{self.variant}/{place}"
+        gain = f"{self.gain:.4f}+-{self.gain_std:.4f}"
+        return f"{self.subject.name}/{self.hand}/{self.trial}/{self.variant}/{place}/{gain}"
 
 
 def build_trial(case: Case) -> ProbeTrial:
