@@ -19,18 +19,25 @@ from tactile_dynamics_ros.core.errors import TactileDynamicsError
 from tactile_dynamics_ros.core.inertia.batch import estimate_inertia
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
 from tactile_dynamics_ros.core.streams import ContactStream, PoseStream, Streams
+from tactile_dynamics_ros.core.tracking.hand_error import carry_contacts
 from tactile_dynamics_ros.sim.objects import load_object
 
 _RATE_HZ = 100.0
 
 
 def estimate_with_each(tape: Tape, tracks: dict[str, Track]) -> dict[str, Any]:
-    """Return the errors of the inertial estimate by tracker, and with the true poses."""
+    """Return the errors of the inertial estimate by tracker, and with the true poses.
+
+    Contacts go with the fused pose, as in the nodes and in recordings.
+    """
     truth = load_object(tape.name).inertia
     contacts = _contacts(tape)
     found: dict[str, Any] = {"object": tape.name}
     for label, track in {"true_pose": _true_track(tape), **tracks}.items():
-        found[label] = _score(Streams(_poses(track), contacts), truth)
+        streams = Streams(_poses(track), contacts)
+        if label == "fused":
+            streams = carry_contacts(streams, _poses(tracks["kinematic_only"]))
+        found[label] = _score(streams, truth)
     return found
 
 

@@ -20,6 +20,7 @@ from tactile_dynamics_ros.nodes.conversions import (
     to_seconds,
     wrench_to_core,
 )
+from tactile_dynamics_ros.nodes.hand_error import HandError
 from tactile_dynamics_ros.nodes.shell import Shell
 from tactile_dynamics_ros.nodes.wire import Stamped
 
@@ -59,10 +60,17 @@ class ContactAssembly:
         node: that subscribes.
         name: of the contact.
         deliver: called with each assembled contact in the order of time.
+        hand: whose error in the world is corrected.
     """
 
-    def __init__(self, node: Shell, name: str, deliver: Callable[[AssembledContact], None]) -> None:
-        self._node, self._name, self._deliver = node, name, deliver
+    def __init__(
+        self,
+        node: Shell,
+        name: str,
+        deliver: Callable[[AssembledContact], None],
+        hand: HandError,
+    ) -> None:
+        self._node, self._name, self._deliver, self._hand = node, name, deliver, hand
         self._topic = f"/contact/{name}"
         self._gate = StampGate(f"{self._topic}/force")
         self._forces: deque[tuple[float, Array]] = deque(maxlen=KEPT)
@@ -117,7 +125,17 @@ class ContactAssembly:
     ) -> AssembledContact:
         after = bisect_right(self._stds, time + 1e-9, key=_stamp_of)
         std = self._stds[max(after - 1, 0)][1] if self._stds else None
-        return AssembledContact(time, self._name, point, rotation, wrench[3:], wrench[:3], std)
+        motion = self._hand.at(time)
+        turn = motion[:3, :3]
+        return AssembledContact(
+            time=time,
+            name=self._name,
+            point=turn @ point + motion[:3, 3],
+            rotation=turn @ rotation,
+            force=turn @ wrench[3:],
+            torque=turn @ wrench[:3],
+            std=std,
+        )
 
 
 def _stamp_of(entry: tuple[float, Array]) -> float:

@@ -30,6 +30,7 @@ from tactile_dynamics_ros.nodes.conversions import (
 )
 from tactile_dynamics_ros.nodes.diagnostics import status_message
 from tactile_dynamics_ros.nodes.friction_messages import friction_range
+from tactile_dynamics_ros.nodes.hand_error import HandError
 from tactile_dynamics_ros.nodes.parameters import declare_config
 from tactile_dynamics_ros.nodes.shell import LATCHED, Shell, run_node
 from tactile_dynamics_ros.nodes.wire import Stamped
@@ -69,12 +70,15 @@ class InertialEstimatorNode(Shell):
         )
         self._change_model(config)
         self._gate = StampGate(POSE)
+        self._hand = HandError(self)
         self._last_time = 0.0
         self._friction: tuple[float, float] | None = None
         self._grip: dict[str, object] = {}
         self.listen(DiagnosticStatus, "/friction_probe/estimate", self._on_friction, LATCHED)
         self.listen(PoseWithCovarianceStamped, POSE, self._on_pose)
-        self._contacts = [ContactAssembly(self, name, self._on_contact) for name in config.contacts]
+        self._contacts = [
+            ContactAssembly(self, name, self._on_contact, self._hand) for name in config.contacts
+        ]
         self._inertia = self.latched(InertiaStamped, "/inertial_estimator/inertia")
         self._status = self.latched(DiagnosticArray, "/inertial_estimator/status")
         self.serve("/inertial_estimator/reset", self.reset)
@@ -94,7 +98,9 @@ class InertialEstimatorNode(Shell):
         if self._gate.check(message.stamp):
             self.faults.add("clock_restarted")
             self.reset()
-        self.estimator.add_pose(to_seconds(message.stamp), pose, covariance)
+        time = to_seconds(message.stamp)
+        self._hand.add_fused(time, pose)
+        self.estimator.add_pose(time, pose, covariance)
 
     def _on_friction(self, message: DiagnosticStatus) -> None:
         self._friction = friction_range(message) or self._friction

@@ -34,6 +34,7 @@ from tactile_dynamics_ros.nodes.conversions import (
     wrench_to_message,
 )
 from tactile_dynamics_ros.nodes.diagnostics import status_message, status_values
+from tactile_dynamics_ros.nodes.hand_error import HandError
 from tactile_dynamics_ros.nodes.parameters import declare_config
 from tactile_dynamics_ros.nodes.shell import LATCHED, Shell, run_node
 from tactile_dynamics_ros.nodes.wire import Stamped
@@ -69,13 +70,16 @@ class ModelCheckNode(Shell):
         self.check = LiveModelCheck(declare_config(self, LiveCheckConfig))
         self._background = Background()
         self._gate = StampGate(POSE)
+        self._hand = HandError(self)
         self._model: tuple[str, ...] = ()
         self._comparison: Future[LiveComparison] | None = None
         self._newest = self._compared = 0.0
         self._started = self._rest_until = 0.0
         self.listen(PoseWithCovarianceStamped, POSE, self._on_pose)
         self.listen(DiagnosticArray, MODEL, self._on_model, LATCHED)
-        self._contacts = [ContactAssembly(self, name, self._on_contact) for name in config.contacts]
+        self._contacts = [
+            ContactAssembly(self, name, self._on_contact, self._hand) for name in config.contacts
+        ]
         self._residual = self.stream(WrenchStamped, "/model_check/residual")
         self._error = self.latched(Float64, "/model_check/error")
         self._diagnosis = self.latched(DiagnosticArray, "/model_check/diagnosis")
@@ -94,6 +98,7 @@ class ModelCheckNode(Shell):
             self.faults.add("clock_restarted")
             self.check.reset()
         self._newest = to_seconds(message.stamp)
+        self._hand.add_fused(self._newest, pose)
         self.check.add_pose(self._newest, pose, covariance)
 
     def _on_contact(self, contact: AssembledContact) -> None:

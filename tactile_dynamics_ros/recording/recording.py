@@ -11,7 +11,8 @@ import numpy as np
 
 from tactile_dynamics_ros.core.cutting import cut_streams
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.streams import ContactStream, Streams
+from tactile_dynamics_ros.core.streams import ContactStream, PoseStream, Streams
+from tactile_dynamics_ros.core.tracking.hand_error import carry_contacts
 from tactile_dynamics_ros.recording import topics
 from tactile_dynamics_ros.recording.arrays import start_at_zero, streams_from_arrays
 from tactile_dynamics_ros.recording.assembly import assemble_contact, assemble_imu, assemble_pose
@@ -146,6 +147,9 @@ class _BagAssembly:
             topics.check_messages(topic, table, self._log)
         self._note_poses_without_forces()
         streams = Streams(self._pose(), self._contacts(), self._imu())
+        hand = self._hand_pose()
+        if hand is not None:
+            streams = carry_contacts(streams, hand)
         if streams.pose is None and streams.imu is None:
             raise BadInputError(
                 f"{self._source}: neither {topics.OBJECT_POSE} nor {topics.OBJECT_IMU} holds a "
@@ -154,14 +158,24 @@ class _BagAssembly:
         _require_overlap(streams, self._source)
         return Recording(streams, self._source, dict(self._log), self._clock.epoch_ns)
 
-    def _pose(self) -> Any:
+    def _pose(self) -> PoseStream | None:
         """Return the object's poses, or None if only an IMU was recorded."""
-        table = self._bag.tables.get(topics.OBJECT_POSE)
-        if table is None:
+        known = topics.OBJECT_POSE in self._bag.tables
+        return self._pose_of(topics.OBJECT_POSE) if known else None
+
+    def _hand_pose(self) -> PoseStream | None:
+        """Return the poses by the hand alone, or None if there are none that can be used."""
+        if topics.HAND_POSE not in self._bag.tables:
             return None
-        table = topics.in_world(topics.OBJECT_POSE, table, self._source, self._log)
-        columns = topics.pose_columns(topics.OBJECT_POSE, table, self._clock)
-        return assemble_pose(columns, self._log)
+        try:
+            return self._pose_of(topics.HAND_POSE)
+        except BadInputError:
+            self._log.note(topics.HAND_POSE, "no usable poses (contacts left as they are)", 1)
+            return None
+
+    def _pose_of(self, topic: str) -> PoseStream:
+        table = topics.in_world(topic, self._bag.tables[topic], self._source, self._log)
+        return assemble_pose(topics.pose_columns(topic, table, self._clock), self._log)
 
     def _contacts(self) -> dict[str, ContactStream]:
         """Return the contacts that ever touch."""

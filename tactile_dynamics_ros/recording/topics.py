@@ -22,6 +22,7 @@ from tactile_dynamics_ros.recording.cleaning import Mask, ProblemLog, find_not_i
 Array = NDArray[np.float64]
 
 OBJECT_POSE = "/object/pose"
+HAND_POSE = "/object/pose/kinematic"
 OBJECT_IMU = "/object/imu"
 WORLD = "world"
 CONTACT_TOPIC = re.compile(r"^/contact/(?P<name>[^/]+)/(?P<kind>force|force_std|pose)$")
@@ -34,6 +35,7 @@ IMU = "sensor_msgs/msg/Imu"
 
 EXPECTED_TYPES = {
     "object_pose": (POSE_WITH_COVARIANCE, POSE_STAMPED),
+    "hand_pose": (POSE_WITH_COVARIANCE, POSE_STAMPED),
     "object_imu": (IMU,),
     "force": (WRENCH_STAMPED,),
     "force_std": (VECTOR_STAMPED,),
@@ -53,6 +55,8 @@ def topic_kind(topic: str) -> str | None:
     """Return what a topic holds for a recording, or None if it is not needed."""
     if topic == OBJECT_POSE:
         return "object_pose"
+    if topic == HAND_POSE:
+        return "hand_pose"
     if topic == OBJECT_IMU:
         return "object_imu"
     match = CONTACT_TOPIC.match(topic)
@@ -100,7 +104,7 @@ def require_topics(types: dict[str, str], source: str, contacts_required: bool) 
 
 def _missing(wanted: str, pattern: str, types: dict[str, str], source: str) -> str:
     """Return the message for a missing topic, with the nearest recorded name."""
-    others = [topic for topic in types if topic_kind(topic) is None]
+    others = [topic for topic in types if topic_kind(topic) in (None, "hand_pose")]
     near = difflib.get_close_matches(pattern, others, n=1, cutoff=0.5)
     present = ", ".join(sorted(types)) or "none"
     hint = f"if {near[0]} is meant, remap it ({near[0]}:={pattern})" if near else "record it"

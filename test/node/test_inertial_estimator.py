@@ -86,6 +86,24 @@ def test_known_box_is_found_with_its_uncertainty(estimator):
     assert float(status(estimator, "solver")["whitened_rms"]) == pytest.approx(1.0, abs=0.15)
 
 
+def test_contacts_go_with_the_fused_pose_where_the_hand_is_off(estimator):
+    got, node = [], estimator.nodes[0]
+    deliver = node.estimator.add_contact
+    node.estimator.add_contact = lambda *parts: (got.append(parts), deliver(*parts))
+    streams = held_box(seconds=0.3).streams
+    spread, shift = 1e-4 * np.eye(6), np.array([2e-3, 0.0, -1e-3])
+    for k, time in enumerate(streams.pose.time):
+        hand = matrix(streams.pose.position[k] + shift, streams.pose.rotation[k])
+        message = cv.uncertain_pose_to_message(hand, spread, float(time), "world")
+        estimator.send("/object/pose/kinematic", message)
+    play(estimator, streams)
+    estimator.until(lambda: len(got) >= 4 * len(streams.pose.time))
+    told = {(name, round(time, 3)): point for time, name, point, *_ in got}
+    for name, contact in streams.contacts.items():
+        last = round(float(streams.pose.time[-1]), 3)
+        np.testing.assert_allclose(told[name, last], contact.position[-1] - shift, atol=1e-9)
+
+
 def test_measured_friction_shows_the_grip_and_doubts_forces_that_it_cannot_hold(estimator):
     streams = held_box(seconds=4.0).streams
     index = streams.contacts["index"]
