@@ -1,4 +1,4 @@
-"""Paper A's study of friction: every object and region, every hand calibrated on three blocks."""
+"""Paper A's study of friction: every object and region, every hand calibrated on known blocks."""
 
 from __future__ import annotations
 
@@ -7,9 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from benchmarks.friction.subjects import REFERENCES, SUBJECTS
 from benchmarks.friction.trials import Case, holds_truth, run_cases
+
+Array = NDArray[np.float64]
 
 FIRST_HAND = 1010
 """The constants below were chosen on hands before it."""
@@ -17,6 +20,11 @@ REFERENCE_STD = 0.005
 """How well the slope method is assumed to tell the coefficient of the reference block."""
 GRASP_STD = 0.005
 """By how much the gain of a fingertip differs between two grasps."""
+UNIT_STD, PLACE_STD, PLACE_WIDTH = 0.05, 0.01, 0.012
+"""Gains differ by so much from fingertip to fingertip, and by so much from place to place of one,
+where the widths of what is held differ by that many m."""
+QUANTILE = 2.2
+"""By which `repeatable` exceeds a standard deviation, of some ten slips."""
 FORCE_LIMIT = 4.5
 PAPER = 0.0056
 
@@ -38,30 +46,40 @@ def run_study(hands: int, processes: int, cache: Path) -> list[dict[str, Any]]:
 def calibrate(rows: Sequence[dict[str, Any]], width: float) -> tuple[float, float]:
     """Gain of a hand's finger and its standard deviation from probes of the reference blocks.
 
-    What is as wide as a block is touched with the same place of the skin: between the widths of two
-    blocks (m) the gain is interpolated.
+    What is as wide as a block is touched with the same place of the skin: the gain is a Gaussian
+    process over the width (m), with mean 1 and covariance
 
-    Beside the scatter of those probes and of the reference itself, `GRASP_STD` per probe is allowed
-    for what differs between two grasps, and as much for the grasp that follows. The blocks are of
-    one material, so that the error of its coefficient is the same in all.
+        UNIT_STD^2 + PLACE_STD^2 exp(-(w - w')^2 / (2 PLACE_WIDTH^2)),
+
+    seen by each probe of a block with that probe's scatter and `GRASP_STD`, which is allowed for
+    the grasp that follows too. The blocks are of one material, so that the error of its coefficient
+    is the same in all.
+
+    Source: Gaussian process regression (Rasmussen and Williams, 2006, eq. 2.23 and 2.24).
     """
     told = {row["subject"]: row for row in rows if "estimate" in row}
-    blocks = sorted((b.site().width, b.name) for b in REFERENCES if b.name in told)
+    blocks = [block for block in REFERENCES if block.name in told]
     if not blocks:
         return 1.0, 0.1
-    rows = [told[name] for _, name in blocks]
-    widths = [across for across, _ in blocks]
+    rows = [told[block.name] for block in blocks]
     rng = np.random.default_rng([rows[0]["hand"], 31])
     error = REFERENCE_STD * float(rng.standard_normal())
-    gains, variances = [], []
-    for row in rows:
-        found = row["estimate"]
-        gains.append((row["true_static"] + error) / found["static"])
-        variances.append((found["repeatable"] / 2.2 / found["static"]) ** 2 + GRASP_STD**2)
+    static = np.array([row["estimate"]["static"] for row in rows])
+    scatter = np.array([row["estimate"]["repeatable"] for row in rows]) / QUANTILE / static
+    gains = (np.array([row["true_static"] for row in rows]) + error) / static
+    widths = np.array([block.site().width for block in blocks])
+    seen = _place_covariance(widths, widths) + np.diag(scatter**2 + GRASP_STD**2)
+    share = np.linalg.solve(seen, _place_covariance(widths, np.array([width])))[:, 0]
+    left = UNIT_STD**2 + PLACE_STD**2 - share @ _place_covariance(widths, np.array([width]))[:, 0]
     known = REFERENCE_STD / rows[0]["true_static"]
-    shares = np.array([np.interp(width, widths, one) for one in np.eye(len(blocks))])
-    std = float(np.sqrt(shares**2 @ variances + known**2 + GRASP_STD**2))
-    return float(shares @ gains), std
+    gain = 1.0 + float(share @ (gains - 1.0))
+    return gain, float(np.sqrt(left + known**2 + GRASP_STD**2))
+
+
+def _place_covariance(a: Array, b: Array) -> Array:
+    """Covariance (N, M) of the gains at widths (N,) and (M,), m."""
+    apart = (a[:, None] - b) / PLACE_WIDTH
+    return np.asarray(UNIT_STD**2 + PLACE_STD**2 * np.exp(-0.5 * apart**2))
 
 
 def summarise_study(rows: Iterable[dict[str, Any]]) -> dict[str, Any]:

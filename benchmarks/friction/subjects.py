@@ -75,10 +75,9 @@ SUBJECTS = (
     Subject("mustard label", "friction/mustard_bottle.yaml", "label", 0.65, 0.02),
     Subject("3D printed", "friction/printed_box.yaml", WHOLE, 0.85),
 )
-REFERENCES = (
-    Subject("reference", "friction/reference_block.yaml", WHOLE, 0.78),
-    Subject("narrow reference", "friction/reference_block_narrow.yaml", WHOLE, 0.78),
-    Subject("wide reference", "friction/reference_block_wide.yaml", WHOLE, 0.78),
+REFERENCES = tuple(
+    Subject(f"block {mm} mm", f"friction/reference_block_{mm}mm.yaml", WHOLE, 0.78)
+    for mm in (42, 51, 60, 70, 80)
 )
 """Blocks of known friction, as wide as what is held: fingertips differ from place to place."""
 

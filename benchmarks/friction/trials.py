@@ -30,7 +30,8 @@ class Case:
     """One probe of the study.
 
     Attributes:
-        subject: what is probed. hand: seed of joint offsets, noise and place. trial: number.
+        subject: what is probed. trial: number.
+        hand: seed of joint offsets, fingertips, noise and place.
         friction: static coefficient to use, or None to draw it.
         gain: of the fingertip, gain_std: its uncertainty.
         in_air: lifted instead of standing.
@@ -42,7 +43,7 @@ class Case:
     trial: int = 0
     friction: float | None = None
     gain: float = 1.0
-    gain_std: float = 0.025
+    gain_std: float = 0.05
     in_air: bool = False
     variant: str = "unload"
 
@@ -65,7 +66,7 @@ def build_trial(case: Case) -> ProbeTrial:
     estimate = FrictionEstimateConfig(gain=case.gain, gain_std=case.gain_std)
     world = WorldConfig(object_name=case.subject.path)
     return ProbeTrial(
-        robot=SimulatedRobotConfig(seed=case.hand, world=world),
+        robot=SimulatedRobotConfig(seed=case.hand, unit_seed=case.hand, world=world),
         surfaces=surfaces,
         surface=case.subject.surface(),
         regions=case.subject.regions(),

@@ -96,14 +96,17 @@ def test_a_hands_gain_is_that_of_the_blocks_as_wide_as_what_is_held():
         estimate = {"static": static, "repeatable": 0.02}
         return {"hand": 5, "subject": block, "true_static": 0.8, "estimate": estimate}
 
-    blocks = [row("reference", 0.72), row("wide reference", 0.75), row("narrow reference", 0.70)]
-    gains = [calibrate(blocks, width)[0] for width in (0.03, 0.042, 0.051, 0.06, 0.08)]
-    assert gains[0] == gains[1] == pytest.approx(0.8 / 0.70, rel=0.03)
-    assert gains[2] == pytest.approx(0.5 * (gains[1] + gains[3]))
-    assert gains[4] / gains[3] == pytest.approx(0.72 / 0.75)
-    assert calibrate(blocks[:1], 0.08)[0] == gains[3]
-    assert 0.01 < calibrate(blocks, 0.06)[1] < 0.03
-    nothing = {"hand": 5, "subject": "reference", "outcome": "nothing held"}
+    read = {"block 42 mm": 0.79, "block 60 mm": 0.80, "block 80 mm": 0.81}
+    blocks = [row(block, static) for block, static in read.items()]
+    (narrow, sure), (middle, _), (wide, _) = (calibrate(blocks, w) for w in (0.042, 0.06, 0.08))
+    assert middle == pytest.approx(0.8 / 0.80, rel=0.02)
+    assert 1.01 < narrow / wide < 0.81 / 0.79
+    assert narrow > middle > wide
+    assert middle < calibrate(blocks, 0.051)[0] < narrow
+    one, unsure = calibrate(blocks[:1], 0.08)
+    assert wide < one < narrow
+    assert 0.008 < sure < unsure < 0.03
+    nothing = {"hand": 5, "subject": "block 60 mm", "outcome": "nothing held"}
     assert calibrate([nothing], 0.06) == (1.0, 0.1)
 
 
