@@ -93,7 +93,7 @@ def test_friction_is_drawn_within_what_is_known_of_silicone():
 
 def test_a_hands_gain_is_that_of_the_blocks_as_wide_as_what_is_held():
     def row(block, static):
-        estimate = {"static": static, "repeatable": 0.02}
+        estimate = {"static": static, "repeatable": 0.005}
         return {"hand": 5, "subject": block, "true_static": 0.8, "estimate": estimate}
 
     read = {"block 42 mm": 0.79, "block 60 mm": 0.80, "block 80 mm": 0.81}
@@ -104,7 +104,7 @@ def test_a_hands_gain_is_that_of_the_blocks_as_wide_as_what_is_held():
     assert narrow > middle > wide
     assert middle < calibrate(blocks, 0.051)[0] < narrow
     one, unsure = calibrate(blocks[:1], 0.08)
-    assert wide < one < narrow
+    assert one > wide
     assert 0.008 < sure < unsure < 0.03
     nothing = {"hand": 5, "subject": "block 60 mm", "outcome": "nothing held"}
     assert calibrate([nothing], 0.06) == (1.0, 0.1)
