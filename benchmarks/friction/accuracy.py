@@ -17,12 +17,14 @@ Array = NDArray[np.float64]
 FIRST_HAND = 1010
 """The constants below were chosen on hands before it."""
 REFERENCE_STD = 0.005
-"""How well the slope method is assumed to tell the coefficient of the reference block."""
+"""How well the slope method is assumed to tell the coefficients of the reference blocks."""
 GRASP_STD = 0.005
 """By how much the gain of a fingertip differs between two grasps."""
 UNIT_STD, PLACE_STD, PLACE_WIDTH = 0.05, 0.01, 0.012
 """Gains differ by so much from fingertip to fingertip, and by so much from place to place of one,
 where the widths of what is held differ by that many m."""
+TRIALS = 2
+"""Probes of each reference block."""
 QUANTILE = 2.2
 """By which `repeatable` exceeds a standard deviation, of some ten slips."""
 FORCE_LIMIT = 4.5
@@ -33,7 +35,8 @@ def run_study(hands: int, processes: int, cache: Path) -> list[dict[str, Any]]:
     """Probe the reference blocks and all subjects with every hand; return the subjects' rows."""
     rows = []
     for hand in range(FIRST_HAND, FIRST_HAND + hands):
-        known = run_cases([Case(block, hand) for block in REFERENCES], processes, cache)
+        blocks = [Case(block, hand, trial) for trial in range(TRIALS) for block in REFERENCES]
+        known = run_cases(blocks, processes, cache)
         cases = []
         for subject in SUBJECTS:
             gain, std = calibrate(known, subject.site().width)
@@ -52,22 +55,21 @@ def calibrate(rows: Sequence[dict[str, Any]], width: float) -> tuple[float, floa
         UNIT_STD^2 + PLACE_STD^2 exp(-(w - w')^2 / (2 PLACE_WIDTH^2)),
 
     seen by each probe of a block with that probe's scatter and `GRASP_STD`, which is allowed for
-    the grasp that follows too. The blocks are of one material, so that the error of its coefficient
-    is the same in all.
+    the grasp that follows too. The coefficients of the blocks are told by one apparatus, so that
+    their error is the same in all.
 
     Source: Gaussian process regression (Rasmussen and Williams, 2006, eq. 2.23 and 2.24).
     """
-    told = {row["subject"]: row for row in rows if "estimate" in row}
-    blocks = [block for block in REFERENCES if block.name in told]
-    if not blocks:
+    rows = [row for row in rows if "estimate" in row]
+    if not rows:
         return 1.0, 0.1
-    rows = [told[block.name] for block in blocks]
     rng = np.random.default_rng([rows[0]["hand"], 31])
     error = REFERENCE_STD * float(rng.standard_normal())
     static = np.array([row["estimate"]["static"] for row in rows])
     scatter = np.array([row["estimate"]["repeatable"] for row in rows]) / QUANTILE / static
     gains = (np.array([row["true_static"] for row in rows]) + error) / static
-    widths = np.array([block.site().width for block in blocks])
+    across = {block.name: block.site().width for block in REFERENCES}
+    widths = np.array([across[row["subject"]] for row in rows])
     seen = _place_covariance(widths, widths) + np.diag(scatter**2 + GRASP_STD**2)
     share = np.linalg.solve(seen, _place_covariance(widths, np.array([width])))[:, 0]
     left = UNIT_STD**2 + PLACE_STD**2 - share @ _place_covariance(widths, np.array([width]))[:, 0]

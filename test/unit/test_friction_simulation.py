@@ -105,6 +105,7 @@ def test_a_hands_gain_is_that_of_the_blocks_as_wide_as_what_is_held():
     assert middle < calibrate(blocks, 0.051)[0] < narrow
     one, unsure = calibrate(blocks[:1], 0.08)
     assert one > wide
+    assert calibrate(2 * blocks, 0.042)[1] < sure
     assert 0.008 < sure < unsure < 0.03
     nothing = {"hand": 5, "subject": "block 60 mm", "outcome": "nothing held"}
     assert calibrate([nothing], 0.06) == (1.0, 0.1)
