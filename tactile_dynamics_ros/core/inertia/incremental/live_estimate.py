@@ -141,7 +141,6 @@ class Summariser:
         self._model: Accumulation | None = None
         self._widen = np.ones(0)
         self._presumed: PresumedErrors | None = None
-        self._correction = np.zeros(10)
         self._not_excited: tuple[str, ...] = ()
 
     def summarise(self, model: Accumulation, latency: float, pending: int) -> LiveEstimate:
@@ -155,10 +154,9 @@ class Summariser:
             self._widen = np.sqrt(model.scores.inflation(model.state, covariance))
         if lasting or self._presumed is None:
             self._presumed = model.presume_lasting_errors()
-            self._correction = _correction(model, self._presumed.errors)
         if excitation:
             self._not_excited = unexcited_parameters(solver.xi, data, prior)
-        xi = solver.xi + self._correction
+        xi = _corrected(model, self._presumed.errors)
         if self._hull is not None:
             xi = keep_in_hull(xi, data + prior, self._hull)
         mapping = solver.coordinate_jacobian()
@@ -194,12 +192,15 @@ class Summariser:
         return due
 
 
-def _correction(model: Accumulation, errors: Array) -> Array:
-    """What to add to xi (10,); nothing beside effects, which may be what the errors are."""
+def _corrected(model: Accumulation, errors: Array) -> Array:
+    """Return xi (10,) without lasting errors; as it is beside effects, which may be what they are.
+
+    Found anew every time: a step that was found at another xi may be far off at this one.
+    """
     assert model.solver is not None
     if model.effects or not errors.any():
-        return np.zeros(10)
-    return model.corrected(errors) - model.solver.xi
+        return model.solver.xi
+    return model.corrected(errors)
 
 
 def _effect_estimates(model: Accumulation, covariance: Array) -> dict[str, EffectEstimate]:
