@@ -9,15 +9,21 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.tracking.hand_error import LASTING, SAME_TIME, hand_motions
-from tactile_dynamics_ros.nodes.conversions import to_seconds, uncertain_pose_to_core
+from tactile_dynamics_ros.nodes.conversions import (
+    RESTART_AFTER,
+    to_seconds,
+    uncertain_pose_to_core,
+)
 from tactile_dynamics_ros.nodes.shell import Shell
 from tactile_dynamics_ros.nodes.wire import Stamped
 
 Array = NDArray[np.float64]
 
 HAND_POSE = "/object/pose/kinematic"
-KEPT = 50
+KEPT = 200
 _STILL = np.eye(4)
+
+_Timed = deque[tuple[float, Array]]
 
 
 class HandError:
@@ -28,32 +34,53 @@ class HandError:
     """
 
     def __init__(self, node: Shell) -> None:
-        self._told: deque[tuple[float, Array, Array]] = deque(maxlen=KEPT)
-        self._shown: deque[tuple[float, Array]] = deque(maxlen=KEPT)
-        self._motion, self._time = _STILL, -np.inf
+        self._told: _Timed = deque(maxlen=KEPT)
+        self._shown: _Timed = deque(maxlen=KEPT)
+        self._motions: _Timed = deque(maxlen=KEPT)
         node.listen(PoseWithCovarianceStamped, HAND_POSE, self._on_hand)
 
     def add_fused(self, time: float, pose: Array) -> None:
         """Take the fused pose (4, 4) of a time, s."""
-        self._shown.append((time, pose))
-        self._pair(time)
+        _append(self._shown, time, pose)
+        hand = _at(self._told, time, SAME_TIME)
+        if hand is not None:
+            self._add_motion(time, pose, hand)
 
     def at(self, time: float) -> Array:
         """Return the motion (4, 4) for contacts of a time, s."""
-        return self._motion if abs(time - self._time) <= LASTING else _STILL
+        found = _at(self._motions, time, LASTING)
+        return _STILL if found is None else found
 
     def _on_hand(self, message: Stamped) -> None:
-        pose, covariance = uncertain_pose_to_core(message, HAND_POSE, "world")
-        if covariance is not None:
-            time = to_seconds(message.stamp)
-            self._told.append((time, pose, covariance))
-            self._pair(time)
+        hand, _ = uncertain_pose_to_core(message, HAND_POSE, "world")
+        time = to_seconds(message.stamp)
+        _append(self._told, time, hand)
+        fused = _at(self._shown, time, SAME_TIME)
+        if fused is not None:
+            self._add_motion(time, fused, hand)
 
-    def _pair(self, time: float) -> None:
-        """Find the motion once both poses of a time have come."""
-        shown = [pose for t, pose in self._shown if abs(t - time) < SAME_TIME]
-        told = [entry for entry in self._told if abs(entry[0] - time) < SAME_TIME]
-        if shown and told:
-            _, hand, covariance = told[-1]
-            self._motion = hand_motions(shown[-1][None], hand[None], covariance[None])[0]
-            self._time = time
+    def _add_motion(self, time: float, fused: Array, hand: Array) -> None:
+        _append(self._motions, time, hand_motions(fused[None], hand[None])[0])
+
+
+def _append(entries: _Timed, time: float, value: Array) -> None:
+    """Append what comes in the order of time; a clock that was restarted makes the past void."""
+    if entries and time < entries[-1][0] - RESTART_AFTER:
+        entries.clear()
+    if not entries or time > entries[-1][0]:
+        entries.append((time, value))
+
+
+def _at(entries: _Timed, time: float, tolerance: float) -> Array | None:
+    """The value nearest to a time, or None if it is further than the tolerance."""
+    best = None
+    for when, value in reversed(entries):
+        gap = abs(when - time)
+        if gap > tolerance:
+            if when < time:
+                break
+            continue
+        if best is not None and gap >= best[0]:
+            break
+        best = gap, value
+    return None if best is None else best[1]

@@ -165,7 +165,9 @@ class _BagAssembly:
 
     def _hand_pose(self) -> PoseStream | None:
         """Return the poses by the hand alone, or None if there are none that can be used."""
-        if topics.HAND_POSE not in self._bag.tables:
+        accepted = topics.EXPECTED_TYPES["object_pose"]
+        known = topics.HAND_POSE in self._bag.tables
+        if not known or self._bag.types[topics.HAND_POSE] not in accepted:
             return None
         try:
             return self._pose_of(topics.HAND_POSE)

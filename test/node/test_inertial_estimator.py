@@ -87,21 +87,29 @@ def test_known_box_is_found_with_its_uncertainty(estimator):
 
 
 def test_contacts_go_with_the_fused_pose_where_the_hand_is_off(estimator):
-    got, node = [], estimator.nodes[0]
-    deliver = node.estimator.add_contact
-    node.estimator.add_contact = lambda *parts: (got.append(parts), deliver(*parts))
+    got, node = {}, estimator.nodes[0]
+    node.estimator.add_contact = lambda time, name, point, *_: got.update({(name, time): point})
     streams = held_box(seconds=0.3).streams
-    spread, shift = 1e-4 * np.eye(6), np.array([2e-3, 0.0, -1e-3])
-    for k, time in enumerate(streams.pose.time):
-        hand = matrix(streams.pose.position[k] + shift, streams.pose.rotation[k])
-        message = cv.uncertain_pose_to_message(hand, spread, float(time), "world")
-        estimator.send("/object/pose/kinematic", message)
-    play(estimator, streams)
-    estimator.until(lambda: len(got) >= 4 * len(streams.pose.time))
-    told = {(name, round(time, 3)): point for time, name, point, *_ in got}
-    for name, contact in streams.contacts.items():
-        last = round(float(streams.pose.time[-1]), 3)
-        np.testing.assert_allclose(told[name, last], contact.position[-1] - shift, atol=1e-9)
+    shift = np.array([2e-3, 0.0, -1e-3])
+    pose, contact = streams.pose, streams.contacts["index"]
+    topics = ["/object/pose/kinematic", "/object/pose"]
+    topics += ["/contact/index/pose", "/contact/index/force"]
+    for k, time in enumerate(map(float, pose.time)):
+        place = matrix(contact.position[k], contact.rotation[k])
+        wrench = np.concatenate([np.zeros(3), contact.force[k]])
+        messages = [
+            cv.uncertain_pose_to_message(
+                matrix(pose.position[k] + off, pose.rotation[k]), pose.covariance[k], time, "world"
+            )
+            for off in (shift, 0.0)
+        ]
+        messages.append(cv.pose_to_message(place, time, "world"))
+        messages.append(cv.wrench_to_message(wrench, time, "world"))
+        for topic, message in zip(topics, messages, strict=True):
+            estimator.send(topic, message)
+    estimator.until(lambda: len(got) == len(pose.time))
+    points = np.array([got["index", time] for time in sorted(time for _, time in got)])
+    np.testing.assert_allclose(points, contact.position - shift, atol=1e-9)
 
 
 def test_measured_friction_shows_the_grip_and_doubts_forces_that_it_cannot_hold(estimator):

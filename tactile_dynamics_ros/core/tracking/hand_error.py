@@ -1,12 +1,12 @@
 """Contacts that the hand tells, carried to where vision shows the object.
 
 Contact points and forces get into the world through the joints of arm and hand, whose errors move
-and turn them. The pose H that the hand alone tells of the object has the same errors, the fused
-pose X has most of them corrected, so X H^-1 is the motion that corrects the contacts too. Without
-it, object and contacts shift against each other as vision corrects the pose.
+and turn them as the arm moves. The pose H that the hand alone tells of the object moves and turns
+alike, while the fused pose X is held by vision, so that object and contacts would shift against
+each other. X H^-1 moves the contacts with X. What was wrong with the first pose of H goes along.
 
-That holds only as long as the object has not slipped, which moves X but not the hand. What lies
-within the covariance of H is taken for an error of the hand, what lies beyond for slip.
+That holds only as long as the object has not slipped, which moves X but not the hand: a motion that
+is larger than joints can be off by is taken for slip, and contacts stay.
 """
 
 from __future__ import annotations
@@ -16,38 +16,40 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.rigid_body.rotation import log_so3
+from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, log_so3
 from tactile_dynamics_ros.core.streams import ContactStream, PoseStream, Streams, nearest_samples
-from tactile_dynamics_ros.core.tracking.pose_fusion import CHI2_6_9999
 
 Array = NDArray[np.float64]
 
-SAME_TIME = 1e-3
+JOINT_TURN, JOINT_SHIFT = np.deg2rad(0.8), 2.5e-3
+"""What joints may turn and shift the object by, rad and m; at twice as much all of it is slip."""
+SAME_TIME = 1e-6
 """Poses whose stamps differ by less belong together, s."""
 LASTING = 0.1
 """For how long the motion found at one time holds, s."""
-_TINY = 1e-14
 
 
-def hand_motions(fused: Array, hand: Array, covariance: Array) -> Array:
-    """Return X H^-1, or the identity where the object has slipped.
+def hand_motions(fused: Array, hand: Array) -> Array:
+    """Return X H^-1, less of it where it is large, and the identity where the object has slipped.
+
+    The turn is about the object's origin. Between once and twice what joints may be off by, the
+    motion fades, so that contacts do not leap.
 
     Args:
         fused: (N, 4, 4) X_WO.
         hand: (N, 4, 4) X_WO as the hand alone tells it, at the same times.
-        covariance: (N, 6, 6) of `hand` [rotation, position], world axes.
 
     Returns:
         (N, 4, 4) motions of the world.
     """
-    turn = fused[:, :3, :3] @ np.swapaxes(hand[:, :3, :3], 1, 2)
-    apart = np.concatenate([log_so3(turn), fused[:, :3, 3] - hand[:, :3, 3]], axis=1)
-    spread = covariance + _TINY * np.eye(6)
-    misfit = np.sum(apart * np.linalg.solve(spread, apart[..., None])[..., 0], axis=1)
+    turn = log_so3(fused[:, :3, :3] @ np.swapaxes(hand[:, :3, :3], 1, 2))
+    shift = fused[:, :3, 3] - hand[:, :3, 3]
+    sizes = np.linalg.norm(turn, axis=1) / JOINT_TURN, np.linalg.norm(shift, axis=1) / JOINT_SHIFT
+    share = np.clip(2.0 - np.maximum(*sizes), 0.0, 1.0)[:, None]
     motions = np.tile(np.eye(4), (len(fused), 1, 1))
-    motions[:, :3, :3] = turn
-    motions[:, :3, 3] = fused[:, :3, 3] - np.einsum("nij,nj->ni", turn, hand[:, :3, 3])
-    motions[misfit > CHI2_6_9999] = np.eye(4)
+    motions[:, :3, :3] = exp_so3(share * turn)
+    origin = np.einsum("nij,nj->ni", motions[:, :3, :3], hand[:, :3, 3])
+    motions[:, :3, 3] = hand[:, :3, 3] + share * shift - origin
     return motions
 
 
@@ -56,18 +58,18 @@ def carry_contacts(streams: Streams, hand: PoseStream) -> Streams:
 
     Args:
         streams: with a pose.
-        hand: pose of the object by the hand alone. Without covariance nothing can be told from
-            slip, and contacts stay as they are.
+        hand: pose of the object by the hand alone. Where most of its stamps are not those of the
+            fused pose, contacts stay as they are.
     """
     fused = streams.pose
-    if fused is None or hand.covariance is None:
+    if fused is None:
         return streams
     nearest = nearest_samples(fused.time, hand.time)
     paired = np.abs(fused.time[nearest] - hand.time) < SAME_TIME
-    if not paired.any():
+    inside = (hand.time >= fused.time[0]) & (hand.time <= fused.time[-1])
+    if not paired.any() or np.mean(paired[inside]) < 0.5:
         return streams
-    both = _matrices(fused)[nearest[paired]], _matrices(hand)[paired]
-    motions = hand_motions(*both, hand.covariance[paired])
+    motions = hand_motions(_matrices(fused)[nearest[paired]], _matrices(hand)[paired])
     time = hand.time[paired]
     carried = {name: _carried(c, time, motions) for name, c in streams.contacts.items()}
     return replace(streams, contacts=carried)
