@@ -24,7 +24,7 @@ UNIT_STD, PLACE_STD, PLACE_WIDTH = 0.05, 0.01, 0.012
 """Gains differ by so much from fingertip to fingertip, and by so much from place to place of one,
 where the widths of what is held differ by that many m."""
 TRIALS = 2
-"""Probes of each reference block."""
+"""Reference blocks of each width, with coefficients of their own."""
 QUANTILE = 2.2
 """By which `repeatable` exceeds a standard deviation, of some ten slips."""
 FORCE_LIMIT = 4.5

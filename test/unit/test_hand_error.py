@@ -19,6 +19,7 @@ TURN = Rotation.from_rotvec([0.0, 0.008, -0.004]).as_matrix()
 PIVOT = np.array([0.5, 0.0, 0.6])
 SHIFT = np.array([1e-3, -0.5e-3, 1e-3]) + PIVOT - TURN @ PIVOT
 
+
 def moved(pose, turn, shift):
     """Return a pose stream moved in the world."""
     return replace(pose, position=pose.position @ turn.T + shift, rotation=turn @ pose.rotation)
