@@ -399,7 +399,7 @@ def finite_difference(function, x: np.ndarray) -> np.ndarray:
 
 
 def test_the_estimate_does_not_leap_where_a_finger_has_a_lasting_error():
-    """What lasting errors change is found anew with every estimate, not added from an older one."""
+    """What lasting errors change is found anew when the estimate moves, not added from long ago."""
     streams = held_box(seconds=4.0, seed=3, motion=0.5).streams
     index = streams.contacts["index"]
     index.force[:] += [0.05, -0.08, 0.06]

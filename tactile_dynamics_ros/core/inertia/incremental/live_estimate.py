@@ -28,6 +28,8 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
 Array = NDArray[np.float64]
 
 _IDENTIFIED = 4.0
+_NEAR = 0.05
+"""How far log-Cholesky coordinates may move until what lasting errors change is found again."""
 _WORDS = {
     "mass": "mass",
     "com": "centre of mass along",
@@ -141,6 +143,7 @@ class Summariser:
         self._model: Accumulation | None = None
         self._widen = np.ones(0)
         self._presumed: PresumedErrors | None = None
+        self._corrected_at, self._step = np.full(10, np.inf), np.zeros(10)
         self._not_excited: tuple[str, ...] = ()
 
     def summarise(self, model: Accumulation, latency: float, pending: int) -> LiveEstimate:
@@ -154,9 +157,10 @@ class Summariser:
             self._widen = np.sqrt(model.scores.inflation(model.state, covariance))
         if lasting or self._presumed is None:
             self._presumed = model.presume_lasting_errors()
+            self._corrected_at = np.full(10, np.inf)
         if excitation:
             self._not_excited = unexcited_parameters(solver.xi, data, prior)
-        xi = _corrected(model, self._presumed.errors)
+        xi = self._corrected(model, self._presumed.errors)
         if self._hull is not None:
             xi = keep_in_hull(xi, data + prior, self._hull)
         mapping = solver.coordinate_jacobian()
@@ -183,6 +187,20 @@ class Summariser:
             pending=pending,
         )
 
+    def _corrected(self, model: Accumulation, errors: Array) -> Array:
+        """Return xi (10,) without lasting errors; as it is beside effects, which may be those.
+
+        The step is kept as long as xi stays near to where it was found: at another xi it may be far
+        off, where the data say little.
+        """
+        assert model.solver is not None
+        xi = model.solver.xi
+        if model.effects or not errors.any():
+            return xi
+        if np.max(np.abs(xi - self._corrected_at)) > _NEAR:
+            self._corrected_at, self._step = xi, model.corrected(errors) - xi
+        return np.asarray(xi + self._step)
+
     def _due(self, model: Accumulation) -> list[bool]:
         """Which of the slow parts this call finds again: all of them for another model."""
         turn = self._calls % self._EVERY
@@ -190,17 +208,6 @@ class Summariser:
         self._model = model
         self._calls += 1
         return due
-
-
-def _corrected(model: Accumulation, errors: Array) -> Array:
-    """Return xi (10,) without lasting errors; as it is beside effects, which may be what they are.
-
-    Found anew every time: a step that was found at another xi may be far off at this one.
-    """
-    assert model.solver is not None
-    if model.effects or not errors.any():
-        return model.solver.xi
-    return model.corrected(errors)
 
 
 def _effect_estimates(model: Accumulation, covariance: Array) -> dict[str, EffectEstimate]:
