@@ -41,12 +41,15 @@ def run_study(hands: int, processes: int, cache: Path) -> list[dict[str, Any]]:
         for subject in SUBJECTS:
             gain, std = calibrate(known, subject.site().width)
             cases.append(Case(subject, hand, gain=gain, gain_std=std))
-        found = run_cases(cases, processes, cache)
-        rows += [row | {"gain": case.gain} for row, case in zip(found, cases, strict=True)]
+        for row, case in zip(run_cases(cases, processes, cache), cases, strict=True):
+            exact, _ = calibrate(known, case.subject.site().width, reference_std=0.0)
+            rows.append(row | {"gain": case.gain, "exact_gain": exact})
     return rows
 
 
-def calibrate(rows: Sequence[dict[str, Any]], width: float) -> tuple[float, float]:
+def calibrate(
+    rows: Sequence[dict[str, Any]], width: float, reference_std: float = REFERENCE_STD
+) -> tuple[float, float]:
     """Gain of a hand's finger and its standard deviation from probes of the reference blocks.
 
     What is as wide as a block is touched with the same place of the skin: the gain is a Gaussian
@@ -64,7 +67,7 @@ def calibrate(rows: Sequence[dict[str, Any]], width: float) -> tuple[float, floa
     if not rows:
         return 1.0, 0.1
     rng = np.random.default_rng([rows[0]["hand"], 31])
-    error = REFERENCE_STD * float(rng.standard_normal())
+    error = reference_std * float(rng.standard_normal())
     static = np.array([row["estimate"]["static"] for row in rows])
     scatter = np.array([row["estimate"]["repeatable"] for row in rows]) / QUANTILE / static
     gains = (np.array([row["true_static"] for row in rows]) + error) / static
@@ -73,7 +76,7 @@ def calibrate(rows: Sequence[dict[str, Any]], width: float) -> tuple[float, floa
     seen = _place_covariance(widths, widths) + np.diag(scatter**2 + GRASP_STD**2)
     share = np.linalg.solve(seen, _place_covariance(widths, np.array([width])))[:, 0]
     left = UNIT_STD**2 + PLACE_STD**2 - share @ _place_covariance(widths, np.array([width]))[:, 0]
-    known = REFERENCE_STD / rows[0]["true_static"]
+    known = reference_std / rows[0]["true_static"]
     gain = 1.0 + float(share @ (gains - 1.0))
     return gain, float(np.sqrt(left + known**2 + GRASP_STD**2))
 
@@ -89,14 +92,17 @@ def summarise_study(rows: Iterable[dict[str, Any]]) -> dict[str, Any]:
     rows = list(rows)
     done = [row for row in rows if "estimate" in row]
     error = np.array([row["true_static"] - row["estimate"]["static"] for row in done])
-    raw = np.array([row["true_static"] - row["estimate"]["static"] / row["gain"] for row in done])
+    bare = np.array([row["estimate"]["static"] / row["gain"] for row in done])
+    truth = np.array([row["true_static"] for row in done])
+    exact = np.array([row["exact_gain"] for row in done])
     inside = [holds_truth(row) for row in done]
     return {
         "probes": len(rows),
         "with_estimate": len(done),
         "median_abs_error": _median(np.abs(error)),
         "median_error": _median(error),
-        "median_abs_error_uncalibrated": _median(np.abs(raw)),
+        "median_abs_error_uncalibrated": _median(np.abs(truth - bare)),
+        "median_abs_error_blocks_known_exactly": _median(np.abs(truth - exact * bare)),
         "paper_median_error": PAPER,
         "interval_coverage": float(np.mean(inside)) if inside else None,
         "interval_half_width_median": _median(

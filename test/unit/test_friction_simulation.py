@@ -143,10 +143,12 @@ def test_detectors_are_scored_by_delay_and_false_alarms():
 def test_the_study_is_summarised_with_what_went_wrong():
     estimate = {"static": 0.7, "interval": [0.66, 0.74], "kinetic": 0.6, "normal_moves": False}
     row = {"subject": "mustard", "hand": 1, "estimate": estimate, "true_static": 0.71}
-    row |= {"true_kinetic": 0.61, "gain": 1.0, "strongest": 2.0, "duration": 15.0}
+    row |= {"true_kinetic": 0.61, "gain": 1.0, "exact_gain": 1.02}
+    row |= {"strongest": 2.0, "duration": 15.0}
     lost = {"subject": "bleach", "dropped": True, "strongest": 9.0, "gain": 1.0}
     found = summarise_study([row, lost])
     assert found["median_abs_error"] == pytest.approx(0.01)
+    assert found["median_abs_error_blocks_known_exactly"] == pytest.approx(0.004)
     assert found["interval_coverage"] == 1.0
     assert (found["drops"], found["force_limit_violations"]) == (1, 1)
 
