@@ -5,7 +5,7 @@ from __future__ import annotations
 from bisect import bisect_left, bisect_right
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 
 import numpy as np
@@ -49,6 +49,17 @@ class AssembledContact:
     torque: Array
     std: Array | None
 
+    def moved(self, motion: Array) -> AssembledContact:
+        """Return the contact after a motion (4, 4) of the world."""
+        turn = motion[:3, :3]
+        return replace(
+            self,
+            point=turn @ self.point + motion[:3, 3],
+            rotation=turn @ self.rotation,
+            force=turn @ self.force,
+            torque=turn @ self.torque,
+        )
+
 
 class ContactAssembly:
     """Puts together what belongs to one stamp and hands it on.
@@ -60,7 +71,7 @@ class ContactAssembly:
         node: that subscribes.
         name: of the contact.
         deliver: called with each assembled contact in the order of time.
-        hand: whose error in the world is corrected.
+        hand: whose error in the world is corrected, or None to take contacts as they are told.
     """
 
     def __init__(
@@ -68,7 +79,7 @@ class ContactAssembly:
         node: Shell,
         name: str,
         deliver: Callable[[AssembledContact], None],
-        hand: HandError,
+        hand: HandError | None = None,
     ) -> None:
         self._node, self._name, self._deliver, self._hand = node, name, deliver, hand
         self._topic = f"/contact/{name}"
@@ -125,17 +136,8 @@ class ContactAssembly:
     ) -> AssembledContact:
         after = bisect_right(self._stds, time + 1e-9, key=_stamp_of)
         std = self._stds[max(after - 1, 0)][1] if self._stds else None
-        motion = self._hand.at(time)
-        turn = motion[:3, :3]
-        return AssembledContact(
-            time=time,
-            name=self._name,
-            point=turn @ point + motion[:3, 3],
-            rotation=turn @ rotation,
-            force=turn @ wrench[3:],
-            torque=turn @ wrench[:3],
-            std=std,
-        )
+        contact = AssembledContact(time, self._name, point, rotation, wrench[3:], wrench[:3], std)
+        return contact if self._hand is None else contact.moved(self._hand.at(time))
 
 
 def _stamp_of(entry: tuple[float, Array]) -> float:
