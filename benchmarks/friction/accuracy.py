@@ -74,8 +74,9 @@ def calibrate(
     across = {block.name: block.site().width for block in REFERENCES}
     widths = np.array([across[row["subject"]] for row in rows])
     seen = _place_covariance(widths, widths) + np.diag(scatter**2 + GRASP_STD**2)
-    share = np.linalg.solve(seen, _place_covariance(widths, np.array([width])))[:, 0]
-    left = UNIT_STD**2 + PLACE_STD**2 - share @ _place_covariance(widths, np.array([width]))[:, 0]
+    here = _place_covariance(widths, np.array([width]))[:, 0]
+    share = np.linalg.solve(seen, here)
+    left = UNIT_STD**2 + PLACE_STD**2 - share @ here
     known = reference_std / rows[0]["true_static"]
     gain = 1.0 + float(share @ (gains - 1.0))
     return gain, float(np.sqrt(left + known**2 + GRASP_STD**2))
@@ -91,9 +92,10 @@ def summarise_study(rows: Iterable[dict[str, Any]]) -> dict[str, Any]:
     """Numbers of the study, over all subjects and for each."""
     rows = list(rows)
     done = [row for row in rows if "estimate" in row]
-    error = np.array([row["true_static"] - row["estimate"]["static"] for row in done])
-    bare = np.array([row["estimate"]["static"] / row["gain"] for row in done])
     truth = np.array([row["true_static"] for row in done])
+    static = np.array([row["estimate"]["static"] for row in done])
+    error = truth - static
+    bare = static / np.array([row["gain"] for row in done])
     exact = np.array([row["exact_gain"] for row in done])
     inside = [holds_truth(row) for row in done]
     return {

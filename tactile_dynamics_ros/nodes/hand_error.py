@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections import deque
+from itertools import islice
+from operator import itemgetter
 
 import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped
@@ -73,14 +76,7 @@ def _append(entries: _Timed, time: float, value: Array) -> None:
 
 def _at(entries: _Timed, time: float, tolerance: float) -> Array | None:
     """The value nearest to a time, or None if it is further than the tolerance."""
-    best = None
-    for when, value in reversed(entries):
-        gap = abs(when - time)
-        if gap > tolerance:
-            if when < time:
-                break
-            continue
-        if best is not None and gap >= best[0]:
-            break
-        best = gap, value
-    return None if best is None else best[1]
+    after = bisect_left(entries, time, key=itemgetter(0))
+    around = islice(entries, max(after - 1, 0), after + 1)
+    near = [entry for entry in around if abs(entry[0] - time) <= tolerance]
+    return min(near, key=lambda entry: abs(entry[0] - time))[1] if near else None

@@ -10,7 +10,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
-from synthetic_recording import held_box
 
 from benchmarks.hidden.recordings import generate, generate_at_whitened_rms
 from benchmarks.hidden.scenario import ScenarioOptions
@@ -396,15 +395,3 @@ def finite_difference(function, x: np.ndarray) -> np.ndarray:
         for unit in np.eye(len(x))
     ]
     return np.stack(columns, axis=-1)
-
-
-def test_the_estimate_does_not_leap_where_a_finger_has_a_lasting_error():
-    """What lasting errors change is found anew when the estimate moves, not added from long ago."""
-    streams = held_box(seconds=4.0, seed=3, motion=0.5).streams
-    index = streams.contacts["index"]
-    index.force[:] += [0.05, -0.08, 0.06]
-    told = list(replay_streams(streams))[100:]
-    moments = np.array([estimate.inertia.inertia_com.diagonal() for estimate in told])
-    stds = np.array([estimate.parameter_std[4:7] for estimate in told])
-    leaps = np.abs(np.diff(moments, axis=0)) / np.minimum(stds[1:], stds[:-1])
-    assert leaps.max() < 30.0
