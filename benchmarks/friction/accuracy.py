@@ -16,8 +16,9 @@ Array = NDArray[np.float64]
 
 FIRST_HAND = 1010
 """The constants below were chosen on hands before it."""
-REFERENCE_STD = 0.005
-"""How well the slope method is assumed to tell the coefficients of the reference blocks."""
+REPEATS, ANGLE_STD, LEVEL_STD = 5, np.deg2rad(0.5), np.deg2rad(0.1)
+"""Slope method that tells the coefficients of the reference blocks: repeats for each block, the
+scatter of the angle in one of them, and the error of the inclinometer, common to all of a hand."""
 GRASP_STD = 0.005
 """By how much the gain of a fingertip differs between two grasps."""
 UNIT_STD, PLACE_STD, PLACE_WIDTH = 0.05, 0.01, 0.012
@@ -42,13 +43,13 @@ def run_study(hands: int, processes: int, cache: Path) -> list[dict[str, Any]]:
             gain, std = calibrate(known, subject.site().width)
             cases.append(Case(subject, hand, gain=gain, gain_std=std))
         for row, case in zip(run_cases(cases, processes, cache), cases, strict=True):
-            exact, _ = calibrate(known, case.subject.site().width, reference_std=0.0)
+            exact, _ = calibrate(known, case.subject.site().width, exactly=True)
             rows.append(row | {"gain": case.gain, "exact_gain": exact})
     return rows
 
 
 def calibrate(
-    rows: Sequence[dict[str, Any]], width: float, reference_std: float = REFERENCE_STD
+    rows: Sequence[dict[str, Any]], width: float, exactly: bool = False
 ) -> tuple[float, float]:
     """Gain of a hand's finger and its standard deviation from probes of the reference blocks.
 
@@ -57,29 +58,45 @@ def calibrate(
 
         UNIT_STD^2 + PLACE_STD^2 exp(-(w - w')^2 / (2 PLACE_WIDTH^2)),
 
-    seen by each probe of a block with that probe's scatter and `GRASP_STD`, which is allowed for
-    the grasp that follows too. The coefficients of the blocks are told by one apparatus, so that
-    their error is the same in all.
+    seen by each probe of a block with that probe's scatter, the error of the slope method (what is
+    common to all blocks stays) and `GRASP_STD`, which is allowed for the grasp that follows too.
+
+    Args:
+        rows: probes of the blocks. width: of what is held, m.
+        exactly: as if the coefficients of the blocks were known without error.
 
     Source: Gaussian process regression (Rasmussen and Williams, 2006, eq. 2.23 and 2.24).
     """
     rows = [row for row in rows if "estimate" in row]
     if not rows:
         return 1.0, 0.1
-    rng = np.random.default_rng([rows[0]["hand"], 31])
-    error = reference_std * float(rng.standard_normal())
     static = np.array([row["estimate"]["static"] for row in rows])
     scatter = np.array([row["estimate"]["repeatable"] for row in rows]) / QUANTILE / static
-    gains = (np.array([row["true_static"] for row in rows]) + error) / static
+    true = np.array([row["true_static"] for row in rows])
+    error, noise = (np.zeros(len(true)), np.zeros((len(true), 2))) if exactly else _slope(rows)
+    gains = (true + error) / static
     across = {block.name: block.site().width for block in REFERENCES}
     widths = np.array([across[row["subject"]] for row in rows])
-    seen = _place_covariance(widths, widths) + np.diag(scatter**2 + GRASP_STD**2)
+    seen = _place_covariance(widths, widths) + np.outer(noise[:, 1], noise[:, 1])
+    seen += np.diag(scatter**2 + GRASP_STD**2 + noise[:, 0] ** 2)
     here = _place_covariance(widths, np.array([width]))[:, 0]
     share = np.linalg.solve(seen, here)
     left = UNIT_STD**2 + PLACE_STD**2 - share @ here
-    known = reference_std / rows[0]["true_static"]
     gain = 1.0 + float(share @ (gains - 1.0))
-    return gain, float(np.sqrt(left + known**2 + GRASP_STD**2))
+    return gain, float(np.sqrt(left + GRASP_STD**2))
+
+
+def _slope(rows: Sequence[dict[str, Any]]) -> tuple[Array, Array]:
+    """Errors (N,) of the blocks' coefficients, and (N, 2) their relative stds, own and common.
+
+    d mu = (1 + mu^2) d theta, with the mean of `REPEATS` angles.
+    """
+    rng = np.random.default_rng([rows[0]["hand"], 31])
+    true = np.array([row["true_static"] for row in rows])
+    own, common = ANGLE_STD / np.sqrt(REPEATS), LEVEL_STD
+    angle = own * rng.standard_normal(len(rows)) + common * float(rng.standard_normal())
+    steep = 1.0 + true**2
+    return steep * angle, np.outer(steep / true, [own, common])
 
 
 def _place_covariance(a: Array, b: Array) -> Array:

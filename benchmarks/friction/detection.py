@@ -33,6 +33,7 @@ class Attempt:
         speed: true, m/s. loading: whether the tangential force was still built up.
         vibration: PAC level over rest. electrodes: their change. path: along the pull, m.
         ratio: of the sensed tangential to the normal force.
+        expected: median ratio of the slips that the probe found before, or None at the first.
     """
 
     speed: Array
@@ -41,6 +42,7 @@ class Attempt:
     electrodes: Array
     path: Array
     ratio: Array
+    expected: float | None = None
 
     @property
     def onset(self) -> int | None:
@@ -68,6 +70,7 @@ def split_attempts(row: dict[str, Any]) -> list[Attempt]:
         Attempt(
             loading=phase[a:b] == "load",
             ratio=ratio[a:b],
+            expected=_expected(row["events"], slip["time"][a]),
             **{name: values[a:b] for name, values in series.items()},
         )
         for a, b in zip(starts, ends, strict=True)
@@ -75,9 +78,15 @@ def split_attempts(row: dict[str, Any]) -> list[Attempt]:
     ]
 
 
+def _expected(events: Iterable[dict[str, Any]], time: float) -> float | None:
+    before = [event["tangential"] / event["normal"] for event in events if event["time"] < time]
+    return float(np.median(before)) if before else None
+
+
 def fused(attempt: Attempt) -> Flags:
     """What the probe's detector tells."""
     detector = SlipFusion()
+    detector.reset(attempt.expected)
     told = []
     for k, loading in enumerate(attempt.loading):
         rest = (None, None) if loading else (attempt.electrodes[k], attempt.path[k])

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.biotac_press_rig import calibrate_units
 from benchmarks.friction.subjects import Subject, draw_friction
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
 from tactile_dynamics_ros.core.friction.estimate import FrictionEstimateConfig
@@ -73,6 +74,7 @@ def build_trial(case: Case) -> ProbeTrial:
         site=case.subject.site(),
         probe=FrictionProbeConfig(variant=case.variant, width=WIDTH, estimate=estimate),
         in_air=case.in_air,
+        tips=calibrate_units(case.hand),
     )
 
 

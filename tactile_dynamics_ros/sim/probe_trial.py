@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -26,6 +26,7 @@ from tactile_dynamics_ros.core.manipulation.grasp_controller import (
 )
 from tactile_dynamics_ros.core.manipulation.grasp_site import GraspSite
 from tactile_dynamics_ros.core.tactile.estimators import create_force_estimator, observe_fingers
+from tactile_dynamics_ros.core.tactile.fingertip import FingertipConfig
 from tactile_dynamics_ros.core.tactile.slip import SlipDetector
 from tactile_dynamics_ros.core.tracking.pose_average import average_poses
 from tactile_dynamics_ros.sim.simulated_robot import SimulatedRobot, SimulatedRobotConfig
@@ -51,6 +52,7 @@ class ProbeTrial:
         probe: its configuration.
         in_air: probe in the lifted object instead of the standing one.
         tell: changes the object pose that the probe is told, X -> X, or None.
+        tips: configurations of the four fingertips from their calibration, or None without one.
     """
 
     robot: SimulatedRobotConfig
@@ -61,6 +63,7 @@ class ProbeTrial:
     probe: FrictionProbeConfig = field(default_factory=FrictionProbeConfig)
     in_air: bool = False
     tell: Callable[[Array], Array] | None = None
+    tips: Sequence[FingertipConfig] | None = None
 
 
 @dataclass
@@ -119,7 +122,8 @@ class _Chain:
         self.friction = SkinFriction(world, trial.regions, trial.surfaces, trial.probe.finger)
         self.kinematics = HandKinematics()
         self._contact_state = ContactState(self.kinematics)
-        self._tips = [create_force_estimator() for _ in FINGERS]
+        tips = trial.tips or [None] * len(FINGERS)
+        self._tips = [create_force_estimator(config=tip) for tip in tips]
         self._finger = FINGERS.index(trial.probe.finger)
         self._vibration = SlipDetector()
         self._motion = ElectrodeMotion()

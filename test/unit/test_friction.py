@@ -130,6 +130,34 @@ def test_rest_is_not_told_as_slip():
     assert not any(alarms)
 
 
+def slow_slip(rng, expected, ratio, seconds=1.6, onset=1.0):
+    """When a slow slip is told, s, where the forces come up to a ratio; None where it is not."""
+    fusion = SlipFusion()
+    fusion.reset(expected)
+    for time in np.arange(0.0, seconds, 0.01):
+        vibration = np.exp(rng.normal(0.0, 0.2) + 0.45 * (time >= onset))
+        felt = ratio * min(1.0, 0.6 + 0.4 * time) + rng.normal(0.0, 0.01)
+        if fusion.update(time, SlipObservation(vibration, 0.2, None, felt)).slipping:
+            return float(time)
+    return None
+
+
+def test_a_slip_is_told_sooner_where_earlier_ones_say_that_it_is_due():
+    rng = np.random.default_rng(3)
+    due = [slow_slip(rng, 0.7, ratio=0.7) for _ in range(20)]
+    unknown = [slow_slip(rng, None, ratio=0.7) for _ in range(20)]
+    far_off = [slow_slip(rng, 1.4, ratio=0.7) for _ in range(20)]
+    assert all(told is not None and told > 0.9 for told in due)
+    assert np.median(due) <= np.median([told or 9.0 for told in unknown]) - 0.03
+    assert sum(told is None for told in far_off) >= 15
+
+
+def test_forces_alone_tell_no_slip():
+    """A surface that holds better than the one before is at rest, however hard it is pulled."""
+    rng = np.random.default_rng(4)
+    assert slow_slip(rng, expected=0.4, ratio=0.7, seconds=30.0, onset=1e9) is None
+
+
 def test_the_slip_is_found_where_the_ratio_of_the_forces_peaks():
     """Creep before the slip and noise of a few hundredths of a newton do not mislead."""
     rng, ratios, times = np.random.default_rng(2), [], []

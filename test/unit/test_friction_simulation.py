@@ -98,17 +98,32 @@ def test_a_hands_gain_is_that_of_the_blocks_as_wide_as_what_is_held():
 
     read = {"block 42 mm": 0.79, "block 60 mm": 0.80, "block 80 mm": 0.81}
     blocks = [row(block, static) for block, static in read.items()]
-    (narrow, sure), (middle, _), (wide, _) = (calibrate(blocks, w) for w in (0.042, 0.06, 0.08))
-    assert middle == pytest.approx(0.8 / 0.80, rel=0.02)
+    widths = (0.042, 0.051, 0.06, 0.08)
+    narrow, between, middle, wide = (calibrate(blocks, w, exactly=True)[0] for w in widths)
+    assert middle == pytest.approx(0.8 / 0.80, rel=0.003)
     assert 1.01 < narrow / wide < 0.81 / 0.79
-    assert narrow > middle > wide
-    assert middle < calibrate(blocks, 0.051)[0] < narrow
-    one, unsure = calibrate(blocks[:1], 0.08)
+    assert narrow > between > middle > wide
+    one, unsure = calibrate(blocks[:1], 0.08, exactly=True)
     assert one > wide
-    assert calibrate(2 * blocks, 0.042)[1] < sure
-    assert 0.008 < sure < unsure < 0.03
+    _, sure = calibrate(blocks, 0.042, exactly=True)
+    assert calibrate(2 * blocks, 0.042, exactly=True)[1] < sure < unsure < 0.03
     nothing = {"hand": 5, "subject": "block 60 mm", "outcome": "nothing held"}
     assert calibrate([nothing], 0.06) == (1.0, 0.1)
+
+
+def test_the_error_of_the_slope_method_is_stated_and_shrinks_with_more_blocks():
+    def errors(blocks):
+        rows = [
+            {"subject": "block 60 mm", "true_static": 0.8}
+            | {"estimate": {"static": 0.8, "repeatable": 0.001}}
+            for _ in range(blocks)
+        ]
+        found = [calibrate([row | {"hand": h} for row in rows], 0.06) for h in range(300)]
+        return float(np.std([gain for gain, _ in found])), found[0][1]
+
+    (one, said_one), (ten, said_ten) = errors(1), errors(10)
+    assert ten < 0.6 * one
+    assert one < said_one and ten < said_ten < said_one
 
 
 def slip_row(onset=1.0, seen=1.05, rng=None):
@@ -118,14 +133,16 @@ def slip_row(onset=1.0, seen=1.05, rng=None):
     slides = time >= onset
     shows = time >= seen
     return {
+        "events": [],
         "slip": {
+            "time": time.tolist(),
             "speed": (0.005 * slides).tolist(),
             "vibration": (1.0 + 4.0 * shows).tolist(),
             "electrodes": (2.0 * shows + 0.1 * rng.standard_normal(len(time))).tolist(),
             "path": (0.005 * np.maximum(time - onset, 0.0)).tolist(),
             "felt": np.column_stack([np.ones_like(time), 0.6 - 0.2 * shows, 0 * time]).tolist(),
             "phase": ["press"] * 3 + ["unload"] * (len(time) - 6) + ["press"] * 3,
-        }
+        },
     }
 
 

@@ -256,7 +256,7 @@ class FrictionProbe:
         angle = self._angles[self.tried % len(self._angles)]
         self._direction = np.cos(angle) * self._basis[0] + np.sin(angle) * self._basis[1]
         self._angle = float(angle)
-        self.slips.reset()
+        self.slips.reset(self._expected())
         self._log.clear()
         self._loaded = seen.time
         self._enter(ProbePhase.LOAD, seen.time)
@@ -278,7 +278,7 @@ class FrictionProbe:
         slid = (self._contact_place(seen.positions) - self._slid_from) @ self._direction
         if slid < self.config.least_slide:
             self.false_alarms += 1
-            self.slips.reset()
+            self.slips.reset(self._expected())
             self._enter(self._slip_phase, seen.time)
             return
         unloading = self._slip_phase is ProbePhase.UNLOAD
@@ -295,7 +295,7 @@ class FrictionProbe:
         )
         if event is not None:
             self.events.append(event)
-            guess = float(np.median([e.ratio for e in self.events]))
+            guess = self._expected() or 1.0
             most = 0.45 * self.config.impedance.most_force
             self._tangential = float(np.clip(guess * self.config.slip_normal, 0.25, most))
             press = 1.35 * self._tangential / guess + 0.15
@@ -327,11 +327,15 @@ class FrictionProbe:
 
     def _unload_rate(self) -> float:
         """Fast far from the slip that is expected, slow near it."""
-        if not self.events:
+        guess = self._expected()
+        if guess is None:
             return self.config.slow_rate
-        guess = float(np.median([event.ratio for event in self.events]))
         near = self.wanted[0] * guess < 1.2 * self.wanted[1]
         return self.config.slow_rate if near else self.config.fast_rate
+
+    def _expected(self) -> float | None:
+        """Ratio of the forces at which slips were seen so far."""
+        return float(np.median([event.ratio for event in self.events])) if self.events else None
 
     def _ramp(self, which: int, goal: float, step: float) -> bool:
         """Move a wanted force towards a goal; return whether it is there."""

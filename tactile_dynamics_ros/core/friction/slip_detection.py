@@ -9,6 +9,9 @@ import numpy as np
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 
+_MOST_NEARNESS = 2.0
+"""Less than what silence of the other channels takes away, so that it never tells a slip alone."""
+
 
 @dataclass(frozen=True)
 class SlipFusionConfig:
@@ -23,9 +26,13 @@ class SlipFusionConfig:
     speed_rise: float = parameter(2.5e-3, "speed of a slow slip", "m/s", 1e-4, 0.1)
     electrode_std: float = parameter(1.0, "scatter of the electrodes' change at rest", "", 0.01, 9)
     electrode_rise: float = parameter(2.5, "their change in a slip, in rest levels", "", 0.1, 50.0)
-    threshold: float = parameter(16.0, "log likelihood ratio that is a slip", "", 1.0, 100.0)
+    share_rest: float = parameter(0.85, "of the ratio of earlier slips, at rest", "", 0.1, 1.0)
+    share_std: float = parameter(0.06, "scatter of that share", "", 0.01, 1.0)
+    share_rise: float = parameter(0.1, "rise of that share where it slips", "", 0.01, 1.0)
+    threshold: float = parameter(12.0, "log likelihood ratio that is a slip", "", 1.0, 100.0)
     least_ratio: float = parameter(0.2, "of forces, below which no surface slips", "", 0.0, 1.0)
-    window: float = parameter(0.04, "over which the tip's speed is taken", "s", 0.02, 0.5)
+    window: float = parameter(0.04, "of the tip's speed and the mean ratio", "s", 0.02, 0.5)
+    recent: float = parameter(0.2, "within which the greatest ratio counts", "s", 0.02, 2.0)
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -66,11 +73,14 @@ class SlipState:
 
 
 class SlipFusion:
-    """Cumulative sum of log likelihood ratios of three channels.
+    """Cumulative sum of log likelihood ratios of four channels.
 
     S = max(0, S + sum_k w_k (m_k z_k - m_k^2 / 2)), with z_k a channel over its scatter at rest and
-    m_k its level in a slow slip; what is hardly pulled is at rest. A slip is told where S passes
-    the threshold; it began where S last was zero, so that the delay of every detection is known.
+    m_k its level in a slow slip; what is hardly pulled is at rest. Where it is known at which ratio
+    of the forces the contact slipped before, the share of it that is reached is the fourth channel:
+    it delays alarms far below and hastens them near it, and gives none by itself. A slip is told
+    where S passes the threshold; it began where S last was zero, so that the delay of every
+    detection is known.
 
     Args:
         config: levels.
@@ -82,16 +92,19 @@ class SlipFusion:
         self.config = config or SlipFusionConfig()
         self.reset()
 
-    def reset(self) -> None:
-        """Forget the past, for a contact at rest."""
+    def reset(self, expected: float | None = None) -> None:
+        """Forget the past, for a contact at rest that slips at about the expected ratio."""
+        self._expected = expected
         self._score, self._onset = 0.0, -np.inf
         self._path: deque[tuple[float, float]] = deque()
+        self._ratios: deque[tuple[float, float]] = deque()
+        self._means: deque[tuple[float, float]] = deque()
         self._state = SlipState(False, 0.0, -np.inf, 0.0)
 
     def update(self, time: float, seen: SlipObservation) -> SlipState:
         """Take one instant (s) and return the state of the contact."""
         speed = self._speed(time, seen.path)
-        gain = self._likelihood(seen, speed)
+        gain = self._likelihood(seen, speed) + self._nearness(time, seen.ratio)
         if self._score == 0.0:
             self._onset = time
         most = 2.0 * self.config.threshold
@@ -117,18 +130,35 @@ class SlipFusion:
             total += config.kinematics * _ratio(speed / config.speed_std, rise)
         return total
 
+    def _nearness(self, time: float, ratio: float | None) -> float:
+        """Log likelihood ratio of how near the forces are to those of earlier slips."""
+        config = self.config
+        if ratio is None or self._expected is None:
+            return 0.0
+        _remember(self._ratios, time, ratio, config.window)
+        mean = float(np.mean([value for _, value in self._ratios]))
+        _remember(self._means, time, mean, config.recent)
+        share = max(value for _, value in self._means) / self._expected
+        z = (share - config.share_rest) / config.share_std
+        return min(_ratio(z, config.share_rise / config.share_std), _MOST_NEARNESS)
+
     def _speed(self, time: float, path: float | None) -> float | None:
         """Slope of the path over the window, m/s."""
         if path is None:
             return None
-        self._path.append((time, path))
-        while time - self._path[0][0] > self.config.window + 1e-9:
-            self._path.popleft()
+        _remember(self._path, time, path, self.config.window)
         if len(self._path) < 3:
             return 0.0
         times, places = np.array(self._path).T
         times = times - times.mean()
         return float(times @ places / (times @ times))
+
+
+def _remember(past: deque[tuple[float, float]], time: float, value: float, span: float) -> None:
+    """Append a value and forget those older than the span, s."""
+    past.append((time, value))
+    while time - past[0][0] > span + 1e-9:
+        past.popleft()
 
 
 def _ratio(z: float, mean: float) -> float:
