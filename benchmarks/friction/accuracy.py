@@ -62,7 +62,8 @@ def calibrate(
     common to all blocks stays) and `GRASP_STD`, which is allowed for the grasp that follows too.
 
     Args:
-        rows: probes of the blocks. width: of what is held, m.
+        rows: probes of the blocks.
+        width: of what is held, m.
         exactly: as if the coefficients of the blocks were known without error.
 
     Source: Gaussian process regression (Rasmussen and Williams, 2006, eq. 2.23 and 2.24).
