@@ -14,7 +14,7 @@ from benchmarks.friction.trials import Case, holds_truth, run_cases
 
 Array = NDArray[np.float64]
 
-FIRST_HAND = 1010
+FIRST_HAND = 1020
 """The constants below were chosen on hands before it."""
 REPEATS, ANGLE_STD, LEVEL_STD = 5, np.deg2rad(0.5), np.deg2rad(0.1)
 """Slope method that tells the coefficients of the reference blocks: repeats for each block, the
