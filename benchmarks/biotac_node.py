@@ -29,7 +29,9 @@ def node_latency(frames: int = 2000) -> dict[str, float]:
     """Publish frames of four pressed fingertips at 100 Hz and wait for the last finger's force.
 
     The node is a process of its own; times (ms) include both ways over DDS. The receiver waits as
-    the nodes of this package do, since building an executor's wait set would count too.
+    the nodes of this package do, since building an executor's wait set would count too. The node's
+    own share, from the frame to the last message that it publishes, is what it tells of its last
+    thousand frames on /diagnostics.
 
     Raises:
         RuntimeError: the node does not answer.
@@ -38,7 +40,7 @@ def node_latency(frames: int = 2000) -> dict[str, float]:
         words = ["--ros-args", "-p", f"tare_file:={Path(folder) / 'tare.npy'}"]
         node = subprocess.Popen([sys.executable, "-c", _NODE, *words])
         try:
-            spent = _round_trips(frames)
+            spent, told = _round_trips(frames)
         finally:
             node.terminate()
             node.wait(10.0)
@@ -48,16 +50,23 @@ def node_latency(frames: int = 2000) -> dict[str, float]:
         "lost": int(lost.sum()),
         "median_ms": float(np.median(spent[~lost])),
         "p99_ms": float(np.quantile(spent[~lost], 0.99)),
+        "in_node_median_ms": float(told["frame_ms_median"]),
+        "in_node_p99_ms": float(told["frame_ms_p99"]),
     }
 
 
-def _round_trips(frames: int) -> NDArray[np.float64]:
-    """Return the time (frames,) ms until the last force of each frame came back, NaN if none."""
+def _round_trips(frames: int) -> tuple[NDArray[np.float64], dict[str, str]]:
+    """Return the time (frames,) ms until the last force of each frame came back, NaN if none.
+
+    The second result is what the node tells on /diagnostics at the end.
+    """
     import rclpy
+    from diagnostic_msgs.msg import DiagnosticArray
     from geometry_msgs.msg import WrenchStamped
     from sensor_msgs.msg import Image
 
     from tactile_dynamics_ros.nodes.conversions import biotac_to_message
+    from tactile_dynamics_ros.nodes.diagnostics import status_values
     from tactile_dynamics_ros.nodes.shell import STREAM, take_messages
     from tactile_dynamics_ros.nodes.waiting import Waiter
 
@@ -85,9 +94,14 @@ def _round_trips(frames: int) -> NDArray[np.float64]:
         if k >= _TARE_FRAMES:
             spent.append(1e3 * (time.perf_counter() - start) if arrived else np.nan)
         time.sleep(max(0.0, start + 0.01 - time.perf_counter()))
+    told: dict[str, str] = {}
+    here.create_subscription(
+        DiagnosticArray, "/diagnostics", lambda m: told.update(status_values(m.status[0])), 10
+    )
+    _wait_for(here, lambda: "frame_ms_p99" in told)
     here.destroy_node()
     rclpy.shutdown()
-    return np.array(spent)
+    return np.array(spent), told
 
 
 def _wait_for(node: Node, condition: Callable[[], bool]) -> None:
@@ -96,7 +110,7 @@ def _wait_for(node: Node, condition: Callable[[], bool]) -> None:
     deadline = time.monotonic() + _START_S
     while not condition():
         if time.monotonic() > deadline:
-            raise RuntimeError("biotac_force did not start within 30 s")
+            raise RuntimeError("biotac_force does not answer within 30 s")
         rclpy.spin_once(node, timeout_sec=0.05)
 
 

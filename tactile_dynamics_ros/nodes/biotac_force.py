@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections import deque
 from dataclasses import dataclass, replace
 
@@ -97,7 +98,9 @@ class BiotacForce(Shell):
         self._force = [self.stream(WrenchStamped, f"/biotac/{f}/force") for f in FINGERS]
         self._std = [self.stream(Vector3Stamped, f"/biotac/{f}/force_std") for f in FINGERS]
         self._slips = [self.stream(Vector3Stamped, f"/biotac/{f}/slip") for f in FINGERS]
+        self._spent: deque[float] = deque(maxlen=1000)
         self.serve("/biotac_force/tare", self.start_tare)
+        self.every(1.0, self._show_spent)
         self.every(1.0, self._kept.refresh)
 
     def start_tare(self) -> str:
@@ -113,6 +116,7 @@ class BiotacForce(Shell):
         if self._rest is not None:
             self._collect(counts)
             return
+        start = time.perf_counter()
         seen = observe_fingers(self.estimators, list(counts))
         for k, each in enumerate(seen):
             self._publish_force(k, each, message.stamp)
@@ -120,6 +124,13 @@ class BiotacForce(Shell):
             heard = self._slip[k].update(counts[k], seen[k].in_contact)
             said = (heard.score, heard.level, heard.slipping)
             self._slips[k].publish(slip_to_message(*said, message.stamp, sensor_frame(finger)))
+        self._spent.append(1e3 * (time.perf_counter() - start))
+
+    def _show_spent(self) -> None:
+        """Tell on /diagnostics how long the last thousand frames took, ms."""
+        if self._spent:
+            self.faults.show("frame_ms_median", float(np.median(self._spent)))
+            self.faults.show("frame_ms_p99", float(np.quantile(self._spent, 0.99)))
 
     def _publish_force(self, k: int, seen: TactileEstimate, stamp: AnyStamp) -> None:
         finger = FINGERS[k]

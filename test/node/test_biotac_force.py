@@ -5,6 +5,7 @@ import time
 import numpy as np
 import pytest
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Vector3Stamped, WrenchStamped
 from sensor_msgs.msg import Image
 
@@ -12,6 +13,7 @@ from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.tactile.fingertip import FingertipConfig
 from tactile_dynamics_ros.nodes import conversions as cv
 from tactile_dynamics_ros.nodes.biotac_force import BiotacForce, BiotacForceConfig
+from tactile_dynamics_ros.nodes.diagnostics import status_values
 from tactile_dynamics_ros.nodes.kept_tare import KeptTare
 from tactile_dynamics_ros.nodes.shell import STREAM
 from tactile_dynamics_ros.sim.sensors.biotac import BioTacArray
@@ -73,6 +75,15 @@ class Driver:
                 return
             self.frame(force)
         raise AssertionError("condition not met")
+
+
+def test_diagnostics_tell_how_long_frames_take(node):
+    driver, told = Driver(node()), {}
+    driver.node.listen(
+        DiagnosticArray, "/diagnostics", lambda m: told.update(status_values(m.status[0])), 10
+    )
+    driver.until(lambda: "frame_ms_p99" in told)
+    assert 0.0 < float(told["frame_ms_median"]) <= float(told["frame_ms_p99"])
 
 
 def test_forces_come_after_the_tare_and_point_into_the_object(node):
