@@ -15,7 +15,6 @@ _REACH = 0.45
 _AFTER = 0.05
 _SMOOTHED = 9
 """Instants whose mean is taken for the force at one of them."""
-_RAMP = 0.25
 _FEWEST = 6
 _LEAST_PATH = 6e-4
 _LEAST_TILT_PATH = 1e-3
@@ -74,8 +73,7 @@ class SlipLog:
 
         Tangential forces are taken along the pull: what is felt across it is mostly the error of
         the force's direction. The slip is where the ratio of the smoothed forces is greatest, so
-        that neither the delay of the detection enters nor creep before the slip; the means round
-        the peak off by half their window, over which the ramp before it is carried on.
+        that neither the delay of the detection enters nor creep before the slip.
         """
         time, force = np.array(self._time), np.array(self._force)
         place = np.array(self._place) @ attempt.basis.T
@@ -87,7 +85,6 @@ class SlipLog:
             return None
         near = np.flatnonzero(window)[find_slip(force[window, 0], force[window, 1:] @ heading)]
         onset, (value, std) = float(time[near].mean()), _mean(time[near], force[near])
-        value = value + 0.5 * (time[near[-1]] - time[near[0]]) * _slope(time, force, onset, attempt)
         ramp = (time >= attempt.began) & (time < onset)
         normal, tangential = float(value[0]), float(value[1:] @ heading)
         whole = float(np.linalg.norm(value[1:]))
@@ -162,15 +159,6 @@ def _give(press: Array, depth: Array) -> float:
         return float("nan")
     change = press - press.mean()
     return float(change @ depth / (change @ change))
-
-
-def _slope(time: Array, force: Array, onset: float, attempt: Attempt) -> Array:
-    """Change (3,) of the forces in the ramp before the slip, N/s; 0 where too short to tell."""
-    before = (time >= max(onset - _RAMP, attempt.began)) & (time <= onset)
-    if before.sum() < _FEWEST:
-        return np.zeros(3)
-    moment = time[before] - time[before].mean()
-    return np.asarray(moment @ force[before] / (moment @ moment))
 
 
 def _mean(time: Array, values: Array) -> tuple[Array, Array]:
