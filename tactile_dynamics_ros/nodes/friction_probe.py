@@ -37,6 +37,7 @@ from tactile_dynamics_ros.nodes.friction_messages import estimate_status
 from tactile_dynamics_ros.nodes.parameters import declare_config
 from tactile_dynamics_ros.nodes.shell import Shell, run_node
 from tactile_dynamics_ros.nodes.wire import Joints, Stamped
+from tactile_dynamics_ros.recording.topics import VISION_POSE
 from tactile_dynamics_ros.share import object_file
 
 Array = NDArray[np.float64]
@@ -53,7 +54,7 @@ class ProbeNodeConfig:
 
     object: str = parameter("box_0", "file in config/objects, or a path, with shapes and regions")
     mesh: str = parameter("", "mesh file (STL, OBJ, PLY; m) that replaces the shapes")
-    pose_topic: str = parameter("/object/pose/vision", "pose of the object")
+    pose_topic: str = parameter(VISION_POSE, "pose of the object")
     touch_lag: float = parameter(0.06, "the probe waits where touch is older", "s", 0.02)
     contact_timeout: float = parameter(0.3, "a finger silent for longer does not touch", "s", 0.02)
 

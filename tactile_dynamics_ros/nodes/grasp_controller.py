@@ -41,11 +41,11 @@ from tactile_dynamics_ros.nodes.friction_messages import friction_range
 from tactile_dynamics_ros.nodes.parameters import declare_config
 from tactile_dynamics_ros.nodes.shell import LATCHED, Shell, run_node
 from tactile_dynamics_ros.nodes.wire import Joints, Stamped
+from tactile_dynamics_ros.recording.topics import VISION_POSE
 from tactile_dynamics_ros.share import object_file
 
 Array = NDArray[np.float64]
 
-VISION = "/object/pose/vision"
 PERIOD = 0.01
 PAUSE = 0.1
 OFF_THE_TABLE = (Phase.CARRY, Phase.EXCITE, Phase.RETURN)
@@ -93,7 +93,7 @@ class GraspControllerNode(Shell):
         self._tare = self.create_client(Trigger, "/biotac_force/tare")
         self.start()
         self.listen(JointState, "/joint_states", self._on_joints, skim=True)
-        self.listen(PoseWithCovarianceStamped, VISION, self._on_vision)
+        self.listen(PoseWithCovarianceStamped, VISION_POSE, self._on_vision)
         for finger in FINGERS:
             topic = f"/contact/{finger}/force"
             self.listen(WrenchStamped, topic, self._force_taker(finger), skim=True)
@@ -123,7 +123,7 @@ class GraspControllerNode(Shell):
         return take
 
     def _on_vision(self, message: Stamped) -> None:
-        self._seen.append(uncertain_pose_to_core(message, VISION, "world")[0])
+        self._seen.append(uncertain_pose_to_core(message, VISION_POSE, "world")[0])
         if len(self._seen) == self.config.start_poses:
             self._pose = average_poses(np.stack(self._seen))[0]
 

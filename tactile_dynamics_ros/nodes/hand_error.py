@@ -19,10 +19,10 @@ from tactile_dynamics_ros.nodes.conversions import (
 )
 from tactile_dynamics_ros.nodes.shell import Shell
 from tactile_dynamics_ros.nodes.wire import Stamped
+from tactile_dynamics_ros.recording.topics import HAND_POSE
 
 Array = NDArray[np.float64]
 
-HAND_POSE = "/object/pose/kinematic"
 KEPT = 200
 _STILL = np.eye(4)
 

@@ -34,10 +34,9 @@ from tactile_dynamics_ros.nodes.hand_error import HandError
 from tactile_dynamics_ros.nodes.parameters import declare_config
 from tactile_dynamics_ros.nodes.shell import LATCHED, Shell, run_node
 from tactile_dynamics_ros.nodes.wire import Stamped
+from tactile_dynamics_ros.recording.topics import OBJECT_POSE
 
 Array = NDArray[np.float64]
-
-POSE = "/object/pose"
 
 
 @dataclass(frozen=True)
@@ -69,13 +68,13 @@ class InertialEstimatorNode(Shell):
             self, InertialEstimatorConfig, live=["effects"], on_change=self._change_model
         )
         self._change_model(config)
-        self._gate = StampGate(POSE)
+        self._gate = StampGate(OBJECT_POSE)
         self._hand = HandError(self)
         self._last_time = 0.0
         self._friction: tuple[float, float] | None = None
         self._grip: dict[str, object] = {}
         self.listen(DiagnosticStatus, "/friction_probe/estimate", self._on_friction, LATCHED)
-        self.listen(PoseWithCovarianceStamped, POSE, self._on_pose)
+        self.listen(PoseWithCovarianceStamped, OBJECT_POSE, self._on_pose)
         self._contacts = [
             ContactAssembly(self, name, self._on_contact, self._hand) for name in config.contacts
         ]
@@ -94,7 +93,7 @@ class InertialEstimatorNode(Shell):
         self._model = config.effects
 
     def _on_pose(self, message: Stamped) -> None:
-        pose, covariance = uncertain_pose_to_core(message, POSE, "world")
+        pose, covariance = uncertain_pose_to_core(message, OBJECT_POSE, "world")
         if self._gate.check(message.stamp):
             self.faults.add("clock_restarted")
             self.reset()

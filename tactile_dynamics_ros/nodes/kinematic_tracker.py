@@ -37,10 +37,10 @@ from tactile_dynamics_ros.nodes.object_frame import ObjectFrame
 from tactile_dynamics_ros.nodes.parameters import declare_config
 from tactile_dynamics_ros.nodes.shell import LATCHED, Shell, run_node
 from tactile_dynamics_ros.nodes.wire import Joints, Stamped
+from tactile_dynamics_ros.recording.topics import HAND_POSE, OBJECT_POSE, VISION_POSE
 
 Array = NDArray[np.float64]
 
-VISION = "/object/pose/vision"
 WORLD = "world"
 _ORIGIN = np.zeros(3)
 
@@ -81,7 +81,7 @@ class KinematicTrackerNode(Shell):
         self.fusion = PoseFusion(declare_config(self, PoseFusionConfig, "fusion."))
         self._reader = JointReader(self.kinematics.joint_names)
         self._joints = JointHistory()
-        self._gate, self._vision_gate = StampGate("/joint_states"), StampGate(VISION)
+        self._gate, self._vision_gate = StampGate("/joint_states"), StampGate(VISION_POSE)
         self._seen: deque[Array] = deque(maxlen=self.config.start_poses)
         self._vision_covariance: Array | None = None
         self._touched: dict[str, float] = {}
@@ -90,8 +90,8 @@ class KinematicTrackerNode(Shell):
         self._held = True
         self._refuting = 0
         self._frame = ObjectFrame(self)
-        self._kinematic = self.stream(PoseWithCovarianceStamped, "/object/pose/kinematic")
-        self._fused = self.stream(PoseWithCovarianceStamped, "/object/pose")
+        self._kinematic = self.stream(PoseWithCovarianceStamped, HAND_POSE)
+        self._fused = self.stream(PoseWithCovarianceStamped, OBJECT_POSE)
         for finger in FINGERS:  # taken first: after a pause, touch must not seem to have ended
             topic = f"/contact/{finger}/force"
             self.listen(WrenchStamped, topic, self._force_taker(finger), skim=True)
@@ -99,7 +99,7 @@ class KinematicTrackerNode(Shell):
         for finger in FINGERS:  # taken after the joints, with which they are turned
             topic = f"/contact/{finger}/pose"
             self.listen(PoseStamped, topic, self._point_taker(finger), skim=True)
-        self.listen(PoseWithCovarianceStamped, VISION, self._on_vision)
+        self.listen(PoseWithCovarianceStamped, VISION_POSE, self._on_vision)
         self.listen(Float64, "/vision_tracker/score", self._on_score)
         self.listen(Bool, "/object/held", self._on_held, LATCHED)
 
@@ -139,7 +139,7 @@ class KinematicTrackerNode(Shell):
             self.faults.add("pose_refuted")
 
     def _on_vision(self, message: Stamped) -> None:
-        pose, self._vision_covariance = uncertain_pose_to_core(message, VISION, WORLD)
+        pose, self._vision_covariance = uncertain_pose_to_core(message, VISION_POSE, WORLD)
         self._vision_gate.check(message.stamp)
         positions = self._joints.at(to_seconds(message.stamp))
         if positions is None or not self._grasped(self._joints.newest):

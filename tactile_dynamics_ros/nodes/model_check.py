@@ -38,8 +38,8 @@ from tactile_dynamics_ros.nodes.hand_error import HandError
 from tactile_dynamics_ros.nodes.parameters import declare_config
 from tactile_dynamics_ros.nodes.shell import LATCHED, Shell, run_node
 from tactile_dynamics_ros.nodes.wire import Stamped
+from tactile_dynamics_ros.recording.topics import OBJECT_POSE
 
-POSE = "/object/pose"
 MODEL = "/inertial_estimator/status"
 REST = 3.0
 """Pause after a comparison, in multiples of the time that it took."""
@@ -69,13 +69,13 @@ class ModelCheckNode(Shell):
         config = declare_config(self, ModelCheckConfig)
         self.check = LiveModelCheck(declare_config(self, LiveCheckConfig))
         self._background = Background()
-        self._gate = StampGate(POSE)
+        self._gate = StampGate(OBJECT_POSE)
         self._hand = HandError(self)
         self._model: tuple[str, ...] = ()
         self._comparison: Future[LiveComparison] | None = None
         self._newest = self._compared = 0.0
         self._started = self._rest_until = 0.0
-        self.listen(PoseWithCovarianceStamped, POSE, self._on_pose)
+        self.listen(PoseWithCovarianceStamped, OBJECT_POSE, self._on_pose)
         self.listen(DiagnosticArray, MODEL, self._on_model, LATCHED)
         self._contacts = [
             ContactAssembly(self, name, self._on_contact, self._hand) for name in config.contacts
@@ -93,7 +93,7 @@ class ModelCheckNode(Shell):
         super().destroy_node()
 
     def _on_pose(self, message: Stamped) -> None:
-        pose, covariance = uncertain_pose_to_core(message, POSE, "world")
+        pose, covariance = uncertain_pose_to_core(message, OBJECT_POSE, "world")
         if self._gate.check(message.stamp):
             self.faults.add("clock_restarted")
             self.check.reset()

@@ -28,6 +28,7 @@ from tactile_dynamics_ros.nodes.parameters import declare_config
 from tactile_dynamics_ros.nodes.shell import Shell, run_node
 from tactile_dynamics_ros.nodes.wire import Joints, encode_clock, to_stamp
 from tactile_dynamics_ros.recording.cdr import BIOTAC_RAW
+from tactile_dynamics_ros.recording.topics import VISION_POSE
 from tactile_dynamics_ros.sim.simulated_robot import (
     Readings,
     SimulatedRobot,
@@ -65,7 +66,7 @@ class RobotSim(Shell):
         self._joints = self.stream(JointState, "/joint_states")
         self._raw = self.stream(Image, BIOTAC_RAW)
         self._wrist = self.stream(WrenchStamped, "/wrist/wrench")
-        self._vision = self.stream(PoseWithCovarianceStamped, "/object/pose/vision")
+        self._vision = self.stream(PoseWithCovarianceStamped, VISION_POSE)
         self._depth = self.stream(Image, "/camera/depth/image_rect")
         self._camera = self.stream(CameraInfo, "/camera/depth/camera_info")
         self.listen(JointState, "/joint_command", self._on_command)

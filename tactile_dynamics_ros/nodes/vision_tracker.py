@@ -33,6 +33,7 @@ from tactile_dynamics_ros.nodes.joint_history import JointHistory
 from tactile_dynamics_ros.nodes.parameters import declare_config
 from tactile_dynamics_ros.nodes.shell import Shell, run_node
 from tactile_dynamics_ros.nodes.wire import Joints, Picture, Stamped
+from tactile_dynamics_ros.recording.topics import OBJECT_POSE, VISION_POSE
 from tactile_dynamics_ros.share import object_file
 
 Array = NDArray[np.float64]
@@ -86,12 +87,12 @@ class VisionTrackerNode(Shell):
         self._fused: tuple[float, Array] | None = None
         self._gate = StampGate(DEPTH)
         self._spent: list[float] = []
-        self._pose = self.stream(PoseWithCovarianceStamped, "/object/pose/vision")
+        self._pose = self.stream(PoseWithCovarianceStamped, VISION_POSE)
         self._score = self.stream(Float64, "/vision_tracker/score")
         self.listen(CameraInfo, CAMERA, self._on_camera)
         self.listen(JointState, "/joint_states", self._on_joints)
         if self.config.follow_fused:
-            self.listen(PoseWithCovarianceStamped, "/object/pose", self._on_fused, skim=True)
+            self.listen(PoseWithCovarianceStamped, OBJECT_POSE, self._on_fused, skim=True)
         self.listen(Image, DEPTH, self._on_image, NEWEST)
         self.serve("/vision_tracker/reset", self._reset)
         self.every(1.0, self._show)
@@ -108,7 +109,7 @@ class VisionTrackerNode(Shell):
         self._joints.add(to_seconds(message.stamp), self._reader.positions(message))
 
     def _on_fused(self, message: Stamped) -> None:
-        pose, _ = uncertain_pose_to_core(message, "/object/pose", WORLD)
+        pose, _ = uncertain_pose_to_core(message, OBJECT_POSE, WORLD)
         self._fused = (to_seconds(message.stamp), pose)
 
     def _on_image(self, message: Picture) -> None:

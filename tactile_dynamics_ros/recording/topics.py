@@ -23,6 +23,7 @@ Array = NDArray[np.float64]
 
 OBJECT_POSE = "/object/pose"
 HAND_POSE = "/object/pose/kinematic"
+VISION_POSE = "/object/pose/vision"
 OBJECT_IMU = "/object/imu"
 WORLD = "world"
 CONTACT_TOPIC = re.compile(r"^/contact/(?P<name>[^/]+)/(?P<kind>force|force_std|pose)$")
