@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,7 @@ scatter of the angle in one of them, and the error of the inclinometer, common t
 GRASP_STD = 0.005
 """By how much the gain of a fingertip differs between two grasps."""
 UNIT_STD, PLACE_STD, PLACE_WIDTH = 0.05, 0.01, 0.012
-"""Gains differ by so much from fingertip to fingertip, and by so much from place to place of one,
+"""Gains differ by no more from fingertip to fingertip, and by so much from place to place of one,
 where the widths of what is held differ by that many m."""
 TRIALS = 2
 """Reference blocks of each width, with coefficients of their own."""
@@ -92,10 +93,12 @@ def _slope(rows: Sequence[dict[str, Any]]) -> tuple[Array, Array]:
 
     d mu = (1 + mu^2) d theta, with the mean of `REPEATS` angles.
     """
-    rng = np.random.default_rng([rows[0]["hand"], 31])
+    hand = rows[0]["hand"]
     true = np.array([row["true_static"] for row in rows])
     own, common = ANGLE_STD / np.sqrt(REPEATS), LEVEL_STD
-    angle = own * rng.standard_normal(len(rows)) + common * float(rng.standard_normal())
+    seeds = [[hand, 31, zlib.crc32(row["subject"].encode()), row["trial"]] for row in rows]
+    angle = own * np.array([np.random.default_rng(seed).standard_normal() for seed in seeds])
+    angle += common * np.random.default_rng([hand, 31]).standard_normal()
     steep = 1.0 + true**2
     return steep * angle, np.outer(steep / true, [own, common])
 

@@ -6,7 +6,7 @@ import numpy as np
 import pybullet
 import pytest
 
-from benchmarks.friction.accuracy import calibrate, summarise_study
+from benchmarks.friction.accuracy import GRASP_STD, calibrate, summarise_study
 from benchmarks.friction.detection import score_detectors
 from benchmarks.friction.subjects import REFERENCES, SUBJECTS, draw_friction
 from benchmarks.friction.trials import Case, build_trial
@@ -94,7 +94,8 @@ def test_friction_is_drawn_within_what_is_known_of_silicone():
 def test_a_hands_gain_is_that_of_the_blocks_as_wide_as_what_is_held():
     def row(block, static):
         estimate = {"static": static, "repeatable": 0.005}
-        return {"hand": 5, "subject": block, "true_static": 0.8, "estimate": estimate}
+        truth = {"hand": 5, "trial": 0, "true_static": 0.8}
+        return truth | {"subject": block, "estimate": estimate}
 
     read = {"block 42 mm": 0.79, "block 60 mm": 0.80, "block 80 mm": 0.81}
     blocks = [row(block, static) for block, static in read.items()]
@@ -111,19 +112,20 @@ def test_a_hands_gain_is_that_of_the_blocks_as_wide_as_what_is_held():
     assert calibrate([nothing], 0.06) == (1.0, 0.1)
 
 
-def test_the_error_of_the_slope_method_is_stated_and_shrinks_with_more_blocks():
+def test_the_error_of_the_slope_method_is_stated_and_shrinks_to_what_is_common():
     def errors(blocks):
         rows = [
-            {"subject": "block 60 mm", "true_static": 0.8}
-            | {"estimate": {"static": 0.8, "repeatable": 0.001}}
-            for _ in range(blocks)
+            {"subject": "block 60 mm", "trial": trial, "true_static": 0.8}
+            | {"estimate": {"static": 0.8, "repeatable": 1e-4}}
+            for trial in range(blocks)
         ]
-        found = [calibrate([row | {"hand": h} for row in rows], 0.06) for h in range(300)]
-        return float(np.std([gain for gain, _ in found])), found[0][1]
+        found = [calibrate([row | {"hand": h} for row in rows], 0.06) for h in range(400)]
+        said = np.sqrt(found[0][1] ** 2 - GRASP_STD**2)
+        return float(np.std([gain for gain, _ in found])), float(said)
 
-    (one, said_one), (ten, said_ten) = errors(1), errors(10)
-    assert ten < 0.6 * one
-    assert one < said_one and ten < said_ten < said_one
+    (one, said_one), (many, said_many) = errors(1), errors(60)
+    assert many < 0.6 * one < 0.6 * said_one
+    assert many == pytest.approx(said_many, rel=0.15)
 
 
 def slip_row(onset=1.0, seen=1.05, rng=None):

@@ -124,6 +124,7 @@ class FrictionProbe:
         self._direction = self._basis[0]
         self._angles = probing_angles(self.config.directions)
         self._log = SlipLog()
+        self.slips.reset()
         self._tangential, self._press = self.config.tangential, self.config.press
         self.events, self.outcome, self.tried = [], "", 0
         self.false_alarms = self.unreachable = 0
@@ -256,7 +257,7 @@ class FrictionProbe:
         angle = self._angles[self.tried % len(self._angles)]
         self._direction = np.cos(angle) * self._basis[0] + np.sin(angle) * self._basis[1]
         self._angle = float(angle)
-        self.slips.reset(self._expected())
+        self.slips.reset(self._expected_ratio())
         self._log.clear()
         self._loaded = seen.time
         self._enter(ProbePhase.LOAD, seen.time)
@@ -278,7 +279,7 @@ class FrictionProbe:
         slid = (self._contact_place(seen.positions) - self._slid_from) @ self._direction
         if slid < self.config.least_slide:
             self.false_alarms += 1
-            self.slips.reset(self._expected())
+            self.slips.reset(self._expected_ratio())
             self._enter(self._slip_phase, seen.time)
             return
         unloading = self._slip_phase is ProbePhase.UNLOAD
@@ -295,7 +296,7 @@ class FrictionProbe:
         )
         if event is not None:
             self.events.append(event)
-            guess = self._expected() or 1.0
+            guess = self._expected_ratio() or 1.0
             most = 0.45 * self.config.impedance.most_force
             self._tangential = float(np.clip(guess * self.config.slip_normal, 0.25, most))
             press = 1.35 * self._tangential / guess + 0.15
@@ -327,13 +328,13 @@ class FrictionProbe:
 
     def _unload_rate(self) -> float:
         """Fast far from the slip that is expected, slow near it."""
-        guess = self._expected()
+        guess = self._expected_ratio()
         if guess is None:
             return self.config.slow_rate
         near = self.wanted[0] * guess < 1.2 * self.wanted[1]
         return self.config.slow_rate if near else self.config.fast_rate
 
-    def _expected(self) -> float | None:
+    def _expected_ratio(self) -> float | None:
         """Ratio of the forces at which slips were seen so far."""
         return float(np.median([event.ratio for event in self.events])) if self.events else None
 

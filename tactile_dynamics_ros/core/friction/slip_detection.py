@@ -1,4 +1,4 @@
-"""Slip from vibration, electrodes and kinematics together, and when it began."""
+"""Slip from vibration, electrodes, kinematics and forces together, and when it began."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 
-_MOST_NEARNESS = 2.0
-"""Less than what silence of the other channels takes away, so that it never tells a slip alone."""
+_MOST_NEARNESS = 0.5
+"""Of what silence of the other channels takes away: forces alone tell no slip and hide none."""
 
 
 @dataclass(frozen=True)
@@ -75,12 +75,12 @@ class SlipState:
 class SlipFusion:
     """Cumulative sum of log likelihood ratios of four channels.
 
-    S = max(0, S + sum_k w_k (m_k z_k - m_k^2 / 2)), with z_k a channel over its scatter at rest and
-    m_k its level in a slow slip; what is hardly pulled is at rest. Where it is known at which ratio
-    of the forces the contact slipped before, the share of it that is reached is the fourth channel:
-    it delays alarms far below and hastens them near it, and gives none by itself. A slip is told
-    where S passes the threshold; it began where S last was zero, so that the delay of every
-    detection is known.
+    S = max(0, S + sum_k w_k (m_k z_k - m_k^2 / 2) + n), with z_k a channel over its scatter at rest
+    and m_k its level in a slow slip; what is hardly pulled is at rest. Where it is known at which
+    ratio of the forces this contact slipped before, n is the log likelihood ratio of the share of
+    it that was reached lately: it delays alarms far below and hastens them near it, by no more
+    than half of what the other channels take away in silence. A slip is told where S passes the
+    threshold; it began about where S last was zero, so that the delay of every detection is known.
 
     Args:
         config: levels.
@@ -104,34 +104,42 @@ class SlipFusion:
     def update(self, time: float, seen: SlipObservation) -> SlipState:
         """Take one instant (s) and return the state of the contact."""
         speed = self._speed(time, seen.path)
-        gain = self._likelihood(seen, speed) + self._nearness(time, seen.ratio)
+        channels = self._channels(seen, speed)
+        gain = sum(weight * _ratio(z, mean) for weight, z, mean in channels)
+        silence = -sum(weight * _ratio(0.0, mean) for weight, _, mean in channels)
+        most = _MOST_NEARNESS * silence
+        gain += float(np.clip(self._nearness(time, seen.ratio), -most, most))
         if self._score == 0.0:
             self._onset = time
-        most = 2.0 * self.config.threshold
+        highest = 2.0 * self.config.threshold
         pulled = seen.ratio is None or seen.ratio >= self.config.least_ratio
-        self._score = min(max(0.0, self._score + gain), most) if pulled else 0.0
+        self._score = min(max(0.0, self._score + gain), highest) if pulled else 0.0
         slipping = self._score > (0.5 if self._state.slipping else 1.0) * self.config.threshold
         onset = self._state.onset if self._state.slipping else self._onset
         self._state = SlipState(slipping, self._score, onset, 0.0 if speed is None else speed)
         return self._state
 
-    def _likelihood(self, seen: SlipObservation, speed: float | None) -> float:
-        config = self.config
-        total = 0.0
+    def _channels(
+        self, seen: SlipObservation, speed: float | None
+    ) -> list[tuple[float, float, float]]:
+        """Weight, level and level in a slow slip, over the scatter at rest, of what is seen."""
+        config, found = self.config, []
         if seen.vibration is not None:
-            level = float(np.log(max(seen.vibration, 1e-3)))
-            rise = config.vibration_rise / config.vibration_std
-            total += config.vibration * _ratio(level / config.vibration_std, rise)
+            level, std = float(np.log(max(seen.vibration, 1e-3))), config.vibration_std
+            found.append((config.vibration, level / std, config.vibration_rise / std))
         if seen.electrodes is not None:
-            rise = config.electrode_rise / config.electrode_std
-            total += config.electrodes * _ratio(seen.electrodes / config.electrode_std, rise)
+            std = config.electrode_std
+            found.append((config.electrodes, seen.electrodes / std, config.electrode_rise / std))
         if speed is not None:
-            rise = config.speed_rise / config.speed_std
-            total += config.kinematics * _ratio(speed / config.speed_std, rise)
-        return total
+            std = config.speed_std
+            found.append((config.kinematics, speed / std, config.speed_rise / std))
+        return found
 
     def _nearness(self, time: float, ratio: float | None) -> float:
-        """Log likelihood ratio of how near the forces are to those of earlier slips."""
+        """Log likelihood ratio of how near the forces were to those of earlier slips.
+
+        The greatest ratio of late counts, since it falls once the contact slides.
+        """
         config = self.config
         if ratio is None or self._expected is None:
             return 0.0
@@ -140,7 +148,7 @@ class SlipFusion:
         _remember(self._means, time, mean, config.recent)
         share = max(value for _, value in self._means) / self._expected
         z = (share - config.share_rest) / config.share_std
-        return min(_ratio(z, config.share_rise / config.share_std), _MOST_NEARNESS)
+        return _ratio(z, config.share_rise / config.share_std)
 
     def _speed(self, time: float, path: float | None) -> float | None:
         """Slope of the path over the window, m/s."""
