@@ -83,10 +83,10 @@ def _expected(events: Iterable[dict[str, Any]], time: float) -> float | None:
     return float(np.median(before)) if before else None
 
 
-def fused(attempt: Attempt) -> Flags:
-    """What the probe's detector tells."""
+def fused(attempt: Attempt, forces: bool = True) -> Flags:
+    """What the probe's detector tells, with or without how near the forces are to earlier slips."""
     detector = SlipFusion()
-    detector.reset(attempt.expected)
+    detector.reset(attempt.expected if forces else None)
     told = []
     for k, loading in enumerate(attempt.loading):
         rest = (None, None) if loading else (attempt.electrodes[k], attempt.path[k])
@@ -110,11 +110,12 @@ def force_only(attempt: Attempt, fall: float = 0.12) -> Flags:
     return low & np.concatenate([[False], low[:-1]])
 
 
-LIMITS = np.arange(1.5, 3.05, 0.1)
+LIMITS = np.arange(1.5, 6.05, 0.1)
 """Of the vibration, tried from below for as many false alarms as the fused detector has."""
 
 DETECTORS: dict[str, Callable[[Attempt], Flags]] = {
     "fused": fused,
+    "fused, without forces": partial(fused, forces=False),
     "vibration_only": vibration_only,
     "force_only": force_only,
 }
@@ -128,11 +129,11 @@ def score_detectors(rows: Iterable[dict[str, Any]]) -> dict[str, dict[str, float
     attempts = [attempt for row in rows for attempt in split_attempts(row)]
     scores = {name: _score(attempts, detector) for name, detector in DETECTORS.items()}
     allowed = scores["fused"]["false_alarms_per_minute"]
-    if allowed is not None:
-        found = (_score(attempts, partial(vibration_only, limit=limit)) for limit in LIMITS)
-        scores["vibration_only, as many alarms"] = next(
-            (s for s in found if s["false_alarms_per_minute"] <= allowed), scores["vibration_only"]
-        )
+    for limit in LIMITS if allowed is not None else ():
+        score = _score(attempts, partial(vibration_only, limit=limit))
+        if score["false_alarms_per_minute"] <= allowed:
+            scores["vibration_only, as many alarms"] = score | {"limit": float(limit)}
+            break
     return scores
 
 

@@ -109,6 +109,7 @@ class BiotacForce(Shell):
         return f"taring with the next {self.config.tare_frames} frames; keep the fingers free"
 
     def _on_raw(self, message: Picture) -> None:
+        start = time.perf_counter()
         counts = biotac_to_core(message, BIOTAC_RAW)
         if self._gate.check(message.stamp):
             self.faults.add("clock_restarted")
@@ -116,7 +117,6 @@ class BiotacForce(Shell):
         if self._rest is not None:
             self._collect(counts)
             return
-        start = time.perf_counter()
         seen = observe_fingers(self.estimators, list(counts))
         for k, each in enumerate(seen):
             self._publish_force(k, each, message.stamp)

@@ -11,13 +11,14 @@ import yaml
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3Stamped
 from numpy.typing import NDArray
-from sensor_msgs.msg import JointState
+from sensor_msgs.msg import Image, JointState
 from std_msgs.msg import Bool
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.contact.hand_kinematics import ARM_DOF, HandKinematics
 from tactile_dynamics_ros.core.contact.robot_description import FINGERS
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
+from tactile_dynamics_ros.core.friction.electrode_motion import ElectrodeMotion
 from tactile_dynamics_ros.core.friction.probe import FrictionProbe
 from tactile_dynamics_ros.core.friction.probe_config import FrictionProbeConfig
 from tactile_dynamics_ros.core.friction.probe_input import ProbeContact, ProbeInput
@@ -27,6 +28,7 @@ from tactile_dynamics_ros.nodes.contact_assembly import AssembledContact, Contac
 from tactile_dynamics_ros.nodes.conversions import (
     JointReader,
     StampGate,
+    biotac_to_core,
     joints_to_message,
     std_to_core,
     to_seconds,
@@ -36,7 +38,8 @@ from tactile_dynamics_ros.nodes.diagnostics import status_message
 from tactile_dynamics_ros.nodes.friction_messages import estimate_status
 from tactile_dynamics_ros.nodes.parameters import declare_config
 from tactile_dynamics_ros.nodes.shell import Shell, run_node
-from tactile_dynamics_ros.nodes.wire import Joints, Stamped
+from tactile_dynamics_ros.nodes.wire import Joints, Picture, Stamped
+from tactile_dynamics_ros.recording.cdr import BIOTAC_RAW
 from tactile_dynamics_ros.recording.topics import VISION_POSE
 from tactile_dynamics_ros.share import object_file
 
@@ -44,6 +47,7 @@ Array = NDArray[np.float64]
 
 COMMAND = "/joint_command"
 POSES = 20
+REST_FRAMES = 30
 IDLE = 0.1
 RELIABLE = 10
 
@@ -85,6 +89,8 @@ class FrictionProbeNode(Shell):
         self._positions: tuple[float, Array] | None = None
         self._targets: dict[str, float] = {}
         self._vibration: float | None = None
+        self._motion, self._rest = ElectrodeMotion(), deque[Array](maxlen=REST_FRAMES)
+        self._electrodes: float | None = None
         self._stopped = False
         self._told, self._acted = ("", -1), -np.inf
         self._command = self.stream(JointState, COMMAND)
@@ -96,6 +102,7 @@ class FrictionProbeNode(Shell):
         self.listen(JointState, COMMAND, self._on_command)
         self.listen(PoseWithCovarianceStamped, self.config.pose_topic, self._on_pose)
         self.listen(Vector3Stamped, f"/biotac/{probe_config.finger}/slip", self._on_slip)
+        self.listen(Image, BIOTAC_RAW, self._on_raw)
         self.listen(Bool, "/emergency_stop", self._on_stop, RELIABLE)
         self._assemblies = [ContactAssembly(self, f, self._taker(f)) for f in FINGERS]
         self.serve("/friction_probe/probe", self.start)
@@ -142,6 +149,20 @@ class FrictionProbeNode(Shell):
 
     def _on_slip(self, message: Stamped) -> None:
         self._vibration = float(std_to_core(message, "/biotac/slip")[1])
+
+    def _on_raw(self, message: Picture) -> None:
+        """Follow the electrodes of the probing finger, at rest while it touches nothing."""
+        finger = self.probe.config.finger
+        counts = biotac_to_core(message, BIOTAC_RAW)[FINGERS.index(finger)]
+        contact = self._contacts.get(finger)
+        if contact is None or contact.force.any():
+            self._rest.clear()
+        else:
+            self._rest.append(counts)
+        if len(self._rest) == REST_FRAMES:
+            self._motion.tare(np.stack(self._rest))
+            self._rest.clear()
+        self._electrodes = self._motion.update(counts)
 
     def _on_command(self, message: Joints) -> None:
         if not self.probe.running:
@@ -191,7 +212,9 @@ class FrictionProbeNode(Shell):
         }
         newest = max(contact.time for contact in self._contacts.values())
         pose = np.asarray(average_poses(np.stack(self._poses))[0])
-        return ProbeInput(time, newest, positions, touching, pose, self._vibration)
+        return ProbeInput(
+            time, newest, positions, touching, pose, self._vibration, self._electrodes
+        )
 
     def _missing(self) -> str:
         if self._positions is None:

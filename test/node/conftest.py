@@ -22,7 +22,7 @@ def kind_of(topic, message):
         return DiagnosticStatus
     if topic.startswith("/object/pose"):
         return PoseWithCovarianceStamped
-    if topic.startswith("/camera"):
+    if topic.startswith(("/camera", "/biotac/raw")):
         return Image
     kinds = {"force": WrenchStamped, "force_std": Vector3Stamped, "slip": Vector3Stamped}
     kinds |= {"pose": PoseStamped, "joint_states": JointState, "joint_command": JointState}

@@ -102,6 +102,29 @@ def test_it_commands_the_hand_and_an_emergency_stop_ends_that(hand):
     assert "emergency stop" in hand.ask()[0].message
 
 
+def test_the_probe_feels_the_electrodes_move(hand):
+    rng, told, update = np.random.default_rng(0), [], hand.node.probe.update
+    hand.node.probe.update = lambda seen: (told.append(seen.electrodes), update(seen))[1]
+
+    def frame(presses, shift=0.0):
+        counts = 2000.0 + rng.normal(0.0, 3.0, (4, 44)) + shift * np.arange(44)
+        raw = cv.biotac_to_message(counts.astype(np.uint16), hand.time, "hand")
+        hand.bench.send("/biotac/raw", raw)
+        hand.send(presses)
+
+    for _ in range(70):
+        frame({**HOLDING, "index": 0.0})
+    for _ in range(6):
+        frame(HOLDING)
+    assert hand.ask()[0].success
+    for _ in range(10):
+        frame(HOLDING)
+    assert max(map(abs, told)) < 1.0
+    for k in range(10):
+        frame(HOLDING, shift=0.5 * k)
+    assert told[-1] > 2.0
+
+
 def test_a_probe_without_slips_ends_with_a_reason(hand):
     estimates = hand.bench.follow(DiagnosticStatus, "/friction_probe/estimate", profile=LATCHED)
     for _ in range(4):
