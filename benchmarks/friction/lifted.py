@@ -16,7 +16,7 @@ FIRST_HAND = 1700
 
 
 def run_lifted(hands: int, processes: int, cache: Path) -> list[dict[str, Any]]:
-    """Probe both objects in the air with several hands that nobody calibrated."""
+    """Probe both objects in the air with several hands, calibrated by presses but not on blocks."""
     cases = [Case(subject, FIRST_HAND + k, in_air=True) for k in range(hands) for subject in LIGHT]
     return run_cases(cases, processes, cache)
 

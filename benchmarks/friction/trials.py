@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 import zlib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -18,6 +18,7 @@ from benchmarks.friction.subjects import Subject, draw_friction
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
 from tactile_dynamics_ros.core.friction.estimate import FrictionEstimateConfig
 from tactile_dynamics_ros.core.friction.probe_config import FrictionProbeConfig
+from tactile_dynamics_ros.core.tactile.fingertip import FingertipConfig
 from tactile_dynamics_ros.sim.probe_trial import ProbeResult, ProbeTrial, run_probe_trial
 from tactile_dynamics_ros.sim.simulated_robot import SimulatedRobotConfig
 from tactile_dynamics_ros.sim.world import WorldConfig
@@ -56,8 +57,13 @@ class Case:
         return f"{self.subject.name}/{self.hand}/{self.trial}/{self.variant}/{place}/{gain}"
 
 
-def build_trial(case: Case) -> ProbeTrial:
-    """Return the trial of a case with friction drawn from its name."""
+def build_trial(case: Case, tips: Sequence[FingertipConfig] | None = None) -> ProbeTrial:
+    """Return the trial of a case with friction drawn from its name.
+
+    Args:
+        case: what is probed.
+        tips: configurations of the hand's fingertips from their calibration by presses.
+    """
     rng = np.random.default_rng([zlib.crc32(case.subject.name.encode()), case.hand, case.trial])
     surfaces = draw_friction(case.subject, rng)
     if case.friction is not None:
@@ -74,13 +80,13 @@ def build_trial(case: Case) -> ProbeTrial:
         site=case.subject.site(),
         probe=FrictionProbeConfig(variant=case.variant, width=WIDTH, estimate=estimate),
         in_air=case.in_air,
-        tips=calibrate_units(case.hand),
+        tips=tips,
     )
 
 
 def run_case(case: Case) -> dict[str, Any]:
     """Run one probe and return what it found beside what was true."""
-    trial = build_trial(case)
+    trial = build_trial(case, calibrate_units(case.hand))
     row: dict[str, Any] = {"subject": case.subject.name, "hand": case.hand, "trial": case.trial}
     row |= {"in_air": case.in_air, "variant": case.variant}
     try:

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from benchmarks.biotac_press_rig import calibrate_units
 from benchmarks.friction.subjects import SUBJECTS
 from benchmarks.friction.trials import Case, build_trial, holds_truth, run_cases, summarise
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
@@ -25,7 +26,7 @@ def run_warping(count: int, processes: int, cache: Path) -> list[dict[str, Any]]
 
 def probe_carton(case: Case) -> dict[str, Any]:
     """Run one probe of the carton."""
-    trial = build_trial(case)
+    trial = build_trial(case, calibrate_units(case.hand))
     stiffness = STIFFNESS[case.trial % len(STIFFNESS)]
     world = replace(trial.robot.world, warp_stiffness=stiffness)
     trial = replace(trial, robot=replace(trial.robot, world=world))

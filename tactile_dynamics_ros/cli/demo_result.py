@@ -22,6 +22,7 @@ from tactile_dynamics_ros.core.inertia.readings import fit_with_readings
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
 from tactile_dynamics_ros.core.rigid_body.rotation import quaternion_to_matrix
 from tactile_dynamics_ros.recording import Recording
+from tactile_dynamics_ros.recording.topics import OBJECT_POSE
 from tactile_dynamics_ros.report.estimate_report import write_estimate_report
 from tactile_dynamics_ros.report.history import EstimateHistory
 from tactile_dynamics_ros.report.page import Picture, Section
@@ -123,14 +124,14 @@ def read_poses(recording: Path, time: float) -> tuple[Array, Array]:
     store = get_typestore(Stores.ROS2_JAZZY)
     nearest: dict[str, tuple[float, Any]] = {}
     with Reader(recording) as reader:
-        wanted = [c for c in reader.connections if c.topic in ("/joint_states", "/object/pose")]
+        wanted = [c for c in reader.connections if c.topic in ("/joint_states", OBJECT_POSE)]
         for connection, _, raw in reader.messages(connections=wanted):
             message: Any = store.deserialize_cdr(raw, connection.msgtype)
             stamp = message.header.stamp
             gap = abs(stamp.sec + 1e-9 * stamp.nanosec - time)
             if gap < nearest.get(connection.topic, (np.inf, None))[0]:
                 nearest[connection.topic] = (gap, message)
-    joints, pose = nearest["/joint_states"][1], nearest["/object/pose"][1].pose.pose
+    joints, pose = nearest["/joint_states"][1], nearest[OBJECT_POSE][1].pose.pose
     matrix = np.eye(4)
     q, p = pose.orientation, pose.position
     matrix[:3, :3] = quaternion_to_matrix(np.array([q.x, q.y, q.z, q.w]))

@@ -7,12 +7,13 @@ import pybullet
 import pytest
 
 from benchmarks.friction.accuracy import GRASP_STD, calibrate, summarise_study
-from benchmarks.friction.detection import score_detectors
+from benchmarks.friction.detection import score_detectors, split_attempts
 from benchmarks.friction.subjects import REFERENCES, SUBJECTS, draw_friction
 from benchmarks.friction.trials import Case, build_trial
 from tactile_dynamics_ros.cli.probe import finger_gain
 from tactile_dynamics_ros.core.manipulation.grasp_planner import ARM_HOME, HAND_SEED
-from tactile_dynamics_ros.sim.probe_trial import run_probe_trial
+from tactile_dynamics_ros.core.tactile.fingertip import FingertipConfig
+from tactile_dynamics_ros.sim.probe_trial import _Chain, run_probe_trial
 from tactile_dynamics_ros.sim.skin_friction import SkinFriction, SurfaceFriction
 from tactile_dynamics_ros.sim.warping import PANEL_INERTIA
 from tactile_dynamics_ros.sim.world import HandWorld, WorldConfig
@@ -146,6 +147,21 @@ def slip_row(onset=1.0, seen=1.05, rng=None):
             "phase": ["press"] * 3 + ["unload"] * (len(time) - 6) + ["press"] * 3,
         },
     }
+
+
+def test_detectors_are_told_only_of_slips_before_the_attempt():
+    past, later = ({"tangential": t, "normal": 1.0, "time": at} for t, at in ((0.7, -1.0), (9, 2)))
+    (attempt,) = split_attempts(slip_row() | {"events": [past, later]})
+    assert attempt.expected == pytest.approx(0.7)
+    (first,) = split_attempts(slip_row() | {"events": [later]})
+    assert first.expected is None
+
+
+def test_a_probe_uses_the_calibration_of_its_fingertips():
+    tips = [FingertipConfig(gain=(1.0 + 0.1 * k,)) for k in range(4)]
+    chain = _Chain(build_trial(Case(SUBJECTS[0], 301), tips))
+    chain.robot.world.close()
+    assert [tip.config for tip in chain._tips] == tips
 
 
 def test_detectors_are_scored_by_delay_and_false_alarms():
