@@ -144,6 +144,8 @@ def run_cases(
     known = {row["key"]: row for row in _read(cache)}
     todo = [case for case in cases if case.key not in known]
     cache.parent.mkdir(parents=True, exist_ok=True)
+    for hand in {case.hand for case in todo}:
+        calibrate_units(hand)  # once, before the processes are forked, which then know it
     with ProcessPoolExecutor(processes) as pool, cache.open("a") as file:
         for case, row in zip(todo, pool.map(work, todo), strict=True):
             known[case.key] = row | {"key": case.key}
