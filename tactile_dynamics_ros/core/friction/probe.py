@@ -296,7 +296,8 @@ class FrictionProbe:
         )
         if event is not None:
             self.events.append(event)
-            guess = self._expected_ratio() or 1.0
+        guess = self._expected_ratio()
+        if guess is not None:
             most = 0.45 * self.config.impedance.most_force
             self._tangential = float(np.clip(guess * self.config.slip_normal, 0.25, most))
             press = 1.35 * self._tangential / guess + 0.15
