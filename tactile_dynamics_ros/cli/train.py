@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 import time
 from argparse import Namespace, _SubParsersAction
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,15 +21,25 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
     parser.add_argument("what", choices=["biotac"], help="what to train")
     parser.add_argument("--seed", type=int, default=0, help="of units, presses and weights (0)")
     parser.add_argument(
-        "--units", type=int, default=4000, help="simulated sensors per protocol (4000)"
+        "--units", type=int, default=6000, help="simulated sensors per protocol (6000)"
     )
-    parser.add_argument("--epochs", type=int, default=60, help="passes over the frames (60)")
+    parser.add_argument("--epochs", type=int, default=8, help="passes over the frames (8)")
     parser.add_argument("--out", metavar="FILE", help="where to write (the shipped file)")
     parser.set_defaults(run=run)
 
 
+def _count(parts: Iterable[Any]) -> Iterator[Any]:
+    """Yield parts and say how many there were."""
+    for number, part in enumerate(parts, start=1):
+        print(f"\rparts of simulated presses: {number}", end="", file=sys.stderr)
+        yield part
+    print(file=sys.stderr)
+
+
 def run(args: Namespace) -> int:
     """Press, train, calibrate and write the weights."""
+    import torch
+
     from tactile_dynamics_ros.core.tactile.network.training import TrainingConfig, train_network
     from tactile_dynamics_ros.core.tactile.network.weights import SHIPPED_NETWORK
     from tactile_dynamics_ros.sim.sensors.biotac.calibrate import (
@@ -37,9 +49,9 @@ def run(args: Namespace) -> int:
         label_protocols,
     )
 
+    torch.set_num_threads(os.cpu_count() or 1)
     start = time.monotonic()
-    print("pressing simulated fingertips ...", file=sys.stderr)
-    presses = label_batches(args.units, args.seed)
+    presses = _count(label_batches(args.units, args.seed))
     others = min(max(args.units // 6, 2), _MOST_HELD_OUT)
     held_out = join_presses(label_protocols(others, args.seed + HELD_OUT_SEED).values())
     command = f"train biotac --seed {args.seed} --units {args.units} --epochs {args.epochs}"

@@ -20,6 +20,7 @@ from tactile_dynamics_ros.core.tactile.calibration import (
 from tactile_dynamics_ros.core.tactile.features import MIRROR
 from tactile_dynamics_ros.core.tactile.network.estimator import predict_presses
 from tactile_dynamics_ros.core.tactile.network.inputs import INPUTS, lagged, network_inputs
+from tactile_dynamics_ros.core.tactile.network.muon import Muon
 from tactile_dynamics_ros.core.tactile.network.weights import (
     PLACE_SCALE,
     SMALLEST_STD,
@@ -32,6 +33,7 @@ Array = NDArray[np.float64]
 
 OUTPUTS = 10
 _PHASE_STEP = 7
+_WARM_UP = 0.1
 _LARGEST_GRADIENT = 3.0
 """Norm to which gradients are cut: a batch with a rare large error must not undo an epoch."""
 
@@ -41,10 +43,11 @@ class TrainingConfig:
     """Size of the network and of its training."""
 
     width: int = parameter(384, "units of the first three hidden layers", "", 4, 2048)
-    epochs: int = parameter(60, "passes over the frames", "", 1, 10000)
-    batch: int = parameter(1024, "frames per step", "", 8, 65536)
-    every: int = parameter(40, "use every such frame of a sequence", "", 1, 100)
-    learning_rate: float = parameter(3e-3, "largest step size", "", 1e-6, 1.0)
+    epochs: int = parameter(8, "passes over the frames", "", 1, 10000)
+    batch: int = parameter(2048, "frames per step", "", 8, 65536)
+    every: int = parameter(15, "use every such frame of a sequence", "", 1, 100)
+    matrix_rate: float = parameter(0.02, "largest step size of hidden matrices", "", 1e-6, 1.0)
+    learning_rate: float = parameter(3e-3, "largest step size of the rest", "", 1e-6, 1.0)
     weight_decay: float = parameter(1e-4, "decay of weights", "", 0.0, 1.0)
     place_share: float = parameter(0.1, "weight of the contact point in the loss", "", 0.0, 10.0)
     seed: int = parameter(0, "of initial weights and order of frames", "", 0)
@@ -111,11 +114,8 @@ def train_network(
     frames = prepare_frames(presses, config.every)
     mean, scale = frames.inputs.mean(dim=0), frames.inputs.std(dim=0) + 1e-3
     network = build_network(config.width)
-    optimiser = torch.optim.AdamW(
-        network.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay
-    )
-    steps = config.epochs * (len(frames.size) // config.batch + 1)
-    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, config.learning_rate, steps)
+    steps = config.epochs * -(-len(frames.size) // config.batch)
+    advance = _optimise(network, steps, config)
     standard = Frames(frames.inputs.sub_(mean).div_(scale), frames.size, frames.force, frames.point)
     for epoch in range(config.epochs):
         losses = []
@@ -123,16 +123,42 @@ def train_network(
         for start in range(0, len(order), config.batch):
             rows = order[start : start + config.batch]
             batch = Frames(*(getattr(standard, name)[rows] for name in _FIELDS))
-            optimiser.zero_grad()
+            network.zero_grad()
             loss = contact_loss(network(batch.inputs), batch, config.place_share)
             torch.autograd.backward(loss)
-            nn.utils.clip_grad_norm_(network.parameters(), _LARGEST_GRADIENT)
-            optimiser.step()
-            schedule.step()
+            advance()
             losses.append(float(loss.detach()))
         if report is not None:
             report(epoch, float(np.mean(losses)))
     return calibrate_intervals(_plain_weights(network, mean, scale, origin), held_out)
+
+
+def _optimise(network: nn.Sequential, steps: int, config: TrainingConfig) -> Callable[[], None]:
+    """Return what moves the network by a step: hidden matrices by Muon, the rest by Adam.
+
+    Step sizes rise over the first tenth of ``steps`` and fall to zero as a cosine.
+    """
+    *hidden, output = [weight for weight in network.parameters() if weight.ndim == 2]
+    biases = [bias for bias in network.parameters() if bias.ndim == 1]
+    optimisers: list[tuple[torch.optim.Optimizer, float]] = [
+        (Muon(hidden, weight_decay=config.weight_decay), config.matrix_rate),
+        (torch.optim.Adam([*biases, output]), config.learning_rate),
+    ]
+    schedules = [
+        torch.optim.lr_scheduler.OneCycleLR(
+            optimiser, rate, steps, pct_start=_WARM_UP, cycle_momentum=False
+        )
+        for optimiser, rate in optimisers
+    ]
+
+    def advance() -> None:
+        nn.utils.clip_grad_norm_(network.parameters(), _LARGEST_GRADIENT)
+        for optimiser, _ in optimisers:
+            optimiser.step()
+        for schedule in schedules:
+            schedule.step()
+
+    return advance
 
 
 _FIELDS = ("inputs", "size", "force", "point")

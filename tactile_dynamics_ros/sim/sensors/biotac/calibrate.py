@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterable, Iterator
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ from tactile_dynamics_ros.core.tactile.signal_change import RestState
 from tactile_dynamics_ros.sim.sensors.biotac.presses import Presses, protocols, record_presses
 
 HELD_OUT_SEED = 100_000
+_PROCESSES = 2
 
 
 def label_presses(presses: Presses) -> LabelledPresses:
@@ -46,10 +48,13 @@ def label_protocols(units: int, seed: int) -> dict[str, LabelledPresses]:
 
 
 def label_batches(units: int, seed: int, batch: int = 250) -> Iterator[LabelledPresses]:
-    """Yield the labelled presses of every protocol, ``batch`` sensors at a time."""
-    for start in range(0, units, batch):
-        step = len(protocols(1, 0)) * (start // batch)
-        yield from label_protocols(min(batch, units - start), seed + step).values()
+    """Yield the labelled presses of every protocol, ``batch`` sensors at a time, in order."""
+    starts = range(0, units, batch)
+    counts = [min(batch, units - start) for start in starts]
+    seeds = [seed + len(protocols(1, 0)) * (start // batch) for start in starts]
+    with ProcessPoolExecutor(_PROCESSES) as pool:
+        for parts in pool.map(label_protocols, counts, seeds):
+            yield from parts.values()
 
 
 def join_presses(parts: Iterable[LabelledPresses]) -> LabelledPresses:
