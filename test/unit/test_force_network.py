@@ -41,8 +41,12 @@ from tactile_dynamics_ros.core.tactile.network.weights import (
     shipped_network,
 )
 from tactile_dynamics_ros.core.tactile.unit_gain import fit_unit_gain
-from tactile_dynamics_ros.sim.sensors.biotac import BioTacArray
-from tactile_dynamics_ros.sim.sensors.biotac.calibrate import label_presses
+from tactile_dynamics_ros.sim.sensors.biotac import BioTacArray, calibrate
+from tactile_dynamics_ros.sim.sensors.biotac.calibrate import (
+    label_batches,
+    label_presses,
+    label_protocols,
+)
 from tactile_dynamics_ros.sim.sensors.biotac.presses import PressConfig, record_presses
 from tactile_dynamics_ros.sim.sensors.biotac.skin import OUTER_RADIUS, outward_normal
 
@@ -105,6 +109,19 @@ def test_tiny_retraining_beats_the_analytic_estimator_fitted_to_the_same(unseen)
     theirs = median_errors(np.concatenate(analytic), truth)
     assert ours[0] < theirs[0]
     assert ours[1] < 0.9 * theirs[1]
+
+
+def test_presses_of_two_processes_are_those_of_their_seeds_in_order(monkeypatch):
+    def short(units: int, seed: int) -> dict[str, PressConfig]:
+        return {name: PressConfig(units=units, frames=80, seed=seed) for name in "abc"}
+
+    monkeypatch.setattr(calibrate, "protocols", short)
+    found = list(label_batches(3, seed=40, batch=2))
+    expected = [*label_protocols(2, 40).values(), *label_protocols(1, 43).values()]
+    assert len(found) == len(expected) == 6
+    for one, other in zip(found, expected, strict=True):
+        assert np.array_equal(one.change, other.change)
+        assert np.array_equal(one.force, other.force)
 
 
 def test_live_memory_equals_the_filtered_sequence():
