@@ -3,7 +3,7 @@
 Usage: ./dev bench biotac [--json] [--quick]
 
 The compared voxel networks, and ours for comparison, are trained here on the same presses (about
-twenty minutes on one core; kept under out/benchmarks for the next time).
+half an hour on one core; kept under out/benchmarks for the next time).
 """
 
 from __future__ import annotations
