@@ -51,6 +51,7 @@ def run(args: Namespace) -> int:
 
     torch.set_num_threads(os.cpu_count() or 1)
     start = time.monotonic()
+    print("pressing simulated fingertips ...", file=sys.stderr)
     presses = _count(label_batches(args.units, args.seed))
     others = min(max(args.units // 6, 2), _MOST_HELD_OUT)
     held_out = join_presses(label_protocols(others, args.seed + HELD_OUT_SEED).values())

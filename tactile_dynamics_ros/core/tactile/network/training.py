@@ -140,22 +140,21 @@ def _optimise(network: nn.Sequential, steps: int, config: TrainingConfig) -> Cal
     """
     *hidden, output = [weight for weight in network.parameters() if weight.ndim == 2]
     biases = [bias for bias in network.parameters() if bias.ndim == 1]
-    optimisers: list[tuple[torch.optim.Optimizer, float]] = [
-        (Muon(hidden, weight_decay=config.weight_decay), config.matrix_rate),
-        (torch.optim.Adam([*biases, output]), config.learning_rate),
+    optimisers: list[torch.optim.Optimizer] = [
+        Muon(hidden, lr=config.matrix_rate, weight_decay=config.weight_decay),
+        torch.optim.Adam([*biases, output], lr=config.learning_rate),
     ]
     schedules = [
         torch.optim.lr_scheduler.OneCycleLR(
-            optimiser, rate, steps, pct_start=_WARM_UP, cycle_momentum=False
+            each, each.defaults["lr"], steps, pct_start=_WARM_UP, cycle_momentum=False
         )
-        for optimiser, rate in optimisers
+        for each in optimisers
     ]
 
     def advance() -> None:
         nn.utils.clip_grad_norm_(network.parameters(), _LARGEST_GRADIENT)
-        for optimiser, _ in optimisers:
+        for optimiser, schedule in zip(optimisers, schedules, strict=True):
             optimiser.step()
-        for schedule in schedules:
             schedule.step()
 
     return advance
