@@ -21,7 +21,7 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
     parser.add_argument("what", choices=["biotac"], help="what to train")
     parser.add_argument("--seed", type=int, default=0, help="of units, presses and weights (0)")
     parser.add_argument(
-        "--units", type=int, default=6000, help="simulated sensors per protocol (6000)"
+        "--units", type=int, default=9000, help="simulated sensors per protocol (9000)"
     )
     parser.add_argument("--epochs", type=int, default=8, help="passes over the frames (8)")
     parser.add_argument("--out", metavar="FILE", help="where to write (the shipped file)")

@@ -100,23 +100,32 @@ def fluid_thickness(patch: Indentation, units: Units, config: BioTacConfig) -> A
     the displaced volume, and a wide dipole from shear: skin that is dragged along the core is
     pulled tight behind the contact and piles up fluid ahead of it.
     """
-    outer = units.nodes + (OUTER_RADIUS - 6.65e-3) * 0.5 * patch.normal[:, None, None, :]
-    arm = outer - (patch.centre + patch.shear)[:, None, None, :]
-    normal = patch.normal[:, None, None, :]
-    arm = arm - 0.5 * np.sum(arm * normal, axis=-1, keepdims=True) * normal
-    distance = np.linalg.norm(arm, axis=-1)
-    radius = patch.radius[:, None, None]
-    inside = 1.0 - 0.5 * (distance / np.maximum(radius, 1e-6)) ** 2
-    outside = 0.5 * np.exp(-(distance - radius) / config.tail_length)
+    lift = (OUTER_RADIUS - 6.65e-3) * 0.5
+    origin = patch.centre + patch.shear - lift * patch.normal
+    count, electrodes, nodes, _ = units.nodes.shape
+    arm = units.nodes.reshape(count, -1, 3) - origin[:, None]
+    depthwise, ahead = np.moveaxis(arm @ np.stack([patch.normal, patch.shear], axis=-1), -1, 0)
+    square = np.einsum("unk,unk->un", arm, arm) - 0.75 * depthwise**2
+    distance = np.sqrt(square)
+    radius = patch.radius[:, None]
+    inside = 1.0 - 0.5 * square / np.maximum(radius, 1e-6) ** 2
+    outside = 0.5 * np.exp((radius - distance) / config.tail_length)
     profile = np.where(distance < radius, inside, outside)
-    bulge = (patch.volume / config.bulge_area)[:, None, None]
-    far = 1.0 - np.exp(-((distance / 6e-3) ** 2))
-    ahead = np.einsum("uenk,uk->uen", arm, patch.shear)
-    reach = distance / config.shear_reach
-    dipole = ahead / config.shear_reach * np.exp(0.5 * (1.0 - reach**2))
-    depth = patch.depth[:, None, None]
-    thickness = units.gap[:, None, None] - depth * profile + bulge * far
+    bulge = (patch.volume / config.bulge_area)[:, None]
+    far = 1.0 - np.exp(-square / 6e-3**2)
+    tilt = 0.5 * np.sum(patch.normal * patch.shear, axis=1)[:, None]
+    reach = config.shear_reach
+    dipole = (ahead - tilt * depthwise) / reach * np.exp(0.5 - 0.5 * square / reach**2)
+    thickness = units.gap[:, None] - patch.depth[:, None] * profile + bulge * far
     thickness = thickness + config.shear_gain * dipole
-    soft = 0.5 * config.smallest_gap
     floor = config.smallest_gap
-    return np.asarray(floor + soft * np.logaddexp(0.0, (thickness - floor) / soft))
+    above = _softplus((thickness - floor) / (0.5 * floor))
+    return (floor + 0.5 * floor * above).reshape(count, electrodes, nodes)
+
+
+def _softplus(value: Array) -> Array:
+    """Return ln(1 + exp(x)), which is x itself for most electrodes: the fluid is seldom thin."""
+    result = np.maximum(value, 0.0)
+    near = np.abs(value) < 37.0
+    result[near] += np.log1p(np.exp(-np.abs(value[near])))
+    return result
