@@ -14,12 +14,14 @@ from tactile_dynamics_ros.core.tactile.analytic_force import (
     estimate_sequence,
 )
 from tactile_dynamics_ros.core.tactile.calibration import (
+    MIRROR_AXES,
     LabelledPresses,
     fit_calibration,
     shipped_calibration,
 )
 from tactile_dynamics_ros.core.tactile.electrodes import CHANNELS
 from tactile_dynamics_ros.core.tactile.estimators import observe_fingers
+from tactile_dynamics_ros.core.tactile.features import MIRROR
 from tactile_dynamics_ros.core.tactile.network.estimator import (
     NetworkForceEstimator,
     predict_presses,
@@ -122,6 +124,15 @@ def test_presses_of_two_processes_are_those_of_their_seeds_in_order(monkeypatch)
     for one, other in zip(found, expected, strict=True):
         assert np.array_equal(one.change, other.change)
         assert np.array_equal(one.force, other.force)
+
+
+def test_a_mirrored_sensor_feels_the_mirrored_force(unseen):
+    change, rest = unseen.change[0, ::20], unseen.rest[0]
+    seen = predict_sequence(change, rest, shipped_network())
+    mirrored = predict_sequence(change[:, MIRROR], rest[MIRROR[:19]], shipped_network())
+    np.testing.assert_allclose(mirrored.force * MIRROR_AXES, seen.force, atol=1e-5)
+    np.testing.assert_allclose(mirrored.point * MIRROR_AXES, seen.point, atol=1e-8)
+    np.testing.assert_allclose(mirrored.std, seen.std, rtol=1e-4)
 
 
 def test_live_memory_equals_the_filtered_sequence():

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from tactile_dynamics_ros.core.tactile.features import PATTERN_FLOOR, signal_size
+from tactile_dynamics_ros.core.tactile.features import MIRROR, PATTERN_FLOOR, signal_size
 
 Array = NDArray[np.float64]
 
@@ -15,6 +15,12 @@ MEMORY = np.array([0.02, 0.05, 0.12, 0.3, 1.0, 4.0])
 the noise of a frame without lagging behind, the long ones show creep."""
 
 INPUTS = 20 * (1 + len(MEMORY)) + 2 + 19
+
+_FRAMES = 20 * np.arange(1 + len(MEMORY))[:, None] + MIRROR
+MIRROR_INPUTS = np.concatenate(
+    [_FRAMES.ravel(), _FRAMES.size + np.array([0, 1]), _FRAMES.size + 2 + MIRROR[:19]]
+)
+"""Where each input of the same contact on a mirrored sensor is taken from."""
 
 REST_MEAN, REST_SPREAD = 3100.0, 300.0
 """Usual electrode counts without contact, and how far units differ."""

@@ -13,7 +13,7 @@ from scipy.special import expit
 
 from tactile_dynamics_ros.core.contact.skin_surface import project_to_skin
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.tactile.network.inputs import INPUTS
+from tactile_dynamics_ros.core.tactile.network.inputs import INPUTS, MIRROR_INPUTS
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
@@ -24,6 +24,8 @@ SMALLEST_STD = 0.3
 """Lower bound of the force's standard deviation in hundredths of a newton per unit of size."""
 
 PLACE_SCALE = 1e-3
+_MIRROR_OUTPUTS = np.array([1.0, -1.0, 1.0, 1.0, 1.0, 1.0, 1.0, -1.0, 1.0, 1.0])
+"""Signs of force (3), std (3), contact point (3) and its std on a sensor mirrored in y."""
 STRENGTH_KNOTS = np.array([0.0, 0.2, 0.5, 1.0, 2.0, 3.0, 5.0])
 """Forces (N) at which the calibration of standard deviations is stated, linear in between."""
 
@@ -65,14 +67,12 @@ class NetworkWeights:
     def evaluate(self, inputs: Array, size: Array) -> Prediction:
         """Return contacts for inputs (N, INPUTS) and signal sizes (N, 1).
 
-        f = size o_1..3, std = size (softplus(o_4..6) + floor) temperature(|f|).
+        f = size o_1..3, std = size (softplus(o_4..6) + floor) temperature(|f|). The sensor is its
+        own mirror image M, and so is the estimate: o(x) = (p(x) + M p(M x)) / 2 for perceptron p.
         """
-        hidden = ((inputs - self.mean) / self.scale).astype(np.float32)
-        for matrix, bias in self.layers[:-1]:
-            hidden = hidden @ matrix + bias
-            hidden = hidden * expit(hidden)
-        matrix, bias = self.layers[-1]
-        output = (hidden @ matrix + bias).astype(np.float64)
+        both = self._perceptron(np.concatenate([inputs, inputs[:, MIRROR_INPUTS]]))
+        plain, mirrored = np.split(both.astype(np.float64), 2)
+        output = 0.5 * (plain + _MIRROR_OUTPUTS * mirrored)
         force = size * output[:, :3]
         strength = np.linalg.norm(force, axis=1)
         std = size * (np.logaddexp(0.0, output[:, 3:6]) + 0.01 * SMALLEST_STD)
@@ -80,6 +80,15 @@ class NetworkWeights:
         place_std = PLACE_SCALE * (np.logaddexp(0.0, output[:, 9]) + 0.02)
         place_std = place_std * interpolate(self.place_temperature[:, None], strength)[:, 0]
         return Prediction(force, std, project_to_skin(PLACE_SCALE * output[:, 6:9]), place_std)
+
+    def _perceptron(self, inputs: Array) -> Single:
+        hidden = ((inputs - self.mean) / self.scale).astype(np.float32)
+        for matrix, bias in self.layers[:-1]:
+            hidden = hidden @ matrix + bias
+            hidden = hidden * expit(hidden)
+        matrix, bias = self.layers[-1]
+        output: Single = hidden @ matrix + bias
+        return output
 
     def save(self, path: Path) -> None:
         """Write as a compressed npz file."""

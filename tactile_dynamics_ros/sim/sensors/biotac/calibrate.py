@@ -6,8 +6,9 @@ Run as ``python -m tactile_dynamics_ros.sim.sensors.biotac.calibrate --seed 0``.
 from __future__ import annotations
 
 import argparse
+import signal
 from collections.abc import Iterable, Iterator
-from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import Pool
 from pathlib import Path
 
 import numpy as np
@@ -47,14 +48,21 @@ def label_protocols(units: int, seed: int) -> dict[str, LabelledPresses]:
     return {name: label_presses(record_presses(config)) for name, config in configs.items()}
 
 
+def _label_batch(units_and_seed: tuple[int, int]) -> list[LabelledPresses]:
+    return list(label_protocols(*units_and_seed).values())
+
+
 def label_batches(units: int, seed: int, batch: int = 250) -> Iterator[LabelledPresses]:
-    """Yield the labelled presses of every protocol, ``batch`` sensors at a time, in order."""
+    """Yield the labelled presses of every protocol, ``batch`` sensors at a time, in order.
+
+    Two processes press; they end with the caller, who alone hears Ctrl-C.
+    """
     starts = range(0, units, batch)
     counts = [min(batch, units - start) for start in starts]
     seeds = [seed + len(protocols(1, 0)) * (start // batch) for start in starts]
-    with ProcessPoolExecutor(_PROCESSES) as pool:
-        for parts in pool.map(label_protocols, counts, seeds):
-            yield from parts.values()
+    with Pool(_PROCESSES, signal.signal, (signal.SIGINT, signal.SIG_IGN)) as pool:
+        for parts in pool.imap(_label_batch, zip(counts, seeds, strict=True)):
+            yield from parts
 
 
 def join_presses(parts: Iterable[LabelledPresses]) -> LabelledPresses:
