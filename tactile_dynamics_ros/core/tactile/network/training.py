@@ -73,13 +73,13 @@ def prepare_frames(presses: Iterable[LabelledPresses], every: int) -> Frames:
     """
     rows: list[tuple[Array, ...]] = []
     for part in presses:
+        pasts = [lagged(change, part.period) for change in part.change]
         for mirror, axes in ((np.arange(20), np.ones(3)), (MIRROR, MIRROR_AXES)):
-            columns = (part.change, part.force, part.point, part.rest)
-            for change, force, point, rest in zip(*columns, strict=True):
-                seen, level = change[:, mirror], rest[mirror[:19]]
+            columns = (part.change, pasts, part.force, part.point, part.rest)
+            for change, past, force, point, rest in zip(*columns, strict=True):
                 taken = slice(_PHASE_STEP * len(rows) % every, None, every)
-                found = network_inputs(seen[taken], lagged(seen, part.period)[taken], level)
-                each = (*found, force[taken] * axes, point[taken] * axes)
+                seen = change[taken, mirror], past[taken][..., mirror], rest[mirror[:19]]
+                each = (*network_inputs(*seen), force[taken] * axes, point[taken] * axes)
                 rows.append(tuple(values.astype(np.float32) for values in each))
     return Frames(*(torch.from_numpy(np.concatenate(column)) for column in zip(*rows, strict=True)))
 
