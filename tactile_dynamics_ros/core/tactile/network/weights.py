@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import expit
 
 from tactile_dynamics_ros.core.contact.skin_surface import project_to_skin
 from tactile_dynamics_ros.core.errors import BadInputError
@@ -71,21 +70,20 @@ class NetworkWeights:
         own mirror image M, and so is the estimate: o(x) = (p(x) + M p(M x)) / 2 for perceptron p.
         """
         both = self._perceptron(np.concatenate([inputs, inputs[:, MIRROR_INPUTS]]))
-        plain, mirrored = np.split(both.astype(np.float64), 2)
-        output = 0.5 * (plain + _MIRROR_OUTPUTS * mirrored)
+        output = 0.5 * (both[: len(inputs)] + _MIRROR_OUTPUTS * both[len(inputs) :])
         force = size * output[:, :3]
         strength = np.linalg.norm(force, axis=1)
         std = size * (np.logaddexp(0.0, output[:, 3:6]) + 0.01 * SMALLEST_STD)
-        std = std * interpolate(self.force_temperature, strength)
-        place_std = PLACE_SCALE * (np.logaddexp(0.0, output[:, 9]) + 0.02)
-        place_std = place_std * interpolate(self.place_temperature[:, None], strength)[:, 0]
-        return Prediction(force, std, project_to_skin(PLACE_SCALE * output[:, 6:9]), place_std)
+        temperature = np.column_stack([self.force_temperature, self.place_temperature])
+        factors = interpolate(temperature, strength)
+        place_std = PLACE_SCALE * (np.logaddexp(0.0, output[:, 9]) + 0.02) * factors[:, 3]
+        place = project_to_skin(PLACE_SCALE * output[:, 6:9])
+        return Prediction(force, std * factors[:, :3], place, place_std)
 
     def _perceptron(self, inputs: Array) -> Single:
         hidden = ((inputs - self.mean) / self.scale).astype(np.float32)
         for matrix, bias in self.layers[:-1]:
-            hidden = hidden @ matrix + bias
-            hidden = hidden * expit(hidden)
+            hidden = _silu(hidden @ matrix + bias)
         matrix, bias = self.layers[-1]
         output: Single = hidden @ matrix + bias
         return output
@@ -130,6 +128,11 @@ class NetworkWeights:
                 )
         except (OSError, ValueError, KeyError) as error:
             raise BadInputError(f"network file {path}: {error}") from error
+
+
+def _silu(value: Single) -> Single:
+    with np.errstate(over="ignore"):
+        return np.asarray(value / (1.0 + np.exp(-value)), dtype=np.float32)
 
 
 def as_stored(values: NDArray[Any]) -> Single:
