@@ -17,9 +17,13 @@ from tactile_dynamics_ros.core.tactile.calibration import (
     NORMAL_90,
     LabelledPresses,
 )
-from tactile_dynamics_ros.core.tactile.features import MIRROR
 from tactile_dynamics_ros.core.tactile.network.estimator import predict_presses
-from tactile_dynamics_ros.core.tactile.network.inputs import INPUTS, lagged, network_inputs
+from tactile_dynamics_ros.core.tactile.network.inputs import (
+    INPUTS,
+    MIRROR_INPUTS,
+    lagged,
+    network_inputs,
+)
 from tactile_dynamics_ros.core.tactile.network.muon import Muon
 from tactile_dynamics_ros.core.tactile.network.weights import (
     PLACE_SCALE,
@@ -74,12 +78,12 @@ def prepare_frames(presses: Iterable[LabelledPresses], every: int) -> Frames:
     rows: list[tuple[Array, ...]] = []
     for part in presses:
         pasts = [lagged(change, part.period) for change in part.change]
-        for mirror, axes in ((np.arange(20), np.ones(3)), (MIRROR, MIRROR_AXES)):
+        for order, axes in ((slice(None), np.ones(3)), (MIRROR_INPUTS, MIRROR_AXES)):
             columns = (part.change, pasts, part.force, part.point, part.rest)
             for change, past, force, point, rest in zip(*columns, strict=True):
                 taken = slice(_PHASE_STEP * len(rows) % every, None, every)
-                seen = change[taken, mirror], past[taken][..., mirror], rest[mirror[:19]]
-                each = (*network_inputs(*seen), force[taken] * axes, point[taken] * axes)
+                inputs, size = network_inputs(change[taken], past[taken], rest)
+                each = (inputs[:, order], size, force[taken] * axes, point[taken] * axes)
                 rows.append(tuple(values.astype(np.float32) for values in each))
     return Frames(*(torch.from_numpy(np.concatenate(column)) for column in zip(*rows, strict=True)))
 

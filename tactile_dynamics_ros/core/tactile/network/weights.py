@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.contact.skin_surface import project_to_skin
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.tactile.calibration import MIRROR_AXES
 from tactile_dynamics_ros.core.tactile.network.inputs import INPUTS, MIRROR_INPUTS
 
 Array = NDArray[np.float64]
@@ -23,7 +24,7 @@ SMALLEST_STD = 0.3
 """Lower bound of the force's standard deviation in hundredths of a newton per unit of size."""
 
 PLACE_SCALE = 1e-3
-_MIRROR_OUTPUTS = np.array([1.0, -1.0, 1.0, 1.0, 1.0, 1.0, 1.0, -1.0, 1.0, 1.0])
+_MIRROR_OUTPUTS = np.concatenate([MIRROR_AXES, np.ones(3), MIRROR_AXES, np.ones(1)])
 """Signs of force (3), std (3), contact point (3) and its std on a sensor mirrored in y."""
 STRENGTH_KNOTS = np.array([0.0, 0.2, 0.5, 1.0, 2.0, 3.0, 5.0])
 """Forces (N) at which the calibration of standard deviations is stated, linear in between."""

@@ -118,9 +118,9 @@ def fluid_thickness(patch: Indentation, units: Units, config: BioTacConfig) -> A
     dipole = (ahead - tilt * depthwise) / reach * np.exp(0.5 - 0.5 * square / reach**2)
     thickness = units.gap[:, None] - patch.depth[:, None] * profile + bulge * far
     thickness = thickness + config.shear_gain * dipole
-    floor = config.smallest_gap
-    above = _softplus((thickness - floor) / (0.5 * floor))
-    return (floor + 0.5 * floor * above).reshape(count, electrodes, nodes)
+    floor, soft = config.smallest_gap, 0.5 * config.smallest_gap
+    above = _softplus((thickness - floor) / soft)
+    return (floor + soft * above).reshape(count, electrodes, nodes)
 
 
 def _softplus(value: Array) -> Array:
