@@ -9,6 +9,7 @@ half an hour on one core; kept under out/benchmarks for the next time).
 from __future__ import annotations
 
 import argparse
+import hashlib
 import json
 import sys
 import time
@@ -67,7 +68,9 @@ MEDIANS = ("magnitude_n", "direction_deg")
 VOXEL_UNITS = 320
 """Simulated sensors per protocol that the compared networks are trained on."""
 
-CACHE = Path(__file__).parent.parent / "out" / "benchmarks"
+REPOSITORY = Path(__file__).parent.parent
+CACHE = REPOSITORY / "out" / "benchmarks"
+_TRAINING_CODE = ("core/tactile/network", "sim/sensors/biotac")
 REAL_NOISE = BioTacConfig(noise=0.5, wander=0.3, pressure_noise=0.4)
 """Noise of the raw logs of a real unit with 19 electrodes (0.44 counts white, 0.38 in PDC)."""
 
@@ -140,21 +143,27 @@ def score_with_gain(test: LabelledPresses, found: Sequence[Array]) -> dict[str, 
     return score_force(np.concatenate(corrected), None, test.force[:, half:].reshape(-1, 3))
 
 
-def _cache() -> Path:
+def _cached(name: str) -> Path:
+    """Return where a network is kept; one trained by other code, or on other presses, is not it."""
+    digest = hashlib.sha256()
+    for folder in _TRAINING_CODE:
+        for source in sorted((REPOSITORY / "tactile_dynamics_ros" / folder).glob("*.py")):
+            digest.update(source.read_bytes())
     CACHE.mkdir(parents=True, exist_ok=True)
-    return CACHE
+    stem, kind = name.rsplit(".", 1)
+    return CACHE / f"{stem}_{digest.hexdigest()[:8]}.{kind}"
 
 
 def network_of_same_presses(quick: bool) -> NetworkWeights:
     """Train ours on the presses of the compared ones, or read what an earlier run trained."""
     units, epochs = (40, 3) if quick else (VOXEL_UNITS, 30)
-    path = _cache() / f"network_{units}_{epochs}.npz"
+    path = _cached(f"network_{units}_{epochs}.npz")
     if path.exists():
         return NetworkWeights.load(path)
     print("training our network on the presses of the voxel networks ...", file=sys.stderr)
     presses = label_protocols(units, seed=0).values()
     others = join_presses(label_protocols(max(units // 6, 2), HELD_OUT_SEED).values())
-    config = TrainingConfig(epochs=epochs, every=10)
+    config = TrainingConfig(epochs=epochs, every=5)
     weights = train_network(presses, others, f"{units} units, a comparison", config)
     weights.save(path)
     return weights
@@ -166,7 +175,7 @@ def voxel_networks(quick: bool) -> dict[str, VoxelNetwork]:
     presses: LabelledPresses | None = None
     networks = {}
     for name, heads in (("ICRA 2019", 1), ("paper A", 10)):
-        path = _cache() / f"voxel_{heads}_{units}_{epochs}.pt"
+        path = _cached(f"voxel_{heads}_{units}_{epochs}.pt")
         network = VoxelNetwork(heads)
         if path.exists():
             network.load_state_dict(torch.load(path, weights_only=True))

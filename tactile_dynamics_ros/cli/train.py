@@ -21,9 +21,9 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
     parser.add_argument("what", choices=["biotac"], help="what to train")
     parser.add_argument("--seed", type=int, default=0, help="of units, presses and weights (0)")
     parser.add_argument(
-        "--units", type=int, default=9000, help="simulated sensors per protocol (9000)"
+        "--units", type=int, default=12000, help="simulated sensors per protocol (12000)"
     )
-    parser.add_argument("--epochs", type=int, default=8, help="passes over the frames (8)")
+    parser.add_argument("--epochs", type=int, default=11, help="passes over the frames (11)")
     parser.add_argument("--out", metavar="FILE", help="where to write (the shipped file)")
     parser.set_defaults(run=run)
 
@@ -46,7 +46,6 @@ def run(args: Namespace) -> int:
         HELD_OUT_SEED,
         join_presses,
         label_batches,
-        label_protocols,
     )
 
     torch.set_num_threads(os.cpu_count() or 1)
@@ -54,7 +53,7 @@ def run(args: Namespace) -> int:
     print("pressing simulated fingertips ...", file=sys.stderr)
     presses = _count(label_batches(args.units, args.seed))
     others = min(max(args.units // 6, 2), _MOST_HELD_OUT)
-    held_out = join_presses(label_protocols(others, args.seed + HELD_OUT_SEED).values())
+    held_out = join_presses(label_batches(others, args.seed + HELD_OUT_SEED, -(-others // 2)))
     command = f"train biotac --seed {args.seed} --units {args.units} --epochs {args.epochs}"
     config = TrainingConfig(epochs=args.epochs, seed=args.seed)
 

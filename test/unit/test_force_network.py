@@ -27,7 +27,14 @@ from tactile_dynamics_ros.core.tactile.network.estimator import (
     predict_presses,
     predict_sequence,
 )
-from tactile_dynamics_ros.core.tactile.network.inputs import INPUTS, Memory, lagged
+from tactile_dynamics_ros.core.tactile.network.inputs import (
+    INPUTS,
+    MIRROR_INPUTS,
+    Memory,
+    face_left,
+    lagged,
+    network_inputs,
+)
 from tactile_dynamics_ros.core.tactile.network.training import TrainingConfig, train_network
 from tactile_dynamics_ros.core.tactile.network.voxel import (
     VoxelConfig,
@@ -133,6 +140,19 @@ def test_a_mirrored_sensor_feels_the_mirrored_force(unseen):
     np.testing.assert_allclose(mirrored.force * MIRROR_AXES, seen.force, atol=1e-5)
     np.testing.assert_allclose(mirrored.point * MIRROR_AXES, seen.point, atol=1e-8)
     np.testing.assert_allclose(mirrored.std, seen.std, rtol=1e-4)
+
+
+def test_contacts_on_the_right_are_read_as_their_mirror_image_on_the_left(unseen):
+    agrees = []
+    columns = (unseen.change, unseen.rest, unseen.force, unseen.point)
+    for change, rest, force, point in zip(*columns, strict=True):
+        aside = (np.linalg.norm(force, axis=1) > 0.3) & (np.abs(point[:, 1]) > 3e-3)
+        inputs = network_inputs(change, lagged(change, unseen.period), rest)[0][aside]
+        left, mirrored = face_left(inputs)
+        assert np.array_equal(left[~mirrored], inputs[~mirrored])
+        assert np.array_equal(left[mirrored], inputs[mirrored][:, MIRROR_INPUTS])
+        agrees.append(mirrored == (point[aside, 1] < 0.0))
+    assert np.mean(np.concatenate(agrees)) > 0.97
 
 
 def test_live_memory_equals_the_filtered_sequence():

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from tactile_dynamics_ros.core.tactile.electrodes import ELECTRODE_POSITION
 from tactile_dynamics_ros.core.tactile.features import MIRROR, PATTERN_FLOOR, signal_size
 
 Array = NDArray[np.float64]
@@ -21,6 +22,9 @@ MIRROR_INPUTS = np.concatenate(
     [_FRAMES.ravel(), _FRAMES.size + np.array([0, 1]), _FRAMES.size + 2 + MIRROR[:19]]
 )
 """Where each input of the same contact on a mirrored sensor is taken from."""
+
+_STEADY = slice(20 * 2, 20 * 2 + 19)
+"""Inputs that tell the electrodes' changes within 0.05 s."""
 
 REST_MEAN, REST_SPREAD = 3100.0, 300.0
 """Usual electrode counts without contact, and how far units differ."""
@@ -73,3 +77,15 @@ def network_inputs(change: Array, past: Array, rest: Array) -> tuple[Array, Arra
     scale = np.concatenate([np.log(size), size / 4.0], axis=-1)
     level = np.broadcast_to((rest - REST_MEAN) / REST_SPREAD, (*change.shape[:-1], 19))
     return np.concatenate([pattern, flat, scale, level], axis=-1), size
+
+
+def face_left(inputs: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Return inputs (N, INPUTS) with contacts on the right mirrored to the left, and which were.
+
+    A sensor is its own mirror image, so that a network need only know its left half, y > 0. Skin
+    that is pressed makes electrodes fall: a contact is on the right if sum_k min(c_k, 0)^2 y_k < 0
+    for changes c, averaged over 0.05 s, of electrodes at y.
+    """
+    fall = np.minimum(inputs[:, :19] - inputs[:, _STEADY], 0.0)
+    on_right = fall**2 @ ELECTRODE_POSITION[:, 1] < 0.0
+    return np.where(on_right[:, None], inputs[:, MIRROR_INPUTS], inputs), on_right

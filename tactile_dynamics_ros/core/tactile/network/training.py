@@ -20,7 +20,7 @@ from tactile_dynamics_ros.core.tactile.calibration import (
 from tactile_dynamics_ros.core.tactile.network.estimator import predict_presses
 from tactile_dynamics_ros.core.tactile.network.inputs import (
     INPUTS,
-    MIRROR_INPUTS,
+    face_left,
     lagged,
     network_inputs,
 )
@@ -37,6 +37,7 @@ Array = NDArray[np.float64]
 
 OUTPUTS = 10
 _PHASE_STEP = 7
+_UNTOUCHED_EVERY = 5
 _WARM_UP = 0.1
 _LARGEST_GRADIENT = 3.0
 """Norm to which gradients are cut: a batch with a rare large error must not undo an epoch."""
@@ -47,7 +48,7 @@ class TrainingConfig:
     """Size of the network and of its training."""
 
     width: int = parameter(384, "units of the first three hidden layers", "", 4, 2048)
-    epochs: int = parameter(8, "passes over the frames", "", 1, 10000)
+    epochs: int = parameter(11, "passes over the frames", "", 1, 10000)
     batch: int = parameter(2048, "frames per step", "", 8, 65536)
     every: int = parameter(15, "use every such frame of a sequence", "", 1, 100)
     matrix_rate: float = parameter(0.02, "largest step size of hidden matrices", "", 1e-6, 1.0)
@@ -71,20 +72,24 @@ class Frames:
 
 
 def prepare_frames(presses: Iterable[LabelledPresses], every: int) -> Frames:
-    """Return every ``every``-th frame of all sequences, and of their mirrored copies.
+    """Return every ``every``-th frame of all sequences, contacts on the right mirrored to the left.
 
-    Sequences begin at different frames, so that all times since the first touch are seen.
+    Sequences begin at different frames, so that all times since the first touch are seen. Frames
+    without contact tell little: of those, every fifth remains.
     """
     rows: list[tuple[Array, ...]] = []
     for part in presses:
-        pasts = [lagged(change, part.period) for change in part.change]
-        for order, axes in ((slice(None), np.ones(3)), (MIRROR_INPUTS, MIRROR_AXES)):
-            columns = (part.change, pasts, part.force, part.point, part.rest)
-            for change, past, force, point, rest in zip(*columns, strict=True):
-                taken = slice(_PHASE_STEP * len(rows) % every, None, every)
-                inputs, size = network_inputs(change[taken], past[taken], rest)
-                each = (inputs[:, order], size, force[taken] * axes, point[taken] * axes)
-                rows.append(tuple(values.astype(np.float32) for values in each))
+        columns = (part.change, part.force, part.point, part.rest)
+        for change, force, point, rest in zip(*columns, strict=True):
+            taken = np.arange(_PHASE_STEP * len(rows) % every, len(change), every)
+            fifth = np.arange(len(taken)) % _UNTOUCHED_EVERY == 0
+            taken = taken[force[taken].any(axis=1) | fifth]
+            past = lagged(change, part.period)[taken]
+            inputs, size = network_inputs(change[taken], past, rest)
+            inputs, mirrored = face_left(inputs)
+            axes = np.where(mirrored[:, None], MIRROR_AXES, 1.0)
+            each = (inputs, size, force[taken] * axes, point[taken] * axes)
+            rows.append(tuple(values.astype(np.float32) for values in each))
     return Frames(*(torch.from_numpy(np.concatenate(column)) for column in zip(*rows, strict=True)))
 
 
@@ -170,7 +175,8 @@ _FIELDS = ("inputs", "size", "force", "point")
 def contact_loss(output: Tensor, frames: Frames, place_share: float) -> Tensor:
     """Return the beta-weighted Gaussian likelihood of force and contact point, beta = 1/2.
 
-    Weak contacts say little about their place, so the point counts by |f| / (|f| + 0.2 N).
+    The force counts by 1 / (|f| + 0.3 N), so that directions of light and firm contacts count
+    alike. Weak contacts say little about their place, so the point counts by |f| / (|f| + 0.2 N).
 
     Source: Seitzer et al., 2022 (beta negative log-likelihood).
     """
@@ -179,6 +185,7 @@ def contact_loss(output: Tensor, frames: Frames, place_share: float) -> Tensor:
     place_std = nn.functional.softplus(output[:, 9:10]) + 0.02
     place_loss = _likelihood(output[:, 6:9] - frames.point / PLACE_SCALE, place_std)
     strength = frames.force.norm(dim=1, keepdim=True)
+    force_loss = force_loss / (strength + 0.3)
     touched = strength / (strength + 0.2)
     total: Tensor = force_loss.mean() + place_share * (touched * place_loss).mean()
     return total

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.core.contact.skin_surface import project_to_skin
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.tactile.calibration import MIRROR_AXES
-from tactile_dynamics_ros.core.tactile.network.inputs import INPUTS, MIRROR_INPUTS
+from tactile_dynamics_ros.core.tactile.network.inputs import INPUTS, face_left
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
@@ -67,11 +67,12 @@ class NetworkWeights:
     def evaluate(self, inputs: Array, size: Array) -> Prediction:
         """Return contacts for inputs (N, INPUTS) and signal sizes (N, 1).
 
-        f = size o_1..3, std = size (softplus(o_4..6) + floor) temperature(|f|). The sensor is its
-        own mirror image M, and so is the estimate: o(x) = (p(x) + M p(M x)) / 2 for perceptron p.
+        f = size o_1..3, std = size (softplus(o_4..6) + floor) temperature(|f|). The perceptron p
+        knows the left half of the sensor; on the right, o(x) = M p(M x) with the mirror image M.
         """
-        both = self._perceptron(np.concatenate([inputs, inputs[:, MIRROR_INPUTS]]))
-        output = 0.5 * (both[: len(inputs)] + _MIRROR_OUTPUTS * both[len(inputs) :])
+        left, mirrored = face_left(inputs)
+        signs: Array = np.where(mirrored[:, None], _MIRROR_OUTPUTS, 1.0)
+        output = self._perceptron(left) * signs
         force = size * output[:, :3]
         strength = np.linalg.norm(force, axis=1)
         std = size * (np.logaddexp(0.0, output[:, 3:6]) + 0.01 * SMALLEST_STD)
