@@ -23,7 +23,7 @@ def temperature(tdc: ArrayLike) -> Array:
     Args:
         tdc: counts; r = tdc / 4095.
     """
-    ratio = np.clip(np.asarray(tdc, dtype=float), 1.0, FULL_SCALE) / FULL_SCALE
+    ratio = np.minimum(np.maximum(tdc, 1.0), FULL_SCALE) / FULL_SCALE
     return np.asarray(4025.0 / np.log((155183.0 - 46555.0 * ratio) / ratio) - 273.15)
 
 

@@ -50,9 +50,9 @@ class NetworkForceModel:
         """Return force (3,), std (3,), contact point (3,) and its std for the next frame (20,)."""
         return predict_together([self], [change])[0]
 
-    def inputs(self, change: Array) -> tuple[Array, Array]:
-        """Return the network's inputs (INPUTS,) and signal size (1,) for the next frame (20,)."""
-        return network_inputs(change, self._memory.update(change), self._rest)
+    def remember(self, change: Array) -> tuple[Array, Array]:
+        """Take in the next frame (20,); return its low-passed copies (6, 20) and the rest (19,)."""
+        return self._memory.update(change), self._rest
 
 
 def predict_together(models: Sequence[NetworkForceModel], changes: Sequence[Array]) -> list[Felt]:
@@ -62,8 +62,9 @@ def predict_together(models: Sequence[NetworkForceModel], changes: Sequence[Arra
         models: of the fingertips.
         changes: (20,) next frame of each.
     """
-    inputs, sizes = zip(*(m.inputs(c) for m, c in zip(models, changes, strict=True)), strict=True)
-    found = models[0].weights.evaluate(np.stack(inputs), np.stack(sizes))
+    pairs = [model.remember(change) for model, change in zip(models, changes, strict=True)]
+    past, rest = (np.stack(each) for each in zip(*pairs, strict=True))
+    found = models[0].weights.evaluate(*network_inputs(np.stack(changes), past, rest))
     columns = (found.force, found.std, found.point, found.point_std.tolist())
     return list(zip(*columns, strict=True))
 

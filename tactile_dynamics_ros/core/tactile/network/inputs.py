@@ -68,7 +68,7 @@ def network_inputs(change: Array, past: Array, rest: Array) -> tuple[Array, Arra
     Args:
         change: (..., 20) tared signals, hundreds of counts.
         past: (..., 6, 20) low-passed copies.
-        rest: (19,) electrode counts without contact.
+        rest: (19,) or (..., 19) electrode counts without contact.
     """
     size = signal_size(change) + PATTERN_FLOOR
     pattern = change / size
