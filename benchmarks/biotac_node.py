@@ -32,8 +32,8 @@ def node_latency(frames: int = 2000) -> dict[str, float]:
     The node is a process of its own; times (ms) include both ways over DDS. The receiver waits as
     the nodes of this package do, since building an executor's wait set would count too. The node's
     own share, from a frame that is taken to the last message that it publishes, is what it tells of
-    its last thousand frames on /diagnostics. How much of the slowest frames is the machine's, a loop
-    tells that spins for 2 ms after every frame: how late it ends.
+    its last thousand frames on /diagnostics. How much of the slowest frames is the machine's, a
+    loop tells that spins for 2 ms after every frame: how late it ends.
 
     Raises:
         RuntimeError: the node does not answer.
