@@ -141,3 +141,15 @@ def test_expected_noise_is_that_of_a_short_time_transform(count):
     share = np.where(power > 1.7, 1.0 / np.maximum(power, 1.0), 1.0)
     expected = transform.istft(spectra * share, k1=count, f_axis=0)
     np.testing.assert_allclose(expected_noise(rows.ravel()), expected.ravel(), atol=1e-12)
+
+
+@pytest.mark.parametrize("tapered", [False, True])
+def test_windows_across_a_long_pause_are_not_valid_and_harm_nothing(tapered):
+    before, after = PERIOD * np.arange(100), 5000.0 + PERIOD * np.arange(100)
+    time, grid = np.concatenate([before, after]), np.linspace(-10.0, 6000.0, 50_001)
+    found = local_polynomial(time, grid, Window(0.12, 4, tapered=tapered))
+    assert not found.valid[(grid > 1.1) & (grid < 4999.9)].any()
+    assert np.isfinite(found.weights).all()
+    near = local_polynomial(time, before[20:80], Window(0.12, 4, tapered=tapered))
+    assert near.valid.all()
+    np.testing.assert_allclose(near.apply(time[:, None] ** 2, 1)[:, 0], 2.0 * before[20:80])

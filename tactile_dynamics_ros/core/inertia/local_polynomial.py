@@ -140,11 +140,14 @@ def local_polynomial(
     if window.tapered:
         whole = clipped == 0
         shares[whole] = tapered_shares(offset[whole], 0.5 * (size + 1) * period)
-    weights = polynomial_weights(shares, offset, degree, orders)
     span = offset[:, -1] - offset[:, 0]
     nearest = np.abs(offset).min(axis=1)
     lost = max(1.0, _LOST * size)
     valid = (span < (size + lost - 0.5) * period) & (nearest < 1.5 * period)
+    # across a long pause no polynomial is determined: such windows read as if there were none
+    offset[~valid] = period * (np.arange(size) - 0.5 * (size - 1))
+    shares[~valid] = 1.0
+    weights = polynomial_weights(shares, offset, degree, orders)
     if window.tapered:
         valid &= clipped <= size // 4
     return LocalFunctional(start, weights, valid)
