@@ -126,8 +126,10 @@ def force_covariance(instant: Instant, config: BioTacConfig) -> Array:
     lag = np.abs(time[:, None] - time)
     rest = config.noise**2 / _REST_FRAMES + 0.9 * config.wander**2
     wander = config.wander**2 * np.exp(-lag / config.wander_time)
-    electrodes = np.linalg.inv(config.noise**2 * np.eye(FRAMES) + wander + rest)
-    pressure = config.pressure_noise**2 * (np.eye(FRAMES) + 1.0 / _REST_FRAMES)
+    loudness = float(instant.unit.loudness[0]) ** 2
+    electrodes = np.linalg.inv(loudness * (config.noise**2 * np.eye(FRAMES) + wander + rest))
+    hiss = loudness * config.pressure_noise**2
+    pressure = hiss * (np.eye(FRAMES) + 1.0 / _REST_FRAMES)
     weights = electrodes, np.linalg.inv(pressure)
     moving, lasting = _moving(instant, config), _lasting(instant, config)
     count = 5 * FRAMES

@@ -58,6 +58,7 @@ class BioTacArray:
         self._vibration = VibrationChannel(count, self.config, self._rng)
         self._point = np.tile([-6e-3, 0.0, -7e-3], (count, 1))
         self._wander = self.config.wander * self._rng.standard_normal((count, 19))
+        self._wander *= self.units.loudness[:, None]
         std = self.config.temperature_wander
         start = self.config.core_temperature - self.config.cold_start
         self._temperature = start + std * self._rng.standard_normal(count)
@@ -95,7 +96,8 @@ class BioTacArray:
         frame = np.empty((count, CHANNELS))
         frame[:, ELECTRODES] = self._electrodes(fluid_thickness(patch, self.units, self.config), dt)
         frame[:, PDC] = self.units.pressure_rest + pressure
-        frame[:, PDC] += self.config.pressure_noise * self._rng.standard_normal(count)
+        hiss = self.config.pressure_noise * self.units.loudness
+        frame[:, PDC] += hiss * self._rng.standard_normal(count)
         frame[:, TDC] = thermistor_counts(self._temperature) + self._rng.standard_normal(count)
         frame[:, TAC] = self.units.heat_flux_rest + 1600.0 * cooling
         frame[:, TAC] += 2.0 * self._rng.standard_normal(count)
@@ -128,8 +130,9 @@ class BioTacArray:
         """Return electrode counts with temperature, slow wander and white noise."""
         config = self.config
         keep = np.exp(-dt / config.wander_time)
-        kick = config.wander * np.sqrt(1.0 - keep**2)
+        loudness = self.units.loudness[:, None]
+        kick = config.wander * loudness * np.sqrt(1.0 - keep**2)
         self._wander = keep * self._wander + kick * self._rng.standard_normal(self._wander.shape)
         warm = self.units.temperature_slope * (self._temperature - 30.0)[:, None]
-        noise = config.noise * self._rng.standard_normal(self._wander.shape)
+        noise = config.noise * loudness * self._rng.standard_normal(self._wander.shape)
         return electrode_counts(thickness, self.units) + warm + self._wander + noise

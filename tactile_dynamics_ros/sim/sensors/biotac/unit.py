@@ -42,6 +42,7 @@ class Units:
         temperature_slope: (U, 19) counts per kelvin.
         vibration_rest: (U,) PAC counts at rest.
         heat_flux_rest: (U,) TAC counts at rest.
+        loudness: (U,) noise of electrodes and PDC over that of the middle unit.
     """
 
     nodes: Array
@@ -54,13 +55,15 @@ class Units:
     temperature_slope: Array
     vibration_rest: Array
     heat_flux_rest: Array
+    loudness: Array
 
 
 def draw_units(count: int, config: BioTacConfig, rng: np.random.Generator) -> Units:
     """Draw the constants of ``count`` sensors around the nominal ones.
 
     Rest counts differ by several hundred as on real units. No figures for the spread of gains are
-    published; about two percent each is assumed for skin, gap, electrodes and pressure.
+    published; about two percent each is assumed for skin, gap, electrodes and pressure. Noise is
+    as likely to be twice as loud as half as loud, up to the loudest and down to the quietest.
     """
     spread = config.unit_variation
 
@@ -80,6 +83,7 @@ def draw_units(count: int, config: BioTacConfig, rng: np.random.Generator) -> Un
         temperature_slope=31.7 + vary(2.5, 19),
         vibration_rest=2000.0 + vary(25.0),
         heat_flux_rest=2300.0 + vary(120.0),
+        loudness=config.loudest ** (spread * rng.uniform(-1.0, 1.0, count)),
     )
 
 
