@@ -80,7 +80,7 @@ def information_bound(
     rng = np.random.default_rng(seed)
     size, angle = [], []
     for press in protocols(units, seed).values():
-        for instant in _instants(press, rng):
+        for instant in _instants(press, config, rng):
             axes = _axes(instant.point)
             covariance = axes @ force_covariance(instant, config) @ axes.T
             found = rng.multivariate_normal(instant.force, covariance, _DRAWS)
@@ -95,10 +95,10 @@ def information_bound(
     }
 
 
-def _instants(press: PressConfig, rng: np.random.Generator) -> list[Instant]:
+def _instants(press: PressConfig, config: BioTacConfig, rng: np.random.Generator) -> list[Instant]:
     """Draw moments with a force of 0.2 to 2 N."""
     forces, points, _ = plan_presses(press)
-    units = BioTacArray(press.units, seed=press.seed).units
+    units = BioTacArray(press.units, config, seed=press.seed).units
     found = []
     for k, (force, point) in enumerate(zip(forces, points, strict=True)):
         strength = np.linalg.norm(force, axis=1)
@@ -229,23 +229,22 @@ def _axes(point: Array) -> Array:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Print the bound at both noises of the comparison of models."""
-    from benchmarks.biotac import REAL_NOISE, TEST_SEED
+    """Print the bound at the noises of the comparison of models."""
+    from benchmarks.biotac import NOISES, TEST_SEED
 
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--units", type=int, default=60, help="simulated sensors per protocol")
     parser.add_argument("--json", action="store_true", help="print only JSON")
     args = parser.parse_args(arguments)
     found = {
-        "simulated_noise": information_bound(args.units, TEST_SEED),
-        "noise_of_real_unit": information_bound(args.units, TEST_SEED + 50, REAL_NOISE),
+        name: information_bound(args.units, TEST_SEED, sensor) for name, sensor in NOISES.items()
     }
     if args.json:
         print(json.dumps(found))
     else:
         for name, bound in found.items():
             size, turn = bound["magnitude_n"], bound["direction_deg"]
-            print(f"{name.replace('_', ' '):20s} {size:.4f} N  {turn:.2f} deg")
+            print(f"{name.replace('_', ' '):24s} {size:.4f} N  {turn:.2f} deg")
     return 0
 
 

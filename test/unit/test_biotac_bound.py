@@ -1,5 +1,7 @@
 """The bound on what a fingertip can tell: it follows from noise, units and memory."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,7 @@ from benchmarks.biotac_bound import Instant, _moving, _slope, force_covariance
 from tactile_dynamics_ros.sim.sensors.biotac import BioTacArray, BioTacConfig
 
 QUIET = BioTacConfig(noise=0.3, wander=0.0, pressure_noise=0.1)
+LOUD = BioTacConfig(noise=3.4, wander=1.0, pressure_noise=1.2)
 
 
 @pytest.fixture
@@ -17,14 +20,20 @@ def instant() -> Instant:
 
 
 def test_noise_costs_precision_and_no_noise_leaves_what_differs_between_units(instant):
-    loud = np.sqrt(np.diag(force_covariance(instant, BioTacConfig())))
+    loud = np.sqrt(np.diag(force_covariance(instant, LOUD)))
     quiet = np.sqrt(np.diag(force_covariance(instant, QUIET)))
     assert np.all(loud > 1.2 * quiet)
     assert 0.003 < quiet[0] < 0.03
 
 
+def test_a_loud_unit_is_known_less_well(instant):
+    louder = replace(instant, unit=replace(instant.unit, loudness=2.0 * instant.unit.loudness))
+    usual, worse = (np.diag(force_covariance(each, BioTacConfig())) for each in (instant, louder))
+    assert np.all(worse > 1.05 * usual)
+
+
 def test_many_frames_average_white_noise(instant):
-    config = BioTacConfig(noise=3.4, wander=0.0)
+    config = replace(LOUD, wander=0.0)
     signals = _moving(instant, config)
     noise = np.array([config.noise] * 19 + [config.pressure_noise])
     alone = np.linalg.inv(signals.T @ (signals / noise[:, None] ** 2))[:3, :3]

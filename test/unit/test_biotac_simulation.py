@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from benchmarks.biotac_noise import white_noise
 from tactile_dynamics_ros.core.tactile.electrodes import (
     ELECTRODE_POSITION,
     ELECTRODES,
@@ -28,6 +29,10 @@ SILENT = BioTacConfig(
 )
 PAD = np.array([[-2.8e-3, 0.0, -7.0e-3]])
 UP = np.array([[0.0, 0.0, -1.0]])
+
+
+LOUDEST, QUIETEST = 3.8, 0.4
+"""Counts of white noise that electrodes of real sensors show, rounding included."""
 
 
 def settle(array: BioTacArray, force: np.ndarray, point: np.ndarray, seconds: float = 0.1):
@@ -127,7 +132,8 @@ def test_temperature_moves_electrodes_and_tdc():
 
 
 def test_noise_units_seeds_and_range():
-    first, same, other = (BioTacArray(4, seed=s) for s in (5, 5, 6))
+    loud = BioTacConfig(noise=3.4, wander=1.0, loudest=1.0)
+    first, same, other = (BioTacArray(4, loud, seed=s) for s in (5, 5, 6))
     zero, places = np.zeros((4, 3)), np.tile(PAD, (4, 1))
     frames = np.array([first.measure(zero, places) for _ in range(300)], dtype=float)
     assert_allclose(frames[:, :, ELECTRODES].std(axis=0).mean(), 3.5, atol=0.5)
@@ -153,3 +159,15 @@ def test_four_sensors_are_read_in_less_than_a_millisecond(count):
         array.measure(force, places)
         spent.append(time.perf_counter() - start)
     assert np.median(spent) < 2e-3
+
+
+def test_some_units_are_as_quiet_and_some_as_loud_as_real_ones():
+    array = BioTacArray(200, BioTacConfig(temperature_wander=0.0), seed=3)
+    free = np.zeros((200, 3))
+    raw = np.array([array.measure(free, free) for _ in range(150)], dtype=float)
+    noise = white_noise(raw[:, :, ELECTRODES].reshape(150, -1)).reshape(200, -1)
+    electrodes = np.median(noise, axis=1)
+    assert np.all((electrodes > QUIETEST) & (electrodes < LOUDEST))
+    assert np.quantile(electrodes, 0.1) < 0.7
+    assert np.quantile(electrodes, 0.9) > 2.4
+    assert 0.9 < np.median(electrodes) < 1.6

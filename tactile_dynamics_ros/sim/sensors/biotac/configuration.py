@@ -13,10 +13,10 @@ class BioTacConfig:
 
     Source: facts on the sensor (electrode places, rest counts, drift of 27 to 38 counts per kelvin,
     relaxation 5 to 15 %, hysteresis 5 to 10 %, patch radius 2 mm at 0.5 N growing as the cube root
-    of force). Electrodes of real units are as quiet as 0.45 counts and as loud as 3.5
-    (`benchmarks/biotac_noise.py`), and so are those of simulated ones. The elastic constants are chosen so that the largest fall
-    and the largest rise of an electrode follow PDC as in published recordings of a real unit
-    (at 125 PDC counts about -180 and +65, at 250 about -290 and +110).
+    of force). The elastic constants are chosen so that the largest fall and the largest rise of an
+    electrode follow PDC as in published recordings of a real unit (at 125 PDC counts about -180 and
+    +65, at 250 about -290 and +110). White noise is that of three real sensors, 0.46, 1.0 and 3.4
+    counts (`benchmarks/biotac_noise.py`): the middle unit is like the second, others lie between.
     """
 
     fluid_gap: float = parameter(1.45e-3, "thickness of the fluid at rest", "m", 5e-4, 3e-3)
