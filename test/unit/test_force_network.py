@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import signal
 import time
 
 import numpy as np
@@ -131,6 +132,19 @@ def test_presses_of_two_processes_are_those_of_their_seeds_in_order(monkeypatch)
     for one, other in zip(found, expected, strict=True):
         assert np.array_equal(one.change, other.change)
         assert np.array_equal(one.force, other.force)
+
+
+def test_presses_end_where_the_caller_handles_its_own_end(monkeypatch):
+    """Nodes in one process set handlers; processes that inherit them would never end."""
+    ignored: list[int] = []
+    monkeypatch.setattr(
+        calibrate, "protocols", lambda units, seed: {"a": PressConfig(units=units, frames=80)}
+    )
+    before = signal.signal(signal.SIGTERM, lambda number, _: ignored.append(number))
+    try:
+        assert len(list(label_batches(2, seed=40, batch=1))) == 2
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def test_a_mirrored_sensor_feels_the_mirrored_force(unseen):

@@ -52,6 +52,12 @@ def _label_batch(units_and_seed: tuple[int, int]) -> list[LabelledPresses]:
     return list(label_protocols(*units_and_seed).values())
 
 
+def _obey_caller() -> None:
+    """End when the caller says so, whatever handlers it has, and leave Ctrl-C to it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
 def label_batches(units: int, seed: int, batch: int = 250) -> Iterator[LabelledPresses]:
     """Yield the labelled presses of every protocol, ``batch`` sensors at a time, in order.
 
@@ -60,7 +66,7 @@ def label_batches(units: int, seed: int, batch: int = 250) -> Iterator[LabelledP
     starts = range(0, units, batch)
     counts = [min(batch, units - start) for start in starts]
     seeds = [seed + len(protocols(1, 0)) * (start // batch) for start in starts]
-    with Pool(_PROCESSES, signal.signal, (signal.SIGINT, signal.SIG_IGN)) as pool:
+    with Pool(_PROCESSES, _obey_caller) as pool:
         for parts in pool.imap(_label_batch, zip(counts, seeds, strict=True)):
             yield from parts
 
