@@ -55,10 +55,8 @@ from tactile_dynamics_ros.sim.sensors.biotac import BioTacConfig
 from tactile_dynamics_ros.sim.sensors.biotac.calibrate import (
     HELD_OUT_SEED,
     join_presses,
-    label_presses,
     label_protocols,
 )
-from tactile_dynamics_ros.sim.sensors.biotac.presses import protocols, record_presses
 
 Array = NDArray[np.float64]
 
@@ -248,7 +246,7 @@ def run(quick: bool = False, in_hand: bool = True) -> dict[str, Any]:
     voxels, same = voxel_networks(quick), network_of_same_presses(quick)
     results: dict[str, Any] = {"held_out_units": 3 * units, "bound": {}}
     for name, sensor in NOISES.items():
-        test = press_held_out(units, sensor)
+        test = join_presses(label_protocols(units, TEST_SEED, sensor).values())
         results[name] = score_models(test, voxels, same)
         results["bound"][name] = information_bound(units, TEST_SEED, sensor)
     models = results["models"]
@@ -267,12 +265,6 @@ def run(quick: bool = False, in_hand: bool = True) -> dict[str, Any]:
             np.mean([hand["coverage_90"] for hand in results["in_hand"]])
         )
     return results
-
-
-def press_held_out(units: int, sensor: BioTacConfig) -> LabelledPresses:
-    """Return presses of ``units`` sensors per protocol that no model has seen."""
-    pressed = (record_presses(press, sensor) for press in protocols(units, TEST_SEED).values())
-    return join_presses(map(label_presses, pressed))
 
 
 def describe(results: dict[str, Any]) -> str:

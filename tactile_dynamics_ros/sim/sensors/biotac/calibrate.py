@@ -20,6 +20,7 @@ from tactile_dynamics_ros.core.tactile.calibration import (
     fit_calibration,
 )
 from tactile_dynamics_ros.core.tactile.signal_change import RestState
+from tactile_dynamics_ros.sim.sensors.biotac.configuration import BioTacConfig
 from tactile_dynamics_ros.sim.sensors.biotac.presses import Presses, protocols, record_presses
 
 HELD_OUT_SEED = 100_000
@@ -42,10 +43,12 @@ def label_presses(presses: Presses) -> LabelledPresses:
     )
 
 
-def label_protocols(units: int, seed: int) -> dict[str, LabelledPresses]:
+def label_protocols(
+    units: int, seed: int, sensor: BioTacConfig | None = None
+) -> dict[str, LabelledPresses]:
     """Return the labelled presses of every protocol, ``units`` individual sensors each."""
     configs = protocols(units, seed)
-    return {name: label_presses(record_presses(config)) for name, config in configs.items()}
+    return {name: label_presses(record_presses(config, sensor)) for name, config in configs.items()}
 
 
 def _label_batch(units_and_seed: tuple[int, int]) -> list[LabelledPresses]:
