@@ -32,7 +32,7 @@ from tactile_dynamics_ros.core.tactile.calibration import (
     LabelledPresses,
     shipped_calibration,
 )
-from tactile_dynamics_ros.core.tactile.estimators import observe_fingers
+from tactile_dynamics_ros.core.tactile.fingertip import FingertipConfig
 from tactile_dynamics_ros.core.tactile.network.estimator import (
     NetworkForceEstimator,
     predict_presses,
@@ -198,12 +198,11 @@ def measure_speed(test: LabelledPresses, baseline: VoxelNetwork) -> dict[str, fl
     """Time four fingers per frame, ours and the voxel network, ms."""
     rng = np.random.default_rng(0)
     raw = rng.normal(2900.0, 3.0, (500, 4, 44))
-    fingers = [NetworkForceEstimator() for _ in range(4)]
-    for k, finger in enumerate(fingers):
-        finger.tare(raw[:50, k])
+    fingers = NetworkForceEstimator([FingertipConfig()] * 4)
+    fingers.tare(raw[:50])
 
     def frame(k: int) -> None:
-        observe_fingers(fingers, list(raw[k]))
+        fingers.observe(raw[k])
 
     def voxel_frame(k: int) -> None:
         predict_voxel(baseline, test.change[:4, k])
@@ -211,10 +210,7 @@ def measure_speed(test: LabelledPresses, baseline: VoxelNetwork) -> dict[str, fl
     past = np.stack([lagged(part[:100], test.period) for part in test.change[:4]])
 
     def network_frame(k: int) -> None:
-        inputs = [network_inputs(test.change[n, k], past[n, k], test.rest[n]) for n in range(4)]
-        shipped_network().evaluate(
-            np.stack([each[0] for each in inputs]), np.stack([each[1] for each in inputs])
-        )
+        shipped_network().evaluate(*network_inputs(test.change[:4, k], past[:, k], test.rest[:4]))
 
     live, ours, theirs = _times(frame, 500), _times(network_frame, 100), _times(voxel_frame, 100)
     return {

@@ -14,7 +14,7 @@ from tactile_dynamics_ros.core.contact.hand_kinematics import HandKinematics
 from tactile_dynamics_ros.core.contact.robot_description import FINGERS
 from tactile_dynamics_ros.core.manipulation.grasp_controller import GraspController, Phase
 from tactile_dynamics_ros.core.tactile.calibration import NORMAL_90
-from tactile_dynamics_ros.core.tactile.estimators import create_force_estimator, observe_fingers
+from tactile_dynamics_ros.core.tactile.estimators import create_force_estimator
 from tactile_dynamics_ros.core.tactile.fingertip import FingertipConfig
 from tactile_dynamics_ros.sim.simulated_robot import Readings, SimulatedRobot, SimulatedRobotConfig
 
@@ -36,12 +36,7 @@ class Touch:
     def __init__(
         self, kinematics: HandKinematics, model: str, tips: Sequence[FingertipConfig] | None = None
     ) -> None:
-        self._fingers = {
-            finger: create_force_estimator(model, config)
-            for finger, config in zip(
-                FINGERS, tips or [FingertipConfig()] * len(FINGERS), strict=True
-            )
-        }
+        self._tips = create_force_estimator(model, tips or [FingertipConfig()] * len(FINGERS))
         self._state = ContactState(kinematics)
         self._rest: list[Array] = []
 
@@ -50,16 +45,14 @@ class Touch:
         if len(self._rest) < TARE_FRAMES:
             self._rest.append(readings.counts)
             if len(self._rest) == TARE_FRAMES:
-                for k, finger in enumerate(FINGERS):
-                    self._fingers[finger].tare(np.array(self._rest)[:, k])
+                self._tips.tare(self._rest)
             return {}
         contacts = {}
-        seen_by_all = observe_fingers(list(self._fingers.values()), list(readings.counts))
-        for finger, seen in zip(self._fingers, seen_by_all, strict=True):
-            if seen.in_contact:
-                contacts[finger] = self._state.update(
-                    finger, readings.position, seen.force, seen.std, seen.torque
-                )
+        tips = self._tips.observe(readings.counts)
+        felt = zip(FINGERS, tips.in_contact, tips.force, tips.std, tips.torque, strict=True)
+        for finger, in_contact, *wrench in felt:
+            if in_contact:
+                contacts[finger] = self._state.update(finger, readings.position, *wrench)
         return contacts
 
 

@@ -72,12 +72,10 @@ def press_fingertips(
     array = BioTacArray(len(FINGERS), seed=seed + 50_000, unit_seed=unit_seed)
     rng = np.random.default_rng([seed, 11])
     force, point = _presses(REST + round(100 * seconds), rng)
-    raw = np.stack([array.measure(force[:, k], point[:, k]) for k in range(force.shape[1])], axis=1)
-    found = np.zeros_like(force)
-    for finger, counts in enumerate(raw):
-        estimator = create_force_estimator(config=tips[finger])
-        estimator.tare(counts[:_TARE])
-        found[finger] = [estimator.estimate(frame)[0] for frame in counts]
+    raw = np.stack([array.measure(force[:, k], point[:, k]) for k in range(force.shape[1])])
+    estimator = create_force_estimator(config=tips)
+    estimator.tare(raw[:_TARE])
+    found = np.stack([estimator.estimate(frame)[0] for frame in raw], axis=1)
     known = force + REFERENCE_STD * rng.standard_normal(force.shape)
     return found[:, REST:], known[:, REST:]
 

@@ -14,14 +14,13 @@ from sensor_msgs.msg import Image
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.contact.robot_description import FINGERS, sensor_frame
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.tactile.estimators import create_force_estimator, observe_fingers
+from tactile_dynamics_ros.core.tactile.estimators import create_force_estimator
 from tactile_dynamics_ros.core.tactile.fingertip import FingertipConfig, TactileEstimate
 from tactile_dynamics_ros.core.tactile.signal_change import COUNTS_PER_KELVIN
-from tactile_dynamics_ros.core.tactile.slip import SlipConfig, SlipDetector
+from tactile_dynamics_ros.core.tactile.slip import SlipConfig, SlipDetector, SlipEstimate
 from tactile_dynamics_ros.nodes.conversions import (
     StampGate,
     biotac_to_core,
-    slip_to_message,
     std_to_message,
     wrench_to_message,
 )
@@ -81,11 +80,9 @@ class BiotacForce(Shell):
         self.config = declare_config(self, BiotacForceConfig)
         tip = declare_config(self, FingertipConfig, "fingertip.")
         slip = declare_config(self, SlipConfig, "slip.")
-        self.estimators = [
-            create_force_estimator(self.config.model, self.config.fingertip(finger, tip))
-            for finger in range(len(FINGERS))
-        ]
-        self._slip = [SlipDetector(slip) for _ in FINGERS]
+        tips = [self.config.fingertip(finger, tip) for finger in range(len(FINGERS))]
+        self.estimator = create_force_estimator(self.config.model, tips)
+        self._slip = SlipDetector(slip)
         self._kept = KeptTare(self.config.tare_file)
         self._rest: deque[NDArray[np.float64]] | None = None
         frames = self._kept.read(self.config.tare_max_age)
@@ -117,13 +114,10 @@ class BiotacForce(Shell):
         if self._rest is not None:
             self._collect(counts)
             return
-        seen = observe_fingers(self.estimators, list(counts))
-        for k, each in enumerate(seen):
-            self._publish_force(k, each, message.stamp)
-        for k, finger in enumerate(FINGERS):
-            heard = self._slip[k].update(counts[k], seen[k].in_contact)
-            said = (heard.score, heard.level, heard.slipping)
-            self._slips[k].publish(slip_to_message(*said, message.stamp, sensor_frame(finger)))
+        seen = self.estimator.observe(counts)
+        self._publish_forces(seen, message.stamp)
+        self._publish_slips(self._slip.update(counts, seen.in_contact), message.stamp)
+        self._flag(seen)
         self._spent.append(1e3 * (time.perf_counter() - start))
 
     def _show_spent(self) -> None:
@@ -132,16 +126,25 @@ class BiotacForce(Shell):
             self.faults.show("frame_ms_median", float(np.median(self._spent)))
             self.faults.show("frame_ms_p99", float(np.quantile(self._spent, 0.99)))
 
-    def _publish_force(self, k: int, seen: TactileEstimate, stamp: AnyStamp) -> None:
-        finger = FINGERS[k]
-        if seen.saturated:
-            self.faults.add(f"saturated_{finger}")
-        if seen.drifting:
-            self.faults.add(f"warming_{finger}", f"{finger} warmed by {seen.warming:.1f} K")
-        torque = seen.torque if seen.in_contact else np.zeros(3)
-        wrench = np.concatenate([torque, seen.force])
-        self._std[k].publish(std_to_message(seen.std, stamp, sensor_frame(finger)))
-        self._force[k].publish(wrench_to_message(wrench, stamp, sensor_frame(finger)))
+    def _publish_forces(self, seen: TactileEstimate, stamp: AnyStamp) -> None:
+        wrench = np.concatenate([seen.torque, seen.force], axis=-1)
+        for k, finger in enumerate(FINGERS):
+            self._std[k].publish(std_to_message(seen.std[k], stamp, sensor_frame(finger)))
+            self._force[k].publish(wrench_to_message(wrench[k], stamp, sensor_frame(finger)))
+
+    def _publish_slips(self, heard: SlipEstimate, stamp: AnyStamp) -> None:
+        """Publish score, level over rest, and whether it slips (0 or 1) as x, y and z."""
+        said = np.stack([heard.score, heard.level, heard.slipping], axis=-1)
+        for k, finger in enumerate(FINGERS):
+            self._slips[k].publish(std_to_message(said[k], stamp, sensor_frame(finger)))
+
+    def _flag(self, seen: TactileEstimate) -> None:
+        """Count the frames of fingers that cannot be trusted."""
+        for k in np.flatnonzero(seen.saturated):
+            self.faults.add(f"saturated_{FINGERS[k]}")
+        for k in np.flatnonzero(seen.drifting):
+            finger, warmed = FINGERS[k], f"{FINGERS[k]} warmed by {seen.warming[k]:.1f} K"
+            self.faults.add(f"warming_{finger}", warmed)
 
     def _collect(self, counts: NDArray[np.float64]) -> None:
         assert self._rest is not None
@@ -160,12 +163,12 @@ class BiotacForce(Shell):
 
     def _set_rest(self, frames: NDArray[np.float64]) -> None:
         """Tare all fingers with frames (K, 4, 44)."""
-        for k, estimator in enumerate(self.estimators):
-            estimator.tare(frames[:, k])
-            self._slip[k].tare(frames[:, k])
-            if estimator.dead.any():
-                names = ", ".join(f"E{n + 1}" for n in np.flatnonzero(estimator.dead))
-                self.faults.add(f"dead_electrodes_{FINGERS[k]}", f"{FINGERS[k]}: {names}")
+        self.estimator.tare(frames)
+        self._slip.tare(frames)
+        for finger, dead in zip(FINGERS, self.estimator.dead, strict=True):
+            if dead.any():
+                names = ", ".join(f"E{n + 1}" for n in np.flatnonzero(dead))
+                self.faults.add(f"dead_electrodes_{finger}", f"{finger}: {names}")
 
 
 def main() -> int:

@@ -164,13 +164,6 @@ def std_to_message(values: Array, time: float | AnyStamp, frame: str) -> bytes:
     return encode_stamped(_stamp(time), frame, values)
 
 
-def slip_to_message(
-    score: float, level: float, slipping: bool, time: float | AnyStamp, frame: str
-) -> bytes:
-    """Return a slip as Vector3Stamped: x score, y level over rest, z whether it slips (0 or 1)."""
-    return std_to_message(np.array([score, level, float(slipping)]), time, frame)
-
-
 def pose_to_core(message: Stamped, topic: str, frame: str) -> Array:
     """Return the pose (4, 4) of a PoseStamped or PoseWithCovarianceStamped.
 

@@ -25,7 +25,7 @@ from tactile_dynamics_ros.core.manipulation.grasp_controller import (
     Phase,
 )
 from tactile_dynamics_ros.core.manipulation.grasp_site import GraspSite
-from tactile_dynamics_ros.core.tactile.estimators import create_force_estimator, observe_fingers
+from tactile_dynamics_ros.core.tactile.estimators import create_force_estimator
 from tactile_dynamics_ros.core.tactile.fingertip import FingertipConfig
 from tactile_dynamics_ros.core.tactile.slip import SlipDetector
 from tactile_dynamics_ros.core.tracking.pose_average import average_poses
@@ -122,8 +122,8 @@ class _Chain:
         self.friction = SkinFriction(world, trial.regions, trial.surfaces, trial.probe.finger)
         self.kinematics = HandKinematics()
         self._contact_state = ContactState(self.kinematics)
-        tips = trial.tips or [None] * len(FINGERS)
-        self._tips = [create_force_estimator(config=tip) for tip in tips]
+        tips = trial.tips or [FingertipConfig()] * len(FINGERS)
+        self._tips = create_force_estimator(config=tips)
         self._finger = FINGERS.index(trial.probe.finger)
         self._vibration = SlipDetector()
         self._motion = ElectrodeMotion()
@@ -182,8 +182,7 @@ class _Chain:
 
     def _tare(self) -> None:
         frames = np.stack([self.robot.advance().counts for _ in range(TARE_FRAMES)]).astype(float)
-        for k, tip in enumerate(self._tips):
-            tip.tare(frames[:, k])
+        self._tips.tare(frames)
         self._vibration.tare(frames[:, self._finger])
         self._motion.tare(frames[:, self._finger])
 
@@ -193,12 +192,11 @@ class _Chain:
         if readings.vision is not None:
             self._look(readings.vision)
         contacts = {}
-        tips = observe_fingers(self._tips, list(readings.counts.astype(float)))
-        for finger, tip in zip(FINGERS, tips, strict=True):
-            if tip.in_contact:
-                contact = self._contact_state.update(
-                    finger, readings.position, tip.force, tip.std, tip.torque
-                )
+        tips = self._tips.observe(readings.counts)
+        felt = zip(FINGERS, tips.in_contact, tips.force, tips.std, tips.torque, strict=True)
+        for finger, in_contact, *wrench in felt:
+            if in_contact:
+                contact = self._contact_state.update(finger, readings.position, *wrench)
                 contacts[finger] = ProbeContact(contact.point, contact.force, contact.force_std)
         counts = readings.counts[self._finger].astype(float)
         return ProbeInput(

@@ -113,7 +113,7 @@ def test_warming_of_the_core_is_not_taken_for_force(presses):
     warm[TDC] += 60.0
     warm[ELECTRODES] += 31.7 * kelvin
     assert kelvin > 1.0
-    assert np.abs(rest.change(warm)).max() < 0.03
+    assert np.abs(rest.change(warm, rest.warming(warm))).max() < 0.03
 
 
 def test_rest_state_follows_temperature_drift_without_contact(presses):

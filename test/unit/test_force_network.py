@@ -11,7 +11,6 @@ import pytest
 
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 from tactile_dynamics_ros.core.tactile.analytic_force import (
-    AnalyticForceEstimator,
     estimate_sequence,
 )
 from tactile_dynamics_ros.core.tactile.calibration import (
@@ -20,9 +19,10 @@ from tactile_dynamics_ros.core.tactile.calibration import (
     fit_calibration,
     shipped_calibration,
 )
-from tactile_dynamics_ros.core.tactile.electrodes import CHANNELS
-from tactile_dynamics_ros.core.tactile.estimators import observe_fingers
+from tactile_dynamics_ros.core.tactile.electrodes import CHANNELS, TDC
+from tactile_dynamics_ros.core.tactile.estimators import FORCE_MODELS, create_force_estimator
 from tactile_dynamics_ros.core.tactile.features import MIRROR
+from tactile_dynamics_ros.core.tactile.fingertip import FingertipConfig, TactileEstimate
 from tactile_dynamics_ros.core.tactile.network.estimator import (
     NetworkForceEstimator,
     predict_presses,
@@ -190,22 +190,49 @@ def test_live_estimator_equals_the_offline_prediction():
     assert np.median(difference) < 0.02
 
 
-def test_fingers_that_are_observed_together_say_what_each_says_alone():
-    raw = record_presses(PressConfig(units=3, frames=200, seed=33)).raw.astype(float)
-    together = [NetworkForceEstimator() for _ in raw] + [AnalyticForceEstimator()]
-    alone = [NetworkForceEstimator() for _ in raw] + [AnalyticForceEstimator()]
-    frames = np.concatenate([raw, raw[:1]])
-    for fingers in (together, alone):
-        for finger, own in zip(fingers, frames, strict=True):
-            finger.tare(own[:50])
-    for k in range(50, 200):
-        for some in (slice(3), slice(3, 4)):
-            found = observe_fingers(together[some], list(frames[some, k]))
-            for seen, finger, own in zip(found, alone[some], frames[some, k], strict=True):
-                expected = finger.observe(own)
-                assert np.allclose(seen.force, expected.force, atol=1e-4)
-                assert np.allclose(seen.point, expected.point, atol=1e-6)
-                assert seen.in_contact == expected.in_contact
+@pytest.mark.parametrize("model", FORCE_MODELS)
+def test_fingers_that_are_read_together_say_what_each_says_alone(model):
+    frames = record_presses(PressConfig(units=3, frames=300, seed=33)).raw.astype(float)
+    frames[0, :, 4] = 4095.0
+    frames[1, 150:160, 7] = 4094.0
+    frames[2, 100:] += np.where(np.arange(44) == TDC, 120.0, 0.0)
+    swap = (0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.2)
+    tips = [
+        FingertipConfig(gain=(1.3,)),
+        FingertipConfig(gain=swap, drift=tuple(np.linspace(27.0, 38.0, 19))),
+        FingertipConfig(touch_frames=4, drift_warning=1.0, saturation_margin=0.0),
+    ]
+    together = create_force_estimator(model, tips)
+    alone = [create_force_estimator(model, tip) for tip in tips]
+    together.tare(frames.swapaxes(0, 1)[:50])
+    for finger, own in zip(alone, frames, strict=True):
+        finger.tare(own[:50])
+    names = [field.name for field in dataclasses.fields(TactileEstimate)]
+    seen: dict[str, list[np.ndarray]] = {name: [] for name in names}
+    for k in range(50, 300):
+        found = together.observe(frames[:, k])
+        each = [finger.observe(own) for finger, own in zip(alone, frames[:, k], strict=True)]
+        for name, values in seen.items():
+            values.append(np.asarray(getattr(found, name)))
+            expected = np.array([getattr(one, name) for one in each])
+            np.testing.assert_allclose(values[-1], expected, rtol=1e-5, atol=1e-5)
+    touched, saturated, warm = (
+        np.array(seen[name]) for name in ("in_contact", "saturated", "drifting")
+    )
+    assert touched.any(axis=0).all() and not touched.all(axis=0).any()
+    assert saturated.any(axis=0).tolist() == [False, True, False]
+    assert warm.any(axis=0).tolist() == [False, False, True]
+
+
+def test_frames_of_another_number_of_fingers_are_refused():
+    fingers, frames = create_force_estimator(config=[FingertipConfig()] * 4), np.full((30, 44), 9.0)
+    with pytest.raises(BadInputError, match=r"\(30, 44\): expected \(4, 44\)"):
+        fingers.tare(frames)
+    fingers.tare(np.tile(frames[:, None], (1, 4, 1)))
+    with pytest.raises(BadInputError, match=r"\(3, 44\): expected \(4, 44\)"):
+        fingers.observe(np.tile(frames[0], (3, 1)))
+    with pytest.raises(BadInputError, match="period"):
+        create_force_estimator(config=[FingertipConfig(), FingertipConfig(period=0.02)])
 
 
 def test_contact_ends_with_the_force_although_the_skin_creeps_back_slowly():

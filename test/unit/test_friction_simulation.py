@@ -161,7 +161,7 @@ def test_a_probe_uses_the_calibration_of_its_fingertips():
     tips = [FingertipConfig(gain=(1.0 + 0.1 * k,)) for k in range(4)]
     chain = _Chain(build_trial(Case(SUBJECTS[0], 301), tips))
     chain.robot.world.close()
-    assert [tip.config for tip in chain._tips] == tips
+    assert chain._tips.config == tips
 
 
 def test_detectors_are_scored_by_delay_and_false_alarms():

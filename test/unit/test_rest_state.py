@@ -34,6 +34,15 @@ def test_every_frame_counts_the_same_at_first(frames):
     np.testing.assert_allclose(state.electrodes, frames[:FREE, 0, ELECTRODES].mean(axis=0))
 
 
+def test_only_free_fingers_follow(frames):
+    tare = RestState.from_frames(frames[:TARE])
+    free = np.arange(20) % 3 == 0
+    moved = tare.follow(frames[TARE] + 60.0, 0.01, free)
+    assert np.array_equal(np.any(moved.signals != tare.signals, axis=1), free)
+    assert np.array_equal(moved.temperature != tare.temperature, free)
+    assert moved.frames.tolist() == (TARE + free).tolist()
+
+
 def test_old_frames_fade(frames):
     state = settled(np.concatenate([frames[:FREE, 0], frames[:FREE, 0] + 50.0]), gain=0.05)
     assert np.all(
@@ -52,7 +61,7 @@ def test_wander_averages_out_before_the_grasp(frames):
     before, after = frames[:FREE], frames[2 * FREE :].mean(axis=0)
 
     def error(gain: float) -> float:
-        states = [settled(before[:, k], gain) for k in range(before.shape[1])]
-        return float(np.std([state.change(after[k])[:19] for k, state in enumerate(states)]))
+        state = settled(before, gain)
+        return float(np.std(state.change(after, state.warming(after))[:, :19]))
 
     assert error(FingertipConfig().rest_gain) < 0.85 * error(0.01)

@@ -74,14 +74,13 @@ def held_force_change(tips: list[FingertipConfig]) -> np.ndarray:
     config = BioTacConfig(contact_cooling=0.1, creep_fast=0.0, creep_slow=0.0)
     sensors = BioTacArray(UNITS, config, seed=8, unit_seed=3)
     force = np.tile(1.2 * PAD / np.linalg.norm(PAD) + [0.3, 0.0, 0.2], (UNITS, 1))
-    estimators = [create_force_estimator(config=tip) for tip in tips]
+    estimator = create_force_estimator(config=tips)
     free = [sensors.measure(0.0 * force, np.tile(PAD, (UNITS, 1))) for _ in range(60)]
-    for k, estimator in enumerate(estimators):
-        estimator.tare(np.array(free)[:, k])
+    estimator.tare(free)
     held = []
     for _ in range(6000):
         counts = sensors.measure(force, np.tile(PAD, (UNITS, 1)))
-        held.append([e.observe(counts[k]).force for k, e in enumerate(estimators)])
+        held.append(estimator.observe(counts).force)
     path = np.array(held)
     return path[-500:].mean(axis=0) - path[500:1000].mean(axis=0)
 

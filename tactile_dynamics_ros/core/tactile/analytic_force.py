@@ -19,7 +19,13 @@ from tactile_dynamics_ros.core.tactile.calibration import (
 )
 from tactile_dynamics_ros.core.tactile.electrodes import ELECTRODE_NORMAL, ELECTRODE_POSITION
 from tactile_dynamics_ros.core.tactile.features import force_features, place_features
-from tactile_dynamics_ros.core.tactile.fingertip import FingertipConfig, FingertipEstimator
+from tactile_dynamics_ros.core.tactile.fingertip import (
+    Felt,
+    FingertipConfig,
+    FingertipConfigs,
+    FingertipEstimator,
+    frame_period,
+)
 
 Array = NDArray[np.float64]
 
@@ -39,31 +45,30 @@ class AnalyticForceModel:
         self._creep = CreepFilter(self.calibration.creep, period)
 
     def reset(self, rest: Array) -> None:
-        """Forget past frames; the rest counts (19,) do not matter here."""
+        """Forget past frames; the rest counts (..., 19) do not matter here."""
         self._creep.reset()
 
-    def predict(self, change: Array) -> tuple[Array, Array, Array, float]:
-        """Return force (3,), std (3,), contact point (3,) and its std for the next frame (20,)."""
+    def predict(self, change: Array) -> Felt:
+        """Return the contacts in the next frame, given its tared signals (..., 20)."""
         force = self._creep.update(estimate_force(change, self.calibration))
         point, point_std = estimate_point(change, force, self.calibration)
-        return force, force_std(force, self.calibration), point, float(point_std)
+        return force, force_std(force, self.calibration), point, point_std
 
 
 class AnalyticForceEstimator(FingertipEstimator):
-    """Live force of one fingertip by the analytic model.
+    """Live force of one fingertip, or of several, by the analytic model.
 
     Args:
-        config: thresholds.
+        config: thresholds and constants of the fingertip, or of each of several.
         calibration: constants; those shipped with the package if None.
     """
 
     def __init__(
         self,
-        config: AnalyticForceConfig | None = None,
+        config: FingertipConfigs | None = None,
         calibration: ForceCalibration | None = None,
     ) -> None:
-        config = config or FingertipConfig()
-        super().__init__(AnalyticForceModel(calibration, config.period), config)
+        super().__init__(AnalyticForceModel(calibration, frame_period(config)), config)
 
 
 def estimate_force(change: Array, calibration: ForceCalibration) -> Array:

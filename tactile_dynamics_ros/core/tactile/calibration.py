@@ -123,9 +123,9 @@ class CreepFilter:
         self._lag = None
 
     def update(self, force: Array) -> Array:
-        """Return the compensated force (3,) of the next frame."""
+        """Return the compensated force (..., 3) of the next frame."""
         recent = self.recent(force)
-        return np.asarray(self._creep[0] * force + self._creep[1:] @ recent)
+        return np.asarray(self._creep[0] * force + np.tensordot(self._creep[1:], recent, axes=1))
 
     def recent(self, force: Array) -> Array:
         """Return (2, ...) the part of the force that has come within each time constant."""

@@ -1,7 +1,8 @@
-"""Live reading of one fingertip: tare, touch, drift and faults around a model of the force."""
+"""Live reading of fingertips: tare, touch, drift and faults around a model of the force."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -11,22 +12,22 @@ from numpy.typing import ArrayLike, NDArray
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 from tactile_dynamics_ros.core.rigid_body.rotation import cross
+from tactile_dynamics_ros.core.tactile.debounce import Debounced
 from tactile_dynamics_ros.core.tactile.electrodes import (
+    CHANNELS,
     ELECTRODE_POSITION,
     ELECTRODES,
     FULL_SCALE,
-    TDC,
+    PDC,
 )
 from tactile_dynamics_ros.core.tactile.signal_change import (
     COUNTS_PER_KELVIN,
     RestState,
     check_frame,
-    temperature,
 )
 
 Array = NDArray[np.float64]
-
-_PRESSURE = 19
+Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -76,67 +77,85 @@ class FingertipConfig:
 
 @dataclass(frozen=True)
 class TactileEstimate:
-    """What one frame of one fingertip says.
+    """What one frame of a fingertip, or of several (...), says.
 
     Attributes:
-        force: (3,) N on the object, sensor frame. std: (3,) N.
-        in_contact: whether anything is touched (force is zero otherwise).
-        point: (3,) contact point on the skin, sensor frame, m. point_std: m.
-        saturated: whether an electrode is at the end of its range.
-        warming: change of the core's temperature since the rest state, K.
-        drifting: whether the warming is large enough to spoil the force.
+        force: (..., 3) N on the object, sensor frame. std: (..., 3) N.
+        in_contact: (...) whether anything is touched (force is zero otherwise).
+        point: (..., 3) contact point on the skin, sensor frame, m. point_std: (...) m.
+        saturated: (...) whether an electrode is at the end of its range.
+        warming: (...) change of the core's temperature since the rest state, K.
+        drifting: (...) whether the warming is large enough to spoil the force.
     """
 
     force: Array
     std: Array
-    in_contact: bool
+    in_contact: Flags
     point: Array
-    point_std: float
-    saturated: bool
-    warming: float
-    drifting: bool
+    point_std: Array
+    saturated: Flags
+    warming: Array
+    drifting: Flags
 
     @property
     def torque(self) -> Array:
-        """Torque (3,) of the force about the sensor origin, N m."""
+        """Torque (..., 3) of the force about the sensor origin, N m."""
         return cross(self.point, self.force)
 
 
-Felt = tuple[Array, Array, Array, float]
-"""Force (3,), std (3,), N, contact point (3,) and its std, m."""
+Felt = tuple[Array, Array, Array, Array]
+"""Force (..., 3), std (..., 3), N, contact point (..., 3) and its std (...), m."""
 
 
 class ForceModel(Protocol):
-    """Turns tared signals, frame by frame, into a contact."""
+    """Turns tared signals, frame by frame, into contacts."""
 
     def reset(self, rest: Array) -> None:
-        """Forget past frames; the electrodes rest at (19,) counts."""
+        """Forget past frames; the electrodes rest at (..., 19) counts."""
 
     def predict(self, change: Array) -> Felt:
-        """Return force (3,), std (3,), contact point (3,) and its std for the next frame (20,)."""
+        """Return the contacts in the next frame, given its tared signals (..., 20)."""
+
+
+FingertipConfigs = FingertipConfig | Sequence[FingertipConfig]
+"""Of one fingertip, or of each of several that are read together."""
 
 
 class FingertipEstimator:
-    """Force of one fingertip, frame by frame.
+    """Force of one fingertip, or of several (...) at once, frame by frame.
 
     Args:
         model: of the force.
-        config: thresholds.
+        config: thresholds and constants of the fingertip, or of each of several.
 
     Attributes:
         last: the latest estimate, or None.
-        dead: (19,) electrodes that did not change at all during the tare.
+        dead: (..., 19) electrodes that did not change at all during the tare.
     """
 
-    def __init__(self, model: ForceModel, config: FingertipConfig | None = None) -> None:
+    def __init__(self, model: ForceModel, config: FingertipConfigs | None = None) -> None:
         self.model = model
         self.config = config or FingertipConfig()
-        self._gain = self.config.gain_matrix
+        alone = isinstance(self.config, FingertipConfig)
+        self._shape: tuple[int, ...] = () if alone else (len(_listed(self.config)),)
+
+        def each(read: Callable[[FingertipConfig], ArrayLike]) -> Array:
+            values = [read(own) for own in _listed(self.config)]
+            return np.asarray(values[0] if alone else values)
+
+        self._gain = each(lambda own: own.gain_matrix)
+        self._drift = each(lambda own: np.broadcast_to(own.drift, 19))
+        self._touch_counts = each(lambda own: own.touch_counts)
+        self._release_counts = each(lambda own: own.release_counts)
+        self._least_force = each(lambda own: own.least_force)
+        self._rest_gain = each(lambda own: own.rest_gain)
+        self._far = 0.5 * FULL_SCALE - each(lambda own: own.saturation_margin)[..., None]
+        self._drift_warning = each(lambda own: own.drift_warning)
+        self._touch = Debounced(each(lambda own: own.touch_frames))
         self._rest: RestState | None = None
-        self._in_contact = False
-        self._streak = 0
+        self._filling: Array | None = None
         self.last: TactileEstimate | None = None
-        self.dead: NDArray[np.bool_] = np.zeros(19, dtype=bool)
+        self.dead: Flags = np.zeros((*self._shape, 19), dtype=bool)
 
     @property
     def tared(self) -> bool:
@@ -144,21 +163,25 @@ class FingertipEstimator:
         return self._rest is not None
 
     def tare(self, raw: ArrayLike) -> None:
-        """Take frames (K, 44) read without contact as the rest state.
+        """Take frames (K, ..., 44) read without contact as the rest state.
 
         Raises:
             BadInputError: the frames are malformed or show a contact.
         """
-        self._rest = RestState.from_frames(raw, np.array(self.config.drift))
-        self._in_contact, self._streak = False, 0
-        self.dead = find_dead_electrodes(np.atleast_2d(np.asarray(raw, dtype=float)))
+        counts = check_frame(raw)
+        frames = counts[None] if counts.ndim == len(self._shape) + 1 else counts
+        self._expect(frames.shape[1:])
+        self._rest = RestState.from_frames(frames, self._drift)
+        self._touch.reset()
+        self.dead = find_dead_electrodes(frames)
+        self._filling = fill_dead_electrodes(self.dead) if self.dead.any() else None
         self.model.reset(self._rest.electrodes)
 
-    def estimate(self, raw: ArrayLike) -> tuple[Array, Array, bool]:
-        """Return force (3,), std (3,) in the sensor frame, and whether there is contact.
+    def estimate(self, raw: ArrayLike) -> tuple[Array, Array, Flags]:
+        """Return force (..., 3), std (..., 3) in the sensor frame, and whether there is contact.
 
         Args:
-            raw: (44,) counts.
+            raw: (..., 44) counts.
 
         Raises:
             NotIdentifiableError: the sensor was not tared.
@@ -168,85 +191,109 @@ class FingertipEstimator:
         return result.force, result.std, result.in_contact
 
     def observe(self, raw: ArrayLike) -> TactileEstimate:
-        """Return everything that a frame (44,) says; see `estimate`."""
-        change = self.tared_signals(raw)
-        return self.conclude(raw, change, self.model.predict(change))
-
-    def tared_signals(self, raw: ArrayLike) -> Array:
-        """Return the changes (20,) of the signals in a frame (44,), for the model."""
+        """Return everything that a frame (..., 44) says; see `estimate`."""
         if self._rest is None:
             raise NotIdentifiableError(
                 "BioTac force: the rest state is unknown; tare with frames without contact"
             )
-        return fill_dead_electrodes(self._rest.change(check_frame(raw)), self.dead)
-
-    def conclude(self, raw: ArrayLike, change: Array, found: Felt) -> TactileEstimate:
-        """Return everything that a frame (44,) says, given what the model found in its changes."""
-        assert self._rest is not None
-        counts = np.asarray(raw, dtype=float)
-        force, std, point, point_std = found
-        rise = 100.0 * float(change[_PRESSURE])
-        in_contact = self._touches(rise, float(np.linalg.norm(force)))
-        if not in_contact and self._streak == 0 and rise <= self.config.release_counts:
-            self._rest = self._rest.follow(counts, self.config.rest_gain)
+        counts = check_frame(raw)
+        self._expect(counts.shape)
+        warming = self._rest.warming(counts)
+        change = self._rest.change(counts, warming)
+        if self._filling is not None:
+            change[..., ELECTRODES] = _apply(self._filling, change[..., ELECTRODES])
+        force, std, point, point_std = self.model.predict(change)
+        in_contact = self._feel(counts, 100.0 * change[..., PDC], np.linalg.norm(force, axis=-1))
         saturated = self._saturated(counts)
-        force = self._gain @ force if in_contact else np.zeros(3)
-        warming = float(temperature(counts[TDC])) - self._rest.temperature
-        doubt = 3.0 if saturated else 1.0 + 0.3 * float(self.dead.sum())
+        doubt = np.where(saturated, 3.0, 1.0 + 0.3 * self.dead.sum(axis=-1))
         self.last = TactileEstimate(
-            force=force,
-            std=doubt * std,
+            force=np.where(in_contact[..., None], _apply(self._gain, force), 0.0),
+            std=doubt[..., None] * std,
             in_contact=in_contact,
             point=point,
             point_std=point_std,
             saturated=saturated,
             warming=warming,
-            drifting=abs(warming) > self.config.drift_warning,
+            drifting=np.abs(warming) > self._drift_warning,
         )
         return self.last
 
-    def _touches(self, rise: float, strength: float) -> bool:
-        """Switch contact on and off with hysteresis and debouncing.
+    def _expect(self, shape: tuple[int, ...]) -> None:
+        """Check that a frame is one of as many fingertips as there are."""
+        if shape != (*self._shape, CHANNELS):
+            raise BadInputError(
+                f"BioTac frame of shape {shape}: expected {(*self._shape, CHANNELS)}"
+            )
+
+    def _feel(self, counts: Array, rise: Array, strength: Array) -> Flags:
+        """Switch contacts on and off with hysteresis and debouncing; follow the rest of others.
 
         PDC lingers for seconds after a firm grip (creep of the skin), when the force is back at
         zero: a contact needs a force too.
+
+        Args:
+            counts: (..., 44) of the frame.
+            rise: (...) of PDC, counts.
+            strength: (...) of the force, N.
         """
-        limit = self.config.release_counts if self._in_contact else self.config.touch_counts
-        touching = rise > limit and strength > self.config.least_force
-        self._streak = self._streak + 1 if touching != self._in_contact else 0
-        if self._streak >= self.config.touch_frames:
-            self._in_contact, self._streak = not self._in_contact, 0
-        return self._in_contact
+        assert self._rest is not None
+        limit = np.where(self._touch.on, self._release_counts, self._touch_counts)
+        touching = (rise > limit) & (strength > self._least_force)
+        in_contact = self._touch.update(touching)
+        free = ~in_contact & (self._touch.streak == 0) & (rise <= self._release_counts)
+        if free.any():
+            self._rest = self._rest.follow(counts, self._rest_gain, free)
+        return in_contact
 
-    def _saturated(self, counts: Array) -> bool:
-        margin = self.config.saturation_margin
-        electrodes = counts[ELECTRODES][~self.dead]
-        return bool(np.any((electrodes <= margin) | (electrodes >= FULL_SCALE - margin)))
+    def _saturated(self, counts: Array) -> Flags:
+        far = np.abs(counts[..., ELECTRODES] - 0.5 * FULL_SCALE) >= self._far
+        return np.any(far & ~self.dead, axis=-1)
 
 
-def find_dead_electrodes(raw: Array) -> NDArray[np.bool_]:
-    """Return which electrodes (19,) are stuck: at an end of the range, or without any noise.
+def _listed(config: FingertipConfigs) -> Sequence[FingertipConfig]:
+    return [config] if isinstance(config, FingertipConfig) else config
+
+
+def frame_period(config: FingertipConfigs | None) -> float:
+    """Return the time between frames, s.
+
+    Raises:
+        BadInputError: it is not the same for all fingertips.
+    """
+    periods = {own.period for own in _listed(config or FingertipConfig())}
+    if len(periods) != 1:
+        raise BadInputError(f"period: {sorted(periods)} s, expected one for all fingertips")
+    return periods.pop()
+
+
+def find_dead_electrodes(raw: Array) -> Flags:
+    """Return which electrodes (..., 19) are stuck: at an end of the range, or without any noise.
 
     Args:
-        raw: (K, 44) frames without contact; noise is judged from ten frames on.
+        raw: (K, ..., 44) frames without contact; noise is judged from ten frames on.
     """
-    electrodes = raw[:, ELECTRODES]
+    electrodes = raw[..., ELECTRODES]
     stuck = np.all((electrodes < 50) | (electrodes > FULL_SCALE - 5), axis=0)
     if len(electrodes) >= 10:
         quiet = np.ptp(electrodes, axis=0) == 0.0
-        stuck |= quiet & (quiet.sum() < 10)
+        stuck |= quiet & (quiet.sum(axis=-1, keepdims=True) < 10)
     return np.asarray(stuck)
 
 
-def fill_dead_electrodes(change: Array, dead: NDArray[np.bool_]) -> Array:
-    """Return changes (20,) with dead electrodes replaced by the mean of their live neighbours."""
-    if not dead.any():
-        return change
-    filled = change.copy()
-    for k in np.flatnonzero(dead):
-        weight = np.where(dead, 0.0, _NEARNESS[k])
-        filled[k] = weight @ change[:19] / weight.sum() if weight.any() else 0.0
-    return filled
+def fill_dead_electrodes(dead: Flags) -> Array:
+    """Return the matrix (..., 19, 19) that replaces changes of ``dead`` (..., 19) electrodes.
+
+    Each becomes the mean of its live neighbours, the nearer ones counting more.
+    """
+    weight = _NEARNESS * ~dead[..., None, :]
+    total = np.sum(weight, axis=-1, keepdims=True)
+    mean = np.divide(weight, total, out=np.zeros_like(weight), where=total > 0.0)
+    return np.where(dead[..., None], mean, np.eye(19))
+
+
+def _apply(matrix: Array, vector: Array) -> Array:
+    """Return matrices (..., n, n) times vectors (..., n)."""
+    return np.asarray((matrix @ vector[..., None])[..., 0])
 
 
 def _nearness() -> Array:

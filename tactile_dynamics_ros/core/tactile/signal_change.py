@@ -16,6 +16,8 @@ COUNTS_PER_KELVIN = 31.7
 """Mean drift of an electrode with temperature. Source: fits of one sensor, 25.7 to 35.3 degC, whose
 electrodes drift by 27 to 38 counts per kelvin each."""
 
+_SIGNALS = slice(0, PDC + 1)
+
 
 def temperature(tdc: ArrayLike) -> Array:
     """Return the core's temperature in degC, T = 4025 / ln((155183 - 46555 r) / r) - 273.15.
@@ -49,23 +51,27 @@ def check_frame(raw: ArrayLike) -> Array:
 
 @dataclass(frozen=True)
 class RestState:
-    """Signals of one sensor without contact.
+    """Signals of a sensor, or of several, without contact.
 
     Attributes:
-        electrodes: (19,) counts. pressure: PDC counts. temperature: degC.
-        drift: counts per kelvin, of all electrodes or (19,) of each.
-        frames: how many frames it is the average of.
+        signals: (..., 20) counts of E1 to E19 and PDC.
+        temperature: (...) degC.
+        drift: (..., 20) counts per kelvin, zero of PDC.
+        frames: (...) how many frames it is the average of.
     """
 
-    electrodes: Array
-    pressure: float
-    temperature: float
-    drift: float | Array = COUNTS_PER_KELVIN
-    frames: int = 1
+    signals: Array
+    temperature: Array
+    drift: Array
+    frames: NDArray[np.int_]
 
     @classmethod
-    def from_frames(cls, raw: ArrayLike, drift: float | Array = COUNTS_PER_KELVIN) -> RestState:
-        """Average frames (K, 44) that were read without contact.
+    def from_frames(cls, raw: ArrayLike, drift: ArrayLike = COUNTS_PER_KELVIN) -> RestState:
+        """Average frames (K, ..., 44) that were read without contact.
+
+        Args:
+            raw: counts.
+            drift: counts per kelvin, of all electrodes or (..., 19) of each.
 
         Raises:
             BadInputError: no frames, or the pressure moves as it does under contact.
@@ -73,39 +79,47 @@ class RestState:
         counts = np.atleast_2d(check_frame(raw))
         if len(counts) == 0:
             raise BadInputError("tare: no BioTac frames; expected at least one without contact")
-        spread = float(np.ptp(counts[:, PDC]))
+        spread = np.max(np.ptp(counts[..., PDC], axis=0))
         if spread > 40.0:
             raise BadInputError(
                 f"tare: PDC moved by {spread:.0f} counts, expected less than 40; "
                 "lift the finger off before taring"
             )
         mean = counts.mean(axis=0)
-        warmth = float(temperature(mean[TDC]))
-        return cls(mean[ELECTRODES], float(mean[PDC]), warmth, drift, len(counts))
+        drifts = np.zeros((*mean.shape[:-1], PDC + 1))
+        drifts[..., ELECTRODES] = drift
+        frames = np.full(mean.shape[:-1], len(counts))
+        return cls(mean[..., _SIGNALS], temperature(mean[..., TDC]), drifts, frames)
 
-    def change(self, counts: Array) -> Array:
-        """Return (..., 20): electrode changes and PDC change, in hundreds of counts.
+    @property
+    def electrodes(self) -> Array:
+        """Electrode counts (..., 19)."""
+        return self.signals[..., ELECTRODES]
 
-        The electrodes' drift with the core's temperature is taken out.
+    def warming(self, counts: Array) -> Array:
+        """Return how much warmer (...) the core is in frames (..., 44), K."""
+        return np.asarray(temperature(counts[..., TDC]) - self.temperature)
+
+    def change(self, counts: Array, warming: Array) -> Array:
+        """Return (..., 20): changes of the signals in frames (..., 44), in hundreds of counts.
+
+        The electrodes' drift with the core's ``warming`` (...) is taken out.
         """
-        warming = temperature(counts[..., TDC]) - self.temperature
-        drift = self.drift * warming[..., None]
-        electrodes = counts[..., ELECTRODES] - self.electrodes - drift
-        pressure = counts[..., PDC : PDC + 1] - self.pressure
-        return np.concatenate([electrodes, pressure], axis=-1) / 100.0
+        moved = counts[..., _SIGNALS] - self.signals - self.drift * warming[..., None]
+        return np.asarray(moved / 100.0)
 
-    def follow(self, counts: Array, gain: float) -> RestState:
-        """Return the rest state with a frame (44,) without contact averaged in.
+    def follow(self, counts: Array, gain: ArrayLike, free: ArrayLike = True) -> RestState:
+        """Return the rest state with a frame (..., 44) averaged in, of those that are ``free``.
 
         Electrodes wander by a count or so within seconds, so a long average is better: every
         frame counts the same until 1 / gain of them, older ones then fade. Zero keeps the state.
         """
-        share = max(gain, 1.0 / (self.frames + 1)) if gain > 0.0 else 0.0
-        now = float(temperature(counts[TDC]))
+        taken = np.logical_and(free, np.greater(gain, 0.0))
+        share = np.where(taken, np.maximum(gain, 1.0 / (self.frames + 1)), 0.0)
+        moved = share[..., None] * (counts[..., _SIGNALS] - self.signals)
         return RestState(
-            self.electrodes + share * (counts[ELECTRODES] - self.electrodes),
-            self.pressure + share * float(counts[PDC] - self.pressure),
-            self.temperature + share * (now - self.temperature),
+            self.signals + moved,
+            self.temperature + share * self.warming(counts),
             self.drift,
-            self.frames + 1,
+            self.frames + taken,
         )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.signal import butter, sosfilt
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
+from tactile_dynamics_ros.core.tactile.debounce import Debounced
 from tactile_dynamics_ros.core.tactile.electrodes import PAC
 from tactile_dynamics_ros.core.tactile.signal_change import check_frame
 
@@ -37,21 +37,21 @@ class SlipConfig:
 
 @dataclass(frozen=True)
 class SlipEstimate:
-    """What one frame of one fingertip says about slip.
+    """What one frame of a fingertip, or of several (...), says about slip.
 
     Attributes:
-        score: vibration over the threshold of slip, above 1 = slip; 0 without contact.
-        level: vibration over that of rest, 1 = silence.
-        slipping: the same with hysteresis and debouncing.
+        score: (...) vibration over the threshold of slip, above 1 = slip; 0 without contact.
+        level: (...) vibration over that of rest, 1 = silence.
+        slipping: (...) the same with hysteresis and debouncing.
     """
 
-    score: float
-    level: float
-    slipping: bool
+    score: Array
+    level: Array
+    slipping: NDArray[np.bool_]
 
 
 class SlipDetector:
-    """Vibration level and slip of one fingertip, frame by frame.
+    """Vibration level and slip of one fingertip, or of several (...) at once, frame by frame.
 
     Args:
         config: band and thresholds.
@@ -62,36 +62,31 @@ class SlipDetector:
         band = [self.config.low_hz, self.config.high_hz]
         sections = butter(2, band, btype="bandpass", fs=PAC_RATE, output="sos")
         self._filter = BlockFilter(sections, PAC.stop - PAC.start)
-        self._rest_level, self._offset = 20.0, 2000.0
-        self._slipping = False
-        self._streak = 0
+        self._slip = Debounced(self.config.frames)
+        self._rest_level, self._offset = np.asarray(20.0), np.asarray(2000.0)
 
     def tare(self, raw: ArrayLike) -> None:
-        """Take the level of frames (K, 44) without contact as that of rest."""
-        counts = np.atleast_2d(check_frame(raw))
-        samples = counts[:, PAC]
-        self._offset = float(samples.mean())
-        self._filter.reset()
-        band = np.stack([self._filter(frame - self._offset) for frame in samples])
-        self._filter.reset()
-        self._rest_level = max(float(np.sqrt(np.mean(band[1:] ** 2))), 1.0)
-        self._slipping, self._streak = False, 0
+        """Take the level of frames (K, ..., 44) without contact as that of rest."""
+        samples = np.atleast_2d(check_frame(raw))[..., PAC]
+        self._offset = np.mean(samples, axis=(0, -1))
+        self._filter.reset(self._offset.shape)
+        band = np.stack([self._filter(frame - self._offset[..., None]) for frame in samples])
+        self._filter.reset(self._offset.shape)
+        self._rest_level = np.maximum(np.sqrt(np.mean(band[1:] ** 2, axis=(0, -1))), 1.0)
+        self._slip = Debounced(np.full(self._offset.shape, self.config.frames))
 
-    def update(self, raw: ArrayLike, touching: bool = True) -> SlipEstimate:
+    def update(self, raw: ArrayLike, touching: ArrayLike = True) -> SlipEstimate:
         """Return what the next frame says about slip.
 
         Args:
-            raw: (44,) counts.
-            touching: whether the fingertip touches anything; what is not touched does not slip.
+            raw: (..., 44) counts.
+            touching: (...) whether a fingertip touches anything; what is not touched does not slip.
         """
-        band = self._filter(check_frame(raw)[PAC] - self._offset)
-        level = math.sqrt(float(band @ band) / len(band)) / self._rest_level
-        limit = self.config.end if self._slipping else self.config.onset
-        changes = (touching and level > limit) != self._slipping
-        self._streak = self._streak + 1 if changes else 0
-        if self._streak >= self.config.frames:
-            self._slipping, self._streak = not self._slipping, 0
-        return SlipEstimate(level / self.config.onset * touching, level, self._slipping)
+        band = self._filter(check_frame(raw)[..., PAC] - self._offset[..., None])
+        level = np.sqrt(np.mean(band**2, axis=-1)) / self._rest_level
+        limit = np.where(self._slip.on, self.config.end, self.config.onset)
+        slipping = self._slip.update((level > limit) & touching)
+        return SlipEstimate(level / self.config.onset * touching, level, slipping)
 
 
 class BlockFilter:
@@ -113,12 +108,12 @@ class BlockFilter:
         self._end = np.moveaxis(end, 1, 0).reshape(-1, states)
         self.reset()
 
-    def reset(self) -> None:
-        """Forget what came before."""
-        self._state = np.zeros(self._end.shape[1])
+    def reset(self, shape: tuple[int, ...] = ()) -> None:
+        """Forget what came before; blocks to come are of ``shape`` signals."""
+        self._state = np.zeros((*shape, self._end.shape[1]))
 
     def __call__(self, block: Array) -> Array:
-        """Return the filtered block (length,) and remember the state at its end."""
-        given = np.concatenate([self._state, block])
+        """Return the filtered block (..., length) and remember the state at its end."""
+        given = np.concatenate([self._state, block], axis=-1)
         self._state = given @ self._end
         return np.asarray(given @ self._out)

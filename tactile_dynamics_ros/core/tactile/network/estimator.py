@@ -1,8 +1,6 @@
-"""Live force of one fingertip by the network."""
+"""Live force of fingertips by the network."""
 
 from __future__ import annotations
-
-from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,8 +8,9 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.core.tactile.calibration import LabelledPresses
 from tactile_dynamics_ros.core.tactile.fingertip import (
     Felt,
-    FingertipConfig,
+    FingertipConfigs,
     FingertipEstimator,
+    frame_period,
 )
 from tactile_dynamics_ros.core.tactile.network.inputs import (
     REST_MEAN,
@@ -42,46 +41,30 @@ class NetworkForceModel:
         self._rest = np.full(19, REST_MEAN)
 
     def reset(self, rest: Array) -> None:
-        """Forget past frames and take the electrodes' rest counts (19,)."""
-        self._memory.reset()
+        """Forget past frames and take the electrodes' rest counts (..., 19)."""
+        self._memory.reset(rest.shape[:-1])
         self._rest = rest
 
     def predict(self, change: Array) -> Felt:
-        """Return force (3,), std (3,), contact point (3,) and its std for the next frame (20,)."""
-        return predict_together([self], [change])[0]
-
-    def remember(self, change: Array) -> tuple[Array, Array]:
-        """Take in the next frame (20,); return its low-passed copies (6, 20) and the rest (19,)."""
-        return self._memory.update(change), self._rest
-
-
-def predict_together(models: Sequence[NetworkForceModel], changes: Sequence[Array]) -> list[Felt]:
-    """Return the contacts of several fingertips with the same weights, in one pass.
-
-    Args:
-        models: of the fingertips.
-        changes: (20,) next frame of each.
-    """
-    pairs = [model.remember(change) for model, change in zip(models, changes, strict=True)]
-    past, rest = (np.stack(each) for each in zip(*pairs, strict=True))
-    found = models[0].weights.evaluate(*network_inputs(np.stack(changes), past, rest))
-    columns = (found.force, found.std, found.point, found.point_std.tolist())
-    return list(zip(*columns, strict=True))
+        """Return the contacts in the next frame, given its tared signals (..., 20)."""
+        found = self.weights.evaluate(
+            *network_inputs(change, self._memory.update(change), self._rest)
+        )
+        return found.force, found.std, found.point, found.point_std
 
 
 class NetworkForceEstimator(FingertipEstimator):
-    """Live force of one fingertip by the network; used like `AnalyticForceEstimator`.
+    """Live force of one fingertip, or of several, by the network.
 
     Args:
-        config: thresholds.
+        config: thresholds and constants of the fingertip, or of each of several.
         weights: of the network; those shipped with the package if None.
     """
 
     def __init__(
-        self, config: FingertipConfig | None = None, weights: NetworkWeights | None = None
+        self, config: FingertipConfigs | None = None, weights: NetworkWeights | None = None
     ) -> None:
-        config = config or FingertipConfig()
-        super().__init__(NetworkForceModel(weights, config.period), config)
+        super().__init__(NetworkForceModel(weights, frame_period(config)), config)
 
 
 def predict_sequence(

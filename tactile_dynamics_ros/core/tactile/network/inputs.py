@@ -46,15 +46,15 @@ class Memory:
 
     def __init__(self, period: float) -> None:
         self._follow = (1.0 - np.exp(-period / MEMORY))[:, None]
-        self._state = np.zeros((len(MEMORY), 20))
+        self.reset()
 
-    def reset(self) -> None:
-        """Forget the past."""
-        self._state = np.zeros((len(MEMORY), 20))
+    def reset(self, shape: tuple[int, ...] = ()) -> None:
+        """Forget the past; frames to come are of ``shape`` fingertips."""
+        self._state = np.zeros((*shape, len(MEMORY), 20))
 
     def update(self, change: Array) -> Array:
-        """Return (6, 20) low-passed signals after the next frame (20,)."""
-        self._state = self._state + self._follow * (change - self._state)
+        """Return (..., 6, 20) low-passed signals after the next frame (..., 20)."""
+        self._state = self._state + self._follow * (change[..., None, :] - self._state)
         return self._state
 
 
@@ -80,12 +80,12 @@ def network_inputs(change: Array, past: Array, rest: Array) -> tuple[Array, Arra
 
 
 def face_left(inputs: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Return inputs (N, INPUTS) with contacts on the right mirrored to the left, and which were.
+    """Return inputs (..., INPUTS) with contacts on the right mirrored to the left, and which were.
 
     A sensor is its own mirror image, so that a network need only know its left half, y > 0. Skin
     that is pressed makes electrodes fall: a contact is on the right if sum_k min(c_k, 0)^2 y_k < 0
     for changes c, averaged over 0.05 s, of electrodes at y.
     """
-    fall = np.minimum(inputs[:, :19] - inputs[:, _STEADY], 0.0)
+    fall = np.minimum(inputs[..., :19] - inputs[..., _STEADY], 0.0)
     on_right = fall**2 @ ELECTRODE_POSITION[:, 1] < 0.0
-    return np.where(on_right[:, None], inputs[:, MIRROR_INPUTS], inputs), on_right
+    return np.where(on_right[..., None], inputs[..., MIRROR_INPUTS], inputs), on_right

@@ -32,10 +32,10 @@ STRENGTH_KNOTS = np.array([0.0, 0.2, 0.5, 1.0, 2.0, 3.0, 5.0])
 
 @dataclass(frozen=True)
 class Prediction:
-    """Contacts as the network sees them, N of them.
+    """Contacts (...) as the network sees them.
 
     Attributes:
-        force: (N, 3) N. std: (N, 3) N. point: (N, 3) m. point_std: (N,) m.
+        force: (..., 3) N. std: (..., 3) N. point: (..., 3) m. point_std: (...) m.
     """
 
     force: Array
@@ -65,22 +65,22 @@ class NetworkWeights:
     origin: str
 
     def evaluate(self, inputs: Array, size: Array) -> Prediction:
-        """Return contacts for inputs (N, INPUTS) and signal sizes (N, 1).
+        """Return contacts for inputs (..., INPUTS) and signal sizes (..., 1).
 
         f = size o_1..3, std = size (softplus(o_4..6) + floor) temperature(|f|). The perceptron p
         knows the left half of the sensor; on the right, o(x) = M p(M x) with the mirror image M.
         """
         left, mirrored = face_left(inputs)
-        signs: Array = np.where(mirrored[:, None], _MIRROR_OUTPUTS, 1.0)
+        signs: Array = np.where(mirrored[..., None], _MIRROR_OUTPUTS, 1.0)
         output = self._perceptron(left) * signs
-        force = size * output[:, :3]
-        strength = np.linalg.norm(force, axis=1)
-        std = size * (np.logaddexp(0.0, output[:, 3:6]) + 0.01 * SMALLEST_STD)
+        force = size * output[..., :3]
+        strength = np.linalg.norm(force, axis=-1)
+        std = size * (np.logaddexp(0.0, output[..., 3:6]) + 0.01 * SMALLEST_STD)
         temperature = np.column_stack([self.force_temperature, self.place_temperature])
         factors = interpolate(temperature, strength)
-        place_std = PLACE_SCALE * (np.logaddexp(0.0, output[:, 9]) + 0.02) * factors[:, 3]
-        place = project_to_skin(PLACE_SCALE * output[:, 6:9])
-        return Prediction(force, std * factors[:, :3], place, place_std)
+        place_std = PLACE_SCALE * (np.logaddexp(0.0, output[..., 9]) + 0.02) * factors[..., 3]
+        place = project_to_skin(PLACE_SCALE * output[..., 6:9])
+        return Prediction(force, std * factors[..., :3], place, place_std)
 
     def _perceptron(self, inputs: Array) -> Single:
         hidden = ((inputs - self.mean) / self.scale).astype(np.float32)
@@ -143,10 +143,10 @@ def as_stored(values: NDArray[Any]) -> Single:
 
 
 def interpolate(factors: Array, strength: Array) -> Array:
-    """Return factors (N, k) at forces (N,), linear between those (6, k) at STRENGTH_KNOTS."""
+    """Return factors (..., k) at forces (...), linear between those (7, k) at STRENGTH_KNOTS."""
     place = np.interp(strength, STRENGTH_KNOTS, np.arange(len(STRENGTH_KNOTS)))
     lower = np.minimum(place.astype(np.intp), len(STRENGTH_KNOTS) - 2)
-    share = (place - lower)[:, None]
+    share = (place - lower)[..., None]
     return np.asarray((1.0 - share) * factors[lower] + share * factors[lower + 1])
 
 

@@ -31,9 +31,9 @@ def label_presses(presses: Presses) -> LabelledPresses:
     """Return tared signals of the frames after rest, with their true force and point."""
     start = presses.rest_frames
     rest = [RestState.from_frames(raw[: start - 5]) for raw in presses.raw]
+    pressed = presses.raw[:, start:].astype(float)
     change = [
-        state.change(raw[start:].astype(float))
-        for state, raw in zip(rest, presses.raw, strict=True)
+        state.change(raw, state.warming(raw)) for state, raw in zip(rest, pressed, strict=True)
     ]
     return LabelledPresses(
         np.array(change),
