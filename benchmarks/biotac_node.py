@@ -6,7 +6,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 _NODE = "import sys; from tactile_dynamics_ros.nodes.biotac_force import main; sys.exit(main())"
 _PAD = np.tile([-6e-3, 0.0, -7e-3], (len(FINGERS), 1))
 _TARE_FRAMES, _START_S, _LOST_S = 60, 30.0, 0.2
-_SPIN_S = 2e-3
+_SPIN_S, _PERIOD = 2e-3, 0.01
 
 
 def node_latency(frames: int = 2000) -> dict[str, float]:
@@ -33,7 +33,7 @@ def node_latency(frames: int = 2000) -> dict[str, float]:
     the nodes of this package do, since building an executor's wait set would count too. The node's
     own share, from a frame that is taken to the last message that it publishes, is what it tells of
     its last thousand frames on /diagnostics. How much of the slowest frames is the machine's, a
-    loop tells that spins for 2 ms after every frame: how late it ends.
+    loop tells that spins for 2 ms before every frame, when the node rests: how late it ends.
 
     Raises:
         RuntimeError: the node does not answer.
@@ -54,6 +54,7 @@ def node_latency(frames: int = 2000) -> dict[str, float]:
         "p99_ms": float(np.quantile(spent[~lost], 0.99)),
         "in_node_median_ms": float(told["frame_ms_median"]),
         "in_node_p99_ms": float(told["frame_ms_p99"]),
+        "in_node_cpu_p99_ms": float(told["frame_cpu_ms_p99"]),
         "machine_late_p99_ms": float(np.quantile(late, 0.99)),
     }
 
@@ -63,7 +64,7 @@ def _round_trips(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], dict[str, str]]:
     """Return the time (frames,) ms until the last force of each frame came back, NaN if none.
 
-    The other results are how late (frames,) ms a spinning loop ended after each of them, and what
+    The other results are how late (frames,) ms a spinning loop ended before each of them, and what
     the node tells on /diagnostics at the end.
     """
     import rclpy
@@ -84,13 +85,15 @@ def _round_trips(
     publisher = here.create_publisher(Image, "/biotac/raw", STREAM)
     waiter = Waiter(here, [force])
     _wait_for(here, lambda: publisher.get_subscription_count() > 0)
-    sensors, stamp = BioTacArray(len(FINGERS), seed=0), 1.0
+    messages = [
+        biotac_to_message(counts, 1.0 + _PERIOD * k, "hand")
+        for k, counts in enumerate(_frames(frames))
+    ]
     spent, late = [], []
-    for k in range(_TARE_FRAMES + frames):
-        stamp += 0.01
-        press = 0.0 if k < _TARE_FRAMES else 1.0 + 0.5 * np.sin(0.05 * k)
-        counts = sensors.measure(np.tile([0.0, 0.0, -press], (len(FINGERS), 1)), _PAD)
-        message = biotac_to_message(counts, stamp, "hand")
+    start = time.perf_counter()
+    for message in messages:
+        due = max(start + _PERIOD, time.perf_counter() + _SPIN_S)
+        late.append(1e3 * _spin_until(due))
         take_messages(force)
         start = time.perf_counter()
         publisher.publish(message)
@@ -98,10 +101,7 @@ def _round_trips(
         while not arrived and time.perf_counter() < start + _LOST_S:
             waiter.wait(0.01)
             arrived = bool(take_messages(force))
-        if k >= _TARE_FRAMES:
-            spent.append(1e3 * (time.perf_counter() - start) if arrived else np.nan)
-            late.append(1e3 * _lateness())
-        time.sleep(max(0.0, start + 0.01 - time.perf_counter()))
+        spent.append(1e3 * (time.perf_counter() - start) if arrived else np.nan)
     told: dict[str, str] = {}
     here.create_subscription(
         DiagnosticArray, "/diagnostics", lambda m: told.update(status_values(m.status[0])), 10
@@ -109,15 +109,23 @@ def _round_trips(
     _wait_for(here, lambda: "frame_ms_p99" in told)
     here.destroy_node()
     rclpy.shutdown()
-    return np.array(spent), np.array(late), told
+    return np.array(spent)[_TARE_FRAMES:], np.array(late)[_TARE_FRAMES:], told
 
 
-def _lateness() -> float:
-    """Spin for 2 ms and return by how much, s, the machine made it longer."""
-    end = time.perf_counter() + _SPIN_S
-    while (now := time.perf_counter()) < end:
+def _frames(pressed: int) -> Iterator[NDArray[np.uint16]]:
+    """Yield counts (4, 44) of free fingertips, then of as many frames of pressed ones."""
+    sensors = BioTacArray(len(FINGERS), seed=0)
+    for k in range(_TARE_FRAMES + pressed):
+        press = 0.0 if k < _TARE_FRAMES else 1.0 + 0.5 * np.sin(0.05 * k)
+        yield sensors.measure(np.tile([0.0, 0.0, -press], (len(FINGERS), 1)), _PAD)
+
+
+def _spin_until(due: float) -> float:
+    """Spin for the last 2 ms until a time and return by how much, s, the machine is late."""
+    time.sleep(max(0.0, due - _SPIN_S - time.perf_counter()))
+    while (now := time.perf_counter()) < due:
         pass
-    return now - end
+    return now - due
 
 
 def _wait_for(node: Node, condition: Callable[[], bool]) -> None:

@@ -31,7 +31,7 @@ def skin_normal(point: Array) -> Array:
     """
     radial = np.array(point, dtype=float)
     radial[..., 0] = np.maximum(radial[..., 0], 0.0)
-    length = np.linalg.norm(radial, axis=-1, keepdims=True)
+    length = np.sqrt((radial**2).sum(axis=-1, keepdims=True))
     return np.where(length > 1e-9, radial / np.maximum(length, 1e-9), _PAD)
 
 
@@ -39,7 +39,7 @@ def project_to_skin(point: Array) -> Array:
     """Return the points of the skin that are nearest to ``point`` (..., 3), sensor frame, m."""
     point = np.asarray(point, dtype=float)
     axis = np.zeros_like(point)
-    axis[..., 0] = np.clip(point[..., 0], SKIN_REAR, 0.0)
+    axis[..., 0] = np.minimum(np.maximum(point[..., 0], SKIN_REAR), 0.0)
     return np.asarray(axis + SKIN_RADIUS * skin_normal(point))
 
 

@@ -15,6 +15,8 @@ Array = NDArray[np.float64]
 PATTERN_FLOOR = 0.3
 """Signal size (hundreds of counts) below which the pattern fades into noise."""
 
+_SIZE_WEIGHT = np.array([0.25] * 19 + [1.0])[:, None]
+
 _ROW, _COLUMN = np.triu_indices(19)
 
 MIRROR = np.array([10, 11, 12, 13, 14, 15, 6, 8, 7, 9, 0, 1, 2, 3, 4, 5, 16, 17, 18, 19])
@@ -27,9 +29,7 @@ def signal_size(change: Array) -> Array:
     Args:
         change: (..., 20) tared electrodes and PDC, hundreds of counts.
     """
-    electrodes, pressure = change[..., :19], change[..., 19:]
-    square = 0.25 * np.sum(electrodes**2, axis=-1, keepdims=True) + pressure**2
-    return np.asarray(np.sqrt(square))
+    return np.asarray(np.sqrt((change**2) @ _SIZE_WEIGHT))
 
 
 def force_features(change: Array) -> Array:

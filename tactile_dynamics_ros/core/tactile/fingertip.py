@@ -203,7 +203,7 @@ class FingertipEstimator:
         if self._filling is not None:
             change[..., ELECTRODES] = _apply(self._filling, change[..., ELECTRODES])
         force, std, point, point_std = self.model.predict(change)
-        in_contact = self._feel(counts, 100.0 * change[..., PDC], np.linalg.norm(force, axis=-1))
+        in_contact = self._feel(counts, 100.0 * change[..., PDC], np.sqrt((force**2).sum(axis=-1)))
         saturated = self._saturated(counts)
         doubt = np.where(saturated, 3.0, 1.0 + 0.3 * self.dead.sum(axis=-1))
         self.last = TactileEstimate(
@@ -247,7 +247,7 @@ class FingertipEstimator:
 
     def _saturated(self, counts: Array) -> Flags:
         far = np.abs(counts[..., ELECTRODES] - 0.5 * FULL_SCALE) >= self._far
-        return np.any(far & ~self.dead, axis=-1)
+        return np.asarray((far & ~self.dead).any(axis=-1))
 
 
 def _listed(config: FingertipConfigs) -> Sequence[FingertipConfig]:

@@ -41,7 +41,7 @@ def check_frame(raw: ArrayLike) -> Array:
             f"BioTac frame of shape {counts.shape}: expected (..., {CHANNELS}) counts, "
             "E1..E19, PDC, TDC, TAC, PAC0..PAC21"
         )
-    if not np.all((counts >= 0) & (counts <= FULL_SCALE)):
+    if not ((counts >= 0) & (counts <= FULL_SCALE)).all():
         raise BadInputError(
             f"BioTac counts between {np.min(counts)} and {np.max(counts)}: "
             f"expected 12-bit values between 0 and {FULL_SCALE}"

@@ -83,7 +83,7 @@ class SlipDetector:
             touching: (...) whether a fingertip touches anything; what is not touched does not slip.
         """
         band = self._filter(check_frame(raw)[..., PAC] - self._offset[..., None])
-        level = np.sqrt(np.mean(band**2, axis=-1)) / self._rest_level
+        level = np.sqrt((band**2).sum(axis=-1) / band.shape[-1]) / self._rest_level
         limit = np.where(self._slip.on, self.config.end, self.config.onset)
         slipping = self._slip.update((level > limit) & touching)
         return SlipEstimate(level / self.config.onset * touching, level, slipping)

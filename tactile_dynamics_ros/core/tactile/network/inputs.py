@@ -71,12 +71,14 @@ def network_inputs(change: Array, past: Array, rest: Array) -> tuple[Array, Arra
         rest: (19,) or (..., 19) electrode counts without contact.
     """
     size = signal_size(change) + PATTERN_FLOOR
-    pattern = change / size
     recent = (change[..., None, :] - past) / size[..., None]
-    flat = recent.reshape(*recent.shape[:-2], -1)
-    scale = np.concatenate([np.log(size), size / 4.0], axis=-1)
-    level = np.broadcast_to((rest - REST_MEAN) / REST_SPREAD, (*change.shape[:-1], 19))
-    return np.concatenate([pattern, flat, scale, level], axis=-1), size
+    inputs = np.empty((*change.shape[:-1], INPUTS))
+    inputs[..., :20] = change / size
+    inputs[..., 20:-21] = recent.reshape(*change.shape[:-1], -1)
+    inputs[..., -21:-20] = np.log(size)
+    inputs[..., -20:-19] = size / 4.0
+    inputs[..., -19:] = (rest - REST_MEAN) / REST_SPREAD
+    return inputs, size
 
 
 def face_left(inputs: Array) -> tuple[Array, NDArray[np.bool_]]:
@@ -88,4 +90,4 @@ def face_left(inputs: Array) -> tuple[Array, NDArray[np.bool_]]:
     """
     fall = np.minimum(inputs[..., :19] - inputs[..., _STEADY], 0.0)
     on_right = fall**2 @ ELECTRODE_POSITION[:, 1] < 0.0
-    return np.where(on_right[..., None], inputs[..., MIRROR_INPUTS], inputs), on_right
+    return np.where(on_right[..., None], inputs.take(MIRROR_INPUTS, axis=-1), inputs), on_right

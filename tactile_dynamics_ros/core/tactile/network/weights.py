@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +28,11 @@ _MIRROR_OUTPUTS = np.concatenate([MIRROR_AXES, np.ones(3), MIRROR_AXES, np.ones(
 """Signs of force (3), std (3), contact point (3) and its std on a sensor mirrored in y."""
 STRENGTH_KNOTS = np.array([0.0, 0.2, 0.5, 1.0, 2.0, 3.0, 5.0])
 """Forces (N) at which the calibration of standard deviations is stated, linear in between."""
+_KNOT_GAPS = np.diff(STRENGTH_KNOTS)
+
+_SPREADS = np.array([3, 4, 5, 9])
+_SMALLEST_SPREADS = np.array([0.01 * SMALLEST_STD] * 3 + [0.02])
+"""Outputs that tell standard deviations of force (3) and contact point, and their lower bounds."""
 
 
 @dataclass(frozen=True)
@@ -74,18 +79,22 @@ class NetworkWeights:
         signs: Array = np.where(mirrored[..., None], _MIRROR_OUTPUTS, 1.0)
         output = self._perceptron(left) * signs
         force = size * output[..., :3]
-        strength = np.linalg.norm(force, axis=-1)
-        std = size * (np.logaddexp(0.0, output[..., 3:6]) + 0.01 * SMALLEST_STD)
-        temperature = np.column_stack([self.force_temperature, self.place_temperature])
-        factors = interpolate(temperature, strength)
-        place_std = PLACE_SCALE * (np.logaddexp(0.0, output[..., 9]) + 0.02) * factors[..., 3]
+        factors = interpolate(self._temperature, np.sqrt((force**2).sum(axis=-1)))
+        spread = np.logaddexp(0.0, output.take(_SPREADS, axis=-1)) + _SMALLEST_SPREADS
+        std = spread * factors
         place = project_to_skin(PLACE_SCALE * output[..., 6:9])
-        return Prediction(force, std * factors[..., :3], place, place_std)
+        return Prediction(force, size * std[..., :3], place, PLACE_SCALE * std[..., 3])
+
+    @cached_property
+    def _temperature(self) -> Array:
+        return np.column_stack([self.force_temperature, self.place_temperature])
 
     def _perceptron(self, inputs: Array) -> Single:
         hidden = ((inputs - self.mean) / self.scale).astype(np.float32)
-        for matrix, bias in self.layers[:-1]:
-            hidden = _silu(hidden @ matrix + bias)
+        with np.errstate(over="ignore"):
+            for matrix, bias in self.layers[:-1]:
+                value = hidden @ matrix + bias
+                hidden = value / (1.0 + np.exp(-value))
         matrix, bias = self.layers[-1]
         output: Single = hidden @ matrix + bias
         return output
@@ -132,11 +141,6 @@ class NetworkWeights:
             raise BadInputError(f"network file {path}: {error}") from error
 
 
-def _silu(value: Single) -> Single:
-    with np.errstate(over="ignore"):
-        return np.asarray(value / (1.0 + np.exp(-value)), dtype=np.float32)
-
-
 def as_stored(values: NDArray[Any]) -> Single:
     """Return weights as a file of half precision gives them back."""
     return values.astype(np.float16).astype(np.float32)
@@ -144,10 +148,9 @@ def as_stored(values: NDArray[Any]) -> Single:
 
 def interpolate(factors: Array, strength: Array) -> Array:
     """Return factors (..., k) at forces (...), linear between those (7, k) at STRENGTH_KNOTS."""
-    place = np.interp(strength, STRENGTH_KNOTS, np.arange(len(STRENGTH_KNOTS)))
-    lower = np.minimum(place.astype(np.intp), len(STRENGTH_KNOTS) - 2)
-    share = (place - lower)[..., None]
-    return np.asarray((1.0 - share) * factors[lower] + share * factors[lower + 1])
+    passed = (strength[..., None] - STRENGTH_KNOTS[:-1]) / _KNOT_GAPS
+    share = np.minimum(np.maximum(passed, 0.0), 1.0)
+    return np.asarray(factors[0] + share @ (factors[1:] - factors[:-1]))
 
 
 @lru_cache(maxsize=1)
