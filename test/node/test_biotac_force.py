@@ -84,6 +84,7 @@ def test_diagnostics_tell_how_long_frames_take(node):
     )
     driver.until(lambda: "frame_ms_p99" in told)
     assert 0.0 < float(told["frame_ms_median"]) <= float(told["frame_ms_p99"])
+    assert 0.0 < float(told["frame_cpu_ms_p99"]) < 1.1 * float(told["frame_ms_p99"])
 
 
 def test_forces_come_after_the_tare_and_point_into_the_object(node):

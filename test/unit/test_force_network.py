@@ -19,7 +19,7 @@ from tactile_dynamics_ros.core.tactile.calibration import (
     fit_calibration,
     shipped_calibration,
 )
-from tactile_dynamics_ros.core.tactile.electrodes import CHANNELS, TDC
+from tactile_dynamics_ros.core.tactile.electrodes import CHANNELS, PDC, TDC
 from tactile_dynamics_ros.core.tactile.estimators import FORCE_MODELS, create_force_estimator
 from tactile_dynamics_ros.core.tactile.features import MIRROR
 from tactile_dynamics_ros.core.tactile.fingertip import FingertipConfig, TactileEstimate
@@ -228,7 +228,12 @@ def test_frames_of_another_number_of_fingers_are_refused():
     fingers, frames = create_force_estimator(config=[FingertipConfig()] * 4), np.full((30, 44), 9.0)
     with pytest.raises(BadInputError, match=r"\(30, 44\): expected \(4, 44\)"):
         fingers.tare(frames)
-    fingers.tare(np.tile(frames[:, None], (1, 4, 1)))
+    touched = np.tile(frames[:, None], (1, 4, 1))
+    touched[10:, 2, PDC] += 60.0
+    with pytest.raises(BadInputError, match="fingertip 3 of 4 moved by 60 counts"):
+        fingers.tare(touched)
+    assert not fingers.tared
+    fingers.tare(touched[:10])
     with pytest.raises(BadInputError, match=r"\(3, 44\): expected \(4, 44\)"):
         fingers.observe(np.tile(frames[0], (3, 1)))
     with pytest.raises(BadInputError, match="period"):

@@ -79,10 +79,11 @@ class RestState:
         counts = np.atleast_2d(check_frame(raw))
         if len(counts) == 0:
             raise BadInputError("tare: no BioTac frames; expected at least one without contact")
-        spread = np.max(np.ptp(counts[..., PDC], axis=0))
-        if spread > 40.0:
+        spread = np.ravel(np.ptp(counts[..., PDC], axis=0))
+        if spread.max() > 40.0:
             raise BadInputError(
-                f"tare: PDC moved by {spread:.0f} counts, expected less than 40; "
+                f"tare: PDC of fingertip {spread.argmax() + 1} of {spread.size} moved by "
+                f"{spread.max():.0f} counts, expected less than 40; "
                 "lift the finger off before taring"
             )
         mean = counts.mean(axis=0)
