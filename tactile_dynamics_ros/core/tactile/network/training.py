@@ -82,8 +82,8 @@ def prepare_frames(presses: Iterable[LabelledPresses], every: int) -> Frames:
         columns = (part.change, part.force, part.point, part.rest)
         for change, force, point, rest in zip(*columns, strict=True):
             taken = np.arange(_PHASE_STEP * len(rows) % every, len(change), every)
-            fifth = np.arange(len(taken)) % _UNTOUCHED_EVERY == 0
-            taken = taken[force[taken].any(axis=1) | fifth]
+            kept_untouched = np.arange(len(taken)) % _UNTOUCHED_EVERY == 0
+            taken = taken[force[taken].any(axis=1) | kept_untouched]
             past = lagged(change, part.period)[taken]
             inputs, size = network_inputs(change[taken], past, rest)
             inputs, mirrored = face_left(inputs)
