@@ -133,12 +133,13 @@ def test_gain_of_a_unit_scales_and_turns_force(presses):
     once, twice, turned = (
         AnalyticForceEstimator(AnalyticForceConfig(gain=gain)) for gain in ((1.0,), (2.0,), swap)
     )
+    forces = []
     for estimator in (once, twice, turned):
         estimator.tare(presses.raw[1, :50])
-        for frame in presses.raw[1]:
-            estimator.estimate(frame)
-    assert np.allclose(twice.last.force, 2.0 * once.last.force)
-    assert np.allclose(turned.last.force, once.last.force[[1, 0, 2]])
+        forces.append(np.array([estimator.estimate(frame)[0] for frame in presses.raw[1]]))
+    assert np.abs(forces[0]).max(axis=0).min() > 0.1
+    assert np.allclose(forces[1], 2.0 * forces[0])
+    assert np.allclose(forces[2], forces[0][:, [1, 0, 2]])
     for bad in ((1.0, 2.0), (0.0,), (np.nan,)):
         with pytest.raises(BadInputError, match="gain"):
             AnalyticForceConfig(gain=bad)
