@@ -24,11 +24,15 @@ SECTIONS = (
 )
 
 
-def run(sections: Sequence[str], quick: bool, say: Callable[[str], None]) -> dict[str, Any]:
-    """Results by section."""
+def run(
+    sections: Sequence[str], quick: bool, say: Callable[[str], None], hands: int | None = None
+) -> dict[str, Any]:
+    """Results by section; the one in the hand with the first ``hands`` of them."""
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")
     from benchmarks.inertia import accuracy, boxes, cost, gain, honesty
+
+    hands = hands or (1 if quick else 20)
 
     runs: dict[str, Callable[[], dict[str, Any]]] = {
         "table_one": lambda: accuracy.run_table_one(*((2, 1, 1) if quick else (20, 3, 1)), say),
@@ -43,7 +47,7 @@ def run(sections: Sequence[str], quick: bool, say: Callable[[str], None]) -> dic
         "batch_time": lambda: cost.run_batch_time(2 if quick else 10, say),
         "excitation": lambda: gain.run_excitation(2 if quick else 20, 15.0, say),
         "wrist_ft": lambda: boxes.run_wrist(1 if quick else 20, say),
-        "in_hand": lambda: boxes.run_in_hand(*((1, 1) if quick else (20, 5)), say),
+        "in_hand": lambda: boxes.run_in_hand(hands, min(hands, 5), say),
     }
     results = {name: runs[name]() for name in SECTIONS if name in sections}
     machine = {"cpus": os.cpu_count(), "python": platform.python_version(), "quick": quick}
@@ -56,6 +60,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--json", action="store_true", help="print only JSON on stdout")
     parser.add_argument("--quick", action="store_true", help="few seeds, a few minutes")
     parser.add_argument("--only", nargs="+", choices=SECTIONS, default=SECTIONS, metavar="SECTION")
+    parser.add_argument("--hands", type=int, metavar="N", help="of in_hand; 20, or 1 with --quick")
     parser.add_argument(
         "--load", nargs="+", type=Path, metavar="JSON", help="saved results instead"
     )
@@ -69,7 +74,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for path in options.load or ():
         results |= json.loads(path.read_text())
     if not options.load:
-        results = run(options.only, options.quick, say)
+        results = run(options.only, options.quick, say, options.hands)
     if options.write:
         from benchmarks.inertia.page import keep_results, write_page
 
