@@ -16,6 +16,7 @@ from tactile_dynamics_ros.core.manipulation.grasp_controller import GraspControl
 from tactile_dynamics_ros.core.tactile.calibration import NORMAL_90
 from tactile_dynamics_ros.core.tactile.estimators import create_force_estimator
 from tactile_dynamics_ros.core.tactile.fingertip import FingertipConfig
+from tactile_dynamics_ros.core.tactile.hand_contacts import hand_contacts
 from tactile_dynamics_ros.sim.simulated_robot import Readings, SimulatedRobot, SimulatedRobotConfig
 
 Array = NDArray[np.float64]
@@ -47,13 +48,8 @@ class Touch:
             if len(self._rest) == TARE_FRAMES:
                 self._tips.tare(self._rest)
             return {}
-        contacts = {}
         tips = self._tips.observe(readings.counts)
-        felt = zip(FINGERS, tips.in_contact, tips.force, tips.std, tips.torque, strict=True)
-        for finger, in_contact, *wrench in felt:
-            if in_contact:
-                contacts[finger] = self._state.update(finger, readings.position, *wrench)
-        return contacts
+        return hand_contacts(self._state, readings.position, tips)
 
 
 def balance_in_hand(seed: int = 0, seconds: float = 40.0, model: str = "network") -> dict[str, Any]:

@@ -106,7 +106,7 @@ class BiotacForce(Shell):
         return f"taring with the next {self.config.tare_frames} frames; keep the fingers free"
 
     def _on_raw(self, message: Picture) -> None:
-        start = np.array([time.perf_counter(), time.thread_time()])
+        start = _clocks()
         counts = biotac_to_core(message, BIOTAC_RAW)
         if self._gate.check(message.stamp):
             self.faults.add("clock_restarted")
@@ -118,7 +118,7 @@ class BiotacForce(Shell):
         self._publish_forces(seen, message.stamp)
         self._publish_slips(self._slip.update(counts, seen.in_contact), message.stamp)
         self._flag(seen)
-        self._spent.append(np.array([time.perf_counter(), time.thread_time()]) - start)
+        self._spent.append(_clocks() - start)
 
     def _show_spent(self) -> None:
         """Tell on /diagnostics how long the last thousand frames took, and this thread's part, ms.
@@ -175,6 +175,11 @@ class BiotacForce(Shell):
             if dead.any():
                 names = ", ".join(f"E{n + 1}" for n in np.flatnonzero(dead))
                 self.faults.add(f"dead_electrodes_{finger}", f"{finger}: {names}")
+
+
+def _clocks() -> NDArray[np.float64]:
+    """Return wall time and the processor time of this thread, s."""
+    return np.array([time.perf_counter(), time.thread_time()])
 
 
 def main() -> int:

@@ -27,6 +27,7 @@ from tactile_dynamics_ros.core.manipulation.grasp_controller import (
 from tactile_dynamics_ros.core.manipulation.grasp_site import GraspSite
 from tactile_dynamics_ros.core.tactile.estimators import create_force_estimator
 from tactile_dynamics_ros.core.tactile.fingertip import FingertipConfig
+from tactile_dynamics_ros.core.tactile.hand_contacts import hand_contacts
 from tactile_dynamics_ros.core.tactile.slip import SlipDetector
 from tactile_dynamics_ros.core.tracking.pose_average import average_poses
 from tactile_dynamics_ros.sim.simulated_robot import SimulatedRobot, SimulatedRobotConfig
@@ -191,13 +192,9 @@ class _Chain:
         readings = self.robot.advance()
         if readings.vision is not None:
             self._look(readings.vision)
-        contacts = {}
         tips = self._tips.observe(readings.counts)
-        felt = zip(FINGERS, tips.in_contact, tips.force, tips.std, tips.torque, strict=True)
-        for finger, in_contact, *wrench in felt:
-            if in_contact:
-                contact = self._contact_state.update(finger, readings.position, *wrench)
-                contacts[finger] = ProbeContact(contact.point, contact.force, contact.force_std)
+        found = hand_contacts(self._contact_state, readings.position, tips)
+        contacts = {f: ProbeContact(c.point, c.force, c.force_std) for f, c in found.items()}
         counts = readings.counts[self._finger].astype(float)
         return ProbeInput(
             time=readings.time,

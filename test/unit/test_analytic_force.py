@@ -7,7 +7,6 @@ import pytest
 
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 from tactile_dynamics_ros.core.tactile.analytic_force import (
-    AnalyticForceConfig,
     AnalyticForceEstimator,
     classic_force,
     electrode_centroid,
@@ -22,6 +21,7 @@ from tactile_dynamics_ros.core.tactile.calibration import (
     shipped_calibration,
 )
 from tactile_dynamics_ros.core.tactile.electrodes import ELECTRODES, PDC, TDC
+from tactile_dynamics_ros.core.tactile.fingertip import FingertipConfig
 from tactile_dynamics_ros.core.tactile.signal_change import RestState, temperature
 from tactile_dynamics_ros.core.tactile.unit_gain import fit_unit_gain
 from tactile_dynamics_ros.sim.sensors.biotac.calibrate import label_presses
@@ -131,7 +131,7 @@ def test_rest_state_follows_temperature_drift_without_contact(presses):
 def test_gain_of_a_unit_scales_and_turns_force(presses):
     swap = (0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0)
     once, twice, turned = (
-        AnalyticForceEstimator(AnalyticForceConfig(gain=gain)) for gain in ((1.0,), (2.0,), swap)
+        AnalyticForceEstimator(FingertipConfig(gain=gain)) for gain in ((1.0,), (2.0,), swap)
     )
     forces = []
     for estimator in (once, twice, turned):
@@ -142,7 +142,7 @@ def test_gain_of_a_unit_scales_and_turns_force(presses):
     assert np.allclose(forces[2], forces[0][:, [1, 0, 2]])
     for bad in ((1.0, 2.0), (0.0,), (np.nan,)):
         with pytest.raises(BadInputError, match="gain"):
-            AnalyticForceConfig(gain=bad)
+            FingertipConfig(gain=bad)
 
 
 def test_presses_on_a_known_force_tell_gain_and_turn_of_a_unit():

@@ -10,9 +10,7 @@ import numpy as np
 import pytest
 
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
-from tactile_dynamics_ros.core.tactile.analytic_force import (
-    estimate_sequence,
-)
+from tactile_dynamics_ros.core.tactile.analytic_force import estimate_sequence
 from tactile_dynamics_ros.core.tactile.calibration import (
     MIRROR_AXES,
     LabelledPresses,

@@ -21,15 +21,12 @@ from tactile_dynamics_ros.core.tactile.electrodes import ELECTRODE_NORMAL, ELECT
 from tactile_dynamics_ros.core.tactile.features import force_features, place_features
 from tactile_dynamics_ros.core.tactile.fingertip import (
     Felt,
-    FingertipConfig,
     FingertipConfigs,
     FingertipEstimator,
     frame_period,
 )
 
 Array = NDArray[np.float64]
-
-AnalyticForceConfig = FingertipConfig
 
 
 class AnalyticForceModel:

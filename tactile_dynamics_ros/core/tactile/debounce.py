@@ -10,7 +10,7 @@ class Debounced:
     """Switches that flip once their input has differed from them for some frames in a row.
 
     Args:
-        frames: (...) in a row that flip each.
+        frames: in a row that flip a switch; one number for all, or (...) of each.
 
     Attributes:
         on: (...) whether each is on.

@@ -73,7 +73,7 @@ class SlipDetector:
         band = np.stack([self._filter(frame - self._offset[..., None]) for frame in samples])
         self._filter.reset(self._offset.shape)
         self._rest_level = np.maximum(np.sqrt(np.mean(band[1:] ** 2, axis=(0, -1))), 1.0)
-        self._slip = Debounced(np.full(self._offset.shape, self.config.frames))
+        self._slip.reset()
 
     def update(self, raw: ArrayLike, touching: ArrayLike = True) -> SlipEstimate:
         """Return what the next frame says about slip.

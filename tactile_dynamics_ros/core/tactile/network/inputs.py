@@ -72,13 +72,10 @@ def network_inputs(change: Array, past: Array, rest: Array) -> tuple[Array, Arra
     """
     size = signal_size(change) + PATTERN_FLOOR
     recent = (change[..., None, :] - past) / size[..., None]
-    inputs = np.empty((*change.shape[:-1], INPUTS))
-    inputs[..., :20] = change / size
-    inputs[..., 20:-21] = recent.reshape(*change.shape[:-1], -1)
-    inputs[..., -21:-20] = np.log(size)
-    inputs[..., -20:-19] = size / 4.0
-    inputs[..., -19:] = (rest - REST_MEAN) / REST_SPREAD
-    return inputs, size
+    flat = recent.reshape(*change.shape[:-1], -1)
+    level = np.zeros_like(size) + (rest - REST_MEAN) / REST_SPREAD
+    parts = [change / size, flat, np.log(size), size / 4.0, level]
+    return np.concatenate(parts, axis=-1), size
 
 
 def face_left(inputs: Array) -> tuple[Array, NDArray[np.bool_]]:

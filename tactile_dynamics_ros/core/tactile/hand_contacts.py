@@ -1,0 +1,29 @@
+"""Contacts of a hand in the world, from what its fingertips feel together."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.contact.contact_state import Contact, ContactState
+from tactile_dynamics_ros.core.contact.robot_description import FINGERS
+from tactile_dynamics_ros.core.tactile.fingertip import TactileEstimate
+
+
+def hand_contacts(
+    state: ContactState, joint_positions: NDArray[np.float64], tips: TactileEstimate
+) -> dict[str, Contact]:
+    """Return the contacts of the fingers that touch something, by name.
+
+    Args:
+        state: of the hand.
+        joint_positions: (23,) rad, arm then hand.
+        tips: what the hand's fingertips say, in the order of FINGERS.
+    """
+    touching = np.flatnonzero(tips.in_contact)
+    if not touching.size:
+        return {}
+    fingers = [FINGERS[k] for k in touching]
+    positions = np.tile(joint_positions, (len(fingers), 1))
+    felt = (values[touching] for values in (tips.force, tips.std, tips.torque))
+    return dict(zip(fingers, state.update_all(fingers, positions, *felt), strict=True))
