@@ -82,7 +82,7 @@ class ContactAssembly:
         hand: HandError | None = None,
     ) -> None:
         self._node, self._name, self._deliver, self._hand = node, name, deliver, hand
-        self._topic = f"/contact/{name}"
+        self._topic = f"contact/{name}"
         self._gate = StampGate(f"{self._topic}/force")
         self._forces: deque[tuple[float, Array]] = deque(maxlen=KEPT)
         self._poses: deque[tuple[float, Array]] = deque(maxlen=KEPT)

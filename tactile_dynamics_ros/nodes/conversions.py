@@ -24,6 +24,7 @@ from tactile_dynamics_ros.core.rigid_body.rotation import (
     quaternion_to_matrix,
 )
 from tactile_dynamics_ros.core.tracking.depth_image import PinholeCamera
+from tactile_dynamics_ros.nodes.names import JOINT_STATES
 from tactile_dynamics_ros.nodes.wire import (
     AnyStamp,
     Joints,
@@ -229,7 +230,7 @@ class JointReader:
         topic: for error texts.
     """
 
-    def __init__(self, names: Sequence[str], topic: str = "/joint_states") -> None:
+    def __init__(self, names: Sequence[str], topic: str = JOINT_STATES) -> None:
         self._names = tuple(names)
         self._topic = topic
         self._seen: tuple[str, ...] = ()

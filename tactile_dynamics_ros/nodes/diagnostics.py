@@ -1,4 +1,4 @@
-"""Counts of what went wrong, once per second on /diagnostics."""
+"""Counts of what went wrong, once per second on /diagnostics, which all hands share."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from collections.abc import Mapping
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
+
+from tactile_dynamics_ros.nodes.names import DIAGNOSTICS
 
 
 class Faults:
@@ -22,7 +24,7 @@ class Faults:
         self._reported: Counter[str] = Counter()
         self._shown: dict[str, object] = {}
         self._last = ""
-        self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._publisher = node.create_publisher(DiagnosticArray, DIAGNOSTICS, 10)
 
     def add(self, kind: str, message: str = "") -> None:
         """Count one fault; the first of its kind is logged too."""
@@ -36,11 +38,14 @@ class Faults:
         self._shown[name] = value
 
     def publish(self) -> None:
-        """Publish all counts; the level is WARN while new faults come in."""
+        """Publish all counts; the level is WARN while new faults come in.
+
+        The status bears the node's name behind its namespace, so that hands can be told apart.
+        """
         fresh = self.counts != self._reported
         self._reported = self.counts.copy()
         status = status_message(
-            self._node.get_name(),
+            self._node.get_fully_qualified_name().lstrip("/"),
             {**self._shown, **self.counts},
             DiagnosticStatus.WARN if fresh else DiagnosticStatus.OK,
             self._last if fresh else "ok",

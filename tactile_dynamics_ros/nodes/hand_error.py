@@ -17,9 +17,9 @@ from tactile_dynamics_ros.nodes.conversions import (
     to_seconds,
     uncertain_pose_to_core,
 )
+from tactile_dynamics_ros.nodes.names import HAND_POSE
 from tactile_dynamics_ros.nodes.shell import Shell
 from tactile_dynamics_ros.nodes.wire import Stamped
-from tactile_dynamics_ros.recording.topics import HAND_POSE
 
 Array = NDArray[np.float64]
 

@@ -31,10 +31,16 @@ from tactile_dynamics_ros.nodes.conversions import (
 from tactile_dynamics_ros.nodes.diagnostics import status_message
 from tactile_dynamics_ros.nodes.friction_messages import friction_range
 from tactile_dynamics_ros.nodes.hand_error import HandError
+from tactile_dynamics_ros.nodes.names import (
+    ESTIMATOR_RESET,
+    ESTIMATOR_STATUS,
+    INERTIA,
+    OBJECT_POSE,
+    PROBE_ESTIMATE,
+)
 from tactile_dynamics_ros.nodes.parameters import declare_config
 from tactile_dynamics_ros.nodes.shell import LATCHED, Shell, run_node
 from tactile_dynamics_ros.nodes.wire import Stamped
-from tactile_dynamics_ros.recording.topics import OBJECT_POSE
 
 Array = NDArray[np.float64]
 
@@ -43,7 +49,7 @@ Array = NDArray[np.float64]
 class InertialEstimatorConfig:
     """What is listened to, how often an estimate is published, and the model."""
 
-    contacts: tuple[str, ...] = parameter(FINGERS, "names of the contacts on /contact/<name>")
+    contacts: tuple[str, ...] = parameter(FINGERS, "names of the contacts on contact/<name>")
     update_rate_hz: float = parameter(10.0, "rate of estimates", "Hz", 0.1, 200.0)
     effects: tuple[str, ...] = parameter((), "effects of the catalogue in the model; live")
 
@@ -73,14 +79,14 @@ class InertialEstimatorNode(Shell):
         self._last_time = 0.0
         self._friction: tuple[float, float] | None = None
         self._grip: dict[str, object] = {}
-        self.listen(DiagnosticStatus, "/friction_probe/estimate", self._on_friction, LATCHED)
+        self.listen(DiagnosticStatus, PROBE_ESTIMATE, self._on_friction, LATCHED)
         self.listen(PoseWithCovarianceStamped, OBJECT_POSE, self._on_pose)
         self._contacts = [
             ContactAssembly(self, name, self._on_contact, self._hand) for name in config.contacts
         ]
-        self._inertia = self.latched(InertiaStamped, "/inertial_estimator/inertia")
-        self._status = self.latched(DiagnosticArray, "/inertial_estimator/status")
-        self.serve("/inertial_estimator/reset", self.reset)
+        self._inertia = self.latched(InertiaStamped, INERTIA)
+        self._status = self.latched(DiagnosticArray, ESTIMATOR_STATUS)
+        self.serve(ESTIMATOR_RESET, self.reset)
         self.every(1.0 / config.update_rate_hz, self._update)
 
     def reset(self) -> str:

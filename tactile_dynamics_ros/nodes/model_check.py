@@ -35,12 +35,18 @@ from tactile_dynamics_ros.nodes.conversions import (
 )
 from tactile_dynamics_ros.nodes.diagnostics import status_message, status_values
 from tactile_dynamics_ros.nodes.hand_error import HandError
+from tactile_dynamics_ros.nodes.names import (
+    DIAGNOSE,
+    ESTIMATOR_STATUS,
+    MODEL_DIAGNOSIS,
+    MODEL_ERROR,
+    MODEL_RESIDUAL,
+    OBJECT_POSE,
+)
 from tactile_dynamics_ros.nodes.parameters import declare_config
 from tactile_dynamics_ros.nodes.shell import LATCHED, Shell, run_node
 from tactile_dynamics_ros.nodes.wire import Stamped
-from tactile_dynamics_ros.recording.topics import OBJECT_POSE
 
-MODEL = "/inertial_estimator/status"
 REST = 3.0
 """Pause after a comparison, in multiples of the time that it took."""
 
@@ -49,7 +55,7 @@ REST = 3.0
 class ModelCheckConfig:
     """What is listened to, and how often the model is compared."""
 
-    contacts: tuple[str, ...] = parameter(FINGERS, "names of the contacts on /contact/<name>")
+    contacts: tuple[str, ...] = parameter(FINGERS, "names of the contacts on contact/<name>")
     period: float = parameter(5.0, "time between comparisons, real time", "s", 0.5, 600.0)
 
     def __post_init__(self) -> None:
@@ -76,14 +82,14 @@ class ModelCheckNode(Shell):
         self._newest = self._compared = 0.0
         self._started = self._rest_until = 0.0
         self.listen(PoseWithCovarianceStamped, OBJECT_POSE, self._on_pose)
-        self.listen(DiagnosticArray, MODEL, self._on_model, LATCHED)
+        self.listen(DiagnosticArray, ESTIMATOR_STATUS, self._on_model, LATCHED)
         self._contacts = [
             ContactAssembly(self, name, self._on_contact, self._hand) for name in config.contacts
         ]
-        self._residual = self.stream(WrenchStamped, "/model_check/residual")
-        self._error = self.latched(Float64, "/model_check/error")
-        self._diagnosis = self.latched(DiagnosticArray, "/model_check/diagnosis")
-        self.create_service(Trigger, "/model_check/diagnose", self._diagnose)
+        self._residual = self.stream(WrenchStamped, MODEL_RESIDUAL)
+        self._error = self.latched(Float64, MODEL_ERROR)
+        self._diagnosis = self.latched(DiagnosticArray, MODEL_DIAGNOSIS)
+        self.create_service(Trigger, DIAGNOSE, self._diagnose)
         self.every(config.period, self._compare)
         self.every(0.1, self._report)
 

@@ -1,0 +1,53 @@
+"""Names of all topics and services: relative to the node's namespace; global where with a slash.
+
+With `--ros-args -r __ns:=/left` a node listens to /left/object/pose, so that two hands live side by
+side. What belongs to the whole robot or to ROS stays global.
+"""
+
+from __future__ import annotations
+
+JOINT_STATES = "joint_states"
+JOINT_COMMAND = "joint_command"
+BIOTAC_RAW = "biotac/raw"
+DEPTH_IMAGE = "camera/depth/image_rect"
+CAMERA_INFO = "camera/depth/camera_info"
+WRIST_WRENCH = "wrist/wrench"
+
+OBJECT_POSE = "object/pose"
+HAND_POSE = "object/pose/kinematic"
+VISION_POSE = "object/pose/vision"
+OBJECT_HELD = "object/held"
+
+TARE = "biotac_force/tare"
+GRASP_PHASE = "grasp_controller/phase"
+GRASP_START = "grasp_controller/start"
+INERTIA = "inertial_estimator/inertia"
+ESTIMATOR_STATUS = "inertial_estimator/status"
+ESTIMATOR_RESET = "inertial_estimator/reset"
+MODEL_ERROR = "model_check/error"
+MODEL_RESIDUAL = "model_check/residual"
+MODEL_DIAGNOSIS = "model_check/diagnosis"
+DIAGNOSE = "model_check/diagnose"
+PROBE = "friction_probe/probe"
+PROBE_ACTIVE = "friction_probe/active"
+PROBE_ESTIMATE = "friction_probe/estimate"
+PROBE_PROGRESS = "friction_probe/progress"
+PROBE_SLIP = "friction_probe/slip"
+REVEAL = "robot_sim/reveal"
+VISION_SCORE = "vision_tracker/score"
+VISION_RESET = "vision_tracker/reset"
+
+CLOCK = "/clock"
+DIAGNOSTICS = "/diagnostics"
+EMERGENCY_STOP = "/emergency_stop"
+TF = "/tf"
+
+
+def contact_topic(name: str, kind: str) -> str:
+    """Return the topic of a contact's force, force_std or pose in the world."""
+    return f"contact/{name}/{kind}"
+
+
+def fingertip_topic(finger: str, kind: str) -> str:
+    """Return the topic of a fingertip's force, force_std or slip in its sensor's frame."""
+    return f"biotac/{finger}/{kind}"
