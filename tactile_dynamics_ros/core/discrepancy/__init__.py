@@ -1,0 +1,1 @@
+"""Which effect a model lacks; knows whitened residuals and nothing of hands or wrenches."""
