@@ -25,10 +25,10 @@ from tactile_dynamics_ros.nodes.conversions import (
     wrench_to_message,
 )
 from tactile_dynamics_ros.nodes.kept_tare import KeptTare
+from tactile_dynamics_ros.nodes.names import BIOTAC_RAW, TARE, fingertip_topic
 from tactile_dynamics_ros.nodes.parameters import declare_config
 from tactile_dynamics_ros.nodes.shell import Shell, run_node
 from tactile_dynamics_ros.nodes.wire import AnyStamp, Picture
-from tactile_dynamics_ros.recording.cdr import BIOTAC_RAW
 
 
 @dataclass(frozen=True)
@@ -92,11 +92,11 @@ class BiotacForce(Shell):
             self._set_rest(frames)
         self._gate = StampGate(BIOTAC_RAW)
         self.listen(Image, BIOTAC_RAW, self._on_raw)
-        self._force = [self.stream(WrenchStamped, f"/biotac/{f}/force") for f in FINGERS]
-        self._std = [self.stream(Vector3Stamped, f"/biotac/{f}/force_std") for f in FINGERS]
-        self._slips = [self.stream(Vector3Stamped, f"/biotac/{f}/slip") for f in FINGERS]
+        self._force = [self.stream(WrenchStamped, fingertip_topic(f, "force")) for f in FINGERS]
+        self._std = [self.stream(Vector3Stamped, fingertip_topic(f, "force_std")) for f in FINGERS]
+        self._slips = [self.stream(Vector3Stamped, fingertip_topic(f, "slip")) for f in FINGERS]
         self._spent: deque[NDArray[np.float64]] = deque(maxlen=1000)
-        self.serve("/biotac_force/tare", self.start_tare)
+        self.serve(TARE, self.start_tare)
         self.every(1.0, self._show_spent)
         self.every(1.0, self._kept.refresh)
 

@@ -30,6 +30,7 @@ from tactile_dynamics_ros.nodes.conversions import (
     wrench_to_message,
 )
 from tactile_dynamics_ros.nodes.joint_history import JointHistory
+from tactile_dynamics_ros.nodes.names import JOINT_STATES, contact_topic, fingertip_topic
 from tactile_dynamics_ros.nodes.parameters import declare_config
 from tactile_dynamics_ros.nodes.shell import Shell, run_node
 from tactile_dynamics_ros.nodes.wire import Joints, Stamp, Stamped
@@ -59,19 +60,23 @@ class ContactStateNode(Shell):
         self.contact_state = ContactState(HandKinematics(), config)
         self._reader = JointReader(HandKinematics.joint_names)
         self._joints = JointHistory()
-        self._joint_gate = StampGate("/joint_states")
-        self._gates = {finger: StampGate(f"/biotac/{finger}/force") for finger in FINGERS}
+        self._joint_gate = StampGate(JOINT_STATES)
+        self._gates = {finger: StampGate(fingertip_topic(finger, "force")) for finger in FINGERS}
         self._std: dict[str, NDArray[np.float64]] = {}
         self._waiting: deque[Touch] = deque(maxlen=WAITING)
         self._force, self._force_std, self._pose = {}, {}, {}
         for finger in FINGERS:
-            self._force[finger] = self.stream(WrenchStamped, f"/contact/{finger}/force")
-            self._force_std[finger] = self.stream(Vector3Stamped, f"/contact/{finger}/force_std")
-            self._pose[finger] = self.stream(PoseStamped, f"/contact/{finger}/pose")
-        self.listen(JointState, "/joint_states", self._on_joints)
+            self._force[finger] = self.stream(WrenchStamped, contact_topic(finger, "force"))
+            self._force_std[finger] = self.stream(
+                Vector3Stamped, contact_topic(finger, "force_std")
+            )
+            self._pose[finger] = self.stream(PoseStamped, contact_topic(finger, "pose"))
+        self.listen(JointState, JOINT_STATES, self._on_joints)
         for finger in FINGERS:
-            self.listen(Vector3Stamped, f"/biotac/{finger}/force_std", self._std_taker(finger))
-            self.listen(WrenchStamped, f"/biotac/{finger}/force", self._force_taker(finger))
+            self.listen(
+                Vector3Stamped, fingertip_topic(finger, "force_std"), self._std_taker(finger)
+            )
+            self.listen(WrenchStamped, fingertip_topic(finger, "force"), self._force_taker(finger))
 
     def _on_joints(self, message: Joints) -> None:
         positions = self._reader.positions(message)
@@ -82,7 +87,7 @@ class ContactStateNode(Shell):
         self._joints.add(to_seconds(message.stamp), positions)
 
     def _std_taker(self, finger: str) -> Callable[[Stamped], None]:
-        topic = f"/biotac/{finger}/force_std"
+        topic = fingertip_topic(finger, "force_std")
 
         def take(message: Stamped) -> None:
             self._std[finger] = std_to_core(message, topic)
@@ -90,7 +95,7 @@ class ContactStateNode(Shell):
         return take
 
     def _force_taker(self, finger: str) -> Callable[[Stamped], None]:
-        topic = f"/biotac/{finger}/force"
+        topic = fingertip_topic(finger, "force")
 
         def take(message: Stamped) -> None:
             wrench = wrench_to_core(message, topic, sensor_frame(finger))

@@ -33,11 +33,19 @@ from tactile_dynamics_ros.nodes.conversions import (
     wrench_to_core,
 )
 from tactile_dynamics_ros.nodes.joint_history import JointHistory
+from tactile_dynamics_ros.nodes.names import (
+    HAND_POSE,
+    JOINT_STATES,
+    OBJECT_HELD,
+    OBJECT_POSE,
+    VISION_POSE,
+    VISION_SCORE,
+    contact_topic,
+)
 from tactile_dynamics_ros.nodes.object_frame import ObjectFrame
 from tactile_dynamics_ros.nodes.parameters import declare_config
 from tactile_dynamics_ros.nodes.shell import LATCHED, Shell, run_node
 from tactile_dynamics_ros.nodes.wire import Joints, Stamped
-from tactile_dynamics_ros.recording.topics import HAND_POSE, OBJECT_POSE, VISION_POSE
 
 Array = NDArray[np.float64]
 
@@ -52,7 +60,7 @@ class TrackerNodeConfig:
     start_poses: int = parameter(15, "poses from vision that are averaged to start", "", 2, 1000)
     release_time: float = parameter(0.5, "time without thumb that ends the grasp", "s", 0.02, 10.0)
     publish_fused: bool = parameter(True, "publish /object/pose too, where no fusion node runs")
-    follow_vision: bool = parameter(True, "/object/pose follows slip that vision sees")
+    follow_vision: bool = parameter(True, "object/pose follows slip that vision sees")
     refuting_score: float = parameter(0.5, "an image with a lower score refutes the pose", "", 0, 1)
     refutations: int = parameter(2, "refuting images in a row that count", "", 1, 1000)
 
@@ -64,9 +72,9 @@ class KinematicTrackerNode(Shell):
     """Follows the object while thumb and another finger hold it.
 
     Poses from vision are averaged in the thumb's frame, so the object may move meanwhile. Where
-    someone says on /object/held when the object is off the table, tracking starts anew at that
-    moment, and /object/pose is silent before and after. /object/pose/kinematic knows vision only
-    from the start; /object/pose is corrected by it for slip in the hand.
+    someone says on object/held when the object is off the table, tracking starts anew at that
+    moment, and object/pose is silent before and after. object/pose/kinematic knows vision only
+    from the start; object/pose is corrected by it for slip in the hand.
     """
 
     gather = 0.03
@@ -81,7 +89,7 @@ class KinematicTrackerNode(Shell):
         self.fusion = PoseFusion(declare_config(self, PoseFusionConfig, "fusion."))
         self._reader = JointReader(self.kinematics.joint_names)
         self._joints = JointHistory()
-        self._gate, self._vision_gate = StampGate("/joint_states"), StampGate(VISION_POSE)
+        self._gate, self._vision_gate = StampGate(JOINT_STATES), StampGate(VISION_POSE)
         self._seen: deque[Array] = deque(maxlen=self.config.start_poses)
         self._vision_covariance: Array | None = None
         self._touched: dict[str, float] = {}
@@ -93,18 +101,18 @@ class KinematicTrackerNode(Shell):
         self._kinematic = self.stream(PoseWithCovarianceStamped, HAND_POSE)
         self._fused = self.stream(PoseWithCovarianceStamped, OBJECT_POSE)
         for finger in FINGERS:  # taken first: after a pause, touch must not seem to have ended
-            topic = f"/contact/{finger}/force"
+            topic = contact_topic(finger, "force")
             self.listen(WrenchStamped, topic, self._force_taker(finger), skim=True)
-        self.listen(JointState, "/joint_states", self._on_joints)
+        self.listen(JointState, JOINT_STATES, self._on_joints)
         for finger in FINGERS:  # taken after the joints, with which they are turned
-            topic = f"/contact/{finger}/pose"
+            topic = contact_topic(finger, "pose")
             self.listen(PoseStamped, topic, self._point_taker(finger), skim=True)
         self.listen(PoseWithCovarianceStamped, VISION_POSE, self._on_vision)
-        self.listen(Float64, "/vision_tracker/score", self._on_score)
-        self.listen(Bool, "/object/held", self._on_held, LATCHED)
+        self.listen(Float64, VISION_SCORE, self._on_score)
+        self.listen(Bool, OBJECT_HELD, self._on_held, LATCHED)
 
     def _force_taker(self, finger: str) -> Callable[[Stamped], None]:
-        topic = f"/contact/{finger}/force"
+        topic = contact_topic(finger, "force")
 
         def take(message: Stamped) -> None:
             if wrench_to_core(message, topic, WORLD)[3:].any():
@@ -116,7 +124,7 @@ class KinematicTrackerNode(Shell):
         return take
 
     def _point_taker(self, finger: str) -> Callable[[Stamped], None]:
-        topic = f"/contact/{finger}/pose"
+        topic = contact_topic(finger, "pose")
 
         def take(message: Stamped) -> None:
             positions = self._joints.at(to_seconds(message.stamp))

@@ -11,6 +11,7 @@ from rclpy.node import Node
 
 from tactile_dynamics_ros.core.rigid_body.rotation import matrix_to_quaternion
 from tactile_dynamics_ros.nodes.conversions import array_to_vector, header
+from tactile_dynamics_ros.nodes.names import TF
 from tactile_dynamics_ros.nodes.wire import AnyStamp
 
 Array = NDArray[np.float64]
@@ -31,7 +32,7 @@ class ObjectFrame:
         except ImportError:
             self._kind = None
             return
-        self._publisher = node.create_publisher(self._kind, "/tf", 100)
+        self._publisher = node.create_publisher(self._kind, TF, 100)
 
     def send(self, pose: Array, stamp: AnyStamp, parent: str) -> None:
         """Broadcast X_WO (4, 4)."""

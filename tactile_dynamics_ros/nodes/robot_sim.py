@@ -23,12 +23,21 @@ from tactile_dynamics_ros.nodes.conversions import (
     uncertain_pose_to_message,
     wrench_to_message,
 )
+from tactile_dynamics_ros.nodes.names import (
+    BIOTAC_RAW,
+    CAMERA_INFO,
+    CLOCK,
+    DEPTH_IMAGE,
+    JOINT_COMMAND,
+    JOINT_STATES,
+    REVEAL,
+    VISION_POSE,
+    WRIST_WRENCH,
+)
 from tactile_dynamics_ros.nodes.pacing import DelayLine, Pace, PaceConfig
 from tactile_dynamics_ros.nodes.parameters import declare_config
 from tactile_dynamics_ros.nodes.shell import Shell, run_node
 from tactile_dynamics_ros.nodes.wire import Joints, encode_clock, to_stamp
-from tactile_dynamics_ros.recording.cdr import BIOTAC_RAW
-from tactile_dynamics_ros.recording.topics import VISION_POSE
 from tactile_dynamics_ros.sim.simulated_robot import (
     Readings,
     SimulatedRobot,
@@ -62,15 +71,15 @@ class RobotSim(Shell):
         self.config = declare_config(self, PaceConfig)
         self.robot = SimulatedRobot(declare_config(self, SimulatedRobotConfig), PERIOD)
         self._reader: dict[tuple[str, ...], JointReader] = {}
-        self._ticks = self.create_publisher(Clock, "/clock", 10)
-        self._joints = self.stream(JointState, "/joint_states")
+        self._ticks = self.create_publisher(Clock, CLOCK, 10)
+        self._joints = self.stream(JointState, JOINT_STATES)
         self._raw = self.stream(Image, BIOTAC_RAW)
-        self._wrist = self.stream(WrenchStamped, "/wrist/wrench")
+        self._wrist = self.stream(WrenchStamped, WRIST_WRENCH)
         self._vision = self.stream(PoseWithCovarianceStamped, VISION_POSE)
-        self._depth = self.stream(Image, "/camera/depth/image_rect")
-        self._camera = self.stream(CameraInfo, "/camera/depth/camera_info")
-        self.listen(JointState, "/joint_command", self._on_command)
-        self.serve("/robot_sim/reveal", lambda: json.dumps(self.robot.reveal()))
+        self._depth = self.stream(Image, DEPTH_IMAGE)
+        self._camera = self.stream(CameraInfo, CAMERA_INFO)
+        self.listen(JointState, JOINT_COMMAND, self._on_command)
+        self.serve(REVEAL, lambda: json.dumps(self.robot.reveal()))
         self._late: DelayLine[tuple[Publisher, object]] = DelayLine()
         self._commands: DelayLine[tuple[Array, tuple[str, ...]]] = DelayLine()
         self._pace = Pace(self.config)
@@ -124,13 +133,13 @@ class RobotSim(Shell):
         names = message.names
         unknown = [name for name in names if name not in JOINT_NAMES]
         if unknown:
-            raise MessageError("unknown_joint", f"/joint_command: no joint '{unknown[0]}'")
-        reader = self._reader.setdefault(names, JointReader(names, "/joint_command"))
+            raise MessageError("unknown_joint", f"{JOINT_COMMAND}: no joint '{unknown[0]}'")
+        reader = self._reader.setdefault(names, JointReader(names, JOINT_COMMAND))
         stamp = to_seconds(message.stamp)
         ahead = stamp - self.robot.world.time
         if ahead > AHEAD:
             text = (
-                f"/joint_command: stamped {ahead:.3g} s ahead of /clock: stamp commands with "
+                f"{JOINT_COMMAND}: stamped {ahead:.3g} s ahead of /clock: stamp commands with "
                 "simulated time (it may also be left from before a restart)"
             )
             raise MessageError("command_ahead", text)

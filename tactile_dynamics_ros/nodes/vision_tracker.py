@@ -30,16 +30,22 @@ from tactile_dynamics_ros.nodes.conversions import (
     uncertain_pose_to_message,
 )
 from tactile_dynamics_ros.nodes.joint_history import JointHistory
+from tactile_dynamics_ros.nodes.names import (
+    CAMERA_INFO,
+    DEPTH_IMAGE,
+    JOINT_STATES,
+    OBJECT_POSE,
+    VISION_POSE,
+    VISION_RESET,
+    VISION_SCORE,
+)
 from tactile_dynamics_ros.nodes.parameters import declare_config
 from tactile_dynamics_ros.nodes.shell import Shell, run_node
 from tactile_dynamics_ros.nodes.wire import Joints, Picture, Stamped
-from tactile_dynamics_ros.recording.topics import OBJECT_POSE, VISION_POSE
 from tactile_dynamics_ros.share import object_file
 
 Array = NDArray[np.float64]
 
-DEPTH = "/camera/depth/image_rect"
-CAMERA = "/camera/depth/camera_info"
 WORLD = "world"
 NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 RECENT = 0.2
@@ -54,7 +60,7 @@ class VisionNodeConfig:
     camera_rpy_deg: tuple[float, ...] = parameter(
         (-111.51917682, 0.0, 28.81079374), "optical frame in the world, fixed axes", "deg"
     )
-    follow_fused: bool = parameter(True, "start from /object/pose where it is known")
+    follow_fused: bool = parameter(True, "start from object/pose where it is known")
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -63,7 +69,7 @@ class VisionNodeConfig:
 class VisionTrackerNode(Shell):
     """Aligns the object's surface with each depth image; silent while it is hidden or lost.
 
-    /vision_tracker/score is the share of the visible surface that is where it should be, NaN while
+    vision_tracker/score is the share of the visible surface that is where it should be, NaN while
     too little of it is visible.
     """
 
@@ -85,16 +91,16 @@ class VisionTrackerNode(Shell):
         self._reader = JointReader(kinematics.joint_names)
         self._joints = JointHistory()
         self._fused: tuple[float, Array] | None = None
-        self._gate = StampGate(DEPTH)
+        self._gate = StampGate(DEPTH_IMAGE)
         self._spent: list[float] = []
         self._pose = self.stream(PoseWithCovarianceStamped, VISION_POSE)
-        self._score = self.stream(Float64, "/vision_tracker/score")
-        self.listen(CameraInfo, CAMERA, self._on_camera)
-        self.listen(JointState, "/joint_states", self._on_joints)
+        self._score = self.stream(Float64, VISION_SCORE)
+        self.listen(CameraInfo, CAMERA_INFO, self._on_camera)
+        self.listen(JointState, JOINT_STATES, self._on_joints)
         if self.config.follow_fused:
             self.listen(PoseWithCovarianceStamped, OBJECT_POSE, self._on_fused, skim=True)
-        self.listen(Image, DEPTH, self._on_image, NEWEST)
-        self.serve("/vision_tracker/reset", self._reset)
+        self.listen(Image, DEPTH_IMAGE, self._on_image, NEWEST)
+        self.serve(VISION_RESET, self._reset)
         self.every(1.0, self._show)
 
     def _reset(self) -> str:
@@ -103,7 +109,7 @@ class VisionTrackerNode(Shell):
         return "the object is searched in the whole image"
 
     def _on_camera(self, message: CameraInfo) -> None:
-        self._camera = camera_to_core(message, CAMERA, self._placement)
+        self._camera = camera_to_core(message, CAMERA_INFO, self._placement)
 
     def _on_joints(self, message: Joints) -> None:
         self._joints.add(to_seconds(message.stamp), self._reader.positions(message))
@@ -113,7 +119,7 @@ class VisionTrackerNode(Shell):
         self._fused = (to_seconds(message.stamp), pose)
 
     def _on_image(self, message: Picture) -> None:
-        depth = depth_to_core(message, DEPTH)
+        depth = depth_to_core(message, DEPTH_IMAGE)
         if self._gate.check(message.stamp):
             self.faults.add("clock_restarted")
             self._joints.clear()
@@ -122,7 +128,9 @@ class VisionTrackerNode(Shell):
         positions = self._joints.at(stamp)
         if positions is None or self._camera is None:
             missing = "camera_info" if self._camera is None else "joint_states"
-            self.faults.add(f"no_{missing}", f"{DEPTH}: no {missing} for the image at {stamp:.3f}")
+            self.faults.add(
+                f"no_{missing}", f"{DEPTH_IMAGE}: no {missing} for the image at {stamp:.3f}"
+            )
             return
         began = time.perf_counter()
         known = [pose for when, pose in [self._fused or (-math.inf, None)] if pose is not None

@@ -18,15 +18,16 @@ def kind_of(topic, message):
     """Return the type of a message; that of serialised ones follows from the topic."""
     if not isinstance(message, bytes):
         return type(message)
-    if topic == "/friction_probe/estimate":
+    topic = topic.lstrip("/")
+    if topic == "friction_probe/estimate":
         return DiagnosticStatus
-    if topic.startswith("/object/pose"):
+    if topic.startswith("object/pose"):
         return PoseWithCovarianceStamped
-    if topic.startswith(("/camera", "/biotac/raw")):
+    if topic.startswith(("camera", "biotac/raw")):
         return Image
     kinds = {"force": WrenchStamped, "force_std": Vector3Stamped, "slip": Vector3Stamped}
     kinds |= {"pose": PoseStamped, "joint_states": JointState, "joint_command": JointState}
-    return kinds[topic.rsplit("/", 1)[1]]
+    return kinds[topic.rsplit("/", 1)[-1]]
 
 
 class Bench:

@@ -12,7 +12,8 @@ from tactile_dynamics_ros.core.contact.robot_description import JOINT_NAMES
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.manipulation.grasp_planner import ARM_HOME, HAND_SEED
 from tactile_dynamics_ros.nodes import conversions as cv
-from tactile_dynamics_ros.nodes.vision_tracker import CAMERA, DEPTH, VisionTrackerNode
+from tactile_dynamics_ros.nodes.names import CAMERA_INFO, DEPTH_IMAGE
+from tactile_dynamics_ros.nodes.vision_tracker import VisionTrackerNode
 from tactile_dynamics_ros.sim.sensors.depth_camera import DepthCamera, DepthCameraConfig, look_at
 from tactile_dynamics_ros.sim.world import HandWorld, WorldConfig
 
@@ -41,9 +42,9 @@ def tracker(bench):
         info = cv.camera_info(SETTINGS.intrinsics, 320, 240, time, "camera")
         for stamp in (time - 0.01, time + 0.01):
             bench.send("/joint_states", cv.joints_to_message(JOINT_NAMES, stamp, HOME))
-        bench.send(CAMERA, info)
+        bench.send(CAMERA_INFO, info)
         bench.work(0.05)
-        bench.send(DEPTH, cv.depth_to_message(depth, time, "camera"))
+        bench.send(DEPTH_IMAGE, cv.depth_to_message(depth, time, "camera"))
 
     bench.show, bench.node = show, node
     return bench
@@ -96,16 +97,16 @@ def test_reset_searches_anew(tracker, scene):
 
 
 def test_an_image_without_joint_states_is_counted(tracker):
-    tracker.send(DEPTH, cv.depth_to_message(CURTAIN, 1.0, "camera"))
+    tracker.send(DEPTH_IMAGE, cv.depth_to_message(CURTAIN, 1.0, "camera"))
     tracker.until(lambda: tracker.node.faults.counts["no_camera_info"])
     info = cv.camera_info(SETTINGS.intrinsics, 320, 240, 1.0, "camera")
-    tracker.send(CAMERA, info)
+    tracker.send(CAMERA_INFO, info)
     tracker.work(0.05)
-    tracker.send(DEPTH, cv.depth_to_message(CURTAIN, 1.1, "camera"))
+    tracker.send(DEPTH_IMAGE, cv.depth_to_message(CURTAIN, 1.1, "camera"))
     tracker.until(lambda: tracker.node.faults.counts["no_joint_states"])
 
 
 def test_camera_info_without_focal_length_is_refused():
     info = cv.camera_info(np.zeros((3, 3)), 320, 240, 1.0, "camera")
     with pytest.raises(BadInputError, match="focal length"):
-        cv.camera_to_core(info, CAMERA, np.eye(4))
+        cv.camera_to_core(info, CAMERA_INFO, np.eye(4))
