@@ -12,12 +12,12 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tactile_dynamics_ros.cli.bringup import require_simulator, write_parameters
 from tactile_dynamics_ros.cli.domain import private_domain
 from tactile_dynamics_ros.cli.live import (
     DEFAULT_CONFIG,
     StopRequest,
     add_simulation_arguments,
-    nodes_of,
     simulation_parameters,
 )
 from tactile_dynamics_ros.cli.supervisor import Supervisor, node_command, verb_command
@@ -56,6 +56,7 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
 def run(args: Namespace) -> int:
     """Play the story; afterwards everything is stopped."""
     started = time.monotonic()
+    require_simulator()
     object_file(args.object)
     args.duration = args.duration or (30.0 if args.hidden == "none" else 60.0)
     out = Path(args.out or f"out/demo-{datetime.now():%Y%m%d-%H%M%S}").absolute()
@@ -148,11 +149,10 @@ def start_processes(
         out: folder of recording and motion.
         say: prints a line for people.
     """
-    config = share_file(DEFAULT_CONFIG)
+    files = write_parameters(share_file(DEFAULT_CONFIG), out / "parameters")
     motion = _design_motion(args, out, say)
     extra: dict[str, dict[str, object]] = {
         "robot_sim": simulation_parameters(args),
-        "biotac_force": {"tare_file": out / "tare.npy"},
         "vision_tracker": {"object": args.object},
         "grasp_controller": {
             "object": args.object,
@@ -163,8 +163,8 @@ def start_processes(
     if motion is not None:
         extra["grasp_controller"]["motion"] = motion
     supervisor.start("recorder", verb_command("record", str(out / "recording")))
-    for name in nodes_of(config):
-        supervisor.start(name, node_command(name, config, extra.get(name)))
+    for name, file in files.items():
+        supervisor.start(name, node_command(name, file, extra.get(name)))
 
 
 def _play(

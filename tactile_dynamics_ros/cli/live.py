@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import importlib
 import json
-import pkgutil
 import signal
 import sys
 import tempfile
@@ -14,11 +13,17 @@ from argparse import Namespace, _SubParsersAction
 from pathlib import Path
 from typing import Any
 
-import yaml
-
+from tactile_dynamics_ros.cli.bringup import (
+    node_names,
+    read_names,
+    read_namespace,
+    read_switch,
+    require_simulator,
+    write_parameters,
+)
 from tactile_dynamics_ros.cli.domain import stay_on_this_host
 from tactile_dynamics_ros.cli.supervisor import Supervisor, node_command
-from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError
 from tactile_dynamics_ros.share import share_file
 
 DEFAULT_CONFIG = "config/allegro_iiwa.yaml"
@@ -37,7 +42,14 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
 
     up = verbs.add_parser("up", help="start all nodes of a robot and keep them running")
     up.add_argument("--config", default=DEFAULT_CONFIG, metavar="YAML", help="nodes, parameters")
+    up.add_argument(
+        "--simulate",
+        default="true",
+        metavar="true|false",
+        help="with the simulated robot, and what CONFIG.simulated.yaml adds (true)",
+    )
     up.add_argument("--without", default="", metavar="A,B", help="nodes that are not started")
+    up.add_argument("--namespace", default="", metavar="NS", help="of all nodes: one per hand")
     up.add_argument("--logs", metavar="DIR", help="one log per node instead of the terminal")
     up.set_defaults(run=run_all)
 
@@ -64,13 +76,6 @@ def simulation_parameters(args: Namespace) -> dict[str, object]:
     }
 
 
-def node_names() -> tuple[str, ...]:
-    """Return the executables: all modules of the package `nodes` that have a main function."""
-    folder = Path(__file__).parents[1] / "nodes"
-    names = [module.name for module in pkgutil.iter_modules([str(folder)])]
-    return tuple(n for n in names if "\ndef main(" in (folder / f"{n}.py").read_text())
-
-
 def run_node(args: Namespace) -> int:
     """Run one node in this process."""
     if args.node not in node_names():
@@ -88,45 +93,29 @@ def run_simulation(args: Namespace) -> int:
     return run_node(Namespace(node="robot_sim", arguments=ros_arguments))
 
 
-def nodes_of(config: Path) -> list[str]:
-    """Return the nodes that a configuration lists, in its order.
-
-    Raises:
-        BadInputError: it is no such file, or lists something that is no node.
-    """
-    try:
-        content = yaml.safe_load(config.read_text())
-    except (OSError, yaml.YAMLError) as error:
-        raise BadInputError(f"{config}: {error}") from error
-    if not isinstance(content, dict):
-        raise BadInputError(f"{config}: expected node names with their ros__parameters")
-    unknown = [name for name in content if name not in node_names()]
-    if unknown:
-        raise BadInputError(f"{config}: no node '{unknown[0]}'; known: {', '.join(node_names())}")
-    return list(content)
-
-
 def run_all(args: Namespace) -> int:
-    """Start the nodes of a configuration; restart what dies; Ctrl-C stops all."""
+    """Start the nodes of a configuration; start again what dies; Ctrl-C stops all."""
     stay_on_this_host()
-    config = share_file(args.config)
-    left_out = {name for name in args.without.split(",") if name}
-    wanted = [name for name in nodes_of(config) if name not in left_out]
+    simulate, namespace = read_switch("--simulate", args.simulate), read_namespace(args.namespace)
+    without = read_names(args.without)
     with (
         tempfile.TemporaryDirectory() as scratch,
         Supervisor(Path(args.logs) if args.logs else None) as supervisor,
     ):
-        extra = {"biotac_force": {"tare_file": f"{scratch}/tare.npy"}}
-        for name in wanted:
-            supervisor.start(name, node_command(name, config, extra.get(name)))
-        print(json.dumps({"nodes": wanted}) if args.json else f"started {', '.join(wanted)}")
+        files = write_parameters(share_file(args.config), Path(scratch), simulate, without)
+        if "robot_sim" in files:
+            require_simulator()
+        for name, file in files.items():
+            supervisor.start(name, node_command(name, file, namespace=namespace))
+        print(json.dumps({"nodes": list(files)}) if args.json else f"started {', '.join(files)}")
         sys.stdout.flush()
         with StopRequest() as stop:
-            while not stop.requested:
+            while not stop.requested and not supervisor.abandoned:
                 for member in supervisor.watch():
-                    code = member.exit_codes[-1]
-                    print(f"{member.name} ended with {code}, started again", file=sys.stderr)
+                    print(member.epitaph, file=sys.stderr)
                 time.sleep(0.1)
+        if not stop.requested:
+            raise TactileDynamicsError("no node is left")
     return 0
 
 

@@ -14,8 +14,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO
 
+from tactile_dynamics_ros.cli.bringup import RESPAWN_DELAY, Respawns
+
 PATIENCE = (("SIGINT", 6.0), ("SIGTERM", 2.0), ("SIGKILL", 2.0))
-RESPAWN_PAUSE = 1.0
 PR_SET_PDEATHSIG = 1
 
 
@@ -26,15 +27,27 @@ def verb_command(*arguments: str) -> list[str]:
 
 @dataclass
 class Member:
-    """One process: how to start it and how it fares."""
+    """One process: how to start it and how it fares.
+
+    Attributes:
+        name: of the process.
+        command: that starts it.
+        log: file of its output.
+        process: the running one, None between its death and the next start.
+        due: when it is started again, monotonic s; None unless it waits for that.
+        restarts: how often it was started again.
+        exit_codes: of all its deaths.
+        epitaph: what is to be told of the last death.
+    """
 
     name: str
     command: list[str]
     log: Path | None = None
     process: subprocess.Popen[bytes] | None = None
-    started: float = 0.0
+    due: float | None = None
     restarts: int = 0
     exit_codes: list[int] = field(default_factory=list)
+    epitaph: str = ""
 
     @property
     def running(self) -> bool:
@@ -55,7 +68,6 @@ class Member:
         finally:
             if output is not None:
                 output.close()
-        self.started = time.monotonic()
 
     def last_words(self, lines: int = 5) -> str:
         """Return the end of the log."""
@@ -70,13 +82,13 @@ class Supervisor:
 
     Args:
         logs: folder for one log per process; inherited standard error if None.
-        respawn: whether a process that ends by itself is started again.
+        respawn: whether a process that ends by itself is started again, as `Respawns` allows.
     """
 
     def __init__(self, logs: Path | None = None, respawn: bool = True) -> None:
         self.members: dict[str, Member] = {}
         self._logs = logs
-        self._respawn = respawn
+        self._respawns = Respawns() if respawn else None
         if logs is not None:
             logs.mkdir(parents=True, exist_ok=True)
 
@@ -99,21 +111,34 @@ class Supervisor:
         member.start()
         return member
 
+    @property
+    def abandoned(self) -> bool:
+        """Whether no process is left and none is going to be started again."""
+        return not any(m.process or m.due is not None for m in self.members.values())
+
     def watch(self) -> list[Member]:
-        """Restart what has died; return the members that were found dead."""
+        """Start again what has been dead long enough; return what was newly found dead."""
+        now = time.monotonic()
         dead = []
         for member in self.members.values():
-            if member.running or member.process is None:
-                continue
-            if time.monotonic() - member.started < RESPAWN_PAUSE:
-                continue
-            dead.append(member)
-            member.exit_codes.append(member.process.returncode)
-            member.process = None
-            if self._respawn:
+            if member.process is not None and not member.running:
+                self._bury(member, member.process.returncode, now)
+                dead.append(member)
+            elif member.due is not None and now >= member.due:
+                member.due = None
                 member.restarts += 1
                 member.start()
         return dead
+
+    def _bury(self, member: Member, code: int, now: float) -> None:
+        """Note a death and whether the process is started again."""
+        member.exit_codes.append(code)
+        member.process = None
+        member.epitaph = f"{member.name} ended with {code}"
+        if self._respawns is not None:
+            verdict = self._respawns.note_death(member.name, code, now)
+            member.epitaph = verdict.sentence
+            member.due = now + RESPAWN_DELAY if verdict.again else None
 
     def stop(self, names: Sequence[str] | None = None) -> dict[str, int]:
         """Stop processes (all if None), gently first; return their exit codes."""
@@ -138,10 +163,22 @@ def _separate_and_die_with_parent() -> None:
 
 
 def node_command(
-    node: str, parameter_file: Path | None = None, parameters: Mapping[str, object] | None = None
+    node: str,
+    parameter_file: Path | None = None,
+    parameters: Mapping[str, object] | None = None,
+    namespace: str = "",
 ) -> list[str]:
-    """Return the command that runs one node with a parameter file and single parameters."""
+    """Return the command that runs one node.
+
+    Args:
+        node: name of the executable.
+        parameter_file: in ROS' format.
+        parameters: single ones, which win over those of the file.
+        namespace: of the node; empty for the root.
+    """
     arguments = ["--ros-args"]
+    if namespace:
+        arguments += ["-r", f"__ns:={namespace}"]
     if parameter_file is not None:
         arguments += ["--params-file", str(parameter_file)]
     for name, value in (parameters or {}).items():

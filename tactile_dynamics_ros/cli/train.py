@@ -11,6 +11,8 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
+from tactile_dynamics_ros.core.errors import require_extra
+
 _MOST_HELD_OUT = 400
 """Simulated sensors per protocol that only calibrate the uncertainty."""
 
@@ -38,6 +40,7 @@ def _count(parts: Iterable[Any]) -> Iterator[Any]:
 
 def run(args: Namespace) -> int:
     """Press, train, calibrate and write the weights."""
+    require_extra("torch", "train", "training")
     import torch
 
     from tactile_dynamics_ros.core.tactile.network.training import TrainingConfig, train_network

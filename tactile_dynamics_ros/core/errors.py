@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 from pathlib import Path
 
 
@@ -21,6 +22,28 @@ class NotIdentifiableError(TactileDynamicsError):
     """The estimation did not converge or the data do not determine the answer."""
 
     exit_code = 3
+
+
+class MissingExtraError(BadInputError, ImportError):
+    """A library that only one of the package's extras brings is not installed."""
+
+
+def require_extra(library: str, extra: str, purpose: str) -> None:
+    """Check that a library of an extra can be imported, without importing it.
+
+    Args:
+        library: name of its module.
+        extra: of this package, that brings it.
+        purpose: what needs it, for the message.
+
+    Raises:
+        MissingExtraError: it is not installed; says how to install it.
+    """
+    if find_spec(library) is None:
+        raise MissingExtraError(
+            f"{purpose} needs {library}, which is not installed: "
+            f"pip install 'tactile_dynamics_ros[{extra}]' or pip install {library}"
+        )
 
 
 def refuse_existing(path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from typing import TYPE_CHECKING
 
 import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped, WrenchStamped
@@ -38,11 +39,9 @@ from tactile_dynamics_ros.nodes.pacing import DelayLine, Pace, PaceConfig
 from tactile_dynamics_ros.nodes.parameters import declare_config
 from tactile_dynamics_ros.nodes.shell import Shell, run_node
 from tactile_dynamics_ros.nodes.wire import Joints, encode_clock, to_stamp
-from tactile_dynamics_ros.sim.simulated_robot import (
-    Readings,
-    SimulatedRobot,
-    SimulatedRobotConfig,
-)
+
+if TYPE_CHECKING:
+    from tactile_dynamics_ros.sim.simulated_robot import Readings
 
 Array = NDArray[np.float64]
 
@@ -67,6 +66,9 @@ class RobotSim(Shell):
     """Few messages come, and all others wait for the next step."""
 
     def __init__(self) -> None:
+        # here, so that a robot without the extra [sim] is told in one line what is missing
+        from tactile_dynamics_ros.sim.simulated_robot import SimulatedRobot, SimulatedRobotConfig
+
         super().__init__("robot_sim")
         self.config = declare_config(self, PaceConfig)
         self.robot = SimulatedRobot(declare_config(self, SimulatedRobotConfig), PERIOD)

@@ -4,6 +4,7 @@ import pytest
 import rclpy
 from system_listener import Listener
 
+from tactile_dynamics_ros.cli.bringup import write_parameters
 from tactile_dynamics_ros.cli.live import DEFAULT_CONFIG
 from tactile_dynamics_ros.cli.supervisor import Supervisor, node_command, verb_command
 from tactile_dynamics_ros.share import share_file
@@ -19,11 +20,12 @@ def listener():
 @pytest.fixture
 def system(tmp_path):
     """A supervisor whose processes are stopped after the test, and ways to start nodes."""
+    files = write_parameters(share_file(DEFAULT_CONFIG), tmp_path / "parameters")
     with Supervisor(tmp_path / "logs") as supervisor:
 
         def start_node(name, **parameters):
             given = {key.replace("__", "."): value for key, value in parameters.items()}
-            command = node_command(name, share_file(DEFAULT_CONFIG), given)
+            command = node_command(name, files[name], given)
             return supervisor.start(name, command)
 
         supervisor.start_node = start_node

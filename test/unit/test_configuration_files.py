@@ -6,7 +6,7 @@ import pytest
 import yaml
 
 import tactile_dynamics_ros
-from tactile_dynamics_ros.cli.live import node_names, nodes_of
+from tactile_dynamics_ros.cli.bringup import node_names, nodes_of
 from tactile_dynamics_ros.sim.objects import list_objects, load_object
 
 CONFIG = Path(tactile_dynamics_ros.__file__).parents[1] / "config"

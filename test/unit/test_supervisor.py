@@ -8,6 +8,7 @@ import time
 
 import psutil
 
+from tactile_dynamics_ros.cli.bringup import MOST_RESPAWNS, RESPAWN_DELAY
 from tactile_dynamics_ros.cli.supervisor import Supervisor, node_command
 
 SLEEP = [sys.executable, "-c", "import time; print('up', flush=True); time.sleep(600)"]
@@ -34,15 +35,32 @@ def is_alive(pid):
     return psutil.pid_exists(pid) and psutil.Process(pid).status() != psutil.STATUS_ZOMBIE
 
 
-def test_dead_process_is_started_again_and_logged(tmp_path):
+def test_dead_process_is_started_again_after_the_pause_and_logged(tmp_path):
     with Supervisor(tmp_path) as supervisor:
         member = supervisor.start("sleeper", SLEEP)
         wait_for(lambda: "up" in member.last_words())
         os.kill(member.process.pid, signal.SIGKILL)
+        wait_for(supervisor.watch)
+        died = time.monotonic()
+        assert (member.running, supervisor.abandoned) == (False, False)
         wait_for(lambda: supervisor.watch() or member.restarts)
+        assert time.monotonic() - died > 0.9 * RESPAWN_DELAY
         assert member.restarts == 1
         assert member.exit_codes == [-signal.SIGKILL]
         assert member.running
+
+
+def test_process_that_keeps_dying_is_given_up_and_said_so_once(tmp_path, monkeypatch):
+    monkeypatch.setattr("tactile_dynamics_ros.cli.supervisor.RESPAWN_DELAY", 0.05)
+    told = []
+    with Supervisor(tmp_path) as supervisor:
+        member = supervisor.start("quick", [sys.executable, "-c", "raise SystemExit(7)"])
+        wait_for(lambda: told.extend(m.epitaph for m in supervisor.watch()) or supervisor.abandoned)
+        time.sleep(0.2)
+        assert supervisor.watch() == []
+    assert member.exit_codes == [7] * (MOST_RESPAWNS + 1)
+    assert len(told) == MOST_RESPAWNS + 1
+    assert [("not started again" in line) for line in told] == [False] * MOST_RESPAWNS + [True]
 
 
 def test_without_respawn_death_is_only_told(tmp_path):
@@ -52,6 +70,7 @@ def test_without_respawn_death_is_only_told(tmp_path):
         wait_for(lambda: found.extend(supervisor.watch()) or found)
         assert found == [member]
         assert not member.running
+        assert supervisor.abandoned
         assert "bad news" in member.last_words()
 
 
@@ -85,3 +104,8 @@ def test_processes_end_with_a_killed_supervisor(tmp_path):
 def test_node_command_passes_parameters_as_ros_reads_them():
     words = node_command("robot_sim", None, {"seed": 3, "noise": False, "world.object_name": "mug"})
     assert words[-6:] == ["-p", "seed:=3", "-p", "noise:=false", "-p", "world.object_name:=mug"]
+
+
+def test_node_command_puts_the_node_into_its_namespace():
+    words = node_command("robot_sim", None, namespace="/left")
+    assert words[-3:] == ["--ros-args", "-r", "__ns:=/left"]
