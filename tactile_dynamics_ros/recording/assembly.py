@@ -160,7 +160,7 @@ def _clean_covariance(covariance: Array | None, label: str, log: ProblemLog) -> 
         log.note(label, "covariance is not positive definite (taken as not stated)", len(good))
         return None
     log.note(
-        label, "covariance is not positive definite (median used)", np.count_nonzero(~good).item()
+        label, "covariance is not positive definite (median used)", int(np.count_nonzero(~good))
     )
     return np.where(good[:, None, None], symmetric, np.median(symmetric[good], axis=0))
 
