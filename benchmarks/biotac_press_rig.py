@@ -5,7 +5,7 @@ Usage: python -m benchmarks.biotac_press_rig [--unit-seed 0] [--seed 0] [--secon
 From switching on, the fingertips warm up untouched. Then every one is pressed for a minute on the
 part of its skin that the grasps of this hand use, in all directions that friction lets one press,
 and a force sensor reads the force. Both are written to rosbag2 recordings, from which
-`tactile-dynamics calibrate` finds `drift` and `gains` of config/allegro_iiwa.yaml.
+`tactile-dynamics calibrate` finds `drift` and `gains` of config/allegro_iiwa.simulated.yaml.
 """
 
 from __future__ import annotations

@@ -154,6 +154,7 @@ def start_processes(
     extra: dict[str, dict[str, object]] = {
         "robot_sim": simulation_parameters(args),
         "vision_tracker": {"object": args.object},
+        "friction_probe": {"object": args.object},
         "grasp_controller": {
             "object": args.object,
             "excitation.duration": float(args.duration),
@@ -196,6 +197,7 @@ def _play(
                 f"the simulation stands still for {STILL:.0f} s; see the logs"
             )
         if time.monotonic() > deadline:
-            raise TactileDynamicsError(f"not finished after {limit:.0f} s; see the logs")
+            reason = f" ({monitor.not_started})" if monitor.not_started else ""
+            raise TactileDynamicsError(f"not finished after {limit:.0f} s{reason}; see the logs")
     if monitor.failure:
         raise NotIdentifiableError(f"the hand has no object to estimate: {monitor.failure}")

@@ -20,12 +20,17 @@ from rich.live import Live
 from rich.table import Table
 from std_msgs.msg import String
 
+from tactile_dynamics_ros.cli.bringup import nodes_of
+from tactile_dynamics_ros.cli.grasp_start import GraspStart
+from tactile_dynamics_ros.cli.live import DEFAULT_CONFIG
 from tactile_dynamics_ros.cli.topics import call_trigger
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
 from tactile_dynamics_ros.nodes.conversions import to_seconds
 from tactile_dynamics_ros.nodes.diagnostics import status_values
+from tactile_dynamics_ros.nodes.names import DIAGNOSTICS, ESTIMATOR_STATUS, GRASP_PHASE, REVEAL
 from tactile_dynamics_ros.nodes.shell import LATCHED
 from tactile_dynamics_ros.report.history import EstimateHistory
+from tactile_dynamics_ros.share import share_file
 
 Array = NDArray[np.float64]
 
@@ -42,10 +47,12 @@ NAMES = (
     ("inertia_zz", "inertia zz", 1e6, "kg mm²"),
 )
 LINE_EVERY = 3.0
+STILL_PHASES = ("starting", "idle")
+"""Phases in which nothing has moved yet."""
 
 
 class Monitor:
-    """A node that follows the story and shows it.
+    """A node that lets the hand move once all nodes are there, follows the story and shows it.
 
     Args:
         say: prints a line for people.
@@ -65,15 +72,21 @@ class Monitor:
         self._samples = "0"
         self._last_line = 0.0
         self._live: Live | None = None
+        self._start = GraspStart(self.node, nodes_of(share_file(DEFAULT_CONFIG)), say)
         create = self.node.create_subscription
-        create(String, "/grasp_controller/phase", self._on_phase, LATCHED)
-        create(DiagnosticArray, "/inertial_estimator/status", self._on_status, LATCHED)
-        create(DiagnosticArray, "/diagnostics", self._on_diagnostics, 50)
+        create(String, GRASP_PHASE, self._on_phase, LATCHED)
+        create(DiagnosticArray, ESTIMATOR_STATUS, self._on_status, LATCHED)
+        create(DiagnosticArray, DIAGNOSTICS, self._on_diagnostics, 50)
 
     @property
     def finished(self) -> bool:
         """Whether the object has been put down, or lost."""
         return self.phase in ("done", "failed")
+
+    @property
+    def not_started(self) -> str:
+        """Why the hand was not let move so far; empty once it was."""
+        return "" if self._start.accepted else self._start.reason
 
     @property
     def seconds_of_data(self) -> float:
@@ -86,16 +99,17 @@ class Monitor:
         return time.monotonic() - self._advanced
 
     def spin_once(self) -> None:
-        """Handle what has come, or wait a moment."""
+        """Handle what has come, or wait a moment; let the hand move as soon as it may."""
+        self._start.advance()
         self._executor.spin_once(timeout_sec=0.1)
 
     def reveal(self) -> dict[str, Any]:
         """Ask the simulator for the truth."""
         self._stop_table()
         self._executor.remove_node(self.node)
-        success, message = call_trigger(self.node, "/robot_sim/reveal", 30.0)
+        success, message = call_trigger(self.node, REVEAL, 30.0)
         if not success:
-            raise TactileDynamicsError(f"/robot_sim/reveal: {message}")
+            raise TactileDynamicsError(f"{REVEAL}: {message}")
         truth: dict[str, Any] = json.loads(message)
         truth["real_time_factor"] = float(np.median(self._pace)) if self._pace else None
         return truth
@@ -127,7 +141,7 @@ class Monitor:
                 continue
             if float(pace) > 0.0:
                 self._advanced = time.monotonic()
-            if self.phase != "starting":
+            if self.phase not in STILL_PHASES:
                 self._pace.append(float(pace))
 
     def _on_status(self, message: DiagnosticArray) -> None:

@@ -13,6 +13,7 @@ from rclpy.parameter_client import AsyncParameterClient
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
+from tactile_dynamics_ros.nodes.names import DIAGNOSE, MODEL_ERROR
 from tactile_dynamics_ros.nodes.shell import LATCHED
 
 ENOUGH_DATA = 25.0
@@ -35,11 +36,11 @@ class Story:
         self.diagnosis: dict[str, Any] | None = None
         self.errors: list[tuple[bool, float]] = []
         self._say = say
-        self._check = node.create_client(Trigger, "/model_check/diagnose")
+        self._check = node.create_client(Trigger, DIAGNOSE)
         self._estimator = AsyncParameterClient(node, "inertial_estimator")
         self._question: Any = None
         self._change: Any = None
-        node.create_subscription(Float64, "/model_check/error", self._on_error, LATCHED)
+        node.create_subscription(Float64, MODEL_ERROR, self._on_error, LATCHED)
 
     @property
     def waiting(self) -> bool:

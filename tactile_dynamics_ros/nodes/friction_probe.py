@@ -35,17 +35,27 @@ from tactile_dynamics_ros.nodes.conversions import (
     uncertain_pose_to_core,
 )
 from tactile_dynamics_ros.nodes.diagnostics import status_message
+from tactile_dynamics_ros.nodes.emergency import EmergencyStop
 from tactile_dynamics_ros.nodes.friction_messages import estimate_status
+from tactile_dynamics_ros.nodes.names import (
+    BIOTAC_RAW,
+    JOINT_COMMAND,
+    JOINT_STATES,
+    PROBE,
+    PROBE_ACTIVE,
+    PROBE_ESTIMATE,
+    PROBE_PROGRESS,
+    PROBE_SLIP,
+    VISION_POSE,
+    fingertip_topic,
+)
 from tactile_dynamics_ros.nodes.parameters import declare_config
 from tactile_dynamics_ros.nodes.shell import Shell, run_node
 from tactile_dynamics_ros.nodes.wire import Joints, Picture, Stamped
-from tactile_dynamics_ros.recording.cdr import BIOTAC_RAW
-from tactile_dynamics_ros.recording.topics import VISION_POSE
 from tactile_dynamics_ros.share import object_file
 
 Array = NDArray[np.float64]
 
-COMMAND = "/joint_command"
 POSES = 20
 REST_FRAMES = 30
 IDLE = 0.1
@@ -67,9 +77,9 @@ class ProbeNodeConfig:
 
 
 class FrictionProbeNode(Shell):
-    """Answers /friction_probe/probe at once; commands the hand's joints until the probe has ended.
+    """Answers friction_probe/probe at once; commands the hand's joints until the probe has ended.
 
-    /friction_probe/active tells whoever commands the hand otherwise to wait.
+    friction_probe/active tells whoever commands the hand otherwise to wait.
     """
 
     def __init__(self) -> None:
@@ -83,7 +93,7 @@ class FrictionProbeNode(Shell):
         self.kinematics = HandKinematics()
         self.probe = FrictionProbe(self.kinematics, surface, probe_config)
         self._reader = JointReader(self.kinematics.joint_names)
-        self._gate = StampGate("/joint_states")
+        self._gate = StampGate(JOINT_STATES)
         self._contacts: dict[str, AssembledContact] = {}
         self._poses: deque[Array] = deque(maxlen=POSES)
         self._positions: tuple[float, Array] | None = None
@@ -91,26 +101,25 @@ class FrictionProbeNode(Shell):
         self._vibration: float | None = None
         self._motion, self._rest = ElectrodeMotion(), deque[Array](maxlen=REST_FRAMES)
         self._electrodes: float | None = None
-        self._stopped = False
+        self._slip_topic = fingertip_topic(probe_config.finger, "slip")
         self._told, self._acted = ("", -1), -np.inf
-        self._command = self.stream(JointState, COMMAND)
-        self._active = self.latched(Bool, "/friction_probe/active")
-        self._progress = self.latched(DiagnosticStatus, "/friction_probe/progress")
-        self._estimate = self.latched(DiagnosticStatus, "/friction_probe/estimate")
-        self._slips = self.create_publisher(DiagnosticStatus, "/friction_probe/slip", RELIABLE)
-        self.listen(JointState, "/joint_states", self._on_joints, skim=True)
-        self.listen(JointState, COMMAND, self._on_command)
+        self._command = self.stream(JointState, JOINT_COMMAND)
+        self._active = self.latched(Bool, PROBE_ACTIVE)
+        self._progress = self.latched(DiagnosticStatus, PROBE_PROGRESS)
+        self._estimate = self.latched(DiagnosticStatus, PROBE_ESTIMATE)
+        self._slips = self.create_publisher(DiagnosticStatus, PROBE_SLIP, RELIABLE)
+        self.listen(JointState, JOINT_STATES, self._on_joints, skim=True)
+        self.listen(JointState, JOINT_COMMAND, self._on_command)
         self.listen(PoseWithCovarianceStamped, self.config.pose_topic, self._on_pose)
-        self.listen(Vector3Stamped, f"/biotac/{probe_config.finger}/slip", self._on_slip)
+        self.listen(Vector3Stamped, self._slip_topic, self._on_slip)
         self.listen(Image, BIOTAC_RAW, self._on_raw)
-        self.listen(Bool, "/emergency_stop", self._on_stop, RELIABLE)
+        self._emergency = EmergencyStop(self, self._stop)
         self._assemblies = [ContactAssembly(self, f, self._taker(f)) for f in FINGERS]
-        self.serve("/friction_probe/probe", self.start)
+        self.serve(PROBE, self.start)
 
     def start(self) -> str:
         """Start a probe, or say why not."""
-        if self._stopped:
-            raise NotIdentifiableError("friction probe: the emergency stop is on")
+        self._emergency.require_released()
         if self.probe.running:
             raise NotIdentifiableError(f"friction probe: already runs ({self.probe.phase.value})")
         seen = self._see()
@@ -121,7 +130,7 @@ class FrictionProbeNode(Shell):
         self._active.publish(Bool(data=True))
         self._told = ("", -1)
         self._tell()
-        return f"probing with the {self.probe.config.finger} finger; watch /friction_probe/progress"
+        return f"probing with the {self.probe.config.finger} finger; watch {PROBE_PROGRESS}"
 
     @property
     def gather(self) -> float:
@@ -148,7 +157,7 @@ class FrictionProbeNode(Shell):
         self._poses.append(uncertain_pose_to_core(message, self.config.pose_topic, "world")[0])
 
     def _on_slip(self, message: Stamped) -> None:
-        self._vibration = float(std_to_core(message, "/biotac/slip")[1])
+        self._vibration = float(std_to_core(message, self._slip_topic)[1])
 
     def _on_raw(self, message: Picture) -> None:
         """Follow the electrodes of the probing finger, at rest while it touches nothing."""
@@ -168,9 +177,9 @@ class FrictionProbeNode(Shell):
         if not self.probe.running:
             self._targets |= dict(zip(message.names, message.positions.tolist(), strict=False))
 
-    def _on_stop(self, message: Bool) -> None:
-        self._stopped = message.data
-        if message.data:
+    def _stop(self) -> None:
+        """End a probe at once; the hand stays where it is told to be."""
+        if self.probe.running:
             self.probe.halt("emergency stop")
             self._tell()
 
@@ -218,7 +227,7 @@ class FrictionProbeNode(Shell):
 
     def _missing(self) -> str:
         if self._positions is None:
-            return "no /joint_states yet"
+            return f"no {JOINT_STATES} yet"
         return "the object is not held" if self._poses else f"no {self.config.pose_topic} yet"
 
     def _tell(self) -> None:

@@ -4,7 +4,9 @@ import time
 
 import numpy as np
 import pytest
+import rclpy
 from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
@@ -69,7 +71,7 @@ def hand(bench):
 def test_it_refuses_until_the_object_is_held(hand):
     answer, _ = hand.ask()
     assert not answer.success
-    assert "no /joint_states" in answer.message
+    assert "no joint_states" in answer.message
     for _ in range(4):
         hand.send({**HOLDING, "ring": 0.0})
     answer, spent = hand.ask()
@@ -93,13 +95,34 @@ def test_it_commands_the_hand_and_an_emergency_stop_ends_that(hand):
     assert len(commands[-1].names) == 16
     assert active[-1].data
     hand.bench.send("/emergency_stop", Bool(data=True), profile=10)
-    hand.node._on_stop(Bool(data=True))
     hand.bench.until(lambda: not active[-1].data)
     count = len(commands)
     for _ in range(5):
         hand.send(HOLDING)
     assert len(commands) == count
     assert "emergency stop" in hand.ask()[0].message
+    hand.bench.send("/emergency_stop", Bool(data=False), profile=10)
+    hand.bench.until(lambda: not hand.node._emergency.active)
+    for _ in range(20):
+        hand.send(HOLDING)
+    assert len(commands) == count
+    answer, _ = hand.ask()
+    assert answer.success, answer.message
+    for _ in range(10):
+        hand.send(HOLDING)
+    assert len(commands) > count
+
+
+def test_it_refuses_while_a_stop_from_before_its_life_is_on(bench):
+    rclpy.init(args=[])
+    panel = Node("panel")
+    panel.create_publisher(Bool, "/emergency_stop", LATCHED).publish(Bool(data=True))
+    hand = Hand(bench)
+    bench.until(lambda: hand.node._emergency.active)
+    for _ in range(4):
+        hand.send(HOLDING)
+    assert "emergency stop" in hand.ask()[0].message
+    panel.destroy_node()
 
 
 def test_the_probe_feels_the_electrodes_move(hand):

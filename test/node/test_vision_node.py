@@ -12,7 +12,7 @@ from tactile_dynamics_ros.core.contact.robot_description import JOINT_NAMES
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.manipulation.grasp_planner import ARM_HOME, HAND_SEED
 from tactile_dynamics_ros.nodes import conversions as cv
-from tactile_dynamics_ros.nodes.names import CAMERA_INFO, DEPTH_IMAGE
+from tactile_dynamics_ros.nodes.names import CAMERA_INFO, DEPTH_IMAGE, VISION_RESET
 from tactile_dynamics_ros.nodes.vision_tracker import VisionTrackerNode
 from tactile_dynamics_ros.sim.sensors.depth_camera import DepthCamera, DepthCameraConfig, look_at
 from tactile_dynamics_ros.sim.world import HandWorld, WorldConfig
@@ -87,7 +87,7 @@ def test_reset_searches_anew(tracker, scene):
     client = tracker.node.create_client(Trigger, "/vision_tracker/reset")
     answer = Trigger.Response()
     for service in tracker.node.services:
-        if service.srv_name == "/vision_tracker/reset":
+        if service.srv_name == VISION_RESET:
             answer = service.callback(Trigger.Request(), Trigger.Response())
     tracker.node.destroy_client(client)
     assert answer.success

@@ -7,6 +7,7 @@ import rclpy
 from rclpy.node import Node
 from rclpy.serialization import serialize_message
 
+from tactile_dynamics_ros.cli.grasp_start import GraspStart
 from tactile_dynamics_ros.nodes.shell import LATCHED, STREAM
 from tactile_dynamics_ros.nodes.wire import decoder_of
 
@@ -35,6 +36,16 @@ class Listener:
         while not condition():
             assert time.monotonic() < deadline, f"{what}: not within {timeout} s"
             rclpy.spin_once(self.node, timeout_sec=0.05)
+
+    def start_grasp(self, timeout=120.0):
+        """Call grasp_controller/start until it is accepted."""
+        start = GraspStart(self.node, (), print)
+
+        def accepted():
+            start.advance()
+            return start.accepted
+
+        self.wait(accepted, timeout, "grasp_controller/start accepted")
 
     def wait_for_new(self, topic, timeout=30.0, count=1):
         """Forget what came on a topic and wait for new messages."""

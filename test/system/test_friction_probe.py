@@ -29,6 +29,7 @@ def test_a_held_object_is_probed_where_it_stands(system, listener):
     )
     assert early.returncode == 3, early.stderr
     assert not json.loads(early.stdout)["started"]
+    listener.start_grasp()
     listener.wait(lambda: any(p.data == "squeeze" for p in phases), 120.0, "squeeze")
     document = probe_until_started()
     body = document["regions"]["body"]

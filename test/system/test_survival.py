@@ -17,6 +17,7 @@ from tactile_dynamics_ros.nodes.diagnostics import status_values
 from tactile_dynamics_ros.recording import Recording
 from tactile_dynamics_ros.share import share_file
 
+PHASE = "/grasp_controller/phase"
 OUTPUT = {
     "contact_state": "/contact/thumb/force",
     "biotac_force": "/biotac/thumb/force",
@@ -42,6 +43,9 @@ def kill_and_wait(system, listener, name):
     while listener.node.get_topic_names_and_types() and system.members[name].restarts == 0:
         system.watch()
         time.sleep(0.05)
+    if name == "grasp_controller":
+        listener.wait(lambda: listener.seen[PHASE][-1].data.startswith("idle"), 60.0, "idle")
+        listener.start_grasp()
     listener.wait_for_new(OUTPUT[name], 60.0, count=3)
     assert {n: m.process.pid for n, m in system.members.items() if n != name} == others
     assert all(m.running for m in system.members.values())
@@ -74,8 +78,9 @@ def test_any_node_may_be_killed(system, listener, tmp_path):
     for topic, kind in TYPES.items():
         listener.follow(kind, topic)
     listener.follow(DiagnosticArray, "/inertial_estimator/status", latched=True)
-    listener.follow(String, "/grasp_controller/phase", latched=True)
-    phases = listener.seen["/grasp_controller/phase"]
+    listener.follow(String, PHASE, latched=True)
+    phases = listener.seen[PHASE]
+    listener.start_grasp()
     listener.wait(lambda: phases and phases[-1].data == "excite", 150.0, "object in the hand")
     estimate_grows(listener)
     for name in [n for n in OUTPUT if n != "robot_sim"]:
