@@ -51,7 +51,6 @@ setup(
         "matplotlib",
         "numpy",
         "pillow",
-        "pybullet",
         "pyyaml",
         "rich",
         "rosbags",
@@ -65,6 +64,7 @@ setup(
             "ros-jazzy-common-interfaces",
             "ros-jazzy-rmw-fastrtps-cpp",
         ],
+        "sim": ["pybullet"],
         "train": ["torch"],
         "dev": [
             "catkin-pkg",
