@@ -13,6 +13,9 @@ from tactile_dynamics_ros.nodes.names import GRASP_START
 
 ASK_EVERY = 0.5
 """Pause between two questions, s of real time: half a second is nothing beside a grasp of ten."""
+PATIENCE = 5.0
+"""Time for an answer, s of real time: the node answers at once, so that one which is still out by
+then was asked of a node that has died meanwhile."""
 
 
 class GraspStart:
@@ -46,11 +49,14 @@ class GraspStart:
             self.accepted, self.reason = answer.success, answer.message
             if self.accepted:
                 self._say(f"{GRASP_START}: {answer.message}")
-        elif time.monotonic() - self._asked > ASK_EVERY and self._question is None:
+        elif time.monotonic() - self._asked > (ASK_EVERY if self._question is None else PATIENCE):
             self._asked = time.monotonic()
             self._ask()
 
     def _ask(self) -> None:
+        if self._question is not None:
+            self._client.remove_pending_request(self._question)
+            self._question, self.reason = None, f"no answer of {GRASP_START}"
         missing = self._awaited - set(self._node.get_node_names())
         if missing:
             self.reason = f"no node {min(missing)} yet"

@@ -45,7 +45,10 @@ class Listener:
             start.advance()
             return start.accepted
 
-        self.wait(accepted, timeout, "grasp_controller/start accepted")
+        try:
+            self.wait(accepted, timeout, "grasp_controller/start accepted")
+        except AssertionError as error:
+            raise AssertionError(f"{error}: {start.reason}") from None
 
     def wait_for_new(self, topic, timeout=30.0, count=1):
         """Forget what came on a topic and wait for new messages."""
