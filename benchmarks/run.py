@@ -12,9 +12,13 @@ sys.path.insert(0, str(HERE.parent))
 
 
 def find_benchmarks() -> dict[str, tuple[str, str]]:
-    """Return (module, its first sentence) by name: modules and folders here that have a `main`."""
+    """Return (module, its first sentence) by name: modules and folders here that have a `main`.
+
+    Modules of `replay` are benchmarks of their own.
+    """
     found = {}
-    for path in sorted([*HERE.glob("*.py"), *HERE.glob("*/__main__.py")]):
+    modules = [*HERE.glob("*.py"), *HERE.glob("*/__main__.py"), *HERE.glob("replay/*.py")]
+    for path in sorted(modules):
         tree = ast.parse(path.read_text())
         has_main = any(
             isinstance(node, ast.FunctionDef) and node.name == "main" for node in tree.body
@@ -22,7 +26,8 @@ def find_benchmarks() -> dict[str, tuple[str, str]]:
         if has_main and path != Path(__file__).resolve():
             parts = path.relative_to(HERE.parent).with_suffix("").parts
             sentence = (ast.get_docstring(tree) or "").split("\n")[0]
-            found[parts[1]] = (".".join(parts), sentence)
+            name = parts[2] if parts[1] == "replay" else parts[1]
+            found[name] = (".".join(parts), sentence)
     return found
 
 

@@ -1,4 +1,4 @@
-"""An object that four fingers move for ever: closed form, so that the truth is known at any time."""
+"""An object that four fingers move for ever, in closed form: the truth is known at any time."""
 
 from __future__ import annotations
 
@@ -60,7 +60,8 @@ def record_motion(start: float, stop: float, seed: int = 0, pace: float = 1.0) -
     The noise depends on the seed and the chunk's start: chunks may be made one after the other.
 
     Args:
-        start, stop: s.
+        start: s.
+        stop: s.
         seed: of the noise.
         pace: factor of all angular frequencies; inertia shows with its square.
     """
@@ -139,7 +140,7 @@ def _wanted_wrench(turn: Motion, shift: Motion, time: Array) -> Array:
 
 
 def _contact_forces(wrench: Array) -> Array:
-    """(N, C, 3) on the object, body axes: the smallest that make a wrench (N, 6), and the squeeze."""
+    """(N, C, 3) on the object, body axes: the smallest that make a wrench (N, 6), and a squeeze."""
     points = np.array(list(POINTS.values()))
     grasp = np.zeros((6, 3 * len(points)))
     for k, (x, y, z) in enumerate(points):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 
@@ -21,6 +22,7 @@ HELD = 1.0
 """An estimate counts until the next one, for this time of the replay at most, s."""
 OK, ERROR = DiagnosticStatus.OK[0], DiagnosticStatus.ERROR[0]
 LEVELS = {DiagnosticStatus.OK[0]: "OK", DiagnosticStatus.WARN[0]: "WARN", ERROR: "ERROR"}
+_UNSHOWN = re.compile(r"not excited|directions identified")
 _MEASURED = frozenset({"comparison_s", "latency", "frame_ms"})
 """Keys on /diagnostics that are measured and no faults."""
 
@@ -130,17 +132,17 @@ def wrong_time(statuses: Iterable[Status], truth: Array) -> tuple[float, float]:
     """
     worst, wrong = 0.0, 0.0
     chain = list(statuses)
-    for status, following in zip(chain, [*chain[1:], None], strict=True):
+    for k, status in enumerate(chain):
         distance = status.distance(truth)
         worst = max(worst, distance)
         if distance > WRONG:
-            lasted = HELD if following is None else following.at - status.at
+            lasted = chain[k + 1].at - status.at if k + 1 < len(chain) else HELD
             wrong += min(max(lasted, 0.0), HELD)
     return worst, wrong
 
 
 def risen(reports: Iterable[Report], start: float, stop: float) -> set[str]:
-    """Return "node/key" of the counts that rose on /diagnostics from `start` to before `stop`, s."""
+    """Return "node/key" of the counts that rose on /diagnostics between two times, s."""
     before: dict[str, float] = {}
     found = set()
     for report in reports:
@@ -153,8 +155,12 @@ def risen(reports: Iterable[Report], start: float, stop: float) -> set[str]:
 
 
 def said_text(statuses: Iterable[Status]) -> set[str]:
-    """Return the texts of statuses that are not OK, each without its numbers."""
-    return {_wordless(s.text) for s in statuses if s.level != OK and s.text}
+    """Return the texts of statuses that are not OK, without numbers.
+
+    What the motion has not shown yet is left out: that is no word about a fault.
+    """
+    texts = {part for s in statuses if s.level != OK for part in s.text.split("; ")}
+    return {_wordless(text) for text in texts if text and not _UNSHOWN.search(text)}
 
 
 def _wordless(text: str) -> str:

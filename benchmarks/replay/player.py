@@ -36,8 +36,16 @@ STATUS, RESET = "/inertial_estimator/status", "/inertial_estimator/reset"
 DIAGNOSE, MODEL_ERROR = "/model_check/diagnose", "/model_check/error"
 DISCOVERY = 30.0
 """Longest wait for nodes to come up and listen, s."""
+IN_FLIGHT = 0.8 * STREAM.depth / 100.0
+"""Recorded time that may be under way to the nodes, s: four fifths of their queues at 100 Hz."""
+FAR = 60.0
+"""Stamps further apart are of different clocks, s."""
+PATIENCE = 5.0
+"""Longest wait for the estimator's next word, s: after a fault it may have none."""
 BUNCH = 0.01
 """What is due within this wall time is sent together, s: one sample at 100 Hz in real time."""
+FASTEST = 10.0
+"""Bunches are of no more than this times 10 ms, however fast the replay is."""
 SERVICES = QoSProfile(depth=1000)
 """Deep enough that this side loses no call and no answer of the pipelined ones."""
 
@@ -87,6 +95,8 @@ class Player:
         self.supervisor = Supervisor(logs, respawn=False)
         self._publishers: dict[tuple[str, str], Publisher] = {}
         self._senders: dict[str, Node] = {}
+        self._clients: dict[str, Any] = {}
+        self._sent = self._last_word = 0.0
 
     def __enter__(self) -> Player:
         rclpy.init(args=[])
@@ -160,22 +170,43 @@ class Player:
     ) -> None:
         """Send messages when they are due, and hear what comes meanwhile.
 
+        Where the nodes do not keep up, because they or the machine are busy, the replay waits.
+
         Args:
             messages: in the order in which they are due.
-            speed: 1 is real time, 2 twice as fast.
+            speed: 1 is real time, 2 twice as fast; infinity as fast as the nodes take it.
             tick: called after each bunch, some ten milliseconds apart.
         """
-        began: float | None = None
-        for bunch in _bunches(messages, BUNCH * speed):
+        behind: float | None = None
+        for bunch in _bunches(messages, BUNCH * min(speed, FASTEST)):
             start = bunch[0].due / speed
-            began = time.monotonic() - start if began is None else began
-            self.listen_until(began + start)
+            behind = time.monotonic() - start if behind is None else behind
+            self.listen_until(behind + start)
+            behind += self._let_catch_up()
             for message in bunch:
                 publisher = self._publisher(message.sender, message.topic)
                 publisher.publish(message.encoded(self.epoch_ns))
-            self.position = bunch[-1].due
+            self._note_sent(bunch)
             if tick is not None:
                 tick()
+
+    def _note_sent(self, bunch: Sequence[Message]) -> None:
+        self.position = bunch[-1].due
+        poses = [m for m in bunch if m.topic == OBJECT_POSE and not m.absolute and not m.sender]
+        if poses:
+            self._sent = 1e-9 * (poses[-1].stamp_ns + self.epoch_ns)
+
+    def _let_catch_up(self) -> float:
+        """Listen until the nodes have taken most of what was sent; return how long it took, s."""
+        began = time.monotonic()
+        while IN_FLIGHT < self.lag < FAR and time.monotonic() - self._last_word < PATIENCE:
+            self._executor.spin_once(timeout_sec=0.02)
+        return time.monotonic() - began
+
+    @property
+    def lag(self) -> float:
+        """How far the newest estimate is behind what was sent, s; 0 if there is none."""
+        return self._sent - self.heard.statuses[-1].stamp if self.heard.statuses else 0.0
 
     def listen_until(self, moment: float) -> None:
         """Hear what comes until a moment of the monotonic clock; once at least."""
@@ -184,6 +215,12 @@ class Player:
             self._executor.spin_once(timeout_sec=max(left, 0.0))
             if left <= 0.0:
                 return
+
+    def listen_while(self, condition: Callable[[], bool], timeout: float) -> None:
+        """Hear what comes as long as a condition holds, for some seconds at most."""
+        deadline = time.monotonic() + timeout
+        while condition() and time.monotonic() < deadline:
+            self._executor.spin_once(timeout_sec=0.02)
 
     def wait(self, condition: Callable[[], bool], timeout: float, what: str) -> None:
         """Listen until a condition holds.
@@ -210,37 +247,32 @@ class Player:
 
     def call(self, service: str, count: int = 1, timeout: float = 60.0) -> list[Answer | None]:
         """Call a std_srvs/Trigger that many times without waiting; None for those not answered."""
-        client = self.node.create_client(Trigger, service, qos_profile=SERVICES)
-        try:
-            self.wait(client.service_is_ready, DISCOVERY, f"service {service}")
-            futures = [client.call_async(Trigger.Request()) for _ in range(count)]
-            self._settle(futures, timeout)
-            return [_answer(f.result()) if f.done() else None for f in futures]
-        finally:
-            self.node.destroy_client(client)
+        futures = [self.request(service) for _ in range(count)]
+        self.settle(futures, timeout)
+        return [_answer(f.result()) if f.done() else None for f in futures]
 
     def request(self, service: str) -> Future:
         """Call a std_srvs/Trigger and return the answer to come; for use while playing."""
-        key = f"client of {service}"
-        if not hasattr(self, "_clients"):
-            self._clients: dict[str, Any] = {}
-        if key not in self._clients:
-            self._clients[key] = self.node.create_client(Trigger, service, qos_profile=SERVICES)
-            self.wait(self._clients[key].service_is_ready, DISCOVERY, f"service {service}")
-        return self._clients[key].call_async(Trigger.Request())
+        if service not in self._clients:
+            client = self.node.create_client(Trigger, service, qos_profile=SERVICES)
+            self._clients[service] = client
+            self.wait(client.service_is_ready, DISCOVERY, f"service {service}")
+        return self._clients[service].call_async(Trigger.Request())
 
     def set_parameter(self, node: str, name: str, value: object) -> Future:
         """Ask a node for another value of a parameter; the answer comes while playing."""
-        client = AsyncParameterClient(self.node, node, qos_profile=SERVICES)
-        self.wait(client.services_are_ready, DISCOVERY, f"parameters of {node}")
-        return client.set_parameters([Parameter(name, value=value)])
+        if node not in self._clients:
+            client = AsyncParameterClient(self.node, node, qos_profile=SERVICES)
+            self._clients[node] = client
+            self.wait(client.services_are_ready, DISCOVERY, f"parameters of {node}")
+        return self._clients[node].set_parameters([Parameter(name, value=value)])
 
     def answer_of(self, future: Future, timeout: float = 20.0) -> SetParametersResult | None:
         """Wait for the answer to `set_parameter`; None if there is none in time."""
-        self._settle([future], timeout)
+        self.settle([future], timeout)
         return future.result().results[0] if future.done() else None
 
-    def _settle(self, futures: Sequence[Future], timeout: float) -> None:
+    def settle(self, futures: Sequence[Future], timeout: float) -> None:
         """Listen until all answers are there, time is over or a process ends."""
         deadline = time.monotonic() + timeout
         while time.monotonic() < deadline and not all(f.done() for f in futures):
@@ -266,7 +298,10 @@ class Player:
         self.node.create_subscription(kind, topic, callback, profile)
 
     def _on_status(self, message: DiagnosticArray) -> None:
-        self.heard.statuses.append(read_status(message, self.position))
+        status = read_status(message, self.position)
+        if not self.heard.statuses or status.stamp != self.heard.statuses[-1].stamp:
+            self._last_word = time.monotonic()
+        self.heard.statuses.append(status)
 
     def _on_report(self, message: DiagnosticArray) -> None:
         self.heard.reports += read_reports(message, self.position)

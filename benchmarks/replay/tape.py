@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.rigid_body.rotation import matrix_to_quaternion
 from tactile_dynamics_ros.core.streams import ContactStream, PoseStream, Streams
-from tactile_dynamics_ros.nodes.wire import Stamp, encode_stamped
+from tactile_dynamics_ros.nodes.wire import COUNTS, Stamp, encode_stamped
 
 Array = NDArray[np.float64]
 
@@ -28,12 +28,14 @@ KINDS: dict[str, type[Any]] = {
     "force_std": Vector3Stamped,
     "pose": PoseStamped,
 }
+COUNTED = {stream: COUNTS[kind] for stream, kind in KINDS.items()}
+"""Doubles of the messages of each stream."""
 _SWAP = np.ix_([3, 4, 5, 0, 1, 2], [3, 4, 5, 0, 1, 2])
 _RANK = {"force_std": 1, "force": 2, "pose": 3}
 """Order of the messages of one finger and instant, as contact_state sends them."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Message:
     """One message that waits to be sent.
 
@@ -44,7 +46,7 @@ class Message:
         values: doubles behind the header.
         frame_id: of the header.
         sender: which of several publishers of the topic sends it; "" is the usual one.
-        raw: bytes that are sent instead, if not None.
+        garble: done to the serialised message before it is sent, if not None.
         absolute: the stamp is sent as it is, without the epoch.
     """
 
@@ -54,7 +56,7 @@ class Message:
     values: Array
     frame_id: str = "world"
     sender: str = ""
-    raw: bytes | None = None
+    garble: Callable[[bytes], bytes] | None = None
     absolute: bool = False
 
     @property
@@ -70,10 +72,9 @@ class Message:
 
     def encoded(self, epoch_ns: int) -> bytes:
         """Return the serialised message, its stamp counted from the epoch."""
-        if self.raw is not None:
-            return self.raw
         stamp = self.stamp_ns + (0 if self.absolute else epoch_ns)
-        return encode_stamped(Stamp(*divmod(stamp, NANOSECONDS)), self.frame_id, self.values)
+        raw = encode_stamped(Stamp(*divmod(stamp, NANOSECONDS)), self.frame_id, self.values)
+        return raw if self.garble is None else self.garble(raw)
 
 
 def message_kind(topic: str) -> type[Any]:

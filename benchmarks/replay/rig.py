@@ -1,0 +1,206 @@
+"""Nodes on a clean replay, one fault at a time, and what each fault did to them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from benchmarks.replay.motion import BODY, RATE_HZ, record_motion
+from benchmarks.replay.observations import LEVELS, OK, WRONG, risen, said_text, wrong_time
+from benchmarks.replay.player import RESET, Player
+from benchmarks.replay.stream_faults import HOUR_NS, RIVAL, StreamFault
+from benchmarks.replay.tape import Message, messages_of
+
+TRUTH = BODY.values()
+PACE = 1.6
+"""Speed of the motion: inertia shows within 15 s, as when somebody moves a held object briskly."""
+RECOVERY = 10.0
+"""After the fault's end all must be as before within this time, s."""
+PATIENCE = 40.0
+"""Clean replay within which the nodes must be well, s."""
+BRIEF = 1.0
+"""For this long an estimate may be wrong, s."""
+LAST_WORDS = 0.7
+"""Wall time in which the nodes finish what they have, s: a gathering, an update and a bit."""
+ENOUGH = 0.99
+"""Share of samples that counts as all: a window is lost where the fault begins and ends."""
+
+
+@dataclass
+class Row:
+    """What one fault did.
+
+    Attributes:
+        name: of the fault.
+        died: nodes that ended.
+        said: counts that rose and texts that appeared.
+        worst: largest |estimate - truth| / std of an interval published during and after.
+        wrong_s: time for which it was beyond 4, s.
+        withheld: share of the updates during the fault that had no interval.
+        samples: share of the samples that the estimator used, from the start to the end.
+        after: distance from the truth at the end; None if no interval is published there.
+        level: at the end.
+        error: of the model, at the end.
+        note: anything else.
+        failures: why it is not as it must be.
+    """
+
+    name: str
+    died: list[str] = field(default_factory=list)
+    said: list[str] = field(default_factory=list)
+    worst: float = 0.0
+    wrong_s: float = 0.0
+    withheld: float = 0.0
+    samples: float = 0.0
+    after: float | None = None
+    level: str = ""
+    error: float = float("nan")
+    note: str = ""
+    failures: list[str] = field(default_factory=list)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return all fields."""
+        return {**vars(self), "ok": not self.failures}
+
+
+@dataclass
+class Rig:
+    """A player and where its endless recording is.
+
+    Attributes:
+        player: with running nodes.
+        speed: of the replay.
+        lead: clean replay before each fault, s.
+        seconds: how long a fault lasts.
+        fresh: whether the estimator forgets everything before each fault.
+        now: time of the replay from which the next messages are.
+    """
+
+    player: Player
+    speed: float = 1.0
+    lead: float = 15.0
+    seconds: float = 5.0
+    fresh: bool = True
+    now: float = 0.0
+
+    def run(self, fault: StreamFault) -> Row:
+        """Replay clean data, a fault and clean data; return what came of it."""
+        begun = self.prepare(self.lead, forget=fault.whole)
+        start = self.now
+        stop = start + self.seconds + (self.lead if fault.whole else 0.0)
+        messages = self.record(stop + RECOVERY - start)
+        self.play(fault.inject(messages, start, stop))
+        self.player.dismiss(RIVAL)
+        if fault.lasting is not None:
+            self.player.epoch_ns -= HOUR_NS
+        row = self.judge(fault.name, begun, start, stop)
+        self._require(row, fault)
+        return row
+
+    def prepare(self, lead: float, forget: bool = False) -> float:
+        """Bring the nodes into a good state on clean data; return when that began, s.
+
+        Args:
+            lead: clean replay, s.
+            forget: leave the estimator without data instead.
+        """
+        self.player.restart_dead()
+        begun = self.now
+        if forget or self.fresh or not self.is_well():
+            self.player.call(RESET)
+            begun = self.now
+        if forget:
+            return begun
+        self.play(self.record(lead))
+        while not self.is_well() and self.now - begun < PATIENCE:
+            self.play(self.record(2.0))
+            if self.player.dead():
+                break
+        return begun
+
+    def is_well(self) -> bool:
+        """Whether all nodes live and the newest estimate is fresh, sure and right."""
+        last = self.player.heard.statuses[-1:]
+        return (
+            not self.player.dead()
+            and bool(last)
+            and last[0].at > self.now - 2.0
+            and last[0].level == OK
+            and last[0].has_interval
+            and last[0].distance(TRUTH) <= WRONG
+        )
+
+    def record(self, seconds: float) -> list[Message]:
+        """Return the messages of the next seconds of the motion."""
+        start, self.now = self.now, self.now + seconds
+        return messages_of(record_motion(start, self.now, pace=PACE))
+
+    def play(self, messages: list[Message], tick: Callable[[], None] | None = None) -> None:
+        """Send messages, and let the nodes finish."""
+        self.player.play(messages, self.speed, tick)
+        self.player.listen_until(time.monotonic() + LAST_WORDS)
+
+    def judge(self, name: str, begun: float, start: float, stop: float) -> Row:
+        """Return what a fault did.
+
+        Args:
+            name: of the fault.
+            begun: s, from when on the data were clean.
+            start: s, of the fault.
+            stop: s, of the fault.
+        """
+        heard, end = self.player.heard, self.now + 1e-6
+        lead, during, all_of_it = (
+            heard.during(a, b) for a, b in ((begun, start), (start, stop), (start, end))
+        )
+        usual = risen(heard.reports, begun, start) | said_text(lead)
+        said = risen(heard.reports, start, end) | said_text(all_of_it)
+        worst, wrong = wrong_time(all_of_it, TRUTH)
+        last = next((s for s in reversed(all_of_it) if s.at > end - 1.0 - self.speed), None)
+        known = last is not None and last.has_interval
+        return Row(
+            name=name,
+            died=self.player.dead(),
+            said=sorted(said - usual),
+            worst=worst,
+            wrong_s=wrong,
+            withheld=1.0 - float(np.mean([s.has_interval for s in during])) if during else 1.0,
+            samples=self._share_of_samples(start, end),
+            after=last.distance(TRUTH) if last is not None and known else None,
+            level=LEVELS.get(last.level, "?") if last else "silent",
+            error=heard.error_before(end),
+        )
+
+    def _share_of_samples(self, start: float, end: float) -> float:
+        """Return samples used over samples sent, or 0 where the estimator began anew."""
+        statuses = self.player.heard.during(start, end)
+        if len(statuses) < 2:
+            return 0.0
+        first, last = statuses[0], statuses[-1]
+        sent = RATE_HZ * (last.stamp - first.stamp)
+        return max(last.samples - first.samples, 0) / sent if sent > 0 else 0.0
+
+    def _require(self, row: Row, fault: StreamFault) -> None:
+        """Note what is not as it must be."""
+        if row.died:
+            row.failures.append(f"died: {', '.join(row.died)}")
+        if not row.said and not (fault.lossless and row.samples > ENOUGH):
+            row.failures.append("nothing said")
+        if row.wrong_s > BRIEF:
+            row.failures.append(f"wrong for {row.wrong_s:.1f} s")
+        if not fault.whole:
+            require_recovery(row)
+
+
+def require_recovery(row: Row) -> None:
+    """Note if the estimate is not again right, sure and published."""
+    if row.after is None:
+        row.failures.append("no interval 10 s after")
+    elif row.after > WRONG:
+        row.failures.append("wrong 10 s after")
+    if row.level != "OK":
+        row.failures.append(f"level {row.level} 10 s after")
