@@ -35,5 +35,12 @@ def check_ranges(config: Any) -> None:
             unit = field.metadata.get("unit", "")
             raise BadInputError(
                 f"{type(config).__name__}.{field.name} = {value} {unit}: "
-                f"expected between {low} and {high}"
+                f"expected {describe_range(low, high)}"
             )
+
+
+def describe_range(low: float | None, high: float | None) -> str:
+    """Return bounds, of which at least one is given, in words."""
+    if high is None:
+        return f"at least {low}"
+    return f"at most {high}" if low is None else f"between {low} and {high}"

@@ -6,8 +6,8 @@ is visible here: integers are accepted where a float is meant, and unknown names
 
 from __future__ import annotations
 
+import array
 import dataclasses
-import sys
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
@@ -21,6 +21,7 @@ from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from tactile_dynamics_ros.core.configuration import describe_range
 from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError
 
 Config = TypeVar("Config")
@@ -52,7 +53,9 @@ def declare_config(
     given = {name: entry.value for name, entry in node.get_parameters_by_prefix("").items()}
     config = _declare_fields(node, config_class(), prefix, live, given)
     if live and on_change is not None:
-        node.add_on_set_parameters_callback(_LiveConfig(config, prefix, live, on_change))
+        changes = _LiveConfig(config, prefix, live, on_change)
+        node.add_pre_set_parameters_callback(changes.give_type)
+        node.add_on_set_parameters_callback(changes)
     return config
 
 
@@ -109,13 +112,33 @@ def _declare_one(
         value = _like(default, given[name], name, node)
         node.undeclare_parameter(name)
     descriptor = _descriptor(field, default, read_only=field.name not in live)
-    if isinstance(default, tuple):
-        descriptor.dynamic_typing = True
+    if value == []:
+        _declare_empty(node, name, _array_type(default), descriptor)
+        return ()
     try:
         declared = node.declare_parameter(name, value, descriptor, ignore_override=True)
     except ParameterException as error:
         raise BadInputError(f"node {node.get_name()}: {error}; {descriptor.description}") from error
     return _from_parameter(default, declared.value)
+
+
+def _declare_empty(
+    node: Node, name: str, kind: Parameter.Type, descriptor: ParameterDescriptor
+) -> None:
+    """Declare an array without elements, of which rclpy alone would not know the type."""
+    node.declare_parameter(name, kind, ParameterDescriptor(), ignore_override=True)
+    node.set_parameters([Parameter(name, kind, [])])
+    descriptor.type = kind.value
+    node.set_descriptor(name, descriptor)
+
+
+def _array_type(default: tuple[Any, ...]) -> Parameter.Type:
+    """Return the type of an array parameter; one that is empty by default holds text."""
+    return Parameter.Type.from_parameter_value([_element(default)])
+
+
+def _element(default: tuple[Any, ...]) -> Any:
+    return default[0] if default else ""
 
 
 def _default(field: dataclasses.Field[Any]) -> Any:
@@ -135,14 +158,13 @@ def _descriptor(
     low, high = field.metadata.get("minimum"), field.metadata.get("maximum")
     if (low is None and high is None) or isinstance(default, bool):
         return descriptor
-    if isinstance(default, float):
-        low = -sys.float_info.max if low is None else float(low)
-        high = sys.float_info.max if high is None else float(high)
-        descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
+    if low is None or high is None:  # a range has two ends: this one is checked by the dataclass
+        descriptor.additional_constraints = describe_range(low, high)
+    elif isinstance(default, float):
+        ends = FloatingPointRange(from_value=float(low), to_value=float(high))
+        descriptor.floating_point_range = [ends]
     elif isinstance(default, int):
-        low = -(2**63) if low is None else int(low)
-        high = 2**63 - 1 if high is None else int(high)
-        descriptor.integer_range = [IntegerRange(from_value=low, to_value=high, step=1)]
+        descriptor.integer_range = [IntegerRange(from_value=int(low), to_value=int(high), step=1)]
     return descriptor
 
 
@@ -157,9 +179,15 @@ def _from_parameter(default: Any, value: Any) -> Any:
 def _like(default: Any, value: Any, name: str, node: Node) -> Any:
     """Return a given value as the type of the default."""
     if isinstance(default, tuple):
-        kind = type(default[0]) if default else str
-        values = [] if value in (None, "") else list(value)
-        return [_like(kind(), item, name, node) for item in values if item != ""]
+        if value is None or value == "":
+            return []
+        if not isinstance(value, list | tuple | array.array):
+            wanted = type(_element(default)).__name__
+            raise BadInputError(
+                f"node {node.get_name()}: parameter {name} = {value!r}, expected a list of {wanted}"
+                f", like {list(default) or ['one', 'two']}"
+            )
+        return [_like(_element(default), item, name, node) for item in value if item != ""]
     if isinstance(default, float) and type(value) is int:
         return float(value)
     if type(value) is not type(default):
@@ -179,6 +207,16 @@ class _LiveConfig:
         self._config = config
         self._names = {prefix + name: name for name in live}
         self._on_change = on_change
+
+    def give_type(self, parameters: list[Parameter]) -> list[Parameter]:
+        """Return the new values; an empty list, which has no type on its way here, has its own."""
+        return [self._typed(entry) for entry in parameters]
+
+    def _typed(self, entry: Parameter) -> Parameter:
+        value = getattr(self._config, self._names.get(entry.name, ""), None)
+        if not isinstance(value, tuple) or not hasattr(entry.value, "__len__") or len(entry.value):
+            return entry
+        return Parameter(entry.name, _array_type(value), [])
 
     def __call__(self, parameters: list[Parameter]) -> SetParametersResult:
         """Accept or refuse new values."""

@@ -88,7 +88,13 @@ class Shell(Node):
     skimming = False
 
     def __init__(self, name: str) -> None:
-        super().__init__(name, automatically_declare_parameters_from_overrides=True)
+        try:
+            super().__init__(name, automatically_declare_parameters_from_overrides=True)
+        except ValueError as error:  # of rclpy, which does not name the parameter
+            raise BadInputError(
+                f"node {name}: an empty list was given, of which ROS does not know the type at the "
+                "start; leave the parameter out, or write ['']"
+            ) from error
         self.polled: list[Subscription] = []
         self._skimmed: set[Subscription] = set()
         self._polled_group = _Polled()

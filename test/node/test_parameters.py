@@ -23,6 +23,7 @@ class Outer:
     name: str = parameter("box_0", "what")
     on: bool = parameter(True, "whether")
     effects: tuple[str, ...] = parameter((), "which")
+    sides: tuple[str, ...] = parameter(("left", "right"), "of which")
     inner: Inner = field(default_factory=Inner)
 
     def __post_init__(self):
@@ -47,12 +48,13 @@ def test_defaults_come_back_and_are_described(ros):
     assert descriptor.description == "how much [N]"
     assert descriptor.floating_point_range[0].to_value == 10.0
     assert descriptor.read_only
-    assert field_names(Outer) == ["rate_hz", "count", "name", "on", "effects", "inner.gain"]
+    plain = ["rate_hz", "count", "name", "on", "effects", "sides"]
+    assert field_names(Outer) == [*plain, "inner.gain"]
 
 
 def test_given_values_reach_the_configuration(ros):
     node = make_node(rate_hz=50, count=2, inner__gain=3.5, effects=["viscous_drag"], on=False)
-    expected = Outer(50.0, 2, "box_0", False, ("viscous_drag",), Inner(3.5))
+    expected = Outer(50.0, 2, "box_0", False, ("viscous_drag",), inner=Inner(3.5))
     assert declare_config(node, Outer) == expected
     refuse_unknown(node)
 
@@ -63,6 +65,11 @@ def test_given_values_reach_the_configuration(ros):
         ({"inner__gain": 11.0}, "inner.gain"),
         ({"rate_hz": "fast"}, "rate_hz = 'fast', expected float"),
         ({"count": 0}, "count"),
+        ({"rate_hz": 0.5}, "rate_hz = 0.5 Hz: expected at least 1.0"),
+        ({"effects": "left"}, "effects = 'left', expected a list of str"),
+        ({"effects": 5}, "effects = 5, expected a list of str"),
+        ({"effects": [1, 2]}, "effects = 1, expected str"),
+        ({"sides": "left"}, r"sides = 'left', expected a list of str, like \['left', 'right'\]"),
     ],
 )
 def test_bad_values_are_refused_with_their_name(ros, given, text):
@@ -85,6 +92,52 @@ def test_live_parameter_changes_and_others_do_not(ros):
     assert not node.set_parameters([Parameter("count", value=3)])[0].successful
     assert node.set_parameters([Parameter("effects", value=[])])[0].successful
     assert seen[-1].effects == ()
+
+
+@pytest.mark.parametrize("given", [{}, {"effects": []}, {"effects": ""}, {"effects": [""]}])
+def test_an_empty_list_is_an_array_of_text(ros, given):
+    node = make_node(**given)
+    assert declare_config(node, Outer, live=["effects"], on_change=lambda _: None).effects == ()
+    found = node.get_parameter("effects")
+    assert found.type_ is Parameter.Type.STRING_ARRAY
+    assert list(found.value) == []
+    descriptor = node.describe_parameter("effects")
+    assert (descriptor.type, descriptor.dynamic_typing) == (found.type_.value, False)
+
+
+def test_empty_list_of_read_only_values_keeps_its_type(ros):
+    node = make_node(sides=[])
+    assert declare_config(node, Outer).sides == ()
+    assert node.get_parameter("sides").type_ is Parameter.Type.STRING_ARRAY
+    assert node.describe_parameter("sides").read_only
+
+
+@pytest.mark.parametrize("kind", [Parameter.Type.BOOL_ARRAY, Parameter.Type.BYTE_ARRAY])
+def test_live_list_is_emptied_whatever_type_the_empty_list_came_with(ros, kind):
+    node, seen = make_node(effects=["viscous_drag"]), []
+    declare_config(node, Outer, live=["effects"], on_change=seen.append)
+    assert node.set_parameters([Parameter("effects", kind, [])])[0].successful
+    assert seen[-1].effects == ()
+    assert node.get_parameter("effects").type_ is Parameter.Type.STRING_ARRAY
+
+
+@pytest.mark.parametrize("value", [5, [1, 2], "viscous_drag"])
+def test_live_list_of_another_type_is_refused(ros, value):
+    node, seen = make_node(), []
+    declare_config(node, Outer, live=["effects"], on_change=seen.append)
+    result = node.set_parameters([Parameter("effects", value=value)])[0]
+    assert not result.successful
+    assert "STRING_ARRAY" in result.reason
+    assert seen == []
+
+
+def test_only_what_is_bounded_on_both_sides_is_described_as_a_range(ros):
+    node = make_node()
+    declare_config(node, Outer)
+    one_sided = node.describe_parameter("rate_hz")
+    assert list(one_sided.floating_point_range) == []
+    assert one_sided.additional_constraints == "at least 1.0"
+    assert node.describe_parameter("count").integer_range[0].to_value == 9
 
 
 def test_refused_live_change_tells_why(ros):
