@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import pkgutil
 import re
 from collections import deque
 from collections.abc import Mapping, Sequence
@@ -27,15 +26,16 @@ RESPAWN_WINDOW = 60.0
 killed or met one bad message is back after the first; one that needs a fourth has a lasting cause,
 which more starts only bury in the log."""
 
+_RUNS_NODE = re.compile(r"^def main\(.*^ +return run_node\(", re.MULTILINE | re.DOTALL)
 NAMESPACE = re.compile(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*")
 SWITCH = {"true": True, "1": True, "yes": True, "false": False, "0": False, "no": False}
 
 
 def node_names() -> tuple[str, ...]:
-    """Return the executables: all modules of the package `nodes` that have a main function."""
+    """Return the executables: all modules of the package `nodes` whose main runs a node."""
     folder = Path(__file__).parents[1] / "nodes"
-    names = [module.name for module in pkgutil.iter_modules([str(folder)])]
-    return tuple(n for n in names if "\ndef main(" in (folder / f"{n}.py").read_text())
+    texts = {path.stem: path.read_text() for path in sorted(folder.glob("*.py"))}
+    return tuple(n for n, text in texts.items() if _RUNS_NODE.search(text))
 
 
 def read_switch(name: str, text: str) -> bool:

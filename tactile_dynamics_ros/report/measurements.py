@@ -32,6 +32,9 @@ MILLI = 1e3
 _PANEL_HEIGHT = 1.25
 _SCENE_POINTS = 60
 _AT_ORIGIN_MM = 5.0
+_LEGEND_SHARE = 0.15
+"""Lowest part of the scene's height, two lines of text, kept free for the legend (loc "outside ..."
+needs matplotlib 3.7; Ubuntu 24.04 has 3.6)."""
 
 
 def draw_forces(streams: Streams) -> Figure:
@@ -134,7 +137,8 @@ def draw_scene(
             axes.scatter(*(MILLI * truth.com), marker="x", color=RED, s=50, label="its true place")
         axes.scatter(*origin, marker="+", color=QUIET, s=50, label="origin", depthshade=False)
         _equalise(axes)
-    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    figure.set_layout_engine("constrained", rect=(0.0, _LEGEND_SHARE, 1.0, 1.0 - _LEGEND_SHARE))
+    figure.legend(*axes.get_legend_handles_labels(), loc="lower center", ncols=4)
     return figure
 
 
