@@ -1,15 +1,81 @@
-"""What setup.py, package.xml and README say about installing agrees with the package."""
+"""What setup.py, package.xml, README and the environments say about installing agrees."""
 
+import re
+import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
-from setuptools import find_packages
+import pytest
+import setuptools
+from packaging.requirements import Requirement
+
+from tactile_dynamics_ros.cli.bringup import node_names
 
 ROOT = Path(__file__).parents[2]
 PACKAGE = "tactile_dynamics_ros"
+README = (ROOT / "README.md").read_text()
+BY_KEY = {
+    "python3-jinja2": "jinja2",
+    "python3-matplotlib": "matplotlib",
+    "python3-numpy": "numpy",
+    "python3-pil": "pillow",
+    "python3-scipy": "scipy",
+    "python3-yaml": "pyyaml",
+}
+"""Library of each rosdep key in package.xml."""
 
 
-def test_every_folder_with_modules_is_installed():
+@pytest.fixture
+def setup(monkeypatch):
+    """What setup.py hands to setuptools."""
+    given = {}
+    monkeypatch.chdir(ROOT)
+    monkeypatch.setattr(setuptools, "setup", lambda **fields: given.update(fields))
+    exec(compile((ROOT / "setup.py").read_text(), "setup.py", "exec"), {})
+    return given
+
+
+def names(requirements):
+    return {Requirement(text).name for text in requirements}
+
+
+def keys():
+    """Return the keys that package.xml depends on to run."""
+    return {e.text for e in ElementTree.parse(ROOT / "package.xml").findall("exec_depend")}
+
+
+def test_every_folder_with_modules_is_installed(setup):
     folders = {path.parent for path in (ROOT / PACKAGE).rglob("*.py")}
     dotted = {".".join(folder.relative_to(ROOT).parts) for folder in folders}
-    found = find_packages(str(ROOT), include=[PACKAGE, f"{PACKAGE}.*"])
-    assert dotted == set(found)
+    assert dotted == set(setup["packages"])
+
+
+def test_every_node_is_an_executable(setup):
+    scripts = {line.split(" = ")[0] for line in setup["entry_points"]["console_scripts"]}
+    assert scripts == {*node_names(), "tactile-dynamics"}
+
+
+def test_a_robot_gets_every_library_from_apt_or_by_the_pip_line_of_the_readme(setup):
+    (line,) = re.findall(r"^pip install --break-system-packages ([\w. -]+)$", README, re.MULTILINE)
+    by_key = {BY_KEY[key] for key in keys() if key.startswith("python3-")}
+    assert set(line.split()) & by_key == set()
+    assert set(line.split()) | by_key == names(setup["install_requires"])
+
+
+def test_the_simulator_is_an_extra_and_every_extra_is_in_the_environment(setup):
+    assert names(setup["extras_require"]["sim"]) == {"pybullet"}
+    assert "pybullet" not in names(setup["install_requires"])
+    (extras,) = re.findall(r"-e '\.\[([\w,]+)\]'", (ROOT / "dev").read_text())
+    assert set(extras.split(",")) == set(setup["extras_require"])
+
+
+def test_messages_that_modules_import_are_dependencies_of_the_package():
+    pattern = re.compile(r"^ *(?:from|import) (\w+_(?:msgs|srvs|interfaces))\b", re.MULTILINE)
+    text = "\n".join(path.read_text() for path in (ROOT / PACKAGE).rglob("*.py"))
+    optional = {"tf2_msgs"}
+    assert set(pattern.findall(text)) - optional <= keys()
+
+
+def test_continuous_integration_has_the_versions_of_what_apt_installs():
+    lines = (ROOT / ".ci" / "ubuntu-24.04.txt").read_text().splitlines()
+    pinned = {line.split("==")[0].lower() for line in lines if "==" in line}
+    assert pinned == set(BY_KEY.values())
