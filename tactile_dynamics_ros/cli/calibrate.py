@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from tactile_dynamics_ros.cli.recordings import add_namespace
 from tactile_dynamics_ros.core.contact.robot_description import FINGERS
 from tactile_dynamics_ros.core.errors import BadInputError
 
@@ -44,6 +45,7 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
         help="gain: WrenchStamped of the known force, on the object, in the frame of the finger's "
         "sensor",
     )
+    add_namespace(parser, default="")
     parser.set_defaults(run=run)
 
 
@@ -60,7 +62,7 @@ def _print_drift(args: Namespace) -> int:
     from tactile_dynamics_ros.core.tactile.thermal_drift import fit_thermal_drift
     from tactile_dynamics_ros.recording.fingertip_frames import read_fingertip_frames
 
-    frames = read_fingertip_frames(Path(args.bag))
+    frames = read_fingertip_frames(Path(args.bag), args.namespace)
     drifts = {finger: fit_thermal_drift(frames[:, k]) for k, finger in enumerate(FINGERS)}
     if args.json:
         result = {
@@ -87,8 +89,9 @@ def _print_drift(args: Namespace) -> int:
 def _print_gain(args: Namespace) -> int:
     from tactile_dynamics_ros.core.tactile.unit_gain import fit_unit_gain
     from tactile_dynamics_ros.recording.bag_files import read_tables
+    from tactile_dynamics_ros.recording.namespaces import absolute_namespace
 
-    topic = f"/biotac/{args.finger}/force"
+    topic = f"{absolute_namespace(args.namespace)}/biotac/{args.finger}/force"
     bag = read_tables(Path(args.bag), lambda name: name in (topic, args.reference))
     tables = [_table(bag.tables, args.bag, name) for name in (topic, args.reference)]
     frames = [

@@ -53,7 +53,7 @@ def is_probe_recording(args: Namespace) -> bool:
 
     if args.model != "auto":
         return bool(args.model == "friction")
-    found = holds_slips(Path(args.bag))
+    found = holds_slips(Path(args.bag), args.namespace)
     if found:
         print("note: a friction probe's recording; Coulomb friction is compared", file=sys.stderr)
     return found
@@ -72,7 +72,7 @@ def question_friction(args: Namespace) -> Question:
     if args.out:
         raise BadInputError("--out: no report is drawn for probe recordings; use --json")
     names = [name.strip() for name in args.effects.split(",") if name.strip()]
-    slips = tabulate_slips(read_slips(Path(args.bag)))
+    slips = tabulate_slips(read_slips(Path(args.bag), args.namespace))
     model = FrictionModel.fit(slips, names)
     return Question(model, "Coulomb alone", lambda: _error_of(model))
 

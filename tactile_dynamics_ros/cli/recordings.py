@@ -32,10 +32,21 @@ def add_recording_arguments(parser: ArgumentParser, optional: bool = False) -> N
         metavar="RECORDED:=MEANT",
         help="read a recorded topic under the name that it stands for; repeatable",
     )
+    add_namespace(parser)
     parser.add_argument(
         "--between",
         metavar="START,STOP",
         help="use only this part, in seconds from the first pose",
+    )
+
+
+def add_namespace(parser: ArgumentParser, default: str | None = None) -> None:
+    """Add the namespace of the hand that is meant."""
+    parser.add_argument(
+        "--namespace",
+        default=default,
+        metavar="NS",
+        help="of the hand's topics, as left for /left/object/pose (root, or the only one)",
     )
 
 
@@ -60,7 +71,9 @@ def read_recording(args: Namespace) -> Recording:
     from tactile_dynamics_ros.recording import Recording
 
     span = _parse_span(args.between)
-    recording = Recording.from_bag(args.bag, remap=_parse_remappings(args.remap))
+    recording = Recording.from_bag(
+        args.bag, remap=_parse_remappings(args.remap), namespace=args.namespace
+    )
     lines = recording.problem_lines()
     if not recording.streams.contacts:
         known = next((f", as in {line}" for line in lines if "force" in line), "")

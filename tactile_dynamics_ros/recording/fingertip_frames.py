@@ -14,25 +14,30 @@ from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.tactile.electrodes import CHANNELS
 from tactile_dynamics_ros.recording.bag_files import read_messages
 from tactile_dynamics_ros.recording.cdr import BIOTAC_ENCODING, BIOTAC_RAW
+from tactile_dynamics_ros.recording.namespaces import absolute_namespace
 
 _TYPE = "sensor_msgs/msg/Image"
 _SHAPE = (len(FINGERS), CHANNELS)
 
 
-def read_fingertip_frames(path: Path) -> NDArray[np.uint16]:
+def read_fingertip_frames(path: Path, namespace: str = "") -> NDArray[np.uint16]:
     """Return all frames (N, 4, 44) on /biotac/raw: index, middle, ring, thumb.
+
+    Args:
+        path: of the recording.
+        namespace: of the hand.
 
     Raises:
         BadInputError: there is no such recording or topic, or an image has another type or shape.
     """
     store = get_typestore(Stores.ROS2_JAZZY)
-    frames = []
-    for _, kind, _, data in read_messages(path, BIOTAC_RAW):
+    frames, topic = [], absolute_namespace(namespace) + BIOTAC_RAW
+    for _, kind, _, data in read_messages(path, topic):
         if kind != _TYPE:
-            raise BadInputError(f"{path}: {BIOTAC_RAW} is {kind}, expected {_TYPE}")
+            raise BadInputError(f"{path}: {topic} is {kind}, expected {_TYPE}")
         frames.append(_counts(store.deserialize_cdr(data, kind)))
     if not frames:
-        raise BadInputError(f"{path}: no images on {BIOTAC_RAW}; record it")
+        raise BadInputError(f"{path}: no images on {topic}; record it")
     return np.array(frames)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -13,30 +14,51 @@ from tactile_dynamics_ros.core.errors import BadInputError, refuse_existing
 from tactile_dynamics_ros.core.friction.estimate import SlipEvent
 from tactile_dynamics_ros.core.friction.slip_table import event_from_values
 from tactile_dynamics_ros.recording.bag_files import DAMAGE
+from tactile_dynamics_ros.recording.namespaces import (
+    ROOT,
+    absolute_namespace,
+    choose_namespace,
+    split_topic,
+)
 
 SLIP = "/friction_probe/slip"
+_KNOWN = re.compile(SLIP)
 KIND = "diagnostic_msgs/msg/DiagnosticStatus"
 
 
-def holds_slips(path: Path) -> bool:
-    """Whether a path is a readable recording with slips of a friction probe."""
+def holds_slips(path: Path, namespace: str | None = None) -> bool:
+    """Whether a path is a readable recording with slips of a friction probe.
+
+    Args:
+        path: of the recording.
+        namespace: of the hand; None means any.
+    """
+    known = None if namespace is None else absolute_namespace(namespace)
     try:
         with Reader(path) as reader:
-            return any(c.topic == SLIP and c.msgcount > 0 for c in reader.connections)
+            found = [split_topic(c.topic, _KNOWN) for c in reader.connections if c.msgcount > 0]
     except DAMAGE:
         return False
+    return any(split is not None and known in (None, split[0]) for split in found)
 
 
-def read_slips(path: Path) -> list[SlipEvent]:
+def read_slips(path: Path, namespace: str | None = None) -> list[SlipEvent]:
     """Return the slips of a recording.
 
+    Args:
+        path: of the recording.
+        namespace: of the hand; None means root, or the only one there is.
+
     Raises:
-        BadInputError: it cannot be read, or a slip is malformed.
+        BadInputError: it cannot be read, a slip is malformed, or several namespaces could be meant.
     """
     store = get_typestore(Stores.ROS2_JAZZY)
     try:
         with Reader(path) as reader:
-            own = [c for c in reader.connections if c.topic == SLIP]
+            splits = [split_topic(c.topic, _KNOWN) for c in reader.connections]
+            found = {split[0] for split in splits if split is not None}
+            topic = choose_namespace(namespace, found, ROOT in found, str(path)) + SLIP
+            own = [c for c in reader.connections if c.topic == topic]
             rows = [store.deserialize_cdr(raw, c.msgtype) for c, _, raw in reader.messages(own)]
     except DAMAGE as error:
         raise BadInputError(f"{path}: cannot be read as a probe recording: {error}") from error

@@ -21,6 +21,7 @@ from tactile_dynamics_ros.recording.bag_writer import write_bag
 from tactile_dynamics_ros.recording.cdr import empty_table
 from tactile_dynamics_ros.recording.cleaning import ProblemLog
 from tactile_dynamics_ros.recording.conventions import doubtful_conventions
+from tactile_dynamics_ros.recording.namespaces import RecordedNames
 
 
 @dataclass(frozen=True)
@@ -45,6 +46,7 @@ class Recording:
         path: str | Path,
         *,
         remap: Mapping[str, str] | None = None,
+        namespace: str | None = None,
         contacts_required: bool = True,
     ) -> Recording:
         """Read a rosbag2 recording; contacts are discovered from its topics.
@@ -52,18 +54,23 @@ class Recording:
         Args:
             path: the recording's directory, or an .mcap or .db3 file.
             remap: recorded topic names and the names that they stand for.
+            namespace: of the hand whose topics are read; root if None, or, where nothing was
+                recorded at root, the only one there is.
             contacts_required: whether a recording without any contact is refused.
 
         Raises:
             BadInputError: the files cannot be read, a topic is missing or of another type or
-                frame, or nothing usable remains of one; the message says what to do.
+                frame, several namespaces could be meant, or nothing usable remains of a topic; the
+                message says what to do.
         """
-        names = dict(remap or {})
-        bag = read_tables(Path(path), lambda t: topics.topic_kind(names.get(t, t)) is not None)
-        _rename(bag, names, str(path))
-        topics.check_types(bag.types, str(path))
-        topics.require_topics(bag.types, str(path), contacts_required)
-        return _BagAssembly(bag, str(path)).recording()
+        names, source = RecordedNames(dict(remap or {}), namespace), str(path)
+        bag = read_tables(Path(path), names.may_be_needed)
+        chosen = names.apply(bag, source)
+        if chosen:
+            source += f" (namespace {chosen})"
+        topics.check_types(bag.types, source)
+        topics.require_topics(bag.types, source, contacts_required)
+        return _BagAssembly(bag, source).recording()
 
     @classmethod
     def from_arrays(
@@ -214,22 +221,6 @@ class _BagAssembly:
             match = topics.CONTACT_TOPIC.match(topic)
             if match and match["name"] not in names:
                 self._log.note(topic, "no force topic beside it (left out)", 1)
-
-
-def _rename(bag: BagTables, names: dict[str, str], source: str) -> None:
-    """Give remapped topics the names that they stand for, all at once: names may be swapped."""
-    for recorded in names:
-        if recorded not in bag.types:
-            present = ", ".join(sorted(bag.types))
-            raise BadInputError(f"remap: {recorded} is not in {source} (topics: {present})")
-    types = {meant: bag.types.pop(recorded) for recorded, meant in names.items()}
-    tables = {
-        meant: bag.tables.pop(recorded)
-        for recorded, meant in names.items()
-        if recorded in bag.tables
-    }
-    bag.types.update(types)
-    bag.tables.update(tables)
 
 
 def _require_overlap(streams: Streams, source: str) -> None:

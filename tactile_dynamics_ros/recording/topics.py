@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,6 +28,11 @@ VISION_POSE = "/object/pose/vision"
 OBJECT_IMU = "/object/imu"
 WORLD = "world"
 CONTACT_TOPIC = re.compile(r"^/contact/(?P<name>[^/]+)/(?P<kind>force|force_std|pose)$")
+
+NEEDED = re.compile(
+    rf"{OBJECT_POSE}(/kinematic)?|{OBJECT_IMU}|/contact/[^/]+/(force|force_std|pose)"
+)
+"""Topics that a recording is made of."""
 
 POSE_STAMPED = "geometry_msgs/msg/PoseStamped"
 POSE_WITH_COVARIANCE = "geometry_msgs/msg/PoseWithCovarianceStamped"
@@ -67,6 +73,12 @@ def discover_contacts(types: dict[str, str]) -> list[str]:
     """Return the names of all contacts that publish a force, sorted."""
     matches = [CONTACT_TOPIC.match(topic) for topic in types]
     return sorted({m["name"] for m in matches if m and m["kind"] == "force"})
+
+
+def suffice(names: Iterable[str]) -> bool:
+    """Whether topics hold a motion and the force of a contact."""
+    kinds = {topic_kind(name) for name in names}
+    return "force" in kinds and not kinds.isdisjoint(("object_pose", "object_imu"))
 
 
 def check_types(types: dict[str, str], source: str) -> None:
