@@ -81,6 +81,7 @@ class Player:
         heard: all that the nodes published.
         position: time of the replay, s: when the last message sent was due.
         epoch_ns: added to the stamps of the messages.
+        patience: longest wait for the estimator's next word, s.
     """
 
     def __init__(
@@ -96,7 +97,9 @@ class Player:
         self._publishers: dict[tuple[str, str], Publisher] = {}
         self._senders: dict[str, Node] = {}
         self._clients: dict[str, Any] = {}
-        self._sent = self._last_word = 0.0
+        self.patience = PATIENCE
+        self._sent = self._first = self._sent_at = 0.0
+        self._last_word = self._last_status = 0.0
 
     def __enter__(self) -> Player:
         rclpy.init(args=[])
@@ -178,6 +181,7 @@ class Player:
             tick: called after each bunch, some ten milliseconds apart.
         """
         behind: float | None = None
+        self._last_word = time.monotonic()
         for bunch in _bunches(messages, BUNCH * min(speed, FASTEST)):
             start = bunch[0].due / speed
             behind = time.monotonic() - start if behind is None else behind
@@ -191,22 +195,29 @@ class Player:
                 tick()
 
     def _note_sent(self, bunch: Sequence[Message]) -> None:
-        self.position = bunch[-1].due
+        self.position, self._sent_at = bunch[-1].due, time.monotonic()
         poses = [m for m in bunch if m.topic == OBJECT_POSE and not m.absolute and not m.sender]
         if poses:
             self._sent = 1e-9 * (poses[-1].stamp_ns + self.epoch_ns)
+            self._first = self._first or self._sent
 
     def _let_catch_up(self) -> float:
         """Listen until the nodes have taken most of what was sent; return how long it took, s."""
         began = time.monotonic()
-        while IN_FLIGHT < self.lag < FAR and time.monotonic() - self._last_word < PATIENCE:
+        while IN_FLIGHT < self.lag < FAR and time.monotonic() - self._last_word < self.patience:
             self._executor.spin_once(timeout_sec=0.02)
         return time.monotonic() - began
 
     @property
+    def quiet_since(self) -> float:
+        """Return how long after the last message was sent the last new word came, s."""
+        return max(self._last_status - self._sent_at, 0.0)
+
+    @property
     def lag(self) -> float:
-        """How far the newest estimate is behind what was sent, s; 0 if there is none."""
-        return self._sent - self.heard.statuses[-1].stamp if self.heard.statuses else 0.0
+        """How far the newest estimate is behind what was sent, s."""
+        statuses = self.heard.statuses
+        return self._sent - (statuses[-1].stamp if statuses else self._first)
 
     def listen_until(self, moment: float) -> None:
         """Hear what comes until a moment of the monotonic clock; once at least."""
@@ -298,7 +309,7 @@ class Player:
         self.node.create_subscription(kind, topic, callback, profile)
 
     def _on_status(self, message: DiagnosticArray) -> None:
-        status = read_status(message, self.position)
+        status, self._last_status = read_status(message, self.position), time.monotonic()
         if not self.heard.statuses or status.stamp != self.heard.statuses[-1].stamp:
             self._last_word = time.monotonic()
         self.heard.statuses.append(status)

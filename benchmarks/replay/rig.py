@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -11,7 +12,7 @@ import numpy as np
 
 from benchmarks.replay.motion import BODY, RATE_HZ, record_motion
 from benchmarks.replay.observations import LEVELS, OK, WRONG, risen, said_text, wrong_time
-from benchmarks.replay.player import RESET, Player
+from benchmarks.replay.player import DIAGNOSE, RESET, Answer, Player
 from benchmarks.replay.stream_faults import HOUR_NS, RIVAL, StreamFault
 from benchmarks.replay.tape import Message, messages_of
 
@@ -24,6 +25,10 @@ PATIENCE = 40.0
 """Clean replay within which the nodes must be well, s."""
 BRIEF = 1.0
 """For this long an estimate may be wrong, s."""
+MODEL_ERROR = 1.1
+"""The model's error may be that much higher than before the fault: its scatter over 10 s is 2 %."""
+MODEL_PATIENCE = 25.0
+"""Time after the recovery until that must be so, s: the window of the error and two comparisons."""
 LAST_WORDS = 0.7
 """Wall time in which the nodes finish what they have, s: a gathering, an update and a bit."""
 ENOUGH = 0.99
@@ -99,7 +104,31 @@ class Rig:
             self.player.epoch_ns -= HOUR_NS
         row = self.judge(fault.name, begun, start, stop)
         self._require(row, fault)
+        if self.fresh and not row.died and not fault.whole:
+            self._question_model_check(row, fault, start)
         return row
+
+    def _question_model_check(self, row: Row, fault: StreamFault, start: float) -> None:
+        """Note if the model's error stays high, or if a diagnosis finds what is not there.
+
+        The error is that of the last 10 s, and a comparison rests after it was made: clean data go
+        on until it has left the fault behind.
+        """
+        end = self.now
+        usual = self.player.heard.error_before(start)
+        usual = usual if np.isfinite(usual) else 1.0
+        while self.player.heard.error_before(self.now + 1.0) > MODEL_ERROR * usual:
+            if self.now > end + MODEL_PATIENCE or self.player.dead():
+                row.failures.append("model error stays high")
+                break
+            self.play(self.record(3.0))
+        row.error = self.player.heard.error_before(self.now + 1.0)
+        if fault.forgotten:
+            [answer] = self.player.call(DIAGNOSE)
+            verdict = verdict_of(answer)
+            row.note = f"diagnosis: {verdict}"
+            if verdict != "adequate":
+                row.failures.append(f"diagnosed {verdict}")
 
     def prepare(self, lead: float, forget: bool = False) -> float:
         """Bring the nodes into a good state on clean data; return when that began, s.
@@ -194,6 +223,17 @@ class Rig:
             row.failures.append(f"wrong for {row.wrong_s:.1f} s")
         if not fault.whole:
             require_recovery(row)
+
+
+def verdict_of(answer: Answer | None) -> str:
+    """Return the verdict of a diagnosis, or why there is none."""
+    if answer is None:
+        return "no answer"
+    try:
+        document = json.loads(answer.message)
+    except ValueError:
+        return answer.message
+    return str(document["effect"] or document["verdict"])
 
 
 def require_recovery(row: Row) -> None:

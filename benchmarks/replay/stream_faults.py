@@ -39,6 +39,7 @@ class StreamFault:
         once: only the first frame of the fault is changed.
         whole: the data are at fault from the beginning and until the fault's end.
         lossless: nothing has to be said if no sample is lost.
+        forgotten: the past is void afterwards, so that a diagnosis must find nothing.
     """
 
     name: str
@@ -47,6 +48,7 @@ class StreamFault:
     once: bool = False
     whole: bool = False
     lossless: bool = False
+    forgotten: bool = False
 
     def inject(self, messages: Iterable[Message], start: float, stop: float) -> list[Message]:
         """Return the messages with the fault from `start` to before `stop`, s, as they are due."""
@@ -89,6 +91,14 @@ def _each(change: Callable[[Message], Message | None], **where: str) -> Change:
 
 def _shifted(amount_ns: int, **where: str) -> Change:
     return _each(lambda m: replace(m, stamp_ns=m.stamp_ns + amount_ns), **where)
+
+
+def _unequal_jump(messages: list[Message]) -> Iterator[Message]:
+    """Let the clock of the fingers jump, and that of the poses half a tenth of a second later."""
+    late = messages[0].due + 0.05
+    for message in messages:
+        jumped = message.finger or message.due >= late
+        yield replace(message, stamp_ns=message.stamp_ns - HOUR_NS) if jumped else message
 
 
 def _scaled(factor: float, *streams: str) -> Change:
@@ -206,8 +216,14 @@ STREAM_FAULTS = (
     StreamFault("force_1e300", _put(1e300, 0, stream="force", finger=FINGER), once=True),
     StreamFault("pose_1e8", _put(1e8, 0, stream="object"), once=True),
     StreamFault("contact_point_1e8", _put(1e8, 0, stream="pose", finger=FINGER), once=True),
-    StreamFault("clock_back_1h", _shifted(-HOUR_NS), lasting=_shifted(-HOUR_NS)),
+    StreamFault("clock_back_1h", _shifted(-HOUR_NS), _shifted(-HOUR_NS), forgotten=True),
+    StreamFault("clocks_back_1h_unequally", _unequal_jump, _shifted(-HOUR_NS), forgotten=True),
     StreamFault("frame_ahead_1h", _shifted(HOUR_NS, finger=FINGER), once=True),
+    StreamFault("force_ahead_1h", _shifted(HOUR_NS, finger=FINGER, stream="force"), once=True),
+    StreamFault(
+        "contact_pose_ahead_1h", _shifted(HOUR_NS, finger=FINGER, stream="pose"), once=True
+    ),
+    StreamFault("pose_ahead_1h", _shifted(HOUR_NS, stream="object"), once=True),
     StreamFault("finger_ahead_1h", _shifted(HOUR_NS, finger=FINGER)),
     StreamFault("shuffled", _shuffle),
     StreamFault("finger_silent", _each(lambda m: None, finger=FINGER)),

@@ -1,12 +1,15 @@
 """The endless recording, its messages, and the faults that are put into them."""
 
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from benchmarks.replay.live_effects import Found, Result, compare
 from benchmarks.replay.motion import BODY, FORCE_STD, record_motion
-from benchmarks.replay.observations import Status, wrong_time
+from benchmarks.replay.observations import Report, Status, risen, said_text, wrong_time
+from benchmarks.replay.soak import growth
 from benchmarks.replay.stream_faults import FINGER, HOUR_NS, RIVAL, STREAM_FAULTS
 from benchmarks.replay.tape import COUNTED, messages_of
 from tactile_dynamics_ros.core.inertia.batch import fit_body
@@ -149,3 +152,48 @@ def test_an_estimate_is_wrong_until_the_next_one_and_claims_nothing_without_an_i
     worst, wrong = wrong_time(chain, BODY.values())
     assert worst == pytest.approx(7.0)
     assert wrong == pytest.approx(0.3)
+
+
+def test_counts_and_texts_that_a_fault_brings_are_told_from_usual_ones():
+    reports = [
+        Report(1.0, "model_check", 0, "ok", {"dropped": 2.0}),
+        Report(2.0, "model_check", 0, "ok", {"dropped": 2.0, "not_finite": 1.0}),
+        Report(3.0, "model_check", 0, "ok", {"dropped": 3.0, "not_finite": 1.0}),
+    ]
+    assert risen(reports, 1.5, 2.5) == {"model_check/not_finite"}
+    assert risen(reports, 1.5, 3.5) == {"model_check/not_finite", "model_check/dropped"}
+    unsure = replace(status(0.0, 1), level=1, text="9 of 10 directions identified")
+    misfit = replace(unsure, text="the model does not fit: error 12 times the noise")
+    assert said_text([unsure, replace(misfit, level=0)]) == set()
+    assert said_text([misfit]) == {"the model does not fit: error ## times the noise"}
+
+
+def test_memory_is_compared_between_the_second_and_the_last_tenth():
+    time = np.arange(5.0, 1000.1, 5.0)
+    used = np.where(time <= 100.0, 50.0, 100.0 + 0.01 * time)
+    second, last, ratio = growth(time, used)
+    assert second == pytest.approx(101.5, abs=0.1)
+    assert last == pytest.approx(109.5, abs=0.1)
+    assert ratio == pytest.approx(last / second)
+
+
+def found(mass, std, error=1.0):
+    """Return an estimate with that mass; the rest is as true as can be."""
+    values = dict(zip(PARAMETER_NAMES, BODY.values(), strict=True))
+    return Found(values | {"mass": mass}, dict.fromkeys(values, std), {"viscous_drag": {}}, error)
+
+
+def test_live_is_measured_against_truth_and_offline():
+    truth = {"mass": BODY.mass, "com": BODY.com, "inertia_com": BODY.inertia_com}
+    truth["effects"] = {"viscous_drag": {"parameters": {}}}
+    result = Result("viscous_drag", 1)
+    live = found(BODY.mass + 0.05, std=0.01, error=1.2)
+    compare(result, live, found(BODY.mass - 0.02, std=0.02), truth, True)
+    assert result.z["mass"] == pytest.approx(5.0)
+    assert result.offline_z["mass"] == pytest.approx(1.0)
+    assert result.distance["mass"] == pytest.approx(3.5)
+    assert result.failures == [
+        "mass off 5.0",
+        "mass from offline 3.5",
+        "error 1.20 times offline's",
+    ]
