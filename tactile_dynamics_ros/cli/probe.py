@@ -7,12 +7,9 @@ import sys
 from argparse import Namespace, _SubParsersAction
 from typing import Any
 
+from tactile_dynamics_ros.cli.bringup import read_namespace
 from tactile_dynamics_ros.cli.topics import call_trigger, short_lived_node, spin_until
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
-
-SERVICE = "/friction_probe/probe"
-PROGRESS = "/friction_probe/progress"
-ESTIMATE = "/friction_probe/estimate"
 
 
 def add_parser(verbs: _SubParsersAction[Any]) -> None:
@@ -27,6 +24,7 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
         metavar="MU",
         help="known static coefficient of what is probed; also print the gain of the finger",
     )
+    probe.add_argument("--namespace", default="", metavar="NS", help="of the hand, as left")
     probe.set_defaults(run=run_probe)
 
 
@@ -38,10 +36,12 @@ def run_probe(args: Namespace) -> int:
     from diagnostic_msgs.msg import DiagnosticStatus
 
     from tactile_dynamics_ros.nodes.diagnostics import status_values
+    from tactile_dynamics_ros.nodes.names import PROBE, PROBE_ESTIMATE, PROBE_PROGRESS
     from tactile_dynamics_ros.nodes.shell import LATCHED
 
+    hand = read_namespace(args.namespace)
     with short_lived_node() as node:
-        started, answer = call_trigger(node, SERVICE, 5.0)
+        started, answer = call_trigger(node, f"{hand}/{PROBE}", 5.0)
         if not started:
             print(json.dumps({"started": False, "message": answer}) if args.json else answer)
             return 3
@@ -57,8 +57,8 @@ def run_probe(args: Namespace) -> int:
             text = f"  {values['phase']:<8} {values['slips']} slips"
             print(f"{text}  {sentences[-1] if sentences else ''}", file=sys.stderr)
 
-        node.create_subscription(DiagnosticStatus, ESTIMATE, take_estimate, LATCHED)
-        node.create_subscription(DiagnosticStatus, PROGRESS, take_progress, LATCHED)
+        for name, take in ((PROBE_ESTIMATE, take_estimate), (PROBE_PROGRESS, take_progress)):
+            node.create_subscription(DiagnosticStatus, f"{hand}/{name}", take, LATCHED)
         if not spin_until(node, lambda: _final(estimates), args.timeout):
             raise TactileDynamicsError(f"friction probe: no result within {args.timeout} s")
     document = estimate_document(estimates[-1], sentences[-1])

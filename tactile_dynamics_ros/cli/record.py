@@ -8,6 +8,7 @@ from argparse import Namespace, _SubParsersAction
 from pathlib import Path
 from typing import Any
 
+from tactile_dynamics_ros.cli.bringup import read_namespace
 from tactile_dynamics_ros.cli.domain import stay_on_this_host
 from tactile_dynamics_ros.cli.live import StopRequest
 
@@ -17,6 +18,9 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
     parser = verbs.add_parser("record", help="record live topics to a rosbag2 directory (MCAP)")
     parser.add_argument("out", metavar="OUT", help="new directory of the recording")
     parser.add_argument("topics", nargs="*", metavar="TOPIC", help="all but images if none")
+    parser.add_argument(
+        "--namespace", default="", metavar="NS", help="only this hand's topics, and global ones"
+    )
     parser.add_argument("--duration", type=float, metavar="S", help="stop after S seconds")
     parser.set_defaults(run=run)
 
@@ -33,7 +37,7 @@ def run(args: Namespace) -> int:
     finish_bursts()
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     try:
-        recorder = Recorder(Path(args.out), args.topics)
+        recorder = Recorder(Path(args.out), args.topics, read_namespace(args.namespace))
         end = time.monotonic() + (args.duration or float("inf"))
         with StopRequest() as stop:
             spin(recorder, lambda: stop.requested or time.monotonic() > end)

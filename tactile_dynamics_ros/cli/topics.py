@@ -33,7 +33,7 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
     call.set_defaults(run=run_call)
 
     change = verbs.add_parser("set", help="change a parameter of a running node")
-    change.add_argument("node", metavar="NODE")
+    change.add_argument("node", metavar="NODE", help="with its namespace: left/model_check")
     change.add_argument("parameter", metavar="PARAMETER")
     change.add_argument("value", metavar="VALUE", help="yaml: 0.5, true, [viscous_drag], []")
     _add_timeout(change, 10.0, "wait this long for the answer")
@@ -76,20 +76,21 @@ def run_echo(args: Namespace) -> int:
     from tactile_dynamics_ros.nodes.shell import LATCHED, STREAM
 
     seen: list[Any] = []
+    topic = "/" + args.topic.lstrip("/")
     with short_lived_node() as node:
 
         def kinds() -> list[str]:
-            return dict(node.get_topic_names_and_types()).get(args.topic, [])
+            return dict(node.get_topic_names_and_types()).get(topic, [])
 
         if not spin_until(node, lambda: bool(kinds()), args.timeout):
             known = sorted(name for name, _ in node.get_topic_names_and_types())
-            raise BadInputError(f"topic '{args.topic}' is not published; there are {known}")
-        offers = [i.qos_profile for i in node.get_publishers_info_by_topic(args.topic)]
+            raise BadInputError(f"topic '{topic}' is not published; there are {known}")
+        offers = [i.qos_profile for i in node.get_publishers_info_by_topic(topic)]
         latched = bool(offers) and all(q.durability == LATCHED.durability for q in offers)
         profile = LATCHED if latched else STREAM
-        node.create_subscription(message_type(kinds()[0]), args.topic, seen.append, profile)
+        node.create_subscription(message_type(kinds()[0]), topic, seen.append, profile)
         if not spin_until(node, lambda: bool(seen), args.timeout):
-            raise BadInputError(f"topic '{args.topic}': no message within {args.timeout} s")
+            raise BadInputError(f"topic '{topic}': no message within {args.timeout} s")
         printed = 0
         while args.count is None or printed < args.count:
             spin_until(node, lambda: bool(seen), math.inf)
@@ -148,6 +149,12 @@ def run_call(args: Namespace) -> int:
     return 0 if success else 1
 
 
+def full_names(node: Node) -> set[str]:
+    """Return the nodes that run, with their namespaces and without this one."""
+    found = node.get_node_names_and_namespaces()
+    return {f"{space.rstrip('/')}/{name}" for name, space in found if name != node.get_name()}
+
+
 def run_set(args: Namespace) -> int:
     """Change one parameter."""
     import yaml
@@ -158,7 +165,8 @@ def run_set(args: Namespace) -> int:
     with short_lived_node() as node:
         client = AsyncParameterClient(node, args.node.lstrip("/"))
         if not spin_until(node, client.services_are_ready, 5.0):
-            raise BadInputError(f"node '{args.node}' is not running")
+            known = sorted(full_names(node))
+            raise BadInputError(f"node '{args.node}' is not running; there are {known}")
         future = client.set_parameters([Parameter(args.parameter, value=value)])
         if not spin_until(node, future.done, args.timeout):
             raise TactileDynamicsError(f"node '{args.node}': no answer within {args.timeout} s")

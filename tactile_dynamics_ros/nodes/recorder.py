@@ -15,10 +15,13 @@ from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
 from rosbags.typesys import Stores, get_typestore
 
 from tactile_dynamics_ros.core.errors import refuse_existing
+from tactile_dynamics_ros.nodes.names import CLOCK, DEPTH_IMAGE, DIAGNOSTICS, EMERGENCY_STOP, TF
 from tactile_dynamics_ros.nodes.shell import Shell
 
 IGNORED = ("/rosout", "/parameter_events")
-IMAGES = ("/camera/depth/image_rect",)
+IMAGES = (f"/{DEPTH_IMAGE}",)
+"""Ends of the names of topics that are recorded only if they are named: they are large."""
+GLOBAL = (CLOCK, DIAGNOSTICS, EMERGENCY_STOP, TF)
 
 
 class Recorder(Shell):
@@ -30,17 +33,18 @@ class Recorder(Shell):
     Args:
         path: new directory of the recording.
         topics: to record; all but large images if empty.
+        namespace: with its leading slash; if given, only topics inside it and global ones.
     """
 
     gather = 0.1
 
-    def __init__(self, path: Path, topics: Sequence[str] = ()) -> None:
+    def __init__(self, path: Path, topics: Sequence[str] = (), namespace: str = "") -> None:
         super().__init__("recorder")
         refuse_existing(path)
         path.parent.mkdir(parents=True, exist_ok=True)
         self.counts: Counter[str] = Counter()
         self.refused: dict[str, str] = {}
-        self._topics = tuple(topics)
+        self._topics, self._inside = tuple(topics), namespace
         self._types = get_typestore(Stores.ROS2_JAZZY)
         self._writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
         self._writer.open()
@@ -61,7 +65,9 @@ class Recorder(Shell):
     def _is_wanted(self, topic: str) -> bool:
         if self._topics:
             return topic in self._topics
-        return topic not in (*IGNORED, *IMAGES)
+        if topic in IGNORED or topic.endswith(IMAGES):
+            return False
+        return topic in GLOBAL or topic.startswith(f"{self._inside}/")
 
     def _add(self, topic: str, kind: str) -> None:
         try:
