@@ -44,6 +44,10 @@ SWAP_HALVES = np.array([3, 4, 5, 0, 1, 2])
 SWAP_ROWS = SWAP_HALVES[:, None]
 DEPTH_ENCODING = "32FC1"
 RESTART_AFTER = 1.0
+LARGEST_WRENCH = 1e4
+"""N and N m beyond which no hand, arm or sensor of one measures: such a number is a fault."""
+LARGEST_DISTANCE = 1e3
+"""Metres from the world's origin beyond which no robot in a room has anything."""
 
 
 class MessageError(BadInputError):
@@ -121,6 +125,14 @@ def _finite(topic: str, values: Array) -> Array:
     return values
 
 
+def _within(topic: str, values: Array, limit: float, unit: str) -> Array:
+    if max(map(abs, values.tolist())) > limit:
+        raise MessageError(
+            "implausible", f"{topic}: value {values.tolist()}, expected less than {limit:g} {unit}"
+        )
+    return values
+
+
 def array_to_vector(values: Array) -> Vector3:
     """Return (3,) as a vector message."""
     x, y, z = values.tolist()
@@ -136,11 +148,12 @@ def wrench_to_core(message: Stamped, topic: str, frame: str | None = None) -> Ar
         frame: that the header has to name, or None if any will do.
 
     Raises:
-        MessageError: wrong frame, or a value is not finite.
+        MessageError: wrong frame, or a value is not finite or beyond what is measured anywhere.
     """
     if frame is not None:
         check_frame_id(topic, message.frame_id, frame)
-    return _finite(topic, message.values)[SWAP_HALVES]
+    values = _within(topic, _finite(topic, message.values), LARGEST_WRENCH, "N and N m")
+    return values[SWAP_HALVES]
 
 
 def wrench_to_message(wrench: Array, time: float | AnyStamp, frame: str) -> bytes:
@@ -169,10 +182,12 @@ def pose_to_core(message: Stamped, topic: str, frame: str) -> Array:
     """Return the pose (4, 4) of a PoseStamped or PoseWithCovarianceStamped.
 
     Raises:
-        MessageError: wrong frame, not finite, or the quaternion is not of unit length.
+        MessageError: wrong frame, not finite, far outside any room, or the quaternion is not of
+            unit length.
     """
     check_frame_id(topic, message.frame_id, frame)
     values = _finite(topic, message.values[:7])
+    _within(topic, values[:3], LARGEST_DISTANCE, "m")
     norm = math.hypot(*values[3:].tolist())
     if abs(norm - 1.0) > 1e-2:
         raise MessageError(

@@ -33,6 +33,12 @@ class Faults:
         if self.counts[kind] == 1:
             self._node.get_logger().warning(f"{kind}: {self._last} (counted on /diagnostics)")
 
+    def count(self, kind: str, total: int) -> None:
+        """Set a count that somebody else keeps."""
+        if total > self.counts[kind]:
+            self._last = kind
+        self.counts[kind] = total
+
     def show(self, name: str, value: object) -> None:
         """Publish a value of interest beside the counts."""
         self._shown[name] = value

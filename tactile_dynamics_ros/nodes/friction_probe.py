@@ -51,6 +51,7 @@ from tactile_dynamics_ros.nodes.names import (
 )
 from tactile_dynamics_ros.nodes.parameters import declare_config
 from tactile_dynamics_ros.nodes.shell import Shell, run_node
+from tactile_dynamics_ros.nodes.stream_clock import StreamClock
 from tactile_dynamics_ros.nodes.wire import Joints, Picture, Stamped
 from tactile_dynamics_ros.share import object_file
 
@@ -114,7 +115,8 @@ class FrictionProbeNode(Shell):
         self.listen(Vector3Stamped, self._slip_topic, self._on_slip)
         self.listen(Image, BIOTAC_RAW, self._on_raw)
         self._emergency = EmergencyStop(self, self._stop)
-        self._assemblies = [ContactAssembly(self, f, self._taker(f)) for f in FINGERS]
+        clock = StreamClock(self)
+        self._assemblies = [ContactAssembly(self, f, self._taker(f), clock) for f in FINGERS]
         self.serve(PROBE, self.start)
 
     def start(self) -> str:

@@ -2,45 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import time
 from dataclasses import dataclass
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import InertiaStamped, PoseWithCovarianceStamped
+from geometry_msgs.msg import InertiaStamped
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.contact.robot_description import FINGERS
-from tactile_dynamics_ros.core.effects.registry import create_effect
 from tactile_dynamics_ros.core.friction.cone import cone_share, distance_beyond
-from tactile_dynamics_ros.core.inertia.estimate import PARAMETER_NAMES
 from tactile_dynamics_ros.core.inertia.incremental import (
     IncrementalConfig,
     IncrementalInertialEstimator,
     LiveEstimate,
 )
-from tactile_dynamics_ros.nodes.contact_assembly import AssembledContact, ContactAssembly
-from tactile_dynamics_ros.nodes.conversions import (
-    StampGate,
-    header,
-    inertia_to_message,
-    to_seconds,
-    uncertain_pose_to_core,
-)
+from tactile_dynamics_ros.core.inertia.live_verdict import judge_estimate
+from tactile_dynamics_ros.core.inertia.refit import RefitConfig
+from tactile_dynamics_ros.nodes.contact_assembly import AssembledContact
+from tactile_dynamics_ros.nodes.conversions import header, inertia_to_message
 from tactile_dynamics_ros.nodes.diagnostics import status_message
 from tactile_dynamics_ros.nodes.friction_messages import friction_range
-from tactile_dynamics_ros.nodes.hand_error import HandError
+from tactile_dynamics_ros.nodes.held_streams import HeldStreams
+from tactile_dynamics_ros.nodes.inertia_status import status_of, waiting_status
 from tactile_dynamics_ros.nodes.names import (
+    DIAGNOSE,
     ESTIMATOR_RESET,
     ESTIMATOR_STATUS,
     INERTIA,
-    OBJECT_POSE,
     PROBE_ESTIMATE,
 )
 from tactile_dynamics_ros.nodes.parameters import declare_config
+from tactile_dynamics_ros.nodes.refitter import Refitter
 from tactile_dynamics_ros.nodes.shell import LATCHED, Shell, run_node
-from tactile_dynamics_ros.nodes.wire import Stamped
 
 Array = NDArray[np.float64]
 
@@ -58,7 +53,10 @@ class InertialEstimatorConfig:
 
 
 class InertialEstimatorNode(Shell):
-    """Feeds the incremental estimator and publishes what it knows.
+    """Feeds the live estimator and publishes what it knows.
+
+    Without effects that is the incremental estimate, at every update. A model with effects is
+    fitted to the last minute again and again, in a process of its own.
 
     Once the friction probe has measured the surface, the share of the friction cone that each
     finger uses is published, and a force that friction could not hold counts as uncertain by at
@@ -70,48 +68,56 @@ class InertialEstimatorNode(Shell):
     def __init__(self) -> None:
         super().__init__("inertial_estimator")
         self.estimator = IncrementalInertialEstimator(declare_config(self, IncrementalConfig))
+        self.refitter = Refitter(self.faults, declare_config(self, RefitConfig))
+        self._told = -np.inf
         config = declare_config(
             self, InertialEstimatorConfig, live=["effects"], on_change=self._change_model
         )
         self._change_model(config)
-        self._gate = StampGate(OBJECT_POSE)
-        self._hand = HandError(self)
-        self._last_time = 0.0
+        self._last_time = -np.inf
         self._friction: tuple[float, float] | None = None
         self._grip: dict[str, object] = {}
         self.listen(DiagnosticStatus, PROBE_ESTIMATE, self._on_friction, LATCHED)
-        self.listen(PoseWithCovarianceStamped, OBJECT_POSE, self._on_pose)
-        self._contacts = [
-            ContactAssembly(self, name, self._on_contact, self._hand) for name in config.contacts
-        ]
+        self._streams = HeldStreams(
+            self, config.contacts, self._on_pose, self._on_contact, self._forget
+        )
         self._inertia = self.latched(InertiaStamped, INERTIA)
         self._status = self.latched(DiagnosticArray, ESTIMATOR_STATUS)
         self.serve(ESTIMATOR_RESET, self.reset)
         self.every(1.0 / config.update_rate_hz, self._update)
 
+    def destroy_node(self) -> None:
+        """Stop the background work too."""
+        self.refitter.close()
+        super().destroy_node()
+
     def reset(self) -> str:
         """Forget all measurements; the model stays."""
-        self.estimator.reset()
+        self._forget()
         return "all measurements forgotten; the model is kept"
 
-    def _change_model(self, config: InertialEstimatorConfig) -> None:
-        self.estimator.set_effects([create_effect(name) for name in config.effects])
-        self._model = config.effects
+    def process(self) -> None:
+        """Take what need not wait for late messages any longer."""
+        self._streams.release()
 
-    def _on_pose(self, message: Stamped) -> None:
-        pose, covariance = uncertain_pose_to_core(message, OBJECT_POSE, "world")
-        if self._gate.check(message.stamp):
-            self.faults.add("clock_restarted")
-            self.reset()
-        time = to_seconds(message.stamp)
-        self._hand.add_fused(time, pose)
+    def _forget(self) -> None:
+        self.estimator.reset()
+        self.refitter.model.clear()
+        self._last_time = -np.inf
+
+    def _change_model(self, config: InertialEstimatorConfig) -> None:
+        self.refitter.set_effects(config.effects)
+        self._told = self._last_time = -np.inf
+
+    def _on_pose(self, time: float, pose: Array, covariance: Array | None) -> None:
         self.estimator.add_pose(time, pose, covariance)
+        self.refitter.model.window.add_pose(time, pose, covariance)
 
     def _on_friction(self, message: DiagnosticStatus) -> None:
         self._friction = friction_range(message) or self._friction
 
     def _on_contact(self, contact: AssembledContact) -> None:
-        self.estimator.add_contact(
+        reading = (
             contact.time,
             contact.name,
             contact.point,
@@ -120,6 +126,8 @@ class InertialEstimatorNode(Shell):
             self._believed_std(contact),
             contact.torque,
         )
+        self.estimator.add_contact(*reading)
+        self.refitter.model.window.add_contact(*reading)
 
     def _believed_std(self, contact: AssembledContact) -> Array | None:
         """Return the force's standard deviation (3,), N, with what friction says of it."""
@@ -137,59 +145,43 @@ class InertialEstimatorNode(Shell):
     def _update(self) -> None:
         estimate = self.estimator.update()
         for kind, count in self.estimator.problems.items():
-            self.faults.show(kind, count)
-        if estimate is None or estimate.time == self._last_time and not estimate.pending:
+            self.faults.count(kind, count)
+        if self.refitter.model.effects:
+            estimate = self.refitter.advance()
+            if estimate is None:
+                self._tell_progress()
+        if estimate is None or estimate.time == self._last_time and not self._obstacles:
             return
         self._last_time = estimate.time
-        self._inertia.publish(inertia_to_message(estimate.inertia, estimate.time, "object"))
-        message = DiagnosticArray(header=header(estimate.time, "object"))
-        message.status = [*status_of(estimate, self._model), status_message("grip", self._grip)]
+        self._publish(estimate)
+
+    @property
+    def _obstacles(self) -> list[str]:
+        """What keeps anybody from believing an estimate now."""
+        conflict = self._streams.conflict
+        return [*([conflict] if conflict else []), *self.estimator.obstacles]
+
+    def _tell_progress(self) -> None:
+        """Say once a second that the first fit of a changed model is on its way."""
+        now = time.monotonic()
+        if now - self._told < 1.0:
+            return
+        self._told = now
+        newest = self.refitter.model.window.newest
+        message = DiagnosticArray(header=header(max(newest, 0.0), "object"))
+        message.status = [*waiting_status(self.refitter.model.effects, self.refitter.progress)]
         self._status.publish(message)
 
-
-def status_of(estimate: LiveEstimate, model: Sequence[str]) -> Sequence[DiagnosticStatus]:
-    """Return the statuses: parameters with standard deviations, directions, solver, effects.
-
-    Args:
-        estimate: the newest.
-        model: names of the effects in the model.
-    """
-    body = estimate.inertia
-    tensor = body.inertia_com
-    rows, columns = (0, 0, 1, 0, 1, 2), (0, 1, 1, 2, 2, 2)
-    values = [body.mass, *body.com, *tensor[rows, columns]]
-    parameters: dict[str, object] = {}
-    for name, value, std in zip(PARAMETER_NAMES, values, estimate.parameter_std, strict=True):
-        parameters[name], parameters[f"{name}_std"] = float(value), float(std)
-    found = [d.name for d in estimate.directions if d.identified]
-    directions = {d.name: d.gain for d in estimate.directions}
-    level = DiagnosticStatus.OK if len(found) == len(directions) else DiagnosticStatus.WARN
-    text = "; ".join(estimate.remarks) or f"{len(found)} of {len(directions)} directions identified"
-    solver: dict[str, object] = {
-        "effects": ",".join(model),
-        "samples": estimate.samples,
-        "duration": estimate.duration,
-        "latency": estimate.latency,
-        "pending": estimate.pending,
-        "rejected": estimate.rejected,
-        **estimate.error.to_json(),
-    }
-    effects = []
-    for name, effect in estimate.effects.items():
-        entries: dict[str, object] = {}
-        for key, entry in effect.to_json().items():
-            entries |= {
-                key: entry["value"],
-                f"{key}_std": entry["std"],
-                f"{key}_unit": entry["unit"],
-            }
-        effects.append(status_message(f"effect {name}", entries))
-    return [
-        status_message("parameters", parameters, level, text),
-        status_message("directions", directions, level, text),
-        status_message("solver", solver),
-        *effects,
-    ]
+    def _publish(self, estimate: LiveEstimate) -> None:
+        verdict = judge_estimate(estimate, self._obstacles, self.resolve_service_name(DIAGNOSE))
+        if not verdict.withheld:
+            self._inertia.publish(inertia_to_message(estimate.inertia, estimate.time, "object"))
+        message = DiagnosticArray(header=header(estimate.time, "object"))
+        message.status = [
+            *status_of(estimate, self.refitter.model.effects, verdict),
+            status_message("grip", self._grip),
+        ]
+        self._status.publish(message)
 
 
 def main() -> int:

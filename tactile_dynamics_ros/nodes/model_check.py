@@ -6,46 +6,39 @@ import json
 import time
 from concurrent.futures import Future
 from dataclasses import dataclass
-from typing import Any
 
+import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import PoseWithCovarianceStamped, WrenchStamped
+from geometry_msgs.msg import WrenchStamped
 from rclpy.task import Future as RosFuture
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.contact.robot_description import FINGERS
-from tactile_dynamics_ros.core.discrepancy.documents import diagnosis_document
-from tactile_dynamics_ros.core.effects.registry import create_effect
+from tactile_dynamics_ros.core.discrepancy.documents import Document
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
 from tactile_dynamics_ros.core.inertia.live_check import (
     LiveCheckConfig,
     LiveComparison,
     LiveModelCheck,
+    compare_streams,
+    diagnose_streams,
 )
 from tactile_dynamics_ros.nodes.background import Background
-from tactile_dynamics_ros.nodes.contact_assembly import AssembledContact, ContactAssembly
-from tactile_dynamics_ros.nodes.conversions import (
-    StampGate,
-    header,
-    to_seconds,
-    uncertain_pose_to_core,
-    wrench_to_message,
-)
+from tactile_dynamics_ros.nodes.contact_assembly import AssembledContact
+from tactile_dynamics_ros.nodes.conversions import header, wrench_to_message
 from tactile_dynamics_ros.nodes.diagnostics import status_message, status_values
-from tactile_dynamics_ros.nodes.hand_error import HandError
+from tactile_dynamics_ros.nodes.held_streams import HeldStreams
 from tactile_dynamics_ros.nodes.names import (
     DIAGNOSE,
     ESTIMATOR_STATUS,
     MODEL_DIAGNOSIS,
     MODEL_ERROR,
     MODEL_RESIDUAL,
-    OBJECT_POSE,
 )
 from tactile_dynamics_ros.nodes.parameters import declare_config
-from tactile_dynamics_ros.nodes.shell import LATCHED, Shell, run_node
-from tactile_dynamics_ros.nodes.wire import Stamped
+from tactile_dynamics_ros.nodes.shell import LATCHED, REQUESTS, Shell, run_node
 
 REST = 3.0
 """Pause after a comparison, in multiples of the time that it took."""
@@ -75,21 +68,19 @@ class ModelCheckNode(Shell):
         config = declare_config(self, ModelCheckConfig)
         self.check = LiveModelCheck(declare_config(self, LiveCheckConfig))
         self._background = Background()
-        self._gate = StampGate(OBJECT_POSE)
-        self._hand = HandError(self)
-        self._model: tuple[str, ...] = ()
         self._comparison: Future[LiveComparison] | None = None
-        self._newest = self._compared = 0.0
+        self._diagnosing: tuple[tuple[str, ...], RosFuture] | None = None
+        self._compared = -np.inf
         self._started = self._rest_until = 0.0
-        self.listen(PoseWithCovarianceStamped, OBJECT_POSE, self._on_pose)
+        window = self.check.window
+        self._streams = HeldStreams(
+            self, config.contacts, window.add_pose, self._on_contact, window.clear
+        )
         self.listen(DiagnosticArray, ESTIMATOR_STATUS, self._on_model, LATCHED)
-        self._contacts = [
-            ContactAssembly(self, name, self._on_contact, self._hand) for name in config.contacts
-        ]
         self._residual = self.stream(WrenchStamped, MODEL_RESIDUAL)
         self._error = self.latched(Float64, MODEL_ERROR)
         self._diagnosis = self.latched(DiagnosticArray, MODEL_DIAGNOSIS)
-        self.create_service(Trigger, DIAGNOSE, self._diagnose)
+        self.create_service(Trigger, DIAGNOSE, self._diagnose, qos_profile=REQUESTS)
         self.every(config.period, self._compare)
         self.every(0.1, self._report)
 
@@ -98,17 +89,12 @@ class ModelCheckNode(Shell):
         self._background.close()
         super().destroy_node()
 
-    def _on_pose(self, message: Stamped) -> None:
-        pose, covariance = uncertain_pose_to_core(message, OBJECT_POSE, "world")
-        if self._gate.check(message.stamp):
-            self.faults.add("clock_restarted")
-            self.check.reset()
-        self._newest = to_seconds(message.stamp)
-        self._hand.add_fused(self._newest, pose)
-        self.check.add_pose(self._newest, pose, covariance)
+    def process(self) -> None:
+        """Take what need not wait for late messages any longer."""
+        self._streams.release()
 
     def _on_contact(self, contact: AssembledContact) -> None:
-        self.check.add_contact(
+        self.check.window.add_contact(
             contact.time,
             contact.name,
             contact.point,
@@ -120,18 +106,21 @@ class ModelCheckNode(Shell):
 
     def _on_model(self, message: DiagnosticArray) -> None:
         found = {status.name: status_values(status) for status in message.status}
-        names = tuple(n for n in found.get("solver", {}).get("effects", "").split(",") if n)
-        if names != self._model:
-            self.check.set_effects([create_effect(name) for name in names])
-            self._model = names
+        names = found.get("solver", {}).get("effects", "").split(",")
+        self.check.effects = tuple(name for name in names if name)
 
     def _compare(self) -> None:
         """Start a comparison if something new has come, nothing runs, and there is time for it."""
-        now = time.monotonic()
-        if self._background.busy or self._newest == self._compared or now < self._rest_until:
+        now, newest = time.monotonic(), self.check.window.newest
+        if self._background.busy or newest == self._compared or now < self._rest_until:
             return
-        self._compared, self._started = self._newest, now
-        self._comparison = self._background.submit(self.check.snapshot().compare)
+        self._compared, self._started = newest, now
+        try:
+            arguments = self.check.comparison()
+        except TactileDynamicsError as error:
+            self.faults.add("not_compared", str(error))
+            return
+        self._comparison = self._background.submit(compare_streams, *arguments)
 
     def _report(self) -> None:
         """Publish a comparison that is finished."""
@@ -152,34 +141,43 @@ class ModelCheckNode(Shell):
 
     async def _diagnose(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Diagnose what is kept; the answer comes when it is finished."""
-        snapshot, done = self.check.snapshot(), RosFuture()
-        self._background.submit(lambda: _document(snapshot)).add_done_callback(done.set_result)
-        finished = await done
         try:
+            finished = await self._begin_diagnosis()
             document = finished.result()
         except TactileDynamicsError as error:
             response.success, response.message = False, str(error)
             return response
-        self._publish(document)
         response.success, response.message = True, json.dumps(document)
         return response
 
-    def _publish(self, document: dict[str, Any]) -> None:
+    def _begin_diagnosis(self) -> RosFuture:
+        """Start a diagnosis, or join one of the same model that is not finished yet."""
+        if self._diagnosing is not None:
+            effects, running = self._diagnosing
+            if effects == self.check.effects and not running.done():
+                return running
+        done = RosFuture()
+        self._diagnosing = self.check.effects, done
+        future = self._background.submit(diagnose_streams, *self.check.diagnosis())
+        future.add_done_callback(done.set_result)
+        done.add_done_callback(self._publish)
+        return done
+
+    def _publish(self, done: RosFuture) -> None:
+        finished = done.result()
+        if finished.exception() is not None:
+            return
+        document: Document = finished.result()
         verdict = document["verdict"]
         level = DiagnosticStatus.OK if verdict == "adequate" else DiagnosticStatus.WARN
         text = document.get("sentence") or verdict
         values = {**document["error"], "effect": document["effect"], "group": document["group"]}
-        message = DiagnosticArray(header=header(self._newest, "object"))
+        message = DiagnosticArray(header=header(self.check.window.newest, "object"))
         message.status = [status_message("diagnosis", {"verdict": verdict, **values}, level, text)]
         for candidate in document["candidates"]:
             numbers = {k: v for k, v in candidate.items() if isinstance(v, float | int)}
             message.status.append(status_message(candidate["name"], numbers))
         self._diagnosis.publish(message)
-
-
-def _document(check: LiveModelCheck) -> dict[str, Any]:
-    """Diagnose and return the document of `tactile-dynamics diagnose --json`."""
-    return diagnosis_document(check.diagnose())
 
 
 def main() -> int:

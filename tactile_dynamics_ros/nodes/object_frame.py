@@ -20,13 +20,15 @@ Array = NDArray[np.float64]
 class ObjectFrame:
     """Broadcasts world -> object; does nothing without tf2_msgs.
 
+    /tf is one for all hands: in a namespace the frame is named as tf does it, left/object.
+
     Args:
         node: that publishes.
         child: name of the object's frame.
     """
 
     def __init__(self, node: Node, child: str = "object") -> None:
-        self._child = child
+        self._child = f"{node.get_namespace()}/{child}".lstrip("/")
         try:
             self._kind = importlib.import_module("tf2_msgs.msg").TFMessage
         except ImportError:

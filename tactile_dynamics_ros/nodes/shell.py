@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import os
 import signal
+import struct
 import sys
 import time
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from types import FrameType
@@ -29,12 +31,22 @@ from tactile_dynamics_ros.nodes.parameters import refuse_unknown
 from tactile_dynamics_ros.nodes.waiting import Waiter
 from tactile_dynamics_ros.nodes.wire import decoder_of
 
-STREAM = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
-"""Sensor data: best effort, half a second deep at 100 Hz."""
+STREAM = QoSProfile(depth=500, reliability=ReliabilityPolicy.BEST_EFFORT)
+"""Sensor data: best effort, five seconds deep at 100 Hz, since links deliver in batches too."""
+REQUESTS = QoSProfile(depth=200, reliability=ReliabilityPolicy.RELIABLE)
+"""Services: requests that may wait; a script sends a hundred at once."""
 
 SERVICE_PERIOD = 0.3
 """Real time after which the executor is asked even if no request has come, s."""
-BURST = 200
+BURST = 1000
+"""Messages of one subscription taken at a time: more than may wait, so that none is left over."""
+REQUEST_BURST = 50
+"""Callbacks of services and timers served in a row before streams are looked at again."""
+ANSWERS = 5
+"""Callbacks served where no request has come: answers whose work was done in the background."""
+RIVAL_STEPS, RIVAL_SPAN = 2, 1.0
+"""How often in how long (s) the numbers that a publisher gives its messages must go back until two
+publish at once: those of two mix with every message, those of a restarted one go back once."""
 
 LATCHED = QoSProfile(
     depth=1,
@@ -82,6 +94,7 @@ class Shell(Node):
         gather: pause after a first message, s; those that follow meanwhile are taken together.
         skimming: whether only the newest matters of the streams that may be skimmed.
         polled: subscriptions whose messages the node takes itself.
+        rivals: topics on which two publish at once, and until when (monotonic, s) that is said.
     """
 
     gather = 0.005
@@ -96,6 +109,8 @@ class Shell(Node):
                 "start; leave the parameter out, or write ['']"
             ) from error
         self.polled: list[Subscription] = []
+        self.rivals: dict[str, float] = {}
+        self._numbers: dict[Subscription, _Numbers] = {}
         self._skimmed: set[Subscription] = set()
         self._polled_group = _Polled()
         self._periodic: list[_Periodic] = []
@@ -105,7 +120,7 @@ class Shell(Node):
     def work(self) -> None:
         """Take all waiting messages and do what is due."""
         for subscription in self.polled:
-            taken = take_messages(subscription)
+            taken = self._take(subscription)
             if self.skimming and subscription in self._skimmed:
                 taken = taken[-1:]
             for message in taken:
@@ -117,6 +132,33 @@ class Shell(Node):
                 late = now - entry.due > entry.period
                 entry.due = now + entry.period if late else entry.due + entry.period
                 entry.callback()
+
+    def has_rivals(self, topic: str) -> bool:
+        """Whether two publish on a topic (as it was given to `listen`) at once."""
+        return time.monotonic() < self.rivals.get(topic, -1.0)
+
+    def _take(self, subscription: Subscription) -> list[Any]:
+        """Return the messages that wait; none of a topic on which two publish at once."""
+        numbers = self._numbers.get(subscription)
+        taken = take_messages(subscription, self._undecodable)
+        if numbers is None or not taken:
+            return [message for message, _ in taken]
+        now = time.monotonic()
+        if numbers.mix([number for _, number in taken], now):
+            self.rivals[numbers.topic] = now + RIVAL_SPAN
+        if not self.has_rivals(numbers.topic):
+            return [message for message, _ in taken]
+        self.faults.add(
+            "two_publishers",
+            f"{numbers.topic}: two publishers at once, nobody can know which is right; "
+            f"{len(taken)} messages left out, stop one of them",
+        )
+        return []
+
+    def _undecodable(self, subscription: Subscription, error: Exception) -> None:
+        self.faults.add(
+            "undecodable", f"{subscription.topic_name}: message cannot be read: {error}"
+        )
 
     def process(self) -> None:
         """Work on what was taken together; nodes that gain by it override this."""
@@ -133,6 +175,7 @@ class Shell(Node):
         profile: QoSProfile = STREAM,
         raw: bool = False,
         skim: bool = False,
+        sole: bool = False,
     ) -> None:
         """Subscribe; a message that is refused or cannot be used yet is counted and dropped.
 
@@ -143,12 +186,18 @@ class Shell(Node):
             profile: quality of service.
             raw: hand over the bytes of the message instead.
             skim: while the node is `skimming`, hand over only the newest of those taken together.
+            sole: leave out what comes while two publish on the topic at once.
         """
         decode = None if raw else decoder_of(kind)
 
         def guarded(message: Any) -> None:
             try:
-                callback(message if decode is None else decode(message))
+                read = message if decode is None else decode(message)
+            except (ValueError, struct.error, IndexError) as error:
+                self._undecodable(subscription, error)
+                return
+            try:
+                callback(read)
             except MessageError as error:
                 self.faults.add(error.kind, str(error))
             except TactileDynamicsError as error:
@@ -166,6 +215,8 @@ class Shell(Node):
         self.polled.append(subscription)
         if skim:
             self._skimmed.add(subscription)
+        if sole:
+            self._numbers[subscription] = _Numbers(topic)
 
     def stream(self, kind: type[Any], topic: str) -> Publisher:
         """Return a publisher of sensor data."""
@@ -189,19 +240,59 @@ class Shell(Node):
                 response.message, response.success = str(error), False
             return response
 
-        self.create_service(Trigger, name, answer)
+        self.create_service(Trigger, name, answer, qos_profile=REQUESTS)
 
 
-def take_messages(subscription: Subscription) -> list[Any]:
-    """Return the messages that wait, the oldest first."""
-    taken: list[Any] = []
+class _Numbers:
+    """Numbers that publishers give their messages on one topic.
+
+    Args:
+        topic: as it was given to `Shell.listen`.
+    """
+
+    def __init__(self, topic: str) -> None:
+        self.topic = topic
+        self._last = 0
+        self._back: deque[float] = deque(maxlen=RIVAL_STEPS)
+
+    def mix(self, numbers: Sequence[int | None], now: float) -> bool:
+        """Whether these numbers are of two publishers; never where the middleware gives none.
+
+        Args:
+            numbers: in the order of the messages.
+            now: monotonic, s.
+        """
+        for number in numbers:
+            if number is None:
+                return False
+            if number <= self._last:
+                self._back.append(now)
+            self._last = number
+        return len(self._back) == RIVAL_STEPS and now - self._back[0] < RIVAL_SPAN
+
+
+def take_messages(
+    subscription: Subscription,
+    refuse: Callable[[Subscription, Exception], None] = lambda *_: None,
+) -> list[tuple[Any, int | None]]:
+    """Return the messages that wait with the publisher's numbers, the oldest first.
+
+    Args:
+        subscription: to take from.
+        refuse: called with each message that the middleware cannot read.
+    """
+    taken: list[tuple[Any, int | None]] = []
     handle = subscription.handle
     with handle:
         for _ in range(BURST):
-            found = handle.take_message(subscription.msg_type, subscription.raw)
+            try:
+                found = handle.take_message(subscription.msg_type, subscription.raw)
+            except (RuntimeError, ValueError) as error:
+                refuse(subscription, error)
+                continue
             if found is None:
                 break
-            taken.append(found[0])
+            taken.append((found[0], found[1]["publication_sequence_number"]))
     return taken
 
 
@@ -221,7 +312,8 @@ def spin(node: Shell, stop: Callable[[], bool]) -> None:
         time.sleep(node.gather)
         node.work()
         if requested or time.monotonic() >= service:
-            executor.spin_once(timeout_sec=0.0)
+            for _ in range(REQUEST_BURST if requested else ANSWERS):
+                executor.spin_once(timeout_sec=0.0)
             service = time.monotonic() + SERVICE_PERIOD
     executor.remove_node(node)
 

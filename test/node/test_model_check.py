@@ -43,7 +43,7 @@ def test_effects_of_the_estimator_are_taken_over(checker):
     message.status = [status_message("solver", {"effects": "viscous_drag,force_bias"})]
     checker.send("/inertial_estimator/status", message, profile=LATCHED)
     check = checker.nodes[0].check
-    checker.until(lambda: [e.name for e in check.effects] == ["viscous_drag", "force_bias"])
+    checker.until(lambda: check.effects == ("viscous_drag", "force_bias"))
 
 
 def test_diagnosis_answers_while_messages_go_on(checker):

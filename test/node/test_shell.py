@@ -20,7 +20,7 @@ def test_a_node_that_skims_reads_only_the_newest_where_that_is_allowed(bench, mo
         )  # fmt: skip
     stamp = wire.Stamp(1, 0)
     waiting = [wire.encode_stamped(stamp, "world", np.full(3, float(k))) for k in range(4)]
-    monkeypatch.setattr(shell, "take_messages", lambda subscription: list(waiting))
+    monkeypatch.setattr(shell, "take_messages", lambda *_: [(message, None) for message in waiting])
     node.work()
     node.skimming = True
     node.work()

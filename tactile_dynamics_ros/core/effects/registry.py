@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from importlib import import_module
 from importlib.metadata import entry_points
 from typing import TypeVar
@@ -75,6 +75,21 @@ def create_effect(label: str) -> Effect:
         raise BadInputError(f"effect '{name}' is unknown: expected one of {known}")
     effect = _registry[name]()
     return effect.with_variant(variant) if variant else effect
+
+
+def create_effects(labels: Sequence[str]) -> tuple[Effect, ...]:
+    """Effects of a model, in the order of their labels; each may be there once.
+
+    Raises:
+        BadInputError: an effect is unknown, has no such reading, or is named twice.
+    """
+    names = [label.partition(":")[0] for label in labels]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise BadInputError(
+            f"effects = {list(labels)}: {', '.join(twice)} is named more than once; name it once"
+        )
+    return tuple(create_effect(label) for label in labels)
 
 
 def _load() -> None:

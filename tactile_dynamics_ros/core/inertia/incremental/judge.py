@@ -6,30 +6,63 @@ import math
 from dataclasses import dataclass
 
 _SAMPLES = 500
-_CLIP = 9.0
+"""Samples over which the scale of innovations is learnt, five seconds at 100 Hz."""
+_SURPRISE = 2.0
+"""How much more than the scale an innovation may add to it: a model that does not fit is learnt
+within seconds at the start, where few samples count, but a fault that comes later would have to
+last for ten seconds to triple the scale. At 9 five seconds of flipped forces were believed."""
+_WORST = 20.0
+"""Largest scale in standard deviations: where a model is further off nothing is published."""
+_DOUBT_SAMPLES = 25
+"""Doubtful samples over which the share of those that do not fit is learnt."""
+_VETO = 0.1
+"""Share of doubtful samples that do not fit from which none is believed: of true ones far less
+than one in a hundred exceeds the threshold, and those of a fault that happen to fit are a choice
+that biases the estimate."""
 
 
 @dataclass
 class Judge:
-    """Robust weights of whitened innovations, relative to how well the model fits lately."""
+    """Robust weights of whitened innovations, relative to how well the model fits lately.
+
+    Attributes:
+        huber: relative innovation from which a sample loses weight.
+        gate: relative innovation from which it is rejected.
+        scale: mean square of innovations, at least 1.
+        rejected: samples rejected so far.
+    """
 
     huber: float
     gate: float
     scale: float = 1.0
     rejected: int = 0
+    _seen: int = 0
+    _misfits: float = 0.0
 
     def weigh(self, square: float, doubtful: bool) -> float:
         """Share of an innovation that is believed.
 
         Args:
             square: its mean square in units of its predicted variance.
-            doubtful: a finger fell silent while it pressed; only what fits is believed then.
+            doubtful: a sensor may be lying; only what fits is believed then.
         """
         relative = math.sqrt(square / self.scale)
-        if not doubtful:
-            change = min(square, _CLIP * self.scale) - self.scale
-            self.scale = max(1.0, self.scale + change / _SAMPLES)
-        if relative > (self.huber if doubtful else self.gate):
-            self.rejected += 1
-            return 0.0
-        return min(1.0, self.huber / max(relative, 1e-9))
+        if doubtful:
+            weight = self._doubt(relative)
+        else:
+            self._learn(square)
+            weight = 0.0 if relative > self.gate else min(1.0, self.huber / max(relative, 1e-9))
+        self.rejected += weight == 0.0
+        return weight
+
+    def _learn(self, square: float) -> None:
+        self._seen += 1
+        self._misfits *= 1.0 - 1.0 / _DOUBT_SAMPLES
+        change = min(square, _SURPRISE * self.scale) - self.scale
+        scale = self.scale + change / min(self._seen + 1, _SAMPLES)
+        self.scale = min(max(1.0, scale), _WORST**2)
+
+    def _doubt(self, relative: float) -> float:
+        fits = relative <= self.huber
+        self._misfits += ((not fits) - self._misfits) / _DOUBT_SAMPLES
+        return float(fits and self._misfits < _VETO)

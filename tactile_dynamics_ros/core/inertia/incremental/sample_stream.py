@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.inertia.incremental.config import IncrementalConfig
@@ -28,8 +29,15 @@ _FORCE_STD_FLOOR, _TORQUE_STD_FLOOR = 1e-4, 1e-6
 _OVERSTATED = 0.7
 _DRAWS = 4099
 _NOISE_FLOOR = (1e-5, 1e-6)
-_LOADED_NEWTON = 0.3
 _POINT_STD_FLOOR = 1e-5
+_STUCK = 10
+"""Equal forces in a row, all three axes to the last bit, that are no chance: a sensor whose noise
+is a fifth of its step still repeats itself so often once in ten million rows."""
+_FROZEN = 8
+"""Equal poses in a row that are no chance: a camera of 15 Hz that is published at 100 Hz repeats
+each pose seven times."""
+_UNDERSTATED = 0.01
+"""Stated over seen noise of a force from which the statement is no statement but a mistake."""
 
 
 @dataclass(frozen=True)
@@ -80,6 +88,9 @@ class SampleStream:
         self._point_std = np.full(MAXIMUM_CONTACTS, config.point_std)
         self._force_std = np.full(MAXIMUM_CONTACTS, config.force_std)
         self._torque_std = np.full(MAXIMUM_CONTACTS, config.torque_std)
+        self._measured = np.zeros(MAXIMUM_CONTACTS, dtype=bool)
+        self._repeated_pose = 0
+        self._repeated_force = np.zeros(MAXIMUM_CONTACTS, dtype=int)
         self.problems: Counter[str] = Counter()
 
     @property
@@ -125,6 +136,7 @@ class SampleStream:
         elif step > self._config.maximum_gap and np.isfinite(step):
             self.problems["gap between poses"] += 1
             self._segment_start = self._poses.end
+        self._count_repeated_pose(position, rotation)
         self._poses.append(
             {"time": time, "position": position, "rotation": rotation, "noise": noise}
         )
@@ -160,6 +172,7 @@ class SampleStream:
             if not all(queue.is_settled(time, period, now) for queue in self._queues.values()):
                 return
             self._contacts.append(self._read(time, period))
+            self._count_doubtful_forces()
 
     def next_range(self, first: int, limit: int) -> tuple[int, int, Layout] | None:
         """Next rows from `first` on, at most `limit`, whose windows are complete and gapless."""
@@ -207,24 +220,98 @@ class SampleStream:
             return self._contacts.rows(name, first, last)[:, :count]
 
         has_torque = np.array([queue.has_torque for queue in self._queues.values()])
-        std = rows("std")
+        seen = self._force_std[:count, None]
+        believed = rows("std") >= _UNDERSTATED * seen * self._measured[:count, None]
         return ContactRows(
             self.names,
             rows("point"),
             rows("rotation"),
             rows("force"),
             rows("torque"),
-            np.where(np.isnan(std), self._force_std[:count, None], std),
+            np.where(believed, rows("std"), seen),
             rows("in_contact") > 0.0,
             self._torque_std[:count] * has_torque,
             self._point_std[:count],
         )
 
     def flags(self, first: int, last: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Whether rows are usable, and whether a finger fell silent under load before them."""
+        """Whether rows are usable, and whether they are doubtful.
+
+        Doubtful are rows with a finger that fell silent or to zero while it pressed, with a force
+        that repeats itself to the last bit, and rows near to poses that do. What is at rest and
+        quantised repeats itself too, but then it also fits.
+        """
         lost = self._contacts.rows("lost", first, last) > 0.0
         held = np.any(self._contacts.rows("in_contact", first, last) > 0.0, axis=1)
-        return held & ~lost, self._contacts.rows("doubtful", first, last) > 0.0
+        absent = self._contacts.rows("doubtful", first, last) > 0.0
+        doubtful = absent | self._stuck(first, last) | self._frozen(first, last)
+        return held & ~lost, doubtful
+
+    def _stuck(self, first: int, last: int) -> NDArray[np.bool_]:
+        """Whether a contact repeats one force for longer than chance lets it, rows first <= k."""
+        begin = max(first - _STUCK, self._contacts.start)
+        end = min(last + _STUCK, self._contacts.end)
+        count = len(self._queues)
+        force = self._contacts.rows("force", begin, end)[:, :count]
+        same = np.any(force[1:] != 0.0, axis=2) & np.all(force[1:] == force[:-1], axis=2)
+        runs = _in_runs(same, _STUCK)[first - begin : last - begin]
+        return np.asarray(runs.any(axis=1))
+
+    def _frozen(self, first: int, last: int) -> NDArray[np.bool_]:
+        """Whether the window of a row has poses that repeat for too long, rows first <= k."""
+        layout = self._layout(first)
+        reach = layout.long if layout else 0
+        begin = max(first - reach - _FROZEN, self._poses.start)
+        end = min(last + reach + _FROZEN, self._poses.end)
+        position, rotation = (self._poses.rows(n, begin, end) for n in ("position", "rotation"))
+        same = np.all(position[1:] == position[:-1], axis=1)
+        same &= np.all(rotation[1:] == rotation[:-1], axis=(1, 2))
+        runs = _in_runs(same[:, None], _FROZEN)[:, 0]
+        reached = np.convolve(runs, np.ones(2 * reach + 1), "same") > 0.5
+        return np.asarray(reached[first - begin : last - begin])
+
+    def _count_repeated_pose(self, position: Array, rotation: Array) -> None:
+        end = self._poses.end
+        same = end > self._poses.start and (
+            np.array_equal(self._poses.rows("position", end - 1, end)[0], position)
+            and np.array_equal(self._poses.rows("rotation", end - 1, end)[0], rotation)
+        )
+        self._repeated_pose = self._repeated_pose + 1 if same else 1
+        if self._repeated_pose >= _FROZEN:
+            self.problems["pose frozen"] += 1
+
+    def _count_doubtful_forces(self) -> None:
+        """Count what the newest row has of forces that repeat themselves or understate their noise."""
+        end = self._contacts.end
+        force = self._contacts.rows("force", max(end - 2, self._contacts.start), end)
+        same = np.all(force[0] == force[-1], axis=1) & np.any(force[-1] != 0.0, axis=1)
+        self._repeated_force = np.where(same, self._repeated_force + 1, 1)
+        for slot, name in enumerate(self.names):
+            if self._repeated_force[slot] >= _STUCK:
+                self.problems[f"contact '{name}' stuck at one value"] += 1
+            if self._understated(end - 1)[slot]:
+                self.problems[f"contact '{name}' understates its noise"] += 1
+
+    def _understated(self, row: int) -> NDArray[np.bool_]:
+        """Contacts (8,) that state far less noise than their readings have, in one row."""
+        std = self._contacts.rows("std", row, row + 1)[0]
+        held = self._contacts.rows("in_contact", row, row + 1)[0] > 0.0
+        low = np.any(std < _UNDERSTATED * self._force_std[:, None], axis=1)
+        return np.asarray(low & held & self._measured)
+
+    @property
+    def obstacles(self) -> tuple[str, ...]:
+        """What is wrong with the newest readings, so that nothing should be concluded now."""
+        end = self._contacts.end
+        if end == self._contacts.start:
+            return ()
+        std = self._contacts.rows("std", end - 1, end)[0]
+        return tuple(
+            f"contact '{name}' does not fit: it states a noise of {std[slot].min():.2g} N, its "
+            f"readings scatter by {self._force_std[slot]:.2g} N"
+            for slot, name in enumerate(self.names)
+            if self._understated(end - 1)[slot]
+        )
 
     def _begin_again(self) -> None:
         self._poses.clear()
@@ -263,10 +350,9 @@ class SampleStream:
         for slot, queue in enumerate(self._queues.values()):
             reading = queue.read(time, period)
             if reading is None:
-                silent = queue.newest < time - 1e-4
-                row["doubtful"] = max(
-                    row["doubtful"], float(silent and queue.last_load > _LOADED_NEWTON)
-                )
+                if queue.was_loaded(time):
+                    row["doubtful"] = 1.0
+                    self.problems[f"contact '{self.names[slot]}' absent after it pressed"] += 1
                 continue
             row["lost"] = max(row["lost"], float(reading.lost))
             row["point"][slot], row["rotation"][slot] = reading.point, reading.rotation
@@ -308,9 +394,25 @@ class SampleStream:
             if point > _POINT_STD_FLOOR:
                 self._point_std[slot] = max(point, self._config.point_std)
             if force > _FORCE_STD_FLOOR:
-                self._force_std[slot] = force
+                self._force_std[slot], self._measured[slot] = force, True
             if torque > _TORQUE_STD_FLOOR:
                 self._torque_std[slot] = torque
+
+
+def _in_runs(same: NDArray[np.bool_], least: int) -> NDArray[np.bool_]:
+    """Whether each of N + 1 rows is part of a run of at least `least` equal rows.
+
+    Args:
+        same: (N, C) whether a row equals the one before it.
+        least: rows.
+    """
+    runs = np.zeros((len(same) + 1, same.shape[1]), dtype=bool)
+    if len(same) < least - 1:
+        return runs
+    whole = np.all(sliding_window_view(same, least - 1, axis=0), axis=2)
+    for shift in range(least):
+        runs[shift : shift + len(whole)] |= whole
+    return runs
 
 
 def _blank_row() -> dict[str, Any]:

@@ -1,0 +1,104 @@
+"""Stamps of streams that belong together: one clock, and the order in which samples were taken."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left
+from typing import Generic, TypeVar
+
+Item = TypeVar("Item")
+
+_TOLERANCE = 1.0
+"""How far a stamp may be from the newest that is believed, s: latencies of the streams are less,
+and a clock that restarts jumps by more. Twice as much only lets a clock that is off by 1 to 2 s in."""
+_PACE = 20.0
+"""Recorded seconds that may pass per second of waiting: a pause of the streams is no jump, also
+where a recording is replayed that much faster than real time."""
+_CONFIRMED = 10
+"""Successive messages on another clock after which it is the clock: two frames of a hand with four
+fingers. Single frames with a wrong stamp, and one finger that lives on another clock, never have
+so many without a message of the others in between."""
+
+
+class SharedClock:
+    """The newest time that the streams of one node agree on.
+
+    A stamp near to it, or as much later as has been waited for, is believed. Others are strays,
+    until so many of them follow each other that it is the clock that has moved.
+    """
+
+    def __init__(self) -> None:
+        self.newest = -math.inf
+        self._heard = -math.inf
+        self._other, self._strays = math.nan, 0
+
+    def check(self, time: float, now: float) -> tuple[bool, bool]:
+        """Whether a stamp is believed, and whether the clock has been set back by it.
+
+        Args:
+            time: stamp, s.
+            now: when the message was taken, monotonic, s.
+        """
+        waited = now - self._heard if math.isfinite(self._heard) else math.inf
+        if -_TOLERANCE <= time - self.newest <= _TOLERANCE + _PACE * waited:
+            self._believe(max(time, self.newest), now)
+            return True, False
+        self._strays = self._strays + 1 if abs(time - self._other) <= _TOLERANCE else 1
+        self._other = time
+        if self._strays < _CONFIRMED:
+            return False, False
+        back = time < self.newest
+        self._believe(time, now)
+        return True, back
+
+    def _believe(self, newest: float, now: float) -> None:
+        self.newest, self._heard, self._strays = newest, now, 0
+
+
+class Reordered(Generic[Item]):
+    """Items in the order of their stamps, held until late ones have had time to come.
+
+    Args:
+        capacity: items kept at most; the oldest are dropped beyond.
+    """
+
+    def __init__(self, capacity: int = 1000) -> None:
+        self._capacity = capacity
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget all items and what has been taken."""
+        self._times: list[float] = []
+        self._items: list[Item] = []
+        self._taken = -math.inf
+
+    def __len__(self) -> int:
+        return len(self._times)
+
+    @property
+    def oldest(self) -> float:
+        """Stamp of the oldest item that is held, s; infinity where there is none."""
+        return self._times[0] if self._times else math.inf
+
+    def add(self, time: float, item: Item) -> bool:
+        """Hold an item; return False (and do not) if its stamp repeats or is passed already."""
+        place = bisect_left(self._times, time)
+        repeats = place < len(self._times) and self._times[place] == time
+        if repeats or time <= self._taken:
+            return False
+        self._times.insert(place, time)
+        self._items.insert(place, item)
+        if len(self._times) > self._capacity:
+            self._taken = self._times[0]
+            del self._times[0], self._items[0]
+        return True
+
+    def take(self, until: float) -> list[tuple[float, Item]]:
+        """Return the items up to a time (s), the oldest first, and hold them no longer."""
+        count = bisect_left(self._times, math.nextafter(until, math.inf))
+        if count == 0:
+            return []
+        taken = list(zip(self._times[:count], self._items[:count], strict=True))
+        del self._times[:count], self._items[:count]
+        self._taken = taken[-1][0]
+        return taken
