@@ -18,10 +18,10 @@ ERROR = "/model_check/error"
 
 
 class Player:
-    """Publishes recorded streams in real time."""
+    """Publishes recorded streams in real time, in a namespace."""
 
-    def __init__(self, listener, streams):
-        self.listener = listener
+    def __init__(self, listener, streams, namespace=""):
+        self.listener, self.namespace = listener, namespace
         self.publishers = {}
         self.messages = sorted(self._collect(streams), key=lambda entry: entry[0])
         self.played = 0.0
@@ -51,7 +51,8 @@ class Player:
             kind = kinds.get(topic.rsplit("/", 1)[1])
             if kind is None:
                 kind = PoseStamped if topic.startswith("/contact") else PoseWithCovarianceStamped
-            self.publishers[topic] = self.listener.node.create_publisher(kind, topic, STREAM)
+            name = self.namespace + topic
+            self.publishers[topic] = self.listener.node.create_publisher(kind, name, STREAM)
         for topic, publisher in self.publishers.items():
             self.listener.wait(
                 lambda p=publisher: p.get_subscription_count() >= listeners, 90.0, topic

@@ -1,0 +1,101 @@
+"""docs/ros.md has every topic and service of every node, with who offers and who uses it."""
+
+import importlib
+from collections import defaultdict
+from pathlib import Path
+
+import pytest
+import rclpy
+from test_node_parameters import node_class
+
+import tactile_dynamics_ros
+from tactile_dynamics_ros.cli.live import node_names
+from tactile_dynamics_ros.core.contact.robot_description import FINGERS
+from tactile_dynamics_ros.nodes import names
+
+ROOT = Path(tactile_dynamics_ros.__file__).parents[1]
+HAND = "/hand"
+GLOBAL = {names.CLOCK, names.DIAGNOSTICS, names.EMERGENCY_STOP, names.TF}
+OF_ROS = ("/rosout", "/parameter_events")
+
+
+def documented(heading, columns):
+    """Return the rows of the table under a heading of docs/ros.md, without the last column."""
+    text = (ROOT / "docs" / "ros.md").read_text().split(f"## {heading}\n")[1].split("\n## ")[0]
+    lines = [line for line in text.splitlines() if line.startswith("|")][2:]
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
+    assert all(len(row) == columns and row[-1] for row in rows), rows
+    return {tuple(cell.replace("`", "") for cell in row[:-1]) for row in rows}
+
+
+def type_name(kind):
+    """Return the name of a message or service type, like std_msgs/Bool."""
+    return f"{kind.__module__.split('.')[0]}/{kind.__name__}"
+
+
+def name_of(resolved):
+    """Return a name relative to the hand's namespace, global ones with their slash."""
+    parts = resolved.removeprefix(f"{HAND}/").split("/")
+    return "/".join("<finger>" if part in FINGERS else part for part in parts)
+
+
+@pytest.fixture(scope="module")
+def interfaces():
+    """Return publishers and subscribers of topics, and servers and clients of services."""
+    topics, services = (defaultdict(lambda: (set(), set())) for _ in range(2))
+    rclpy.init(args=["--ros-args", "-r", f"__ns:={HAND}"])
+    for node_name in node_names():
+        node = node_class(node_name)()
+        used = [(topics, 0, node.resolve_topic_name(p.topic), p.msg_type) for p in node.publishers]
+        used += [(topics, 1, s.topic_name, s.msg_type) for s in node.subscriptions]
+        servers, clients = ((node.services, 0), (node.clients, 1))
+        for found, side in (servers, clients):
+            used += [
+                (services, side, node.resolve_service_name(s.srv_name), s.srv_type) for s in found
+            ]
+        for where, side, resolved, kind in used:
+            of_ros = resolved.startswith((*OF_ROS, f"{HAND}/{node_name}/get_type_description"))
+            if not of_ros and "rcl_interfaces" not in type_name(kind):
+                where[name_of(resolved), type_name(kind)][side].add(node_name)
+        node.destroy_node()
+    rclpy.shutdown()
+    return topics, services
+
+
+def listed(found):
+    """Return rows of names, types, and those on both sides."""
+    everybody = set(node_names())
+
+    def who(nodes):
+        return "all" if nodes == everybody else ", ".join(sorted(nodes)) or "-"
+
+    return {(*key, who(first), who(second)) for key, (first, second) in found.items()}
+
+
+def test_topics_are_documented(interfaces):
+    expected = listed(interfaces[0])
+    try:
+        importlib.import_module("tf2_msgs.msg")
+    except ImportError:
+        expected.add(("/tf", "tf2_msgs/TFMessage", "kinematic_tracker", "-"))
+    assert documented("Topics", 5) == expected
+
+
+def test_services_are_documented(interfaces):
+    assert documented("Services", 5) == listed(interfaces[1])
+
+
+def test_only_what_all_hands_share_is_global(interfaces):
+    names_used = {name for found in interfaces for name, _ in found}
+    assert {name for name in names_used if name.startswith("/")} <= GLOBAL
+
+
+def test_readme_knows_no_other_topics(interfaces):
+    table = (ROOT / "README.md").read_text().split("## Topics\n")[1].split("\n## ")[0]
+    told = [line.split("|")[1] for line in table.splitlines() if line.startswith("| `")]
+    known = {name for found in interfaces for name, _ in found} | {"object/imu"}
+    for cell in told:
+        first, *others = [part.strip(" `") for part in cell.replace("(optional)", "").split(",")]
+        stem = first.rpartition("/")[0]
+        named = {first, *(part if "/" in part else f"{stem}/{part}" for part in others)}
+        assert named <= known, named - known
