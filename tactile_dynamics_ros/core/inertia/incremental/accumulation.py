@@ -1,10 +1,9 @@
-"""One model, fed with samples: whitening, robust weights, summary and solution."""
+"""One rigid body, fed with samples: whitening, robust weights, summary and solution."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import deque
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,10 +18,7 @@ from tactile_dynamics_ros.core.inertia.incremental.information import (
 )
 from tactile_dynamics_ros.core.inertia.incremental.judge import Judge
 from tactile_dynamics_ros.core.inertia.incremental.pipeline import WhiteningPipeline, WhiteRows
-from tactile_dynamics_ros.core.inertia.incremental.residuals import (
-    LinearisedModel,
-    denoise_motion,
-)
+from tactile_dynamics_ros.core.inertia.incremental.residuals import denoise_motion
 from tactile_dynamics_ros.core.inertia.incremental.sample_stream import Layout, SampleStream
 from tactile_dynamics_ros.core.inertia.incremental.solver import DivergencePrior, SummarySolver
 from tactile_dynamics_ros.core.inertia.prior import contact_prior
@@ -36,22 +32,22 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     dynamic_parameters_from_log_cholesky,
 )
 
-if TYPE_CHECKING:
-    from tactile_dynamics_ros.core.effects.effect import Effect, EffectParameter
-
 Array = NDArray[np.float64]
 
 _BLOCK_SAMPLES = 25
 _ERROR_SAMPLES = 500
+_RECENT_SAMPLES = 200
+"""Samples whose error says whether the model fits now, two seconds at 100 Hz: long enough that
+noise alone stays within a tenth of 1, short enough that a fault is over soon after its end."""
 _LOOK_SHARE = 0.1
 _SCATTER = 10.0
 
 
 @dataclass(frozen=True)
 class _Knowledge:
-    """Information of data and prior on [xi, theta], and covariance of [phi, theta].
+    """Information of data and prior on xi, and covariance of phi, all (10, 10).
 
-    `excited` is the derivative of [phi, theta] by the part of [xi, theta] that is excited.
+    `excited` is the derivative of phi by the part of xi that is excited.
     """
 
     data: Array
@@ -63,39 +59,31 @@ class _Knowledge:
 class Accumulation:
     """All that is known from the samples since `start`, in constant memory."""
 
-    def __init__(
-        self, config: IncrementalConfig, stream: SampleStream, effects: Sequence[Effect], start: int
-    ) -> None:
-        """Begin at a running number of the stream.
-
-        Args:
-            config: of the estimator.
-            stream: where samples come from.
-            effects: of the model; empty for the rigid body alone.
-            start: first sample to take.
-        """
+    def __init__(self, config: IncrementalConfig, stream: SampleStream) -> None:
+        """Begin at the oldest sample that the stream keeps."""
         self._config, self._stream = config, stream
-        self.effects = tuple(effects)
-        self.effect_parameters: tuple[tuple[EffectParameter, ...], ...] = ()
-        self.start = self.next = start
-        self.names = stream.names
+        self.start = self.next = stream.first
         self.assumed: Array | None = None
         self.samples = 0
         self.first_time = self.last_time = np.nan
         self.solver: SummarySolver | None = None
+        self.information = SquareRootInformation(10)
+        self.noise_information = np.zeros((10, 10))
+        self.lasting = LastingErrors(10)
+        self.scores = BlockScores(10, _BLOCK_SAMPLES)
         self.judge = Judge(config.huber_threshold, config.outlier_gate)
         self._assumption: tuple[Array, Array] | None = None
         self._pipeline: WhiteningPipeline | None = None
         self._known: _Knowledge | None = None
         self._squared_error = np.zeros(6)
+        self._recent: deque[tuple[Array, Array]] = deque(maxlen=_RECENT_SAMPLES)
         self._unexcited, self._next_look = np.zeros((10, 0)), 0
 
     @property
-    def state(self) -> Array:
-        """Present [phi, theta]."""
+    def phi(self) -> Array:
+        """Present dynamic parameters (10,)."""
         assert self.solver is not None
-        phi = dynamic_parameters_from_log_cholesky(self.solver.xi)
-        return np.concatenate([phi, self.solver.theta])
+        return dynamic_parameters_from_log_cholesky(self.solver.xi)
 
     @property
     def is_current(self) -> bool:
@@ -106,6 +94,15 @@ class Accumulation:
     def rms_error(self) -> Array:
         """(6,) running RMS of measured minus predicted wrench, [torque, force]."""
         return np.sqrt(self._squared_error)
+
+    @property
+    def recent_rms(self) -> float:
+        """Whitened RMS of the last samples at the present estimate, rejected ones too."""
+        if not self._recent:
+            return 1.0
+        rows = np.concatenate([jacobian for jacobian, _ in self._recent])
+        error = rows @ self.phi - np.concatenate([target for _, target in self._recent])
+        return float(np.sqrt(np.mean(error**2)))
 
     def advance(self, limit: int) -> int:
         """Take at most `limit` samples; return how many informed the estimate."""
@@ -131,7 +128,7 @@ class Accumulation:
         if self.samples < self._next_look:
             return
         self._next_look = self.samples + max(1, int(_LOOK_SHARE * self.samples))
-        factor, noise = self.information.factor[:, :10], self.noise_information[:10, :10]
+        factor, noise = self.information.factor, self.noise_information
         scatter = _SCATTER / np.sqrt(self.samples)
         found = unexcited_directions(factor.T @ factor, noise, self._prior, scatter)
         if found.shape[1] == self._unexcited.shape[1] == 0:
@@ -142,9 +139,9 @@ class Accumulation:
         self.solver.hold(rows)
 
     def assume(self, other: Accumulation) -> None:
-        """Weigh samples as another model's estimate implies, until `resume`."""
-        self._assumption = other.state, other.state_covariance()
-        self.assumed = other.state[:10]
+        """Weigh samples as another estimate implies, until `resume`."""
+        self._assumption = other.phi, other.covariance
+        self.assumed = other.phi
         self.judge.scale = other.judge.scale
 
     def resume(self) -> None:
@@ -152,7 +149,7 @@ class Accumulation:
         self._assumption = None
 
     def coordinate_information(self) -> tuple[Array, Array]:
-        """Information of the data, without that of noise, and of the prior on [xi, theta]."""
+        """Information of the data, without that of noise, and of the prior on xi."""
         return self._knowledge().data, self._knowledge().prior
 
     def _knowledge(self) -> _Knowledge:
@@ -173,11 +170,11 @@ class Accumulation:
         return _Knowledge(data, prior, np.asarray(bread @ filling @ bread.T), kept)
 
     def presume_lasting_errors(self) -> PresumedErrors:
-        """Lasting errors that the residuals betray, on [xi, theta]."""
+        """Lasting errors that the residuals betray, on xi."""
         known = self._knowledge()
-        load = float(self.state[0] * np.linalg.norm(GRAVITY_W))
+        load = float(self.phi[0] * np.linalg.norm(GRAVITY_W))
         inverse = np.asarray(np.linalg.inv(known.data + known.prior))
-        return self.lasting.presume(self.state, inverse, known.excited, load)
+        return self.lasting.presume(self.phi, inverse, known.excited, load)
 
     def corrected(self, errors: Array) -> Array:
         """Coordinates xi (10,) of the estimate without these lasting errors (9,)."""
@@ -186,8 +183,9 @@ class Accumulation:
         target = self.information.target + self.lasting.in_target(errors, factor)
         return self.solver.nearby_optimum(factor, target)
 
-    def state_covariance(self) -> Array:
-        """Covariance of [phi, theta], data and prior, as the stated noise has it.
+    @property
+    def covariance(self) -> Array:
+        """Covariance (10, 10) of phi, data and prior, as the stated noise has it.
 
         With M = J^T J - E[dJ^T dJ] + prior: M^-1 (J^T J + prior) M^-1, since noise of the
         regressors adds scatter and no information. Source: Fuller 1987, Eq. 3.1.12.
@@ -204,39 +202,29 @@ class Accumulation:
             self._stream.windows(at, at + 1, layout), self._config.window_degree
         )[0]
         samples = motion.samples(self._stream.contacts(at, at + 1))
-        self.effect_parameters = tuple(e.parameters(samples) for e in self.effects)
-        stds = [p.prior_std for parameters in self.effect_parameters for p in parameters]
         self._prior = contact_prior(samples)
         prior = DivergencePrior(self._prior.mean, self._config.prior_weight)
-        self.solver = SummarySolver(prior, np.array(stds))
-        self.information = SquareRootInformation(10 + len(stds))
-        self.noise_information = np.zeros((10 + len(stds), 10 + len(stds)))
-        self.lasting = LastingErrors(10 + len(stds))
+        self.solver = SummarySolver(prior)
         self._lever = systematic_lever(samples)
-        self.scores = BlockScores(10 + len(stds), _BLOCK_SAMPLES)
-        self._known = None
         self.first_time = self.last_time = float(samples.time[0])
         if self.assumed is None:
-            self.assumed = self.state[:10]
+            self.assumed = self.phi
         return True
 
     def _take(self, first: int, last: int, layout: Layout) -> None:
         """Pass rows of one segment through the whitening and add what leaves it."""
         pipeline = self._pipeline
         if pipeline is None or pipeline.layout != layout or first > self.next:
-            size = self.information.size
             pipeline = WhiteningPipeline(
-                self._config, self._stream, layout, size, self._lever, self.judge
+                self._config, self._stream, layout, self._lever, self.judge
             )
             self._pipeline = pipeline
-        state, covariance = self._assumption or (self.state, self.state_covariance())
-        sizes = np.cumsum([len(parameters) for parameters in self.effect_parameters])[:-1]
-        theta = np.split(state[10:], sizes) if self.effects else []
-        model = LinearisedModel(state[:10], self.effects, theta, self.first_time)
-        for rows in pipeline.process(first, last, model, state, covariance):
+        phi, covariance = self._assumption or (self.phi, self.covariance)
+        for rows in pipeline.process(first, last, phi, covariance):
             self._add(rows)
 
     def _add(self, rows: WhiteRows) -> None:
+        self._recent.append((rows.jacobian, rows.target))
         if rows.weight > 0.0:
             root = np.sqrt(rows.weight)
             self.information.add(root * rows.jacobian, root * rows.target)

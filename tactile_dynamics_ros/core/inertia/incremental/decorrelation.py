@@ -8,7 +8,6 @@ independent of every residual near by, as in the Gauss-Helmert solution of the b
 
 from __future__ import annotations
 
-from itertools import takewhile
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -53,12 +52,6 @@ class Decorrelator(Generic[Record]):
         """What was stored with the centre row; None for a row without residual."""
         return self._records[self.lag]
 
-    @property
-    def later(self) -> list[Record]:
-        """What was stored with the rows after the centre, up to the first without residual."""
-        rows = self._records[self.lag + 1 :]
-        return list(takewhile(lambda record: record is not None, rows))  # type: ignore[arg-type]
-
     def push(self, noise: Array, factor_row: Array, white: Array, record: Record | None) -> None:
         """Add the newest row.
 
@@ -81,25 +74,20 @@ class Decorrelator(Generic[Record]):
         row[:, -_BLOCK:] = np.eye(_BLOCK)
         self.push(np.zeros_like(row), row, np.zeros((_BLOCK, 2)), None)
 
-    def correction(self, response: Array, own: Array) -> Array:
+    def correction(self, response: Array) -> Array:
         """Corrections of m readings x at the centre, -Cov(x, r) C^-1 r, for r and for the draw.
 
         Args:
             response: (2 long + 1, 6, m) of x to one deviation of each pose around the centre.
-            own: (6, k) covariance of the centre's residual with k more readings that are noisy on
-                their own, such as forces.
 
         Returns:
-            (2, m + k).
+            (2, m).
         """
         readings = response.shape[2]
         padded = np.zeros((len(response) + 2 * self._padding, _BLOCK, readings))
         padded[self._padding : self._padding + len(response)] = response
         size = self._width // _BLOCK
         flat = sliding_rows(padded, size).reshape(self._rows, self._width, readings)
-        covariance = np.zeros((self._rows * _BLOCK, readings + own.shape[1]))
-        covariance[:, :readings] = (self._noise @ flat).reshape(-1, readings)
-        centre = slice(self.lag * _BLOCK, (self.lag + 1) * _BLOCK)
-        covariance[centre, readings:] = own
+        covariance = (self._noise @ flat).reshape(-1, readings)
         solved, _ = lapack.dtbtrs(self._band, covariance, uplo="L")
         return np.asarray(-(self._white.reshape(-1, 2).T @ solved))

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 import time as clock
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,15 +12,13 @@ from tactile_dynamics_ros.core.inertia.hull import CentreHull
 from tactile_dynamics_ros.core.inertia.incremental.accumulation import Accumulation
 from tactile_dynamics_ros.core.inertia.incremental.config import IncrementalConfig
 from tactile_dynamics_ros.core.inertia.incremental.contact_queue import ContactReading
-from tactile_dynamics_ros.core.inertia.incremental.live_estimate import LiveEstimate, Summariser
+from tactile_dynamics_ros.core.inertia.incremental.live_estimate import LiveEstimate
 from tactile_dynamics_ros.core.inertia.incremental.sample_stream import SampleStream
+from tactile_dynamics_ros.core.inertia.incremental.summary import Summariser
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     affine_invariant_distance,
     pseudo_inertia,
 )
-
-if TYPE_CHECKING:
-    from tactile_dynamics_ros.core.effects.effect import Effect
 
 Array = NDArray[np.float64]
 
@@ -31,7 +27,7 @@ _REVISE_SAMPLES = 50
 
 
 class IncrementalInertialEstimator:
-    """Estimate mass, centre of mass and inertia of the held object at every update.
+    """Estimate mass, centre of mass and inertia of the held rigid body at every update.
 
     All data so far are summarised exactly by the square-root information [R | d] of the whitened
     Newton-Euler residuals, which are linear in the parameters; iSAM2 solves for log-Cholesky
@@ -45,7 +41,6 @@ class IncrementalInertialEstimator:
     def __init__(self, config: IncrementalConfig | None = None) -> None:
         """Start without data."""
         self._config = config or IncrementalConfig()
-        self._effects: tuple[Effect, ...] = ()
         self._hull: CentreHull | None = None
         self.reset()
 
@@ -54,19 +49,20 @@ class IncrementalInertialEstimator:
         """Counts of readings that could not be used as they came, by kind."""
         return dict(self._stream.problems)
 
+    @property
+    def obstacles(self) -> tuple[str, ...]:
+        """What is wrong with the newest readings, so that nothing should be concluded now."""
+        return self._stream.obstacles
+
     def reset(self) -> None:
-        """Forget all measurements; the model stays."""
+        """Forget all measurements; the hull stays."""
         self._stream = SampleStream(self._config)
         self._newest = -np.inf
         self._seen = 0
         self._summariser = Summariser(self._hull)
+        self._model = Accumulation(self._config, self._stream)
         self._successor: Accumulation | None = None
-        self._restart()
-
-    def set_effects(self, effects: Sequence[Effect]) -> None:
-        """Change the model; the estimate starts again from the samples of the last 30 s."""
-        self._effects = tuple(effects)
-        self._restart()
+        self._next_revision = _REVISE_SAMPLES
 
     def set_hull(self, vertices: Array | None) -> None:
         """Keep the centre of mass inside the convex hull of mesh vertices (N, 3), body frame, m.
@@ -136,22 +132,12 @@ class IncrementalInertialEstimator:
         """
         started = clock.perf_counter()
         self._stream.align(self._newest if now is None else max(now, self._newest))
-        if self._stream.names != self._model.names and self._effects:
-            self._restart()
         arrived, self._seen = self._stream.end - self._seen, self._stream.end
         self._model.advance(self._config.replay_batch + arrived)
         self._revise(arrived)
         if self._model.solver is None:
             return None
-        pending = 0 if self._model.is_current else self._stream.end - self._model.next
-        return self._summariser.summarise(self._model, clock.perf_counter() - started, pending)
-
-    def _restart(self) -> None:
-        self._model, self._successor = self._restarted(), None
-        self._next_revision = _REVISE_SAMPLES
-
-    def _restarted(self) -> Accumulation:
-        return Accumulation(self._config, self._stream, self._effects, self._stream.first)
+        return self._summariser.summarise(self._model, clock.perf_counter() - started)
 
     def _revise(self, arrived: int) -> None:
         """Process the kept samples again if their whitening assumed quite another body."""
@@ -166,9 +152,9 @@ class IncrementalInertialEstimator:
             return
         self._next_revision *= 2
         assert model.assumed is not None
-        present = pseudo_inertia(model.state[:10])
+        present = pseudo_inertia(model.phi)
         if affine_invariant_distance(pseudo_inertia(model.assumed), present) > _REVISE_DISTANCE:
-            self._successor = self._restarted()
+            self._successor = Accumulation(self._config, self._stream)
             self._successor.assume(model)
 
     def _pose_noise(self, covariance: Array | None) -> Array:

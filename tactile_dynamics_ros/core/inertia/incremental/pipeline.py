@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -13,11 +12,8 @@ from tactile_dynamics_ros.core.inertia.incremental.config import IncrementalConf
 from tactile_dynamics_ros.core.inertia.incremental.decorrelation import Decorrelator
 from tactile_dynamics_ros.core.inertia.incremental.judge import Judge
 from tactile_dynamics_ros.core.inertia.incremental.residuals import (
-    ContactRows,
     DenoisedMotion,
-    LinearisedModel,
     ResidualBatch,
-    contact_noise_response,
     linearise_residuals,
 )
 from tactile_dynamics_ros.core.inertia.incremental.sample_stream import Layout, SampleStream
@@ -30,8 +26,10 @@ from tactile_dynamics_ros.core.inertia.systematic import SYSTEMATIC_SIZE, system
 Array = NDArray[np.float64]
 
 _FLOOR = 1e-14 * np.eye(6)
-_HISTORY = 50
-_LEAST_CONTEXT = 4
+_SIZE = 10
+"""Number of dynamic parameters."""
+_COLUMNS = 2 * _SIZE + SYSTEMATIC_SIZE + 1
+"""Columns of the final rows: Jacobian, a draw of its noise, presumed errors, target."""
 
 
 @dataclass(frozen=True)
@@ -40,11 +38,11 @@ class WhiteRows:
 
     Attributes:
         time: s.
-        jacobian: (6, n); target: (6,).
-        noise: (6, n) a draw of the noise that J carries.
+        jacobian: (6, 10) by phi; target: (6,).
+        noise: (6, 10) a draw of the noise that J carries.
         systematic: (6, 9) presumed errors that last, see `systematic_basis`.
         weight: share of it that is believed, 0 to 1.
-        residual: (6,) unwhitened, at the parameters it was linearised at.
+        residual: (6,) unwhitened, at the phi of its time.
     """
 
     time: float
@@ -61,9 +59,8 @@ class _Record:
     """A sample between the two stages."""
 
     motion: DenoisedMotion
-    contacts: ContactRows
     residual: Array
-    state: Array
+    phi: Array
     factor_row: Array
     weight: float
 
@@ -80,7 +77,6 @@ class WhiteningPipeline:
         config: IncrementalConfig,
         stream: SampleStream,
         layout: Layout,
-        size: int,
         lever: float,
         judge: Judge,
     ) -> None:
@@ -90,66 +86,42 @@ class WhiteningPipeline:
             config: of the estimator.
             stream: of raw samples.
             layout: of the segment.
-            size: n, number of parameters.
             lever: m, of the presumed errors that last.
             judge: of innovations.
         """
         self.layout = layout
         self._config, self._stream, self._judge = config, stream, judge
-        self._size, self._lever = size, lever
-        self._columns = 2 * size + SYSTEMATIC_SIZE + 1
-        self._whitener = StreamWhitener(2 * layout.short, size + 1)
+        self._lever = lever
+        self._whitener = StreamWhitener(2 * layout.short, _SIZE + 1)
         self._decorrelator = Decorrelator[_Record](layout.short, layout.long)
-        self._substitution = DelayedSubstitution(2 * layout.short, self._columns)
-        self._history: tuple[deque[DenoisedMotion], deque[DenoisedMotion]]
-        self._history = deque(maxlen=_HISTORY), deque(maxlen=_HISTORY)
-        self._history_contacts: deque[ContactRows] = deque(maxlen=_HISTORY)
+        self._substitution = DelayedSubstitution(2 * layout.short, _COLUMNS)
         self._rng = np.random.default_rng(1)
 
-    def process(
-        self, first: int, last: int, model: LinearisedModel, state: Array, covariance: Array
-    ) -> Iterator[WhiteRows]:
+    def process(self, first: int, last: int, phi: Array, covariance: Array) -> Iterator[WhiteRows]:
         """Take rows first <= k < last and yield the white rows that become complete.
 
         Args:
             first: running number.
             last: running number, exclusive.
-            model: at `state`.
-            state: (n,) parameters to linearise at.
-            covariance: (n, n) of the state, for judging innovations.
+            phi: (10,) dynamic parameters to linearise at.
+            covariance: (10, 10) of phi, for judging innovations.
         """
-        begin = self._stream.lowest(first - _HISTORY, self.layout) if model.effects else first
-        if model.effects and last - begin < _LEAST_CONTEXT:
-            self._skip(last - first)
-            return
-        contacts = self._stream.contacts(begin, last)
-        windows = self._stream.windows(begin, last, self.layout)
-        batch = linearise_residuals(windows, contacts, self._config.window_degree, model)
-        usable, doubtful = self._stream.flags(begin, last)
+        contacts = self._stream.contacts(first, last)
+        windows = self._stream.windows(first, last, self.layout)
+        batch = linearise_residuals(windows, contacts, self._config.window_degree, phi)
+        usable, doubtful = self._stream.flags(first, last)
         complete: list[tuple[_Record, Array] | None] = []
-        for k in range(first - begin, last - begin):
+        for k in range(last - first):
             if usable[k]:
-                self._judge_row(batch, contacts, k, state, covariance, bool(doubtful[k]))
+                self._judge_row(batch, k, phi, covariance, bool(doubtful[k]))
             else:
                 self._whitener.skip()
                 self._decorrelator.skip()
-            complete.append(self._centre(bool(model.effects)))
-        yield from self._finish(complete, model)
-
-    def _skip(self, count: int) -> None:
-        for _ in range(count):
-            self._whitener.skip()
-            self._decorrelator.skip()
-            self._substitution.remember(np.zeros((6, self._columns)))
+            complete.append(self._centre())
+        yield from self._finish(complete)
 
     def _judge_row(
-        self,
-        batch: ResidualBatch,
-        contacts: ContactRows,
-        k: int,
-        state: Array,
-        covariance: Array,
-        doubtful: bool,
+        self, batch: ResidualBatch, k: int, phi: Array, covariance: Array, doubtful: bool
     ) -> None:
         own, noise = batch.contact_covariance[k], batch.pose_noise[k]
         drawn = batch.draw[k] + np.linalg.cholesky(own + _FLOOR) @ self._rng.normal(size=6)
@@ -161,92 +133,49 @@ class WhiteningPipeline:
         weight = self._judge.weigh(square, doubtful)
         white[:, -1] *= weight
         self._whitener.commit(noise, row, white)
-        record = _Record(
-            batch.motion.row(k), contacts.row(k), batch.residual[k], state, row, weight
-        )
+        record = _Record(batch.motion.row(k), batch.residual[k], phi, row, weight)
         self._decorrelator.push(noise, row, white[:, :-3:-1], record)
 
-    def _centre(self, with_forces: bool) -> tuple[_Record, Array] | None:
+    def _centre(self) -> tuple[_Record, Array] | None:
+        """Return the centre row, if it has a residual, and the correction of its motion."""
         record = self._decorrelator.centre
         if record is None:
             return None
-        known = len(self._history_contacts) + 1 + len(self._decorrelator.later)
-        if with_forces and known < _LEAST_CONTEXT:
-            return None
-        own = np.zeros((6, 0))
-        if with_forces:
-            own = contact_noise_response(record.motion, record.contacts)
-        return record, self._decorrelator.correction(record.motion.response[0], own)
+        return record, self._decorrelator.correction(record.motion.response[0])
 
-    def _finish(
-        self, complete: list[tuple[_Record, Array] | None], model: LinearisedModel
-    ) -> Iterator[WhiteRows]:
+    def _finish(self, complete: list[tuple[_Record, Array] | None]) -> Iterator[WhiteRows]:
         """Final regressors of the centre rows, whitened with the rows of L kept."""
         found = [item for item in complete if item is not None]
-        if not found:
-            for _ in complete:
-                self._substitution.remember(np.zeros((6, self._columns)))
-            return
-        jacobians = iter(self._jacobians(found, model))
+        columns = iter(self._final_columns(found) if found else ())
         for item in complete:
             if item is None:
-                self._substitution.remember(np.zeros((6, self._columns)))
-                continue
-            yield self._white_rows(item[0], next(jacobians))
+                self._substitution.remember(np.zeros((6, _COLUMNS)))
+            else:
+                yield self._white_rows(item[0], next(columns))
 
-    def _jacobians(self, found: list[tuple[_Record, Array]], model: LinearisedModel) -> Array:
+    def _final_columns(self, found: list[tuple[_Record, Array]]) -> Array:
         """Jacobians at the corrected motion, draws of their noise, presumed errors."""
         corrections = np.stack([correction for _, correction in found])
         motion = DenoisedMotion.stack([record.motion for record, _ in found])
-        contacts = ContactRows.stack([record.contacts for record, _ in found])
-        denoised = motion.corrected(corrections[:, 0, :18])
-        noisy = denoised.corrected(motion.draw + corrections[:, 1, :18])
-        if model.effects:
-            contacts = contacts.corrected(corrections[:, 0, 18:])
-            jacobian, disturbed = self._jacobians_in_context(denoised, noisy, contacts, model)
-        else:
-            both = DenoisedMotion.stack([denoised, noisy])
-            held = ContactRows.stack([contacts, contacts])
-            jacobian, disturbed = np.split(model.jacobian(both.samples(held)), 2)
+        denoised = motion.corrected(corrections[:, 0])
+        noisy = denoised.corrected(motion.draw + corrections[:, 1])
+        jacobian, disturbed = np.split(DenoisedMotion.stack([denoised, noisy]).regressor(), 2)
         lasting = systematic_basis(denoised.rotation, self._lever)
         return np.concatenate([jacobian, disturbed - jacobian, lasting], axis=2)
 
-    def _jacobians_in_context(
-        self,
-        denoised: DenoisedMotion,
-        noisy: DenoisedMotion,
-        contacts: ContactRows,
-        model: LinearisedModel,
-    ) -> tuple[Array, Array]:
-        """Jacobians of effects with memory need the samples before and after."""
-        later = self._decorrelator.later
-        after = [record.motion for record in later], [record.contacts for record in later]
-        held = ContactRows.stack([*self._history_contacts, contacts, *after[1]])
-        jacobians = []
-        for history, motion in zip(self._history, (denoised, noisy), strict=True):
-            rows = slice(len(history), len(history) + len(motion.time))
-            joined = DenoisedMotion.stack([*history, motion, *after[0]])
-            jacobians.append(model.jacobian(joined.samples(held, model.origin))[rows])
-        for k in range(len(denoised.time)):
-            self._history_contacts.append(contacts.row(k))
-            for history, motion in zip(self._history, (denoised, noisy), strict=True):
-                history.append(motion.row(k))
-        return jacobians[0], jacobians[1]
-
     def _white_rows(self, record: _Record, columns: Array) -> WhiteRows:
-        size = self._size
-        target = columns[:, :size] @ record.state - record.residual
+        target = columns[:, :_SIZE] @ record.phi - record.residual
         white = self._substitution.whiten(record.factor_row, np.column_stack([columns, target]))
         remembered = white.copy()
-        predicted = white[:, :size] @ record.state
+        predicted = white[:, :_SIZE] @ record.phi
         remembered[:, -1] += (1.0 - record.weight) * (predicted - white[:, -1])
         self._substitution.remember(remembered)
         return WhiteRows(
             float(record.motion.time[0]),
-            white[:, :size],
+            white[:, :_SIZE],
             white[:, -1],
-            white[:, size : 2 * size],
-            white[:, 2 * size : -1],
+            white[:, _SIZE : 2 * _SIZE],
+            white[:, 2 * _SIZE : -1],
             record.weight,
             record.residual,
         )

@@ -7,26 +7,19 @@ is G (z - truth) exactly to first order and the regressor Y(x) hardly shares it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.contact.wrench_samples import GRAVITY_W, WrenchSamples
-from tactile_dynamics_ros.core.effects.present import PresentEffects
 from tactile_dynamics_ros.core.inertia.local_polynomial import polynomial_weights
 from tactile_dynamics_ros.core.inertia.sensitivity import motion_sensitivity
 from tactile_dynamics_ros.core.rigid_body.newton_euler import regressor
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, log_so3, skew
 
-if TYPE_CHECKING:
-    from tactile_dynamics_ros.core.effects.effect import Effect
-
 Array = NDArray[np.float64]
-
-_CONTACT_FIELDS = ("point", "rotation", "force", "torque", "std", "in_contact")
 
 
 @dataclass(frozen=True)
@@ -64,31 +57,6 @@ class ContactRows:
     in_contact: NDArray[np.bool_]
     torque_std: Array
     point_std: Array
-
-    def row(self, k: int) -> ContactRows:
-        """Sample k alone."""
-        return self._map(lambda values: values[k : k + 1])
-
-    def corrected(self, forces: Array) -> ContactRows:
-        """Return the readings with forces moved by (B, 3 C) N, world axes."""
-        moved = self.force + forces.reshape(self.force.shape) * self.in_contact[..., None]
-        return replace(self, force=moved)
-
-    @staticmethod
-    def stack(rows: Sequence[ContactRows]) -> ContactRows:
-        """Join samples of the same contacts."""
-        if len(rows) == 1:
-            return rows[0]
-        newest = rows[-1]
-        fields: dict[str, Any] = {
-            name: np.concatenate([_padded(getattr(r, name), len(newest.names)) for r in rows])
-            for name in _CONTACT_FIELDS
-        }
-        return replace(newest, **fields)
-
-    def _map(self, function: Callable[[Array], Array]) -> ContactRows:
-        fields: dict[str, Any] = {name: function(getattr(self, name)) for name in _CONTACT_FIELDS}
-        return replace(self, **fields)
 
 
 @dataclass(frozen=True)
@@ -133,17 +101,17 @@ class DenoisedMotion:
         columns = zip(*(vars(row).values() for row in rows), strict=True)
         return DenoisedMotion(*(np.concatenate(column) for column in columns))
 
-    def samples(self, contacts: ContactRows, origin: float = 0.0) -> WrenchSamples:
-        """Newton-Euler quantities with the contacts' readings; times relative to `origin`."""
-        to_body = np.swapaxes(self.rotation, 1, 2)
+    def regressor(self) -> Array:
+        """Y (B, 6, 10) of the net contact wrench, [torque, force] = Y phi."""
+        vectors = np.concatenate([self.linear[:, 2:] - GRAVITY_W, self.rates[:, 1:]], axis=1)
+        return regressor(*self._in_body(vectors).swapaxes(0, 1))
 
-        def body(vectors: Array) -> Array:
-            return np.asarray((to_body[:, None] @ vectors[..., None])[..., 0])
-
-        omega, alpha = body(self.rates[:, 1:]).swapaxes(0, 1)
+    def samples(self, contacts: ContactRows) -> WrenchSamples:
+        """Newton-Euler quantities with the contacts' readings."""
+        omega, alpha = self._in_body(self.rates[:, 1:]).swapaxes(0, 1)
         loaded = contacts.in_contact[..., None]
         return WrenchSamples(
-            time=self.time - origin,
+            time=self.time,
             position=self.linear[:, 0],
             rotation=self.rotation,
             velocity=self.linear[:, 1],
@@ -151,23 +119,28 @@ class DenoisedMotion:
             angular_velocity=omega,
             angular_acceleration=alpha,
             contact_names=contacts.names,
-            contact_point=body((contacts.point - self.linear[:, None, 0]) * loaded),
-            contact_rotation=to_body[:, None] @ contacts.rotation,
-            contact_force=body(contacts.force),
-            contact_torque=body(contacts.torque),
+            contact_point=self._in_body((contacts.point - self.linear[:, None, 0]) * loaded),
+            contact_rotation=np.swapaxes(self.rotation, 1, 2)[:, None] @ contacts.rotation,
+            contact_force=self._in_body(contacts.force),
+            contact_torque=self._in_body(contacts.torque),
             in_contact=contacts.in_contact,
             gravity=GRAVITY_W,
         )
 
+    def _in_body(self, vectors: Array) -> Array:
+        """Vectors (B, k, 3) of the world in body axes."""
+        to_body = np.swapaxes(self.rotation, 1, 2)[:, None]
+        return np.asarray((to_body @ vectors[..., None])[..., 0])
+
 
 @dataclass(frozen=True)
 class ResidualBatch:
-    """Linearised residuals r(x0 + dx) = residual + jacobian dx of B samples.
+    """Residuals r(phi + dx) = residual + jacobian dx of B samples.
 
     Attributes:
         motion: denoised.
-        jacobian: (B, 6, n) with respect to [phi, theta].
-        residual: (B, 6) at x0, [torque, force], body frame.
+        jacobian: (B, 6, 10) with respect to phi.
+        residual: (B, 6) at phi, [torque, force], body frame.
         pose_noise: (B, 6, 6 (2 short + 1)) response to one deviation of each pose in the window.
         draw: (B, 6) what a draw of the pose noise makes of the residual.
         contact_covariance: (B, 6, 6).
@@ -179,55 +152,6 @@ class ResidualBatch:
     pose_noise: Array
     draw: Array
     contact_covariance: Array
-
-
-@dataclass(frozen=True)
-class LinearisedModel:
-    """Rigid body and effects at one value of their parameters.
-
-    Attributes:
-        phi: (10,) dynamic parameters.
-        effects: of the model.
-        theta: their parameters.
-        origin: s, zero of the times that effects see.
-    """
-
-    phi: Array
-    effects: Sequence[Effect]
-    theta: Sequence[Array]
-    origin: float
-
-    def residual(self, samples: WrenchSamples) -> tuple[Array, Array]:
-        """E = Y phi - w - sum Delta, (B, 6), and its derivative by [phi, theta], (B, 6, n)."""
-        by_phi = _regressor(samples)
-        residual = by_phi @ self.phi - samples.measured_wrench
-        residual -= self._present.wrench(samples, self.phi)
-        return residual, self._jacobian(samples, by_phi)
-
-    def jacobian(self, samples: WrenchSamples) -> Array:
-        """Derivative of the residual by [phi, theta], (B, 6, n)."""
-        return self._jacobian(samples, _regressor(samples))
-
-    @property
-    def moved_load(self) -> Array:
-        """Dynamic parameters (10,) of all that is accelerated."""
-        return self._present.moved_load(self.phi)
-
-    def _jacobian(self, samples: WrenchSamples, by_phi: Array) -> Array:
-        for part in self._present.inertia_jacobians(samples, self.phi):
-            by_phi = by_phi - part
-        by_theta = self._present.jacobians(samples, self.phi)
-        return np.concatenate([by_phi, *(-part for part in by_theta)], axis=2)
-
-    @property
-    def _present(self) -> PresentEffects:
-        return PresentEffects(self.effects, self.theta)
-
-
-def _regressor(samples: WrenchSamples) -> Array:
-    return regressor(
-        samples.specific_acceleration, samples.angular_velocity, samples.angular_acceleration
-    )
 
 
 def _centred_rotation(windows: PoseWindows, weights: Array) -> tuple[Array, Array]:
@@ -251,26 +175,6 @@ def contact_covariance(samples: WrenchSamples, contacts: ContactRows) -> Array:
     covariance[:, :3, :3] += np.einsum("bcij,bckj->bik", arm, arm)
     covariance[:, :3, :3] += (loaded @ contacts.torque_std**2)[:, None, None] * np.eye(3)
     return np.asarray(covariance)
-
-
-def contact_noise_response(motion: DenoisedMotion, contacts: ContactRows) -> Array:
-    """Covariance (6, 3 C) of one sample's residual with its measured forces, world axes."""
-    samples = motion.samples(contacts)
-    variance = contacts.std[0] ** 2 * samples.in_contact[0, :, None]
-    to_body = samples.rotation[0].T
-    by_force = -np.concatenate(
-        [skew(samples.contact_point[0]) @ to_body, np.broadcast_to(to_body, (len(variance), 3, 3))],
-        axis=1,
-    )
-    return np.asarray((by_force * variance[:, None]).swapaxes(0, 1).reshape(6, -1))
-
-
-def _padded(values: Array, count: int) -> Array:
-    """Values of C contacts extended by absent ones."""
-    missing = count - values.shape[1]
-    if missing == 0:
-        return values
-    return np.pad(values, [(0, 0), (0, missing)] + [(0, 0)] * (values.ndim - 2))
 
 
 def _inner(windows: PoseWindows) -> slice:
@@ -328,22 +232,23 @@ def _residual_noise(weights: Array, response: Array, noise: Array) -> Array:
 
 
 def linearise_residuals(
-    windows: PoseWindows, contacts: ContactRows, degree: int, model: LinearisedModel
+    windows: PoseWindows, contacts: ContactRows, degree: int, phi: Array
 ) -> ResidualBatch:
-    """Residuals e = Y phi - w - sum Delta of B samples and how they move with noise.
+    """Residuals e = Y phi - w of B samples and how they move with noise.
 
     Args:
         windows: poses around the samples.
         contacts: the samples' contacts.
         degree: of the local polynomials.
-        model: at the parameters to linearise at.
+        phi: (10,) dynamic parameters.
     """
     motion, weights, steps = denoise_motion(windows, degree)
-    samples = motion.samples(contacts, model.origin)
-    sensitivity = motion_sensitivity(samples, model.moved_load, False, False)
+    samples = motion.samples(contacts)
+    sensitivity = motion_sensitivity(samples, phi, False, False)
     response = np.stack([sensitivity["orientation"], sensitivity["position"]], axis=1)
     noise = _residual_noise(weights, response, windows.noise[:, _inner(windows)])
-    residual, jacobian = model.residual(samples)
+    jacobian = motion.regressor()
+    residual = jacobian @ phi - samples.measured_wrench
     residual += np.einsum("bsoij,bsoj->bi", response, steps)
     drawn = windows.draw[:, _inner(windows)].reshape(len(residual), -1)
     return ResidualBatch(

@@ -1,4 +1,4 @@
-"""iSAM2 on one inertial variable, one variable of effects and one summary of all data."""
+"""iSAM2 on one inertial variable and one summary of all data."""
 
 from __future__ import annotations
 
@@ -20,7 +20,6 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
 Array = NDArray[np.float64]
 
 INERTIA_KEY = gtsam.symbol("x", 0)
-EFFECTS_KEY = gtsam.symbol("t", 0)
 
 _UPPER_ROWS = np.array([0, 1, 0, 0, 1, 2])
 _UPPER_COLUMNS = np.array([1, 2, 2, 3, 3, 3])
@@ -110,18 +109,12 @@ def _root_excess(x: float) -> tuple[float, float]:
 class SummarySolver:
     """Keeps iSAM2 at the optimum while the one factor that summarises all data is replaced."""
 
-    def __init__(self, prior: DivergencePrior, effect_std: Array) -> None:
-        """Start at the prior.
-
-        Args:
-            prior: of the inertia.
-            effect_std: (k,) prior standard deviations of the effects' parameters, mean zero.
-        """
+    def __init__(self, prior: DivergencePrior) -> None:
+        """Start at the prior."""
         self._prior = prior
-        self._effect_std = np.asarray(effect_std, dtype=float)
-        self._summary_index: list[int] = []
         self._rounded: Array | None = None
-        self._start(prior.mean, np.zeros(len(self._effect_std)))
+        self._summary_index: list[int] = []
+        self._start(prior.mean)
 
     @property
     def xi(self) -> Array:
@@ -136,20 +129,15 @@ class SummarySolver:
             self._rounded = log_cholesky(matrix)
         return self._rounded
 
-    @property
-    def theta(self) -> Array:
-        """Effect parameters (k,) of the present estimate."""
-        return self._theta
-
     def replace_summary(self, factor: Array, target: Array) -> None:
-        """Exchange the data's [R | d] on [phi, theta] and iterate until the step is small."""
-        start = self._state()
+        """Exchange the data's [R | d] on phi and iterate until the step is small."""
+        start = self._xi
         graph = gtsam.NonlinearFactorGraph()
         graph.add(self._summary_factor(factor, target))
         try:
             if self._iterate(graph) == 0:
                 return
-            before, after = (self._cost(x, factor, target) for x in (start, self._state()))
+            before, after = (self._cost(x, factor, target) for x in (start, self._xi))
         except (RuntimeError, _Diverged):
             before, after = 0.0, np.inf
         if not after <= before * (1.0 + 1e-9) + 1e-9:
@@ -157,29 +145,23 @@ class SummarySolver:
 
     def nearby_optimum(self, factor: Array, target: Array) -> Array:
         """Coordinates xi (10,) of the optimum for another [R | d], a few damped steps away."""
-        return self._damped(self._state(), factor, target, _FEW_STEPS)[:10]
+        return self._damped(self._xi, factor, target, _FEW_STEPS)
 
     def hold(self, rows: Array) -> None:
         """Hold rows (10, 10) of xi - mean from now on; iSAM2 starts anew where it is."""
         self._prior.hold = rows
-        self._start(self._xi, self._theta)
+        self._start(self._xi)
 
     def prior_information(self) -> Array:
-        """Information of the prior alone at the present estimate, on [xi, theta]."""
-        size = 10 + len(self._effect_std)
-        information = np.zeros((size, size))
+        """Information (10, 10) of the prior alone on xi, at the present estimate."""
         _, jacobian = self._prior.error(self._xi)
-        information[:10, :10] = jacobian.T @ jacobian
-        information[range(10, size), range(10, size)] = self._effect_std**-2.0
-        return information
+        return np.asarray(jacobian.T @ jacobian)
 
     def coordinate_jacobian(self) -> Array:
-        """d[phi, theta] / d[xi, theta] at the present estimate."""
-        jacobian = np.eye(10 + len(self._effect_std))
-        jacobian[:10, :10] = log_cholesky_jacobian(self._xi)
-        return jacobian
+        """Derivative (10, 10) of phi by xi at the present estimate."""
+        return log_cholesky_jacobian(self._xi)
 
-    def _start(self, xi: Array, theta: Array) -> None:
+    def _start(self, xi: Array) -> None:
         parameters = gtsam.ISAM2Params()
         parameters.relinearizeSkip = 1
         parameters.setFactorization("QR")
@@ -189,14 +171,9 @@ class SummarySolver:
         graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
         graph.add(self._prior_factor())
         values.insert(INERTIA_KEY, xi)
-        if len(theta):
-            noise = gtsam.noiseModel.Diagonal.Sigmas(self._effect_std)
-            graph.add(gtsam.PriorFactorVector(EFFECTS_KEY, np.zeros(len(theta)), noise))
-            values.insert(EFFECTS_KEY, theta)
         self._isam.update(graph, values)
         self._summary_index = []
-        self._xi, self._theta = np.array(xi), np.array(theta)
-        self._rounded = None
+        self._move(np.array(xi))
 
     def _iterate(self, graph: gtsam.NonlinearFactorGraph) -> int:
         """Exchange the factor; return the number of steps before one that is small."""
@@ -205,9 +182,9 @@ class SummarySolver:
         self._summary_index = list(result.getNewFactorsIndices())
         last = np.inf
         for count in range(_MAXIMUM_ROUNDS):
-            previous = self._state()
-            self._read()
-            step = float(np.abs(self._state() - previous).max())
+            previous = self._xi
+            self._move(self._isam.calculateEstimateVector(INERTIA_KEY))
+            step = float(np.abs(self._xi - previous).max())
             if step < _STEP_TOLERANCE:
                 return count
             if step > _SHRINKING * last or np.abs(self._xi[:4]).max() > _LARGEST_LOGARITHM:
@@ -216,57 +193,43 @@ class SummarySolver:
             last = step
         return _MAXIMUM_ROUNDS
 
-    def _state(self) -> Array:
-        return np.concatenate([self._xi, self._theta])
-
-    def _read(self) -> None:
-        self._xi, self._rounded = self._isam.calculateEstimateVector(INERTIA_KEY), None
-        if len(self._effect_std):
-            self._theta = self._isam.calculateEstimateVector(EFFECTS_KEY)
+    def _move(self, xi: Array) -> None:
+        self._xi, self._rounded = xi, None
 
     def _recover(self, start: Array, factor: Array, target: Array) -> None:
         """Solve the same problem by damped steps from `start` and restart iSAM2 there."""
         best = self._damped(start, factor, target, _MANY_STEPS)
-        self._start(best[:10], best[10:])
+        self._start(best)
         graph = gtsam.NonlinearFactorGraph()
         graph.add(self._summary_factor(factor, target))
         try:
             result = self._isam.update(graph, gtsam.Values())
         except RuntimeError:
-            self._start(best[:10], best[10:])
+            self._start(best)
             return
         self._summary_index = list(result.getNewFactorsIndices())
 
     def _damped(self, start: Array, factor: Array, target: Array, steps: int) -> Array:
-        """[xi, theta] after at most so many damped steps."""
-        rows = len(target) + len(start) + 10
+        """Coordinates xi (10,) after at most so many damped steps."""
+        rows = len(target) + 20
 
-        def evaluate(x: Array) -> tuple[Array, Array]:
-            if np.abs(x[:4]).max() > _LARGEST_LOGARITHM:
-                return np.full(rows, np.inf), np.zeros((rows, len(x)))
-            return self._stacked(x[:10], x[10:], factor, target)
+        def evaluate(xi: Array) -> tuple[Array, Array]:
+            if np.abs(xi[:4]).max() > _LARGEST_LOGARITHM:
+                return np.full(rows, np.inf), np.zeros((rows, 10))
+            return self._stacked(xi, factor, target)
 
         return levenberg_marquardt(evaluate, start, steps, _ENOUGH)[0]
 
-    def _cost(self, x: Array, factor: Array, target: Array) -> float:
-        """Sum of squared errors of data and priors at x = [xi, theta]."""
-        phi = dynamic_parameters_from_log_cholesky(x[:10])
-        data = factor[:, :10] @ phi + factor[:, 10:] @ x[10:] - target
-        effects = x[10:] / self._effect_std
-        return float(data @ data + 2.0 * self._prior.cost(x[:10]) + effects @ effects)
+    def _cost(self, xi: Array, factor: Array, target: Array) -> float:
+        """Sum of squared errors of data and prior."""
+        data = factor @ dynamic_parameters_from_log_cholesky(xi) - target
+        return float(data @ data + 2.0 * self._prior.cost(xi))
 
-    def _stacked(
-        self, xi: Array, theta: Array, factor: Array, target: Array
-    ) -> tuple[Array, Array]:
-        """All errors and their Jacobian on [xi, theta]: data, prior of inertia, of effects."""
-        size = 10 + len(theta)
-        data, by_inertia = _summary_error(xi, theta, factor, target)
+    def _stacked(self, xi: Array, factor: Array, target: Array) -> tuple[Array, Array]:
+        """Errors of data and prior, and their Jacobian by xi."""
+        data, by_data = _summary_error(xi, factor, target)
         prior, by_prior = self._prior.held_error(xi)
-        jacobian = np.zeros((len(data) + len(prior) + len(theta), size))
-        jacobian[: len(data), :10], jacobian[: len(data), 10:] = by_inertia, factor[:, 10:]
-        jacobian[len(data) : len(data) + len(prior), :10] = by_prior
-        jacobian[len(data) + len(prior) :, 10:] = np.diag(1.0 / self._effect_std)
-        return np.concatenate([data, prior, theta / self._effect_std]), jacobian
+        return np.concatenate([data, prior]), np.concatenate([by_data, by_prior])
 
     def _prior_factor(self) -> gtsam.CustomFactor:
         def error(
@@ -280,28 +243,20 @@ class SummarySolver:
         return gtsam.CustomFactor(gtsam.noiseModel.Unit.Create(20), [INERTIA_KEY], error)
 
     def _summary_factor(self, factor: Array, target: Array) -> gtsam.CustomFactor:
-        has_effects = len(self._effect_std) > 0
-        keys = [INERTIA_KEY, EFFECTS_KEY] if has_effects else [INERTIA_KEY]
-
         def error(
             _: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None
         ) -> Array:
-            theta = values.atVector(EFFECTS_KEY) if has_effects else np.zeros(0)
             xi = _bounded(values.atVector(INERTIA_KEY))
-            value, jacobian = _summary_error(xi, theta, factor, target)
+            value, jacobian = _summary_error(xi, factor, target)
             if jacobians is not None:
                 jacobians[0] = jacobian
-                if has_effects:
-                    jacobians[1] = factor[:, 10:]
             return value
 
-        return gtsam.CustomFactor(gtsam.noiseModel.Unit.Create(len(target)), keys, error)
+        noise = gtsam.noiseModel.Unit.Create(len(target))
+        return gtsam.CustomFactor(noise, [INERTIA_KEY], error)
 
 
-def _summary_error(xi: Array, theta: Array, factor: Array, target: Array) -> tuple[Array, Array]:
-    """R [phi(xi), theta] - d and its derivative by xi."""
+def _summary_error(xi: Array, factor: Array, target: Array) -> tuple[Array, Array]:
+    """R phi(xi) - d and its derivative by xi."""
     phi = dynamic_parameters_from_log_cholesky(xi)
-    by_inertia = factor[:, :10]
-    return by_inertia @ phi + factor[:, 10:] @ theta - target, by_inertia @ log_cholesky_jacobian(
-        xi
-    )
+    return factor @ phi - target, factor @ log_cholesky_jacobian(xi)
