@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 
 from benchmarks.replay.player import DIAGNOSE, RESET, STATUS, executable
-from benchmarks.replay.rig import RECOVERY, Rig, Row, require_recovery
+from benchmarks.replay.rig import Rig, Row, require_recovery
 from tactile_dynamics_ros.cli.supervisor import verb_command
 
 ESTIMATOR = "inertial_estimator"
@@ -125,7 +125,7 @@ def _during(rig: Rig, act: Callable[[Row], None]) -> Row:
     begun = rig.prepare(rig.lead)
     start, done = rig.now, Row("")
     act(done)
-    rig.play(rig.record(RECOVERY))
+    rig.recover()
     row = rig.judge("", begun, start, start)
     row.failures, row.note = done.failures, done.note
     row.said = [*done.said, *row.said]

@@ -21,11 +21,12 @@ from tactile_dynamics_ros.core.inertia.estimate import PARAMETER_NAMES
 CLEAN = "clean"
 CLEAN_SECONDS = 30.0
 REFERENCE_STD = np.array(
-    [1.125e-4, 1.713e-5, 1.745e-5, 6.545e-5, 2.817e-5]
-    + [5.489e-6, 1.875e-5, 1.018e-5, 6.506e-6, 2.962e-5]
+    [1.122e-4, 1.703e-5, 1.738e-5, 6.224e-5]  # mass, com
+    + [1.755e-5, 3.478e-6, 1.169e-5, 6.708e-6, 4.199e-6, 1.803e-5]  # inertia
 )
-"""Standard deviations (10,) after 30 s of the clean recording, in the order of PARAMETER_NAMES,
-before faults were looked for: `./dev bench faults --only clean` at commit 6fa4b86."""
+"""Standard deviations (10,) after 30 s of the clean recording, in the order of PARAMETER_NAMES, by
+the nodes of commit 734e391, whose faults were not mended: `./dev bench faults --only clean --json`.
+"""
 WIDEST = 1.1
 """Intervals of the clean recording may be that much wider."""
 PUBLISHED = 0.99

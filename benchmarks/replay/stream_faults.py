@@ -39,6 +39,7 @@ class StreamFault:
         once: only the first frame of the fault is changed.
         whole: the data are at fault from the beginning and until the fault's end.
         lossless: nothing has to be said if no sample is lost.
+        withheld: nobody can know what is right, so that no interval may be published.
         forgotten: the past is void afterwards, so that a diagnosis must find nothing.
     """
 
@@ -48,6 +49,7 @@ class StreamFault:
     once: bool = False
     whole: bool = False
     lossless: bool = False
+    withheld: bool = False
     forgotten: bool = False
 
     def inject(self, messages: Iterable[Message], start: float, stop: float) -> list[Message]:
@@ -232,7 +234,7 @@ STREAM_FAULTS = (
     StreamFault("finger_frozen", _frozen(finger=FINGER)),
     StreamFault("finger_zero", _each(_zero_force, finger=FINGER, stream="force")),
     StreamFault("pose_frozen", _constant(stream="object")),
-    StreamFault("second_publisher", _add_rival),
+    StreamFault("second_publisher", _add_rival, withheld=True),
     StreamFault("no_contact_poses", _each(lambda m: None, stream="pose")),
     StreamFault("zero_stamps", _each(_zero_stamp)),
     StreamFault("batches_1s", _batch, lossless=True),
@@ -242,6 +244,7 @@ STREAM_FAULTS = (
     StreamFault("forces_flipped", _scaled(-1.0, "force")),
     StreamFault("invalid_utf8", _each(_bad_text)),
     StreamFault("short_cdr", _cut_short),
+    StreamFault("shuffled_always", _shuffle, whole=True),
     StreamFault("force_std_1e-9_always", _TINY_STD, whole=True),
     StreamFault("forces_mn_always", _scaled(1e3, "force", "force_std"), whole=True),
     StreamFault("forces_mn_std_in_n_always", _scaled(1e3, "force"), whole=True),
