@@ -46,7 +46,7 @@ class BiotacForceConfig:
         "counts/K",
     )
     tare_frames: int = parameter(30, "frames without contact that make a tare", "", 1, 1000)
-    tare_file: str = parameter("", "where the tare outlives the node (empty: one per ROS domain)")
+    tare_file: str = parameter("", "where the tare outlives the node (empty: one per namespace)")
     tare_max_age: float = parameter(30.0, "pause after which a kept tare is not used", "s", 0.0)
 
     def __post_init__(self) -> None:
@@ -83,7 +83,7 @@ class BiotacForce(Shell):
         tips = [self.config.fingertip(finger, tip) for finger in range(len(FINGERS))]
         self.estimator = create_force_estimator(self.config.model, tips)
         self._slip = SlipDetector(slip)
-        self._kept = KeptTare(self.config.tare_file)
+        self._kept = KeptTare(self.config.tare_file, self.get_namespace())
         self._rest: deque[NDArray[np.float64]] | None = None
         frames = self._kept.read(self.config.tare_max_age)
         if frames is None:

@@ -19,12 +19,14 @@ class KeptTare:
     """Frames of the last tare in a file, so that a restarted node need not open the hand.
 
     Args:
-        path: of the file; if empty, one per user and ROS domain in the temporary folder.
+        path: of the file; if empty, one per user, ROS domain and namespace in the temporary folder.
+        namespace: of the node, so that each of several hands has its own.
     """
 
-    def __init__(self, path: str = "") -> None:
-        name = f"biotac_tare_{os.getuid()}_{os.environ.get('ROS_DOMAIN_ID', '0')}.npy"
-        self.path = Path(path) if path else Path(tempfile.gettempdir()) / name
+    def __init__(self, path: str = "", namespace: str = "/") -> None:
+        parts = [os.getuid(), os.environ.get("ROS_DOMAIN_ID", "0"), *namespace.split("/")]
+        name = "_".join(str(part) for part in ["biotac_tare", *parts] if part != "")
+        self.path = Path(path) if path else Path(tempfile.gettempdir()) / f"{name}.npy"
 
     def read(self, max_age: float) -> NDArray[np.float64] | None:
         """Return the frames (K, 4, 44), or None if none were in use within `max_age` seconds."""

@@ -132,6 +132,11 @@ def test_kept_tare_expires_and_survives_damage(tmp_path):
     assert kept.read(30.0) is None
 
 
+def test_every_hand_keeps_a_tare_of_its_own():
+    paths = [KeptTare("", namespace).path for namespace in ("/", "/left", "/right", "/a/b")]
+    assert len(set(paths)) == len(paths)
+
+
 def test_bad_frames_are_counted_and_harmless(node):
     driver = Driver(node())
     driver.until(lambda: driver.forces)
