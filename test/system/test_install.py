@@ -35,7 +35,7 @@ TRAINING = {f"{PACKAGE}.core.tactile.network.{name}" for name in ("muon", "train
 """Modules that need torch, which the extra [train] brings."""
 
 STAND_INS = {
-    # what a machine without apt's ROS lacks, or what would reach for the network
+    # what only apt has (launch and ros2cli are not on PyPI), or what would reach for the network
     "rosdep": "exit 0",
     "pip": 'exec {here} -m pip --python {python} "$@" --no-index',
     "colcon": 'PYTHONPATH={libraries} exec {python} {colcon} "$@"',
@@ -118,14 +118,11 @@ def robot(source, tmp_path_factory):
     tools = home / "tools"
     tools.mkdir()
     (home / "ws" / "src").mkdir(parents=True)
+    facts = {"package": PACKAGE, "here": sys.executable, "python": environment.python}
+    facts |= {"colcon": COLCON, "libraries": COLCON.parents[1] / "lib" / environment_library()}
     for name, body in STAND_INS.items():
-        if name != "ros2" or shutil.which("ros2") is None:
-            facts = {"here": sys.executable, "python": environment.python, "colcon": COLCON}
-            facts |= {"libraries": COLCON.parents[1] / "lib" / environment_library()}
-            (tools / name).write_text(
-                "#!/bin/bash\n" + body.format(package=PACKAGE, **facts) + "\n"
-            )
-            (tools / name).chmod(0o755)
+        (tools / name).write_text("#!/bin/bash\n" + body.format(**facts) + "\n")
+        (tools / name).chmod(0o755)
     variables = environment.variables | {"HOME": str(home)}
     variables["PATH"] = f"{tools}:{variables['PATH']}"
     typed = robot_block()[0].replace("<this repository>", str(source))
