@@ -10,7 +10,7 @@ Item = TypeVar("Item")
 
 _TOLERANCE = 1.0
 """How far a stamp may be from the newest that is believed, s: latencies of the streams are less,
-and a clock that restarts jumps by more. Twice as much only lets a clock that is off by 1 to 2 s in."""
+and a clock that restarts jumps by more. Twice as much would let clocks in that are 2 s off."""
 _PACE = 20.0
 """Recorded seconds that may pass per second of waiting: a pause of the streams is no jump, also
 where a recording is replayed that much faster than real time."""

@@ -191,6 +191,19 @@ class Effect(ABC):
         """
         return _NO_LOAD
 
+    def unseen_gain(self, samples: WrenchSamples, theta: Array, std: Array) -> float:
+        """Standard deviation of a gain common to all sensors, which no data show; 0 for none.
+
+        All measured wrenches times a factor are those of a body as many times as heavy, so that the
+        ten dynamic parameters are uncertain by this share of themselves.
+
+        Args:
+            samples: of the recording.
+            theta: (k,) found.
+            std: (k,) of theta.
+        """
+        return 0.0
+
     def whole_samples_late(self, theta: Array, period: float) -> tuple[int, Array]:
         """By how many samples forces are late against the motion, and theta of exactly that.
 

@@ -21,6 +21,8 @@ from tactile_dynamics_ros.core.rigid_body.rotation import cross, exp_so3, skew
 
 Array = NDArray[np.float64]
 
+_SEEN = 4.0
+"""Standard deviations from which a gain is seen: one in ten thousand by chance."""
 _LEAST_GAIN = -0.9
 
 
@@ -167,6 +169,18 @@ class ForceScale(FingerEffect):
         """-gain / (1 + gain), gains as they count."""
         relative = self._relative(samples, theta)
         return np.asarray(-relative / (1.0 + relative))
+
+    def unseen_gain(self, samples: WrenchSamples, theta: Array, std: Array) -> float:
+        """Prior of the mean of all gains, where every finger has one or none has one that is seen.
+
+        A gain of single fingers is seen against the others, which then are taken to be right. If
+        none is seen, what is left of a gain error is one that all have in common.
+        """
+        seen = np.abs(theta) > _SEEN * std
+        if seen.any() and not self._is_relative(samples):
+            return 0.0
+        (gain,) = self.axis_parameters()
+        return float(gain.prior_std / np.sqrt(len(samples.contact_names)))
 
     def _relative(self, samples: WrenchSamples, theta: Array) -> Array:
         """Gains (k,) that count: 1 / c_i - 1, c over its mean where all fingers have a gain."""

@@ -191,7 +191,18 @@ class FittedModel:
         if self.frame_covariance is not None:
             moved = displacement_jacobian(self.phi)
             covariance[:10, :10] += moved @ self.frame_covariance @ moved.T
+        covariance[:10, :10] += self._unseen_gain(covariance) ** 2 * np.outer(self.phi, self.phi)
         return np.asarray(covariance)
+
+    def _unseen_gain(self, covariance: Array) -> float:
+        """Standard deviation of a gain common to all sensors that an effect may have, unseen."""
+        stds = np.sqrt(np.diag(covariance)[10:])
+        gains, first = [0.0], 0
+        for effect, theta in zip(self.effects, self.theta, strict=True):
+            own = stds[first : first + len(theta)]
+            gains.append(effect.unseen_gain(self.samples[0], theta, own))
+            first += len(theta)
+        return float(np.linalg.norm(gains))
 
     @cached_property
     def presumed_errors(self) -> PresumedErrors:

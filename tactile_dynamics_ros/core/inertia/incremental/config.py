@@ -25,7 +25,7 @@ class IncrementalConfig:
         0.1, "a contact silent for longer is taken as absent", "s", 0.01, 2.0
     )
     replay_duration: float = parameter(
-        30.0, "raw samples kept for a change of the model", "s", 1.0, 300.0
+        30.0, "raw samples kept, to be weighed again when the estimate has moved", "s", 1.0, 300.0
     )
     replay_batch: int = parameter(5, "kept samples processed again per update", "", 1, 200)
     point_std: float = parameter(
@@ -42,6 +42,9 @@ class IncrementalConfig:
     )
     position_std: float = parameter(
         1e-4, "standard deviation of positions whose covariance is not stated", "m", 1e-7
+    )
+    maximum_mass: float = parameter(
+        100.0, "a heavier object is not believed: forces are not in N", "kg", 1e-3
     )
     prior_weight: float = parameter(
         0.02, "weight of the prior's log-det divergence, in nats", "", 1e-6, 1e3

@@ -52,7 +52,14 @@ class IncrementalInertialEstimator:
     @property
     def obstacles(self) -> tuple[str, ...]:
         """What is wrong with the newest readings, so that nothing should be concluded now."""
-        return self._stream.obstacles
+        obstacles = self._stream.obstacles
+        if self._model.solver is None or self._model.phi[0] <= self._config.maximum_mass:
+            return obstacles
+        return (
+            *obstacles,
+            f"the model does not fit: a mass of {self._model.phi[0]:.4g} kg is more than "
+            f"maximum_mass = {self._config.maximum_mass:g} kg; are the forces in N?",
+        )
 
     def reset(self) -> None:
         """Forget all measurements; the hull stays."""

@@ -33,6 +33,8 @@ _POINT_STD_FLOOR = 1e-5
 _STUCK = 10
 """Equal forces in a row, all three axes to the last bit, that are no chance: a sensor whose noise
 is a fifth of its step still repeats itself so often once in ten million rows."""
+_ROUNDING = 1e-9
+"""Relative change of a force that is rounding: what a sensor repeats is turned into the world."""
 _FROZEN = 8
 """Equal poses in a row that are no chance: a camera of 15 Hz that is published at 100 Hz repeats
 each pose seven times."""
@@ -73,6 +75,7 @@ class SampleStream:
                 "point": (slots, 3),
                 "rotation": (slots, 3, 3),
                 "force": (slots, 3),
+                "in_sensor": (slots, 3),
                 "torque": (slots, 3),
                 "std": (slots, 3),
                 "in_contact": (slots,),
@@ -252,10 +255,17 @@ class SampleStream:
         begin = max(first - _STUCK, self._contacts.start)
         end = min(last + _STUCK, self._contacts.end)
         count = len(self._queues)
-        force = self._contacts.rows("force", begin, end)[:, :count]
-        same = np.any(force[1:] != 0.0, axis=2) & np.all(force[1:] == force[:-1], axis=2)
-        runs = _in_runs(same, _STUCK)[first - begin : last - begin]
+        runs = _in_runs(self._repeats(begin, end)[:, :count], _STUCK)[first - begin : last - begin]
         return np.asarray(runs.any(axis=1))
+
+    def _repeats(self, first: int, last: int) -> NDArray[np.bool_]:
+        """Whether forces (N - 1, 8) are those of the row before, in the world or in the sensor."""
+        found = np.zeros((max(last - first - 1, 0), MAXIMUM_CONTACTS), dtype=bool)
+        for name in ("force", "in_sensor"):
+            force = self._contacts.rows(name, first, last)
+            change = np.abs(np.diff(force, axis=0)).max(axis=2)
+            found |= change <= _ROUNDING * np.abs(force[1:]).max(axis=2)
+        return found & np.any(self._contacts.rows("force", first + 1, last) != 0.0, axis=2)
 
     def _frozen(self, first: int, last: int) -> NDArray[np.bool_]:
         """Whether the window of a row has poses that repeat for too long, rows first <= k."""
@@ -281,11 +291,11 @@ class SampleStream:
             self.problems["pose frozen"] += 1
 
     def _count_doubtful_forces(self) -> None:
-        """Count what the newest row has of forces that repeat themselves or understate their noise."""
+        """Count forces of the newest row that repeat themselves or understate their noise."""
         end = self._contacts.end
-        force = self._contacts.rows("force", max(end - 2, self._contacts.start), end)
-        same = np.all(force[0] == force[-1], axis=1) & np.any(force[-1] != 0.0, axis=1)
-        self._repeated_force = np.where(same, self._repeated_force + 1, 1)
+        same = self._repeats(max(end - 2, self._contacts.start), end)
+        repeated = same.any(axis=0)
+        self._repeated_force = np.where(repeated, self._repeated_force + 1, 1)
         for slot, name in enumerate(self.names):
             if self._repeated_force[slot] >= _STUCK:
                 self.problems[f"contact '{name}' stuck at one value"] += 1
@@ -357,6 +367,7 @@ class SampleStream:
             row["lost"] = max(row["lost"], float(reading.lost))
             row["point"][slot], row["rotation"][slot] = reading.point, reading.rotation
             row["force"][slot], row["torque"][slot] = reading.force, reading.torque
+            row["in_sensor"][slot] = reading.rotation.T @ reading.force
             row["std"][slot], row["in_contact"][slot] = reading.std, 1.0
         return row
 
@@ -421,6 +432,7 @@ def _blank_row() -> dict[str, Any]:
         "point": np.zeros((slots, 3)),
         "rotation": np.broadcast_to(np.eye(3), (slots, 3, 3)).copy(),
         "force": np.zeros((slots, 3)),
+        "in_sensor": np.zeros((slots, 3)),
         "torque": np.zeros((slots, 3)),
         "std": np.zeros((slots, 3)),
         "in_contact": np.zeros(slots),

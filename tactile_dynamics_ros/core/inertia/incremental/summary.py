@@ -21,6 +21,20 @@ _NEAR = 0.05
 """How far log-Cholesky coordinates may move until what lasting errors change is found again."""
 
 
+_FITS, _MISFITS = 1.2, 1.5
+"""Error over the noise up to which blocks of scores tell how far off the estimate may be, and from
+which they do not: of what lasts as long as the recording there are few blocks."""
+_LASTING_FACTOR = 9.0
+"""What variances grow by at such a misfit: with 1, truths of hidden effects were up to 9 standard
+deviations off in the first ten seconds (`benchmarks.inertia`, recordings with one effect)."""
+
+
+def _misfit_factor(rms: float) -> float:
+    """Factor >= 1 on variances for a whitened RMS of the model."""
+    share = min(max((rms - _FITS) / (_MISFITS - _FITS), 0.0), 1.0)
+    return max(1.0, rms) ** 2 * (1.0 + (_LASTING_FACTOR - 1.0) * share)
+
+
 class Summariser:
     """Turns what an `Accumulation` knows now into a `LiveEstimate`.
 
@@ -49,7 +63,8 @@ class Summariser:
         data, prior = model.coordinate_information()
         widening, lasting, excitation = self._due(model)
         if widening:
-            self._widen = np.sqrt(model.scores.inflation(model.phi, covariance))
+            scatter = model.scores.inflation(model.phi, covariance)
+            self._widen = np.sqrt(scatter * _misfit_factor(model.information.whitened_rms))
         if lasting or self._presumed is None:
             self._presumed = model.presume_lasting_errors()
             self._corrected_at = np.full(10, np.inf)
