@@ -16,8 +16,8 @@ ESTIMATOR = "inertial_estimator"
 CALLS, DIAGNOSES, IN_A_ROW = 100, 20, 6
 FLAT = 1.1
 """Memory after six diagnoses over that after the first: what an allocator keeps, and no more."""
-UP = 8.0
-"""A node that has not refused its arguments by then has taken them, s."""
+UP = 30.0
+"""By then a node listens, or has refused its arguments, s."""
 
 CommandFault = Callable[[Rig], Row]
 
@@ -45,10 +45,15 @@ def start_with(node: str, argument: str, rig: Rig) -> Row:
     row = Row("")
     name, _, value = argument.partition(":=")
     command = [*executable(node, {name: value}), "-r", "__ns:=/aside"]
+
+    def listens(topic: str) -> bool:
+        return rig.player.node.count_subscribers(f"/aside/{topic}") > 0
+
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
     try:
-        rig.player.listen_while(lambda: process.poll() is None, UP)
-        letters = process.poll() is None and _listens(rig, node, f"/aside/contact/{value[0]}/force")
+        rig.player.listen_while(lambda: process.poll() is None and not listens("object/pose"), UP)
+        rig.player.listen_while(lambda: process.poll() is None, 1.0)
+        letters = listens(f"contact/{value[0]}/force")
     finally:
         ran = process.poll() is None
         process.terminate()
@@ -134,12 +139,6 @@ def _during(rig: Rig, act: Callable[[Row], None]) -> Row:
         row.failures.append(f"died: {', '.join(row.died)}")
     require_recovery(row)
     return row
-
-
-def _listens(rig: Rig, node: str, topic: str) -> bool:
-    """Whether a node in the namespace /aside subscribes to a topic."""
-    names = rig.player.node.get_subscriber_names_and_types_by_node(node, "/aside")
-    return topic in dict(names)
 
 
 def _started(nodes: Sequence[str], arguments: Sequence[str]) -> dict[str, CommandFault]:
