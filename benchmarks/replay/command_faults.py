@@ -53,7 +53,7 @@ def start_with(node: str, argument: str, rig: Rig) -> Row:
     try:
         rig.player.listen_while(lambda: process.poll() is None and not listens("object/pose"), UP)
         rig.player.listen_while(lambda: process.poll() is None, 1.0)
-        letters = listens(f"contact/{value[0]}/force")
+        letters = name == "contacts" and listens(f"contact/{value[0]}/force")
     finally:
         ran = process.poll() is None
         process.terminate()
