@@ -38,7 +38,8 @@ def status_of(
         "latency": estimate.latency,
         "pending": estimate.pending,
         "rejected": estimate.rejected,
-        "recent_rms": estimate.recent_rms,
+        "recent_rms": estimate.recent.rms,
+        "recent_explained": estimate.recent.explained,
         **estimate.error.to_json(),
     }
     parameters = {} if verdict.withheld else _parameters(estimate)

@@ -11,8 +11,9 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from operator import itemgetter
 from types import FrameType
-from typing import Any
+from typing import Any, NamedTuple
 
 import rclpy
 from rclpy.callback_groups import CallbackGroup
@@ -118,13 +119,15 @@ class Shell(Node):
         self.every(1.0, self.faults.publish)
 
     def work(self) -> None:
-        """Take all waiting messages and do what is due."""
+        """Take all waiting messages, in the order in which they came, and do what is due."""
+        arrived: list[tuple[int, Subscription, Any]] = []
         for subscription in self.polled:
             taken = self._take(subscription)
             if self.skimming and subscription in self._skimmed:
                 taken = taken[-1:]
-            for message in taken:
-                subscription.callback(message)
+            arrived += [(found.received, subscription, found.message) for found in taken]
+        for _, subscription, message in sorted(arrived, key=itemgetter(0)):
+            subscription.callback(message)
         self.process()
         now = time.monotonic()
         for entry in self._periodic:
@@ -137,17 +140,17 @@ class Shell(Node):
         """Whether two publish on a topic (as it was given to `listen`) at once."""
         return time.monotonic() < self.rivals.get(topic, -1.0)
 
-    def _take(self, subscription: Subscription) -> list[Any]:
+    def _take(self, subscription: Subscription) -> list[Taken]:
         """Return the messages that wait; none of a topic on which two publish at once."""
         numbers = self._numbers.get(subscription)
         taken = take_messages(subscription, self._undecodable)
         if numbers is None or not taken:
-            return [message for message, _ in taken]
+            return taken
         now = time.monotonic()
-        if numbers.mix([number for _, number in taken], now):
+        if numbers.mix([found.number for found in taken], now):
             self.rivals[numbers.topic] = now + RIVAL_SPAN
         if not self.has_rivals(numbers.topic):
-            return [message for message, _ in taken]
+            return taken
         self.faults.add(
             "two_publishers",
             f"{numbers.topic}: two publishers at once, nobody can know which is right; "
@@ -243,6 +246,20 @@ class Shell(Node):
         self.create_service(Trigger, name, answer, qos_profile=REQUESTS)
 
 
+class Taken(NamedTuple):
+    """A message and what the middleware tells of it.
+
+    Attributes:
+        message: or its bytes.
+        number: that its publisher gave it; None if the middleware does not tell.
+        received: when it came, ns.
+    """
+
+    message: Any
+    number: int | None
+    received: int
+
+
 class _Numbers:
     """Numbers that publishers give their messages on one topic.
 
@@ -274,14 +291,14 @@ class _Numbers:
 def take_messages(
     subscription: Subscription,
     refuse: Callable[[Subscription, Exception], None] = lambda *_: None,
-) -> list[tuple[Any, int | None]]:
-    """Return the messages that wait with the publisher's numbers, the oldest first.
+) -> list[Taken]:
+    """Return the messages that wait, the oldest first.
 
     Args:
         subscription: to take from.
         refuse: called with each message that the middleware cannot read.
     """
-    taken: list[tuple[Any, int | None]] = []
+    taken: list[Taken] = []
     handle = subscription.handle
     with handle:
         for _ in range(BURST):
@@ -292,7 +309,9 @@ def take_messages(
                 continue
             if found is None:
                 break
-            taken.append((found[0], found[1]["publication_sequence_number"]))
+            message, told = found
+            number, received = told["publication_sequence_number"], told["received_timestamp"]
+            taken.append(Taken(message, number, received))
     return taken
 
 

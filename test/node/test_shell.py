@@ -20,7 +20,9 @@ def test_a_node_that_skims_reads_only_the_newest_where_that_is_allowed(bench, mo
         )  # fmt: skip
     stamp = wire.Stamp(1, 0)
     waiting = [wire.encode_stamped(stamp, "world", np.full(3, float(k))) for k in range(4)]
-    monkeypatch.setattr(shell, "take_messages", lambda *_: [(message, None) for message in waiting])
+    monkeypatch.setattr(
+        shell, "take_messages", lambda *_: [shell.Taken(m, None, 0) for m in waiting]
+    )
     node.work()
     node.skimming = True
     node.work()
@@ -41,3 +43,15 @@ def policy_of_a_process_with(given):
     os.sched_setscheduler(0, given, os.sched_param(0))
     shell.finish_bursts()
     return os.sched_getscheduler(0)
+
+
+def test_messages_of_all_topics_are_read_in_the_order_in_which_they_came(bench):
+    """A node that was held up finds seconds of each topic at once."""
+    node, read = bench.start(lambda: shell.Shell("late")), []
+    for name in "ab":
+        node.listen(Vector3Stamped, f"/{name}/force_std", lambda m: read.append(m.values[0]))
+    for k in range(20):
+        value = wire.encode_stamped(wire.Stamp(k + 1, 0), "world", np.full(3, float(k)))
+        bench.send(f"/{'ab'[k % 2]}/force_std", value)
+    bench.until(lambda: len(read) == 20)
+    assert read == sorted(read)

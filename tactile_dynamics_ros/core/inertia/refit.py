@@ -11,7 +11,7 @@ import numpy as np
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.effects.registry import create_effects
 from tactile_dynamics_ros.core.inertia.fitted_model import FittedModel
-from tactile_dynamics_ros.core.inertia.incremental.live_estimate import LiveEstimate
+from tactile_dynamics_ros.core.inertia.incremental.live_estimate import LiveEstimate, RecentFit
 from tactile_dynamics_ros.core.inertia.measurement_window import MeasurementWindow
 from tactile_dynamics_ros.core.inertia.readings import fit_with_readings
 from tactile_dynamics_ros.core.streams import Streams
@@ -112,7 +112,7 @@ def live_estimate(model: FittedModel, latency: float) -> LiveEstimate:
         latency: s of computing.
     """
     data, prior = (part[:10, :10] for part in model.coordinate_information)
-    last = model.blocks[-1].problem
+    last, residual = model.blocks[-1].problem, model.white_residual
     return LiveEstimate(
         **vars(model.to_estimate()),
         time=float(last.grid[-1]),
@@ -121,5 +121,5 @@ def live_estimate(model: FittedModel, latency: float) -> LiveEstimate:
         rejected=0,
         latency=latency,
         pending=0,
-        recent_rms=model.whitened_rms,
+        recent=RecentFit.of_rows(residual, residual - model.white_jacobian[:, :10] @ model.phi),
     )

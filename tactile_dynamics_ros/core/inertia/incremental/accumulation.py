@@ -17,6 +17,7 @@ from tactile_dynamics_ros.core.inertia.incremental.information import (
     positive_part,
 )
 from tactile_dynamics_ros.core.inertia.incremental.judge import Judge
+from tactile_dynamics_ros.core.inertia.incremental.live_estimate import RecentFit
 from tactile_dynamics_ros.core.inertia.incremental.pipeline import WhiteningPipeline, WhiteRows
 from tactile_dynamics_ros.core.inertia.incremental.residuals import denoise_motion
 from tactile_dynamics_ros.core.inertia.incremental.sample_stream import Layout, SampleStream
@@ -96,13 +97,13 @@ class Accumulation:
         return np.sqrt(self._squared_error)
 
     @property
-    def recent_rms(self) -> float:
-        """Whitened RMS of the last samples at the present estimate, rejected ones too."""
+    def recent(self) -> RecentFit:
+        """How the present estimate fits the last samples, rejected ones too."""
         if not self._recent:
-            return 1.0
+            return RecentFit()
         rows = np.concatenate([jacobian for jacobian, _ in self._recent])
-        error = rows @ self.phi - np.concatenate([target for _, target in self._recent])
-        return float(np.sqrt(np.mean(error**2)))
+        wrench = np.concatenate([target for _, target in self._recent])
+        return RecentFit.of_rows(rows @ self.phi - wrench, wrench)
 
     def advance(self, limit: int) -> int:
         """Take at most `limit` samples; return how many informed the estimate."""

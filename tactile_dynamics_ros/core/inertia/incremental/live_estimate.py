@@ -44,6 +44,26 @@ class Direction:
 
 
 @dataclass(frozen=True)
+class RecentFit:
+    """How the model fits the last seconds, samples included that were left out as outliers.
+
+    Attributes:
+        rms: whitened RMS; 1 where only the stated noise remains.
+        explained: share of the squared white wrenches that the model explains; negative where it
+            is worse than no object at all.
+    """
+
+    rms: float = 1.0
+    explained: float = 1.0
+
+    @classmethod
+    def of_rows(cls, residual: Array, wrench: Array) -> RecentFit:
+        """Compare white residuals (6 N,) with the white wrenches (6 N,) that were measured."""
+        left, whole = float(np.mean(residual**2)), float(np.mean(wrench**2))
+        return cls(float(np.sqrt(left)), 1.0 - left / max(whole, 1.0))
+
+
+@dataclass(frozen=True)
 class LiveEstimate(InertialEstimate):
     """An `InertialEstimate` at one instant of a running estimation.
 
@@ -53,8 +73,7 @@ class LiveEstimate(InertialEstimate):
         coordinates: (10,) the log-Cholesky coordinates.
         rejected: samples left out as outliers so far.
         latency: s of computing in this update.
-        recent_rms: whitened RMS of the last two seconds, of samples that were rejected too; 1 where
-            only the stated noise remains.
+        recent: how the model fits lately.
         pending: samples that have come but are not in it yet.
     """
 
@@ -64,7 +83,7 @@ class LiveEstimate(InertialEstimate):
     rejected: int
     latency: float
     pending: int
-    recent_rms: float
+    recent: RecentFit
 
     @cached_property
     def directions(self) -> tuple[Direction, ...]:

@@ -265,7 +265,8 @@ class SampleStream:
             force = self._contacts.rows(name, first, last)
             change = np.abs(np.diff(force, axis=0)).max(axis=2)
             found |= change <= _ROUNDING * np.abs(force[1:]).max(axis=2)
-        return found & np.any(self._contacts.rows("force", first + 1, last) != 0.0, axis=2)
+        loaded = np.any(self._contacts.rows("force", first + 1, last) != 0.0, axis=2)
+        return np.asarray(found & loaded)
 
     def _frozen(self, first: int, last: int) -> NDArray[np.bool_]:
         """Whether the window of a row has poses that repeat for too long, rows first <= k."""

@@ -95,7 +95,7 @@ class Summariser:
             rejected=model.judge.rejected,
             latency=latency,
             pending=0,
-            recent_rms=model.recent_rms,
+            recent=model.recent,
         )
 
     def _corrected(self, model: Accumulation, errors: Array) -> Array:
