@@ -84,7 +84,9 @@ def call_pipelined(service: str, count: int, rig: Rig, timeout: float = 120.0) -
 
 
 def diagnose_in_a_row(rig: Rig) -> Row:
-    """Diagnose six times, one after the other: memory stays."""
+    """Diagnose six times, one after the other, in a new process: memory stays."""
+    rig.player.restart("model_check")
+    rig.play(rig.record(rig.lead))
 
     def act(row: Row) -> None:
         used = []
@@ -156,7 +158,7 @@ COMMAND_FAULTS: dict[str, CommandFault] = {
     **_started([ESTIMATOR], ["effects:=5", "contacts:=left"]),
     **_started(["model_check"], ["contacts:=left"]),
     "100_resets": partial(call_pipelined, RESET, CALLS),
-    "20_diagnoses": partial(call_pipelined, DIAGNOSE, DIAGNOSES),
     "6_diagnoses_memory": diagnose_in_a_row,
+    "20_diagnoses": partial(call_pipelined, DIAGNOSE, DIAGNOSES),
     "sigterm_echo": terminate_echo,
 }

@@ -143,6 +143,11 @@ class Player:
                 f"nodes that listen to {topic}",
             )
 
+    def restart(self, name: str) -> None:
+        """Stop a node and start it again."""
+        self.supervisor.stop([name])
+        self.start([name])
+
     def restart_dead(self) -> list[str]:
         """Start again the nodes that have ended; return their names."""
         dead = self.dead()
