@@ -60,10 +60,14 @@ class Reordered(Generic[Item]):
 
     Args:
         capacity: items kept at most; the oldest are dropped beyond.
+
+    Attributes:
+        late: items that came after a newer one and were put in their place.
     """
 
     def __init__(self, capacity: int = 1000) -> None:
         self._capacity = capacity
+        self.late = 0
         self.clear()
 
     def clear(self) -> None:
@@ -72,20 +76,13 @@ class Reordered(Generic[Item]):
         self._items: list[Item] = []
         self._taken = -math.inf
 
-    def __len__(self) -> int:
-        return len(self._times)
-
-    @property
-    def oldest(self) -> float:
-        """Stamp of the oldest item that is held, s; infinity where there is none."""
-        return self._times[0] if self._times else math.inf
-
     def add(self, time: float, item: Item) -> bool:
         """Hold an item; return False (and do not) if its stamp repeats or is passed already."""
         place = bisect_left(self._times, time)
         repeats = place < len(self._times) and self._times[place] == time
         if repeats or time <= self._taken:
             return False
+        self.late += place < len(self._times)
         self._times.insert(place, time)
         self._items.insert(place, item)
         if len(self._times) > self._capacity:

@@ -97,14 +97,20 @@ class ContactAssembly:
         self._pose_topic = contact_topic(name, "pose")
         self._force_topic = contact_topic(name, "force")
         self._std_topic = contact_topic(name, "force_std")
+        self._forces = Reordered[Array](KEPT)
         self.clear()
         node.listen(PoseStamped, self._pose_topic, self._on_pose, skim=True, sole=True)
         node.listen(Vector3Stamped, self._std_topic, self._on_std, skim=True, sole=True)
         node.listen(WrenchStamped, self._force_topic, self._on_force, skim=True, sole=True)
 
+    @property
+    def late(self) -> int:
+        """Forces that came after a newer one and were put in their place."""
+        return self._forces.late
+
     def clear(self) -> None:
         """Forget what waits."""
-        self._forces = Reordered[Array](KEPT)
+        self._forces.clear()
         self._poses: _Timed = []
         self._stds: _Timed = []
 

@@ -37,7 +37,7 @@ class Faults:
         """Set a count that somebody else keeps."""
         if total > self.counts[kind]:
             self._last = kind
-        self.counts[kind] = total
+            self.counts[kind] = total
 
     def show(self, name: str, value: object) -> None:
         """Publish a value of interest beside the counts."""

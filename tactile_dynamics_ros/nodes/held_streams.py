@@ -71,6 +71,8 @@ class HeldStreams:
             self._on_pose(time, pose, covariance)
         for contact in self._contacts:
             contact.release(until)
+        late = self._poses.late + sum(contact.late for contact in self._contacts)
+        self._node.faults.count("out_of_order", late)
 
     def _on_message(self, message: Stamped) -> None:
         pose, covariance = uncertain_pose_to_core(message, OBJECT_POSE, "world")

@@ -1,4 +1,4 @@
-"""One clock for streams that belong together, and readings in the order in which they were taken."""
+"""One clock for streams that belong together, and readings in the order they were taken in."""
 
 import numpy as np
 from hypothesis import given
@@ -79,6 +79,8 @@ def test_reordered_items_come_once_and_in_order(stamps):
     assert times == sorted(set(times))
     assert all(time == item for time, item in taken)
     assert len(taken) + refused == len(stamps)
+    newest = np.maximum.accumulate(stamps)
+    assert queue.late <= sum(s < n for s, n in zip(stamps, newest, strict=True))
     late = {s for s in stamps if s > max(stamps) - 20.0}
     assert late <= set(times)
 

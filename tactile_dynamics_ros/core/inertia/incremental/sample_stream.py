@@ -266,7 +266,8 @@ class SampleStream:
             change = np.abs(np.diff(force, axis=0)).max(axis=2)
             found |= change <= _ROUNDING * np.abs(force[1:]).max(axis=2)
         loaded = np.any(self._contacts.rows("force", first + 1, last) != 0.0, axis=2)
-        return np.asarray(found & loaded)
+        lost = self._contacts.rows("lost", first + 1, last) > 0.0
+        return np.asarray(found & loaded & ~lost[:, None])
 
     def _frozen(self, first: int, last: int) -> NDArray[np.bool_]:
         """Whether the window of a row has poses that repeat for too long, rows first <= k."""
