@@ -143,14 +143,14 @@ def wrong_time(statuses: Iterable[Status], truth: Array) -> tuple[float, float]:
 
 def risen(reports: Iterable[Report], start: float, stop: float) -> set[str]:
     """Return "node/key" of the counts that rose on /diagnostics between two times, s."""
-    before: dict[str, float] = {}
+    before: dict[str, dict[str, float]] = {}
     found = set()
     for report in reports:
-        for key, count in report.counts.items():
-            name = f"{report.node}/{key}"
-            if start <= report.at < stop and count > before.get(name, 0.0):
-                found.add(name)
-            before[name] = count
+        earlier = before.get(report.node, {})
+        if start <= report.at < stop:
+            rose = (key for key, n in report.counts.items() if n > earlier.get(key, 0.0))
+            found |= {f"{report.node}/{key}" for key in rose}
+        before[report.node] = report.counts
     return found
 
 

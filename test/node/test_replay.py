@@ -162,6 +162,9 @@ def test_counts_and_texts_that_a_fault_brings_are_told_from_usual_ones():
     ]
     assert risen(reports, 1.5, 2.5) == {"model_check/not_finite"}
     assert risen(reports, 1.5, 3.5) == {"model_check/not_finite", "model_check/dropped"}
+    again = Report(4.0, "model_check", 0, "ok", {})
+    after = Report(5.0, "model_check", 0, "ok", {"dropped": 1.0})
+    assert risen([*reports, again, after], 4.5, 5.5) == {"model_check/dropped"}
     unsure = replace(status(0.0, 1), level=1, text="9 of 10 directions identified")
     misfit = replace(unsure, text="the model does not fit: error 12 times the noise")
     assert said_text([unsure, replace(misfit, level=0)]) == set()
