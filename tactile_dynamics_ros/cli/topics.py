@@ -5,6 +5,7 @@ from __future__ import annotations
 import array
 import json
 import math
+import signal
 import sys
 import time
 from argparse import ArgumentParser, Namespace, _SubParsersAction
@@ -17,6 +18,9 @@ from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError
 
 if TYPE_CHECKING:
     from rclpy.node import Node
+
+TERMINATED = 128 + signal.SIGTERM
+"""Exit code of a command that SIGTERM has ended, as shells count."""
 
 
 def add_parser(verbs: _SubParsersAction[Any]) -> None:
@@ -46,12 +50,14 @@ def _add_timeout(parser: ArgumentParser, default: float, text: str) -> None:
 
 @contextmanager
 def short_lived_node() -> Iterator[Node]:
-    """A node that lives as long as the context."""
+    """A node that lives as long as the context; SIGTERM ends the command as Ctrl-C does."""
     stay_on_this_host()
     import rclpy
     from rclpy.node import Node as RosNode
+    from rclpy.signals import SignalHandlerOptions
 
-    rclpy.init(args=[])
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(TERMINATED))
     try:
         yield RosNode("tactile_dynamics", enable_rosout=False, start_parameter_services=False)
     finally:

@@ -14,6 +14,8 @@ s; between 1.1 and 1.5 intervals that are widened by the scatter still hold."""
 GROSS = 20.0
 """Error over the noise from which nothing is published: effects of the catalogue raise it to 10 at
 most in recordings with known truth, wrong units and broken sensors to hundreds."""
+FEW = 50
+"""Samples before which a moderate error says nothing: ten parameters were just fitted to them."""
 EXPLAINED = 0.5
 """Share of the squared wrenches below which a misfit leaves nothing of the model: with forces of
 the wrong sign no mass explains any, beside the effects of the catalogue a body explains most."""
@@ -51,7 +53,7 @@ def judge_estimate(estimate: LiveEstimate, obstacles: Sequence[str], check: str)
     if obstacles:
         return Verdict(Level.ERROR, "; ".join(obstacles))
     error = max(estimate.recent.rms, estimate.error.whitened_rms)
-    if error > MISFIT:
+    if error > (MISFIT if estimate.samples >= FEW else GROSS):
         gross = error > GROSS or estimate.recent.explained < EXPLAINED
         level = Level.ERROR if gross else Level.WARN
         text = f"the model does not fit: error {error:.3g} times the noise; call {check}"

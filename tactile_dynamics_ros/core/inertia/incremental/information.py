@@ -170,7 +170,7 @@ class LastingErrors:
 
     def in_target(self, errors: Array, factor: Array) -> Array:
         """What errors (9,) add to the target d of the summary |R x - d|^2; R is `factor`."""
-        return np.asarray(np.linalg.lstsq(factor.T, self._cross @ errors)[0])
+        return np.asarray(np.linalg.lstsq(factor.T, self._cross @ errors, rcond=None)[0])
 
 
 def positive_part(information: Array, scale: Array) -> Array:
