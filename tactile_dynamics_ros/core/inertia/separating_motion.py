@@ -158,7 +158,8 @@ def _chi_square(target: Array, columns: Array, prior: Array) -> float:
     information = columns.T @ columns + np.diag(prior)
     gradient = columns.T @ target
     scale = np.sqrt(np.diag(information))
-    solution = np.linalg.lstsq(information / np.outer(scale, scale), gradient / scale, rcond=None)[0]
+    scaled = information / np.outer(scale, scale)
+    solution = np.linalg.lstsq(scaled, gradient / scale, rcond=None)[0]
     return float(target @ target - gradient @ (solution / scale))
 
 
