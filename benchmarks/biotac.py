@@ -21,6 +21,12 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from benchmarks.peers.voxel import (
+    VoxelConfig,
+    VoxelNetwork,
+    predict_voxel,
+    train_voxel_network,
+)
 from tactile_dynamics_ros.core.tactile.analytic_force import (
     classic_force,
     electrode_centroid,
@@ -39,12 +45,6 @@ from tactile_dynamics_ros.core.tactile.network.estimator import (
 )
 from tactile_dynamics_ros.core.tactile.network.inputs import lagged, network_inputs
 from tactile_dynamics_ros.core.tactile.network.training import TrainingConfig, train_network
-from tactile_dynamics_ros.core.tactile.network.voxel import (
-    VoxelConfig,
-    VoxelNetwork,
-    predict_voxel,
-    train_voxel_network,
-)
 from tactile_dynamics_ros.core.tactile.network.weights import (
     SHIPPED_NETWORK,
     NetworkWeights,

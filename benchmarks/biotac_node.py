@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.cli.domain import private_domain
-from tactile_dynamics_ros.core.contact.robot_description import FINGERS
+from tactile_dynamics_ros.core.robot.robot_description import FINGERS
 from tactile_dynamics_ros.sim.sensors.biotac import BioTacArray
 
 if TYPE_CHECKING:
@@ -72,10 +72,10 @@ def _round_trips(
     from geometry_msgs.msg import WrenchStamped
     from sensor_msgs.msg import Image
 
-    from tactile_dynamics_ros.nodes.conversions import biotac_to_message
-    from tactile_dynamics_ros.nodes.diagnostics import status_values
-    from tactile_dynamics_ros.nodes.shell import STREAM, take_messages
-    from tactile_dynamics_ros.nodes.waiting import Waiter
+    from tactile_dynamics_ros.ros.conversions import biotac_to_message
+    from tactile_dynamics_ros.ros.diagnostics import status_values
+    from tactile_dynamics_ros.ros.shell import STREAM, take_messages
+    from tactile_dynamics_ros.ros.waiting import Waiter
 
     rclpy.init()
     here = rclpy.create_node("biotac_latency")

@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.contact.skin_surface import skin_normal
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.shape.skin_surface import skin_normal
 from tactile_dynamics_ros.core.tactile.analytic_force import electrode_centroid
 from tactile_dynamics_ros.core.tactile.features import place_features
 from tactile_dynamics_ros.core.tactile.network.estimator import predict_sequence

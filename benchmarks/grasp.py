@@ -7,9 +7,9 @@ import dataclasses
 import json
 import sys
 
+from benchmarks.grasp_trial import TrialResult, draw_trials, run_trial
 from tactile_dynamics_ros.core.manipulation.excitation import ExcitationConfig
 from tactile_dynamics_ros.core.manipulation.grasp_controller import GraspConfig
-from tactile_dynamics_ros.sim.grasp_trial import TrialResult, draw_trials, run_trial
 from tactile_dynamics_ros.sim.objects import list_objects
 
 

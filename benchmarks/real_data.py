@@ -19,9 +19,9 @@ from matplotlib.figure import Figure
 
 from benchmarks.page_section import replace_section
 from tactile_dynamics_ros.core.effects import create_effect
-from tactile_dynamics_ros.core.inertia.batch import estimate_inertia
-from tactile_dynamics_ros.core.inertia.estimate import InertialEstimate
-from tactile_dynamics_ros.core.streams import Streams
+from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import InertialEstimate
+from tactile_dynamics_ros.core.inertia.estimate import estimate as estimate_body
+from tactile_dynamics_ros.core.streams.streams import Streams
 from tactile_dynamics_ros.recording import Recording
 from tactile_dynamics_ros.recording.importers.kuka_ft_imu import (
     GRAVITY_W,
@@ -89,7 +89,7 @@ class Payload:
     ) -> InertialEstimate:
         """Estimate the load from one run."""
         streams = self.recording(run, tare, delay).streams
-        return estimate_inertia(streams, [create_effect(name) for name in effects])
+        return estimate_body(streams, [create_effect(name) for name in effects]).to_estimate()
 
     def rows(self) -> list[Row]:
         """Estimate static poses and free runs, with and without the sensor's bias and delay."""
@@ -189,9 +189,9 @@ def write_section(payload: Payload) -> tuple[str, Figure]:
     rests = {run: payload.rest_amplitude(run) for run in FREE_RUNS}
     best = {run: 1e3 * _minimum(sweep) for run, sweep in sweeps.items()}
     pushed = payload.estimate(PUSHED_RUN, delay=DOCUMENTED_DELAY, effects=("force_bias",))
-    alone = estimate_inertia(
+    alone = estimate_body(
         payload.recording(PUSHED_RUN, tare=True, delay=DOCUMENTED_DELAY).between(*QUIET).streams
-    )
+    ).to_estimate()
     peaks = {run: strongest_frequencies(payload, run) for run in FREE_RUNS}
     lines = [
         BEGIN,

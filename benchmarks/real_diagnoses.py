@@ -17,9 +17,9 @@ from pathlib import Path
 from benchmarks.page_section import replace_section
 from tactile_dynamics_ros.core.discrepancy.documents import explanation_document
 from tactile_dynamics_ros.core.discrepancy.explanation import explain
-from tactile_dynamics_ros.core.inertia.discrepancy_model import HeldObjectModel
-from tactile_dynamics_ros.core.inertia.readings import fit_with_readings
-from tactile_dynamics_ros.core.streams import Streams
+from tactile_dynamics_ros.core.inertia.diagnosis.discrepancy_model import HeldObjectModel
+from tactile_dynamics_ros.core.inertia.diagnosis.readings import fit_with_readings
+from tactile_dynamics_ros.core.streams.streams import Streams
 from tactile_dynamics_ros.recording.importers.biotac_slide import BiotacSlideImporter
 from tactile_dynamics_ros.recording.importers.kuka_ft_imu import KukaFtImuImporter
 

@@ -5,7 +5,7 @@
 RUN is a rosbag2 directory, an .mcap or a .db3 file with /object/pose and, per finger,
 /contact/<finger>/force and /contact/<finger>/pose. No recording at hand? This makes one:
 
-    python -m benchmarks.hidden.write_bag RUN
+    tactile-dynamics synthetic held RUN
 
 The same from the shell: tactile-dynamics estimate RUN
 """
@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tactile_dynamics_ros.core.inertia.batch import fit_recording
+from tactile_dynamics_ros.core.inertia.estimate import estimate
 from tactile_dynamics_ros.recording import Recording
 from tactile_dynamics_ros.report.estimates import draw_convergence
 from tactile_dynamics_ros.report.history import settle
@@ -39,9 +39,9 @@ def main(arguments: list[str] | None = None) -> None:
         print(f"  note: {line}")
 
     # The model: one rigid body, moved by nothing but the contacts and gravity.
-    model = fit_recording(recording.streams)
-    estimate = model.to_estimate()
-    body, std = estimate.inertia, estimate.parameter_std
+    model = estimate(recording)
+    found = model.to_estimate()
+    body, std = found.inertia, found.parameter_std
 
     print(f"\nmass            {body.mass:.4f} +- {std[0]:.4f} kg")
     for k, axis in enumerate("xyz"):
@@ -54,9 +54,9 @@ def main(arguments: list[str] | None = None) -> None:
     print(f"smallest eigenvalue of the pseudo-inertia: {eigenvalues[0]:.2e} (positive)")
 
     # 1 means: nothing is left over but the noise that the sensors state.
-    print(f"\nerror in units of the noise: {estimate.error.whitened_rms:.2f}")
-    if estimate.not_excited:
-        print(f"not determined by this motion: {', '.join(estimate.not_excited)}")
+    print(f"\nerror in units of the noise: {found.error.whitened_rms:.2f}")
+    if found.not_excited:
+        print(f"not determined by this motion: {', '.join(found.not_excited)}")
 
     if options.out:
         options.out.mkdir(parents=True, exist_ok=True)

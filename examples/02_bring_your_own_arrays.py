@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tactile_dynamics_ros.core.inertia.batch import estimate_inertia
+from tactile_dynamics_ros.core.inertia.estimate import estimate
 from tactile_dynamics_ros.recording import Recording
 
 MASS_KG, COM_MM = 0.2, np.array([20.0, 0.0, 5.0])
@@ -86,11 +86,11 @@ def main(arguments: list[str] | None = None) -> None:
     # and contact points are in the world frame, as on the topics.
     recording = Recording.from_arrays(contacts, pose, contact_frame="object", source="my logger")
 
-    estimate = estimate_inertia(recording.streams)
-    com_mm = 1e3 * estimate.inertia.com
-    print(f"mass {estimate.inertia.mass:.4f} kg (put in: {MASS_KG})")
+    found = estimate(recording).to_estimate()
+    com_mm = 1e3 * found.inertia.com
+    print(f"mass {found.inertia.mass:.4f} kg (put in: {MASS_KG})")
     print(f"centre of mass {np.round(com_mm, 2)} mm (put in: {COM_MM})")
-    print(f"error in units of the noise: {estimate.error.whitened_rms:.2f}")
+    print(f"error in units of the noise: {found.error.whitened_rms:.2f}")
     if options.out:
         print(f"written: {recording.to_bag(options.out)}; every verb of tactile-dynamics reads it")
 

@@ -16,20 +16,20 @@ import numpy as np
 
 from tactile_dynamics_ros.core.effects import create_effect
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.inertia.batch import estimate_inertia
-from tactile_dynamics_ros.core.inertia.estimate import InertialEstimate
+from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import InertialEstimate
+from tactile_dynamics_ros.core.inertia.estimate import estimate
 from tactile_dynamics_ros.recording import Recording
 
 
-def describe(title: str, estimate: InertialEstimate) -> None:
+def describe(title: str, found: InertialEstimate) -> None:
     """Print mass, centre of mass and error of one model."""
-    std = estimate.parameter_std
-    com, com_std = 1e3 * estimate.inertia.com, 1e3 * std[1:4]
+    std = found.parameter_std
+    com, com_std = 1e3 * found.inertia.com, 1e3 * std[1:4]
     places = ", ".join(f"{c:.1f} +- {s:.1f}" for c, s in zip(com, com_std, strict=True))
     print(f"{title}")
-    print(f"  mass            {estimate.inertia.mass:.4f} +- {std[0]:.4f} kg")
+    print(f"  mass            {found.inertia.mass:.4f} +- {std[0]:.4f} kg")
     print(f"  centre of mass  {places} mm")
-    print(f"  error           {estimate.error.whitened_rms:.2f} times the stated noise")
+    print(f"  error           {found.error.whitened_rms:.2f} times the stated noise")
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -51,8 +51,8 @@ def main(arguments: list[str] | None = None) -> None:
     if streams.imu is not None:
         print(f"IMU: {len(streams.imu.time)} samples; accelerations are measured, not derived")
 
-    describe("\nrigid body alone", estimate_inertia(streams))
-    with_bias = estimate_inertia(streams, [create_effect("force_bias")])
+    describe("\nrigid body alone", estimate(streams).to_estimate())
+    with_bias = estimate(streams, [create_effect("force_bias")]).to_estimate()
     describe("\nwith the sensor's bias (effect force_bias)", with_bias)
 
     print("\nthe bias, in the object's axes, as a wrench on the object")

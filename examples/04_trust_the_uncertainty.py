@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tactile_dynamics_ros.core.inertia.batch import estimate_inertia
-from tactile_dynamics_ros.core.inertia.estimate import PARAMETER_NAMES
+from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import PARAMETER_NAMES
+from tactile_dynamics_ros.core.inertia.estimate import estimate
 from tactile_dynamics_ros.recording import Recording
 
 
@@ -23,12 +23,12 @@ def estimate_parts(recording: Recording, parts: int) -> tuple[np.ndarray, np.nda
     edges = np.linspace(0.0, recording.duration + 1e-6, parts + 1)
     values, stds = [], []
     for start, stop in zip(edges[:-1], edges[1:], strict=True):
-        estimate = estimate_inertia(recording.between(start, stop).streams)
-        values.append([estimate.inertia.mass, *estimate.inertia.com])
-        stds.append(estimate.parameter_std[:4])
+        found = estimate(recording.between(start, stop)).to_estimate()
+        values.append([found.inertia.mass, *found.inertia.com])
+        stds.append(found.parameter_std[:4])
         print(
             f"  {start:5.1f} to {stop:5.1f} s   mass {values[-1][0]:.4f} +- {stds[-1][0]:.4f} kg   "
-            f"error {estimate.error.whitened_rms:.2f}"
+            f"error {found.error.whitened_rms:.2f}"
         )
     return np.array(values), np.array(stds)
 
@@ -48,7 +48,7 @@ def main(arguments: list[str] | None = None) -> None:
     weights = stds**-2.0
     mean = (weights * values).sum(axis=0) / weights.sum(axis=0)
     scatter = np.sqrt((weights * (values - mean) ** 2).sum(axis=0) / (options.parts - 1))
-    whole = estimate_inertia(recording.streams)
+    whole = estimate(recording).to_estimate()
     all_values = np.array([whole.inertia.mass, *whole.inertia.com])
 
     print("\nparameter   mean of parts   whole recording   stated +-   normalised scatter")

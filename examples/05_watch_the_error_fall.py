@@ -1,6 +1,6 @@
 """Add effects to the rigid body one at a time and watch the error fall.
 
-    python -m benchmarks.hidden.write_bag RUN --effect viscous_drag --whitened-rms 3
+    tactile-dynamics synthetic held RUN --effect viscous_drag --whitened-rms 3
     python examples/05_watch_the_error_fall.py RUN --out out/
 
 The slow and simple way: every effect is added in turn and everything is fitted anew; the one that
@@ -12,7 +12,7 @@ import argparse
 from pathlib import Path
 
 from tactile_dynamics_ros.core.effects import create_effect, registered_names
-from tactile_dynamics_ros.core.inertia.batch import fit_recording
+from tactile_dynamics_ros.core.inertia.estimate import estimate
 from tactile_dynamics_ros.recording import Recording
 from tactile_dynamics_ros.report.discrepancies import draw_error_steps
 from tactile_dynamics_ros.report.style import house_style, to_png
@@ -24,7 +24,7 @@ LEAST_GAIN = 0.03
 def error_with(recording: Recording, names: list[str]) -> float:
     """Return the whitened RMS of a rigid body with these effects."""
     effects = [create_effect(name) for name in names]
-    return fit_recording(recording.streams, effects).to_estimate().error.whitened_rms
+    return estimate(recording, effects).to_estimate().error.whitened_rms
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -56,9 +56,9 @@ def main(arguments: list[str] | None = None) -> None:
 
     if added:
         effects = [create_effect(name) for name in added]
-        estimate = fit_recording(recording.streams, effects).to_estimate()
-        print(f"\nmass {estimate.inertia.mass:.4f} +- {estimate.parameter_std[0]:.4f} kg, and")
-        for name, effect in estimate.effects.items():
+        found = estimate(recording, effects).to_estimate()
+        print(f"\nmass {found.inertia.mass:.4f} +- {found.parameter_std[0]:.4f} kg, and")
+        for name, effect in found.effects.items():
             for key, value in effect.value.items():
                 print(f"  {name} {key} = {value:.4g} +- {effect.std[key]:.2g} {effect.unit[key]}")
     if options.out:

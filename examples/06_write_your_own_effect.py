@@ -1,6 +1,6 @@
 """Write an effect that the catalogue lacks as a Python class, test it, fit it.
 
-    python -m benchmarks.hidden.write_bag RUN --effect cross_talk --whitened-rms 3
+    tactile-dynamics synthetic held RUN --effect cross_talk --whitened-rms 3
     python examples/06_write_your_own_effect.py RUN
 
 The effect: fingertip sensors share a cable, so each also reads a part of the others' forces. From
@@ -17,7 +17,7 @@ import numpy as np
 
 from tactile_dynamics_ros.core.effects import EffectParameter, LinearEffect, register_effect
 from tactile_dynamics_ros.core.effects.check import check_effect
-from tactile_dynamics_ros.core.inertia.batch import fit_recording
+from tactile_dynamics_ros.core.inertia.estimate import estimate
 from tactile_dynamics_ros.recording import Recording
 
 
@@ -77,9 +77,9 @@ def main(arguments: list[str] | None = None) -> None:
     print(check_effect(SensorCrosstalk()))
 
     recording = Recording.from_bag(options.recording)
-    alone = fit_recording(recording.streams).to_estimate()
+    alone = estimate(recording).to_estimate()
     print(f"rigid body alone: {alone.error.whitened_rms:.2f} times the noise")
-    fitted = fit_recording(recording.streams, [SensorCrosstalk()]).to_estimate()
+    fitted = estimate(recording, [SensorCrosstalk()]).to_estimate()
     print(f"with crosstalk:   {fitted.error.whitened_rms:.2f} times the noise")
     print(f"mass {alone.inertia.mass:.4f} -> {fitted.inertia.mass:.4f} kg\n")
 

@@ -1,6 +1,6 @@
 """Write an effect as a formula in yaml, let derivatives and units be handled, fit it.
 
-    python -m benchmarks.hidden.write_bag RUN --effect dry_rubbing --whitened-rms 3
+    tactile-dynamics synthetic held RUN --effect dry_rubbing --whitened-rms 3
     python examples/07_effect_from_a_formula.py RUN --out rubbing.yaml
 
 From the shell, with the file that this writes:
@@ -19,7 +19,7 @@ from tactile_dynamics_ros.core.effects import create_effect
 from tactile_dynamics_ros.core.effects.check import check_effect
 from tactile_dynamics_ros.core.effects.formula import load_effects
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.inertia.batch import fit_recording
+from tactile_dynamics_ros.core.inertia.estimate import estimate
 from tactile_dynamics_ros.recording import Recording
 
 FORMULA = """\
@@ -67,13 +67,13 @@ def main(arguments: list[str] | None = None) -> None:
     print("\nerror in units of the noise")
     for name in ("", "viscous_drag", "quadratic_drag", "dry_friction"):
         effects = [create_effect(name)] if name else []
-        estimate = fit_recording(recording.streams, effects).to_estimate()
-        print(f"  {name or 'rigid body alone':18s} {estimate.error.whitened_rms:.2f}")
+        found = estimate(recording, effects).to_estimate()
+        print(f"  {name or 'rigid body alone':18s} {found.error.whitened_rms:.2f}")
 
-    friction = estimate.effects["dry_friction"]
+    friction = found.effects["dry_friction"]
     value, std = friction.value["F"], friction.std["F"]
     print(f"\nfriction {value:.3f} +- {std:.3f} {friction.unit['F']}")
-    print(f"mass {estimate.inertia.mass:.4f} +- {estimate.parameter_std[0]:.4f} kg")
+    print(f"mass {found.inertia.mass:.4f} +- {found.parameter_std[0]:.4f} kg")
 
 
 if __name__ == "__main__":

@@ -7,8 +7,14 @@ from dataclasses import dataclass, replace
 from itertools import cycle
 from typing import Any
 
-from benchmarks.hidden import CATALOGUE, OUTSIDE, ScenarioOptions, SensorOptions, randomness
-from benchmarks.hidden.recordings import HiddenRecording, generate_at_whitened_rms
+from tactile_dynamics_ros.synthetic import (
+    CATALOGUE,
+    OUTSIDE,
+    ScenarioOptions,
+    SensorOptions,
+    randomness,
+)
+from tactile_dynamics_ros.synthetic.recordings import HiddenRecording, generate_at_whitened_rms
 
 REPORT_START = 1000
 """Seeds from here on are for reports; smaller ones may be used to tune."""

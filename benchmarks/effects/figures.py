@@ -13,7 +13,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from benchmarks.hidden import CATALOGUE, OUTSIDE
+from tactile_dynamics_ros.synthetic import CATALOGUE, OUTSIDE
 
 _VERDICTS = ("adequate", "unexplained", "ambiguous", "failed")
 

@@ -11,7 +11,7 @@ import numpy as np
 from benchmarks.effects.cases import STRONG
 from benchmarks.effects.parameters import parameter_errors
 from benchmarks.effects.running import named_effects
-from benchmarks.hidden import CATALOGUE
+from tactile_dynamics_ros.synthetic import CATALOGUE
 
 Record = dict[str, Any]
 HONEST_RATIO = 1.05

@@ -18,10 +18,10 @@ import numpy as np
 
 from benchmarks.effects.cases import Case
 from benchmarks.effects.product import Answer, Ask, ask_command
-from benchmarks.hidden.bag import write_bag
-from benchmarks.hidden.calibration import excess_by_channel, excess_rms
-from benchmarks.hidden.planned import record_plan
-from benchmarks.hidden.recordings import HiddenRecording
+from tactile_dynamics_ros.synthetic.bag import write_bag
+from tactile_dynamics_ros.synthetic.calibration import excess_by_channel, excess_rms
+from tactile_dynamics_ros.synthetic.planned import record_plan
+from tactile_dynamics_ros.synthetic.recordings import HiddenRecording
 
 
 def run_case(case: Case, ask: Ask = ask_command) -> dict[str, Any]:

@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 
 from benchmarks.biotac_press_rig import calibrate_units
+from benchmarks.friction.probe_trial import ProbeResult, ProbeTrial, run_probe_trial
 from benchmarks.friction.subjects import Subject, draw_friction
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
 from tactile_dynamics_ros.core.friction.estimate import FrictionEstimateConfig
 from tactile_dynamics_ros.core.friction.probe_config import FrictionProbeConfig
 from tactile_dynamics_ros.core.tactile.fingertip import FingertipConfig
-from tactile_dynamics_ros.sim.probe_trial import ProbeResult, ProbeTrial, run_probe_trial
 from tactile_dynamics_ros.sim.simulated_robot import SimulatedRobotConfig
 from tactile_dynamics_ros.sim.world import WorldConfig
 

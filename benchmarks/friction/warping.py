@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.biotac_press_rig import calibrate_units
+from benchmarks.friction.probe_trial import run_probe_trial
 from benchmarks.friction.subjects import SUBJECTS
 from benchmarks.friction.trials import Case, build_trial, holds_truth, run_cases, summarise
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
-from tactile_dynamics_ros.sim.probe_trial import run_probe_trial
 
 CARTON = next(subject for subject in SUBJECTS if subject.name == "box of sugar")
 STIFFNESS = (0.15, 0.25, 0.4)

@@ -12,10 +12,11 @@ from benchmarks.inertia import bound
 from benchmarks.inertia.peers import PEERS, SmoothedData
 from benchmarks.inertia.scenarios import TABLE_ONE_VARIANCES, Case, four_fingers, table_one
 from benchmarks.inertia.scores import Score, medians
-from tactile_dynamics_ros.core.inertia.batch import estimate_inertia, fit_recording
-from tactile_dynamics_ros.core.inertia.incremental.replay import replay_streams
-from tactile_dynamics_ros.core.inertia.paper_a import METHODS, TimeSteps, estimate_as_published
-from tactile_dynamics_ros.core.inertia.paper_a.methods import PublishedConfig
+from benchmarks.peers.paper_a import METHODS, TimeSteps, estimate_as_published
+from benchmarks.peers.paper_a.methods import PublishedConfig
+from tactile_dynamics_ros.core.inertia.batch.batch import fit_recording
+from tactile_dynamics_ros.core.inertia.estimate import estimate as estimate_body
+from tactile_dynamics_ros.core.inertia.live.replay import replay_streams
 
 PUBLISHED_EQ_34 = {
     "Baseline": "4.1-4.4",
@@ -130,7 +131,7 @@ def _ours(case: Case) -> Score:
 
 def _estimate(case: Case) -> tuple[np.ndarray, Score]:
     started = time.thread_time()
-    phi = estimate_inertia(case.streams).inertia.dynamic_parameters
+    phi = estimate_body(case.streams).to_estimate().inertia.dynamic_parameters
     spent = time.thread_time() - started
     return phi, Score.of(case.truth, phi, spent)
 

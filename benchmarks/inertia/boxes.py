@@ -12,9 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.hidden import randomness
-from benchmarks.hidden.objects import HeldObject
-from benchmarks.hidden.scenario import GRAVITY, Scenario, ScenarioOptions
 from benchmarks.inertia.in_hand import record_in_hand
 from benchmarks.inertia.published import (
     RELAXED_RIGIDITY,
@@ -23,14 +20,17 @@ from benchmarks.inertia.published import (
     published_truth,
 )
 from benchmarks.inertia.scores import Score, deviations
-from tactile_dynamics_ros.core.inertia.batch import estimate_inertia
-from tactile_dynamics_ros.core.inertia.estimate import PARAMETER_NAMES
-from tactile_dynamics_ros.core.inertia.incremental.replay import replay_streams
-from tactile_dynamics_ros.core.inertia.paper_a import METHODS, TimeSteps, estimate_as_published
+from benchmarks.peers.paper_a import METHODS, TimeSteps, estimate_as_published
+from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import PARAMETER_NAMES
+from tactile_dynamics_ros.core.inertia.estimate import estimate as estimate_body
+from tactile_dynamics_ros.core.inertia.live.replay import replay_streams
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
-from tactile_dynamics_ros.core.streams import ContactStream, PoseStream, Streams
+from tactile_dynamics_ros.core.streams.streams import ContactStream, PoseStream, Streams
 from tactile_dynamics_ros.core.tactile.calibration import NORMAL_90
+from tactile_dynamics_ros.synthetic import randomness
+from tactile_dynamics_ros.synthetic.objects import HeldObject
+from tactile_dynamics_ros.synthetic.scenario import GRAVITY, Scenario, ScenarioOptions
 
 Array = NDArray[np.float64]
 
@@ -125,7 +125,7 @@ def _run_case(
     streams, truth = record(*case)
     if not streams.contacts:
         return BoxRun()
-    seed, estimate = case[1], estimate_inertia(streams)
+    seed, estimate = case[1], estimate_body(streams).to_estimate()
     run = BoxRun(
         Score.of(truth, estimate.inertia.dynamic_parameters, 0.0),
         deviations(estimate, truth),

@@ -11,19 +11,19 @@ from typing import Any
 import numpy as np
 import psutil
 
-from benchmarks.hidden.scenario import Scenario, ScenarioOptions
-from benchmarks.hidden.sensors import SensorOptions, read_sensors
 from benchmarks.inertia.peers import SmoothedData, batch_resolve, plain_isam2
 from benchmarks.inertia.scenarios import Case, four_fingers
-from tactile_dynamics_ros.core.inertia.batch import estimate_inertia
-from tactile_dynamics_ros.core.inertia.incremental import IncrementalInertialEstimator
-from tactile_dynamics_ros.core.inertia.incremental.replay import replay_streams
+from tactile_dynamics_ros.core.inertia.estimate import estimate as estimate_body
+from tactile_dynamics_ros.core.inertia.live import IncrementalInertialEstimator
+from tactile_dynamics_ros.core.inertia.live.replay import replay_streams
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     InertialParameters,
     affine_invariant_distance,
     is_feasible,
 )
-from tactile_dynamics_ros.core.streams import Streams
+from tactile_dynamics_ros.core.streams.streams import Streams
+from tactile_dynamics_ros.synthetic.scenario import Scenario, ScenarioOptions
+from tactile_dynamics_ros.synthetic.sensors import SensorOptions, read_sensors
 
 _MEMORY_EVERY = 500
 
@@ -101,7 +101,7 @@ def run_batch_time(seeds: int, say: Callable[[str], None]) -> dict[str, Any]:
     for seed in range(seeds):
         streams = four_fingers(seed).streams
         started = time.thread_time(), time.perf_counter()
-        estimate_inertia(streams)
+        estimate_body(streams).to_estimate()
         cpu.append(time.thread_time() - started[0])
         wall.append(time.perf_counter() - started[1])
     return {

@@ -8,11 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.hidden.motion import MotionSamples
 from benchmarks.inertia.scenarios import Case, four_fingers, with_motion
 from benchmarks.inertia.scores import Score, medians
-from tactile_dynamics_ros.core.contact.hand_kinematics import HandKinematics
-from tactile_dynamics_ros.core.inertia.batch import estimate_inertia
+from tactile_dynamics_ros.core.inertia.estimate import estimate as estimate_body
 from tactile_dynamics_ros.core.inertia.excitation import (
     ArmLimits,
     DesignConfig,
@@ -26,6 +24,8 @@ from tactile_dynamics_ros.core.inertia.excitation import (
 from tactile_dynamics_ros.core.inertia.excitation.limits import fit_to_limits
 from tactile_dynamics_ros.core.manipulation.excitation import ExcitationConfig, SumOfSines
 from tactile_dynamics_ros.core.manipulation.grasp_planner import ARM_HOME
+from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
+from tactile_dynamics_ros.synthetic.motion import MotionSamples
 
 _FINGERS = ("index", "middle", "ring", "thumb")
 _GRID_HZ = 20.0
@@ -70,7 +70,7 @@ def run_excitation(seeds: int, duration: float, say: Callable[[str], None]) -> d
         setting = _Setting.of(case, duration)
         for name, offsets in setting.candidates(seed).items():
             moved = with_motion(_lasting(case, duration), _Followed(setting.start, offsets), seed)
-            estimate = estimate_inertia(moved.streams)
+            estimate = estimate_body(moved.streams).to_estimate()
             scores[name].append(Score.of(case.truth, estimate.inertia.dynamic_parameters, 0.0))
             expected[name].append(setting.expected(offsets))
             usage[name].append(setting.usage(offsets))

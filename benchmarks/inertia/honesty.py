@@ -8,19 +8,22 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.hidden.recordings import HiddenRecording, generate
-from benchmarks.hidden.scenario import ScenarioOptions
 from benchmarks.inertia.scenarios import Case, four_fingers, from_recording
 from benchmarks.inertia.scores import deviations
-from tactile_dynamics_ros.core.inertia.batch import estimate_inertia
-from tactile_dynamics_ros.core.inertia.estimate import PARAMETER_NAMES, InertialEstimate
-from tactile_dynamics_ros.core.inertia.incremental.replay import replay_streams
+from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import (
+    PARAMETER_NAMES,
+    InertialEstimate,
+)
+from tactile_dynamics_ros.core.inertia.estimate import estimate as estimate_body
+from tactile_dynamics_ros.core.inertia.live.replay import replay_streams
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     InertialParameters,
     is_feasible,
 )
-from tactile_dynamics_ros.core.streams import PoseStream, Streams
+from tactile_dynamics_ros.core.streams.streams import PoseStream, Streams
 from tactile_dynamics_ros.core.tactile.calibration import NORMAL_90
+from tactile_dynamics_ros.synthetic.recordings import HiddenRecording, generate
+from tactile_dynamics_ros.synthetic.scenario import ScenarioOptions
 
 Graded = tuple[InertialEstimate, InertialParameters]
 """What was estimated, and the truth."""
@@ -87,7 +90,7 @@ def _estimate(seed: int, duration: float) -> Graded:
 
 
 def _estimate_of(case: Case) -> Graded:
-    return estimate_inertia(case.streams), case.truth
+    return estimate_body(case.streams).to_estimate(), case.truth
 
 
 def _live(seed: int, duration: float) -> Graded:

@@ -56,8 +56,8 @@ because the lever arms of the contacts are read from the poses. If nothing is pr
 motion but that a quartic describes each stretch of nine poses, the second bound holds, and
 `fit_recording` comes within about a tenth of it. The contacts know more: a finger that neither
 slides nor rolls stays at one point of the object, and the joints tell where that point is in the
-world. `estimate_inertia` tests whether the contacts stay where they are (to what white noise
-explains), and if three do, sharpens the poses by them (`core/inertia/rigid_grasp.py`); what the
+world. `estimate` tests whether the contacts stay where they are (to what white noise
+explains), and if three do, sharpens the poses by them (`residuals/rigid_grasp.py`); what the
 unknown displacement of the body frame adds is part of the covariance. In these recordings contact
 points are free of noise and stay; in the simulated hand they roll, the test says so, and the poses
 are used as they are.

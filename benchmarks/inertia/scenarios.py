@@ -7,17 +7,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.hidden.grasp import Grasp, Placement
-from benchmarks.hidden.motion import Motion, SumOfSines
-from benchmarks.hidden.objects import HeldObject
-from benchmarks.hidden.recordings import HiddenRecording, generate
-from benchmarks.hidden.scenario import Scenario, ScenarioOptions, Scene
-from benchmarks.hidden.sensors import SensorOptions, read_sensors
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     InertialParameters,
     inertia_matrix,
 )
-from tactile_dynamics_ros.core.streams import Streams
+from tactile_dynamics_ros.core.streams.streams import Streams
+from tactile_dynamics_ros.synthetic.grasp import Grasp, Placement
+from tactile_dynamics_ros.synthetic.motion import Motion, SumOfSines
+from tactile_dynamics_ros.synthetic.objects import HeldObject
+from tactile_dynamics_ros.synthetic.recordings import HiddenRecording, generate
+from tactile_dynamics_ros.synthetic.scenario import Scenario, ScenarioOptions, Scene
+from tactile_dynamics_ros.synthetic.sensors import SensorOptions, read_sensors
 
 TABLE_ONE_VARIANCES = (0.0, 0.1, 0.25, 0.5, 1.0)
 TABLE_ONE_DURATION = 30.0

@@ -16,7 +16,7 @@ from benchmarks.replay.player import NODES, replay
 from benchmarks.replay.rig import TRUTH, Rig, Row
 from benchmarks.replay.stream_faults import STREAM_FAULTS
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
-from tactile_dynamics_ros.core.inertia.estimate import PARAMETER_NAMES
+from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import PARAMETER_NAMES
 
 CLEAN = "clean"
 CLEAN_SECONDS = 30.0

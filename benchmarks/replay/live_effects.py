@@ -17,14 +17,14 @@ import numpy as np
 from benchmarks.effects.cases import Case
 from benchmarks.effects.parameters import parameter_errors
 from benchmarks.effects.product import ask_command
-from benchmarks.hidden import CATALOGUE
-from benchmarks.hidden.bag import write_bag
-from benchmarks.hidden.recordings import HiddenRecording
 from benchmarks.replay.observations import WRONG, Status
 from benchmarks.replay.player import Player, replay
 from benchmarks.replay.tape import messages_of
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
-from tactile_dynamics_ros.core.inertia.estimate import PARAMETER_NAMES
+from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import PARAMETER_NAMES
+from tactile_dynamics_ros.synthetic import CATALOGUE
+from tactile_dynamics_ros.synthetic.bag import write_bag
+from tactile_dynamics_ros.synthetic.recordings import HiddenRecording
 
 NODE = "inertial_estimator"
 LEVEL = 2.0

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
-from tactile_dynamics_ros.core.streams import ContactStream, PoseStream, Streams
+from tactile_dynamics_ros.core.streams.streams import ContactStream, PoseStream, Streams
 
 Array = NDArray[np.float64]
 Motion = tuple[float, NDArray[np.float64], NDArray[np.float64]]

@@ -11,8 +11,8 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.inertia.estimate import PARAMETER_NAMES
-from tactile_dynamics_ros.nodes.diagnostics import status_values
+from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import PARAMETER_NAMES
+from tactile_dynamics_ros.ros.diagnostics import status_values
 
 Array = NDArray[np.float64]
 

@@ -30,7 +30,7 @@ from benchmarks.replay.tape import KINDS, NANOSECONDS, OBJECT_POSE, Message, mes
 from tactile_dynamics_ros.cli.domain import private_domain
 from tactile_dynamics_ros.cli.supervisor import Supervisor, node_command
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
-from tactile_dynamics_ros.nodes.shell import LATCHED, STREAM
+from tactile_dynamics_ros.ros.shell import LATCHED, STREAM
 
 NODES = ("inertial_estimator", "model_check")
 STATUS, RESET = "/inertial_estimator/status", "/inertial_estimator/reset"

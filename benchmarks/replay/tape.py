@@ -16,8 +16,8 @@ from geometry_msgs.msg import (
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.rigid_body.rotation import matrix_to_quaternion
-from tactile_dynamics_ros.core.streams import ContactStream, PoseStream, Streams
-from tactile_dynamics_ros.nodes.wire import COUNTS, Stamp, encode_stamped
+from tactile_dynamics_ros.core.streams.streams import ContactStream, PoseStream, Streams
+from tactile_dynamics_ros.ros.wire import COUNTS, Stamp, encode_stamped
 
 Array = NDArray[np.float64]
 

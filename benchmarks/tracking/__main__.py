@@ -17,8 +17,8 @@ from benchmarks.tracking.scores import Errors, measure, summarise
 from benchmarks.tracking.search import search_on_table
 from benchmarks.tracking.tape import Slip, load_tape
 from benchmarks.tracking.trackers import LiveChain, follow_plain_icp
-from tactile_dynamics_ros.core.contact.hand_kinematics import HandKinematics
-from tactile_dynamics_ros.core.tracking.object_shape import load_shape
+from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
+from tactile_dynamics_ros.core.shape.object_shape import load_shape
 from tactile_dynamics_ros.share import object_file
 
 RUNS = (

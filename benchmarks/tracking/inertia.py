@@ -16,9 +16,9 @@ from benchmarks.tracking.tape import Tape
 from benchmarks.tracking.trackers import Track
 from tactile_dynamics_ros.core.contact.contact_state import Contact
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
-from tactile_dynamics_ros.core.inertia.batch import estimate_inertia
+from tactile_dynamics_ros.core.inertia.estimate import estimate as estimate_body
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
-from tactile_dynamics_ros.core.streams import ContactStream, PoseStream, Streams
+from tactile_dynamics_ros.core.streams.streams import ContactStream, PoseStream, Streams
 from tactile_dynamics_ros.core.tracking.hand_error import carry_contacts
 from tactile_dynamics_ros.sim.objects import load_object
 
@@ -44,7 +44,7 @@ def estimate_with_each(tape: Tape, tracks: dict[str, Track]) -> dict[str, Any]:
 def _score(streams: Streams, truth: InertialParameters) -> dict[str, Any]:
     began = time.process_time()
     try:
-        estimate = estimate_inertia(streams)
+        estimate = estimate_body(streams).to_estimate()
     except TactileDynamicsError as error:
         return {"error": str(error)}
     score = Score.of(truth, estimate.inertia.dynamic_parameters, time.process_time() - began)

@@ -9,9 +9,9 @@ import numpy as np
 from benchmarks.tracking.scores import Errors, measure
 from benchmarks.tracking.tape import Moment, Tape
 from benchmarks.tracking.trackers import LiveChain, Replay, Upset
-from tactile_dynamics_ros.core.contact.hand_kinematics import HandKinematics
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
-from tactile_dynamics_ros.core.tracking.object_shape import ObjectShape
+from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
+from tactile_dynamics_ros.core.shape.object_shape import ObjectShape
 from tactile_dynamics_ros.core.tracking.vision_tracker import TrackingState
 
 OCCLUSION_S = 0.5

@@ -10,8 +10,8 @@ from scipy.stats import chi2
 
 from benchmarks.tracking.tape import Tape
 from benchmarks.tracking.trackers import Track
+from tactile_dynamics_ros.core.shape.object_shape import ObjectShape
 from tactile_dynamics_ros.core.tracking.kinematic_tracker import pose_error
-from tactile_dynamics_ros.core.tracking.object_shape import ObjectShape
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from benchmarks.tracking.scores import compare_poses, nearest_symmetry
-from tactile_dynamics_ros.core.contact.hand_kinematics import HandKinematics
+from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
+from tactile_dynamics_ros.core.shape.object_shape import ObjectShape
 from tactile_dynamics_ros.core.tracking.depth_image import PinholeCamera
-from tactile_dynamics_ros.core.tracking.object_shape import ObjectShape
 from tactile_dynamics_ros.core.tracking.vision_tracker import VisionTracker
 from tactile_dynamics_ros.sim.simulated_robot import SimulatedRobot, SimulatedRobotConfig
 from tactile_dynamics_ros.sim.world import WorldConfig

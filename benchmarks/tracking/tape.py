@@ -17,11 +17,11 @@ import numpy as np
 from benchmarks.biotac_in_hand import ALOFT, Touch
 from benchmarks.biotac_press_rig import calibrate_units
 from tactile_dynamics_ros.core.contact.contact_state import Contact
-from tactile_dynamics_ros.core.contact.hand_kinematics import HandKinematics
 from tactile_dynamics_ros.core.manipulation.excitation import ExcitationConfig
 from tactile_dynamics_ros.core.manipulation.grasp_controller import GraspConfig, GraspController
+from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
+from tactile_dynamics_ros.core.shape.object_shape import load_shape
 from tactile_dynamics_ros.core.tracking.depth_image import PinholeCamera
-from tactile_dynamics_ros.core.tracking.object_shape import load_shape
 from tactile_dynamics_ros.core.tracking.pose_average import average_poses
 from tactile_dynamics_ros.core.tracking.vision_tracker import VisionTracker
 from tactile_dynamics_ros.share import object_file

@@ -11,10 +11,10 @@ import numpy as np
 import small_gicp
 
 from benchmarks.tracking.tape import Moment, Tape
-from tactile_dynamics_ros.core.contact.hand_kinematics import HandKinematics
+from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
+from tactile_dynamics_ros.core.shape.object_shape import ObjectShape
 from tactile_dynamics_ros.core.tracking.depth_image import DepthNoiseConfig
 from tactile_dynamics_ros.core.tracking.kinematic_tracker import ANCHOR, KinematicTracker
-from tactile_dynamics_ros.core.tracking.object_shape import ObjectShape
 from tactile_dynamics_ros.core.tracking.pose_average import average_poses
 from tactile_dynamics_ros.core.tracking.pose_fusion import PoseFusion
 from tactile_dynamics_ros.core.tracking.robot_volume import RobotVolume

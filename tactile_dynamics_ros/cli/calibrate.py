@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tactile_dynamics_ros.cli.recordings import add_namespace
-from tactile_dynamics_ros.core.contact.robot_description import FINGERS
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.robot.robot_description import FINGERS
 
 if TYPE_CHECKING:
     from tactile_dynamics_ros.recording.cdr import MessageTable

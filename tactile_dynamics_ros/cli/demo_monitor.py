@@ -25,11 +25,11 @@ from tactile_dynamics_ros.cli.grasp_start import GraspStart
 from tactile_dynamics_ros.cli.live import DEFAULT_CONFIG
 from tactile_dynamics_ros.cli.topics import call_trigger
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
-from tactile_dynamics_ros.nodes.conversions import to_seconds
-from tactile_dynamics_ros.nodes.diagnostics import status_values
-from tactile_dynamics_ros.nodes.names import DIAGNOSTICS, ESTIMATOR_STATUS, GRASP_PHASE, REVEAL
-from tactile_dynamics_ros.nodes.shell import LATCHED
 from tactile_dynamics_ros.report.history import EstimateHistory
+from tactile_dynamics_ros.ros.conversions import to_seconds
+from tactile_dynamics_ros.ros.diagnostics import status_values
+from tactile_dynamics_ros.ros.names import DIAGNOSTICS, ESTIMATOR_STATUS, GRASP_PHASE, REVEAL
+from tactile_dynamics_ros.ros.shell import LATCHED
 from tactile_dynamics_ros.share import share_file
 
 Array = NDArray[np.float64]

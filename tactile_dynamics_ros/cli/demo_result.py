@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.cli.demo_monitor import NAMES
 from tactile_dynamics_ros.cli.text_table import align_rows
-from tactile_dynamics_ros.core.effects import create_effect
-from tactile_dynamics_ros.core.inertia.batch import fit_body
-from tactile_dynamics_ros.core.inertia.estimate import InertialEstimate
-from tactile_dynamics_ros.core.inertia.readings import fit_with_readings
+from tactile_dynamics_ros.core.effects import create_effects
+from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import InertialEstimate
+from tactile_dynamics_ros.core.inertia.estimate import estimate
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
 from tactile_dynamics_ros.core.rigid_body.rotation import quaternion_to_matrix
 from tactile_dynamics_ros.recording import Recording
@@ -57,9 +56,7 @@ def summarise_demo(
         A document for --json.
     """
     recording = Recording.from_bag(out / "recording")
-    missing = [create_effect(name) for name in effects]
-    streams = recording.streams
-    model = fit_with_readings(streams, missing) if missing else fit_body(streams)
+    model = estimate(recording, create_effects(effects))
     offline = model.to_estimate()
     body = InertialParameters(truth["mass"], np.array(truth["com"]), np.array(truth["inertia_com"]))
     say(_comparison(history, offline, body))

@@ -13,8 +13,8 @@ from rclpy.parameter_client import AsyncParameterClient
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
-from tactile_dynamics_ros.nodes.names import DIAGNOSE, MODEL_ERROR
-from tactile_dynamics_ros.nodes.shell import LATCHED
+from tactile_dynamics_ros.ros.names import DIAGNOSE, MODEL_ERROR
+from tactile_dynamics_ros.ros.shell import LATCHED
 
 ENOUGH_DATA = 25.0
 PATIENCE = 120.0

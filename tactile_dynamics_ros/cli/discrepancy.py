@@ -22,7 +22,7 @@ from tactile_dynamics_ros.cli.recordings import (
 )
 
 if TYPE_CHECKING:
-    from tactile_dynamics_ros.core.inertia.fitted_model import FittedModel
+    from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
 
 
 def add_parser(verbs: _SubParsersAction[Any]) -> None:
@@ -93,8 +93,11 @@ def _ask(args: Namespace) -> Question:
     """Fit the model that suits the recording."""
     if is_probe_recording(args):
         return question_friction(args)
-    from tactile_dynamics_ros.core.inertia.discrepancy_model import HeldObjectModel
-    from tactile_dynamics_ros.core.inertia.readings import fit_with_readings, model_with_seen_noise
+    from tactile_dynamics_ros.core.inertia.diagnosis.discrepancy_model import HeldObjectModel
+    from tactile_dynamics_ros.core.inertia.diagnosis.readings import (
+        fit_with_readings,
+        model_with_seen_noise,
+    )
 
     recording, effects = read_recording(args), read_effects(args)
     fitted = fit_with_readings(recording.streams, effects)
@@ -122,7 +125,7 @@ def _answer(question: Question, ask: Callable[[Any], Any]) -> Any:
 
 def _note(fitted: FittedModel) -> None:
     """Say what was not taken as it is recorded."""
-    from tactile_dynamics_ros.core.inertia.stated_noise import remark_on
+    from tactile_dynamics_ros.core.inertia.residuals.stated_noise import remark_on
 
     if fitted.survey is not None:
         print(f"note: {fitted.survey.remark}", file=sys.stderr)

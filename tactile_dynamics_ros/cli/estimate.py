@@ -18,8 +18,8 @@ from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.report.numbers import parameter_rows
 
 if TYPE_CHECKING:
-    from tactile_dynamics_ros.core.inertia.estimate import InertialEstimate
-    from tactile_dynamics_ros.core.inertia.fitted_model import FittedModel
+    from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
+    from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import InertialEstimate
     from tactile_dynamics_ros.recording import Recording
 
 
@@ -35,20 +35,18 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
 
 def run(args: Namespace) -> int:
     """Estimate and print; the exit code is 3 where the recording leaves something open."""
-    from tactile_dynamics_ros.core.inertia.batch import fit_body
-    from tactile_dynamics_ros.core.inertia.readings import fit_with_readings
+    from tactile_dynamics_ros.core.inertia.estimate import estimate
 
     recording, effects = read_recording(args), read_effects(args)
-    streams = recording.streams
-    model = fit_with_readings(streams, effects) if effects else fit_body(streams)
-    estimate = model.to_estimate()
-    print(json.dumps(estimate.to_json()) if args.json else _describe(recording, model, estimate))
+    model = estimate(recording, effects)
+    found = model.to_estimate()
+    print(json.dumps(found.to_json()) if args.json else _describe(recording, model, found))
     if args.out:
         from tactile_dynamics_ros.report.estimate_report import write_estimate_report
 
         page = write_estimate_report(recording, model, Path(args.out))
         print(f"report: {page}", file=sys.stderr)
-    _require_determined(estimate)
+    _require_determined(found)
     return 0
 
 

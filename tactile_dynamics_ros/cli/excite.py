@@ -67,7 +67,7 @@ def _plan(args: Namespace) -> ExcitationPlan:
     Raises:
         BadInputError: both or none of them are named.
     """
-    from tactile_dynamics_ros.core.inertia.batch import fit_recording
+    from tactile_dynamics_ros.core.inertia.batch.batch import fit_recording
     from tactile_dynamics_ros.core.inertia.excitation import DesignConfig, MotionLimits
     from tactile_dynamics_ros.core.inertia.excitation.first_grasp import plan_first_excitation
     from tactile_dynamics_ros.core.inertia.excitation.plan import plan_excitation

@@ -9,7 +9,7 @@ from typing import Any
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from tactile_dynamics_ros.nodes.names import GRASP_START
+from tactile_dynamics_ros.ros.names import GRASP_START
 
 ASK_EVERY = 0.5
 """Pause between two questions, s of real time: half a second is nothing beside a grasp of ten."""

@@ -35,9 +35,9 @@ def run_probe(args: Namespace) -> int:
     """
     from diagnostic_msgs.msg import DiagnosticStatus
 
-    from tactile_dynamics_ros.nodes.diagnostics import status_values
-    from tactile_dynamics_ros.nodes.names import PROBE, PROBE_ESTIMATE, PROBE_PROGRESS
-    from tactile_dynamics_ros.nodes.shell import LATCHED
+    from tactile_dynamics_ros.ros.diagnostics import status_values
+    from tactile_dynamics_ros.ros.names import PROBE, PROBE_ESTIMATE, PROBE_PROGRESS
+    from tactile_dynamics_ros.ros.shell import LATCHED
 
     hand = read_namespace(args.namespace)
     with short_lived_node() as node:

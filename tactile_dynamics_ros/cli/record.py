@@ -31,8 +31,8 @@ def run(args: Namespace) -> int:
     import rclpy
     from rclpy.signals import SignalHandlerOptions
 
-    from tactile_dynamics_ros.nodes.recorder import Recorder
-    from tactile_dynamics_ros.nodes.shell import finish_bursts, spin
+    from tactile_dynamics_ros.ros.recorder import Recorder
+    from tactile_dynamics_ros.ros.shell import finish_bursts, spin
 
     finish_bursts()
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)

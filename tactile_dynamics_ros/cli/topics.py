@@ -78,8 +78,8 @@ def spin_until(node: Node, condition: Callable[[], bool], timeout: float) -> boo
 
 def run_echo(args: Namespace) -> int:
     """Print messages as JSON, one per line with --json."""
-    from tactile_dynamics_ros.nodes.recorder import message_type
-    from tactile_dynamics_ros.nodes.shell import LATCHED, STREAM
+    from tactile_dynamics_ros.ros.recorder import message_type
+    from tactile_dynamics_ros.ros.shell import LATCHED, STREAM
 
     seen: list[Any] = []
     topic = "/" + args.topic.lstrip("/")

@@ -12,23 +12,23 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import Image
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
-from tactile_dynamics_ros.core.contact.robot_description import FINGERS, sensor_frame
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.robot.robot_description import FINGERS, sensor_frame
 from tactile_dynamics_ros.core.tactile.estimators import create_force_estimator
 from tactile_dynamics_ros.core.tactile.fingertip import FingertipConfig, TactileEstimate
 from tactile_dynamics_ros.core.tactile.signal_change import COUNTS_PER_KELVIN
 from tactile_dynamics_ros.core.tactile.slip import SlipConfig, SlipDetector, SlipEstimate
-from tactile_dynamics_ros.nodes.conversions import (
+from tactile_dynamics_ros.ros.conversions import (
     StampGate,
     biotac_to_core,
     std_to_message,
     wrench_to_message,
 )
-from tactile_dynamics_ros.nodes.kept_tare import KeptTare
-from tactile_dynamics_ros.nodes.names import BIOTAC_RAW, TARE, fingertip_topic
-from tactile_dynamics_ros.nodes.parameters import declare_config
-from tactile_dynamics_ros.nodes.shell import Shell, run_node
-from tactile_dynamics_ros.nodes.wire import AnyStamp, Picture
+from tactile_dynamics_ros.ros.kept_tare import KeptTare
+from tactile_dynamics_ros.ros.names import BIOTAC_RAW, TARE, fingertip_topic
+from tactile_dynamics_ros.ros.parameters import declare_config
+from tactile_dynamics_ros.ros.shell import Shell, run_node
+from tactile_dynamics_ros.ros.wire import AnyStamp, Picture
 
 
 @dataclass(frozen=True)

@@ -16,10 +16,10 @@ from tactile_dynamics_ros.core.contact.contact_state import (
     ContactState,
     ContactStateConfig,
 )
-from tactile_dynamics_ros.core.contact.hand_kinematics import HandKinematics
-from tactile_dynamics_ros.core.contact.robot_description import FINGERS, sensor_frame
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
-from tactile_dynamics_ros.nodes.conversions import (
+from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
+from tactile_dynamics_ros.core.robot.robot_description import FINGERS, sensor_frame
+from tactile_dynamics_ros.ros.conversions import (
     JointReader,
     StampGate,
     pose_to_message,
@@ -29,11 +29,11 @@ from tactile_dynamics_ros.nodes.conversions import (
     wrench_to_core,
     wrench_to_message,
 )
-from tactile_dynamics_ros.nodes.joint_history import JointHistory
-from tactile_dynamics_ros.nodes.names import JOINT_STATES, contact_topic, fingertip_topic
-from tactile_dynamics_ros.nodes.parameters import declare_config
-from tactile_dynamics_ros.nodes.shell import Shell, run_node
-from tactile_dynamics_ros.nodes.wire import Joints, Stamp, Stamped
+from tactile_dynamics_ros.ros.joint_history import JointHistory
+from tactile_dynamics_ros.ros.names import JOINT_STATES, contact_topic, fingertip_topic
+from tactile_dynamics_ros.ros.parameters import declare_config
+from tactile_dynamics_ros.ros.shell import Shell, run_node
+from tactile_dynamics_ros.ros.wire import Joints, Stamp, Stamped
 
 WORLD = "world"
 WAITING = 200

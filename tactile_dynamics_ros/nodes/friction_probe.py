@@ -15,17 +15,17 @@ from sensor_msgs.msg import Image, JointState
 from std_msgs.msg import Bool
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
-from tactile_dynamics_ros.core.contact.hand_kinematics import ARM_DOF, HandKinematics
-from tactile_dynamics_ros.core.contact.robot_description import FINGERS
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.core.friction.electrode_motion import ElectrodeMotion
 from tactile_dynamics_ros.core.friction.probe import FrictionProbe
 from tactile_dynamics_ros.core.friction.probe_config import FrictionProbeConfig
 from tactile_dynamics_ros.core.friction.probe_input import ProbeContact, ProbeInput
-from tactile_dynamics_ros.core.friction.surface import ObjectSurface
+from tactile_dynamics_ros.core.robot.hand_kinematics import ARM_DOF, HandKinematics
+from tactile_dynamics_ros.core.robot.robot_description import FINGERS
+from tactile_dynamics_ros.core.shape.friction_regions import ObjectSurface
 from tactile_dynamics_ros.core.tracking.pose_average import average_poses
-from tactile_dynamics_ros.nodes.contact_assembly import AssembledContact, ContactAssembly
-from tactile_dynamics_ros.nodes.conversions import (
+from tactile_dynamics_ros.ros.contact_assembly import AssembledContact, ContactAssembly
+from tactile_dynamics_ros.ros.conversions import (
     JointReader,
     StampGate,
     biotac_to_core,
@@ -34,10 +34,10 @@ from tactile_dynamics_ros.nodes.conversions import (
     to_seconds,
     uncertain_pose_to_core,
 )
-from tactile_dynamics_ros.nodes.diagnostics import status_message
-from tactile_dynamics_ros.nodes.emergency import EmergencyStop
-from tactile_dynamics_ros.nodes.friction_messages import estimate_status
-from tactile_dynamics_ros.nodes.names import (
+from tactile_dynamics_ros.ros.diagnostics import status_message
+from tactile_dynamics_ros.ros.emergency import EmergencyStop
+from tactile_dynamics_ros.ros.friction_messages import estimate_status
+from tactile_dynamics_ros.ros.names import (
     BIOTAC_RAW,
     JOINT_COMMAND,
     JOINT_STATES,
@@ -49,10 +49,10 @@ from tactile_dynamics_ros.nodes.names import (
     VISION_POSE,
     fingertip_topic,
 )
-from tactile_dynamics_ros.nodes.parameters import declare_config
-from tactile_dynamics_ros.nodes.shell import Shell, run_node
-from tactile_dynamics_ros.nodes.stream_clock import StreamClock
-from tactile_dynamics_ros.nodes.wire import Joints, Picture, Stamped
+from tactile_dynamics_ros.ros.parameters import declare_config
+from tactile_dynamics_ros.ros.shell import Shell, run_node
+from tactile_dynamics_ros.ros.stream_clock import StreamClock
+from tactile_dynamics_ros.ros.wire import Joints, Picture, Stamped
 from tactile_dynamics_ros.share import object_file
 
 Array = NDArray[np.float64]

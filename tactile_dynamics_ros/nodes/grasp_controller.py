@@ -17,8 +17,6 @@ from std_msgs.msg import Bool, String
 from std_srvs.srv import Trigger
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
-from tactile_dynamics_ros.core.contact.hand_kinematics import ARM_DOF, HandKinematics
-from tactile_dynamics_ros.core.contact.robot_description import FINGERS
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.core.manipulation.arm_path import ArmPath, excite
 from tactile_dynamics_ros.core.manipulation.excitation import OffsetTable, SumOfSines
@@ -29,8 +27,10 @@ from tactile_dynamics_ros.core.manipulation.grasp_controller import (
 )
 from tactile_dynamics_ros.core.manipulation.grasp_site import GraspSite
 from tactile_dynamics_ros.core.manipulation.squeeze import held_by
+from tactile_dynamics_ros.core.robot.hand_kinematics import ARM_DOF, HandKinematics
+from tactile_dynamics_ros.core.robot.robot_description import FINGERS
 from tactile_dynamics_ros.core.tracking.pose_average import average_poses
-from tactile_dynamics_ros.nodes.conversions import (
+from tactile_dynamics_ros.ros.conversions import (
     JointReader,
     StampGate,
     joints_to_message,
@@ -38,9 +38,9 @@ from tactile_dynamics_ros.nodes.conversions import (
     uncertain_pose_to_core,
     wrench_to_core,
 )
-from tactile_dynamics_ros.nodes.emergency import EmergencyStop
-from tactile_dynamics_ros.nodes.friction_messages import friction_range
-from tactile_dynamics_ros.nodes.names import (
+from tactile_dynamics_ros.ros.emergency import EmergencyStop
+from tactile_dynamics_ros.ros.friction_messages import friction_range
+from tactile_dynamics_ros.ros.names import (
     GRASP_PHASE,
     GRASP_START,
     JOINT_COMMAND,
@@ -52,9 +52,9 @@ from tactile_dynamics_ros.nodes.names import (
     VISION_POSE,
     contact_topic,
 )
-from tactile_dynamics_ros.nodes.parameters import declare_config
-from tactile_dynamics_ros.nodes.shell import LATCHED, Shell, run_node
-from tactile_dynamics_ros.nodes.wire import Joints, Stamped
+from tactile_dynamics_ros.ros.parameters import declare_config
+from tactile_dynamics_ros.ros.shell import LATCHED, Shell, run_node
+from tactile_dynamics_ros.ros.wire import Joints, Stamped
 from tactile_dynamics_ros.share import object_file
 
 Array = NDArray[np.float64]

@@ -11,31 +11,31 @@ from geometry_msgs.msg import InertiaStamped
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
-from tactile_dynamics_ros.core.contact.robot_description import FINGERS
 from tactile_dynamics_ros.core.friction.cone import cone_share, distance_beyond
-from tactile_dynamics_ros.core.inertia.incremental import (
+from tactile_dynamics_ros.core.inertia.live import (
     IncrementalConfig,
     IncrementalInertialEstimator,
     LiveEstimate,
 )
-from tactile_dynamics_ros.core.inertia.live_verdict import judge_estimate
-from tactile_dynamics_ros.core.inertia.refit import RefitConfig
-from tactile_dynamics_ros.nodes.contact_assembly import AssembledContact
-from tactile_dynamics_ros.nodes.conversions import header, inertia_to_message
-from tactile_dynamics_ros.nodes.diagnostics import status_message
-from tactile_dynamics_ros.nodes.friction_messages import friction_range
-from tactile_dynamics_ros.nodes.held_streams import HeldStreams
-from tactile_dynamics_ros.nodes.inertia_status import status_of, waiting_status
-from tactile_dynamics_ros.nodes.names import (
+from tactile_dynamics_ros.core.inertia.live.live_estimate import judge_estimate
+from tactile_dynamics_ros.core.inertia.live.refit import RefitConfig
+from tactile_dynamics_ros.core.robot.robot_description import FINGERS
+from tactile_dynamics_ros.ros.contact_assembly import AssembledContact
+from tactile_dynamics_ros.ros.conversions import header, inertia_to_message
+from tactile_dynamics_ros.ros.diagnostics import status_message
+from tactile_dynamics_ros.ros.friction_messages import friction_range
+from tactile_dynamics_ros.ros.held_streams import HeldStreams
+from tactile_dynamics_ros.ros.inertia_status import status_of, waiting_status
+from tactile_dynamics_ros.ros.names import (
     DIAGNOSE,
     ESTIMATOR_RESET,
     ESTIMATOR_STATUS,
     INERTIA,
     PROBE_ESTIMATE,
 )
-from tactile_dynamics_ros.nodes.parameters import declare_config
-from tactile_dynamics_ros.nodes.refitter import Refitter
-from tactile_dynamics_ros.nodes.shell import LATCHED, Shell, run_node
+from tactile_dynamics_ros.ros.parameters import declare_config
+from tactile_dynamics_ros.ros.refitter import Refitter
+from tactile_dynamics_ros.ros.shell import LATCHED, Shell, run_node
 
 Array = NDArray[np.float64]
 

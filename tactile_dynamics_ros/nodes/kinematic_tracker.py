@@ -13,9 +13,9 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Float64
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
-from tactile_dynamics_ros.core.contact.hand_kinematics import HandKinematics
-from tactile_dynamics_ros.core.contact.robot_description import FINGERS
 from tactile_dynamics_ros.core.rigid_body.rotation import twice
+from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
+from tactile_dynamics_ros.core.robot.robot_description import FINGERS
 from tactile_dynamics_ros.core.tracking.kinematic_tracker import (
     ANCHOR,
     KinematicTracker,
@@ -23,7 +23,7 @@ from tactile_dynamics_ros.core.tracking.kinematic_tracker import (
 )
 from tactile_dynamics_ros.core.tracking.pose_average import average_poses
 from tactile_dynamics_ros.core.tracking.pose_fusion import PoseFusion, PoseFusionConfig
-from tactile_dynamics_ros.nodes.conversions import (
+from tactile_dynamics_ros.ros.conversions import (
     JointReader,
     StampGate,
     pose_to_core,
@@ -32,8 +32,8 @@ from tactile_dynamics_ros.nodes.conversions import (
     uncertain_pose_to_message,
     wrench_to_core,
 )
-from tactile_dynamics_ros.nodes.joint_history import JointHistory
-from tactile_dynamics_ros.nodes.names import (
+from tactile_dynamics_ros.ros.joint_history import JointHistory
+from tactile_dynamics_ros.ros.names import (
     HAND_POSE,
     JOINT_STATES,
     OBJECT_HELD,
@@ -42,10 +42,10 @@ from tactile_dynamics_ros.nodes.names import (
     VISION_SCORE,
     contact_topic,
 )
-from tactile_dynamics_ros.nodes.object_frame import ObjectFrame
-from tactile_dynamics_ros.nodes.parameters import declare_config
-from tactile_dynamics_ros.nodes.shell import LATCHED, Shell, run_node
-from tactile_dynamics_ros.nodes.wire import Joints, Stamped
+from tactile_dynamics_ros.ros.object_frame import ObjectFrame
+from tactile_dynamics_ros.ros.parameters import declare_config
+from tactile_dynamics_ros.ros.shell import LATCHED, Shell, run_node
+from tactile_dynamics_ros.ros.wire import Joints, Stamped
 
 Array = NDArray[np.float64]
 

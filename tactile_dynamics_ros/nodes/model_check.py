@@ -15,30 +15,30 @@ from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
-from tactile_dynamics_ros.core.contact.robot_description import FINGERS
 from tactile_dynamics_ros.core.discrepancy.documents import Document
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
-from tactile_dynamics_ros.core.inertia.live_check import (
+from tactile_dynamics_ros.core.inertia.diagnosis.live_check import (
     LiveCheckConfig,
     LiveComparison,
     LiveModelCheck,
     compare_streams,
     diagnose_streams,
 )
-from tactile_dynamics_ros.nodes.background import Background
-from tactile_dynamics_ros.nodes.contact_assembly import AssembledContact
-from tactile_dynamics_ros.nodes.conversions import header, wrench_to_message
-from tactile_dynamics_ros.nodes.diagnostics import status_message, status_values
-from tactile_dynamics_ros.nodes.held_streams import HeldStreams
-from tactile_dynamics_ros.nodes.names import (
+from tactile_dynamics_ros.core.robot.robot_description import FINGERS
+from tactile_dynamics_ros.ros.background import Background
+from tactile_dynamics_ros.ros.contact_assembly import AssembledContact
+from tactile_dynamics_ros.ros.conversions import header, wrench_to_message
+from tactile_dynamics_ros.ros.diagnostics import status_message, status_values
+from tactile_dynamics_ros.ros.held_streams import HeldStreams
+from tactile_dynamics_ros.ros.names import (
     DIAGNOSE,
     ESTIMATOR_STATUS,
     MODEL_DIAGNOSIS,
     MODEL_ERROR,
     MODEL_RESIDUAL,
 )
-from tactile_dynamics_ros.nodes.parameters import declare_config
-from tactile_dynamics_ros.nodes.shell import LATCHED, REQUESTS, Shell, run_node
+from tactile_dynamics_ros.ros.parameters import declare_config
+from tactile_dynamics_ros.ros.shell import LATCHED, REQUESTS, Shell, run_node
 
 REST = 3.0
 """Pause after a comparison, in multiples of the time that it took."""

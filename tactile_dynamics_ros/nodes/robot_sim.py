@@ -12,8 +12,8 @@ from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image, JointState
 
-from tactile_dynamics_ros.core.contact.robot_description import FLANGE_LINK, JOINT_NAMES
-from tactile_dynamics_ros.nodes.conversions import (
+from tactile_dynamics_ros.core.robot.robot_description import FLANGE_LINK, JOINT_NAMES
+from tactile_dynamics_ros.ros.conversions import (
     JointReader,
     MessageError,
     biotac_to_message,
@@ -24,7 +24,7 @@ from tactile_dynamics_ros.nodes.conversions import (
     uncertain_pose_to_message,
     wrench_to_message,
 )
-from tactile_dynamics_ros.nodes.names import (
+from tactile_dynamics_ros.ros.names import (
     BIOTAC_RAW,
     CAMERA_INFO,
     CLOCK,
@@ -35,10 +35,10 @@ from tactile_dynamics_ros.nodes.names import (
     VISION_POSE,
     WRIST_WRENCH,
 )
-from tactile_dynamics_ros.nodes.pacing import DelayLine, Pace, PaceConfig
-from tactile_dynamics_ros.nodes.parameters import declare_config
-from tactile_dynamics_ros.nodes.shell import Shell, run_node
-from tactile_dynamics_ros.nodes.wire import Joints, encode_clock, to_stamp
+from tactile_dynamics_ros.ros.pacing import DelayLine, Pace, PaceConfig
+from tactile_dynamics_ros.ros.parameters import declare_config
+from tactile_dynamics_ros.ros.shell import Shell, run_node
+from tactile_dynamics_ros.ros.wire import Joints, encode_clock, to_stamp
 
 if TYPE_CHECKING:
     from tactile_dynamics_ros.sim.simulated_robot import Readings

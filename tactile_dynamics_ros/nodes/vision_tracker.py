@@ -15,12 +15,12 @@ from sensor_msgs.msg import CameraInfo, Image, JointState
 from std_msgs.msg import Float64
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
-from tactile_dynamics_ros.core.contact.hand_kinematics import HandKinematics
-from tactile_dynamics_ros.core.contact.robot_description import rpy_to_matrix
+from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
+from tactile_dynamics_ros.core.robot.robot_description import rpy_to_matrix
+from tactile_dynamics_ros.core.shape.object_shape import MESH_SUFFIXES, load_shape
 from tactile_dynamics_ros.core.tracking.depth_image import PinholeCamera
-from tactile_dynamics_ros.core.tracking.object_shape import MESH_SUFFIXES, load_shape
 from tactile_dynamics_ros.core.tracking.vision_tracker import VisionTracker, VisionTrackerConfig
-from tactile_dynamics_ros.nodes.conversions import (
+from tactile_dynamics_ros.ros.conversions import (
     JointReader,
     StampGate,
     camera_to_core,
@@ -29,8 +29,8 @@ from tactile_dynamics_ros.nodes.conversions import (
     uncertain_pose_to_core,
     uncertain_pose_to_message,
 )
-from tactile_dynamics_ros.nodes.joint_history import JointHistory
-from tactile_dynamics_ros.nodes.names import (
+from tactile_dynamics_ros.ros.joint_history import JointHistory
+from tactile_dynamics_ros.ros.names import (
     CAMERA_INFO,
     DEPTH_IMAGE,
     JOINT_STATES,
@@ -39,9 +39,9 @@ from tactile_dynamics_ros.nodes.names import (
     VISION_RESET,
     VISION_SCORE,
 )
-from tactile_dynamics_ros.nodes.parameters import declare_config
-from tactile_dynamics_ros.nodes.shell import Shell, run_node
-from tactile_dynamics_ros.nodes.wire import Joints, Picture, Stamped
+from tactile_dynamics_ros.ros.parameters import declare_config
+from tactile_dynamics_ros.ros.shell import Shell, run_node
+from tactile_dynamics_ros.ros.wire import Joints, Picture, Stamped
 from tactile_dynamics_ros.share import object_file
 
 Array = NDArray[np.float64]

@@ -16,7 +16,7 @@ from tactile_dynamics_ros.core.rigid_body.rotation import (
     matrix_to_quaternion,
     skew,
 )
-from tactile_dynamics_ros.core.streams import ContactStream, Streams
+from tactile_dynamics_ros.core.streams.streams import ContactStream, Streams
 from tactile_dynamics_ros.recording.assembly import (
     ImuColumns,
     PoseColumns,

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.rotation import matrix_to_quaternion, quaternion_to_matrix
-from tactile_dynamics_ros.core.streams import ContactStream, ImuStream, PoseStream
+from tactile_dynamics_ros.core.streams.streams import ContactStream, ImuStream, PoseStream
 from tactile_dynamics_ros.recording.cleaning import (
     ANGULAR_VELOCITY_LIMIT,
     FORCE_LIMIT,

@@ -13,7 +13,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from tactile_dynamics_ros.core.errors import BadInputError, refuse_existing
 from tactile_dynamics_ros.core.rigid_body.rotation import matrix_to_quaternion
-from tactile_dynamics_ros.core.streams import ContactStream, ImuStream, PoseStream, Streams
+from tactile_dynamics_ros.core.streams.streams import ContactStream, ImuStream, PoseStream, Streams
 from tactile_dynamics_ros.recording import topics
 from tactile_dynamics_ros.recording.cdr import encode_messages
 

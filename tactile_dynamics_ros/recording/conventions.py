@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.rigid_body.rotation import log_so3
-from tactile_dynamics_ros.core.streams import ContactStream, PoseStream, Streams, on_lines
+from tactile_dynamics_ros.core.streams.streams import ContactStream, PoseStream, Streams, on_lines
 
 Array = NDArray[np.float64]
 

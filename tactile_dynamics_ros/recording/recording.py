@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from tactile_dynamics_ros.core.cutting import cut_streams
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.streams import ContactStream, PoseStream, Streams
+from tactile_dynamics_ros.core.streams.cutting import cut_streams
+from tactile_dynamics_ros.core.streams.streams import ContactStream, PoseStream, Streams
 from tactile_dynamics_ros.core.tracking.hand_error import carry_contacts
 from tactile_dynamics_ros.recording import topics
 from tactile_dynamics_ros.recording.arrays import start_at_zero, streams_from_arrays

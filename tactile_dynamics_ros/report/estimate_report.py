@@ -22,8 +22,8 @@ from tactile_dynamics_ros.report.page import Page, Picture, Section, write_page
 from tactile_dynamics_ros.report.style import house_style
 
 if TYPE_CHECKING:
-    from tactile_dynamics_ros.core.inertia.estimate import InertialEstimate
-    from tactile_dynamics_ros.core.inertia.fitted_model import FittedModel
+    from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
+    from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import InertialEstimate
 
 ADEQUATE = 1.3
 _FEWEST_LIVE_ESTIMATES = 5

@@ -16,7 +16,7 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
 )
 
 if TYPE_CHECKING:
-    from tactile_dynamics_ros.core.inertia.fitted_model import FittedModel
+    from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
 
 Array = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
 from tactile_dynamics_ros.core.rigid_body.rotation import log_so3
-from tactile_dynamics_ros.core.streams import ContactStream, Streams
+from tactile_dynamics_ros.core.streams.streams import ContactStream, Streams
 from tactile_dynamics_ros.report.style import (
     AXIS_COLOURS,
     FAINT,

@@ -9,7 +9,7 @@ import numpy as np
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
 
 if TYPE_CHECKING:
-    from tactile_dynamics_ros.core.inertia.estimate import InertialEstimate
+    from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import InertialEstimate
 
 MILLI, MICRO = 1e3, 1e6
 AXES = "xyz"

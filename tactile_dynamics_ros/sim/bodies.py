@@ -10,12 +10,12 @@ import numpy as np
 import pybullet
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.contact.robot_description import HAND_JOINTS, LINKS
 from tactile_dynamics_ros.core.rigid_body.rotation import (
     cross,
     matrix_to_quaternion,
     quaternion_to_matrix,
 )
+from tactile_dynamics_ros.core.robot.robot_description import HAND_JOINTS, LINKS
 from tactile_dynamics_ros.sim.objects import ObjectModel, Shape
 from tactile_dynamics_ros.sim.urdf import write_robot_urdf
 

@@ -8,7 +8,7 @@ import numpy as np
 import pybullet
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.contact.robot_description import (
+from tactile_dynamics_ros.core.robot.robot_description import (
     ACTUATED_JOINTS,
     ARM_JOINTS,
     HAND_JOINTS,

@@ -14,7 +14,7 @@ import numpy as np
 import pybullet
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.contact.robot_description import FINGERS, sensor_frame
+from tactile_dynamics_ros.core.robot.robot_description import FINGERS, sensor_frame
 from tactile_dynamics_ros.sim.world import HandWorld
 
 Array = NDArray[np.float64]

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pybullet_data
 
-from tactile_dynamics_ros.core.contact.robot_description import (
+from tactile_dynamics_ros.core.robot.robot_description import (
     CORE_LENGTH,
     CORE_RADIUS,
     JOINTS,

@@ -12,7 +12,8 @@ import pybullet
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
-from tactile_dynamics_ros.core.contact.robot_description import (
+from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
+from tactile_dynamics_ros.core.robot.robot_description import (
     ACTUATED_JOINTS,
     FINGERS,
     FLANGE_LINK,
@@ -20,7 +21,6 @@ from tactile_dynamics_ros.core.contact.robot_description import (
     JOINTS,
     sensor_frame,
 )
-from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
 from tactile_dynamics_ros.sim.bodies import (
     link_indices,
     spawn_robot,

@@ -54,7 +54,7 @@ class Bench:
     def send(self, topic, message, **options):
         """Publish a message or its bytes; the first time, wait until somebody listens."""
         if topic not in self.publishers:
-            from tactile_dynamics_ros.nodes.shell import STREAM
+            from tactile_dynamics_ros.ros.shell import STREAM
 
             profile = options.get("profile", STREAM)
             publisher = self.nodes[0].create_publisher(kind_of(topic, message), topic, profile)

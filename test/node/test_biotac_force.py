@@ -11,11 +11,11 @@ from sensor_msgs.msg import Image
 
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.tactile.fingertip import FingertipConfig
-from tactile_dynamics_ros.nodes import conversions as cv
 from tactile_dynamics_ros.nodes.biotac_force import BiotacForce, BiotacForceConfig
-from tactile_dynamics_ros.nodes.diagnostics import status_values
-from tactile_dynamics_ros.nodes.kept_tare import KeptTare
-from tactile_dynamics_ros.nodes.shell import STREAM
+from tactile_dynamics_ros.ros import conversions as cv
+from tactile_dynamics_ros.ros.diagnostics import status_values
+from tactile_dynamics_ros.ros.kept_tare import KeptTare
+from tactile_dynamics_ros.ros.shell import STREAM
 from tactile_dynamics_ros.sim.sensors.biotac import BioTacArray
 
 PAD = np.array([-6e-3, 0.0, -7e-3])

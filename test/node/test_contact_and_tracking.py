@@ -5,15 +5,15 @@ import pytest
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, WrenchStamped
 from std_msgs.msg import Bool
 
-from tactile_dynamics_ros.core.contact.hand_kinematics import HandKinematics
-from tactile_dynamics_ros.core.contact.robot_description import FINGERS, JOINT_NAMES
 from tactile_dynamics_ros.core.manipulation.grasp_planner import ARM_HOME, HAND_SEED
 from tactile_dynamics_ros.core.rigid_body.rotation import log_so3
+from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
+from tactile_dynamics_ros.core.robot.robot_description import FINGERS, JOINT_NAMES
 from tactile_dynamics_ros.core.tracking.kinematic_tracker import KinematicTracker
-from tactile_dynamics_ros.nodes import conversions as cv
 from tactile_dynamics_ros.nodes.contact_state import ContactStateNode
 from tactile_dynamics_ros.nodes.kinematic_tracker import KinematicTrackerNode
-from tactile_dynamics_ros.nodes.shell import LATCHED
+from tactile_dynamics_ros.ros import conversions as cv
+from tactile_dynamics_ros.ros.shell import LATCHED
 
 POSITIONS = np.concatenate([ARM_HOME, HAND_SEED])
 KINEMATICS = HandKinematics()

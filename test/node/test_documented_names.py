@@ -10,8 +10,8 @@ from test_node_parameters import node_class
 
 import tactile_dynamics_ros
 from tactile_dynamics_ros.cli.live import node_names
-from tactile_dynamics_ros.core.contact.robot_description import FINGERS
-from tactile_dynamics_ros.nodes import names
+from tactile_dynamics_ros.core.robot.robot_description import FINGERS
+from tactile_dynamics_ros.ros import names
 
 ROOT = Path(tactile_dynamics_ros.__file__).parents[1]
 HAND = "/hand"

@@ -12,12 +12,12 @@ from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
 from tactile_dynamics_ros.core.contact.contact_state import ContactState
-from tactile_dynamics_ros.core.contact.robot_description import FINGERS
 from tactile_dynamics_ros.core.manipulation.grasp_planner import ARM_HOME, HAND_SEED
-from tactile_dynamics_ros.nodes import conversions as cv
-from tactile_dynamics_ros.nodes.diagnostics import status_values
+from tactile_dynamics_ros.core.robot.robot_description import FINGERS
 from tactile_dynamics_ros.nodes.friction_probe import FrictionProbeNode
-from tactile_dynamics_ros.nodes.shell import LATCHED
+from tactile_dynamics_ros.ros import conversions as cv
+from tactile_dynamics_ros.ros.diagnostics import status_values
+from tactile_dynamics_ros.ros.shell import LATCHED
 
 POSITIONS = np.concatenate([ARM_HOME, HAND_SEED])
 

@@ -6,12 +6,12 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, String
 from std_srvs.srv import Trigger
 
-from tactile_dynamics_ros.core.contact.robot_description import FINGERS, JOINT_NAMES
 from tactile_dynamics_ros.core.manipulation.grasp_planner import ARM_HOME, HAND_SEED
-from tactile_dynamics_ros.nodes import conversions as cv
+from tactile_dynamics_ros.core.robot.robot_description import FINGERS, JOINT_NAMES
 from tactile_dynamics_ros.nodes.grasp_controller import GraspControllerNode
-from tactile_dynamics_ros.nodes.names import EMERGENCY_STOP
-from tactile_dynamics_ros.nodes.shell import LATCHED, STREAM
+from tactile_dynamics_ros.ros import conversions as cv
+from tactile_dynamics_ros.ros.names import EMERGENCY_STOP
+from tactile_dynamics_ros.ros.shell import LATCHED, STREAM
 
 POSITIONS = np.concatenate([ARM_HOME, HAND_SEED])
 PRESS = np.array([0.0, 0.0, 0.0, 0.0, 0.0, -1.5])

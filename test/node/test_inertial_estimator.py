@@ -10,11 +10,11 @@ from rclpy.parameter import Parameter
 from synthetic_recording import COM, FORCE_STD, INERTIA_COM, MASS, held_box
 
 from tactile_dynamics_ros.core.friction.estimate import FrictionEstimate
-from tactile_dynamics_ros.nodes import conversions as cv
-from tactile_dynamics_ros.nodes.diagnostics import status_values
-from tactile_dynamics_ros.nodes.friction_messages import estimate_status
 from tactile_dynamics_ros.nodes.inertial_estimator import InertialEstimatorNode
-from tactile_dynamics_ros.nodes.shell import LATCHED
+from tactile_dynamics_ros.ros import conversions as cv
+from tactile_dynamics_ros.ros.diagnostics import status_values
+from tactile_dynamics_ros.ros.friction_messages import estimate_status
+from tactile_dynamics_ros.ros.shell import LATCHED
 
 INERTIA = "/inertial_estimator/inertia"
 STATUS = "/inertial_estimator/status"

@@ -12,10 +12,10 @@ from std_srvs.srv import Trigger
 from synthetic_recording import held_box
 from test_inertial_estimator import play
 
-from tactile_dynamics_ros.nodes.conversions import header
-from tactile_dynamics_ros.nodes.diagnostics import status_message
 from tactile_dynamics_ros.nodes.model_check import ModelCheckNode
-from tactile_dynamics_ros.nodes.shell import LATCHED
+from tactile_dynamics_ros.ros.conversions import header
+from tactile_dynamics_ros.ros.diagnostics import status_message
+from tactile_dynamics_ros.ros.shell import LATCHED
 
 ERROR = "/model_check/error"
 

@@ -9,8 +9,8 @@ import yaml
 
 import tactile_dynamics_ros
 from tactile_dynamics_ros.cli.live import node_names
-from tactile_dynamics_ros.nodes import shell
-from tactile_dynamics_ros.nodes.parameters import refuse_unknown
+from tactile_dynamics_ros.ros import shell
+from tactile_dynamics_ros.ros.parameters import refuse_unknown
 
 CONFIG = Path(tactile_dynamics_ros.__file__).parents[1] / "config"
 FILES = sorted(CONFIG.glob("*.yaml"))

@@ -8,7 +8,7 @@ from rclpy.parameter import Parameter
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.nodes.parameters import declare_config, field_names, refuse_unknown
+from tactile_dynamics_ros.ros.parameters import declare_config, field_names, refuse_unknown
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,9 @@ from benchmarks.replay.observations import Report, Status, risen, said_text, wro
 from benchmarks.replay.soak import growth
 from benchmarks.replay.stream_faults import FINGER, HOUR_NS, RIVAL, STREAM_FAULTS
 from benchmarks.replay.tape import COUNTED, messages_of
-from tactile_dynamics_ros.core.inertia.batch import fit_body
-from tactile_dynamics_ros.core.inertia.estimate import PARAMETER_NAMES
-from tactile_dynamics_ros.nodes.wire import decode_stamped
+from tactile_dynamics_ros.core.inertia.batch.batch import fit_body
+from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import PARAMETER_NAMES
+from tactile_dynamics_ros.ros.wire import decode_stamped
 
 FAULTS = {fault.name: fault for fault in STREAM_FAULTS}
 EPOCH_NS = 1_700_000_000 * 10**9

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from geometry_msgs.msg import Vector3Stamped
 
-from tactile_dynamics_ros.nodes import shell, wire
+from tactile_dynamics_ros.ros import shell, wire
 
 
 def test_a_node_that_skims_reads_only_the_newest_where_that_is_allowed(bench, monkeypatch):

@@ -8,12 +8,12 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
-from tactile_dynamics_ros.core.contact.robot_description import JOINT_NAMES
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.manipulation.grasp_planner import ARM_HOME, HAND_SEED
-from tactile_dynamics_ros.nodes import conversions as cv
-from tactile_dynamics_ros.nodes.names import CAMERA_INFO, DEPTH_IMAGE, VISION_RESET
+from tactile_dynamics_ros.core.robot.robot_description import JOINT_NAMES
 from tactile_dynamics_ros.nodes.vision_tracker import VisionTrackerNode
+from tactile_dynamics_ros.ros import conversions as cv
+from tactile_dynamics_ros.ros.names import CAMERA_INFO, DEPTH_IMAGE, VISION_RESET
 from tactile_dynamics_ros.sim.sensors.depth_camera import DepthCamera, DepthCameraConfig, look_at
 from tactile_dynamics_ros.sim.world import HandWorld, WorldConfig
 

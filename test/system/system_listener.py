@@ -8,8 +8,8 @@ from rclpy.node import Node
 from rclpy.serialization import serialize_message
 
 from tactile_dynamics_ros.cli.grasp_start import GraspStart
-from tactile_dynamics_ros.nodes.shell import LATCHED, STREAM
-from tactile_dynamics_ros.nodes.wire import decoder_of
+from tactile_dynamics_ros.ros.shell import LATCHED, STREAM
+from tactile_dynamics_ros.ros.wire import decoder_of
 
 
 def as_read(message):

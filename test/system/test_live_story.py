@@ -9,10 +9,10 @@ import rclpy
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Vector3Stamped, WrenchStamped
 from std_msgs.msg import Float64
 
-from benchmarks.hidden import ScenarioOptions, generate_at_whitened_rms
 from tactile_dynamics_ros.cli.topics import call_trigger
-from tactile_dynamics_ros.nodes import conversions as cv
-from tactile_dynamics_ros.nodes.shell import STREAM
+from tactile_dynamics_ros.ros import conversions as cv
+from tactile_dynamics_ros.ros.shell import STREAM
+from tactile_dynamics_ros.synthetic import ScenarioOptions, generate_at_whitened_rms
 
 ERROR = "/model_check/error"
 

@@ -12,8 +12,8 @@ from system_listener import Listener, as_read
 
 from tactile_dynamics_ros.cli.supervisor import Supervisor, node_command
 from tactile_dynamics_ros.cli.topics import call_trigger
-from tactile_dynamics_ros.core.contact.robot_description import ACTUATED_JOINTS, JOINT_NAMES
-from tactile_dynamics_ros.nodes import conversions as cv
+from tactile_dynamics_ros.core.robot.robot_description import ACTUATED_JOINTS, JOINT_NAMES
+from tactile_dynamics_ros.ros import conversions as cv
 
 TOPICS = {
     "/clock": Clock,
@@ -111,7 +111,7 @@ def test_command_is_executed_a_fixed_time_after_its_stamp(robot):
 def test_commands_that_cannot_be_meant_are_counted_and_harmless(robot):
     from diagnostic_msgs.msg import DiagnosticArray
 
-    from tactile_dynamics_ros.nodes.diagnostics import status_values
+    from tactile_dynamics_ros.ros.diagnostics import status_values
 
     robot.follow(DiagnosticArray, "/diagnostics")
     publisher = robot.node.create_publisher(JointState, "/joint_command", 10)

@@ -13,8 +13,8 @@ from std_msgs.msg import String
 
 from tactile_dynamics_ros.cli.bringup import nodes_of
 from tactile_dynamics_ros.cli.live import DEFAULT_CONFIG
-from tactile_dynamics_ros.nodes.diagnostics import status_values
 from tactile_dynamics_ros.recording import Recording
+from tactile_dynamics_ros.ros.diagnostics import status_values
 from tactile_dynamics_ros.share import share_file
 
 PHASE = "/grasp_controller/phase"

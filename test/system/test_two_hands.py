@@ -8,11 +8,11 @@ from std_msgs.msg import Float64
 from test_commands import run_verb
 from test_live_story import Player
 
-from benchmarks.hidden import ScenarioOptions, generate
 from tactile_dynamics_ros.cli.supervisor import node_command
 from tactile_dynamics_ros.cli.topics import call_trigger
-from tactile_dynamics_ros.nodes.diagnostics import status_values
 from tactile_dynamics_ros.recording import Recording
+from tactile_dynamics_ros.ros.diagnostics import status_values
+from tactile_dynamics_ros.synthetic import ScenarioOptions, generate
 
 HANDS = ("left", "right")
 NODES = ("inertial_estimator", "model_check")

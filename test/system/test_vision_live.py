@@ -10,7 +10,7 @@ from std_msgs.msg import Float64
 from system_listener import as_read
 
 from tactile_dynamics_ros.cli.topics import call_trigger
-from tactile_dynamics_ros.nodes import conversions as cv
+from tactile_dynamics_ros.ros import conversions as cv
 
 VISION = "/object/pose/vision"
 

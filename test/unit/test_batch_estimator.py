@@ -8,24 +8,25 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from benchmarks.hidden.recordings import HiddenRecording, generate
-from benchmarks.hidden.scenario import ScenarioOptions
 from tactile_dynamics_ros.core.effects import create_effect
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.inertia.banded import BandedWhitener
-from tactile_dynamics_ros.core.inertia.batch import estimate_inertia, fit_recording
-from tactile_dynamics_ros.core.inertia.contact_grid import choose_grid
-from tactile_dynamics_ros.core.inertia.incremental.replay import replay_streams
-from tactile_dynamics_ros.core.inertia.latent import LatentSignal, isotropic_factor
-from tactile_dynamics_ros.core.inertia.least_squares import levenberg_marquardt
-from tactile_dynamics_ros.core.inertia.local_polynomial import Window, local_polynomial
-from tactile_dynamics_ros.core.inertia.noise import white_noise_std
-from tactile_dynamics_ros.core.inertia.prior import LogCholeskyPrior
-from tactile_dynamics_ros.core.inertia.uncertainty import unexcited_directions
-from tactile_dynamics_ros.core.inertia.wrench_problem import WrenchProblem
+from tactile_dynamics_ros.core.inertia.batch.batch import fit_recording
+from tactile_dynamics_ros.core.inertia.batch.prior import LogCholeskyPrior
+from tactile_dynamics_ros.core.inertia.batch.uncertainty import unexcited_directions
+from tactile_dynamics_ros.core.inertia.estimate import estimate as estimate_body
+from tactile_dynamics_ros.core.inertia.live.replay import replay_streams
+from tactile_dynamics_ros.core.inertia.residuals.contact_grid import choose_grid
+from tactile_dynamics_ros.core.inertia.residuals.latent import LatentSignal, isotropic_factor
+from tactile_dynamics_ros.core.inertia.residuals.wrench_problem import WrenchProblem
+from tactile_dynamics_ros.core.numerics.banded import BandedWhitener
+from tactile_dynamics_ros.core.numerics.least_squares import levenberg_marquardt
+from tactile_dynamics_ros.core.numerics.local_polynomial import Window, local_polynomial
+from tactile_dynamics_ros.core.numerics.noise import white_noise_std
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import is_feasible
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
-from tactile_dynamics_ros.core.streams import ContactStream, PoseStream, Streams
+from tactile_dynamics_ros.core.streams.streams import ContactStream, PoseStream, Streams
+from tactile_dynamics_ros.synthetic.recordings import HiddenRecording, generate
+from tactile_dynamics_ros.synthetic.scenario import ScenarioOptions
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +36,7 @@ def recording() -> HiddenRecording:
 
 def test_recovers_the_body_within_its_own_intervals(recording):
     body = recording.scenario.body
-    estimate = estimate_inertia(recording.streams)
+    estimate = estimate_body(recording.streams).to_estimate()
     std = estimate.parameter_std
     assert abs(estimate.inertia.mass / body.mass - 1) < 3e-3
     assert np.linalg.norm(estimate.inertia.com - body.com) < 3e-4
@@ -60,7 +61,7 @@ def test_gravity_and_force_directions_matter(recording):
     reversed_forces = {
         name: replace(contact, force=-contact.force) for name, contact in streams.contacts.items()
     }
-    error = estimate_inertia(replace(streams, contacts=reversed_forces)).error
+    error = estimate_body(replace(streams, contacts=reversed_forces)).to_estimate().error
     assert error.whitened_rms > 5.0
 
 
@@ -86,7 +87,7 @@ def test_standing_still_is_feasible_and_says_what_is_not_excited(recording):
         exp_so3(rng.normal(0, 3.5e-3, (200, 3))) @ pose.rotation[0],
         pose.covariance[:200],
     )
-    estimate = estimate_inertia(Streams(still, contacts))
+    estimate = estimate_body(Streams(still, contacts)).to_estimate()
     assert is_feasible(estimate.inertia.dynamic_parameters)
     assert {"inertia_xx", "inertia_yy", "inertia_zz"} <= set(estimate.not_excited)
 
@@ -106,7 +107,9 @@ def test_samples_dropped_under_load_are_left_out(recording, lost):
     keep = np.ones(len(thumb.time), dtype=bool)
     keep[slice(*lost)] = False
     cut = only_where(thumb, keep)
-    estimate = estimate_inertia(replace(streams, contacts=streams.contacts | {"thumb": cut}))
+    estimate = estimate_body(
+        replace(streams, contacts=streams.contacts | {"thumb": cut})
+    ).to_estimate()
     assert estimate.error.whitened_rms == pytest.approx(1.0, abs=0.06)
     assert abs(estimate.inertia.mass / recording.scenario.body.mass - 1) < 3e-3
 
@@ -128,8 +131,8 @@ def test_single_samples_that_are_lost_cost_little(recording, every):
         for k, (name, contact) in enumerate(contacts.items())
     }
     lossy = {name: without(contact, rng, 0.03) for name, contact in whole.items()}
-    before = estimate_inertia(replace(recording.streams, contacts=whole))
-    after = estimate_inertia(replace(recording.streams, contacts=lossy))
+    before = estimate_body(replace(recording.streams, contacts=whole)).to_estimate()
+    after = estimate_body(replace(recording.streams, contacts=lossy)).to_estimate()
     assert after.error.whitened_rms == pytest.approx(1.0, abs=0.06)
     assert np.all(after.parameter_std < 1.25 * before.parameter_std)
     assert abs(after.inertia.mass / recording.scenario.body.mass - 1) < 3e-3
@@ -143,7 +146,7 @@ def test_single_spikes_do_not_spoil_the_estimate(recording):
     force = index.force.copy()
     force[[100, 400, 700]] += 20.0
     spiked = replace(streams, contacts=streams.contacts | {"index": replace(index, force=force)})
-    estimate = estimate_inertia(spiked)
+    estimate = estimate_body(spiked).to_estimate()
     assert abs(estimate.inertia.mass / recording.scenario.body.mass - 1) < 3e-3
 
 
@@ -151,7 +154,7 @@ def test_streams_without_overlap_are_refused(recording):
     pose = recording.streams.pose
     late = replace(recording.streams, pose=replace(pose, time=pose.time + 1000.0))
     with pytest.raises(BadInputError, match="do not overlap"):
-        estimate_inertia(late)
+        estimate_body(late).to_estimate()
 
 
 def test_contacts_at_different_rates_share_a_uniform_grid(recording):

@@ -9,17 +9,17 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.optimize import minimize
 
-from benchmarks.hidden.recordings import generate
-from benchmarks.hidden.scenario import ScenarioOptions
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.inertia.batch import estimate_inertia
-from tactile_dynamics_ros.core.inertia.hull import CentreHull, keep_in_hull
-from tactile_dynamics_ros.core.inertia.incremental import IncrementalInertialEstimator
-from tactile_dynamics_ros.core.inertia.incremental.replay import replay_streams
+from tactile_dynamics_ros.core.inertia.estimate import estimate as estimate_body
+from tactile_dynamics_ros.core.inertia.live import IncrementalInertialEstimator
+from tactile_dynamics_ros.core.inertia.live.replay import replay_streams
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     InertialParameters,
     is_feasible,
 )
+from tactile_dynamics_ros.core.shape.hull import CentreHull, keep_in_hull
+from tactile_dynamics_ros.synthetic.recordings import generate
+from tactile_dynamics_ros.synthetic.scenario import ScenarioOptions
 
 CUBE = 0.05 * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
 
@@ -77,7 +77,7 @@ def test_batch_estimate_stays_inside():
     recording = generate(6, scenario=ScenarioOptions(duration=2.0))
     small = recording.scenario.body.com + 0.02 * CUBE + np.array([0.003, 0.0, 0.0])
     assert CentreHull.of_points(small).contains(
-        estimate_inertia(recording.streams, hull=small).inertia.com
+        estimate_body(recording.streams, hull=small).to_estimate().inertia.com
     )
 
 

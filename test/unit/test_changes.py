@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.hidden.recordings import generate
-from benchmarks.hidden.scenario import ScenarioOptions
 from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
 from tactile_dynamics_ros.core.discrepancy.documents import diagnosis_sentence
 from tactile_dynamics_ros.core.discrepancy.model import Misfit
-from tactile_dynamics_ros.core.inertia.discrepancy_model import HeldObjectModel
-from tactile_dynamics_ros.core.inertia.readings import fit_with_readings
+from tactile_dynamics_ros.core.inertia.diagnosis.discrepancy_model import HeldObjectModel
+from tactile_dynamics_ros.core.inertia.diagnosis.readings import fit_with_readings
+from tactile_dynamics_ros.synthetic.recordings import generate
+from tactile_dynamics_ros.synthetic.scenario import ScenarioOptions
 
 DURATION = 24.0
 

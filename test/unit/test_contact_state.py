@@ -7,16 +7,16 @@ import pytest
 from numpy.testing import assert_allclose
 
 from tactile_dynamics_ros.core.contact.contact_state import ContactState, ContactStateConfig
-from tactile_dynamics_ros.core.contact.hand_kinematics import DOF, HandKinematics
-from tactile_dynamics_ros.core.contact.joint_uncertainty import JointUncertaintyConfig
-from tactile_dynamics_ros.core.contact.robot_description import SKIN_RADIUS
-from tactile_dynamics_ros.core.contact.skin_surface import (
+from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
+from tactile_dynamics_ros.core.robot.hand_kinematics import DOF, HandKinematics
+from tactile_dynamics_ros.core.robot.joint_uncertainty import JointUncertaintyConfig
+from tactile_dynamics_ros.core.robot.robot_description import SKIN_RADIUS
+from tactile_dynamics_ros.core.shape.skin_surface import (
     point_from_wrench,
     project_to_skin,
     skin_normal,
 )
-from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 
 POSITIONS = np.concatenate([[0.1, 0.5, -0.2, -1.2, 0.3, 0.7, 0.0], np.full(16, 0.4)])
 STD = np.full(3, 0.03)

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from synthetic_recording import held_box
 
 from tactile_dynamics_ros.cli.main import main
-from tactile_dynamics_ros.core.streams import Streams
+from tactile_dynamics_ros.core.streams.streams import Streams
 from tactile_dynamics_ros.recording import Recording
 
 

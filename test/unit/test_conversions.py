@@ -15,8 +15,8 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (  # noqa: 
     InertialParameters,
 )
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3  # noqa: E402
-from tactile_dynamics_ros.nodes import conversions as cv  # noqa: E402
-from tactile_dynamics_ros.nodes.wire import decoder_of  # noqa: E402
+from tactile_dynamics_ros.ros import conversions as cv  # noqa: E402
+from tactile_dynamics_ros.ros.wire import decoder_of  # noqa: E402
 
 
 def read(message):

@@ -1,4 +1,4 @@
-"""Who may import whom: walks the imports of every module."""
+"""Who may import whom: every module is held against the rooms of `rooms.py`."""
 
 import ast
 import re
@@ -6,11 +6,13 @@ import sys
 from pathlib import Path
 
 import pytest
+from rooms import PACKAGE, PAGE, ROOMS, breaches, imported_names, page, room_of
 
 import tactile_dynamics_ros
 from tactile_dynamics_ros.cli.bringup import node_names
 
 ROOT = Path(tactile_dynamics_ros.__file__).parent
+SOURCES = {file.relative_to(ROOT): file.read_text() for file in sorted(ROOT.rglob("*.py"))}
 ROS = {
     "rclpy",
     "builtin_interfaces",
@@ -32,105 +34,145 @@ DISTRIBUTION = {
     "pybullet_data": "pybullet",
     "yaml": "pyyaml",
 }
-PACKAGE = "tactile_dynamics_ros"
+
+MOST_FILES = 15
+"""At one level of a room of core: what somebody new can look through."""
+UNSORTED = {"core/discrepancy", "core/effects"}
+"""Rooms that still have more."""
 
 
-def imported_names(path):
-    """Return the dotted names that a file imports, anywhere in it."""
-    names = set()
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.Import):
-            names |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{path}: relative import"
-            names |= {f"{node.module}.{alias.name}" for alias in node.names}
-    return names
+@pytest.mark.parametrize("name", ROOMS)
+def test_a_room_imports_only_what_it_may(name):
+    found = [
+        (str(file), breach)
+        for file, text in SOURCES.items()
+        if room_of(file.with_suffix("").parts) == name
+        for breach in breaches(file, text)
+    ]
+    assert found == []
 
 
-def imports_of(folder):
-    """Return {relative path: imported names} of a folder or module of the package."""
-    files = [folder] if folder.suffix == ".py" else sorted(folder.rglob("*.py"))
-    return {str(file.relative_to(ROOT)): imported_names(file) for file in files}
+@pytest.mark.parametrize(
+    ("file", "line"),
+    [
+        ("core/rigid_body/rotation.py", "from tactile_dynamics_ros.core.streams import streams"),
+        ("core/numerics/noise.py", "from tactile_dynamics_ros.core.effects import effect"),
+        ("core/effects/drag.py", "from tactile_dynamics_ros.core.inertia.batch import fitting"),
+        ("core/discrepancy/search.py", "import tactile_dynamics_ros.core.contact.wrench_samples"),
+        (
+            "core/inertia/residuals/motion.py",
+            "import tactile_dynamics_ros.core.inertia.batch",
+        ),
+        ("core/inertia/batch/prior.py", "import tactile_dynamics_ros.core.inertia.live.judge"),
+        ("core/friction/cone.py", "from tactile_dynamics_ros.core.effects import registry"),
+        ("sim/world.py", "def late():\n    from tactile_dynamics_ros.core.effects import drag"),
+        ("synthetic/sensors.py", "from tactile_dynamics_ros.core.effects.sensor import ForceScale"),
+        ("recording/arrays.py", "import rclpy"),
+        ("core/contact/contact_state.py", "import torch"),
+        ("nodes/model_check.py", "import pybullet"),
+    ],
+)
+def test_a_planted_breach_is_found(file, line):
+    assert breaches(Path(file), SOURCES[Path(file)]) == []
+    assert len(breaches(Path(file), SOURCES[Path(file)] + "\n" + line)) == 1
 
 
-def offenders(folder, forbidden):
-    """Return (file, name) pairs that import something forbidden."""
-    found = []
-    for file, names in imports_of(ROOT / folder).items():
-        for name in names:
-            if any(name == bad or name.startswith(bad + ".") for bad in forbidden):
-                found.append((file, name))
-    return found
+def test_rooms_allow_no_circle():
+    open_rooms = dict(ROOMS)
+    while open_rooms:
+        settled = [n for n, room in open_rooms.items() if not set(room.imports) & set(open_rooms)]
+        assert settled, f"circle among {sorted(open_rooms)}"
+        for name in settled:
+            del open_rooms[name]
 
 
-def internal(*parts):
-    return [f"{PACKAGE}.{part}" for part in parts]
+def test_modules_import_no_circle():
+    """Type checking counts too: who needs another to be understood cannot be understood alone."""
+    graph = {name_of(file): imported_modules(text) for file, text in SOURCES.items()}
+    graph = {name: found - {name} for name, found in graph.items()}
+    while True:
+        settled = {name for name, found in graph.items() if not found & set(graph)}
+        if not settled:
+            break
+        graph = {name: found for name, found in graph.items() if name not in settled}
+    assert sorted(graph) == []
 
 
-def test_the_walk_sees_the_package():
-    assert len(imports_of(ROOT / "core")) > 10
-    assert offenders("nodes", ["rclpy"])
+def name_of(file):
+    """Return the dotted name of a module; that of a package for its `__init__`."""
+    return ".".join([PACKAGE, *file.with_suffix("").parts]).removesuffix(".__init__")
 
 
-@pytest.mark.parametrize("layer", ["core", "sim", "recording", "report"])
+def imported_modules(text):
+    """Return the modules of the package that a source imports."""
+    known = {name_of(file) for file in SOURCES}
+    return {
+        next(n for n in (name, name.rpartition(".")[0]) if n in known)
+        for name in imported_names(text)
+        if name.startswith(PACKAGE + ".")
+    }
+
+
+def test_every_folder_is_a_room_or_within_one():
+    folders = {file.parent.as_posix() for file in SOURCES} - {".", "core"}
+    assert {folder for folder in folders if not room_of(folder.split("/"))} == set()
+    assert {room_of(folder.split("/")) for folder in folders} == set(ROOMS)
+
+
+@pytest.mark.parametrize("name", [name for name in ROOMS if name.startswith("core/")])
+def test_a_room_of_core_can_be_looked_through(name):
+    levels = {}
+    for file in SOURCES:
+        if file.as_posix().startswith(name + "/"):
+            levels.setdefault(file.parent, []).append(file)
+    inside = [level for level in levels if room_of(level.parts) == name]
+    assert all(len(level.parts) <= 3 for level in inside)
+    few = all(len(levels[level]) <= MOST_FILES for level in inside)
+    assert few or name in UNSORTED
+
+
+def test_the_page_has_the_rooms_of_today():
+    assert PAGE.read_text() == page(), "run: python test/unit/rooms.py"
+
+
+@pytest.mark.parametrize("layer", ["core", "sim", "recording", "report", "synthetic"])
 def test_only_nodes_and_cli_know_ros(layer):
-    assert offenders(layer, ROS) == []
+    assert importers(layer, ROS) == []
 
 
-def test_core_imports_nothing_above_it():
-    above = internal("nodes", "cli", "sim", "report", "recording")
-    assert offenders("core", above) == []
-
-
-def test_recordings_build_on_core_alone():
-    assert offenders("recording", internal("nodes", "cli", "sim", "report")) == []
-
-
-def test_simulator_never_sees_how_effects_or_diagnosis_are_modelled():
-    graded = ("core.effects", "core.discrepancy", "core.inertia", "nodes", "cli", "report")
-    assert offenders("sim", internal(*graded)) == []
-
-
-def test_only_the_simulator_uses_bullet():
-    for layer in ("core", "nodes", "cli", "report", "recording"):
-        assert offenders(layer, ["pybullet", "pybullet_data"]) == []
+def importers(folder, names):
+    """Return the files of a folder that import one of these names or what is below it."""
+    return [
+        str(file)
+        for file, text in SOURCES.items()
+        if file.parts[0] == folder
+        for name in imported_names(text)
+        if any(name == bad or name.startswith(bad + ".") for bad in names)
+    ]
 
 
 def test_only_the_simulated_robot_and_the_demo_use_the_simulator():
-    users = {file for layer in ("nodes", "cli") for file, _ in offenders(layer, internal("sim"))}
+    users = set(importers("nodes", [f"{PACKAGE}.sim"])) | set(importers("cli", [f"{PACKAGE}.sim"]))
     assert users <= {"nodes/robot_sim.py", "cli/train.py", "cli/bringup.py"}
 
 
+def test_the_folder_of_nodes_is_the_list_of_executables():
+    files = {file.stem for file in SOURCES if file.parts[0] == "nodes"} - {"__init__"}
+    assert files == set(node_names())
+    assert {"robot_sim", "biotac_force", "inertial_estimator"} <= files
+
+
 def test_nodes_never_import_each_other():
-    nodes = set(node_names())
-    assert {"robot_sim", "biotac_force", "inertial_estimator"} <= nodes
-    for node in nodes:
-        others = internal(*(f"nodes.{other}" for other in nodes - {node}))
-        assert offenders(f"nodes/{node}.py", others) == []
-
-
-def test_effects_know_no_estimator_and_rigid_body_knows_nobody():
-    assert offenders("core/effects", internal("core.inertia", "core.discrepancy")) == []
-    everyone = [
-        name
-        for names in imports_of(ROOT / "core" / "rigid_body").values()
-        for name in names
-        if name.startswith(PACKAGE)
-    ]
-    allowed = tuple(internal("core.rigid_body", "core.errors"))
-    assert [name for name in everyone if not name.startswith(allowed)] == []
-
-
-def test_heavy_libraries_stay_where_they_are_needed():
-    for layer in ("core/rigid_body", "core/contact", "core/effects", "core/tracking", "nodes"):
-        assert offenders(layer, ["torch", "gtsam"]) == []
+    for node in node_names():
+        names = imported_names(SOURCES[Path(f"nodes/{node}.py")])
+        assert not [name for name in names if name.startswith(f"{PACKAGE}.nodes")]
 
 
 def test_every_library_that_is_imported_is_declared():
     tree = ast.parse((ROOT.parent / "setup.py").read_text())
     texts = [n.value for n in ast.walk(tree) if isinstance(n, ast.Constant)]
     declared = {re.split(r"[<>=; ]", text)[0] for text in texts if isinstance(text, str)}
-    imported = {name.split(".")[0] for names in imports_of(ROOT).values() for name in names}
+    imported = {name.split(".")[0] for text in SOURCES.values() for name in imported_names(text)}
     later = {"ament_index_python", "compression"}
     outside = imported - set(sys.stdlib_module_names) - ROS - {PACKAGE} - later
     assert {DISTRIBUTION.get(name, name) for name in outside} - declared == set()

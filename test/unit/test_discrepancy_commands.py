@@ -6,10 +6,10 @@ import json
 
 import pytest
 
-from benchmarks.hidden.bag import write_bag
-from benchmarks.hidden.recordings import generate_at_whitened_rms
-from benchmarks.hidden.scenario import ScenarioOptions
 from tactile_dynamics_ros.cli.main import main
+from tactile_dynamics_ros.synthetic.bag import write_bag
+from tactile_dynamics_ros.synthetic.recordings import generate_at_whitened_rms
+from tactile_dynamics_ros.synthetic.scenario import ScenarioOptions
 
 SCENARIO = ScenarioOptions(duration=12.0)
 

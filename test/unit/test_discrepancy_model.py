@@ -5,18 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.hidden.recordings import generate
-from benchmarks.hidden.scenario import ScenarioOptions
 from tactile_dynamics_ros.core.discrepancy.screening import screen
 from tactile_dynamics_ros.core.discrepancy.trials import square, try_effect
 from tactile_dynamics_ros.core.effects.registry import create_effect, registered_names
-from tactile_dynamics_ros.core.inertia.batch import fit_body
-from tactile_dynamics_ros.core.inertia.discrepancy_model import HeldObjectModel
-from tactile_dynamics_ros.core.inertia.quick_fit import (
+from tactile_dynamics_ros.core.inertia.batch.batch import fit_body
+from tactile_dynamics_ros.core.inertia.diagnosis.discrepancy_model import HeldObjectModel
+from tactile_dynamics_ros.core.inertia.diagnosis.quick_fit import (
     ExtendedSystem,
     FactoredSystem,
     extended_system,
 )
+from tactile_dynamics_ros.synthetic.recordings import generate
+from tactile_dynamics_ros.synthetic.scenario import ScenarioOptions
 
 
 @pytest.fixture(scope="module")

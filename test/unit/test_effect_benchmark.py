@@ -18,7 +18,7 @@ from benchmarks.effects.grading import (
 from benchmarks.effects.parameters import parameter_errors, true_parameters
 from benchmarks.effects.product import Answer
 from benchmarks.effects.running import read_records, run_case
-from benchmarks.hidden import CATALOGUE, OUTSIDE, generate
+from tactile_dynamics_ros.synthetic import CATALOGUE, OUTSIDE, generate
 
 FLOOR = {"before": 2.0, "after": 1.01, "noise_floor": 1.0}
 

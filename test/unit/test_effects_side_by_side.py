@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 
 from benchmarks.effects.cases import Case
-from benchmarks.hidden.recordings import generate
-from benchmarks.hidden.scenario import ScenarioOptions
 from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
 from tactile_dynamics_ros.core.discrepancy.screening import screen
 from tactile_dynamics_ros.core.effects import create_effect
 from tactile_dynamics_ros.core.effects.check import example_inertia, example_samples
 from tactile_dynamics_ros.core.effects.gravity import load_regressor
 from tactile_dynamics_ros.core.effects.present import PresentEffects
-from tactile_dynamics_ros.core.inertia.discrepancy_model import HeldObjectModel
-from tactile_dynamics_ros.core.inertia.readings import fit_with_readings
+from tactile_dynamics_ros.core.inertia.diagnosis.discrepancy_model import HeldObjectModel
+from tactile_dynamics_ros.core.inertia.diagnosis.readings import fit_with_readings
+from tactile_dynamics_ros.synthetic.recordings import generate
+from tactile_dynamics_ros.synthetic.scenario import ScenarioOptions
 
 SAMPLES, INERTIA = example_samples(), example_inertia()
 SETS = [

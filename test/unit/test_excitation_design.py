@@ -8,13 +8,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from benchmarks.hidden.bag import write_bag
-from benchmarks.hidden.recordings import generate
-from benchmarks.hidden.scenario import ScenarioOptions
 from tactile_dynamics_ros.cli.main import main
-from tactile_dynamics_ros.core.contact.hand_kinematics import HandKinematics
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
-from tactile_dynamics_ros.core.inertia.batch import fit_recording
+from tactile_dynamics_ros.core.inertia.batch.batch import fit_recording
 from tactile_dynamics_ros.core.inertia.excitation import (
     ArmLimits,
     DesignConfig,
@@ -29,6 +25,10 @@ from tactile_dynamics_ros.core.inertia.excitation.plan import CARRYING_ARM, plan
 from tactile_dynamics_ros.core.manipulation.excitation import OffsetTable
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
+from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
+from tactile_dynamics_ros.synthetic.bag import write_bag
+from tactile_dynamics_ros.synthetic.recordings import generate
+from tactile_dynamics_ros.synthetic.scenario import ScenarioOptions
 
 BODY = InertialParameters(0.5, np.array([0.005, -0.004, 0.01]), np.diag([8e-4, 7e-4, 4e-4]))
 PHI = BODY.dynamic_parameters

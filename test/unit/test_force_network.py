@@ -9,6 +9,14 @@ import time
 import numpy as np
 import pytest
 
+from benchmarks.peers.voxel import (
+    VoxelConfig,
+    VoxelNetwork,
+    alignment_weight,
+    fill_voxels,
+    predict_voxel,
+    train_voxel_network,
+)
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 from tactile_dynamics_ros.core.tactile.analytic_force import estimate_sequence
 from tactile_dynamics_ros.core.tactile.calibration import (
@@ -35,14 +43,6 @@ from tactile_dynamics_ros.core.tactile.network.inputs import (
     network_inputs,
 )
 from tactile_dynamics_ros.core.tactile.network.training import TrainingConfig, train_network
-from tactile_dynamics_ros.core.tactile.network.voxel import (
-    VoxelConfig,
-    VoxelNetwork,
-    alignment_weight,
-    fill_voxels,
-    predict_voxel,
-    train_voxel_network,
-)
 from tactile_dynamics_ros.core.tactile.network.weights import (
     SHIPPED_NETWORK,
     NetworkWeights,

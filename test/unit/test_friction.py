@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-from tactile_dynamics_ros.core.contact.hand_kinematics import HandKinematics
-from tactile_dynamics_ros.core.contact.robot_description import HAND_JOINTS
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 from tactile_dynamics_ros.core.friction.cone import (
     friction_coefficient,
@@ -25,10 +23,12 @@ from tactile_dynamics_ros.core.friction.probe_config import FrictionProbeConfig,
 from tactile_dynamics_ros.core.friction.probe_input import ProbeContact, ProbeInput
 from tactile_dynamics_ros.core.friction.slip_detection import SlipFusion, SlipObservation
 from tactile_dynamics_ros.core.friction.slip_log import find_slip
-from tactile_dynamics_ros.core.friction.surface import ObjectSurface
 from tactile_dynamics_ros.core.manipulation.grasp_planner import ARM_HOME, HAND_SEED
 from tactile_dynamics_ros.core.rigid_body.alignment import align_points
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
+from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
+from tactile_dynamics_ros.core.robot.robot_description import HAND_JOINTS
+from tactile_dynamics_ros.core.shape.friction_regions import ObjectSurface
 
 UP = np.array([0.0, 0.0, 1.0])
 BOX = {

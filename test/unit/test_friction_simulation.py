@@ -8,12 +8,12 @@ import pytest
 
 from benchmarks.friction.accuracy import GRASP_STD, calibrate, summarise_study
 from benchmarks.friction.detection import score_detectors, split_attempts
+from benchmarks.friction.probe_trial import _Chain, run_probe_trial
 from benchmarks.friction.subjects import REFERENCES, SUBJECTS, draw_friction
 from benchmarks.friction.trials import Case, build_trial
 from tactile_dynamics_ros.cli.probe import finger_gain
 from tactile_dynamics_ros.core.manipulation.grasp_planner import ARM_HOME, HAND_SEED
 from tactile_dynamics_ros.core.tactile.fingertip import FingertipConfig
-from tactile_dynamics_ros.sim.probe_trial import _Chain, run_probe_trial
 from tactile_dynamics_ros.sim.skin_friction import SkinFriction, SurfaceFriction
 from tactile_dynamics_ros.sim.warping import PANEL_INERTIA
 from tactile_dynamics_ros.sim.world import HandWorld, WorldConfig

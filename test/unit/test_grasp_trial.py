@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tactile_dynamics_ros.core.contact.hand_kinematics import HandKinematics
+from benchmarks.grasp_trial import GraspTrial, draw_trials, run_trial
 from tactile_dynamics_ros.core.manipulation.excitation import ExcitationConfig
 from tactile_dynamics_ros.core.manipulation.grasp_controller import (
     GraspConfig,
@@ -16,7 +16,7 @@ from tactile_dynamics_ros.core.manipulation.grasp_controller import (
 )
 from tactile_dynamics_ros.core.manipulation.grasp_planner import ARM_HOME, HAND_SEED
 from tactile_dynamics_ros.core.rigid_body.newton_euler import regressor
-from tactile_dynamics_ros.sim.grasp_trial import GraspTrial, draw_trials, run_trial
+from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
 from tactile_dynamics_ros.sim.world import HandWorld, WorldConfig
 
 QUICK = GraspConfig(

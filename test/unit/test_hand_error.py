@@ -9,7 +9,7 @@ from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 from synthetic_recording import MASS, held_box
 
-from tactile_dynamics_ros.core.inertia.batch import estimate_inertia
+from tactile_dynamics_ros.core.inertia.estimate import estimate as estimate_body
 from tactile_dynamics_ros.core.tracking.hand_error import carry_contacts
 from tactile_dynamics_ros.recording import Recording
 
@@ -53,7 +53,9 @@ def test_an_error_of_the_hand_is_taken_from_contacts_and_forces():
     carried = carry_contacts(told, moved(true.pose, TURN, SHIFT))
     assert_same_contacts(carried, true)
     assert carried.pose is true.pose
-    assert estimate_inertia(carried).inertia.dynamic_parameters[0] == pytest.approx(MASS, rel=0.02)
+    assert estimate_body(carried).to_estimate().inertia.dynamic_parameters[0] == pytest.approx(
+        MASS, rel=0.02
+    )
 
 
 def test_where_the_object_slipped_contacts_stay():

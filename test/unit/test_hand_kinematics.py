@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tactile_dynamics_ros.core.contact.hand_kinematics import DOF, HandKinematics
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.rotation import log_so3
+from tactile_dynamics_ros.core.robot.hand_kinematics import DOF, HandKinematics
 
 # BioTac origin (mm) at zero and at home, pad normal at home; palm frame
 PUBLISHED = {

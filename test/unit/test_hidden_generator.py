@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from benchmarks.hidden import (
+from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
+from tactile_dynamics_ros.core.rigid_body.newton_euler import regressor
+from tactile_dynamics_ros.synthetic import (
     CATALOGUE,
     OUTSIDE,
     Scenario,
@@ -14,9 +16,7 @@ from benchmarks.hidden import (
     generate,
     generate_at_whitened_rms,
 )
-from benchmarks.hidden.grasp import friction_margin
-from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
-from tactile_dynamics_ros.core.rigid_body.newton_euler import regressor
+from tactile_dynamics_ros.synthetic.grasp import friction_margin
 
 SHORT = ScenarioOptions(duration=6.0, regrasp=True, contact_breaks=1)
 QUIET = SensorOptions(force_std=0.0, position_std=0.0, rotation_std_deg=0.0)

@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.inertia.batch import estimate_inertia
+from tactile_dynamics_ros.core.inertia.estimate import estimate as estimate_body
 from tactile_dynamics_ros.recording.importers import IMPORTERS
 from tactile_dynamics_ros.recording.importers.kuka_ft_imu import Calibration
 from tactile_dynamics_ros.recording.importers.table import read_table
@@ -119,7 +119,7 @@ def test_stamps_are_kept_and_a_known_delay_is_taken_off(kuka_folder):
 @pytest.mark.parametrize("run", ["run", "0-calibration"])
 def test_the_load_is_estimated_from_imported_tables(kuka_folder, run):
     recording = _read("kuka-ft-imu", kuka_folder / run, tare=True, imu_delay=0.0)
-    body = estimate_inertia(recording.streams).inertia
+    body = estimate_body(recording.streams).to_estimate().inertia
     assert body.mass == pytest.approx(MASS, rel=0.01)
     np.testing.assert_allclose(body.com, COM, atol=1.5e-3)
 
@@ -131,7 +131,7 @@ def test_the_measured_payload_agrees_with_its_reference():
     np.testing.assert_allclose(calibration.wrench_bias[3:], [0.4325, -0.6916, -0.157], atol=1e-3)
     for run in ("1-baseline", "2-vibrations"):
         recording = _read("kuka-ft-imu", folder / run, tare=True, imu_delay=0.0084)
-        body = estimate_inertia(recording.streams).inertia
+        body = estimate_body(recording.streams).to_estimate().inertia
         assert body.mass == pytest.approx(0.9333, rel=0.02)
         np.testing.assert_allclose(body.com, [0.0003, 0.0001, 0.0439], atol=1e-3)
 

@@ -11,25 +11,22 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from benchmarks.hidden.recordings import generate
-from benchmarks.hidden.scenario import ScenarioOptions
-from benchmarks.hidden.sensors import SensorOptions
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.inertia.batch import fit_recording
-from tactile_dynamics_ros.core.inertia.incremental import (
+from tactile_dynamics_ros.core.inertia.batch.batch import fit_recording
+from tactile_dynamics_ros.core.inertia.live import (
     IncrementalConfig,
     IncrementalInertialEstimator,
 )
-from tactile_dynamics_ros.core.inertia.incremental.contact_queue import (
+from tactile_dynamics_ros.core.inertia.live.contact_queue import (
     ContactQueue,
     ContactReading,
 )
-from tactile_dynamics_ros.core.inertia.incremental.information import SquareRootInformation
-from tactile_dynamics_ros.core.inertia.incremental.live_estimate import describe
-from tactile_dynamics_ros.core.inertia.incremental.replay import replay_streams
-from tactile_dynamics_ros.core.inertia.incremental.rolling_table import RollingTable
-from tactile_dynamics_ros.core.inertia.incremental.solver import DivergencePrior, SummarySolver
-from tactile_dynamics_ros.core.inertia.incremental.whitening import StreamWhitener
+from tactile_dynamics_ros.core.inertia.live.information import SquareRootInformation
+from tactile_dynamics_ros.core.inertia.live.live_estimate import describe
+from tactile_dynamics_ros.core.inertia.live.replay import replay_streams
+from tactile_dynamics_ros.core.inertia.live.solver import DivergencePrior, SummarySolver
+from tactile_dynamics_ros.core.numerics.rolling_table import RollingTable
+from tactile_dynamics_ros.core.numerics.stream_whitening import StreamWhitener
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     InertialParameters,
     affine_invariant_distance,
@@ -39,7 +36,10 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     log_det_divergence,
     pseudo_inertia,
 )
-from tactile_dynamics_ros.core.streams import ContactStream
+from tactile_dynamics_ros.core.streams.streams import ContactStream
+from tactile_dynamics_ros.synthetic.recordings import generate
+from tactile_dynamics_ros.synthetic.scenario import ScenarioOptions
+from tactile_dynamics_ros.synthetic.sensors import SensorOptions
 
 
 @pytest.fixture(scope="module")

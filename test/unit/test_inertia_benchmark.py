@@ -20,7 +20,7 @@ from benchmarks.inertia.published import (
 )
 from benchmarks.inertia.scenarios import four_fingers, table_one
 from benchmarks.inertia.scores import Score, medians
-from tactile_dynamics_ros.core.inertia.batch import estimate_inertia
+from tactile_dynamics_ros.core.inertia.estimate import estimate as estimate_body
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     InertialParameters,
     inertia_vector,
@@ -94,7 +94,7 @@ def test_published_rows_score_as_the_errata_say():
 
 def test_box_on_the_wrist_sensor_is_found():
     streams, truth = wrist_recording("box_1", 0)
-    estimate = estimate_inertia(streams)
+    estimate = estimate_body(streams).to_estimate()
     score = Score.of(truth, estimate.inertia.dynamic_parameters, 0.0)
     assert score.mass_percent < 0.3 and score.com_mm < 0.5 and score.distance < 0.3
 

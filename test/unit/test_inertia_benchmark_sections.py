@@ -9,7 +9,7 @@ from benchmarks.inertia.peers import PEERS
 from benchmarks.inertia.scenarios import table_one
 from benchmarks.inertia.tables import render
 from benchmarks.inertia.verdicts import judge
-from tactile_dynamics_ros.core.inertia.estimate import PARAMETER_NAMES
+from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import PARAMETER_NAMES
 
 
 def quiet(_: str) -> None:

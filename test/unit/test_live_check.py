@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from synthetic_recording import held_box
 
-from tactile_dynamics_ros.core.inertia.live_check import LiveModelCheck
-from tactile_dynamics_ros.core.streams import Streams
+from tactile_dynamics_ros.core.inertia.diagnosis.live_check import LiveModelCheck
+from tactile_dynamics_ros.core.streams.streams import Streams
 
 
 @pytest.fixture(scope="module")

@@ -6,12 +6,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tactile_dynamics_ros.core.contact.hand_kinematics import HandKinematics
-from tactile_dynamics_ros.core.contact.robot_description import (
-    ACTUATED_JOINTS,
-    ARM_JOINTS,
-    SKIN_RADIUS,
-)
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 from tactile_dynamics_ros.core.manipulation.arm_path import excite, join_joints, join_poses
 from tactile_dynamics_ros.core.manipulation.excitation import (
@@ -32,6 +26,12 @@ from tactile_dynamics_ros.core.manipulation.grasp_planner import (
 )
 from tactile_dynamics_ros.core.manipulation.grasp_site import GraspSite
 from tactile_dynamics_ros.core.manipulation.squeeze import Squeeze, held_by
+from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
+from tactile_dynamics_ros.core.robot.robot_description import (
+    ACTUATED_JOINTS,
+    ARM_JOINTS,
+    SKIN_RADIUS,
+)
 
 HOME = np.concatenate([ARM_HOME, HAND_SEED])
 SITE = GraspSite(

@@ -8,9 +8,9 @@ import trimesh
 from numpy.testing import assert_allclose
 from scipy.spatial import cKDTree
 
-from tactile_dynamics_ros.core.contact.robot_description import rpy_to_matrix
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.tracking.object_shape import (
+from tactile_dynamics_ros.core.robot.robot_description import rpy_to_matrix
+from tactile_dynamics_ros.core.shape.object_shape import (
     BoxSurface,
     CylinderSurface,
     ObjectShape,

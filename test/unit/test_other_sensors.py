@@ -14,15 +14,21 @@ from tactile_dynamics_ros.core.discrepancy.assessment import assess
 from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
 from tactile_dynamics_ros.core.effects.registry import create_effect
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.inertia.contact_grid import contact_signals
-from tactile_dynamics_ros.core.inertia.discrepancy_model import HeldObjectModel
-from tactile_dynamics_ros.core.inertia.fitting import fit_further
-from tactile_dynamics_ros.core.inertia.incremental.contact_queue import (
+from tactile_dynamics_ros.core.inertia.batch.fitting import fit_further
+from tactile_dynamics_ros.core.inertia.batch.refinement import Step
+from tactile_dynamics_ros.core.inertia.diagnosis.discrepancy_model import HeldObjectModel
+from tactile_dynamics_ros.core.inertia.diagnosis.readings import (
+    fit_with_readings,
+    model_with_seen_noise,
+)
+from tactile_dynamics_ros.core.inertia.live.contact_queue import (
     ContactQueue,
     ContactReading,
 )
-from tactile_dynamics_ros.core.inertia.incremental.replay import replay_streams
-from tactile_dynamics_ros.core.inertia.local_polynomial import (
+from tactile_dynamics_ros.core.inertia.live.replay import replay_streams
+from tactile_dynamics_ros.core.inertia.residuals.contact_grid import contact_signals
+from tactile_dynamics_ros.core.inertia.residuals.wrench_problem import ProblemConfig
+from tactile_dynamics_ros.core.numerics.local_polynomial import (
     Window,
     centred_weights,
     lagrange_weights,
@@ -30,11 +36,8 @@ from tactile_dynamics_ros.core.inertia.local_polynomial import (
     polynomial_weights,
     tapered_shares,
 )
-from tactile_dynamics_ros.core.inertia.readings import fit_with_readings, model_with_seen_noise
-from tactile_dynamics_ros.core.inertia.refinement import Step
-from tactile_dynamics_ros.core.inertia.wrench_problem import ProblemConfig
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
-from tactile_dynamics_ros.core.streams import ContactStream
+from tactile_dynamics_ros.core.streams.streams import ContactStream
 
 GRID = 0.2 + 0.008 * np.arange(60)
 

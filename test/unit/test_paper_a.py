@@ -7,12 +7,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from benchmarks.hidden.recordings import generate
-from benchmarks.hidden.scenario import ScenarioOptions
-from benchmarks.hidden.sensors import SensorOptions
-from tactile_dynamics_ros.core.inertia.paper_a import METHODS, TimeSteps, estimate_as_published
-from tactile_dynamics_ros.core.inertia.paper_a.dynamics import differentiate
-from tactile_dynamics_ros.core.inertia.paper_a.factors import (
+from benchmarks.peers.paper_a import METHODS, TimeSteps, estimate_as_published
+from benchmarks.peers.paper_a.dynamics import differentiate
+from benchmarks.peers.paper_a.factors import (
     AXES_KEY,
     VECTOR_KEY,
     InertiaVariables,
@@ -20,7 +17,7 @@ from tactile_dynamics_ros.core.inertia.paper_a.factors import (
     dynamics_factor,
     prior_factor,
 )
-from tactile_dynamics_ros.core.inertia.paper_a.parameters import (
+from benchmarks.peers.paper_a.parameters import (
     phi_of_principal,
     principal_of_phi,
 )
@@ -31,6 +28,9 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     trace_error,
 )
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
+from tactile_dynamics_ros.synthetic.recordings import generate
+from tactile_dynamics_ros.synthetic.scenario import ScenarioOptions
+from tactile_dynamics_ros.synthetic.sensors import SensorOptions
 
 EXACT = SensorOptions(force_std=1e-9, position_std=0.0, rotation_std_deg=0.0)
 

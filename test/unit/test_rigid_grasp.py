@@ -9,14 +9,18 @@ import pytest
 
 from benchmarks.inertia.scenarios import Case, four_fingers
 from benchmarks.inertia.scores import Score
-from tactile_dynamics_ros.core.inertia.batch import estimate_inertia, fit_recording
-from tactile_dynamics_ros.core.inertia.rigid_grasp import displacement_jacobian, sharpen_poses
+from tactile_dynamics_ros.core.inertia.batch.batch import fit_recording
+from tactile_dynamics_ros.core.inertia.estimate import estimate as estimate_body
+from tactile_dynamics_ros.core.inertia.residuals.rigid_grasp import (
+    displacement_jacobian,
+    sharpen_poses,
+)
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     dynamic_parameters_from_pseudo_inertia,
     pseudo_inertia,
 )
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, log_so3
-from tactile_dynamics_ros.core.streams import Streams
+from tactile_dynamics_ros.core.streams.streams import Streams
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +49,7 @@ def test_estimate_comes_nearer_to_the_truth():
     gains = []
     for seed in range(3, 9):
         held = four_fingers(seed, 8.0)
-        phi = estimate_inertia(held.streams).inertia.dynamic_parameters
+        phi = estimate_body(held.streams).to_estimate().inertia.dynamic_parameters
         alone = fit_recording(held.streams).phi
         scores = [Score.of(held.truth, p, 0.0) for p in (alone, phi)]
         gains.append(np.log(scores[0].com_mm / scores[1].com_mm))

@@ -7,9 +7,9 @@ import pybullet
 import pytest
 from numpy.testing import assert_allclose
 
-from tactile_dynamics_ros.core.contact.hand_kinematics import DOF
-from tactile_dynamics_ros.core.contact.robot_description import HAND_ENCODER_RESOLUTION
 from tactile_dynamics_ros.core.rigid_body.rotation import log_so3, matrix_to_quaternion
+from tactile_dynamics_ros.core.robot.hand_kinematics import DOF
+from tactile_dynamics_ros.core.robot.robot_description import HAND_ENCODER_RESOLUTION
 from tactile_dynamics_ros.sim.sensors.depth_camera import DepthCamera, DepthCameraConfig, look_at
 from tactile_dynamics_ros.sim.sensors.encoders import EncoderConfig, JointEncoders
 from tactile_dynamics_ros.sim.sensors.fingertips import Fingertips

@@ -9,9 +9,9 @@ import numpy as np
 
 from tactile_dynamics_ros.core.effects.check import example_inertia, example_samples
 from tactile_dynamics_ros.core.effects.registry import create_effect
+from tactile_dynamics_ros.core.inertia.diagnosis.separating_motion import Rival, SeparationCriterion
 from tactile_dynamics_ros.core.inertia.excitation.grip import Grip
 from tactile_dynamics_ros.core.inertia.excitation.trajectory import FourierOffsets, HeldPose
-from tactile_dynamics_ros.core.inertia.separating_motion import Rival, SeparationCriterion
 
 FORCE_STD = 0.03
 

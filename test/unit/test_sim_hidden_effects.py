@@ -275,7 +275,7 @@ def test_unknown_names_and_sizes_are_refused():
 
 def test_hidden_effects_never_load_the_catalogue():
     code = (
-        "import sys, tactile_dynamics_ros.sim.hidden_effects, benchmarks.hidden; "
+        "import sys, tactile_dynamics_ros.sim.hidden_effects, tactile_dynamics_ros.synthetic; "
         "print([m for m in sys.modules if 'core.effects' in m or 'core.discrepancy' in m])"
     )
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactile_dynamics_ros.core.stamps import Reordered, SharedClock
+from tactile_dynamics_ros.core.streams.stamps import Reordered, SharedClock
 
 
 def feed(clock, stamps, pause=0.01):

@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.hidden.recordings import HiddenRecording, generate
-from benchmarks.hidden.scenario import ScenarioOptions
 from tactile_dynamics_ros.core.discrepancy.assessment import assess
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.inertia import stretches
-from tactile_dynamics_ros.core.inertia.discrepancy_model import HeldObjectModel
-from tactile_dynamics_ros.core.inertia.stretches import fit_representative
-from tactile_dynamics_ros.core.streams import Streams
+from tactile_dynamics_ros.core.inertia.batch.batch import stretches
+from tactile_dynamics_ros.core.inertia.batch.stretches import fit_representative
+from tactile_dynamics_ros.core.inertia.diagnosis.discrepancy_model import HeldObjectModel
+from tactile_dynamics_ros.core.streams.streams import Streams
+from tactile_dynamics_ros.synthetic.recordings import HiddenRecording, generate
+from tactile_dynamics_ros.synthetic.scenario import ScenarioOptions
 
 LENGTH = 2.0
 

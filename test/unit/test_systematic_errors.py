@@ -12,9 +12,10 @@ from synthetic_recording import held_box
 from benchmarks.inertia.boxes import wrist_recording
 from benchmarks.inertia.scenarios import four_fingers
 from tactile_dynamics_ros.core.effects.check import example_samples
-from tactile_dynamics_ros.core.inertia.batch import estimate_inertia, fit_recording
-from tactile_dynamics_ros.core.inertia.incremental.replay import replay_streams
-from tactile_dynamics_ros.core.inertia.systematic import (
+from tactile_dynamics_ros.core.inertia.batch.batch import fit_recording
+from tactile_dynamics_ros.core.inertia.estimate import estimate as estimate_body
+from tactile_dynamics_ros.core.inertia.live.replay import replay_streams
+from tactile_dynamics_ros.core.inertia.residuals.systematic import (
     SYSTEMATIC_SIZE,
     PresumedErrors,
     sensor_gain_basis,
@@ -95,7 +96,7 @@ def test_no_information_gives_no_variance():
 def test_the_gain_of_an_only_sensor_is_not_presumed_from_rounding(box, seed):
     """It leaves no trace beside the load: the mass is known to a gram, not to kilograms."""
     streams, truth = wrist_recording(box, seed)
-    estimate = estimate_inertia(streams)
+    estimate = estimate_body(streams).to_estimate()
     std = estimate.parameter_std
     assert np.all(std > 0.0) and std[0] < 0.01 * truth.mass
     assert abs(estimate.inertia.mass - truth.mass) < 4.0 * std[0]
@@ -106,7 +107,7 @@ def test_a_gain_that_is_off_is_covered():
     inside = []
     for seed in range(1000, 1012):
         case = four_fingers(seed, 8.0, {"force_scale": 2.0})
-        estimate = estimate_inertia(case.streams)
+        estimate = estimate_body(case.streams).to_estimate()
         inside.append(abs(estimate.inertia.mass - case.truth.mass) / estimate.parameter_std[0])
     assert np.mean(np.array(inside) < 3.0) > 0.9
     assert np.median(inside) < 1.5
@@ -148,7 +149,7 @@ def test_recordings_are_corrected_where_a_finger_is_off_by_a_percent():
         case = four_fingers(seed, 8.0)
         streams = with_a_finger_off(case)
         before.append(deviations(fit_recording(streams).to_estimate(), case.truth))
-        after.append(deviations(estimate_inertia(streams), case.truth))
+        after.append(deviations(estimate_body(streams).to_estimate(), case.truth))
     mass, centre = np.median(after, axis=0) / np.median(before, axis=0)
     assert mass < 0.4
     assert centre < 0.7

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from benchmarks.hidden.objects import HeldObject
-from benchmarks.hidden.recordings import generate
-from benchmarks.hidden.scenario import GRAVITY, Scenario, ScenarioOptions
 from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
 from tactile_dynamics_ros.core.effects.registry import create_effect
-from tactile_dynamics_ros.core.inertia.discrepancy_model import HeldObjectModel
-from tactile_dynamics_ros.core.inertia.readings import fit_with_readings
+from tactile_dynamics_ros.core.inertia.diagnosis.discrepancy_model import HeldObjectModel
+from tactile_dynamics_ros.core.inertia.diagnosis.readings import fit_with_readings
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
-from tactile_dynamics_ros.core.streams import ContactStream, PoseStream, Streams
+from tactile_dynamics_ros.core.streams.streams import ContactStream, PoseStream, Streams
+from tactile_dynamics_ros.synthetic.objects import HeldObject
+from tactile_dynamics_ros.synthetic.recordings import generate
+from tactile_dynamics_ros.synthetic.scenario import GRAVITY, Scenario, ScenarioOptions
 
 
 def diagnose_late(seed, magnitude):

@@ -10,8 +10,8 @@ from benchmarks.tracking.scores import measure, summarise
 from benchmarks.tracking.tape import Moment, Tape
 from benchmarks.tracking.trackers import Track
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
+from tactile_dynamics_ros.core.shape.object_shape import load_shape
 from tactile_dynamics_ros.core.tracking.depth_image import PinholeCamera
-from tactile_dynamics_ros.core.tracking.object_shape import load_shape
 from tactile_dynamics_ros.share import object_file
 
 STD = np.array([0.005] * 3 + [1e-3] * 3)

@@ -5,17 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactile_dynamics_ros.core.contact.hand_kinematics import HandKinematics
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.manipulation.grasp_planner import ARM_HOME, HAND_SEED
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
+from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
+from tactile_dynamics_ros.core.shape.object_shape import load_shape
 from tactile_dynamics_ros.core.tracking.depth_image import (
     DepthNoiseConfig,
     PinholeCamera,
     cut_window,
 )
 from tactile_dynamics_ros.core.tracking.kinematic_tracker import pose_error
-from tactile_dynamics_ros.core.tracking.object_shape import load_shape
 from tactile_dynamics_ros.core.tracking.registration import Registration
 from tactile_dynamics_ros.core.tracking.robot_volume import RobotVolume
 from tactile_dynamics_ros.core.tracking.scene import label_scene

@@ -11,7 +11,7 @@ from rclpy.serialization import deserialize_message, serialize_message  # noqa: 
 from rosgraph_msgs.msg import Clock  # noqa: E402
 from sensor_msgs.msg import CameraInfo, Image, JointState  # noqa: E402
 
-from tactile_dynamics_ros.nodes import wire  # noqa: E402
+from tactile_dynamics_ros.ros import wire  # noqa: E402
 
 STAMP = wire.Stamp(1_780_000_000, 123_456_789)
 FRAMES = ["", "w", "world", "biotac_index", "frame_of_17_chars"]

@@ -7,16 +7,16 @@ import pybullet
 import pytest
 from numpy.testing import assert_allclose
 
-from tactile_dynamics_ros.core.contact.hand_kinematics import DOF, HandKinematics
-from tactile_dynamics_ros.core.contact.robot_description import (
+from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.manipulation.grasp_planner import ARM_HOME, HAND_SEED
+from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
+from tactile_dynamics_ros.core.robot.hand_kinematics import DOF, HandKinematics
+from tactile_dynamics_ros.core.robot.robot_description import (
     ACTUATED_JOINTS,
     FINGERS,
     HAND_JOINTS,
     LINKS,
 )
-from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.manipulation.grasp_planner import ARM_HOME, HAND_SEED
-from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 from tactile_dynamics_ros.sim.objects import list_objects, load_object
 from tactile_dynamics_ros.sim.world import HandWorld, WorldConfig
 

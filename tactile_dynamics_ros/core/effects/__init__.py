@@ -4,6 +4,7 @@ from tactile_dynamics_ros.core.effects.effect import Effect, EffectParameter, Li
 from tactile_dynamics_ros.core.effects.registry import (
     EFFECT_NAMES,
     create_effect,
+    create_effects,
     register_effect,
     registered_names,
 )
@@ -14,6 +15,7 @@ __all__ = [
     "EffectParameter",
     "LinearEffect",
     "create_effect",
+    "create_effects",
     "register_effect",
     "registered_names",
 ]

@@ -299,4 +299,12 @@ class FrictionModel:
     def separating_motion(self, rivals: Sequence[ResidualModel]) -> dict[str, Any] | None:
         """The slip that would tell this model from others."""
         others = [rival for rival in rivals if isinstance(rival, FrictionModel)]
-        return plan_slips(self, others)
+        return plan_slips(self._of_slips, [rival._of_slips for rival in others], self._scatter)
+
+    def _of_slips(self, slips: SlipTable) -> Array:
+        return self.predict(self.x, self.effects, slips)
+
+    def _scatter(self, slips: SlipTable) -> Array:
+        """Standard deviation (N, 2) of measured forces of single slips, N."""
+        noise = self.noise
+        return np.hypot(noise.force_std, noise.relative_std * self.mu * slips.normal)

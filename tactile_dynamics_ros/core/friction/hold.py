@@ -7,15 +7,15 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.contact.hand_kinematics import (
+from tactile_dynamics_ros.core.rigid_body.alignment import align_points
+from tactile_dynamics_ros.core.rigid_body.rotation import log_so3, skew
+from tactile_dynamics_ros.core.robot.hand_kinematics import (
     ARM_DOF,
     FINGER_DOF,
     HandKinematics,
     finger_index,
 )
-from tactile_dynamics_ros.core.contact.robot_description import HAND_JOINTS
-from tactile_dynamics_ros.core.rigid_body.alignment import align_points
-from tactile_dynamics_ros.core.rigid_body.rotation import log_so3, skew
+from tactile_dynamics_ros.core.robot.robot_description import HAND_JOINTS
 
 Array = NDArray[np.float64]
 

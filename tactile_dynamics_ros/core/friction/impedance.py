@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
-from tactile_dynamics_ros.core.contact.hand_kinematics import (
+from tactile_dynamics_ros.core.robot.hand_kinematics import (
     ARM_DOF,
     FINGER_DOF,
     HandKinematics,
     finger_index,
 )
-from tactile_dynamics_ros.core.contact.robot_description import HAND_JOINTS
+from tactile_dynamics_ros.core.robot.robot_description import HAND_JOINTS
 
 Array = NDArray[np.float64]
 

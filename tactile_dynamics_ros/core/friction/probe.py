@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.contact.hand_kinematics import ARM_DOF, HandKinematics, finger_index
-from tactile_dynamics_ros.core.contact.robot_description import FINGERS
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.core.friction.cone import probing_angles, tangent_basis
 from tactile_dynamics_ros.core.friction.estimate import (
@@ -20,8 +18,10 @@ from tactile_dynamics_ros.core.friction.probe_config import FrictionProbeConfig,
 from tactile_dynamics_ros.core.friction.probe_input import ProbeInput
 from tactile_dynamics_ros.core.friction.slip_detection import SlipFusion, SlipObservation, SlipState
 from tactile_dynamics_ros.core.friction.slip_log import Attempt, SlipLog
-from tactile_dynamics_ros.core.friction.surface import ObjectSurface, SurfacePlace
 from tactile_dynamics_ros.core.rigid_body.alignment import align_points
+from tactile_dynamics_ros.core.robot.hand_kinematics import ARM_DOF, HandKinematics, finger_index
+from tactile_dynamics_ros.core.robot.robot_description import FINGERS
+from tactile_dynamics_ros.core.shape.friction_regions import ObjectSurface, SurfacePlace
 
 Array = NDArray[np.float64]
 

@@ -6,11 +6,11 @@ from dataclasses import dataclass, field
 from enum import Enum
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
-from tactile_dynamics_ros.core.contact.robot_description import FINGERS
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.friction.estimate import FrictionEstimateConfig
 from tactile_dynamics_ros.core.friction.impedance import ImpedanceConfig
 from tactile_dynamics_ros.core.friction.slip_detection import SlipFusionConfig
+from tactile_dynamics_ros.core.robot.robot_description import FINGERS
 
 
 class ProbePhase(Enum):

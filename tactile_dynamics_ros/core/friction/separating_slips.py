@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.friction.slip_table import SlipTable
 
-if TYPE_CHECKING:
-    from tactile_dynamics_ros.core.friction.discrepancy_model import FrictionModel
-
 Array = NDArray[np.float64]
+OfSlips = Callable[[SlipTable], Array]
+"""Forces (N, 2) of slips, N: static and kinetic."""
 
 _FORCES = (0.3, 0.5, 0.8, 1.2, 1.8)
 _SPEEDS = (2e-3, 1e-2, 4e-2)
@@ -22,8 +21,15 @@ _TURNS = 8
 _NOTABLE = 1.0
 
 
-def plan_slips(model: FrictionModel, rivals: Sequence[FrictionModel]) -> dict[str, Any] | None:
+def plan_slips(
+    best: OfSlips, rivals: Sequence[OfSlips], scatter_of: OfSlips
+) -> dict[str, Any] | None:
     """Return the slip at which predictions differ most, over the scatter of one slip.
+
+    Args:
+        best: predicted tangential forces, N.
+        rivals: those of other explanations.
+        scatter_of: standard deviation of a measured force, N.
 
     Returns:
         {"description", "normal_force_n", "direction_deg", "sliding_speed_m_s", "rested",
@@ -33,19 +39,15 @@ def plan_slips(model: FrictionModel, rivals: Sequence[FrictionModel]) -> dict[st
     if not rivals:
         return None
     grid = _candidates()
-    own = model.predict(model.x, model.effects, grid)
-    gap = np.min(
-        [np.abs(own - rival.predict(rival.x, rival.effects, grid)) for rival in rivals], axis=0
-    )
-    noise = model.noise
-    scatter = np.hypot(noise.force_std, noise.relative_std * model.mu * grid.normal)
-    separation = np.max(gap / scatter, axis=1)
-    best = int(np.argmax(separation))
-    strength = float(separation[best])
+    own = best(grid)
+    gap = np.min([np.abs(own - rival(grid)) for rival in rivals], axis=0)
+    separation = np.max(gap / scatter_of(grid), axis=1)
+    most = int(np.argmax(separation))
+    strength = float(separation[most])
     if strength < 0.1 * _NOTABLE:
         return None
-    force, angle = float(grid.normal[best, 0]), float(np.rad2deg(grid.angle[best]))
-    speed, rested = float(grid.speed[best]), bool(grid.memory_normal[best] == 0.0)
+    force, angle = float(grid.normal[most, 0]), float(np.rad2deg(grid.angle[most]))
+    speed, rested = float(grid.speed[most]), bool(grid.memory_normal[most] == 0.0)
     count = int(np.ceil((3.0 / strength) ** 2))
     return {
         "description": (

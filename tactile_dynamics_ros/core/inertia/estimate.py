@@ -1,125 +1,58 @@
-"""What an inertial estimation returns, and how it reads as JSON."""
+"""The one door to an estimate of a held object from what was recorded of it."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
-    InertialParameters,
-    com_inertia_jacobian,
-    inertia_matrix,
-)
+from tactile_dynamics_ros.core.inertia.batch.batch import fit_body
+from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
+from tactile_dynamics_ros.core.inertia.diagnosis.readings import fit_with_readings
+from tactile_dynamics_ros.core.shape.hull import CentreHull, keep_in_hull
+from tactile_dynamics_ros.core.streams.streams import Streams
+
+if TYPE_CHECKING:
+    from tactile_dynamics_ros.core.effects.effect import Effect
 
 Array = NDArray[np.float64]
 
-PARAMETER_NAMES = (
-    "mass",
-    "com_x",
-    "com_y",
-    "com_z",
-    "inertia_xx",
-    "inertia_xy",
-    "inertia_yy",
-    "inertia_xz",
-    "inertia_yz",
-    "inertia_zz",
-)
 
-
-@dataclass(frozen=True)
-class EffectEstimate:
-    """Parameters of one effect: value, standard deviation and unit by name."""
-
-    value: dict[str, float]
-    std: dict[str, float]
-    unit: dict[str, str]
-
-    def to_json(self) -> dict[str, dict[str, Any]]:
-        """{parameter: {"value", "std", "unit"}}."""
-        return {
-            name: {"value": self.value[name], "std": self.std[name], "unit": self.unit[name]}
-            for name in self.value
-        }
-
-
-@dataclass(frozen=True)
-class ModelError:
-    """How far the model is from the measurements.
-
-    Attributes:
-        force_rms_n: N, measured minus predicted net force with smoothed motion.
-        torque_rms_nm: N m, likewise.
-        whitened_rms: 1 where only the stated sensor noise remains.
-    """
-
-    force_rms_n: float
-    torque_rms_nm: float
-    whitened_rms: float
-
-    def to_json(self) -> dict[str, float]:
-        """Field by field."""
-        return dict(vars(self))
-
-
-@dataclass(frozen=True)
-class InertialEstimate:
-    """Mass, centre of mass and inertia of the held object with their uncertainty.
-
-    Attributes:
-        inertia: the estimate; a body that can exist.
-        covariance: (10, 10) of phi = `inertia.dynamic_parameters`.
-        effects: estimated parameters of the added effects by effect name.
-        error: remaining model error.
-        not_excited: parameters (of PARAMETER_NAMES) that the motion did not determine.
-        samples: number of wrench samples used.
-        duration: s covered.
-        converged: whether the iteration converged.
-    """
-
-    inertia: InertialParameters
-    covariance: Array
-    effects: dict[str, EffectEstimate]
-    error: ModelError
-    not_excited: tuple[str, ...]
-    samples: int
-    duration: float
-    converged: bool
+class Recorded(Protocol):
+    """Anything with the streams of a held object, such as a `Recording`."""
 
     @property
-    def parameter_covariance(self) -> Array:
-        """(10, 10) covariance of [mass, com, inertia about the centre of mass]."""
-        jacobian = com_inertia_jacobian(self.inertia.dynamic_parameters)
-        return np.asarray(jacobian @ self.covariance @ jacobian.T)
+    def streams(self) -> Streams:
+        """What was measured."""
 
-    @property
-    def parameter_std(self) -> Array:
-        """(10,) standard deviations in the order of PARAMETER_NAMES."""
-        return np.sqrt(np.diag(self.parameter_covariance))
 
-    def to_json(self) -> dict[str, Any]:
-        """The document that `tactile-dynamics estimate --json` prints."""
-        std = self.parameter_std
-        body = self.inertia
-        return {
-            "samples": self.samples,
-            "duration_s": self.duration,
-            "mass": {"value": body.mass, "std": float(std[0])},
-            "com": {"value": body.com.tolist(), "std": std[1:4].tolist()},
-            "inertia_com": {
-                "value": body.inertia_com.tolist(),
-                "std": inertia_matrix(std[4:]).tolist(),
-            },
-            "pseudo_inertia_eigenvalues": np.linalg.eigvalsh(body.pseudo_inertia).tolist(),
-            "dynamic_parameters": {
-                "value": body.dynamic_parameters.tolist(),
-                "covariance": self.covariance.tolist(),
-            },
-            "effects": {name: effect.to_json() for name, effect in self.effects.items()},
-            "error": self.error.to_json(),
-            "not_excited": list(self.not_excited),
-            "converged": self.converged,
-        }
+def estimate(
+    recording: Streams | Recorded, effects: Sequence[Effect] = (), hull: Array | None = None
+) -> FittedModel:
+    """Estimate mass, centre of mass and inertia of a held object, and the parameters of effects.
+
+    A body alone is corrected by lasting errors of its sensors; beside effects, which may be those,
+    it is not. Effects that are named without a reading get the one with the best evidence.
+
+    Args:
+        recording: streams, or what has them.
+        effects: of the model, in the order of the result.
+        hull: (N, 3) mesh vertices, body frame, m; the centre of mass is kept in their convex hull.
+
+    Returns:
+        The fitted model; `to_estimate()` gives values with their uncertainty.
+
+    Raises:
+        BadInputError: contacts and motion are missing or do not overlap, the contacts cannot show
+            an effect, or the vertices span no volume.
+        NotIdentifiableError: the iteration diverged.
+    """
+    streams = recording if isinstance(recording, Streams) else recording.streams
+    model = fit_with_readings(streams, effects) if effects else fit_body(streams)
+    if hull is None:
+        return model
+    data, prior = (part[:10, :10] for part in model.coordinate_information)
+    return replace(model, xi=keep_in_hull(model.xi, data + prior, CentreHull.of_points(hull)))

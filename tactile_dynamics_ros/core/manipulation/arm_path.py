@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from tactile_dynamics_ros.core.contact.hand_kinematics import ARM_DOF, HandKinematics
-from tactile_dynamics_ros.core.contact.robot_description import ARM_JOINTS
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.core.manipulation.excitation import CartesianOffsets
 from tactile_dynamics_ros.core.manipulation.inverse_kinematics import solve_arm
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, log_so3
+from tactile_dynamics_ros.core.robot.hand_kinematics import ARM_DOF, HandKinematics
+from tactile_dynamics_ros.core.robot.robot_description import ARM_JOINTS
 
 Array = NDArray[np.float64]
 

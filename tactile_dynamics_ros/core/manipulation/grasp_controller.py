@@ -10,8 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
-from tactile_dynamics_ros.core.contact.hand_kinematics import ARM_DOF, HandKinematics
-from tactile_dynamics_ros.core.contact.robot_description import FINGERS
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.core.manipulation.arm_path import (
     ArmPath,
@@ -31,6 +29,8 @@ from tactile_dynamics_ros.core.manipulation.grasp_planner import (
 )
 from tactile_dynamics_ros.core.manipulation.grasp_site import GraspSite
 from tactile_dynamics_ros.core.manipulation.squeeze import Squeeze, SqueezeConfig, held_by
+from tactile_dynamics_ros.core.robot.hand_kinematics import ARM_DOF, HandKinematics
+from tactile_dynamics_ros.core.robot.robot_description import FINGERS
 
 Array = NDArray[np.float64]
 

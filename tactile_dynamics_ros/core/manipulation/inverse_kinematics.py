@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.contact.hand_kinematics import ARM_DOF, HandKinematics
-from tactile_dynamics_ros.core.contact.robot_description import ACTUATED_JOINTS, FINGERS
 from tactile_dynamics_ros.core.rigid_body.rotation import cross, log_so3
+from tactile_dynamics_ros.core.robot.hand_kinematics import ARM_DOF, HandKinematics
+from tactile_dynamics_ros.core.robot.robot_description import ACTUATED_JOINTS, FINGERS
 
 Array = NDArray[np.float64]
 

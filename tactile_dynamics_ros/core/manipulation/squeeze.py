@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
-from tactile_dynamics_ros.core.contact.hand_kinematics import ARM_DOF, HandKinematics
-from tactile_dynamics_ros.core.contact.robot_description import FINGERS, HAND_JOINTS, SKIN_RADIUS
 from tactile_dynamics_ros.core.manipulation.grasp_planner import squeeze_forces
 from tactile_dynamics_ros.core.rigid_body.rotation import cross
+from tactile_dynamics_ros.core.robot.hand_kinematics import ARM_DOF, HandKinematics
+from tactile_dynamics_ros.core.robot.robot_description import FINGERS, HAND_JOINTS, SKIN_RADIUS
 
 Array = NDArray[np.float64]
 

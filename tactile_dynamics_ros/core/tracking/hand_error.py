@@ -17,7 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, log_so3
-from tactile_dynamics_ros.core.streams import ContactStream, PoseStream, Streams, nearest_samples
+from tactile_dynamics_ros.core.streams.streams import (
+    ContactStream,
+    PoseStream,
+    Streams,
+    nearest_samples,
+)
 
 Array = NDArray[np.float64]
 

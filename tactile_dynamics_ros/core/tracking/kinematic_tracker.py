@@ -18,14 +18,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
-from tactile_dynamics_ros.core.contact.hand_kinematics import (
-    HandKinematics,
-    finger_index,
-)
-from tactile_dynamics_ros.core.contact.joint_uncertainty import JointUncertaintyConfig
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 from tactile_dynamics_ros.core.rigid_body.alignment import align_points
 from tactile_dynamics_ros.core.rigid_body.rotation import log_so3, skew, twice
+from tactile_dynamics_ros.core.robot.hand_kinematics import (
+    HandKinematics,
+    finger_index,
+)
+from tactile_dynamics_ros.core.robot.joint_uncertainty import JointUncertaintyConfig
 
 Array = NDArray[np.float64]
 

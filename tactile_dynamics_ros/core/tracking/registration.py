@@ -27,6 +27,7 @@ from scipy.special import ndtr
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.rigid_body.rotation import cross, exp_so3
+from tactile_dynamics_ros.core.shape.object_shape import ObjectShape
 from tactile_dynamics_ros.core.tracking.depth_image import DepthNoiseConfig
 from tactile_dynamics_ros.core.tracking.drawing import (
     Drawing,
@@ -36,7 +37,6 @@ from tactile_dynamics_ros.core.tracking.drawing import (
     keep_contested,
     trace,
 )
-from tactile_dynamics_ros.core.tracking.object_shape import ObjectShape
 from tactile_dynamics_ros.core.tracking.scene import Scene
 
 Array = NDArray[np.float64]

@@ -21,8 +21,8 @@ from tactile_dynamics_ros.core.rigid_body.rotation import (
     log_so3,
     quaternion_to_matrix,
 )
+from tactile_dynamics_ros.core.shape.object_shape import ObjectShape
 from tactile_dynamics_ros.core.tracking.depth_image import DepthNoiseConfig
-from tactile_dynamics_ros.core.tracking.object_shape import ObjectShape
 from tactile_dynamics_ros.core.tracking.registration import Fit, Registration, RegistrationConfig
 from tactile_dynamics_ros.core.tracking.scene import Scene, crop_scene
 

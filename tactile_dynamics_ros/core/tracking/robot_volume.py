@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.contact.hand_kinematics import (
+from tactile_dynamics_ros.core.robot.hand_kinematics import (
     ARM_DOF,
     HandConfiguration,
     HandKinematics,
 )
-from tactile_dynamics_ros.core.contact.robot_description import (
+from tactile_dynamics_ros.core.robot.robot_description import (
     ACTUATED_JOINTS,
     LINKS,
     PALM_LINK,

@@ -17,15 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
-from tactile_dynamics_ros.core.contact.hand_kinematics import HandKinematics
 from tactile_dynamics_ros.core.rigid_body.rotation import skew, twice
+from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
+from tactile_dynamics_ros.core.shape.object_shape import ObjectShape
 from tactile_dynamics_ros.core.tracking.depth_image import (
     DepthNoiseConfig,
     Image,
     PinholeCamera,
     cut_window,
 )
-from tactile_dynamics_ros.core.tracking.object_shape import ObjectShape
 from tactile_dynamics_ros.core.tracking.registration import (
     Fit,
     Registration,

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
-from tactile_dynamics_ros.core.contact.robot_description import (
+from tactile_dynamics_ros.core.robot.robot_description import (
     ARM_JOINTS,
     HAND_ENCODER_RESOLUTION,
     HAND_JOINTS,

@@ -8,8 +8,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.contact.robot_description import FINGERS
 from tactile_dynamics_ros.core.rigid_body.rotation import cross, log_so3
+from tactile_dynamics_ros.core.robot.robot_description import FINGERS
 from tactile_dynamics_ros.sim.sensors.biotac import BioTacArray, BioTacConfig
 
 Array = NDArray[np.float64]

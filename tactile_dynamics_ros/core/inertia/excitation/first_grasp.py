@@ -7,8 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.contact.hand_kinematics import HandKinematics
-from tactile_dynamics_ros.core.contact.robot_description import FINGERS
+from tactile_dynamics_ros.core.inertia.batch.prior import LogCholeskyPrior, body_prior
 from tactile_dynamics_ros.core.inertia.excitation.design import DesignConfig
 from tactile_dynamics_ros.core.inertia.excitation.grip import Grip
 from tactile_dynamics_ros.core.inertia.excitation.limits import ArmLimits, MotionLimits
@@ -18,7 +17,6 @@ from tactile_dynamics_ros.core.inertia.excitation.plan import (
     plan_motion,
 )
 from tactile_dynamics_ros.core.inertia.excitation.trajectory import HeldPose
-from tactile_dynamics_ros.core.inertia.prior import LogCholeskyPrior, body_prior
 from tactile_dynamics_ros.core.manipulation.grasp_controller import ARM_CARRY
 from tactile_dynamics_ros.core.manipulation.grasp_planner import plan_grasp, squeeze_forces
 from tactile_dynamics_ros.core.manipulation.grasp_site import GraspSite
@@ -27,6 +25,8 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     dynamic_parameters_from_log_cholesky,
     log_cholesky_jacobian,
 )
+from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
+from tactile_dynamics_ros.core.robot.robot_description import FINGERS
 
 Array = NDArray[np.float64]
 

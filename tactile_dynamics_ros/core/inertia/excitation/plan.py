@@ -9,8 +9,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.contact.hand_kinematics import HandKinematics
-from tactile_dynamics_ros.core.inertia.estimate import PARAMETER_NAMES
+from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
+from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import PARAMETER_NAMES
 from tactile_dynamics_ros.core.inertia.excitation.criterion import (
     InertiaCriterion,
     wrench_information,
@@ -23,8 +23,8 @@ from tactile_dynamics_ros.core.inertia.excitation.limits import (
     usage_at_rest,
 )
 from tactile_dynamics_ros.core.inertia.excitation.trajectory import FourierOffsets, HeldPose
-from tactile_dynamics_ros.core.inertia.fitted_model import FittedModel
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import com_inertia_jacobian
+from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
 
 Array = NDArray[np.float64]
 

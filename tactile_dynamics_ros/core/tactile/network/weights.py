@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.contact.skin_surface import project_to_skin
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.shape.skin_surface import project_to_skin
 from tactile_dynamics_ros.core.tactile.calibration import MIRROR_AXES
 from tactile_dynamics_ros.core.tactile.network.inputs import INPUTS, face_left
 

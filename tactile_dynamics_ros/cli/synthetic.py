@@ -1,0 +1,103 @@
+"""`tactile-dynamics synthetic`: a recording with known truth, made from closed forms."""
+
+from __future__ import annotations
+
+import json
+from argparse import SUPPRESS, ArgumentParser, Namespace, _SubParsersAction
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from tactile_dynamics_ros.core.errors import BadInputError, refuse_existing
+
+if TYPE_CHECKING:
+    from tactile_dynamics_ros.synthetic import HiddenRecording
+
+
+def add_parser(verbs: _SubParsersAction[Any]) -> None:
+    """Add the verb."""
+    parser = verbs.add_parser("synthetic", help="make a recording with its truth beside it")
+    forms = parser.add_subparsers(dest="form", metavar="FORM", required=True)
+    held = forms.add_parser(
+        "held", help="an object held and moved by four fingers, with effects that no model is told"
+    )
+    held.add_argument("out", metavar="OUT", help="directory of the recording to create")
+    held.add_argument("--effect", default="", metavar="NAME[,..]", help="none: a clean recording")
+    held.add_argument("--seed", type=int, default=0)
+    size = held.add_mutually_exclusive_group()
+    size.add_argument("--magnitude", type=float, help="multiple of the effect's typical size")
+    size.add_argument(
+        "--whitened-rms",
+        type=float,
+        default=2.0,
+        help="choose the size that raises the whitened error to about this (default 2)",
+    )
+    _add_circumstances(held)
+    held.add_argument(
+        "--json", action="store_true", default=SUPPRESS, help="print only JSON on stdout"
+    )
+    held.set_defaults(run=run)
+
+
+def _add_circumstances(held: ArgumentParser) -> None:
+    held.add_argument("--duration", type=float, default=30.0, help="s")
+    held.add_argument("--regrasp", action="store_true", help="three fingers move at half-time")
+    held.add_argument("--contact-breaks", type=int, default=0)
+    held.add_argument("--pose-gaps", type=int, default=0)
+    held.add_argument("--stagger", action="store_true", help="sensors sample at different phases")
+    held.add_argument(
+        "--frames",
+        choices=["finger", "normal"],
+        default="finger",
+        help="fingers roll and contact frames show it, or there is no roll and only a normal",
+    )
+    held.add_argument("--no-force-std", action="store_true", help="leave the force noise unstated")
+
+
+def run(args: Namespace) -> int:
+    """Write the recording and, beside it, the truth as `OUT.truth.json`."""
+    from tactile_dynamics_ros.synthetic.bag import write_bag
+
+    out = Path(args.out)
+    truth = out.with_name(out.name + ".truth.json")
+    refuse_existing(out)
+    refuse_existing(truth)
+    recording = _generate(args)
+    write_bag(recording.streams, out)
+    truth.write_text(json.dumps(recording.truth(), indent=1))
+    written = {"recording": str(out), "truth": str(truth)}
+    print(json.dumps(written) if args.json else f"{out}, truth in {truth}")
+    return 0
+
+
+def _generate(args: Namespace) -> HiddenRecording:
+    """Make the recording that the arguments describe.
+
+    Raises:
+        BadInputError: an effect is unknown.
+    """
+    from tactile_dynamics_ros import synthetic
+
+    names = [name.strip() for name in args.effect.split(",") if name.strip()]
+    known = (*synthetic.CATALOGUE, *synthetic.OUTSIDE)
+    unknown = [name for name in names if name not in known]
+    if unknown:
+        raise BadInputError(
+            f"--effect {args.effect}: no '{unknown[0]}'; there are {', '.join(known)}"
+        )
+    scenario = synthetic.ScenarioOptions(
+        duration=args.duration,
+        finger_roll=args.frames == "finger",
+        regrasp=args.regrasp,
+        contact_breaks=args.contact_breaks,
+    )
+    sensors = synthetic.SensorOptions(
+        stagger=args.stagger,
+        pose_gaps=args.pose_gaps,
+        state_force_std=not args.no_force_std,
+        frames=args.frames,
+    )
+    if args.magnitude is not None:
+        sizes = dict.fromkeys(names, args.magnitude)
+        return synthetic.generate(args.seed, sizes, scenario, sensors)
+    targets = dict.fromkeys(names, args.whitened_rms)
+    return synthetic.generate_at_whitened_rms(args.seed, targets, scenario, sensors)

@@ -1,0 +1,1 @@
+"""Fits of a rigid body with effects to a whole recording."""

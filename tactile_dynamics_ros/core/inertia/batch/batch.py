@@ -1,0 +1,101 @@
+"""Batch estimation of inertia, and of the parameters of effects, from a whole recording."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.configuration import check_ranges, parameter
+from tactile_dynamics_ros.core.errors import NotIdentifiableError
+from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
+from tactile_dynamics_ros.core.inertia.batch.fitting import fit_corrected, fit_model
+from tactile_dynamics_ros.core.inertia.residuals.contact_grid import choose_grid
+from tactile_dynamics_ros.core.inertia.residuals.rigid_grasp import sharpen_poses
+from tactile_dynamics_ros.core.inertia.residuals.wrench_problem import ProblemConfig, WrenchProblem
+from tactile_dynamics_ros.core.streams.streams import Streams
+
+if TYPE_CHECKING:
+    from tactile_dynamics_ros.core.effects.effect import Effect
+
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class BatchConfig:
+    """Iterations and block length of the batch estimator."""
+
+    problem: ProblemConfig = field(default_factory=ProblemConfig)
+    iterations: int = parameter(4, "re-evaluations of covariance and denoised signals", "", 1, 20)
+    block_duration: float = parameter(60.0, "stretch that is whitened as one piece", "s", 2.0)
+
+    def __post_init__(self) -> None:
+        """Check ranges."""
+        check_ranges(self)
+
+
+def read_blocks(streams: Streams, config: BatchConfig) -> tuple[WrenchProblem, ...]:
+    """Cut a recording into stretches of about `block_duration`.
+
+    Raises:
+        BadInputError: contacts and motion are missing or do not overlap.
+    """
+    grid = choose_grid(streams, config.problem.maximum_rate)
+    count = max(1, round((grid[-1] - grid[0]) / config.block_duration))
+    edges = np.linspace(grid[0], grid[-1] + 1e-6, count + 1)
+    start = float(grid[0])
+    if count == 1:
+        return (WrenchProblem.from_streams(streams, config.problem, start=start),)
+    problems = [
+        WrenchProblem.try_from_streams(streams, config.problem, (low, high), start)
+        for low, high in zip(edges[:-1], edges[1:], strict=True)
+    ]
+    found = tuple(problem for problem in problems if problem is not None)
+    return found or (WrenchProblem.from_streams(streams, config.problem, start=start),)
+
+
+def fit_recording(
+    streams: Streams, effects: Sequence[Effect] = (), config: BatchConfig | None = None
+) -> FittedModel:
+    """Read a recording and fit the model to it.
+
+    Raises:
+        BadInputError: contacts and motion are missing or do not overlap.
+        NotIdentifiableError: the iteration diverged.
+    """
+    config = config or BatchConfig()
+    return fit_problems(read_blocks(streams, config), effects, config)
+
+
+def fit_problems(
+    problems: Sequence[WrenchProblem], effects: Sequence[Effect], config: BatchConfig
+) -> FittedModel:
+    """Fit the model to stretches of a recording.
+
+    Raises:
+        NotIdentifiableError: the iteration diverged.
+    """
+    model = fit_model(problems, effects, iterations=config.iterations)
+    if not np.all(np.isfinite(model.white_residual)):
+        raise NotIdentifiableError("the estimation diverged; check units and stamps of the streams")
+    return model
+
+
+def fit_body(streams: Streams, config: BatchConfig | None = None) -> FittedModel:
+    """`fit_recording` of a rigid body, corrected by lasting errors of the sensors.
+
+    Poses are sharpened where the contacts allow it.
+
+    Raises:
+        BadInputError: contacts and motion are missing or do not overlap.
+        NotIdentifiableError: the iteration diverged.
+    """
+    sharp = sharpen_poses(streams)
+    if sharp is None:
+        return fit_corrected(fit_recording(streams, (), config))
+    model = fit_corrected(fit_recording(sharp.streams, (), config))
+    return replace(model, frame_covariance=sharp.frame_covariance)

@@ -1,0 +1,322 @@
+"""A rigid body with effects fitted to a recording: residuals, covariance, summary."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.contact.wrench_samples import GRAVITY_W, WrenchSamples
+from tactile_dynamics_ros.core.discrepancy.model import Misfit
+from tactile_dynamics_ros.core.effects.present import PresentEffects
+from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import (
+    EffectEstimate,
+    InertialEstimate,
+    ModelError,
+)
+from tactile_dynamics_ros.core.inertia.batch.prior import LogCholeskyPrior
+from tactile_dynamics_ros.core.inertia.batch.uncertainty import (
+    excited_projection,
+    misfit_inflation,
+    unexcited_parameters,
+)
+from tactile_dynamics_ros.core.inertia.residuals.rigid_grasp import displacement_jacobian
+from tactile_dynamics_ros.core.inertia.residuals.systematic import (
+    PresumedErrors,
+    sensor_gain_basis,
+    systematic_basis,
+    systematic_lever,
+)
+from tactile_dynamics_ros.core.inertia.residuals.wrench_problem import Linearisation, WrenchProblem
+from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
+    InertialParameters,
+    dynamic_parameters_from_log_cholesky,
+    log_cholesky_jacobian,
+)
+
+if TYPE_CHECKING:
+    from tactile_dynamics_ros.core.effects.effect import Effect
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Block:
+    """One stretch of the recording at the present parameters, whitened.
+
+    Attributes:
+        problem: its residuals.
+        linearisation: its whitening.
+        residual: (6 N,) white residual.
+        jacobian: (6 N, 10) its derivative by phi.
+    """
+
+    problem: WrenchProblem
+    linearisation: Linearisation
+    residual: Array
+    jacobian: Array
+
+
+@dataclass(frozen=True)
+class Survey:
+    """The error of every stretch of a recording.
+
+    Attributes:
+        edges: (K + 1,) s, times that bound the stretches.
+        rms: (K,) white RMS; NaN where nothing was held.
+        fitted: (K,) which of them were fitted.
+    """
+
+    edges: Array
+    rms: Array
+    fitted: NDArray[np.bool_]
+
+    @property
+    def remark(self) -> str:
+        """What was used, in a sentence."""
+        minutes = (self.edges[-1] - self.edges[0]) / 60.0
+        seconds = 60.0 * minutes / len(self.rms)
+        return (
+            f"{minutes:.0f} minutes: fitted to {int(self.fitted.sum())} of {len(self.rms)} "
+            f"stretches of {seconds:.0f} s, spread evenly and those with the largest error; "
+            f"the error of all stretches lies between {np.nanmin(self.rms):.2f} and "
+            f"{np.nanmax(self.rms):.2f}"
+        )
+
+
+@dataclass(frozen=True)
+class FittedModel:
+    """A rigid body with effects, fitted to a recording.
+
+    Attributes:
+        blocks: whitened residuals and Jacobians by stretch, at the solution.
+        xi: (10,) log-Cholesky coordinates.
+        effects: the effects of the model.
+        theta: parameters of each effect.
+        prior: of xi.
+        unexcited: (10, q) orthonormal directions of (xi - mean) / std that the motion does not
+            excite beyond what pose noise feigns; the fit keeps them at the prior.
+        converged: whether the iteration converged.
+        frame_covariance: (6, 6) of a displacement of the body frame that all poses share, body
+            axes [rotation, translation]; None where their noise is independent.
+        corrected: the presumed lasting errors by which xi is corrected; None where it is not.
+        survey: of all stretches where only some were fitted.
+        restated: seen over stated noise of the streams whose own scatter was used.
+    """
+
+    blocks: tuple[Block, ...]
+    xi: Array
+    effects: tuple[Effect, ...]
+    theta: tuple[Array, ...]
+    prior: LogCholeskyPrior
+    unexcited: Array
+    converged: bool
+    frame_covariance: Array | None = None
+    corrected: PresumedErrors | None = None
+    survey: Survey | None = None
+    restated: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def phi(self) -> Array:
+        """(10,) dynamic parameters."""
+        return dynamic_parameters_from_log_cholesky(self.xi)
+
+    @cached_property
+    def white_residual(self) -> Array:
+        """(6 N,) white residual of all blocks."""
+        return np.concatenate([block.residual for block in self.blocks])
+
+    @cached_property
+    def white_jacobian(self) -> Array:
+        """(6 N, 10 + k) derivative of the white residual by phi and all effect parameters."""
+        return np.concatenate([self._block_jacobian(block) for block in self.blocks])
+
+    @property
+    def whitened_rms(self) -> float:
+        """RMS of the white residual per degree of freedom; 1 at the noise floor."""
+        freedom = len(self.white_residual) - self.white_jacobian.shape[1]
+        return float(np.sqrt(np.sum(self.white_residual**2) / freedom))
+
+    @cached_property
+    def misfit(self) -> Misfit:
+        """White RMS, and mean logarithm of the diagonal of the Cholesky factor of the noise."""
+        bands = [block.linearisation.whitener.band[0] for block in self.blocks]
+        return Misfit(self.whitened_rms, float(np.mean(np.log(np.concatenate(bands)))))
+
+    @cached_property
+    def _coordinate_jacobian(self) -> Array:
+        """(10 + k, 10 + k) derivative of [phi, theta] by [xi, theta]."""
+        mapping = np.eye(self.white_jacobian.shape[1])
+        mapping[:10, :10] = log_cholesky_jacobian(self.xi)
+        return mapping
+
+    @cached_property
+    def noise_information(self) -> Array:
+        """(10 + k, 10 + k) part of J^T J that is noise of the regressors, on [phi, theta]."""
+        information = np.zeros((self.white_jacobian.shape[1],) * 2)
+        information[:10, :10] = regressor_noise_information(self.blocks)
+        return information
+
+    @cached_property
+    def coordinate_information(self) -> tuple[Array, Array]:
+        """Information of the data, without that of noise, and of the prior on [xi, theta]."""
+        mapping = self._coordinate_jacobian
+        jacobian = self.white_jacobian
+        data = mapping.T @ (jacobian.T @ jacobian - self.noise_information) @ mapping
+        stds = [p.prior_std for e in self.effects for p in e.parameters(self.samples[0])]
+        prior = np.diag(np.concatenate([self.prior.std**-2.0, np.array(stds, dtype=float) ** -2.0]))
+        keep = self._excited_projection
+        return _positive_part(keep @ data @ keep.T, prior), prior
+
+    @cached_property
+    def _excited_projection(self) -> Array:
+        return excited_projection(self.unexcited, self.prior, self.white_jacobian.shape[1])
+
+    @cached_property
+    def covariance(self) -> Array:
+        """(10 + k, 10 + k) covariance of [phi, theta], widened where the model does not fit.
+
+        With M = J^T J - E[dJ^T dJ] + prior: M^-1 (J^T J + prior) M^-1, since noise of the
+        regressors adds scatter and no information. Source: Fuller 1987, Eq. 3.1.12.
+        """
+        data, prior = self.coordinate_information
+        mapping = self._coordinate_jacobian
+        bread = np.linalg.inv(data + prior)
+        to_excited = mapping @ self._excited_projection.T
+        filling = data + prior + to_excited.T @ self.noise_information @ to_excited
+        covariance = mapping @ bread @ filling @ bread @ mapping.T
+        widen = misfit_inflation(self.white_residual, self.white_jacobian)
+        lasting = (self.corrected or self.presumed_errors).covariance
+        covariance = covariance * np.outer(widen, widen) + mapping @ lasting @ mapping.T
+        if self.frame_covariance is not None:
+            moved = displacement_jacobian(self.phi)
+            covariance[:10, :10] += moved @ self.frame_covariance @ moved.T
+        covariance[:10, :10] += self._unseen_gain(covariance) ** 2 * np.outer(self.phi, self.phi)
+        return np.asarray(covariance)
+
+    def _unseen_gain(self, covariance: Array) -> float:
+        """Standard deviation of a gain common to all sensors that an effect may have, unseen."""
+        stds = np.sqrt(np.diag(covariance)[10:])
+        gains, first = [0.0], 0
+        for effect, theta in zip(self.effects, self.theta, strict=True):
+            own = stds[first : first + len(theta)]
+            gains.append(effect.unseen_gain(self.samples[0], theta, own))
+            first += len(theta)
+        return float(np.linalg.norm(gains))
+
+    @cached_property
+    def presumed_errors(self) -> PresumedErrors:
+        """Lasting errors that the residuals betray, on [xi, theta]."""
+        data, prior = self.coordinate_information
+        rows = self.white_jacobian @ self._coordinate_jacobian @ self._excited_projection.T
+        return PresumedErrors.of_rows(
+            np.asarray(np.linalg.inv(data + prior)),
+            rows,
+            self.white_lasting_errors,
+            self.white_residual,
+            self.load,
+        )
+
+    @property
+    def corrected_wrench(self) -> Array:
+        """(6,) body wrench [torque, force] that sensors are taken to read too much, N m and N."""
+        if self.corrected is None:
+            return np.zeros(6)
+        lever = systematic_lever(self.samples[0])
+        return np.asarray(self.corrected.errors[:6] * np.repeat([lever, 1.0], 3))
+
+    @property
+    def load(self) -> float:
+        """Weight of the body, N."""
+        return float(self.phi[0] * np.linalg.norm(GRAVITY_W))
+
+    @cached_property
+    def white_lasting_errors(self) -> Array:
+        """(6 N, 9 + C) white wrenches of presumed lasting errors, see `systematic`."""
+        lever = systematic_lever(self.samples[0])
+        bases = [
+            np.concatenate([systematic_basis(s.rotation, lever), sensor_gain_basis(s)], axis=2)
+            for s in self.samples
+        ]
+        return whiten_blocks(self.blocks, bases)
+
+    @property
+    def samples(self) -> tuple[WrenchSamples, ...]:
+        """Denoised samples by block."""
+        return tuple(block.problem.samples for block in self.blocks)
+
+    def smooth_residual(self) -> Array:
+        """(N, 6) predicted minus measured wrench with smoothed motion and measured forces."""
+        return np.concatenate(
+            [b.problem.smooth_residual(self.phi, self.effects, self.theta) for b in self.blocks]
+        )
+
+    def _block_jacobian(self, block: Block) -> Array:
+        present = PresentEffects(self.effects, self.theta)
+        columns = [
+            block.linearisation.whiten(part)
+            for part in present.jacobians(block.problem.samples, self.phi)
+        ]
+        return np.concatenate([block.jacobian, *[-column for column in columns]], axis=1)
+
+    def to_estimate(self) -> InertialEstimate:
+        """Summarise for people and programs."""
+        covariance = self.covariance
+        smooth = self.smooth_residual()
+        data, prior = self.coordinate_information
+        times = [block.problem.grid for block in self.blocks]
+        return InertialEstimate(
+            inertia=InertialParameters.from_log_cholesky(self.xi),
+            covariance=covariance[:10, :10],
+            effects=self._effect_estimates(covariance[10:, 10:]),
+            error=ModelError(
+                force_rms_n=float(np.sqrt(np.mean(smooth[:, 3:] ** 2))),
+                torque_rms_nm=float(np.sqrt(np.mean(smooth[:, :3] ** 2))),
+                whitened_rms=self.whitened_rms,
+            ),
+            not_excited=unexcited_parameters(
+                self.xi, data[:10, :10] / max(1.0, self.whitened_rms) ** 2, prior[:10, :10]
+            ),
+            samples=sum(block.problem.count for block in self.blocks),
+            duration=float(times[-1][-1] - times[0][0]),
+            converged=self.converged,
+        )
+
+    def _effect_estimates(self, covariance: Array) -> dict[str, EffectEstimate]:
+        stds = np.sqrt(np.diag(covariance))
+        estimates, first = {}, 0
+        for effect, theta in zip(self.effects, self.theta, strict=True):
+            parameters = effect.parameters(self.samples[0])
+            std = stds[first : first + len(theta)]
+            first += len(theta)
+            names = [p.name for p in parameters]
+            estimates[effect.name] = EffectEstimate(
+                dict(zip(names, map(float, theta), strict=True)),
+                dict(zip(names, map(float, std), strict=True)),
+                {p.name: p.unit for p in parameters},
+            )
+        return estimates
+
+
+def _positive_part(information: Array, scale: Array) -> Array:
+    """Nearest information without negative directions, measured in units of `scale`."""
+    unit = np.sqrt(np.diag(scale))
+    values, vectors = np.linalg.eigh(information / np.outer(unit, unit))
+    clipped = vectors * np.maximum(values, 0.0) @ vectors.T
+    return np.asarray(clipped * np.outer(unit, unit))
+
+
+def whiten_blocks(blocks: Sequence[Block], values: Sequence[Array]) -> Array:
+    """White form of values (N, 6, ...) per block, one after the other."""
+    parts = zip(blocks, values, strict=True)
+    return np.concatenate([block.linearisation.whiten(value) for block, value in parts])
+
+
+def regressor_noise_information(blocks: Sequence[Block]) -> Array:
+    """Noise part of J^T J, (10, 10) on phi, from one seeded draw of the pose noise."""
+    draws = [b.linearisation.whiten(b.problem.regressor_noise(b.linearisation)) for b in blocks]
+    return np.asarray(sum((draw.T @ draw for draw in draws), start=np.zeros((10, 10))))

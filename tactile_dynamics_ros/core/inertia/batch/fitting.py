@@ -1,0 +1,387 @@
+"""Joint fit of inertia and effect parameters to whitened wrench residuals."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import block_diag
+
+from tactile_dynamics_ros.core.effects.present import PresentEffects
+from tactile_dynamics_ros.core.inertia.batch.fitted_model import (
+    Block,
+    FittedModel,
+    regressor_noise_information,
+    whiten_blocks,
+)
+from tactile_dynamics_ros.core.inertia.batch.prior import LogCholeskyPrior, contact_prior
+from tactile_dynamics_ros.core.inertia.batch.uncertainty import HOLD, unexcited_directions
+from tactile_dynamics_ros.core.inertia.residuals.repeated_whitening import RepeatedWhitening
+from tactile_dynamics_ros.core.inertia.residuals.wrench_problem import WrenchProblem
+from tactile_dynamics_ros.core.numerics.least_squares import levenberg_marquardt, rotated
+from tactile_dynamics_ros.core.numerics.outliers import isolated_outlier_variance
+from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
+    dynamic_parameters_from_log_cholesky,
+    log_cholesky,
+    log_cholesky_jacobian,
+    pseudo_inertia,
+)
+
+if TYPE_CHECKING:
+    from tactile_dynamics_ros.core.effects.effect import Effect
+
+Array = NDArray[np.float64]
+
+_MOST_STEPS = 20
+_TOLERANCE = 1e-6
+_FLATTEST = 0.1
+_FLAT = 1e-2
+
+
+def fit_model(
+    problems: Sequence[WrenchProblem],
+    effects: Sequence[Effect] = (),
+    theta: Sequence[Array] | None = None,
+    xi: Array | None = None,
+    iterations: int = 4,
+) -> FittedModel:
+    """Fit inertia and effect parameters jointly.
+
+    Alternates between the covariance of the residual with the denoised signals at fixed parameters
+    and Levenberg-Marquardt over [xi, theta] at fixed covariance.
+
+    Args:
+        problems: stretches of one recording.
+        effects: effects of the model.
+        theta: their start; screened from the residual by each effect by default.
+        xi: start of the inertia (10,); a linear fit by default.
+        iterations: of the outer alternation.
+    """
+    problems = tuple(problems)
+    start = xi if xi is not None else _start(problems, contact_prior(problems[0].samples))
+    present = np.asarray(start, dtype=float)
+    values = None if theta is None else [np.asarray(t, dtype=float) for t in theta]
+    blocks = _whiten(problems, present, effects if values is not None else (), values or ())
+    if values is None:
+        values = _guess_effects(blocks, present, effects)
+        blocks = _whiten(problems, present, effects, values) if effects else blocks
+    return _alternate(blocks, present, effects, values, iterations)
+
+
+def fit_further(model: FittedModel, iterations: int) -> FittedModel:
+    """Continue the alternation from where it ended.
+
+    Args:
+        model: fitted.
+        iterations: more of them.
+    """
+    return _alternate(model.blocks, model.xi, model.effects, list(model.theta), iterations)
+
+
+def fit_beyond(before: FittedModel, after: FittedModel, factor: float) -> FittedModel:
+    """Continue the alternation from where a step leads if it is prolonged.
+
+    The alternation converges linearly; where one step is a share r of the last, its end lies
+    r / (1 - r) steps ahead (Aitken 1926).
+
+    Args:
+        before: fitted.
+        after: the same some iterations later.
+        factor: by which the step between them is added once more.
+    """
+
+    def ahead(old: Array, new: Array) -> Array:
+        return np.asarray(new + factor * (new - old))
+
+    xi = ahead(before.xi, after.xi)
+    theta = [ahead(old, new) for old, new in zip(before.theta, after.theta, strict=True)]
+    problems = _denoise(after.blocks, xi, after.effects, theta, first=False)
+    blocks = _whiten(problems, xi, after.effects, theta)
+    return _alternate(blocks, xi, after.effects, theta, 2)
+
+
+def fit_trusting(model: FittedModel, iterations: int) -> FittedModel:
+    """Fit again as if the model were right: all that remains is noise, of the motion too.
+
+    What effects do is seen on motion whose noise may exceed it. The fit then leaves a misfit, a
+    misfit is not charged to the motion, and so the motion stays as noisy as it is.
+
+    Args:
+        model: fitted.
+        iterations: of the alternation.
+    """
+    theta = list(model.theta)
+    return _alternate(model.blocks, model.xi, model.effects, theta, iterations, trusting=True)
+
+
+def fit_unfolded(model: FittedModel, iterations: int) -> FittedModel | None:
+    """Fit again from a thicker body where a fit has made it flat; None where it has not.
+
+    The error hardly depends on the logarithm of a thickness that is next to nothing, so that the
+    descent may stay there for ever although a thicker body fits better.
+
+    Args:
+        model: fitted.
+        iterations: of the alternation.
+    """
+    usual = dynamic_parameters_from_log_cholesky(model.prior.mean)
+    thickness = np.linalg.eigvalsh(pseudo_inertia(model.phi))
+    if np.all(thickness > _FLAT * np.linalg.eigvalsh(pseudo_inertia(usual))):
+        return None
+    xi, theta = nearest_body(model.phi, usual), list(model.theta)
+    blocks = _whiten([b.problem for b in model.blocks], xi, model.effects, theta)
+    return _alternate(blocks, xi, model.effects, theta, iterations)
+
+
+def fit_corrected(model: FittedModel) -> FittedModel:
+    """Correct the inertia by the lasting errors of the sensors that the residuals betray.
+
+    Args:
+        model: of a rigid body without effects, fitted.
+    """
+    found = model.presumed_errors
+    if not found.errors.any():
+        return replace(model, corrected=found)
+    ends = np.cumsum([len(block.residual) for block in model.blocks])[:-1]
+    lasting = np.split(model.white_lasting_errors @ found.errors, ends)
+    pairs = zip(model.blocks, lasting, strict=True)
+    blocks = [replace(block, residual=block.residual - part) for block, part in pairs]
+    trusted = model.prior.weighted(_misfit(blocks))
+    xi, _, converged = _solve(blocks, model.xi, (), (), trusted, model.unexcited)
+    return replace(model, xi=xi, converged=model.converged and converged, corrected=found)
+
+
+def _alternate(
+    blocks: tuple[Block, ...],
+    present: Array,
+    effects: Sequence[Effect],
+    values: list[Array],
+    iterations: int,
+    trusting: bool = False,
+) -> FittedModel:
+    """Fit at fixed covariance, then find the covariance at the fit, and so on.
+
+    Motion that a poor start takes for noise may be known for motion after a step: then directions
+    that were held are let go, and the count begins anew.
+    """
+    prior = contact_prior(blocks[0].problem.samples)
+    unexcited = _unexcited(blocks, prior)
+    converged = False
+    done, first = 0, True
+    while done < iterations:
+        trusted = prior.weighted(_misfit(blocks))
+        present, values, converged = _solve(blocks, present, effects, values, trusted, unexcited)
+        problems = _denoise(blocks, present, effects, values, first, trusting)
+        blocks = _whiten(problems, present, effects, values)
+        done, first = done + 1, False
+        still = _unexcited(blocks, prior) if unexcited.size else unexcited
+        if still.size < unexcited.size:
+            done, unexcited = 0, still
+    return FittedModel(blocks, present, tuple(effects), tuple(values), prior, unexcited, converged)
+
+
+def _unexcited(blocks: Sequence[Block], prior: LogCholeskyPrior) -> Array:
+    total = sum((b.jacobian.T @ b.jacobian for b in blocks), start=np.zeros((10, 10)))
+    return unexcited_directions(total, regressor_noise_information(blocks), prior)
+
+
+def _start(problems: Sequence[WrenchProblem], prior: LogCholeskyPrior) -> Array:
+    """Log-Cholesky coordinates of an ordinary least-squares fit, made feasible."""
+    matrix = np.concatenate([p.regressor.reshape(-1, 10) for p in problems])
+    wrench = np.concatenate([p.samples.measured_wrench.reshape(-1) for p in problems])
+    guess = dynamic_parameters_from_log_cholesky(prior.mean)
+    weight = 1e-2 / np.maximum(np.abs(guess), 1e-2 * np.abs(guess).max())
+    rows = np.concatenate([matrix, np.diag(weight)])
+    phi = np.linalg.lstsq(rows, np.concatenate([wrench, weight * guess]), rcond=None)[0]
+    return nearest_body(phi, guess)
+
+
+def nearest_body(phi: Array, reference: Array) -> Array:
+    """Log-Cholesky coordinates of phi with the eigenvalues of its pseudo-inertia made positive."""
+    values, vectors = np.linalg.eigh(pseudo_inertia(phi))
+    floor = _FLATTEST * np.linalg.eigvalsh(pseudo_inertia(reference))
+    return log_cholesky(vectors * np.maximum(values, floor) @ vectors.T)
+
+
+def _whiten(
+    problems: Sequence[WrenchProblem],
+    xi: Array,
+    effects: Sequence[Effect],
+    theta: Sequence[Array],
+) -> tuple[Block, ...]:
+    phi = dynamic_parameters_from_log_cholesky(xi)
+    blocks = []
+    for problem in problems:
+        linearisation = problem.linearise(phi, effects, theta)
+        residual = linearisation.whiten(problem.residual(phi, effects, theta))
+        by_phi = problem.regressor.copy()
+        for part in PresentEffects(effects, theta).inertia_jacobians(problem.samples, phi):
+            by_phi -= part
+        blocks.append(Block(problem, linearisation, residual, linearisation.whiten(by_phi)))
+    return tuple(blocks)
+
+
+def _misfit(blocks: Sequence[Block]) -> float:
+    """RMS of the white residual, at least 1: misfit is no evidence against the prior."""
+    squares = sum(float(block.residual @ block.residual) for block in blocks)
+    return max(1.0, float(np.sqrt(squares / sum(len(block.residual) for block in blocks))))
+
+
+def _guess_effects(blocks: Sequence[Block], xi: Array, effects: Sequence[Effect]) -> list[Array]:
+    """Start of each effect's parameters from a joint linear fit of inertia and screening basis."""
+    phi = dynamic_parameters_from_log_cholesky(xi)
+    samples = blocks[0].problem.samples
+    residual = blocks[0].problem.residual(phi)
+    guesses = []
+    for effect in effects:
+        basis = effect.screening_basis(samples, phi)
+        white = blocks[0].linearisation.whiten(basis)
+        scale = np.linalg.norm(white, axis=0) + 1e-300
+        matrix = np.concatenate([blocks[0].jacobian, -white / scale], axis=1)
+        ridge = 1e-3 * np.eye(matrix.shape[1])
+        rows = np.concatenate([matrix, ridge])
+        target = np.concatenate([-blocks[0].residual, np.zeros(len(ridge))])
+        solution = np.linalg.lstsq(rows, target, rcond=None)[0]
+        guesses.append(effect.initial_guess(samples, phi, solution[10:] / scale, residual))
+    return guesses
+
+
+def _solve(
+    blocks: Sequence[Block],
+    xi: Array,
+    effects: Sequence[Effect],
+    theta: Sequence[Array],
+    prior: LogCholeskyPrior,
+    unexcited: Array,
+) -> tuple[Array, list[Array], bool]:
+    """One nonlinear least-squares fit at fixed whitening."""
+    sizes = [len(value) for value in theta]
+    stds = [p.prior_std for e in effects for p in e.parameters(blocks[0].problem.samples)]
+    centre = np.concatenate([prior.mean, np.zeros(sum(sizes))])
+    std = np.concatenate([prior.std, np.array(stds, dtype=float)])
+    keep = HOLD * np.concatenate([unexcited.T, np.zeros((unexcited.shape[1], sum(sizes)))], axis=1)
+    regular = np.concatenate([np.eye(len(std)), keep]) / std
+    samples, phi = blocks[0].problem.samples, dynamic_parameters_from_log_cholesky(xi)
+    factored = all(e.coefficients(samples, e.zero(samples)) is not None for e in effects)
+    kind = _FactoredSystem if factored else _FullSystem
+    system = kind(blocks, phi, effects, theta)
+
+    def evaluate(x: Array) -> tuple[Array, Array]:
+        parts = np.split(x[10:], np.cumsum(sizes)[:-1]) if sizes else []
+        residual, jacobian = system.evaluate(dynamic_parameters_from_log_cholesky(x[:10]), parts)
+        jacobian[:, :10] = jacobian[:, :10] @ log_cholesky_jacobian(x[:10])
+        return (
+            np.concatenate([residual, regular @ (x - centre)]),
+            np.concatenate([jacobian, regular]),
+        )
+
+    start = np.concatenate([xi, *theta])
+    solution, converged = levenberg_marquardt(evaluate, start, _MOST_STEPS, _TOLERANCE)
+    values = np.split(solution[10:], np.cumsum(sizes)[:-1]) if sizes else []
+    return solution[:10], list(values), converged
+
+
+class _FactoredSystem:
+    """White residual r0 + J (phi - phi0) - U (c - c0), rotated to as many rows as columns.
+
+    U are the white columns of effects of which the load changes nothing, c their coefficients.
+    """
+
+    def __init__(
+        self,
+        blocks: Sequence[Block],
+        phi: Array,
+        effects: Sequence[Effect],
+        theta: Sequence[Array],
+    ) -> None:
+        self._samples, self._phi, self._effects = blocks[0].problem.samples, phi, effects
+        self._start = self._numbers(theta)
+        parts = [np.concatenate([b.jacobian, b.residual[:, None]], axis=1) for b in blocks]
+        columns = [np.concatenate(parts)]
+        for effect, value in zip(effects, theta, strict=True):
+            found = [effect.factored(b.problem.samples, value) for b in blocks]
+            columns.append(-whiten_blocks(blocks, [f[0] for f in found if f is not None]))
+        self._rows = rotated(np.concatenate(columns, axis=1))
+
+    def evaluate(self, phi: Array, theta: Sequence[Array]) -> tuple[Array, Array]:
+        """Residual and Jacobian by [phi, theta]."""
+        moved = self._numbers(theta) - self._start
+        residual = self._rows @ np.concatenate([phi - self._phi, [1.0], moved])
+        pairs = zip(self._effects, theta, strict=True)
+        found = [effect.factored(self._samples, value) for effect, value in pairs]
+        weights = block_diag(*(f[1] for f in found if f is not None))
+        by_theta = self._rows[:, 11:] @ weights if self._effects else self._rows[:, 11:]
+        return residual, np.concatenate([self._rows[:, :10], by_theta], axis=1)
+
+    def _numbers(self, theta: Sequence[Array]) -> Array:
+        pairs = zip(self._effects, theta, strict=True)
+        numbers = [effect.coefficients(self._samples, value) for effect, value in pairs]
+        return np.concatenate([np.zeros(0), *(part for part in numbers if part is not None)])
+
+
+class _FullSystem:
+    """White residual r0 + J (phi - phi0) - L^-1 (Delta - Delta0), all rows of it."""
+
+    def __init__(
+        self,
+        blocks: Sequence[Block],
+        phi: Array,
+        effects: Sequence[Effect],
+        theta: Sequence[Array],
+    ) -> None:
+        self._blocks, self._phi, self._effects = blocks, phi, effects
+        self._rows = [np.concatenate([b.jacobian, b.residual[:, None]], axis=1) for b in blocks]
+        self._white_columns = RepeatedWhitening(lambda values: whiten_blocks(blocks, values))
+        self._white_start = self._white_effects(phi, theta)
+        plain = whiten_blocks(blocks, [b.problem.regressor for b in blocks])
+        self._beside = plain - np.concatenate([b.jacobian for b in blocks])
+
+    def evaluate(self, phi: Array, theta: Sequence[Array]) -> tuple[Array, Array]:
+        """Residual and Jacobian by [phi, theta]."""
+        rows = np.concatenate(self._rows)
+        residual = rows[:, :10] @ (phi - self._phi) + rows[:, 10]
+        moved = self._white_effects(phi, theta) - self._white_start
+        columns = self._effect_columns(phi, theta)
+        # rows already hold dDelta/dphi at the start; the exact change replaces that linear part
+        correction = self._beside @ (phi - self._phi)
+        residual = residual - moved + correction
+        return residual, np.concatenate([rows[:, :10], columns], axis=1)
+
+    def _white_effects(self, phi: Array, theta: Sequence[Array]) -> Array:
+        present = PresentEffects(self._effects, theta)
+        total = [present.wrench(block.problem.samples, phi) for block in self._blocks]
+        return whiten_blocks(self._blocks, total)
+
+    def _effect_columns(self, phi: Array, theta: Sequence[Array]) -> Array:
+        present = PresentEffects(self._effects, theta)
+        samples = [block.problem.samples for block in self._blocks]
+        columns = []
+        for effect, value in zip(self._effects, theta, strict=True):
+            seen = [present.seen_by(effect, s, phi) for s in samples]
+            columns.append(self._white_columns.jacobian(effect, present, seen, phi, value))
+        return -np.concatenate(columns, axis=1)
+
+
+def _denoise(
+    blocks: Sequence[Block],
+    xi: Array,
+    effects: Sequence[Effect],
+    theta: Sequence[Array],
+    first: bool,
+    trusting: bool = False,
+) -> tuple[WrenchProblem, ...]:
+    """Move the signals behind the regressors to their expected true values."""
+    phi = dynamic_parameters_from_log_cholesky(xi)
+    problems = []
+    for block in blocks:
+        white = block.linearisation.whiten(block.problem.residual(phi, effects, theta))
+        problem = block.problem.denoised(block.linearisation.denoise(white, trusting))
+        problem = problem.balanced(phi, effects, theta)
+        if first:
+            residual = problem.residual(phi, effects, theta)
+            problem = problem.with_extra_variance(isolated_outlier_variance(white, residual))
+        problems.append(problem)
+    return tuple(problems)

@@ -1,0 +1,138 @@
+"""Thorough fits: the alternation of `fitting` until its end is near."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.discrepancy.model import Misfit
+from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
+from tactile_dynamics_ros.core.inertia.batch.fitting import (
+    fit_beyond,
+    fit_further,
+    fit_trusting,
+    fit_unfolded,
+)
+
+Array = NDArray[np.float64]
+
+_MOST_ROUNDS = 7
+_RISE = 1.001
+"""Of the error, which may rise a little because the covariance changes too."""
+_SETTLED = 0.995
+_NEAR = 0.3
+_USUAL_RATE = 0.5
+_SLOWEST_RATE = 0.9
+_MISFIT = 0.2
+_SLOW = 0.02
+_DOUBTFUL = 1.05
+_HOPEFUL = 0.9
+"""Of the squared error beyond noise, what one step may leave that is worth more of them."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """From one fit to the next.
+
+    Attributes:
+        white: (M,) change of the white residual that is due to the parameters.
+    """
+
+    white: Array
+
+    @classmethod
+    def between(cls, before: FittedModel, after: FittedModel) -> Step:
+        """The step between two fits of the same effects."""
+        change = [after.phi - before.phi, *map(np.subtract, after.theta, before.theta)]
+        return cls(after.white_jacobian @ np.concatenate(change))
+
+    @property
+    def length(self) -> float:
+        """In units of the uncertainty."""
+        return float(np.linalg.norm(self.white))
+
+    def rate(self, last: Step) -> float:
+        """By which steps shrink, 0 to 0.9."""
+        share = float(self.white @ last.white) / max(last.length**2, 1e-12)
+        return float(np.clip(share, 0.0, _SLOWEST_RATE))
+
+
+def refine(model: FittedModel, before: Misfit, foreseen: float) -> FittedModel:
+    """`_to_the_end`, also from a thicker body where the fit has made it flat.
+
+    Where a misfit remains, the fit is tried from motion as it would be if there were none.
+
+    Args:
+        model: fitted.
+        before: without its last effect; a fit that is drowned in noise is not pursued.
+        foreseen: white RMS above which a fit has failed and is not pursued either.
+    """
+    pursued = model.whitened_rms <= foreseen
+    refined = _to_the_end(model, before) if pursued else model
+    if before.is_drowned(refined.misfit):
+        return refined
+    thicker = fit_unfolded(refined, 2) if pursued else None
+    if thicker is not None and thicker.whitened_rms < refined.whitened_rms:
+        refined = _better(refined, thicker, before)
+    if refined.effects and refined.whitened_rms > _DOUBTFUL:
+        trusted = fit_trusting(refined, 1)
+        if _excess(trusted) < _HOPEFUL * _excess(refined):
+            trusted = fit_trusting(trusted, 2)
+            if trusted.whitened_rms <= foreseen:
+                refined = _better(refined, trusted, before)
+    return refined
+
+
+def _better(present: FittedModel, start: FittedModel, before: Misfit) -> FittedModel:
+    """The end from another start, if its error is lower and not drowned in noise."""
+    end = _to_the_end(start, before)
+    better = end.whitened_rms < present.whitened_rms and not before.is_drowned(end.misfit)
+    return end if better else present
+
+
+def _excess(model: FittedModel) -> float:
+    return model.whitened_rms**2 - 1.0
+
+
+def _to_the_end(model: FittedModel, before: Misfit) -> FittedModel:
+    """Fit on until the end of the alternation is near, or a misfit remains that does not go.
+
+    Or until the error is drowned in noise.
+
+    Steps that shrink by a rate r lead r / (1 - r) times the last one further: where that is far,
+    the next fit starts there.
+
+    Args:
+        model: fitted.
+        before: see `refine`.
+    """
+    last: Step | None = None
+    rate = _USUAL_RATE
+    for _ in range(_MOST_ROUNDS):
+        if before.is_drowned(model.misfit):
+            return model
+        further = fit_further(model, 2)
+        if further.whitened_rms > _RISE * model.whitened_rms:
+            return model
+        step = Step.between(model, further)
+        rate = rate if last is None else step.rate(last)
+        ahead = rate / (1.0 - rate)
+        if _is_near(model, further, step.length * ahead):
+            return further
+        beyond = fit_beyond(model, further, ahead) if last is not None and ahead > 1.0 else None
+        if beyond is not None and beyond.whitened_rms <= _RISE * further.whitened_rms:
+            model, last = beyond, None
+        else:
+            model, last = further, step
+    return model
+
+
+def _is_near(before: FittedModel, after: FittedModel, left: float) -> bool:
+    """Whether the error falls no more, and what is left to go is short or leads nowhere."""
+    if after.whitened_rms <= _SETTLED * before.whitened_rms:
+        return False
+    excess = _excess(before)
+    fall = before.whitened_rms**2 - after.whitened_rms**2
+    return left < _NEAR or (excess > _MISFIT and fall < _SLOW * excess)

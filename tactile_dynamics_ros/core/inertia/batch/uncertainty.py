@@ -1,0 +1,137 @@
+"""Intervals that stay honest when the model does not fit, and what the motion leaves open."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import eigh
+
+from tactile_dynamics_ros.core.discrepancy.screening import orthonormal
+from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import PARAMETER_NAMES
+from tactile_dynamics_ros.core.inertia.batch.prior import LogCholeskyPrior
+from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
+    com_inertia_jacobian,
+    dynamic_parameters_from_log_cholesky,
+    log_cholesky_jacobian,
+)
+
+Array = NDArray[np.float64]
+
+_SCORE_BLOCK = 300
+_TOLERATED_RATIO = 2.0
+_OPEN = 0.25
+_ROUNDING = 1e-12
+_NOISE_RATIO = 1.5
+HOLD = 100.0
+"""Weight, over that of the prior, with which unexcited directions are held at it."""
+
+
+def _own_coordinates() -> Array:
+    """(10, 10) ones where a log-Cholesky coordinate belongs to mass, centre or inertia itself."""
+    own = np.zeros((10, 10))
+    own[0, 0] = 1.0
+    own[1:4, 7:] = 1.0
+    own[4:, 1:7] = 1.0
+    return own
+
+
+_OWN_COORDINATES = _own_coordinates()
+
+
+def misfit_inflation(white_residual: Array, jacobian: Array) -> Array:
+    """Factors by which standard deviations grow when residuals are large or correlated.
+
+    The score of each parameter is summed over blocks of 0.5 s; where its variance between blocks
+    exceeds what white unit noise gives, the ratio (a sandwich covariance) is applied.
+
+    Args:
+        white_residual: (6 N,).
+        jacobian: (6 N, p) its derivative.
+
+    Returns:
+        (p,) factors >= 1.
+
+    Source: White 1980; Newey & West 1987 (block form).
+    """
+    size = min(_SCORE_BLOCK, max(len(white_residual) // 10, 6))
+    count = len(white_residual) // size
+    used = slice(0, count * size)
+    information = jacobian.T @ jacobian
+    ridge = 1e-12 * np.trace(information) * np.eye(len(information))
+    directions = jacobian[used] @ np.linalg.inv(information + ridge)
+    influence = (directions * white_residual[used, None]).reshape(count, size, -1).sum(axis=1)
+    expected = np.sum(directions**2, axis=0)
+    ratio = np.sum(influence**2, axis=0) / np.maximum(expected, 1e-300)
+    scale = float(np.mean(white_residual**2))
+    ratio = np.maximum(np.where(ratio > _TOLERATED_RATIO, ratio, 1.0), scale)
+    return np.sqrt(np.maximum(ratio, 1.0))
+
+
+def effect_freedom(jacobian: Array, prior: Array) -> float:
+    """Number of effect parameters that data determine better than their prior.
+
+    Args:
+        jacobian: (M, 10 + k) white derivative by phi and the effects' parameters.
+        prior: (k,) information on those before the data.
+    """
+    own = jacobian[:, 10:] / np.sqrt(prior)
+    load = orthonormal(jacobian[:, :10])
+    shared = load.T @ own
+    values = np.maximum(np.linalg.eigvalsh(own.T @ own - shared.T @ shared), 0.0)
+    return float(np.sum(values / (1.0 + values)))
+
+
+def unexcited_parameters(xi: Array, data: Array, prior: Array) -> tuple[str, ...]:
+    """Parameters whose standard deviation the data reduced to no less than half of the prior's.
+
+    The prior of an inertia is that at known mass and centre: weighing an object at rest says
+    nothing of how its mass is spread.
+
+    Args:
+        xi: (10,) log-Cholesky coordinates.
+        data: (10, 10) information of the data on xi.
+        prior: (10, 10) information of the prior on xi.
+    """
+    to_phi = log_cholesky_jacobian(xi)
+    rows = com_inertia_jacobian(dynamic_parameters_from_log_cholesky(xi)) @ to_phi
+    after = np.einsum("pi,ij,pj->p", rows, np.linalg.inv(data + prior), rows)
+    own = rows * _OWN_COORDINATES
+    before = np.einsum("pi,ij,pj->p", own, np.linalg.inv(prior), own)
+    return tuple(
+        name for name, a, b in zip(PARAMETER_NAMES, after, before, strict=True) if a > _OPEN * b
+    )
+
+
+def unexcited_directions(
+    information: Array, noise: Array, prior: LogCholeskyPrior, scatter: float = 0.0
+) -> Array:
+    """Directions of standardised xi in which the data are hardly more than noise of the poses.
+
+    Directions are judged at the prior mean, in order of the ratio of all information to that of
+    noise, v^T J^T J v / v^T (N + 1) v (generalised eigenvectors).
+
+    Args:
+        information: (10, 10) J^T J on phi.
+        noise: (10, 10) the part N of it that noise of the regressors feigns.
+        prior: of xi.
+        scatter: of that ratio where there are few samples; added to what is asked for.
+
+    Returns:
+        (10, q) orthonormal directions of (xi - mean) / std.
+    """
+    mapping = log_cholesky_jacobian(prior.mean) * prior.std
+    beside = mapping.T @ noise @ mapping + np.eye(10)
+    scale = 1.0 / np.sqrt(np.diag(beside))
+    alike = np.outer(scale, scale)
+    ratio, vectors = eigh(
+        mapping.T @ information @ mapping * alike, beside * alike + _ROUNDING * np.eye(10)
+    )
+    weak = scale[:, None] * vectors[:, ratio < _NOISE_RATIO + scatter]
+    return np.asarray(np.linalg.qr(weak)[0]) if weak.size else np.zeros((10, 0))
+
+
+def excited_projection(unexcited: Array, prior: LogCholeskyPrior, size: int) -> Array:
+    """(size, size) removes unexcited directions from an information on [xi, theta]."""
+    keep = np.eye(size)
+    keep[:10, :10] -= (unexcited @ unexcited.T) * prior.std / prior.std[:, None]
+    return keep

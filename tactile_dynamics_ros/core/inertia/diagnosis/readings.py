@@ -1,0 +1,93 @@
+"""Fits in which the data choose the reading of effects whose name leaves it open."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from tactile_dynamics_ros.core.discrepancy.assessment import (
+    assess,
+    noise_floor,
+    noise_is_as_stated,
+)
+from tactile_dynamics_ros.core.discrepancy.screening import screen
+from tactile_dynamics_ros.core.discrepancy.trials import try_effect
+from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.inertia.batch.batch import BatchConfig
+from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
+from tactile_dynamics_ros.core.inertia.batch.stretches import fit_representative
+from tactile_dynamics_ros.core.inertia.diagnosis.discrepancy_model import HeldObjectModel
+from tactile_dynamics_ros.core.inertia.residuals.stated_noise import restate_noise
+from tactile_dynamics_ros.core.streams.streams import Streams
+
+if TYPE_CHECKING:
+    from tactile_dynamics_ros.core.effects.effect import Effect
+
+
+def fit_with_readings(
+    streams: Streams, effects: Sequence[Effect] = (), config: BatchConfig | None = None
+) -> FittedModel:
+    """Fit a recording; effects named without a reading get the one with the best evidence.
+
+    Of a long recording only stretches are fitted (`fit_representative`).
+    Readings are the frame of a lag, the fingers that have a bias, the law of a torsion.
+    Where samples do not scatter as stated, their scatter is used if that leaves nothing but noise.
+
+    Args:
+        streams: of the recording.
+        effects: of the model, in the order of the result.
+        config: of the fit.
+
+    Raises:
+        BadInputError: an effect is one that the contacts of this recording cannot show.
+    """
+    fitted = _fit(streams, effects, config)
+    restated, ratios = restate_noise(streams)
+    if not ratios or _is_white(fitted):
+        return fitted
+    again = replace(_fit(restated, effects, config), restated=ratios)
+    return again if _is_white(again) else fitted
+
+
+def model_with_seen_noise(
+    model: HeldObjectModel, streams: Streams, effects: Sequence[Effect] = ()
+) -> HeldObjectModel | None:
+    """The model with the noise that samples show, where its noise floor speaks for that.
+
+    Args:
+        model: with the noise that is stated.
+        streams: of the recording.
+        effects: of the model.
+
+    Returns:
+        None where the floor is 1 as it should be, or where it is not with the other noise either.
+    """
+    restated, ratios = restate_noise(streams)
+    if not ratios or model.fitted.restated or noise_is_as_stated(model):
+        return None
+    other = HeldObjectModel.from_fit(replace(_fit(restated, effects, None), restated=ratios))
+    return other if noise_is_as_stated(other) else None
+
+
+def _is_white(fitted: FittedModel) -> bool:
+    return assess(HeldObjectModel.from_fit(fitted)).white
+
+
+def _fit(streams: Streams, effects: Sequence[Effect], config: BatchConfig | None) -> FittedModel:
+    open_names = [effect.name for effect in effects if not effect.variant]
+    fitted = fit_representative(streams, [e for e in effects if e.variant], config)
+    model = HeldObjectModel.from_fit(fitted)
+    if fitted.effects:
+        model = model.refined()
+    for name in open_names:
+        floor, families = noise_floor(model), model.families([name])
+        if not families:
+            raise BadInputError(
+                f"effect '{name}': these contacts cannot show it beside the load; leave it out"
+            )
+        scores = screen(model, families, floor)
+        best = try_effect(model, scores, name, floor).model
+        assert isinstance(best, HeldObjectModel)
+        model = best.refined()
+    return replace(model.fitted, survey=fitted.survey)

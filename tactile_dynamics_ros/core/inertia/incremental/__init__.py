@@ -1,7 +1,0 @@
-"""Live estimation of the held object's inertia with constant cost per update."""
-
-from tactile_dynamics_ros.core.inertia.incremental.config import IncrementalConfig
-from tactile_dynamics_ros.core.inertia.incremental.estimator import IncrementalInertialEstimator
-from tactile_dynamics_ros.core.inertia.incremental.live_estimate import LiveEstimate
-
-__all__ = ["IncrementalConfig", "IncrementalInertialEstimator", "LiveEstimate"]

@@ -1,0 +1,179 @@
+"""The live estimator: streams in, a feasible inertia with honest uncertainty out."""
+
+from __future__ import annotations
+
+import math
+import time as clock
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.inertia.live.accumulation import Accumulation
+from tactile_dynamics_ros.core.inertia.live.config import IncrementalConfig
+from tactile_dynamics_ros.core.inertia.live.contact_queue import ContactReading
+from tactile_dynamics_ros.core.inertia.live.live_estimate import LiveEstimate
+from tactile_dynamics_ros.core.inertia.live.sample_stream import SampleStream
+from tactile_dynamics_ros.core.inertia.live.summary import Summariser
+from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
+    affine_invariant_distance,
+    pseudo_inertia,
+)
+from tactile_dynamics_ros.core.shape.hull import CentreHull
+
+Array = NDArray[np.float64]
+
+_REVISE_DISTANCE = 0.3
+_REVISE_SAMPLES = 50
+
+
+class IncrementalInertialEstimator:
+    """Estimate mass, centre of mass and inertia of the held rigid body at every update.
+
+    All data so far are summarised exactly by the square-root information [R | d] of the whitened
+    Newton-Euler residuals, which are linear in the parameters; iSAM2 solves for log-Cholesky
+    coordinates, so that every estimate is a body that can exist. Memory and time per update do not
+    grow. A sample is processed once its windows are complete, 0.12 s after its stamp.
+
+    The whitening depends a little on the parameters. While the first samples are still kept, they
+    are processed again, a few per update, whenever the estimate has moved away from that used.
+    """
+
+    def __init__(self, config: IncrementalConfig | None = None) -> None:
+        """Start without data."""
+        self._config = config or IncrementalConfig()
+        self._hull: CentreHull | None = None
+        self.reset()
+
+    @property
+    def problems(self) -> dict[str, int]:
+        """Counts of readings that could not be used as they came, by kind."""
+        return dict(self._stream.problems)
+
+    @property
+    def obstacles(self) -> tuple[str, ...]:
+        """What is wrong with the newest readings, so that nothing should be concluded now."""
+        obstacles = self._stream.obstacles
+        if self._model.solver is None or self._model.phi[0] <= self._config.maximum_mass:
+            return obstacles
+        return (
+            *obstacles,
+            f"the model does not fit: a mass of {self._model.phi[0]:.4g} kg is more than "
+            f"maximum_mass = {self._config.maximum_mass:g} kg; are the forces in N?",
+        )
+
+    def reset(self) -> None:
+        """Forget all measurements; the hull stays."""
+        self._stream = SampleStream(self._config)
+        self._newest = -np.inf
+        self._seen = 0
+        self._summariser = Summariser(self._hull)
+        self._model = Accumulation(self._config, self._stream)
+        self._successor: Accumulation | None = None
+        self._next_revision = _REVISE_SAMPLES
+
+    def set_hull(self, vertices: Array | None) -> None:
+        """Keep the centre of mass inside the convex hull of mesh vertices (N, 3), body frame, m.
+
+        Raises:
+            BadInputError: the vertices do not span a volume.
+        """
+        self._hull = None if vertices is None else CentreHull.of_points(vertices)
+        self._summariser = Summariser(self._hull)
+
+    def add_pose(self, t: float, X_WO: Array, covariance: Array | None) -> None:
+        """Add a pose of the object.
+
+        Args:
+            t: s.
+            X_WO: (4, 4).
+            covariance: (6, 6) [rotation about world axes, position]; None if not stated.
+        """
+        X_WO = np.asarray(X_WO, dtype=float)
+        if not (np.isfinite(t) and np.all(np.isfinite(X_WO))):
+            self._stream.problems["pose not finite"] += 1
+            return
+        self._stream.add_pose(t, X_WO[:3, 3], X_WO[:3, :3], self._pose_noise(covariance))
+        self._newest = max(self._newest, t)
+
+    def add_contact(
+        self,
+        t: float,
+        name: str,
+        point_W: Array,
+        R_W: Array,
+        force_W: Array,
+        std_W: Array | None = None,
+        torque_W: Array | None = None,
+    ) -> None:
+        """Add what one contact applies on the object; zero force means no contact.
+
+        Args:
+            t: s.
+            name: of the finger or sensor.
+            point_W: (3,) m.
+            R_W: (3, 3) contact frame, z the normal into the object.
+            force_W: (3,) N, on the object.
+            std_W: (3,) N per world axis; the scatter of the readings if it is not stated.
+            torque_W: (3,) N m about the point, for contacts that carry torque.
+        """
+        values = [np.asarray(v, dtype=float) for v in (point_W, R_W, force_W)]
+        torque = np.zeros(3) if torque_W is None else np.asarray(torque_W, dtype=float)
+        if not math.isfinite(t + sum(sum(value.ravel().tolist()) for value in (torque, *values))):
+            self._stream.problems[f"contact '{name}' not finite"] += 1
+            return
+        std = np.full(3, np.nan) if std_W is None else np.asarray(std_W, dtype=float)
+        if not all(0.0 < value < math.inf for value in std.tolist()):
+            std = np.full(3, np.nan)
+        point, rotation, force = values
+        self._stream.add_contact(name, t, ContactReading(point, rotation, force, torque, std))
+        self._newest = max(self._newest, t)
+
+    def update(self, now: float | None = None) -> LiveEstimate | None:
+        """Process all complete samples and return the present estimate.
+
+        Args:
+            now: s, time up to which all readings have arrived; the newest stamp by default.
+
+        Returns:
+            None until the object has been held for one complete sample.
+        """
+        started = clock.perf_counter()
+        self._stream.align(self._newest if now is None else max(now, self._newest))
+        arrived, self._seen = self._stream.end - self._seen, self._stream.end
+        self._model.advance(self._config.replay_batch + arrived)
+        self._revise(arrived)
+        if self._model.solver is None:
+            return None
+        return self._summariser.summarise(self._model, clock.perf_counter() - started)
+
+    def _revise(self, arrived: int) -> None:
+        """Process the kept samples again if their whitening assumed quite another body."""
+        if self._successor is not None:
+            self._successor.advance(self._config.replay_batch + arrived)
+            if self._successor.is_current:
+                self._successor.resume()
+                self._model, self._successor = self._successor, None
+            return
+        model = self._model
+        if model.samples < self._next_revision or model.start < self._stream.first:
+            return
+        self._next_revision *= 2
+        assert model.assumed is not None
+        present = pseudo_inertia(model.phi)
+        if affine_invariant_distance(pseudo_inertia(model.assumed), present) > _REVISE_DISTANCE:
+            self._successor = Accumulation(self._config, self._stream)
+            self._successor.assume(model)
+
+    def _pose_noise(self, covariance: Array | None) -> Array:
+        noise = np.zeros((2, 3, 3))
+        for k, fallback in enumerate((self._config.rotation_std, self._config.position_std)):
+            if covariance is None:
+                noise[k] = fallback * np.eye(3)
+                continue
+            block = np.asarray(covariance, dtype=float)[3 * k : 3 * k + 3, 3 * k : 3 * k + 3]
+            try:
+                noise[k] = np.linalg.cholesky(block)
+            except np.linalg.LinAlgError:
+                noise[k] = fallback * np.eye(3)
+                self._stream.problems["pose covariance not positive definite"] += 1
+        return noise

@@ -1,0 +1,198 @@
+"""What the live estimator publishes at every update."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import (
+    PARAMETER_NAMES,
+    InertialEstimate,
+)
+from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
+    com_inertia_jacobian,
+    log_cholesky_jacobian,
+)
+
+Array = NDArray[np.float64]
+
+_IDENTIFIED = 4.0
+_WORDS = {
+    "mass": "mass",
+    "com": "centre of mass along",
+    "inertia": "inertia about",
+    "product": "product of inertia",
+}
+
+
+MISFIT = 1.5
+"""Error over the noise from which the model is said not to fit. Noise alone stays below 1.1 over 2
+s; between 1.1 and 1.5 intervals that are widened by the scatter still hold."""
+GROSS = 20.0
+"""Error over the noise from which nothing is published: effects of the catalogue raise it to 10 at
+most in recordings with known truth, wrong units and broken sensors to hundreds."""
+FEW = 50
+"""Samples before which a moderate error says nothing: ten parameters were just fitted to them."""
+EXPLAINED = 0.5
+"""Share of the squared wrenches below which a misfit leaves nothing of the model: with forces of
+the wrong sign no mass explains any, beside the effects of the catalogue a body explains most."""
+
+
+@dataclass(frozen=True)
+class Direction:
+    """One direction in the space of inertial parameters and how well the data determine it.
+
+    Attributes:
+        name: the parameter that it mostly is.
+        gain: prior over posterior standard deviation along it; 1 means no data.
+    """
+
+    name: str
+    gain: float
+
+    @property
+    def identified(self) -> bool:
+        """Whether the data at least halved the prior's standard deviation."""
+        return self.gain**2 > _IDENTIFIED
+
+
+@dataclass(frozen=True)
+class RecentFit:
+    """How the model fits the last seconds, samples included that were left out as outliers.
+
+    Attributes:
+        rms: whitened RMS; 1 where only the stated noise remains.
+        explained: share of the squared white wrenches that the model explains; negative where it
+            is worse than no object at all.
+    """
+
+    rms: float = 1.0
+    explained: float = 1.0
+
+    @classmethod
+    def of_rows(cls, residual: Array, wrench: Array) -> RecentFit:
+        """Compare white residuals (6 N,) with the white wrenches (6 N,) that were measured."""
+        left, whole = float(np.mean(residual**2)), float(np.mean(wrench**2))
+        return cls(float(np.sqrt(left)), 1.0 - left / max(whole, 1.0))
+
+
+@dataclass(frozen=True)
+class LiveEstimate(InertialEstimate):
+    """An `InertialEstimate` at one instant of a running estimation.
+
+    Attributes:
+        time: s, stamp of the newest sample used.
+        information: (2, 10, 10) of the data and of the prior on log-Cholesky coordinates.
+        coordinates: (10,) the log-Cholesky coordinates.
+        rejected: samples left out as outliers so far.
+        latency: s of computing in this update.
+        recent: how the model fits lately.
+        pending: samples that have come but are not in it yet.
+    """
+
+    time: float
+    information: Array
+    coordinates: Array
+    rejected: int
+    latency: float
+    pending: int
+    recent: RecentFit
+
+    @cached_property
+    def directions(self) -> tuple[Direction, ...]:
+        """Ten directions of parameter space, best determined first."""
+        by_xi = log_cholesky_jacobian(self.coordinates)
+        mapped = com_inertia_jacobian(self.inertia.dynamic_parameters) @ by_xi
+        return data_directions(mapped, *self.information)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """One plain sentence per parameter that the motion so far does not determine."""
+        return tuple(f"{describe(name)}: not excited by this motion" for name in self.not_excited)
+
+
+def describe(parameter: str) -> str:
+    """Plain words for one of PARAMETER_NAMES.
+
+    >>> describe("inertia_xx"), describe("com_y")
+    ('inertia about x', 'centre of mass along y')
+    """
+    kind, _, axes = parameter.partition("_")
+    if kind == "inertia" and axes[0] != axes[1]:
+        return f"{_WORDS['product']} {axes}"
+    return f"{_WORDS[kind]} {axes[:1]}".strip()
+
+
+def data_directions(mapped: Array, data: Array, prior: Array) -> tuple[Direction, ...]:
+    """Directions in which the data inform beyond the prior, best first.
+
+    Generalised eigenvectors of the data's information relative to the prior's on xi; each is
+    named by the physical parameter that it moves most, in units of the prior's deviation.
+
+    Args:
+        mapped: (10, 10) derivative of [m, c, I_c] by xi.
+        data: (10, 10) information of the data on xi.
+        prior: (10, 10) information of the prior on xi.
+    """
+    factor = np.linalg.cholesky(prior)
+    whitened = np.linalg.solve(factor, np.linalg.solve(factor, data).T)
+    values, vectors = np.linalg.eigh(0.5 * (whitened + whitened.T))
+    moves = mapped @ np.linalg.solve(factor.T, vectors)
+    share = np.abs(moves) / np.sqrt(np.sum(moves**2, axis=1, keepdims=True))
+    free, names = set(range(10)), {}
+    for k in range(9, -1, -1):
+        best = max(free, key=lambda row: share[row, k])
+        free.discard(best)
+        names[k] = PARAMETER_NAMES[best]
+    gains = np.sqrt(1.0 + np.maximum(values, 0.0))
+    return tuple(Direction(names[k], float(gains[k])) for k in range(9, -1, -1))
+
+
+class Level(Enum):
+    """How much an estimate may be believed."""
+
+    OK = "ok"
+    WARN = "warn"
+    ERROR = "error"
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Level and sentence for people; whether value and interval may be published at all."""
+
+    level: Level
+    text: str
+
+    @property
+    def withheld(self) -> bool:
+        """Whether nobody should use the estimate."""
+        return self.level is Level.ERROR
+
+
+def judge_estimate(estimate: LiveEstimate, obstacles: Sequence[str], check: str) -> Verdict:
+    """Say what an estimate is worth.
+
+    Args:
+        estimate: the newest.
+        obstacles: what is wrong with the measurements now, so that it cannot be believed.
+        check: what to call to learn why the model does not fit.
+    """
+    if obstacles:
+        return Verdict(Level.ERROR, "; ".join(obstacles))
+    error = max(estimate.recent.rms, estimate.error.whitened_rms)
+    if error > (MISFIT if estimate.samples >= FEW else GROSS):
+        gross = error > GROSS or estimate.recent.explained < EXPLAINED
+        level = Level.ERROR if gross else Level.WARN
+        text = f"the model does not fit: error {error:.3g} times the noise; call {check}"
+        return Verdict(level, text)
+    directions = estimate.directions
+    found = [direction for direction in directions if direction.identified]
+    text = f"{len(found)} of {len(directions)} directions identified"
+    if estimate.remarks:
+        text = "; ".join(estimate.remarks)
+    return Verdict(Level.OK if len(found) == len(directions) else Level.WARN, text)

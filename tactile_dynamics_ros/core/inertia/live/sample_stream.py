@@ -1,0 +1,443 @@
+"""Poses and contacts as they arrive, turned into complete samples at the stamps of the poses."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.inertia.live.config import IncrementalConfig
+from tactile_dynamics_ros.core.inertia.live.contact_queue import (
+    ContactQueue,
+    ContactReading,
+)
+from tactile_dynamics_ros.core.inertia.live.residuals import ContactRows, PoseWindows
+from tactile_dynamics_ros.core.numerics.noise import white_noise_std, white_pose_noise_std
+from tactile_dynamics_ros.core.numerics.rolling_table import RollingTable, sliding_rows
+
+Array = NDArray[np.float64]
+
+MAXIMUM_CONTACTS = 8
+_LAYOUT_POSES = 12
+_NOISE_POSES = 200
+_NOISE_EVERY = 50
+_FORCE_STD_FLOOR, _TORQUE_STD_FLOOR = 1e-4, 1e-6
+_OVERSTATED = 0.7
+_DRAWS = 4099
+_NOISE_FLOOR = (1e-5, 1e-6)
+_POINT_STD_FLOOR = 1e-5
+_STUCK = 10
+"""Equal forces in a row, all three axes to the last bit, that are no chance: a sensor whose noise
+is a fifth of its step still repeats itself so often once in ten million rows."""
+_ROUNDING = 1e-9
+"""Relative change of a force that is rounding: what a sensor repeats is turned into the world."""
+_FROZEN = 8
+"""Equal poses in a row that are no chance: a camera of 15 Hz that is published at 100 Hz repeats
+each pose seven times."""
+_UNDERSTATED = 0.01
+"""Stated over seen noise of a force from which the statement is no statement but a mistake."""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Windows of one gapless segment: half widths in samples and the period in s."""
+
+    start: int
+    short: int
+    long: int
+    period: float
+
+
+class SampleStream:
+    """Bounded memory of raw samples; every row is a pose with the contacts at its stamp."""
+
+    def __init__(self, config: IncrementalConfig) -> None:
+        """Start empty."""
+        self._config = config
+        capacity = int(config.replay_duration * config.maximum_rate) + 64
+        self._poses = RollingTable(
+            capacity,
+            {
+                "time": (),
+                "position": (3,),
+                "rotation": (3, 3),
+                "noise": (2, 3, 3),
+            },
+        )
+        slots = MAXIMUM_CONTACTS
+        self._contacts = RollingTable(
+            capacity,
+            {
+                "point": (slots, 3),
+                "rotation": (slots, 3, 3),
+                "force": (slots, 3),
+                "in_sensor": (slots, 3),
+                "torque": (slots, 3),
+                "std": (slots, 3),
+                "in_contact": (slots,),
+                "lost": (),
+                "doubtful": (),
+            },
+        )
+        self._queues: dict[str, ContactQueue] = {}
+        self._layouts: list[Layout] = []
+        self._segment_start = 0
+        self._draws = np.random.default_rng(0).normal(size=(_DRAWS, 6))
+        self._noise_scale = np.ones(2)
+        self._point_std = np.full(MAXIMUM_CONTACTS, config.point_std)
+        self._force_std = np.full(MAXIMUM_CONTACTS, config.force_std)
+        self._torque_std = np.full(MAXIMUM_CONTACTS, config.torque_std)
+        self._measured = np.zeros(MAXIMUM_CONTACTS, dtype=bool)
+        self._repeated_pose = 0
+        self._repeated_force = np.zeros(MAXIMUM_CONTACTS, dtype=int)
+        self.problems: Counter[str] = Counter()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Contacts in the order in which they first spoke."""
+        return tuple(self._queues)
+
+    @property
+    def first(self) -> int:
+        """Running number of the oldest sample kept."""
+        return max(self._poses.start, self._contacts.start)
+
+    @property
+    def end(self) -> int:
+        """Running number after the newest sample."""
+        return self._poses.end
+
+    @property
+    def newest(self) -> float:
+        """Newest stamp of a pose."""
+        end = self._poses.end
+        has_any = end > self._poses.start
+        return float(self._poses.rows("time", end - 1, end)[0]) if has_any else -np.inf
+
+    def add_pose(self, time: float, position: Array, rotation: Array, noise: Array) -> None:
+        """Append a pose; a stamp that jumps back by more than the maximal gap starts anew.
+
+        Args:
+            time: s.
+            position: (3,) m.
+            rotation: (3, 3).
+            noise: (2, 3, 3) square roots of the covariance of rotation and position.
+        """
+        step = time - self.newest
+        if step <= 0.0:
+            self.problems["pose stamp not newer"] += 1
+            if step > -self._config.maximum_gap:
+                return
+            self._begin_again()
+        elif step < 0.8 / self._config.maximum_rate:
+            self.problems["pose faster than maximum_rate"] += 1
+            return
+        elif step > self._config.maximum_gap and np.isfinite(step):
+            self.problems["gap between poses"] += 1
+            self._segment_start = self._poses.end
+        self._count_repeated_pose(position, rotation)
+        self._poses.append(
+            {"time": time, "position": position, "rotation": rotation, "noise": noise}
+        )
+        self._lay_out()
+        if self._poses.end % _NOISE_EVERY == 0:
+            self._measure_noise()
+
+    def add_contact(self, name: str, time: float, reading: ContactReading) -> None:
+        """Append a contact's reading."""
+        if name not in self._queues:
+            if len(self._queues) == MAXIMUM_CONTACTS:
+                self.problems[f"contact '{name}' beyond {MAXIMUM_CONTACTS}"] += 1
+                return
+            self._queues[name] = ContactQueue(self._config.contact_timeout)
+        queue = self._queues[name]
+        if np.any(reading.torque != 0.0):
+            queue.has_torque = True
+        if not queue.append(time, reading):
+            self.problems[f"contact '{name}' stamp not newer"] += 1
+            if time < queue.newest - 1.0:
+                queue.clear()
+                queue.append(time, reading)
+
+    def align(self, now: float) -> None:
+        """Read the contacts at every pose stamp that is decided by `now`."""
+        while self._contacts.end < self._poses.end:
+            row = self._contacts.end
+            layout = self._layout(row)
+            time = float(self._poses.rows("time", row, row + 1)[0])
+            if layout is None and row >= self._segment_start:
+                return
+            period = layout.period if layout else 0.01
+            if not all(queue.is_settled(time, period, now) for queue in self._queues.values()):
+                return
+            self._contacts.append(self._read(time, period))
+            self._count_doubtful_forces()
+
+    def next_range(self, first: int, limit: int) -> tuple[int, int, Layout] | None:
+        """Next rows from `first` on, at most `limit`, whose windows are complete and gapless."""
+        self._layouts = [x for x in self._layouts if self._end_of(x) > self._poses.start]
+        for layout in self._layouts:
+            begin = max(first, layout.start + layout.long, self._poses.start + layout.long)
+            begin = max(begin, self._contacts.start)
+            end = min(self._end_of(layout) - layout.long, self._contacts.end, begin + limit)
+            if begin < end:
+                return begin, end, layout
+        return None
+
+    def lowest(self, first: int, layout: Layout) -> int:
+        """First row from `first` on whose window and contacts are still kept."""
+        kept = max(layout.start, self._poses.start) + layout.long
+        return max(first, kept, self._contacts.start)
+
+    def windows(self, first: int, last: int, layout: Layout) -> PoseWindows:
+        """Pose windows around rows first <= k < last."""
+        span, width = (first - layout.long, last + layout.long), 2 * layout.long + 1
+
+        def view(name: str) -> Array:
+            return sliding_rows(self._poses.rows(name, *span), width)
+
+        noise = view("noise") * self._noise_scale[:, None, None]
+        return PoseWindows(
+            view("time"),
+            view("position"),
+            view("rotation"),
+            noise,
+            self._drawn(*span, width),
+            layout.short,
+        )
+
+    def _drawn(self, first: int, last: int, width: int) -> Array:
+        """Fixed standard normal draws (B, W, 6) of the poses first <= k < last."""
+        rows = self._draws[np.arange(first, last) % len(self._draws)]
+        return sliding_rows(rows, width)
+
+    def contacts(self, first: int, last: int) -> ContactRows:
+        """Contacts of rows first <= k < last."""
+        count = len(self._queues)
+
+        def rows(name: str) -> Array:
+            return self._contacts.rows(name, first, last)[:, :count]
+
+        has_torque = np.array([queue.has_torque for queue in self._queues.values()])
+        seen = self._force_std[:count, None]
+        believed = rows("std") >= _UNDERSTATED * seen * self._measured[:count, None]
+        return ContactRows(
+            self.names,
+            rows("point"),
+            rows("rotation"),
+            rows("force"),
+            rows("torque"),
+            np.where(believed, rows("std"), seen),
+            rows("in_contact") > 0.0,
+            self._torque_std[:count] * has_torque,
+            self._point_std[:count],
+        )
+
+    def flags(self, first: int, last: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Whether rows are usable, and whether they are doubtful.
+
+        Doubtful are rows with a finger that fell silent or to zero while it pressed, with a force
+        that repeats itself to the last bit, and rows near to poses that do. What is at rest and
+        quantised repeats itself too, but then it also fits.
+        """
+        lost = self._contacts.rows("lost", first, last) > 0.0
+        held = np.any(self._contacts.rows("in_contact", first, last) > 0.0, axis=1)
+        absent = self._contacts.rows("doubtful", first, last) > 0.0
+        doubtful = absent | self._stuck(first, last) | self._frozen(first, last)
+        return held & ~lost, doubtful
+
+    def _stuck(self, first: int, last: int) -> NDArray[np.bool_]:
+        """Whether a contact repeats one force for longer than chance lets it, rows first <= k."""
+        begin = max(first - _STUCK, self._contacts.start)
+        end = min(last + _STUCK, self._contacts.end)
+        count = len(self._queues)
+        runs = _in_runs(self._repeats(begin, end)[:, :count], _STUCK)[first - begin : last - begin]
+        return np.asarray(runs.any(axis=1))
+
+    def _repeats(self, first: int, last: int) -> NDArray[np.bool_]:
+        """Whether forces (N - 1, 8) are those of the row before, in the world or in the sensor."""
+        found = np.zeros((max(last - first - 1, 0), MAXIMUM_CONTACTS), dtype=bool)
+        for name in ("force", "in_sensor"):
+            force = self._contacts.rows(name, first, last)
+            change = np.abs(np.diff(force, axis=0)).max(axis=2)
+            found |= change <= _ROUNDING * np.abs(force[1:]).max(axis=2)
+        loaded = np.any(self._contacts.rows("force", first + 1, last) != 0.0, axis=2)
+        lost = self._contacts.rows("lost", first + 1, last) > 0.0
+        return np.asarray(found & loaded & ~lost[:, None])
+
+    def _frozen(self, first: int, last: int) -> NDArray[np.bool_]:
+        """Whether the window of a row has poses that repeat for too long, rows first <= k."""
+        layout = self._layout(first)
+        reach = layout.long if layout else 0
+        begin = max(first - reach - _FROZEN, self._poses.start)
+        end = min(last + reach + _FROZEN, self._poses.end)
+        position, rotation = (self._poses.rows(n, begin, end) for n in ("position", "rotation"))
+        same = np.all(position[1:] == position[:-1], axis=1)
+        same &= np.all(rotation[1:] == rotation[:-1], axis=(1, 2))
+        runs = _in_runs(same[:, None], _FROZEN)[:, 0]
+        reached = np.convolve(runs, np.ones(2 * reach + 1), "same") > 0.5
+        return np.asarray(reached[first - begin : last - begin])
+
+    def _count_repeated_pose(self, position: Array, rotation: Array) -> None:
+        end = self._poses.end
+        same = end > self._poses.start and (
+            np.array_equal(self._poses.rows("position", end - 1, end)[0], position)
+            and np.array_equal(self._poses.rows("rotation", end - 1, end)[0], rotation)
+        )
+        self._repeated_pose = self._repeated_pose + 1 if same else 1
+        if self._repeated_pose >= _FROZEN:
+            self.problems["pose frozen"] += 1
+
+    def _count_doubtful_forces(self) -> None:
+        """Count forces of the newest row that repeat themselves or understate their noise."""
+        end = self._contacts.end
+        same = self._repeats(max(end - 2, self._contacts.start), end)
+        repeated = same.any(axis=0)
+        self._repeated_force = np.where(repeated, self._repeated_force + 1, 1)
+        for slot, name in enumerate(self.names):
+            if self._repeated_force[slot] >= _STUCK:
+                self.problems[f"contact '{name}' stuck at one value"] += 1
+            if self._understated(end - 1)[slot]:
+                self.problems[f"contact '{name}' understates its noise"] += 1
+
+    def _understated(self, row: int) -> NDArray[np.bool_]:
+        """Contacts (8,) that state far less noise than their readings have, in one row."""
+        std = self._contacts.rows("std", row, row + 1)[0]
+        held = self._contacts.rows("in_contact", row, row + 1)[0] > 0.0
+        low = np.any(std < _UNDERSTATED * self._force_std[:, None], axis=1)
+        return np.asarray(low & held & self._measured)
+
+    @property
+    def obstacles(self) -> tuple[str, ...]:
+        """What is wrong with the newest readings, so that nothing should be concluded now."""
+        end = self._contacts.end
+        if end == self._contacts.start:
+            return ()
+        std = self._contacts.rows("std", end - 1, end)[0]
+        return tuple(
+            f"contact '{name}' does not fit: it states a noise of {std[slot].min():.2g} N, its "
+            f"readings scatter by {self._force_std[slot]:.2g} N"
+            for slot, name in enumerate(self.names)
+            if self._understated(end - 1)[slot]
+        )
+
+    def _begin_again(self) -> None:
+        self._poses.clear()
+        while self._contacts.end < self._poses.end:
+            self._contacts.append(_blank_row())
+        self._contacts.clear()
+        self._segment_start = self._poses.end
+        self._layouts = []
+        for queue in self._queues.values():
+            queue.clear()
+
+    def _lay_out(self) -> None:
+        start = self._segment_start
+        if self._poses.end - start != _LAYOUT_POSES:
+            return
+        period = float(np.median(np.diff(self._poses.rows("time", start, self._poses.end))))
+        least = (self._config.window_degree + 3) // 2
+        short = max(round(self._config.residual_half_width / period), least)
+        long = max(round(self._config.regressor_half_width / period), short + 2)
+        self._layouts.append(Layout(start, short, long, period))
+
+    def _layout(self, row: int) -> Layout | None:
+        for layout in reversed(self._layouts):
+            if layout.start <= row < self._end_of(layout):
+                return layout
+        return None
+
+    def _end_of(self, layout: Layout) -> int:
+        later = [x.start for x in self._layouts if x.start > layout.start]
+        if layout.start < self._segment_start:
+            later.append(self._segment_start)
+        return min(later, default=self._poses.end)
+
+    def _read(self, time: float, period: float) -> dict[str, Any]:
+        row = _blank_row()
+        for slot, queue in enumerate(self._queues.values()):
+            reading = queue.read(time, period)
+            if reading is None:
+                if queue.was_loaded(time):
+                    row["doubtful"] = 1.0
+                    self.problems[f"contact '{self.names[slot]}' absent after it pressed"] += 1
+                continue
+            row["lost"] = max(row["lost"], float(reading.lost))
+            row["point"][slot], row["rotation"][slot] = reading.point, reading.rotation
+            row["force"][slot], row["torque"][slot] = reading.force, reading.torque
+            row["in_sensor"][slot] = reading.rotation.T @ reading.force
+            row["std"][slot], row["in_contact"][slot] = reading.std, 1.0
+        return row
+
+    def _measure_noise(self) -> None:
+        """Scale stated covariances down to the scatter that is seen.
+
+        A tracker's covariance also covers slow errors, which differentiation does not see.
+        """
+        end = self._poses.end
+        first = max(self._segment_start, self._poses.start, end - _NOISE_POSES)
+        time, rotation = (self._poses.rows(name, first, end) for name in ("time", "rotation"))
+        if len(time) < _NOISE_EVERY:
+            return
+        position = self._poses.rows("position", first, end)
+        seen = np.array(white_pose_noise_std(time, rotation, position))
+        noise = self._poses.rows("noise", first, end)
+        power = np.median(np.einsum("nsij,nsij->ns", noise, noise), axis=0)
+        ratio = np.maximum(seen, _NOISE_FLOOR) / np.sqrt(power / 3.0)
+        self._noise_scale = np.where(ratio < _OVERSTATED, ratio, 1.0)
+        self._measure_contact_noise()
+
+    def _measure_contact_noise(self) -> None:
+        """Scatter of forces and torques, and of each point at least what is configured."""
+        end = self._contacts.end
+        first = max(self._segment_start, self._contacts.start, end - _NOISE_POSES)
+        time = self._poses.rows("time", first, end)
+        for slot in range(len(self._queues)):
+            held = self._contacts.rows("in_contact", first, end)[:, slot] > 0.0
+            if held.sum() < _NOISE_EVERY:
+                continue
+            point, force, torque = (
+                white_noise_std(time[held], self._contacts.rows(name, first, end)[held, slot])
+                for name in ("point", "force", "torque")
+            )
+            if point > _POINT_STD_FLOOR:
+                self._point_std[slot] = max(point, self._config.point_std)
+            if force > _FORCE_STD_FLOOR:
+                self._force_std[slot], self._measured[slot] = force, True
+            if torque > _TORQUE_STD_FLOOR:
+                self._torque_std[slot] = torque
+
+
+def _in_runs(same: NDArray[np.bool_], least: int) -> NDArray[np.bool_]:
+    """Whether each of N + 1 rows is part of a run of at least `least` equal rows.
+
+    Args:
+        same: (N, C) whether a row equals the one before it.
+        least: rows.
+    """
+    runs = np.zeros((len(same) + 1, same.shape[1]), dtype=bool)
+    if len(same) < least - 1:
+        return runs
+    whole = np.all(sliding_window_view(same, least - 1, axis=0), axis=2)
+    for shift in range(least):
+        runs[shift : shift + len(whole)] |= whole
+    return runs
+
+
+def _blank_row() -> dict[str, Any]:
+    slots = MAXIMUM_CONTACTS
+    return {
+        "point": np.zeros((slots, 3)),
+        "rotation": np.broadcast_to(np.eye(3), (slots, 3, 3)).copy(),
+        "force": np.zeros((slots, 3)),
+        "in_sensor": np.zeros((slots, 3)),
+        "torque": np.zeros((slots, 3)),
+        "std": np.zeros((slots, 3)),
+        "in_contact": np.zeros(slots),
+        "lost": 0.0,
+        "doubtful": 0.0,
+    }

@@ -1,0 +1,121 @@
+"""Summary of an accumulation: the estimate, its uncertainty and what was not excited."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import ModelError
+from tactile_dynamics_ros.core.inertia.batch.uncertainty import unexcited_parameters
+from tactile_dynamics_ros.core.inertia.live.accumulation import Accumulation
+from tactile_dynamics_ros.core.inertia.live.live_estimate import LiveEstimate
+from tactile_dynamics_ros.core.inertia.residuals.systematic import PresumedErrors
+from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
+from tactile_dynamics_ros.core.shape.hull import CentreHull, keep_in_hull
+
+Array = NDArray[np.float64]
+
+_NEAR = 0.05
+"""How far log-Cholesky coordinates may move until what lasting errors change is found again."""
+
+
+_FITS, _MISFITS = 1.2, 1.5
+"""Error over the noise up to which blocks of scores tell how far off the estimate may be, and from
+which they do not: of what lasts as long as the recording there are few blocks."""
+_LASTING_FACTOR = 9.0
+"""What variances grow by at such a misfit: with 1, truths of hidden effects were up to 9 standard
+deviations off in the first ten seconds (`benchmarks.inertia`, recordings with one effect)."""
+
+
+def _misfit_factor(rms: float) -> float:
+    """Factor >= 1 on variances for a whitened RMS of the model."""
+    share = min(max((rms - _FITS) / (_MISFITS - _FITS), 0.0), 1.0)
+    return max(1.0, rms) ** 2 * (1.0 + (_LASTING_FACTOR - 1.0) * share)
+
+
+class Summariser:
+    """Turns what an `Accumulation` knows now into a `LiveEstimate`.
+
+    What changes slowly (inflation, lasting errors, excitation) is found again at every tenth call
+    only, each of them at another one.
+    """
+
+    _EVERY = 10
+    _TURNS = (0, 3, 6)
+
+    def __init__(self, hull: CentreHull | None = None) -> None:
+        """Start without a past; a hull bounds the centre of mass."""
+        self._hull = hull
+        self._calls = 0
+        self._model: Accumulation | None = None
+        self._widen = np.ones(0)
+        self._presumed: PresumedErrors | None = None
+        self._corrected_at, self._step = np.full(10, np.inf), np.zeros(10)
+        self._not_excited: tuple[str, ...] = ()
+
+    def summarise(self, model: Accumulation, latency: float) -> LiveEstimate:
+        """Present estimate with its uncertainty."""
+        assert model.solver is not None
+        solver, error = model.solver, model.rms_error
+        covariance = model.covariance
+        data, prior = model.coordinate_information()
+        widening, lasting, excitation = self._due(model)
+        if widening:
+            scatter = model.scores.inflation(model.phi, covariance)
+            self._widen = np.sqrt(scatter * _misfit_factor(model.information.whitened_rms))
+        if lasting or self._presumed is None:
+            self._presumed = model.presume_lasting_errors()
+            self._corrected_at = np.full(10, np.inf)
+        if excitation:
+            self._not_excited = unexcited_parameters(solver.xi, data, prior)
+        xi = self._corrected(model, self._presumed.errors)
+        if self._hull is not None:
+            xi = keep_in_hull(xi, data + prior, self._hull)
+        mapping = solver.coordinate_jacobian()
+        lasting_covariance = mapping @ self._presumed.covariance @ mapping.T
+        covariance = covariance * np.outer(self._widen, self._widen) + lasting_covariance
+        return LiveEstimate(
+            inertia=InertialParameters.from_log_cholesky(xi),
+            covariance=covariance,
+            effects={},
+            error=ModelError(
+                math.sqrt(error[3:] @ error[3:] / 3.0),
+                math.sqrt(error[:3] @ error[:3] / 3.0),
+                model.information.whitened_rms,
+            ),
+            not_excited=self._not_excited,
+            samples=model.samples,
+            duration=model.last_time - model.first_time,
+            converged=True,
+            time=model.last_time,
+            information=np.stack([data, prior]),
+            coordinates=xi,
+            rejected=model.judge.rejected,
+            latency=latency,
+            pending=0,
+            recent=model.recent,
+        )
+
+    def _corrected(self, model: Accumulation, errors: Array) -> Array:
+        """Coordinates xi (10,) of the estimate without lasting errors.
+
+        The step is kept as long as xi stays near to where it was found: at another xi it may be far
+        off, where the data say little.
+        """
+        assert model.solver is not None
+        xi = model.solver.xi
+        if not errors.any():
+            return xi
+        if np.max(np.abs(xi - self._corrected_at)) > _NEAR:
+            self._corrected_at, self._step = xi, model.corrected(errors) - xi
+        return np.asarray(xi + self._step)
+
+    def _due(self, model: Accumulation) -> list[bool]:
+        """Which of the slow parts this call finds again: all of them for another model."""
+        turn = self._calls % self._EVERY
+        due = [model is not self._model or turn == own for own in self._TURNS]
+        self._model = model
+        self._calls += 1
+        return due

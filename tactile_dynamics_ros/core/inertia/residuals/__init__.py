@@ -1,0 +1,1 @@
+"""Newton-Euler residuals of a recording with the covariance of their noise."""

@@ -1,0 +1,296 @@
+"""Contacts with their own rates, gaps and silences, read on the grid of the estimation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.inertia.residuals.latent import LatentSignal
+from tactile_dynamics_ros.core.numerics.local_polynomial import (
+    LocalFunctional,
+    Window,
+    lagrange_weights,
+    local_polynomial,
+    typical_period,
+)
+from tactile_dynamics_ros.core.numerics.noise import noise_along_axes, white_noise_std
+from tactile_dynamics_ros.core.streams.streams import (
+    ContactStream,
+    Streams,
+    enclosing_steps,
+    nearest_samples,
+)
+
+Array = NDArray[np.float64]
+
+SYNCHRONOUS = 1e-4
+"""Difference (s) of stamps that are the same."""
+MISSED_PERIODS = 1.5
+"""Step, in periods, from which a sample is missing."""
+_SILENCE_PERIODS = 2.5
+_BRIDGED = 0.025
+"""Longest step (s) across a lost sample that is interpolated: a cubic is 0.2 % off at 4 Hz."""
+_LOADED = 0.3
+_RAGGED = 0.5
+"""Longest difference (s) between the ends of streams that is no break of contact."""
+_EXTRAPOLATED = 0.1
+_SLOWER = 0.9
+_AVERAGED = 1.5
+"""Half width, in periods of the grid, at which noise beyond what the grid can show is let out."""
+_CUBIC = 4
+_EMPTY = 1e-9
+_FALLBACK_FORCE_STD = 0.03
+_FALLBACK_TORQUE_STD = 1e-3
+_POINT_STD_FLOOR = 1e-5
+
+
+@dataclass(frozen=True)
+class ContactSignals:
+    """One contact: raw world-frame samples and how the grid reads them.
+
+    Attributes:
+        name: of the contact.
+        force: (K, 3) N; torque: (K, 3) N m about the point; point: (M, 3) m; world axes.
+        rotation: (N, 3, 3) contact frame on the grid.
+        in_contact: (N,).
+        valid: (N,) False where loaded samples were dropped.
+        signals: latent signals force, and torque and point where they are noisy.
+        point_functional: of the contact point.
+    """
+
+    name: str
+    force: Array
+    torque: Array
+    point: Array
+    rotation: Array
+    in_contact: NDArray[np.bool_]
+    valid: NDArray[np.bool_]
+    signals: dict[str, LatentSignal]
+    point_functional: LocalFunctional
+
+    def corrected(self, corrections: dict[str, Array]) -> ContactSignals:
+        """Return the signals moved by corrections (K, 3) by name."""
+        return replace(self, **{name: getattr(self, name) + d for name, d in corrections.items()})
+
+    def evaluate(self) -> tuple[Array, Array, Array]:
+        """Force, torque and point (N, 3) each on the grid, world axes; zero without contact."""
+        functional = self.signals["force"].functional
+        loaded = self.in_contact[:, None]
+        force = functional.apply(self.force, 0) * loaded
+        torque = functional.apply(self.torque, 0) * loaded
+        return force, torque, self.point_functional.apply(self.point, 0)
+
+
+def choose_grid(streams: Streams, maximum_rate: float) -> Array:
+    """Grid times: the contacts' own stamps if they share them, else a uniform grid.
+
+    Raises:
+        BadInputError: no contacts, or contacts and kinematics do not overlap in time.
+    """
+    contacts = [c for c in streams.contacts.values() if len(c.time) > 1]
+    if not contacts:
+        raise BadInputError("no contact forces: expected at least one /contact/<name>/force")
+    first, last = _kinematic_span(streams)
+    periods = [typical_period(c.time) for c in contacts]
+    period = max(*periods, 1.0 / maximum_rate)
+    stamps = np.unique(np.round(np.concatenate([c.time for c in contacts]) / SYNCHRONOUS))
+    shared = len(stamps) <= 1.05 * max(len(c.time) for c in contacts)
+    if shared and max(periods) < 1.5 * min(periods) and min(periods) >= 0.99 / maximum_rate:
+        grid = stamps * SYNCHRONOUS
+    else:
+        start = max(first, min(c.time[0] for c in contacts))
+        end = min(last, max(c.time[-1] for c in contacts))
+        grid = np.arange(start, end, period)
+    grid = grid[(grid >= first - SYNCHRONOUS) & (grid <= last + SYNCHRONOUS)]
+    if len(grid) < 2:
+        raise BadInputError(
+            f"contacts and object pose do not overlap in time: pose covers {first:.3f} to "
+            f"{last:.3f} s, contacts {stamps[0] * SYNCHRONOUS:.3f} to "
+            f"{stamps[-1] * SYNCHRONOUS:.3f} s; check the stamps"
+        )
+    return np.asarray(grid)
+
+
+def _kinematic_span(streams: Streams) -> tuple[float, float]:
+    spans = [s.time for s in (streams.pose, streams.imu) if s is not None]
+    if not spans or min(len(time) for time in spans) < 7:
+        raise BadInputError("no motion of the object: expected /object/pose or /object/imu samples")
+    return max(float(t[0]) for t in spans), min(float(t[-1]) for t in spans)
+
+
+def contact_signals(contact: ContactStream, grid: Array) -> ContactSignals:
+    """Read one contact on the grid."""
+    period = typical_period(contact.time)
+    nearest = nearest_samples(contact.time, grid)
+    distance = np.abs(contact.time[nearest] - grid)
+    present = distance < max(0.75 * period, 0.75 * _grid_period(grid))
+    magnitude = np.linalg.norm(contact.force, axis=1) + np.linalg.norm(contact.torque, axis=1)
+    loaded = magnitude > _EMPTY
+    functional = _force_functional(contact.time, grid, period, loaded)
+    bridged, doubtful = _short_silences(contact.time, grid, period, loaded)
+    in_contact = (present & loaded[nearest]) | bridged
+    weights = functional.weights * in_contact[:, None, None]
+    functional = replace(functional, weights=weights)
+    signals = {"force": LatentSignal(functional, _force_noise(contact))}
+    if contact.carries_torque:
+        factor = _seen_noise(contact, contact.torque, _FALLBACK_TORQUE_STD)
+        signals["torque"] = LatentSignal(functional, factor)
+    point_std = white_noise_std(contact.pose_time, contact.position)
+    point_functional = _point_functional(contact.pose_time, grid, point_std)
+    if point_std > _POINT_STD_FLOOR:
+        loaded = replace(
+            point_functional, weights=point_functional.weights * in_contact[:, None, None]
+        )
+        factor = np.broadcast_to(point_std * np.eye(3), (len(contact.pose_time), 3, 3))
+        signals["point"] = LatentSignal(loaded, factor)
+    return ContactSignals(
+        name=contact.name,
+        force=contact.force,
+        torque=contact.torque,
+        point=contact.position,
+        rotation=contact.rotation[nearest_samples(contact.pose_time, grid)],
+        in_contact=in_contact,
+        valid=~_dropped(contact.time, magnitude, period, grid)
+        & ~(doubtful & ~present)
+        & (functional.valid & point_functional.valid | ~in_contact),
+        signals=signals,
+        point_functional=point_functional,
+    )
+
+
+def _grid_period(grid: Array) -> float:
+    return float(np.median(np.diff(grid)))
+
+
+def _identity(time: Array, grid: Array) -> LocalFunctional | None:
+    """One sample per grid time where stamps coincide (or the contact is silent for long)."""
+    if _misses_samples(time) or not _coincide(time, grid):
+        return None
+    count = len(grid)
+    nearest = nearest_samples(time, grid)
+    return LocalFunctional(nearest, np.ones((count, 1, 1)), np.ones(count, dtype=bool))
+
+
+def _coincide(time: Array, grid: Array) -> bool:
+    """Whether all samples near a grid time have its stamp."""
+    distance = np.abs(time[nearest_samples(time, grid)] - grid)
+    return not np.any((distance > 2 * SYNCHRONOUS) & (distance < 0.75 * _grid_period(grid)))
+
+
+def _misses_samples(time: Array) -> bool:
+    """Whether single samples of an even stream are missing."""
+    if len(time) < 2:
+        return False
+    steps, period = np.diff(time), typical_period(time)
+    return bool(np.any((steps > MISSED_PERIODS * period) & (steps < _SILENCE_PERIODS * period)))
+
+
+def _short_silences(
+    time: Array, grid: Array, period: float, loaded: NDArray[np.bool_]
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Grid times (N,) between neighbouring samples: both loaded, and one of them only."""
+    left, step = enclosing_steps(time, grid)
+    near = step < _SILENCE_PERIODS * period
+    near &= (grid >= time[left]) & (grid <= time[left + 1])
+    before, after = loaded[left], loaded[left + 1]
+    return near & before & after, near & (before != after)
+
+
+def _force_functional(
+    time: Array, grid: Array, period: float, loaded: NDArray[np.bool_]
+) -> LocalFunctional:
+    """The sample itself, interpolation, or a polynomial through samples faster than the grid.
+
+    Not valid where contact begins or ends within those samples. A mean over a grid period of 8 ms
+    instead of a polynomial would make forces of 5 Hz 0.3 % too small, and so the inertia.
+    """
+    same = _identity(time, grid)
+    if same is not None:
+        return same
+    grid_period = _grid_period(grid)
+    if period > _SLOWER * grid_period:
+        return _interpolation(time, grid, period, loaded)
+    window = Window(_AVERAGED * grid_period, 2, tapered=True)
+    functional = local_polynomial(time, grid, window, orders=1)
+    held = loaded[functional.indices]
+    even = held.all(axis=1) | ~held.any(axis=1)
+    return replace(functional, valid=functional.valid & even)
+
+
+def _interpolation(
+    time: Array, grid: Array, period: float, loaded: NDArray[np.bool_]
+) -> LocalFunctional:
+    """Cubic through four loaded samples in a row (fewer if there are), else linear.
+
+    Not valid beyond the ends, inside gaps, and where a sample of a slow stream is missing. A line
+    would cut the peaks of a force of 4 Hz that is sampled at 100 Hz by 0.5 %.
+    """
+    left, step = enclosing_steps(time, grid)
+    share = (grid - time[left]) / step
+    reach = _EXTRAPOLATED * period / step
+    inside = (share > -reach) & (share < 1.0 + reach)
+    near = step < np.clip(_BRIDGED, MISSED_PERIODS * period, _SILENCE_PERIODS * period)
+    bridged = near | (np.minimum(share, 1.0 - share) < reach)
+    clipped = np.clip(share, 0.0, 1.0)
+    clipped = np.where(near, clipped, np.round(clipped))
+    width = min(_CUBIC, len(time))
+    start = np.clip(left - 1, 0, len(time) - width)
+    index = start[:, None] + np.arange(width)
+    weights = np.zeros((len(grid), width))
+    rows = np.arange(len(grid))
+    weights[rows, left - start] = 1.0 - clipped
+    weights[rows, left - start + 1] = clipped
+    even = (np.diff(time[index], axis=1) < _SILENCE_PERIODS * period).all(axis=1)
+    smooth = even & loaded[index].all(axis=1) & (share >= 0.0) & (share <= 1.0)
+    weights[smooth] = lagrange_weights(time[index[smooth]], grid[smooth])
+    return LocalFunctional(start.astype(np.int64), weights[:, None], inside & bridged)
+
+
+def _point_functional(time: Array, grid: Array, std: float) -> LocalFunctional:
+    """The sample itself, interpolation of precise points, or a mean of noisy ones."""
+    same = _identity(time, grid)
+    if same is not None:
+        return same
+    period = typical_period(time)
+    if std <= _POINT_STD_FLOOR or _coincide(time, grid):
+        return _interpolation(time, grid, period, np.ones(len(time), dtype=bool))
+    return local_polynomial(time, grid, Window(1.5 * period, 2), orders=1)
+
+
+def _force_noise(contact: ContactStream) -> Array:
+    """Noise factors (K, 3, 3): the stated standard deviations, or the scatter of the samples."""
+    if contact.own_axes or contact.force_std is None or not np.all(contact.force_std > 0):
+        return _seen_noise(contact, contact.force, _FALLBACK_FORCE_STD)
+    return np.asarray(contact.force_std[:, :, None] * np.eye(3))
+
+
+def _seen_noise(contact: ContactStream, values: Array, fallback: float) -> Array:
+    """Noise factors (K, 3, 3) of forces or torques from their scatter."""
+    if not contact.own_axes:
+        std = white_noise_std(contact.time, values) or fallback
+        return np.broadcast_to(std * np.eye(3), (len(contact.time), 3, 3))
+    axes = contact.rotation[nearest_samples(contact.pose_time, contact.time)]
+    stds = noise_along_axes(contact, values)
+    return np.asarray(axes * np.where(stds > 0.0, stds, fallback))
+
+
+def _dropped(time: Array, magnitude: Array, period: float, grid: Array) -> NDArray[np.bool_]:
+    """Grid times inside a silence that begins and ends under load: samples lost, not a break.
+
+    So is a short silence before the first or after the last sample: streams that are cut, or that
+    are still under way, do not end together.
+    """
+    dropped = np.zeros(len(grid), dtype=bool)
+    gaps = np.flatnonzero(np.diff(time) > _SILENCE_PERIODS * period)
+    threshold = _LOADED * float(np.median(magnitude))
+    for k in gaps:
+        if min(magnitude[k], magnitude[k + 1]) > threshold > 0:
+            dropped |= (grid > time[k] + 0.5 * period) & (grid < time[k + 1] - 0.5 * period)
+    if magnitude[0] > threshold > 0 and time[0] - grid[0] < _RAGGED:
+        dropped |= grid < time[0] - 0.5 * period
+    if magnitude[-1] > threshold > 0 and grid[-1] - time[-1] < _RAGGED:
+        dropped |= grid > time[-1] + 0.5 * period
+    return dropped

@@ -1,0 +1,1 @@
+"""Numerics that several rooms share: least squares, whitening, local polynomials, noise."""

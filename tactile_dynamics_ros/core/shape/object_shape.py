@@ -1,0 +1,296 @@
+"""Surface of an object to be tracked: distance, samples and edges, from shapes or a mesh."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import permutations, product
+from pathlib import Path
+from typing import Any, Protocol, TypeAlias
+
+import numpy as np
+import trimesh
+import yaml
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
+from tactile_dynamics_ros.core.robot.robot_description import described_pose, rpy_to_matrix
+
+Array = NDArray[np.float64]
+Triangles: TypeAlias = Any
+"""A trimesh.Trimesh; the library is not typed."""
+
+MESH_SUFFIXES = (".obj", ".stl", ".ply", ".off", ".glb")
+_SAMPLES = 8000
+_EDGE_SPACING = 2.5e-3
+_SECTIONS = 64
+_PROBED = 300
+_ALIKE = 5e-4
+
+
+class Surface(Protocol):
+    """Part of an object's surface."""
+
+    def distance(self, points: Array) -> tuple[Array, Array]:
+        """Return signed distances (N,), m, and their gradients (N, 3)."""
+
+    def mesh(self) -> Triangles:
+        """Return triangles, object frame."""
+
+
+@dataclass(frozen=True)
+class BoxSurface:
+    """A box: half edges (3,) m and pose (4, 4) of its centre."""
+
+    half: Array
+    pose: Array
+
+    def distance(self, points: Array) -> tuple[Array, Array]:
+        """Return signed distances (N,), m, and their gradients (N, 3)."""
+        local = (points - self.pose[:3, 3]) @ self.pose[:3, :3]
+        excess = np.abs(local) - self.half
+        gradient = np.maximum(excess, 0.0)
+        distance = np.sqrt(np.einsum("ij,ij->i", gradient, gradient))
+        inside = np.flatnonzero(distance <= 1e-12)
+        deepest = np.argmax(excess[inside], axis=1)
+        gradient[inside, deepest] = 1.0
+        gradient /= np.where(distance > 1e-12, distance, 1.0)[:, None]
+        distance[inside] = excess[inside, deepest]
+        return distance, np.copysign(gradient, local) @ self.pose[:3, :3].T
+
+    def mesh(self) -> Triangles:
+        """Return triangles, object frame."""
+        return trimesh.creation.box(2.0 * self.half, transform=self.pose)
+
+
+@dataclass(frozen=True)
+class CylinderSurface:
+    """A cylinder along z: radius and half height, m, and pose (4, 4) of its centre."""
+
+    radius: float
+    half: float
+    pose: Array
+
+    def distance(self, points: Array) -> tuple[Array, Array]:
+        """Return signed distances (N,), m, and their gradients (N, 3)."""
+        local = (points - self.pose[:3, 3]) @ self.pose[:3, :3]
+        reach = np.hypot(local[:, 0], local[:, 1])
+        radial = np.zeros_like(local)
+        radial[:, :2] = local[:, :2] / np.maximum(reach, 1e-9)[:, None]
+        axial = np.zeros_like(local)
+        axial[:, 2] = np.where(local[:, 2] < 0.0, -1.0, 1.0)
+        excess = np.stack([reach - self.radius, np.abs(local[:, 2]) - self.half], axis=1)
+        outward = np.maximum(excess, 0.0)
+        length = np.hypot(outward[:, 0], outward[:, 1])
+        outside = length > 1e-12
+        share = np.where(excess[:, :1] > excess[:, 1:], [[1.0, 0.0]], [[0.0, 1.0]])
+        share[outside] = outward[outside] / length[outside, None]
+        distance = np.where(outside, length, excess.max(axis=1))
+        gradient = share[:, :1] * radial + share[:, 1:] * axial
+        return distance, gradient @ self.pose[:3, :3].T
+
+    def mesh(self) -> Triangles:
+        """Return triangles, object frame."""
+        return trimesh.creation.cylinder(
+            self.radius, 2.0 * self.half, sections=_SECTIONS, transform=self.pose
+        )
+
+
+@dataclass(frozen=True)
+class SphereSurface:
+    """A sphere: radius, m, and centre (3,)."""
+
+    radius: float
+    centre: Array
+
+    def distance(self, points: Array) -> tuple[Array, Array]:
+        """Return signed distances (N,), m, and their gradients (N, 3)."""
+        arm = points - self.centre
+        length = np.linalg.norm(arm, axis=1)
+        return length - self.radius, arm / np.maximum(length, 1e-9)[:, None]
+
+    def mesh(self) -> Triangles:
+        """Return triangles, object frame."""
+        ball = trimesh.creation.icosphere(subdivisions=4, radius=self.radius)
+        ball.apply_translation(self.centre)
+        return ball
+
+
+class MeshSurface:
+    """Any triangle mesh; distance to the tangent plane of the nearest of many samples.
+
+    Args:
+        triangles: object frame, m.
+    """
+
+    def __init__(self, triangles: Triangles) -> None:
+        self._mesh = triangles
+        points, faces = trimesh.sample.sample_surface(triangles, 4 * _SAMPLES, seed=1)
+        self._points = np.asarray(points)
+        self._normals = np.asarray(triangles.face_normals[faces])
+        self._tree = cKDTree(self._points)
+
+    def distance(self, points: Array) -> tuple[Array, Array]:
+        """Return signed distances (N,), m, and their gradients (N, 3)."""
+        _, nearest = self._tree.query(points)
+        normal = self._normals[nearest]
+        return np.einsum("ij,ij->i", normal, points - self._points[nearest]), normal
+
+    def mesh(self) -> Triangles:
+        """Return triangles, object frame."""
+        return self._mesh
+
+
+class ObjectShape:
+    """Everything that a tracker needs to know about an object's surface, object frame.
+
+    Args:
+        surfaces: whose union is the object.
+        expected: (3, 3) R_WO in which the object is expected at first; tells apart orientations
+            that look the same.
+
+    Attributes:
+        centre: (3,) of the bounding sphere. radius: of it, m.
+        points, normals: (N, 3) samples of the surface in random order.
+        edge_points, edge_tangents, edge_normals: (E, 3), (E, 3), (E, 2, 3) samples of the edges
+            between triangles, their directions and the normals of the two.
+        symmetries: (S, 3, 3) rotations about the centre that leave the surface as it is.
+        symmetry_axes: (A, 3) axes about which every turn does.
+    """
+
+    def __init__(self, surfaces: Sequence[Surface], expected: Array | None = None) -> None:
+        self._surfaces = tuple(surfaces)
+        self.expected = np.eye(3) if expected is None else np.asarray(expected, dtype=float)
+        meshes = [surface.mesh() for surface in self._surfaces]
+        corners = np.vstack([np.asarray(mesh.vertices) for mesh in meshes])
+        self.centre = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
+        self.radius = float(np.linalg.norm(corners - self.centre, axis=1).max())
+        self.points, self.normals = self._sample(meshes)
+        self.planes = np.einsum("ij,ij->i", self.normals, self.points)
+        self.edge_points, self.edge_tangents, self.edge_normals = _sample_edges(meshes)
+        self.symmetries, self.symmetry_axes = self._find_symmetries()
+
+    def distance(self, points: Array) -> tuple[Array, Array]:
+        """Return signed distances (N,) of points (N, 3), m, and their gradients (N, 3)."""
+        distance, gradient = self._surfaces[0].distance(points)
+        for surface in self._surfaces[1:]:
+            other, slope = surface.distance(points)
+            nearer = other < distance
+            distance = np.where(nearer, other, distance)
+            gradient = np.where(nearer[:, None], slope, gradient)
+        return distance, gradient
+
+    def _find_symmetries(self) -> tuple[Array, Array]:
+        """Return turns about the axes that map the surface onto itself, and their products."""
+        arm = self.points[:_PROBED] - self.centre
+
+        def is_symmetry(turn: Array) -> bool:
+            distance, _ = self.distance(arm @ turn.T + self.centre)
+            return bool(np.mean(np.abs(distance)) < _ALIKE)
+
+        about = [[turn for turn in turns if is_symmetry(turn)] for turns in _axis_turns()]
+        full = [len(found) == len(turns) for found, turns in zip(about, _axis_turns(), strict=True)]
+        flips = [turn for turn in _right_angled_turns() if is_symmetry(turn)]
+        turns = [np.eye(3), *(turn for found in about for turn in found)]
+        return np.array([turn @ flip for turn in turns for flip in flips]), np.eye(3)[full]
+
+    def _sample(self, meshes: Sequence[Triangles]) -> tuple[Array, Array]:
+        area = np.array([mesh.area for mesh in meshes])
+        points, normals = [], []
+        for k, (mesh, surface) in enumerate(zip(meshes, self._surfaces, strict=True)):
+            count = max(50, round(_SAMPLES * area[k] / area.sum()))
+            sample = np.asarray(trimesh.sample.sample_surface(mesh, count, seed=k)[0])
+            distance, gradient = surface.distance(sample)
+            sample = sample - distance[:, None] * gradient
+            keep = np.ones(len(sample), dtype=bool)
+            for other in self._surfaces[:k] + self._surfaces[k + 1 :]:
+                keep &= other.distance(sample)[0] > -1e-4
+            points.append(sample[keep])
+            normals.append(gradient[keep])
+        order = np.random.default_rng(0).permutation(sum(len(part) for part in points))
+        return np.vstack(points)[order], np.vstack(normals)[order]
+
+
+def _sample_edges(meshes: Sequence[Triangles]) -> tuple[Array, Array, Array]:
+    """Return points along all edges, unit tangents and the normals of both triangles there."""
+    points, tangents, normals = [], [], []
+    for mesh in meshes:
+        ends = np.asarray(mesh.vertices)[mesh.face_adjacency_edges]
+        sides = np.asarray(mesh.face_normals)[mesh.face_adjacency]
+        length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+        count = np.maximum(1, np.ceil(length / _EDGE_SPACING).astype(int))
+        which = np.repeat(np.arange(len(ends)), count)
+        first = np.repeat(np.cumsum(count) - count, count)
+        share = ((np.arange(len(which)) - first + 0.5) / count[which])[:, None]
+        points.append(ends[which, 0] * (1.0 - share) + ends[which, 1] * share)
+        tangents.append(((ends[:, 1] - ends[:, 0]) / np.maximum(length, 1e-9)[:, None])[which])
+        normals.append(sides[which])
+    return np.vstack(points), np.vstack(tangents), np.vstack(normals)
+
+
+def _axis_turns() -> list[list[Array]]:
+    """Return rotations about x, about y and about z in steps of five degrees."""
+    angles = np.deg2rad(np.arange(5, 360, 5))
+    return [[exp_so3(angle * axis) for angle in angles] for axis in np.eye(3)]
+
+
+def _right_angled_turns() -> list[Array]:
+    """Return the 24 rotations that map the axes onto axes, the identity first."""
+    found = []
+    for order in permutations(range(3)):
+        for signs in product((1.0, -1.0), repeat=3):
+            turn = np.diag(signs)[list(order)]
+            if np.linalg.det(turn) > 0.0:
+                found.append(turn)
+    return found
+
+
+def load_shape(path: Path) -> ObjectShape:
+    """Return the shape in an object's yaml file or in a mesh file (m).
+
+    Raises:
+        BadInputError: the file is missing, of another kind, or holds no shape.
+    """
+    if not path.is_file():
+        raise BadInputError(f"object shape: no file {path}")
+    if path.suffix.lower() in MESH_SUFFIXES:
+        return _load_mesh(path)
+    if path.suffix.lower() not in (".yaml", ".yml"):
+        raise BadInputError(
+            f"object shape {path}: expected a yaml file of an object, or a mesh "
+            f"({', '.join(MESH_SUFFIXES)})"
+        )
+    values = yaml.safe_load(path.read_text())
+    try:
+        surfaces = [_surface(shape) for shape in values["shapes"]]
+        angles = np.asarray(values.get("rest", {}).get("rpy_deg", (0.0, 0.0, 0.0)), dtype=float)
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise BadInputError(f"object shape {path}: {error!r}; expected `shapes`") from error
+    return ObjectShape(surfaces, rpy_to_matrix(np.deg2rad(angles)))
+
+
+def _load_mesh(path: Path) -> ObjectShape:
+    try:
+        mesh = trimesh.load(path, force="mesh")
+    except Exception as error:  # trimesh raises whatever its readers raise
+        raise BadInputError(f"object shape {path}: {error}") from error
+    if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:
+        raise BadInputError(f"object shape {path}: holds no triangles")
+    if np.ptp(mesh.vertices, axis=0).max() > 5.0:
+        raise BadInputError(
+            f"object shape {path}: {np.ptp(mesh.vertices, axis=0).max():.0f} m long; "
+            "the unit of a mesh is the metre"
+        )
+    return ObjectShape([MeshSurface(mesh)])
+
+
+def _surface(values: Mapping[str, Any]) -> Surface:
+    pose = described_pose(values)
+    if "box" in values:
+        return BoxSurface(0.5 * np.asarray(values["box"], dtype=float), pose)
+    if "sphere" in values:
+        return SphereSurface(float(values["sphere"]["radius"]), pose[:3, 3])
+    radius, height = (float(values["cylinder"][key]) for key in ("radius", "height"))
+    return CylinderSurface(radius, 0.5 * height, pose)

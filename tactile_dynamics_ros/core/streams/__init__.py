@@ -1,0 +1,1 @@
+"""Time-stamped measurements: what was measured, in which order, and the last of it."""

@@ -1,0 +1,141 @@
+"""The last seconds of live measurements, as streams for a batch fit."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.streams.streams import ContactStream, PoseStream, Streams
+
+Array = NDArray[np.float64]
+
+_RESTARTED = 1.0
+"""A stamp that is older by more (s) begins anew: clocks restart, samples come late by far less."""
+
+
+@dataclass
+class _Entries:
+    """Readings in the order of their stamps, each a tuple that begins with its time."""
+
+    kept: deque[tuple[Any, ...]] = field(default_factory=deque)
+
+    def append(self, entry: tuple[Any, ...], duration: float) -> None:
+        """Add an entry that is newer than all, and drop those older by more than `duration`, s."""
+        time = entry[0]
+        if self.kept and time < self.kept[-1][0] - _RESTARTED:
+            self.kept.clear()
+        if self.kept and time <= self.kept[-1][0]:
+            return
+        self.kept.append(entry)
+        while self.kept[0][0] < time - duration:
+            self.kept.popleft()
+
+    def since(self, first: float) -> list[tuple[Any, ...]]:
+        """Entries from a time (s) on."""
+        return [entry for entry in self.kept if entry[0] >= first]
+
+
+class MeasurementWindow:
+    """Poses and contacts of the last `duration` seconds.
+
+    Args:
+        duration: s.
+    """
+
+    def __init__(self, duration: float) -> None:
+        self._duration = duration
+        self.clear()
+
+    @property
+    def newest(self) -> float:
+        """Stamp of the newest pose, s; minus infinity where there is none."""
+        return float(self._poses.kept[-1][0]) if self._poses.kept else -np.inf
+
+    @property
+    def span(self) -> float:
+        """Time from the oldest to the newest pose, s."""
+        kept = self._poses.kept
+        return float(kept[-1][0] - kept[0][0]) if kept else 0.0
+
+    def clear(self) -> None:
+        """Forget everything."""
+        self._poses = _Entries()
+        self._contacts: dict[str, _Entries] = {}
+
+    def add_pose(self, t: float, X_WO: Array, covariance: Array | None) -> None:
+        """Add a pose (4, 4) with covariance (6, 6) [rotation, position], None if not stated."""
+        self._poses.append((t, X_WO, covariance), self._duration)
+
+    def add_contact(
+        self,
+        t: float,
+        name: str,
+        point_W: Array,
+        R_W: Array,
+        force_W: Array,
+        std_W: Array | None = None,
+        torque_W: Array | None = None,
+    ) -> None:
+        """Add what one contact applies on the object.
+
+        Args:
+            t: s.
+            name: of the contact.
+            point_W: (3,) m.
+            R_W: (3, 3) contact frame, z the normal into the object.
+            force_W: (3,) N.
+            std_W: (3,) N, None if not stated.
+            torque_W: (3,) N m about the point, None for none.
+        """
+        torque = np.zeros(3) if torque_W is None else torque_W
+        entry = (t, point_W, R_W, force_W, torque, std_W)
+        self._contacts.setdefault(name, _Entries()).append(entry, self._duration)
+
+    def streams(self, window: float = np.inf) -> Streams:
+        """The last `window` seconds of measurements.
+
+        Raises:
+            BadInputError: there are none.
+        """
+        if len(self._poses.kept) < 2 or not self._contacts:
+            raise BadInputError("nothing held yet: no object pose or no contact has arrived")
+        first = self.newest - window
+        contacts = {
+            name: _contact_stream(name, found)
+            for name, entries in self._contacts.items()
+            if len(found := entries.since(first)) >= 2
+        }
+        return Streams(_pose_stream(self._poses.since(first)), contacts)
+
+
+def _pose_stream(entries: list[tuple[Any, ...]]) -> PoseStream:
+    time, matrices, covariances = zip(*entries, strict=True)
+    poses = np.array(matrices)
+    stated = all(covariance is not None for covariance in covariances)
+    return PoseStream(
+        time=np.array(time),
+        position=poses[:, :3, 3],
+        rotation=poses[:, :3, :3],
+        covariance=np.array(covariances) if stated else None,
+    )
+
+
+def _contact_stream(name: str, entries: list[tuple[Any, ...]]) -> ContactStream:
+    time, points, rotations, forces, torques, stds = zip(*entries, strict=True)
+    torque = np.array(torques)
+    return ContactStream(
+        name=name,
+        time=np.array(time),
+        force=np.array(forces),
+        torque=torque,
+        force_std=None if any(std is None for std in stds) else np.array(stds),
+        pose_time=np.array(time),
+        position=np.array(points),
+        rotation=np.array(rotations),
+        carries_torque=bool(np.any(torque != 0.0)),
+    )

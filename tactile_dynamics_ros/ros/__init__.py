@@ -1,0 +1,1 @@
+"""What the nodes share: shell, wire, conversions, parameters, diagnostics."""

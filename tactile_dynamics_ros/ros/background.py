@@ -1,0 +1,76 @@
+"""Heavy work beside the messages, in a process of low priority."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
+from typing import Any, TypeVar
+
+from tactile_dynamics_ros.core.errors import TactileDynamicsError
+from tactile_dynamics_ros.ros.worker import receive, send
+
+Result = TypeVar("Result")
+
+WORKER = [sys.executable, "-m", "tactile_dynamics_ros.ros.worker"]
+
+
+class Background:
+    """Computes one function at a time; messages go on being taken meanwhile.
+
+    The functions belong to modules of the core; they and their arguments and results are pickled.
+    """
+
+    def __init__(self) -> None:
+        self._pool = ThreadPoolExecutor(1)
+        self._pending = 0
+        self._closed = False
+        self._start()
+
+    @property
+    def busy(self) -> bool:
+        """Whether something runs or waits."""
+        return self._pending > 0
+
+    def submit(self, work: Callable[..., Result], *arguments: Any) -> Future[Result]:
+        """Compute as soon as the process is free."""
+        self._pending += 1
+        future = self._pool.submit(self._compute, work, arguments)
+        future.add_done_callback(self._count_down)
+        return future
+
+    def close(self) -> None:
+        """Drop what waits, and end what runs."""
+        self._closed = True
+        with suppress(ProcessLookupError):
+            os.killpg(self._process.pid, signal.SIGKILL)
+        self._process.wait()
+        self._pool.shutdown(wait=True, cancel_futures=True)
+
+    def _start(self) -> None:
+        """Start the process in a group of its own: Ctrl-C of a terminal is the node's affair."""
+        self._process = subprocess.Popen(
+            WORKER, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
+        )
+
+    def _compute(self, work: Callable[..., Result], arguments: tuple[Any, ...]) -> Result:
+        assert self._process.stdin is not None and self._process.stdout is not None
+        try:
+            send(self._process.stdin, (work, arguments))
+            answer = receive(self._process.stdout)
+        except (EOFError, OSError) as error:
+            if not self._closed:
+                self._process.wait()
+                self._start()
+            raise TactileDynamicsError("the process that computes for this node ended") from error
+        if isinstance(answer, TactileDynamicsError):
+            raise answer
+        result: Result = answer
+        return result
+
+    def _count_down(self, _: Future[Result]) -> None:
+        self._pending -= 1

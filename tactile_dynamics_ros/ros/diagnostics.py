@@ -1,0 +1,78 @@
+"""Counts of what went wrong, once per second on /diagnostics, which all hands share."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.node import Node
+
+from tactile_dynamics_ros.ros.names import DIAGNOSTICS
+
+
+class Faults:
+    """Counter of refused or unusual input of one node.
+
+    Args:
+        node: that publishes.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self.counts: Counter[str] = Counter()
+        self._node = node
+        self._reported: Counter[str] = Counter()
+        self._shown: dict[str, object] = {}
+        self._last = ""
+        self._publisher = node.create_publisher(DiagnosticArray, DIAGNOSTICS, 10)
+
+    def add(self, kind: str, message: str = "") -> None:
+        """Count one fault; the first of its kind is logged too."""
+        self.counts[kind] += 1
+        self._last = message or kind
+        if self.counts[kind] == 1:
+            self._node.get_logger().warning(f"{kind}: {self._last} (counted on /diagnostics)")
+
+    def count(self, kind: str, total: int) -> None:
+        """Set a count that somebody else keeps."""
+        if total > self.counts[kind]:
+            self._last = kind
+            self.counts[kind] = total
+
+    def show(self, name: str, value: object) -> None:
+        """Publish a value of interest beside the counts."""
+        self._shown[name] = value
+
+    def publish(self) -> None:
+        """Publish all counts; the level is WARN while new faults come in.
+
+        The status bears the node's name behind its namespace, so that hands can be told apart.
+        """
+        fresh = self.counts != self._reported
+        self._reported = self.counts.copy()
+        status = status_message(
+            self._node.get_fully_qualified_name().lstrip("/"),
+            {**self._shown, **self.counts},
+            DiagnosticStatus.WARN if fresh else DiagnosticStatus.OK,
+            self._last if fresh else "ok",
+        )
+        message = DiagnosticArray(status=[status])
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        self._publisher.publish(message)
+
+
+def status_message(
+    name: str, values: Mapping[str, object], level: bytes = DiagnosticStatus.OK, message: str = ""
+) -> DiagnosticStatus:
+    """Return a status whose key-value pairs are `values`; floats with 9 significant digits."""
+    pairs = [KeyValue(key=key, value=_text(value)) for key, value in values.items()]
+    return DiagnosticStatus(level=level, name=name, message=message, values=pairs)
+
+
+def status_values(status: DiagnosticStatus) -> dict[str, str]:
+    """Return the key-value pairs of a status."""
+    return {pair.key: pair.value for pair in status.values}
+
+
+def _text(value: object) -> str:
+    return f"{value:.9g}" if isinstance(value, float) else str(value)

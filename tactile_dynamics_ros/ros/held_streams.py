@@ -1,0 +1,83 @@
+"""What nodes hear of a held object: its poses and contacts, checked and in the order of time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.streams.stamps import Reordered
+from tactile_dynamics_ros.ros.contact_assembly import AssembledContact, ContactAssembly
+from tactile_dynamics_ros.ros.conversions import MessageError, uncertain_pose_to_core
+from tactile_dynamics_ros.ros.hand_error import HandError
+from tactile_dynamics_ros.ros.names import OBJECT_POSE
+from tactile_dynamics_ros.ros.shell import Shell
+from tactile_dynamics_ros.ros.stream_clock import StreamClock
+from tactile_dynamics_ros.ros.wire import Stamped
+
+Array = NDArray[np.float64]
+
+HOLD = 0.05
+"""How long a reading waits for those that were taken before it and come later, s: five frames at
+100 Hz. The estimators look 0.12 s ahead anyway."""
+
+
+class HeldStreams:
+    """Subscriptions to the pose of the object and to its contacts.
+
+    Args:
+        node: that subscribes.
+        contacts: their names.
+        on_pose: called with time (s), pose (4, 4) and covariance (6, 6) or None, in order of time.
+        on_contact: called with each contact, in order of time.
+        on_restart: called when the clock of the streams was set back.
+    """
+
+    def __init__(
+        self,
+        node: Shell,
+        contacts: Sequence[str],
+        on_pose: Callable[[float, Array, Array | None], None],
+        on_contact: Callable[[AssembledContact], None],
+        on_restart: Callable[[], None],
+    ) -> None:
+        self._node, self._on_pose = node, on_pose
+        self.clock = StreamClock(node)
+        self._poses = Reordered[tuple[Array, Array | None]]()
+        self._hand = HandError(node)
+        self.clock.on_restart += [self._poses.clear, on_restart]
+        node.listen(PoseWithCovarianceStamped, OBJECT_POSE, self._on_message, sole=True)
+        self._contacts = [
+            ContactAssembly(node, name, on_contact, self.clock, self._hand, held=True)
+            for name in contacts
+        ]
+
+    @property
+    def conflict(self) -> str:
+        """Why nobody can know where the object is; empty where there is no such reason."""
+        if self._node.has_rivals(OBJECT_POSE):
+            return f"two publishers on {OBJECT_POSE}, nobody can know which is right: stop one"
+        return ""
+
+    def release(self) -> None:
+        """Hand on what need not wait any longer; to be called after messages were taken."""
+        if self.conflict:
+            self._poses.clear()
+        until = np.inf if self.clock.is_idle else self.clock.newest - HOLD
+        for time, (pose, covariance) in self._poses.take(until):
+            self._hand.add_fused(time, pose)
+            self._on_pose(time, pose, covariance)
+        for contact in self._contacts:
+            contact.release(until)
+        late = self._poses.late + sum(contact.late for contact in self._contacts)
+        self._node.faults.count("out_of_order", late)
+
+    def _on_message(self, message: Stamped) -> None:
+        pose, covariance = uncertain_pose_to_core(message, OBJECT_POSE, "world")
+        time = self.clock.admit(message.stamp, OBJECT_POSE)
+        if not self._poses.add(time, (pose, covariance)):
+            raise MessageError(
+                "stamp_repeated", f"{OBJECT_POSE}: stamp {time:.6f} s repeats or comes too late"
+            )

@@ -1,0 +1,388 @@
+"""What all nodes share: refusing bad messages, publishing profiles, starting and stopping."""
+
+from __future__ import annotations
+
+import os
+import signal
+import struct
+import sys
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from operator import itemgetter
+from types import FrameType
+from typing import Any, NamedTuple
+
+import rclpy
+from rclpy.callback_groups import CallbackGroup
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+from rclpy.subscription import Subscription
+from std_srvs.srv import Trigger
+
+from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError
+from tactile_dynamics_ros.ros.conversions import MessageError
+from tactile_dynamics_ros.ros.diagnostics import Faults
+from tactile_dynamics_ros.ros.parameters import refuse_unknown
+from tactile_dynamics_ros.ros.waiting import Waiter
+from tactile_dynamics_ros.ros.wire import decoder_of
+
+STREAM = QoSProfile(depth=500, reliability=ReliabilityPolicy.BEST_EFFORT)
+"""Sensor data: best effort, five seconds deep at 100 Hz, since links deliver in batches too."""
+REQUESTS = QoSProfile(depth=200, reliability=ReliabilityPolicy.RELIABLE)
+"""Services: requests that may wait; a script sends a hundred at once."""
+
+SERVICE_PERIOD = 0.3
+"""Real time after which the executor is asked even if no request has come, s."""
+BURST = 1000
+"""Messages of one subscription taken at a time: more than may wait, so that none is left over."""
+REQUEST_BURST = 50
+"""Callbacks of services and timers served in a row before streams are looked at again."""
+ANSWERS = 5
+"""Callbacks served where no request has come: answers whose work was done in the background."""
+RIVAL_STEPS, RIVAL_SPAN = 2, 1.0
+"""How often in how long (s) the numbers that a publisher gives its messages must go back until two
+publish at once: those of two mix with every message, those of a restarted one go back once."""
+
+LATCHED = QoSProfile(
+    depth=1,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+"""Estimates: reliable, and the last one is kept for those who come later."""
+
+
+class _Polled(CallbackGroup):
+    """Callback group that no executor serves, because the node takes the messages itself."""
+
+    def can_execute(self, entity: Any) -> bool:
+        """Never."""
+        return False
+
+    def beginning_execution(self, entity: Any) -> bool:
+        """Never."""
+        return False
+
+    def ending_execution(self, entity: Any) -> None:
+        """Do nothing."""
+
+
+@dataclass
+class _Periodic:
+    """A callback that is due every `period` seconds of wall time."""
+
+    period: float
+    callback: Callable[[], None]
+    due: float = 0.0
+
+
+class Shell(Node):
+    """A node that counts bad messages instead of failing on them.
+
+    Messages are taken several at a time: at 1000 small messages per second an executor would spend
+    most of the node's time on building wait sets.
+
+    Args:
+        name: of the node.
+
+    Attributes:
+        faults: counts that appear on /diagnostics.
+        gather: pause after a first message, s; those that follow meanwhile are taken together.
+        skimming: whether only the newest matters of the streams that may be skimmed.
+        polled: subscriptions whose messages the node takes itself.
+        rivals: topics on which two publish at once, and until when (monotonic, s) that is said.
+    """
+
+    gather = 0.005
+    skimming = False
+
+    def __init__(self, name: str) -> None:
+        try:
+            super().__init__(name, automatically_declare_parameters_from_overrides=True)
+        except ValueError as error:  # of rclpy, which does not name the parameter
+            raise BadInputError(
+                f"node {name}: an empty list was given, of which ROS does not know the type at the "
+                "start; leave the parameter out, or write ['']"
+            ) from error
+        self.polled: list[Subscription] = []
+        self.rivals: dict[str, float] = {}
+        self._numbers: dict[Subscription, _Numbers] = {}
+        self._skimmed: set[Subscription] = set()
+        self._polled_group = _Polled()
+        self._periodic: list[_Periodic] = []
+        self.faults = Faults(self)
+        self.every(1.0, self.faults.publish)
+
+    def work(self) -> None:
+        """Take all waiting messages, in the order in which they came, and do what is due."""
+        arrived: list[tuple[int, Subscription, Any]] = []
+        for subscription in self.polled:
+            taken = self._take(subscription)
+            if self.skimming and subscription in self._skimmed:
+                taken = taken[-1:]
+            arrived += [(found.received, subscription, found.message) for found in taken]
+        for _, subscription, message in sorted(arrived, key=itemgetter(0)):
+            subscription.callback(message)
+        self.process()
+        now = time.monotonic()
+        for entry in self._periodic:
+            if now >= entry.due:
+                late = now - entry.due > entry.period
+                entry.due = now + entry.period if late else entry.due + entry.period
+                entry.callback()
+
+    def has_rivals(self, topic: str) -> bool:
+        """Whether two publish on a topic (as it was given to `listen`) at once."""
+        return time.monotonic() < self.rivals.get(topic, -1.0)
+
+    def _take(self, subscription: Subscription) -> list[Taken]:
+        """Return the messages that wait; none of a topic on which two publish at once."""
+        numbers = self._numbers.get(subscription)
+        taken = take_messages(subscription, self._undecodable)
+        if numbers is None or not taken:
+            return taken
+        now = time.monotonic()
+        if numbers.mix([found.number for found in taken], now):
+            self.rivals[numbers.topic] = now + RIVAL_SPAN
+        if not self.has_rivals(numbers.topic):
+            return taken
+        self.faults.add(
+            "two_publishers",
+            f"{numbers.topic}: two publishers at once, nobody can know which is right; "
+            f"{len(taken)} messages left out, stop one of them",
+        )
+        return []
+
+    def _undecodable(self, subscription: Subscription, error: Exception) -> None:
+        self.faults.add(
+            "undecodable", f"{subscription.topic_name}: message cannot be read: {error}"
+        )
+
+    def process(self) -> None:
+        """Work on what was taken together; nodes that gain by it override this."""
+
+    def idle_time(self) -> float:
+        """Return the time until something is due, s."""
+        return min(entry.due for entry in self._periodic) - time.monotonic()
+
+    def listen(
+        self,
+        kind: type[Any],
+        topic: str,
+        callback: Callable[[Any], None],
+        profile: QoSProfile = STREAM,
+        raw: bool = False,
+        skim: bool = False,
+        sole: bool = False,
+    ) -> None:
+        """Subscribe; a message that is refused or cannot be used yet is counted and dropped.
+
+        Args:
+            kind: type of the messages.
+            topic: to subscribe to.
+            callback: gets the message, as `wire` reads it where it knows the type.
+            profile: quality of service.
+            raw: hand over the bytes of the message instead.
+            skim: while the node is `skimming`, hand over only the newest of those taken together.
+            sole: leave out what comes while two publish on the topic at once.
+        """
+        decode = None if raw else decoder_of(kind)
+
+        def guarded(message: Any) -> None:
+            try:
+                read = message if decode is None else decode(message)
+            except (ValueError, struct.error, IndexError) as error:
+                self._undecodable(subscription, error)
+                return
+            try:
+                callback(read)
+            except MessageError as error:
+                self.faults.add(error.kind, str(error))
+            except TactileDynamicsError as error:
+                kind_of = "bad_input" if isinstance(error, BadInputError) else "not_ready"
+                self.faults.add(kind_of, str(error))
+
+        subscription = self.create_subscription(
+            kind,
+            topic,
+            guarded,
+            profile,
+            callback_group=self._polled_group,
+            raw=raw or decode is not None,
+        )
+        self.polled.append(subscription)
+        if skim:
+            self._skimmed.add(subscription)
+        if sole:
+            self._numbers[subscription] = _Numbers(topic)
+
+    def stream(self, kind: type[Any], topic: str) -> Publisher:
+        """Return a publisher of sensor data."""
+        return self.create_publisher(kind, topic, STREAM)
+
+    def latched(self, kind: type[Any], topic: str) -> Publisher:
+        """Return a publisher whose last message is kept for late subscribers."""
+        return self.create_publisher(kind, topic, LATCHED)
+
+    def every(self, period: float, callback: Callable[[], None]) -> None:
+        """Call back each `period` seconds of wall time."""
+        self._periodic.append(_Periodic(period, callback, time.monotonic() + period))
+
+    def serve(self, name: str, action: Callable[[], str]) -> None:
+        """Offer a std_srvs/Trigger whose answer is the text that `action` returns."""
+
+        def answer(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+            try:
+                response.message, response.success = action(), True
+            except TactileDynamicsError as error:
+                response.message, response.success = str(error), False
+            return response
+
+        self.create_service(Trigger, name, answer, qos_profile=REQUESTS)
+
+
+class Taken(NamedTuple):
+    """A message and what the middleware tells of it.
+
+    Attributes:
+        message: or its bytes.
+        number: that its publisher gave it; None if the middleware does not tell.
+        received: when it came, ns.
+    """
+
+    message: Any
+    number: int | None
+    received: int
+
+
+class _Numbers:
+    """Numbers that publishers give their messages on one topic.
+
+    Args:
+        topic: as it was given to `Shell.listen`.
+    """
+
+    def __init__(self, topic: str) -> None:
+        self.topic = topic
+        self._last = 0
+        self._back: deque[float] = deque(maxlen=RIVAL_STEPS)
+
+    def mix(self, numbers: Sequence[int | None], now: float) -> bool:
+        """Whether these numbers are of two publishers; never where the middleware gives none.
+
+        Args:
+            numbers: in the order of the messages.
+            now: monotonic, s.
+        """
+        for number in numbers:
+            if number is None:
+                return False
+            if number <= self._last:
+                self._back.append(now)
+            self._last = number
+        return len(self._back) == RIVAL_STEPS and now - self._back[0] < RIVAL_SPAN
+
+
+def take_messages(
+    subscription: Subscription,
+    refuse: Callable[[Subscription, Exception], None] = lambda *_: None,
+) -> list[Taken]:
+    """Return the messages that wait, the oldest first.
+
+    Args:
+        subscription: to take from.
+        refuse: called with each message that the middleware cannot read.
+    """
+    taken: list[Taken] = []
+    handle = subscription.handle
+    with handle:
+        for _ in range(BURST):
+            try:
+                found = handle.take_message(subscription.msg_type, subscription.raw)
+            except (RuntimeError, ValueError) as error:
+                refuse(subscription, error)
+                continue
+            if found is None:
+                break
+            message, told = found
+            number, received = told["publication_sequence_number"], told["received_timestamp"]
+            taken.append(Taken(message, number, received))
+    return taken
+
+
+def spin(node: Shell, stop: Callable[[], bool]) -> None:
+    """Let a node work until `stop` says so.
+
+    Args:
+        node: to be served; its services and parameters by an executor.
+        stop: asked several times a second.
+    """
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    waiter = Waiter(node, node.polled)
+    service = time.monotonic()
+    while not stop():
+        requested = waiter.wait(min(node.idle_time(), service - time.monotonic()))
+        time.sleep(node.gather)
+        node.work()
+        if requested or time.monotonic() >= service:
+            for _ in range(REQUEST_BURST if requested else ANSWERS):
+                executor.spin_once(timeout_sec=0.0)
+            service = time.monotonic() + SERVICE_PERIOD
+    executor.remove_node(node)
+
+
+def finish_bursts() -> None:
+    """Let this process finish what it publishes together before those that it wakes run.
+
+    Each message of a burst would else be interrupted by its receivers, one after the other: Linux's
+    batch policy wakes without preempting. Called before DDS makes its threads, which inherit it; a
+    policy that somebody has chosen stays.
+    """
+    if hasattr(os, "SCHED_BATCH") and os.sched_getscheduler(0) == os.SCHED_OTHER:
+        with suppress(OSError):  # a sandbox may forbid it
+            os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
+
+
+def run_node(factory: Callable[[], Shell], arguments: list[str] | None = None) -> int:
+    """Run one node until Ctrl-C or SIGTERM; return the exit code.
+
+    Args:
+        factory: makes the node.
+        arguments: command line with ROS arguments, `sys.argv` if None.
+    """
+    finish_bursts()
+    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+    stop = _StopRequest()
+    node: Shell | None = None
+    try:
+        node = factory()
+        refuse_unknown(node)
+        spin(node, lambda: stop.requested)
+    except ExternalShutdownException:
+        pass
+    except TactileDynamicsError as error:
+        print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
+        return error.exit_code
+    finally:
+        if node is not None:
+            node.destroy_node()
+        rclpy.try_shutdown()
+    return 0
+
+
+class _StopRequest:
+    """Remembers SIGINT and SIGTERM, so that no callback is cut short."""
+
+    def __init__(self) -> None:
+        self.requested = False
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._remember)
+
+    def _remember(self, _: int, __: FrameType | None) -> None:
+        self.requested = True

@@ -1,0 +1,69 @@
+"""The clock that the streams of one node share: strays are refused, a restart is told once."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+from tactile_dynamics_ros.core.streams.stamps import SharedClock
+from tactile_dynamics_ros.ros.conversions import MessageError, to_seconds
+from tactile_dynamics_ros.ros.shell import Shell
+from tactile_dynamics_ros.ros.wire import AnyStamp
+
+IDLE = 0.15
+"""Wall time without a message after which late ones are no longer waited for, s: streams of 10 Hz
+still count as coming."""
+
+
+class StreamClock:
+    """Admits the stamps of a node's streams.
+
+    Args:
+        node: whose faults are counted.
+    """
+
+    def __init__(self, node: Shell) -> None:
+        self._node = node
+        self._clock = SharedClock()
+        self._heard = 0.0
+        self.on_restart: list[Callable[[], None]] = []
+
+    @property
+    def newest(self) -> float:
+        """Newest stamp that is believed, s."""
+        return self._clock.newest
+
+    @property
+    def is_idle(self) -> bool:
+        """Whether nothing has come for a while."""
+        return time.monotonic() - self._heard > IDLE
+
+    def admit(self, stamp: AnyStamp, topic: str) -> float:
+        """Return a stamp in seconds.
+
+        Args:
+            stamp: of a message.
+            topic: for the error text.
+
+        Raises:
+            MessageError: the stamp is zero, or not of the time that the other streams have.
+        """
+        stamped = to_seconds(stamp)
+        if stamped == 0.0:
+            raise MessageError("zero_stamp", f"{topic}: the stamp is zero, expected when measured")
+        self._heard = time.monotonic()
+        newest = self._clock.newest
+        believed, back = self._clock.check(stamped, self._heard)
+        if back:
+            self._node.faults.add(
+                "clock_restarted", f"{topic}: from {newest:.3f} to {stamped:.3f} s"
+            )
+            for forget in self.on_restart:
+                forget()
+        if not believed:
+            raise MessageError(
+                "stray_stamp",
+                f"{topic}: stamp {stamped:.3f} s where the streams are at {newest:.3f} s; "
+                "set the clocks",
+            )
+        return stamped

@@ -1,0 +1,86 @@
+"""Recordings with known truth: streams as an estimator gets them, and what is hidden in them."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tactile_dynamics_ros.core.streams.streams import Streams
+from tactile_dynamics_ros.synthetic.calibration import magnitude_for_whitened_rms
+from tactile_dynamics_ros.synthetic.effects import HiddenEffect, create_hidden_effect
+from tactile_dynamics_ros.synthetic.scenario import Scenario, ScenarioOptions
+from tactile_dynamics_ros.synthetic.sensors import SensorOptions, read_sensors
+
+
+@dataclass(frozen=True)
+class HiddenRecording:
+    """What was recorded, and the truth that the estimation side never sees."""
+
+    streams: Streams
+    scenario: Scenario
+    effects: tuple[HiddenEffect, ...]
+
+    def truth(self) -> dict[str, Any]:
+        """Body and effects as plain numbers, ready for JSON."""
+        body = self.scenario.body
+        return {
+            "seed": self.scenario.seed,
+            "mass": body.mass,
+            "com": body.com.tolist(),
+            "inertia_com": body.inertia_com.tolist(),
+            "effects": {effect.name: _describe(effect) for effect in self.effects},
+        }
+
+
+def generate(
+    seed: int,
+    effects: dict[str, float] | None = None,
+    scenario: ScenarioOptions | None = None,
+    sensors: SensorOptions | None = None,
+) -> HiddenRecording:
+    """Generate a recording with the named effects at the given magnitudes."""
+    drawn = Scenario.draw(seed, scenario)
+    hidden = tuple(
+        create_hidden_effect(name, size, seed, drawn) for name, size in (effects or {}).items()
+    )
+    return _record(drawn, hidden, sensors)
+
+
+def generate_at_whitened_rms(
+    seed: int,
+    effects: dict[str, float] | None = None,
+    scenario: ScenarioOptions | None = None,
+    sensors: SensorOptions | None = None,
+) -> HiddenRecording:
+    """Generate a recording in which each effect alone would raise the whitened RMS to its value."""
+    drawn = Scenario.draw(seed, scenario)
+    hidden = []
+    for name, target in (effects or {}).items():
+        effect = create_hidden_effect(name, 1.0, seed, drawn)
+        size = magnitude_for_whitened_rms(effect, target, drawn, sensors)
+        hidden.append(dataclasses.replace(effect, magnitude=size))
+    return _record(drawn, tuple(hidden), sensors)
+
+
+def _record(
+    scenario: Scenario, effects: tuple[HiddenEffect, ...], sensors: SensorOptions | None
+) -> HiddenRecording:
+    active = tuple(effect for effect in effects if effect.magnitude != 0.0)
+    truth = scenario.simulate(active)
+    streams = read_sensors(truth, active, sensors or SensorOptions(), scenario.seed)
+    return HiddenRecording(streams, scenario, effects)
+
+
+def _describe(effect: HiddenEffect) -> dict[str, Any]:
+    return {
+        "magnitude": effect.magnitude,
+        "variant": effect.variant,
+        "parameters": {
+            name: {"value": np.asarray(quantity.value).tolist(), "unit": quantity.unit}
+            for name, quantity in effect.parameters.items()
+        },
+        "signature": effect.signature,
+    }

@@ -1,0 +1,212 @@
+"""The rooms of the package: what each is for and what it may import; the only statement of it.
+
+`python test/unit/rooms.py` writes the table of docs/architecture.md anew.
+"""
+
+import ast
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+PACKAGE = "tactile_dynamics_ros"
+PAGE = REPOSITORY / "docs" / "architecture.md"
+BEGIN, END = "<!-- rooms: begin -->", "<!-- rooms: end -->"
+
+
+@dataclass(frozen=True)
+class Room:
+    """A folder (or module) of the package.
+
+    Attributes:
+        about: in a few words.
+        imports: other rooms; errors, configuration and share are for all.
+        libraries: heavy ones that only some rooms may use.
+    """
+
+    about: str
+    imports: tuple[str, ...] = ()
+    libraries: tuple[str, ...] = ()
+
+
+COMMON = ("", "core", "share")
+HEAVY = ("torch", "gtsam", "pybullet", "pybullet_data", "rclpy")
+_INERTIA = "core/inertia/"
+
+ROOMS = {
+    "core/rigid_body": Room("rotations, inertial parameters, Newton-Euler"),
+    "core/streams": Room("what was measured, with stamps; order and clock of what comes"),
+    "core/robot": Room("links and joints, and what their errors do", ("core/rigid_body",)),
+    "core/shape": Room(
+        "surfaces of objects, their regions and hulls, skin of a fingertip",
+        ("core/rigid_body", "core/robot"),
+    ),
+    "core/numerics": Room(
+        "least squares, whitening, local polynomials, noise, outliers",
+        ("core/rigid_body", "core/streams"),
+    ),
+    "core/contact": Room(
+        "contacts in the world, samples on a common grid",
+        ("core/rigid_body", "core/robot", "core/shape"),
+    ),
+    "core/tactile": Room(
+        "BioTac counts to force",
+        ("core/contact", "core/rigid_body", "core/robot", "core/shape"),
+        ("torch",),
+    ),
+    "core/tracking": Room(
+        "pose of the object", ("core/rigid_body", "core/robot", "core/shape", "core/streams")
+    ),
+    "core/effects": Room(
+        "the catalogue of effects that a model may lack", ("core/contact", "core/rigid_body")
+    ),
+    "core/discrepancy": Room("which effect is missing; knows nothing of hands or objects"),
+    "core/manipulation": Room(
+        "grasp, lift, excite: measured state to joint targets", ("core/rigid_body", "core/robot")
+    ),
+    "core/friction": Room(
+        "probing with one finger, slip, coefficients, what Coulomb lacks",
+        ("core/discrepancy", "core/rigid_body", "core/robot", "core/shape", "core/tactile"),
+    ),
+    _INERTIA + "residuals": Room(
+        "Newton-Euler residuals of a recording and their noise",
+        ("core/contact", "core/effects", "core/numerics", "core/rigid_body", "core/streams"),
+    ),
+    _INERTIA + "batch": Room(
+        "fits to a whole recording, and what they return",
+        ("core/contact", "core/discrepancy", "core/effects", _INERTIA + "residuals")
+        + ("core/numerics", "core/rigid_body", "core/streams"),
+    ),
+    _INERTIA + "excitation": Room(
+        "motions that tell most",
+        ("core/contact", _INERTIA + "batch", "core/manipulation", "core/rigid_body", "core/robot"),
+    ),
+    _INERTIA + "diagnosis": Room(
+        "the held object as a model that the search for effects questions",
+        ("core/contact", "core/discrepancy", "core/effects", _INERTIA + "batch")
+        + (_INERTIA + "excitation", _INERTIA + "residuals", "core/numerics", "core/rigid_body")
+        + ("core/streams",),
+    ),
+    "core/inertia": Room(
+        "`estimate.py`, the door to an estimate",
+        ("core/effects", _INERTIA + "batch", _INERTIA + "diagnosis", "core/shape", "core/streams"),
+    ),
+    _INERTIA + "live": Room(
+        "estimates while measurements come",
+        ("core/contact", "core/effects", "core/inertia", _INERTIA + "batch")
+        + (_INERTIA + "residuals", "core/numerics", "core/rigid_body", "core/shape")
+        + ("core/streams",),
+        ("gtsam",),
+    ),
+    "recording": Room(
+        "rosbag2, arrays and foreign formats to streams and back",
+        ("core/friction", "core/rigid_body", "core/robot", "core/streams", "core/tactile")
+        + ("core/tracking",),
+    ),
+    "synthetic": Room(
+        "recordings with known truth from closed forms; knows no effect of the catalogue",
+        ("core/streams",),
+    ),
+    "sim": Room(
+        "the PyBullet stand-in for hand, arm, sensors and object, with hidden effects",
+        ("core/manipulation", "core/rigid_body", "core/robot", "core/tactile"),
+        ("pybullet", "pybullet_data"),
+    ),
+    "report": Room(
+        "figures and pages",
+        ("core/contact", "core/discrepancy", "core/effects", _INERTIA + "batch")
+        + ("core/rigid_body", "core/streams", "recording"),
+    ),
+    "ros": Room(
+        "what nodes share: shell, wire, conversions, parameters, diagnostics",
+        ("core/friction", _INERTIA + "batch", _INERTIA + "diagnosis", _INERTIA + "live")
+        + ("core/rigid_body", "core/robot", "core/streams", "core/tracking", "recording"),
+        ("rclpy",),
+    ),
+    "nodes": Room(
+        "one file per executable: parameters, subscriptions, publishers",
+        ("core/contact", "core/discrepancy", "core/friction", _INERTIA + "diagnosis")
+        + (_INERTIA + "live", "core/manipulation", "core/rigid_body", "core/robot", "core/shape")
+        + ("core/tactile", "core/tracking", "ros", "sim"),
+        ("rclpy",),
+    ),
+    "cli": Room(
+        "the command",
+        ("core/discrepancy", "core/effects", "core/friction", "core/inertia")
+        + (_INERTIA + "batch", _INERTIA + "diagnosis", _INERTIA + "excitation")
+        + (
+            _INERTIA + "residuals",
+            "core/manipulation",
+            "core/rigid_body",
+            "core/robot",
+            "core/tactile",
+        )
+        + ("recording", "report", "ros", "sim", "synthetic"),
+        ("rclpy", "torch"),
+    ),
+}
+
+
+def imported_names(text: str) -> set[str]:
+    """Return the dotted names that a module imports, anywhere in it."""
+    names = set()
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, "relative import"
+            names |= {f"{node.module}.{alias.name}" for alias in node.names}
+    return names
+
+
+def room_of(parts: Iterable[str]) -> str:
+    """Return the room of a path within the package, given in parts: the deepest that has a name."""
+    path = [*parts]
+    for count in range(len(path), 0, -1):
+        name = "/".join(path[:count])
+        if name in ROOMS:
+            return name
+    return (
+        "core" if path[:1] == ["core"] else path[0] if len(path) == 1 and path[0] in COMMON else ""
+    )
+
+
+def breaches(file: Path, text: str) -> list[tuple[str, str]]:
+    """Return (room, imported room or library) for each import that a module's room may not do.
+
+    Args:
+        file: path within the package.
+        text: its source.
+    """
+    own = room_of(file.with_suffix("").parts)
+    room = ROOMS.get(own, Room(""))
+    found = set()
+    for name in imported_names(text):
+        first, *rest = name.split(".")
+        if first in HEAVY and first not in room.libraries:
+            found.add((own, first))
+        if first == PACKAGE:
+            other = room_of(rest)
+            if other not in (own, *COMMON, *room.imports):
+                found.add((own, other))
+    return sorted(found)
+
+
+def table() -> str:
+    """Return the rooms as a table in Markdown."""
+    lines = ["| room | what | may import |", "|---|---|---|"]
+    for name, room in ROOMS.items():
+        allowed = [f"`{other}`" for other in room.imports] + [*room.libraries]
+        lines.append(f"| `{name}` | {room.about} | {', '.join(allowed)} |")
+    return "\n".join(lines)
+
+
+def page() -> str:
+    """Return docs/architecture.md with the table of today."""
+    text = PAGE.read_text()
+    head, tail = text.split(BEGIN)[0], text.split(END)[1]
+    return f"{head}{BEGIN}\n{table()}\n{END}{tail}"
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page())
