@@ -115,7 +115,7 @@ def _ask(args: Namespace) -> Question:
 
 def _answer(question: Question, ask: Callable[[Any], Any]) -> Any:
     """Diagnose or explain; where that fails, once more with the noise that the samples show."""
-    from tactile_dynamics_ros.core.discrepancy.asking import ask_twice
+    from tactile_dynamics_ros.core.discrepancy.explanation import ask_twice
 
     answer, model = ask_twice(ask, question.model, question.otherwise)
     if model is not question.model:

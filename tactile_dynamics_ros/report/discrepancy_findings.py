@@ -11,7 +11,7 @@ from tactile_dynamics_ros.core.discrepancy.comparison import Comparison, compare
 from tactile_dynamics_ros.core.discrepancy.diagnosis import Diagnosis
 from tactile_dynamics_ros.core.discrepancy.documents import diagnosis_document
 from tactile_dynamics_ros.core.discrepancy.explanation import Explanation
-from tactile_dynamics_ros.core.discrepancy.model import ResidualModel
+from tactile_dynamics_ros.core.discrepancy.model.residual_model import ResidualModel
 from tactile_dynamics_ros.core.discrepancy.structure import periodogram
 from tactile_dynamics_ros.recording import Recording
 from tactile_dynamics_ros.report.discrepancy_report import DiscrepancyFindings

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.discrepancy.sentences import capitalise, group_clause
+from tactile_dynamics_ros.core.discrepancy.documents import capitalise, group_clause
 from tactile_dynamics_ros.report.discrepancies import (
     draw_before_after,
     draw_candidates,

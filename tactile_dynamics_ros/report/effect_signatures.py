@@ -18,7 +18,7 @@ from tactile_dynamics_ros.core.effects.check import (
     example_inertia,
     example_samples,
 )
-from tactile_dynamics_ros.core.effects.gravity import load_regressor
+from tactile_dynamics_ros.core.effects.held.gravity import load_regressor
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, log_so3
 from tactile_dynamics_ros.report.style import (
     AXIS_COLOURS,

@@ -9,7 +9,7 @@ import pytest
 
 from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
 from tactile_dynamics_ros.core.discrepancy.documents import diagnosis_sentence
-from tactile_dynamics_ros.core.discrepancy.model import Misfit
+from tactile_dynamics_ros.core.discrepancy.model.residual_model import Misfit
 from tactile_dynamics_ros.core.inertia.diagnosis.discrepancy_model import HeldObjectModel
 from tactile_dynamics_ros.core.inertia.diagnosis.readings import fit_with_readings
 from tactile_dynamics_ros.synthetic.recordings import generate

@@ -37,8 +37,6 @@ DISTRIBUTION = {
 
 MOST_FILES = 15
 """At one level of a room of core: what somebody new can look through."""
-UNSORTED = {"core/discrepancy", "core/effects"}
-"""Rooms that still have more."""
 
 
 @pytest.mark.parametrize("name", ROOMS)
@@ -57,7 +55,7 @@ def test_a_room_imports_only_what_it_may(name):
     [
         ("core/rigid_body/rotation.py", "from tactile_dynamics_ros.core.streams import streams"),
         ("core/numerics/noise.py", "from tactile_dynamics_ros.core.effects import effect"),
-        ("core/effects/drag.py", "from tactile_dynamics_ros.core.inertia.batch import fitting"),
+        ("core/effects/held/drag.py", "from tactile_dynamics_ros.core.inertia.batch import fitting"),
         ("core/discrepancy/search.py", "import tactile_dynamics_ros.core.contact.wrench_samples"),
         (
             "core/inertia/residuals/motion.py",
@@ -65,8 +63,8 @@ def test_a_room_imports_only_what_it_may(name):
         ),
         ("core/inertia/batch/prior.py", "import tactile_dynamics_ros.core.inertia.live.judge"),
         ("core/friction/cone.py", "from tactile_dynamics_ros.core.effects import registry"),
-        ("sim/world.py", "def late():\n    from tactile_dynamics_ros.core.effects import drag"),
-        ("synthetic/sensors.py", "from tactile_dynamics_ros.core.effects.sensor import ForceScale"),
+        ("sim/world.py", "def late():\n    from tactile_dynamics_ros.core.effects import registry"),
+        ("synthetic/sensors.py", "from tactile_dynamics_ros.core.effects.held.sensor import ForceScale"),
         ("recording/arrays.py", "import rclpy"),
         ("core/contact/contact_state.py", "import torch"),
         ("nodes/model_check.py", "import pybullet"),
@@ -127,8 +125,7 @@ def test_a_room_of_core_can_be_looked_through(name):
             levels.setdefault(file.parent, []).append(file)
     inside = [level for level in levels if room_of(level.parts) == name]
     assert all(len(level.parts) <= 3 for level in inside)
-    few = all(len(levels[level]) <= MOST_FILES for level in inside)
-    assert few or name in UNSORTED
+    assert all(len(levels[level]) <= MOST_FILES for level in inside)
 
 
 def test_the_page_has_the_rooms_of_today():

@@ -16,13 +16,12 @@ import pytest
 from tactile_dynamics_ros.core.discrepancy.assessment import assess
 from tactile_dynamics_ros.core.discrepancy.comparison import compare
 from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
-from tactile_dynamics_ros.core.discrepancy.documents import diagnosis_document
-from tactile_dynamics_ros.core.discrepancy.exchange import exchange
+from tactile_dynamics_ros.core.discrepancy.documents import diagnosis_document, group_clause
 from tactile_dynamics_ros.core.discrepancy.explanation import explain
-from tactile_dynamics_ros.core.discrepancy.lines import find_line
-from tactile_dynamics_ros.core.discrepancy.model import Condition, Family, Residuals
+from tactile_dynamics_ros.core.discrepancy.model.residual_model import Condition, Family, Residuals
 from tactile_dynamics_ros.core.discrepancy.screening import best_by_effect
-from tactile_dynamics_ros.core.discrepancy.sentences import group_clause
+from tactile_dynamics_ros.core.discrepancy.selection import exchange
+from tactile_dynamics_ros.core.discrepancy.structure import find_line
 from tactile_dynamics_ros.core.discrepancy.trials import try_effect
 
 NOISE = 0.05

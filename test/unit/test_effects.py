@@ -19,7 +19,7 @@ from tactile_dynamics_ros.core.effects.check import (
     example_samples,
 )
 from tactile_dynamics_ros.core.effects.filters import first_order_lag
-from tactile_dynamics_ros.core.effects.gravity import load_regressor
+from tactile_dynamics_ros.core.effects.held.gravity import load_regressor
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.newton_euler import regressor
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3

@@ -12,7 +12,7 @@ from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
 from tactile_dynamics_ros.core.discrepancy.screening import screen
 from tactile_dynamics_ros.core.effects import create_effect
 from tactile_dynamics_ros.core.effects.check import example_inertia, example_samples
-from tactile_dynamics_ros.core.effects.gravity import load_regressor
+from tactile_dynamics_ros.core.effects.held.gravity import load_regressor
 from tactile_dynamics_ros.core.effects.present import PresentEffects
 from tactile_dynamics_ros.core.inertia.diagnosis.discrepancy_model import HeldObjectModel
 from tactile_dynamics_ros.core.inertia.diagnosis.readings import fit_with_readings

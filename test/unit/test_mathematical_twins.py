@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tactile_dynamics_ros.core.effects.check import example_inertia, example_samples
-from tactile_dynamics_ros.core.effects.gravity import load_regressor
+from tactile_dynamics_ros.core.effects.held.gravity import load_regressor
 from tactile_dynamics_ros.core.effects.registry import create_effect
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 

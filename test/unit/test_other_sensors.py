@@ -9,9 +9,9 @@ import pytest
 
 from benchmarks.effects.cases import Case
 from benchmarks.inertia.boxes import wrist_recording
-from tactile_dynamics_ros.core.discrepancy.asking import ask_twice
 from tactile_dynamics_ros.core.discrepancy.assessment import assess
 from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
+from tactile_dynamics_ros.core.discrepancy.explanation import ask_twice
 from tactile_dynamics_ros.core.effects.registry import create_effect
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.batch.fitting import fit_further

@@ -9,7 +9,7 @@ import pytest
 
 from tactile_dynamics_ros.core.discrepancy.assessment import assess
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.inertia.batch.batch import stretches
+from tactile_dynamics_ros.core.inertia.batch import stretches
 from tactile_dynamics_ros.core.inertia.batch.stretches import fit_representative
 from tactile_dynamics_ros.core.inertia.diagnosis.discrepancy_model import HeldObjectModel
 from tactile_dynamics_ros.core.streams.streams import Streams

@@ -10,16 +10,20 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
-from tactile_dynamics_ros.core.discrepancy.model import Misfit, ResidualModel, instants
+from tactile_dynamics_ros.core.discrepancy.model.residual_model import (
+    Misfit,
+    ResidualModel,
+    instants,
+)
 from tactile_dynamics_ros.core.discrepancy.screening import Score, adjusted_p_value, screen
 from tactile_dynamics_ros.core.discrepancy.structure import (
     Structure,
     examine,
     noise_floors,
     periodogram,
+    window_starts,
 )
 from tactile_dynamics_ros.core.discrepancy.structure import noise_floor as spectral_floor
-from tactile_dynamics_ros.core.discrepancy.windows import window_starts
 
 Array = NDArray[np.float64]
 

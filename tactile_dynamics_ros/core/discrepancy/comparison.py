@@ -9,8 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.discrepancy.assessment import Assessment, assess
-from tactile_dynamics_ros.core.discrepancy.model import Condition, ResidualModel, Residuals
-from tactile_dynamics_ros.core.discrepancy.windows import window_index
+from tactile_dynamics_ros.core.discrepancy.model.residual_model import (
+    Condition,
+    ResidualModel,
+    Residuals,
+)
+from tactile_dynamics_ros.core.discrepancy.structure import window_index
 
 Array = NDArray[np.float64]
 

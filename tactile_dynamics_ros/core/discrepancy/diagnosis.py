@@ -7,12 +7,10 @@ from functools import cached_property
 from typing import Any
 
 from tactile_dynamics_ros.core.discrepancy.assessment import Assessment, assess
-from tactile_dynamics_ros.core.discrepancy.choice import Choice, contains
-from tactile_dynamics_ros.core.discrepancy.diagnosis_config import DiagnosisConfig
-from tactile_dynamics_ros.core.discrepancy.homes import with_equals
-from tactile_dynamics_ros.core.discrepancy.model import ResidualModel
-from tactile_dynamics_ros.core.discrepancy.outdone import follows_other_law, is_outdone
+from tactile_dynamics_ros.core.discrepancy.challenges import follows_other_law, is_outdone, temper
+from tactile_dynamics_ros.core.discrepancy.model.residual_model import ResidualModel
 from tactile_dynamics_ros.core.discrepancy.search import (
+    DiagnosisConfig,
     Step,
     dominates,
     explained_share,
@@ -21,8 +19,8 @@ from tactile_dynamics_ros.core.discrepancy.search import (
     is_noise,
     is_settled,
 )
+from tactile_dynamics_ros.core.discrepancy.selection import Choice, contains, with_equals
 from tactile_dynamics_ros.core.discrepancy.signature import Signature, describe_residual
-from tactile_dynamics_ros.core.discrepancy.tempering import temper
 from tactile_dynamics_ros.core.discrepancy.trials import Trial
 from tactile_dynamics_ros.core.discrepancy.validation import HeldOut, fits_equally, held_out
 

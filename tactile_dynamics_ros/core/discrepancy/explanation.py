@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol, TypeVar
 
-from tactile_dynamics_ros.core.discrepancy.diagnosis import (
-    Diagnosis,
-    diagnose,
-    find_group,
-)
-from tactile_dynamics_ros.core.discrepancy.diagnosis_config import DiagnosisConfig
-from tactile_dynamics_ros.core.discrepancy.model import ResidualModel
-from tactile_dynamics_ros.core.discrepancy.search import Step, reconsider_steps
+from tactile_dynamics_ros.core.discrepancy.diagnosis import Diagnosis, diagnose, find_group
+from tactile_dynamics_ros.core.discrepancy.model.residual_model import ResidualModel
+from tactile_dynamics_ros.core.discrepancy.search import DiagnosisConfig, Step, reconsider_steps
 from tactile_dynamics_ros.core.discrepancy.signature import Signature, describe_residual
 from tactile_dynamics_ros.core.discrepancy.validation import HeldOut, held_out
 
@@ -122,3 +119,40 @@ def _summarise(
         floor=floor,
         signature=describe_residual(final) if left else None,
     )
+
+
+class Outcome(Protocol):
+    """What a diagnosis and an explanation have in common."""
+
+    @property
+    def verdict(self) -> str:
+        """One of adequate, missing_effect, ambiguous and unexplained."""
+
+    @property
+    def leaves_noise(self) -> bool:
+        """Whether the residual, with all that was added, is the white noise that was stated."""
+
+
+Answer = TypeVar("Answer", bound=Outcome)
+Model = TypeVar("Model", bound=ResidualModel)
+
+
+def ask_twice(
+    ask: Callable[[Model], Answer], model: Model, otherwise: Callable[[], Model | None]
+) -> tuple[Answer, Model]:
+    """Ask; if nothing explains the residual, ask about the same model with other noise.
+
+    Args:
+        ask: `diagnose` or `explain`.
+        model: with the noise that is stated.
+        otherwise: makes the model with the noise that samples show, or None.
+
+    Returns:
+        The answer, the second one only if it leaves nothing but noise, and the model asked about.
+    """
+    answer = ask(model)
+    other = otherwise() if answer.verdict == "unexplained" else None
+    again = None if other is None else ask(other)
+    if other is None or again is None or not again.leaves_noise:
+        return answer, model
+    return again, other

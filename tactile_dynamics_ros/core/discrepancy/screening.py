@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
-from tactile_dynamics_ros.core.discrepancy.model import Family, ResidualModel
-from tactile_dynamics_ros.core.discrepancy.windows import Index, window_rows, window_starts
+from tactile_dynamics_ros.core.discrepancy.model.residual_model import Family, ResidualModel
+from tactile_dynamics_ros.core.discrepancy.structure import Index, window_rows, window_starts
 
 Array = NDArray[np.float64]
 

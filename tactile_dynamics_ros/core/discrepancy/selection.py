@@ -1,15 +1,19 @@
-"""Which effect explains a residual best."""
+"""Which effect explains a residual best, and which rivals fit as well."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tactile_dynamics_ros.core.discrepancy.choice import Choice, at_home, rematch
-from tactile_dynamics_ros.core.discrepancy.homes import simplest
-from tactile_dynamics_ros.core.discrepancy.model import Misfit, ResidualModel
-from tactile_dynamics_ros.core.discrepancy.screening import Score, screen
+from tactile_dynamics_ros.core.discrepancy.model.residual_model import (
+    Misfit,
+    ResidualModel,
+    instants,
+)
+from tactile_dynamics_ros.core.discrepancy.screening import Score, orthonormal, screen
+from tactile_dynamics_ros.core.discrepancy.structure import examine
 from tactile_dynamics_ros.core.discrepancy.trials import (
     CHANCE,
     Trial,
@@ -22,10 +26,73 @@ from tactile_dynamics_ros.core.discrepancy.trials import (
     try_effects,
 )
 
+_CONTAINED = 1e-3
+"""Share of what the best explains that a rival may be unable to do and yet contains the best."""
 _MOST_RIVALS = 4
 _ROUNDS = 3
 _QUICK_SLACK = 1.6
 """Of the squared error that may be left, what a quick fit may leave to be fitted thoroughly."""
+_CLOSE = 1.05
+_WHITE = 0.01
+_SIMPLER = 0.5
+_FAR = 1.06
+_EQUAL = 0.4
+"""Share of the lead of the best by which a rival must win at home to be its equal."""
+_REACH = 0.05
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The best effect and its rivals, all fitted at the whitening of the best.
+
+    Attributes:
+        model: fitted with the best effect.
+        best: the best effect as a trial on common ground with its rivals.
+        rivals: the others, best first.
+        without: `evidence` of the same model without the effect.
+        dispersion: of the residual that remains, see `challenges.dispersion`.
+        equals: rivals that beat the best at their own whitening about as clearly as it beats them.
+        thorough: whether all of them are; what leaves too much is not fitted further.
+    """
+
+    model: ResidualModel
+    best: Trial
+    rivals: tuple[Trial, ...]
+    without: float
+    dispersion: float = 1.0
+    equals: tuple[str, ...] = ()
+    thorough: bool = True
+
+    def named(self, names: Sequence[str]) -> list[Trial]:
+        """The rivals of these names."""
+        return [rival for rival in self.rivals if rival.name in names]
+
+
+def rematch(
+    model: ResidualModel, present: str, names: Sequence[str], floor: float
+) -> tuple[ResidualModel, list[Trial]]:
+    """The model without its present effect, and all named effects tried at its whitening."""
+    bare = model.without_effect(present)
+    scores = screen(bare, bare.families(names), floor)
+    return bare, try_effects(bare, scores, floor, np.inf)
+
+
+def at_home(own: Trial, bare: ResidualModel, trials: Sequence[Trial], floor: float) -> Choice:
+    """The choice of an effect, thoroughly fitted, and its rivals as they are tried there."""
+    best = next((trial for trial in trials if trial.label == own.label), own)
+    rivals = tuple(trial for trial in trials if trial.name != own.name)
+    return Choice(own.model, best, rivals, evidence(bare, floor))
+
+
+def contains(choice: Choice, rival: Trial) -> bool:
+    """Whether a rival could do all that the best does, however precise the data were.
+
+    That is so if what they predict differs by what the rival's parameters can make up for.
+    """
+    basis = orthonormal(rival.model.jacobian)
+    differs = rival.model.residual - choice.best.model.residual
+    left = differs - basis @ (basis.T @ differs)
+    return float(left @ left) <= _CONTAINED * max(choice.without - choice.best.criterion, 0.0)
 
 
 def choose_effect(
@@ -126,3 +193,125 @@ def _sparser(choice: Choice, names: Sequence[str], floor: float) -> Choice:
         if own.criterion > best.criterion:
             return choice
         choice = at_home(own, *rematch(model, own.name, names, floor), floor)
+
+
+@dataclass(frozen=True)
+class _Home:
+    """A rival thoroughly fitted, and all effects of a choice at its whitening.
+
+    The signals that a thorough fit denoises follow its model, which puts all others at a
+    disadvantage there.
+
+    Attributes:
+        model: with the rival. floor: white RMS of the noise alone. bare: the model without it.
+        own: the rival as a trial there. others: the rest, best first.
+    """
+
+    model: ResidualModel
+    floor: float
+    bare: ResidualModel
+    own: Trial
+    others: tuple[Trial, ...]
+
+    def lead(self, name: str) -> float:
+        """By how much the rival beats an effect here."""
+        found = [trial.criterion for trial in self.others if trial.name == name]
+        return found[0] - self.own.criterion if found else np.inf
+
+
+def _homes(
+    choice: Choice, freedoms: tuple[float, float], least_p_value: float = 0.0
+) -> Iterator[_Home]:
+    """Homes of the rivals that fit nearly as well as the best, the simplest first.
+
+    Args:
+        choice: among them.
+        freedoms: lowest and highest number of parameters beyond those of the best.
+        least_p_value: of what a rival leaves being white noise.
+    """
+    names = [choice.best.name, *(rival.name for rival in choice.rivals)]
+    limit = _CLOSE * square(choice.best.model)
+    for rival in sorted(choice.rivals, key=lambda trial: trial.model.freedom):
+        extra = rival.model.freedom - choice.best.model.freedom
+        if square(rival.model) > limit or not freedoms[0] <= extra <= freedoms[1]:
+            continue
+        model = rival.model.refined()
+        structure = examine(*instants(model))
+        if structure.p_value < least_p_value:
+            continue
+        bare, trials = rematch(model, rival.name, names, structure.floor)
+        own = [trial for trial in trials if trial.name == rival.name]
+        if own:
+            others = tuple(trial for trial in trials if trial is not own[0])
+            yield _Home(model, structure.floor, bare, own[0], others)
+
+
+def simplest(choice: Choice) -> Choice:
+    """A rival with fewer parameters, if it leaves white noise and nobody beats it at home.
+
+    Where the best leaves far more than noise, no simpler one that fits as well can leave noise.
+    """
+    floor = examine(*instants(choice.model)).floor
+    if square(choice.model) > (_FAR * floor) ** 2 * len(choice.model.residual):
+        return choice
+    for home in _homes(choice, (-np.inf, -_SIMPLER), _WHITE):
+        best = min((trial.criterion for trial in home.others), default=np.inf)
+        if best > home.own.criterion - CHANCE:
+            return Choice(home.model, home.own, home.others, evidence(home.bare, home.floor))
+    return choice
+
+
+def with_equals(choice: Choice) -> Choice:
+    """The choice with rivals as simple as the best that it cannot be told from.
+
+    They beat it at home about as clearly as they lose to it.
+    """
+    best, found = choice.best, []
+    for home in _homes(choice, (-_SIMPLER, _SIMPLER)):
+        [away] = choice.named([home.own.name])
+        if home.lead(best.name) > max(0.0, _EQUAL * (away.criterion - best.criterion)):
+            found.append(home.own.name)
+    return replace(choice, equals=tuple(found))
+
+
+def exchange(
+    model: ResidualModel, added: Sequence[Trial], floor: float, indifference: float
+) -> tuple[ResidualModel, tuple[Choice, ...]]:
+    """Remove effects that the others make needless, replace those that another betters.
+
+    Effects that were added first had to account for what was still missing then; with it in the
+    model another effect, or another reading of the same, may fit better.
+
+    Args:
+        model: thoroughly fitted with all added effects.
+        added: the effects that may be exchanged.
+        floor: white RMS of the noise alone.
+        indifference: difference of `evidence` that does not decide.
+
+    Returns:
+        The model and the choice of each of its effects beside the others.
+
+    Source: Miller 2002, Subset Selection in Regression, 3.3 (sequential replacement).
+    """
+    present = list(added)
+    changes = len(present)
+    choices: list[Choice] = []
+    while len(choices) < len(present):
+        place = len(choices)
+        bare = model.without_effect(present[place].name)
+        own, without = in_place(present[place], model, floor), evidence(bare, floor)
+        margin = max(indifference, decisive(model, floor))
+        scores = screen(bare, bare.families(), floor)
+        trials = try_effects(bare, scores, floor, _REACH, own.criterion)
+        if changes and len(present) > 1 and without < own.criterion + indifference:
+            model = bare.refined()
+            del present[place]
+        elif changes and trials and trials[0].criterion < own.criterion - margin:
+            present[place] = trials[0]
+            model = trials[0].model.refined()
+        else:
+            rivals = tuple(trial for trial in trials if trial.name != own.name)
+            choices.append(Choice(model, own, rivals, without))
+            continue
+        changes, choices = changes - 1, []
+    return model, tuple(choices)

@@ -11,10 +11,13 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.discrepancy.assessment import Assessment
 from tactile_dynamics_ros.core.discrepancy.change import Change, clear_change
-from tactile_dynamics_ros.core.discrepancy.lines import find_line, in_frame
-from tactile_dynamics_ros.core.discrepancy.model import Family, ResidualModel, Residuals
+from tactile_dynamics_ros.core.discrepancy.model.residual_model import (
+    Family,
+    ResidualModel,
+    Residuals,
+)
 from tactile_dynamics_ros.core.discrepancy.screening import Score, best_by_effect, screen
-from tactile_dynamics_ros.core.discrepancy.structure import Structure
+from tactile_dynamics_ros.core.discrepancy.structure import Structure, find_line, in_frame
 from tactile_dynamics_ros.core.discrepancy.trials import square
 
 Array = NDArray[np.float64]

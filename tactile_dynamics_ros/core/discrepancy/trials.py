@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from tactile_dynamics_ros.core.discrepancy.model import ResidualModel
+from tactile_dynamics_ros.core.discrepancy.model.residual_model import ResidualModel
 from tactile_dynamics_ros.core.discrepancy.screening import Score, best_by_effect
 from tactile_dynamics_ros.core.discrepancy.validation import HeldOut, held_out
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.discrepancy.model import ResidualModel
-from tactile_dynamics_ros.core.discrepancy.windows import window_index
+from tactile_dynamics_ros.core.discrepancy.model.residual_model import ResidualModel
+from tactile_dynamics_ros.core.discrepancy.structure import window_index
 
 Array = NDArray[np.float64]
 

@@ -98,6 +98,6 @@ def _load() -> None:
         return
     _loaded_entry_points = True
     for family in _FAMILIES:
-        import_module(f"tactile_dynamics_ros.core.effects.{family}")
+        import_module(f"tactile_dynamics_ros.core.effects.held.{family}")
     for entry in entry_points(group=ENTRY_POINT_GROUP):
         register_effect(entry.load())

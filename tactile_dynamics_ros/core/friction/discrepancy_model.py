@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
-from tactile_dynamics_ros.core.discrepancy.model import (
+from tactile_dynamics_ros.core.discrepancy.model.residual_model import (
     Condition,
     Family,
     ParameterTable,

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.contact.wrench_samples import GRAVITY_W, WrenchSamples
-from tactile_dynamics_ros.core.discrepancy.model import Misfit
+from tactile_dynamics_ros.core.discrepancy.model.residual_model import Misfit
 from tactile_dynamics_ros.core.effects.present import PresentEffects
 from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import (
     EffectEstimate,

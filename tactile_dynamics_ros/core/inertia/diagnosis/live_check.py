@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
-from tactile_dynamics_ros.core.discrepancy.asking import ask_twice
 from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
 from tactile_dynamics_ros.core.discrepancy.documents import Document, diagnosis_document
+from tactile_dynamics_ros.core.discrepancy.explanation import ask_twice
 from tactile_dynamics_ros.core.effects.registry import create_effects
 from tactile_dynamics_ros.core.inertia.batch.batch import BatchConfig, fit_recording
 from tactile_dynamics_ros.core.inertia.diagnosis.discrepancy_model import HeldObjectModel

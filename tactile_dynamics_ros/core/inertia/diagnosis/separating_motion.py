@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
 from tactile_dynamics_ros.core.effects.effect import Effect
-from tactile_dynamics_ros.core.effects.gravity import load_regressor
+from tactile_dynamics_ros.core.effects.held.gravity import load_regressor
 from tactile_dynamics_ros.core.effects.present import PresentEffects
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
 from tactile_dynamics_ros.core.inertia.excitation.criterion import wrench_covariance

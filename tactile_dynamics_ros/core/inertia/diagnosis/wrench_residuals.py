@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
-from tactile_dynamics_ros.core.discrepancy.model import Condition, Residuals
+from tactile_dynamics_ros.core.discrepancy.model.residual_model import Condition, Residuals
 from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
 
 Array = NDArray[np.float64]

@@ -1,16 +1,20 @@
-"""Effects that explain a residual, held against laws of named quantities and against changes."""
+"""Challenges to effects that explain a residual: simpler laws, changes at one time, lasting errors."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from tactile_dynamics_ros.core.discrepancy.assessment import assess
 from tactile_dynamics_ros.core.discrepancy.change import find_change
-from tactile_dynamics_ros.core.discrepancy.model import ResidualModel
+from tactile_dynamics_ros.core.discrepancy.model.residual_model import ResidualModel, instants
 from tactile_dynamics_ros.core.discrepancy.screening import Score, best_by_effect, screen
 from tactile_dynamics_ros.core.discrepancy.search import Step
-from tactile_dynamics_ros.core.discrepancy.trials import square, try_effect
+from tactile_dynamics_ros.core.discrepancy.structure import window_index
+from tactile_dynamics_ros.core.discrepancy.trials import Trial, evidence, square, try_effect
+from tactile_dynamics_ros.core.discrepancy.validation import fits_equally
 
 _CLEARLY = 3.0
 """In units of what does not decide."""
@@ -18,6 +22,8 @@ _MANY = 3.5
 """Parameters that effects have at least together if something unknown may do the same."""
 _HALF = 0.5
 """Of a parameter: numbers of those that data determine are no integers."""
+_BLOCK = 5.0
+_FEWEST_BLOCKS = 6
 
 
 def is_outdone(
@@ -106,3 +112,53 @@ def follows_other_law(step: Step, floor: float, indifference: float) -> bool:
     left = square(model) - floor**2 * len(model.residual)
     known = effects[0].criterion if effects else float("inf")
     return laws[0].gain > 0.5 * left and laws[0].criterion < known - indifference
+
+
+def dispersion(model: ResidualModel, floor: float) -> float:
+    """Variance of sums of the residual over 5 s, over that of white noise; at least 1.
+
+    Source: Wedderburn 1974, on quasi-likelihood; Newey & West 1987, on the block form.
+
+    Args:
+        model: fitted.
+        floor: white RMS of the noise alone.
+    """
+    time, white = instants(model)
+    length = min(_BLOCK, (time[-1] - time[0]) / _FEWEST_BLOCKS)
+    index = window_index(time, max(length, 1e-9))
+    counts = np.bincount(index)
+    sums = np.stack([np.bincount(index, column) for column in white.T], axis=1)
+    used = counts > 0
+    ratio = np.mean(sums[used] ** 2 / counts[used, None]) / floor**2
+    return max(1.0, float(ratio))
+
+
+def temper(step: Step) -> Step:
+    """Choose again between an effect and its rivals, with the dispersion that remains.
+
+    Args:
+        step: one effect that leaves an error within what the sensors state, but not white.
+    """
+    choice, floor = step.choice, step.after.structure.floor
+    best = choice.best
+    close = [r for r in choice.rivals if fits_equally(best.held_out, r.held_out)]
+    ratio = max(dispersion(trial.model, floor) for trial in (best, *close))
+
+    def tempered(trial: Trial) -> Trial:
+        choices = trial.source.family.choices
+        return replace(trial, criterion=evidence(trial.model, floor, choices, ratio))
+
+    ranked = sorted(map(tempered, (best, *choice.rivals)), key=lambda trial: trial.criterion)
+    bare = best.model.without_effect(best.name)
+    kept = ranked[0].name == best.name
+    model = choice.model if kept else ranked[0].model.refined()
+    again = replace(
+        choice,
+        model=model,
+        best=ranked[0],
+        rivals=tuple(ranked[1:]),
+        without=evidence(bare, floor, 1, ratio),
+        dispersion=ratio,
+    )
+    after = step.after if kept else assess(model, step.after.significance)
+    return Step(again, after) if after.within_stated else step
