@@ -1,4 +1,9 @@
-"""Challenges to effects that explain a residual: simpler laws, changes at one time, lasting errors."""
+"""Challenges to effects that explain a residual: simpler laws, changes, errors that last.
+
+White noise decides between rivals by their squares alone. Errors of sensors that last, such as a
+wrong gain, let a flexible effect gain more than its parameters are worth. Their sums over seconds
+show how far: squares count less by that ratio, and so does the number of samples.
+"""
 
 from __future__ import annotations
 

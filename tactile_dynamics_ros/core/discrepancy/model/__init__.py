@@ -1,0 +1,1 @@
+"""What a model has to give so that it can be questioned."""

@@ -1,0 +1,1 @@
+"""The catalogue of a held object: one module for each kind of effect."""
