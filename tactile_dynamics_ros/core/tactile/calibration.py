@@ -18,12 +18,18 @@ from tactile_dynamics_ros.core.tactile.features import MIRROR, force_features, p
 Array = NDArray[np.float64]
 
 SHIPPED_CALIBRATION = Path(__file__).parent / "data" / "analytic_force.json"
+"""File of the constants of the analytic estimator that comes with the package; made by the module
+`sim.sensors.biotac.calibrate`."""
 CREEP_TIMES = np.array([0.2, 4.0])
 """Time constants of the skin's creep, s. Source: facts on skin relaxation."""
 
 NORMAL_90 = 1.6449
+"""Standard deviations of a normal variable within which 90 % lie (0.95 quantile, 1.64485,
+rounded)."""
 MIRROR_AXES = np.array([1.0, -1.0, 1.0])
+"""Signs of a vector's components in the mirror image of the sensor, which is symmetric in y."""
 _FIELDS = ("force_weights", "place_weights", "force_std", "place_std", "creep")
+"""Arrays that the file holds."""
 
 
 @dataclass(frozen=True)

@@ -13,12 +13,19 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 CHANNELS = 44
+"""Numbers of a frame: E1 to E19, PDC, TDC, TAC, PAC0 to PAC21."""
 ELECTRODES = slice(0, 19)
+"""Place of the 19 electrodes in a frame."""
 PDC = 19
+"""Place of the static fluid pressure."""
 TDC = 20
+"""Place of the absolute temperature."""
 TAC = 21
+"""Place of the heat flux."""
 PAC = slice(22, 44)
+"""Place of the 22 samples of the dynamic pressure, 2200 Hz."""
 FULL_SCALE = 4095
+"""Largest count of a 12-bit channel."""
 
 _LEFT_SIDE = {
     1: ((0.993, -4.855, -1.116), (0.196, -0.956, -0.220)),
@@ -29,7 +36,10 @@ _LEFT_SIDE = {
     6: ((-13.400, -4.956, -1.116), (0.0, -0.976, -0.220)),
     8: ((3.031, -1.950, -3.330), (0.500, 0.0, -0.866)),
 }
+"""Centre (mm, sensor frame) and normal of each electrode with y < 0. Source: positions in
+biotac_force_net and biotac_gazebo_plugin, which agree."""
 _MIRROR = {1: 11, 2: 12, 3: 13, 4: 14, 5: 15, 6: 16, 8: 9}
+"""Electrode with y > 0 that mirrors each of those."""
 _MIDDLE = {
     7: ((4.763, 0.0, -2.330), (0.500, 0.0, -0.866)),
     10: ((1.299, 0.0, -4.330), (0.500, 0.0, -0.866)),
@@ -37,6 +47,7 @@ _MIDDLE = {
     18: ((-9.800, 0.0, -5.080), (0.0, 0.0, -1.0)),
     19: ((-13.600, 0.0, -5.080), (0.0, 0.0, -1.0)),
 }
+"""Centre and normal of electrodes in the plane of symmetry, from the same source."""
 
 
 def _electrode_table() -> tuple[Array, Array]:

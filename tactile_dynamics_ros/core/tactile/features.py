@@ -16,6 +16,9 @@ PATTERN_FLOOR = 0.3
 """Signal size (hundreds of counts) below which the pattern fades into noise."""
 
 _SIZE_WEIGHT = np.array([0.25] * 19 + [1.0])[:, None]
+"""Weights of the squared changes of electrodes and PDC in the signal's size: half of the
+electrodes' amplitude, PDC in full. Only the scale of features changes with them; weights and
+network have been trained with these."""
 
 _ROW, _COLUMN = np.triu_indices(19)
 

@@ -303,3 +303,6 @@ def _nearness() -> Array:
 
 
 _NEARNESS = _nearness()
+"""Weights (19, 19) by which an electrode's neighbours replace it: they fall to 1/e at 3 mm, about
+the distance between neighbours. Wider makes a dead electrode the mean of all, narrower the copy of
+one."""

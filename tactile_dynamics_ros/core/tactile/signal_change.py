@@ -17,6 +17,7 @@ COUNTS_PER_KELVIN = 31.7
 electrodes drift by 27 to 38 counts per kelvin each."""
 
 _SIGNALS = slice(0, PDC + 1)
+"""Place of electrodes and PDC in a frame, which the rest state is kept of."""
 
 
 def temperature(tdc: ArrayLike) -> Array:

@@ -16,6 +16,7 @@ from tactile_dynamics_ros.core.tactile.signal_change import check_frame
 Array = NDArray[np.float64]
 
 PAC_RATE = 2200.0
+"""Rate of the dynamic pressure, Hz: 22 samples per frame of 100 Hz. Source: SynTouch, BioTac."""
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,12 @@ LEAST_SPAN = 1.0
 """Warming below which nothing is learnt, K."""
 
 _TOUCH = 10.0
+"""Deviation of PDC from its median, counts, from which a frame shows a touch and is left out: that
+from which the LL4MA driver calls it a contact too, and twenty times the noise of PDC."""
 _STRETCHES = 60
+"""Means to which frames are averaged before lines are fitted. In a warm-up of ten minutes each is
+of 10 s, longer than the seconds within which electrodes wander; their scatter then tells the
+standard deviation. Ten frames each are asked for."""
 
 
 @dataclass(frozen=True)

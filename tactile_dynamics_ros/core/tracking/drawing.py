@@ -16,8 +16,15 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _PROBE = 1.5
+"""Distance, pixels, outside of a rim point at which the drawing must be empty for the point to
+count as outline: more than rounding to pixels (0.7), less than the band of the outline (2.5). A
+larger one drops the rim of thin parts, a smaller one takes inner edges for outline."""
 _NEWTON_STEPS = 3
+"""Steps from the drawn depth to the surface along a ray. A step is exact on a plane and limited to
+1 cm; rays that have not met the surface after them (see `_HIT`) are left out."""
 _HIT = 3e-4
+"""Distance to the surface, m, from which a ray has met it: the model's own error
+(`RegistrationConfig.model_std`). Less leaves out curved parts, more takes grazing rays in."""
 
 
 @dataclass(frozen=True)

@@ -30,8 +30,15 @@ from tactile_dynamics_ros.core.robot.joint_uncertainty import JointUncertaintyCo
 Array = NDArray[np.float64]
 
 ANCHOR = "thumb"
+"""Finger whose sensor frame holds the object where no contact poses come: the thumb opposes all
+others, so that every grasp has it."""
 SETTLED_POSITION = 0.05
+"""Standard deviation, m, beyond which no first pose is uncertain about where the object lies: it is
+in the hand. It only replaces what the covariance leaves open; any value far above vision's
+millimetres has the same effect."""
 _PATCH = np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
+"""Points of a contact's patch in units of its size: its middle and six around it, so that it
+resists turns about all axes alike."""
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,8 @@ from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, log_so3
 Array = NDArray[np.float64]
 
 _ITERATIONS = 10
+"""Steps to the mean rotation, at most. They end earlier when a step is below 1e-12 rad; poses that
+lie within some degrees need three."""
 
 
 def average_poses(poses: Array) -> tuple[Array, Array]:

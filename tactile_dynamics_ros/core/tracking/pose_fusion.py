@@ -35,6 +35,7 @@ CHI2_6_9999 = 27.86
 """0.9999 quantile of chi squared with six degrees of freedom."""
 _SLIP, _WANDER = slice(0, 6), slice(6, 12)
 _BOTH = np.hstack([np.eye(6), np.eye(6)])
+"""Derivative (6, 12) of vision's disagreement by [slip, wander]: it is their sum."""
 
 
 @dataclass(frozen=True)

@@ -47,9 +47,20 @@ JUDGED = 2000
 BLUR = (4.0, 2.0, 1.0)
 """Blur of the outline in the first fine steps."""
 GRAZING = 0.25
+"""Cosine between view and normal, below which a surface is seen too flatly (75 deg) to be compared
+in depth: a pixel then spans four times its width in depth. Higher loses the sides of round objects;
+lower lets in what the camera's noise makes of edges."""
 OBJECT_TOLERANCE = 0.012
+"""Difference in depth, m, within which a pixel beside the outline shows the object: eight standard
+deviations of the camera at 0.8 m (1.5 mm). Less loses the border of a pose that is still off, more
+takes a finger or the support for the object."""
 EMPTY_TOLERANCE = 0.02
+"""Depth behind the object, m, from which a pixel beside the outline sees past it. Between the two
+it counts as neither, since an edge mixes both."""
 STRANGE = 0.01
+"""Distance from the surface, m, beyond which a pixel near the object is not explained by it: more
+than the camera's noise and the error of a pose that is followed. Less lowers the score of good
+poses; more lets a shape that is a centimetre too small pass."""
 SUNK = 0.03
 """Depth inside the support, m, at which a pose is impossible: a model error or a wrong height of
 the support accounts for a few mm."""

@@ -29,7 +29,11 @@ from tactile_dynamics_ros.core.tracking.scene import Scene, crop_scene
 Array = NDArray[np.float64]
 
 CELL = 0.015
+"""Edge of the cells, m, by which points are joined to groups: points up to two cells apart belong
+together. A pixel is 1.4 to 2.8 mm wide at 0.8 m, so that holes of a depth image do not split an
+object; larger cells join the object with what stands beside it."""
 LEAST_POINTS = 15
+"""Points that a group needs: fewer are noise, or too little to align six coordinates to."""
 ROUGH = RegistrationConfig(
     coarse_reach=0.04,
     fine_reach=0.02,
@@ -38,6 +42,9 @@ ROUGH = RegistrationConfig(
     fine_steps=2,
     most_points=100,
 )
+"""Alignment of a candidate: reach of 4 cm, since orientations are tried in steps that leave the
+surface centimetres off; few pixels and steps, since many candidates are tried and only the best are
+aligned finely."""
 
 
 @dataclass(frozen=True)

@@ -20,8 +20,15 @@ from tactile_dynamics_ros.core.robot.robot_description import (
 Array = NDArray[np.float64]
 
 _TIP_CENTRES = np.array([[0.0, 0.0, 0.0], [-0.007, 0.0, 0.0], [-0.014, 0.0, 0.0]])
+"""Centres of the spheres that enclose a fingertip, m, sensor frame: from the tip's to `CORE_LENGTH`
+behind it, half that apart."""
 _ARM_RADIUS = 0.085
+"""Radius of the spheres that enclose the arm's links, m: large enough for an iiwa's housing.
+Larger takes away more of the image than the arm hides, smaller leaves its rim, which looks like an
+object."""
 _ARM_SPHERES = 4
+"""Spheres per link of the arm; at 54 mm between them (the longest link has 0.216 m) neighbours
+overlap."""
 
 
 class RobotVolume:

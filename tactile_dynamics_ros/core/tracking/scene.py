@@ -23,7 +23,12 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 ROBOT_TOLERANCE = 5e-3
+"""Depth, m, by which a pixel may lie before the robot's drawn surface and still show the robot:
+three standard deviations of the camera at 0.8 m, and what joints are off by. Less leaves a rim of
+fingers that is taken for the object, more takes away the object's surface behind a finger."""
 SUPPORT_TOLERANCE = 6e-3
+"""Height, m, above the support up to which a pixel shows it: four standard deviations of the camera
+at 0.8 m. Less leaves patches of the table, more cuts the foot of the object."""
 
 
 @dataclass(frozen=True)

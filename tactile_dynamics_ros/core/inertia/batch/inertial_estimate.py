@@ -28,6 +28,9 @@ PARAMETER_NAMES = (
     "inertia_yz",
     "inertia_zz",
 )
+"""Names of the ten numbers of a body in documents and on topics: kg, m in the body frame, kg m^2
+about the centre of mass; the matrix column by column, as in `inertia_vector`. They are API: scripts
+and `/diagnostics` use them."""
 
 
 @dataclass(frozen=True)

@@ -19,15 +19,33 @@ from tactile_dynamics_ros.core.inertia.batch.fitting import (
 Array = NDArray[np.float64]
 
 _MOST_ROUNDS = 7
+"""Rounds of two further iterations of a thorough fit, at most. Most end by `_SETTLED` and `_NEAR`;
+what has not ended by then is given as it is. More rounds cost time in proportion."""
 _RISE = 1.001
 """Of the error, which may rise a little because the covariance changes too."""
 _SETTLED = 0.995
+"""Share of the error of the round before from which it is said to fall no more: less than 0.5 % a
+round. Nearer to 1 fits go on for differences that no verdict sees; at 0.98 slow ones end early."""
 _NEAR = 0.3
+"""Length of what is left to go, in standard deviations of the white residual (noise adds one per
+row), below which the end is near: a third of what one parameter is uncertain by. Less takes more
+rounds, more leaves estimates off by a share of their intervals."""
 _USUAL_RATE = 0.5
+"""Share of a step by which the next one is presumed to be shorter before two steps have been seen;
+the rest then is as long as the step. Only the end after one round depends on it."""
 _SLOWEST_RATE = 0.9
+"""Rate at which steps are presumed to shrink at most: what is left is then nine times the last
+step. Nearer to 1 one noisy rate would throw the prolonged start far beyond the end."""
 _MISFIT = 0.2
+"""Squared white error beyond noise from which a misfit remains that may not go: an RMS of 1.1. Such
+fits may end by `_SLOW`, others only when little is left to go."""
 _SLOW = 0.02
+"""Share of a misfit that a round must take away to be worth another: 2 %. With less, rivals that
+cannot explain a recording are fitted to their end, at the cost of time."""
 _DOUBTFUL = 1.05
+"""White RMS above which a fit with effects is tried once more as if its motion were known
+(`fit_trusting`): 5 % beyond noise, which 500 samples exceed by chance in 6 of 100000 cases. Lower,
+clean fits pay for a second try; higher, effects that noise of the motion hides stay too small."""
 _HOPEFUL = 0.9
 """Of the squared error beyond noise, what one step may leave that is worth more of them."""
 

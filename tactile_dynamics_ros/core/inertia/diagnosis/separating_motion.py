@@ -31,17 +31,42 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _DECISIVE = 30.0
+"""Expected chi^2 beyond which a rival is refuted by the new recording: an error of 5.5 standard
+deviations in one direction. It is far beyond chance because errors of real sensors last and count
+less than white ones. Lower promises motions that such errors can spoil, higher finds a motion for
+fewer rivals."""
 _VAGUE = 1e-9
+"""Information on each of the ten parameters of the body that rivals know before the new recording:
+nearly none (standard deviations of 30000 kg, m, ...), since the new recording must tell on its own.
+Above zero so that unexcited directions leave a matrix that can be inverted."""
 _RATE_HZ = 20.0
+"""Rate at which candidate motions are evaluated, Hz: eight samples per period of the fastest sine
+(2.5 Hz). The chosen one is evaluated again at `_RECORDED_HZ`, since lags and delays look different
+between coarse samples."""
 _RECORDED_HZ = 100.0
+"""Rate of the recording that is promised, Hz, as the nodes publish poses."""
 _FRICTION = 0.8
+"""Coefficient of friction that is presumed of a grip, at least; what the recording shows to hold
+raises it (`Grip.from_samples`). BioTac skin on an indenter has 0.78 in published calibrations. Less
+scales motions down, more lets a grip slip."""
 _REGRASP_ANGLE = 0.8
+"""Turn, rad, of the contacts about the object's z axis in the re-grasp that is tried: 46 deg moves
+a contact at 3 cm by 2 cm, far more than it is uncertain by. The sentence of the proposal names
+it."""
 _BETWEEN_FINGERS = 1.0
+"""Time, s, between the moves of two fingers in a re-grasp: one finger after the other, so that the
+others hold. The criterion hardly depends on it."""
 _EFFORT = DesignConfig(
     duration=20.0, lowest_hz=0.15, highest_hz=2.5, sines=5, evaluations=100, grid_rate_hz=_RATE_HZ
 )
+"""Motions that are tried: 20 s, sines of 0.15 to 2.5 Hz, quicker than those that excite the inertia
+(1.5 Hz) since lags and added masses show at high frequency. 100 evaluations bound the time of a
+diagnosis; more find somewhat better motions."""
 _LIMITS = MotionLimits(rotation=0.7, translation=0.08)
+"""Size of the proposed motion, rad and m: +-40 deg and +-8 cm. Larger motions tell rivals apart
+better, but fewer arms and cells have room for them."""
 _AXES = ("x", "y", "z")
+"""Names of the world's axes in the proposal's sentence."""
 
 
 @dataclass(frozen=True)

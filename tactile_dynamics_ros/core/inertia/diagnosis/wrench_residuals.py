@@ -12,7 +12,10 @@ from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
 Array = NDArray[np.float64]
 
 CHANNELS = ("torque_x", "torque_y", "torque_z", "force_x", "force_y", "force_z")
+"""Channels of a wrench residual in the order of `core`, [torque, force]; names that documents and
+reports show."""
 UNITS = ("N m", "N m", "N m", "N", "N", "N")
+"""Units of these channels."""
 
 
 def wrench_residuals(model: FittedModel, white: Array) -> Residuals:

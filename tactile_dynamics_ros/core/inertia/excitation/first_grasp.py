@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.contact.wrench_samples import GRAVITY_W
 from tactile_dynamics_ros.core.inertia.batch.prior import LogCholeskyPrior, body_prior
 from tactile_dynamics_ros.core.inertia.excitation.design import DesignConfig
 from tactile_dynamics_ros.core.inertia.excitation.grip import Grip
@@ -30,9 +31,14 @@ from tactile_dynamics_ros.core.robot.robot_description import FINGERS
 
 Array = NDArray[np.float64]
 
-_GRAVITY = 9.81
+_GRAVITY = float(-GRAVITY_W[2])
+"""Weight of a kilogram, N."""
 _FORCE_STD = 0.03
+"""Standard deviation of a force axis, N, that is presumed before anything is measured: the live
+estimator's default. It scales what the motion is expected to bring; the best motion is the same."""
 _IN_FRONT = np.array([0.55, 0.0, 0.1])
+"""Where the grasp is presumed to be, m from the arm's base: 55 cm before it, in reach of the iiwa.
+Only the grasp of hand and object is kept of it, not the place."""
 
 
 def plan_first_excitation(

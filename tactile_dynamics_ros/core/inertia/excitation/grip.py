@@ -15,6 +15,9 @@ from tactile_dynamics_ros.core.rigid_body.rotation import skew
 Array = NDArray[np.float64]
 
 _HELD_PERCENTILE = 99.5
+"""Percentile of the sliding ratios of all samples that the grip has shown to hold: the largest but
+for one in 200, which may be noise of a single sample. At 100 one outlier would promise any
+friction; at 90 motions become smaller than those that were held."""
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,10 @@ from tactile_dynamics_ros.core.robot.robot_description import ARM_JOINTS
 Array = NDArray[np.float64]
 
 _BISECTIONS = 12
+"""Halvings of the interval in which the largest allowed amplitude lies: to 1 / 4096 of it."""
 _MORE_THAN_REST = 1.1
+"""What a motion may take of the grip over what holding still takes, where that is more than the
+share allowed. At 1 an object that a hand just holds could not be moved at all; more risks slip."""
 
 
 @dataclass(frozen=True)

@@ -29,11 +29,22 @@ from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
 Array = NDArray[np.float64]
 
 CARRYING_ARM = (0.0, 0.5, 0.0, -1.5, 0.0, 1.14, 0.0)
+"""Joint positions of the arm, rad, in which it holds an object that moves, unless a posture is
+given; limits of joints and speeds are checked about it."""
 _HAND = 0.5
+"""Position, rad, of all hand joints there. The palm's place, which is all that is used, does not
+depend on it."""
 _SAMPLE_RATE_HZ = 100.0
+"""Rate of the recording that is foreseen, Hz, as the nodes publish poses; expected deviations fall
+with its root."""
 _TABLE_RATE_HZ = 100.0
+"""Rate, Hz, of the motion as samples in the plan; the controller interpolates them."""
 _UNITS = ("kg", *("m",) * 3, *("kg m^2",) * 6)
+"""Units of PARAMETER_NAMES."""
 _PIVOT_IN_PALM = np.array([0.09, 0.0, 0.08])
+"""Point of the palm's frame, m, about which the object is turned: before the palm, between the
+fingers and the thumb of a hand that closes. A pivot elsewhere makes turns need more travel of the
+arm, which limits them."""
 
 
 @dataclass(frozen=True)

@@ -36,12 +36,22 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
 Array = NDArray[np.float64]
 
 _BLOCK_SAMPLES = 25
+"""Samples of a first block of scores, a quarter of a second at 100 Hz; blocks are merged in pairs
+when there are 128, so that longer ones follow. A shorter one costs time, a longer one sees quick
+correlation late."""
 _ERROR_SAMPLES = 500
+"""Samples over which the published RMS of force and torque runs, five seconds at 100 Hz, as the
+judge's scale does (`judge._SAMPLES`). Fewer flicker, more show a fault late."""
 _RECENT_SAMPLES = 200
 """Samples whose error says whether the model fits now, two seconds at 100 Hz: long enough that
 noise alone stays within a tenth of 1, short enough that a fault is over soon after its end."""
 _LOOK_SHARE = 0.1
+"""Share of new samples after which it is looked again at which directions are excited: the cost per
+sample falls as 1 / n, and an interval is at most a tenth of the data late."""
 _SCATTER = 10.0
+"""What the ratio that tells excitation must exceed `_NOISE_RATIO` by, times the root of the number
+of samples: 1 at 100 samples, 0.1 at 10000. With none, few samples of a grasp at rest were taken for
+excitation by chance."""
 
 
 @dataclass(frozen=True)

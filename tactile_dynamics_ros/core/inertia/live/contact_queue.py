@@ -20,8 +20,14 @@ from tactile_dynamics_ros.core.numerics.local_polynomial import (
 Array = NDArray[np.float64]
 
 _LIMIT = 1024
+"""Readings kept at least, and at most twice as many: 10 s at 100 Hz, 1 s at 1 kHz, far longer than
+a pose is late. Fewer could lose what a pose still needs."""
 _SILENCE_PERIODS = 2.5
+"""Step between readings, in periods, from which a contact was silent; see
+`residuals/contact_grid.py`, which reads recordings the same."""
 _LOADED = 0.3
+"""Share of the newest load that a contact must bear before and after a silence for readings to
+count as lost, not as a break of contact; as in `residuals/contact_grid.py`."""
 _LOADED_NEWTON = 0.3
 """Load from which the sudden absence of a contact is suspicious, N: ten times the noise of a sensor
 of 0.03 N; what presses less moves no estimate of a body that a hand lifts."""
@@ -29,12 +35,23 @@ _DOUBT_DURATION = 10.0
 """How long the absence of a contact that pressed is suspicious, s: a sensor that drops out comes
 back or is seen to by then, a finger that was lifted stays away."""
 _EMPTY = 1e-9
+"""|force| + |torque|, N and N m, up to which nothing is transmitted: zero and rounding."""
 _SAME = 1e-4
+"""Difference of stamps, s, that are the same: as `contact_grid.SYNCHRONOUS`. A force of 10 N at 4
+Hz changes by 25 mN within it at most, less than its noise."""
 _FAST = 0.6
+"""Period over that of the grid below which readings are averaged: there are at least 1.7 per step
+of the grid then. Nearer to 1 jitter of a rate that equals the grid's would switch between averages
+and interpolation; the batch estimator, which knows the whole stream, averages from 0.9."""
 _PERIOD_GAIN = 0.05
+"""Share by which the period follows the last step between readings: an average over 20 steps, 0.2 s
+at 100 Hz. More follows single late messages, less is slow to notice another rate."""
 _AVERAGED = 1.25
 """Half width of means in periods of the grid: their noise is about white on the grid."""
 _BENT = 4
+"""Readings that a mean needs more of than this to be one by a parabola: one beyond its three
+coefficients and the symmetry of the window. Fewer give a line's mean, which makes forces that bend
+too small (0.3 % at 5 Hz over 8 ms)."""
 
 
 @dataclass(frozen=True)

@@ -22,12 +22,16 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
 Array = NDArray[np.float64]
 
 _IDENTIFIED = 4.0
+"""Prior over posterior variance above which a direction is identified: the standard deviation has
+been halved, as `uncertainty._OPEN` asks of a recording. Lower, noise counts as an estimate sooner;
+higher, the status says "unknown" for longer."""
 _WORDS = {
     "mass": "mass",
     "com": "centre of mass along",
     "inertia": "inertia about",
     "product": "product of inertia",
 }
+"""Plain words for the first parts of PARAMETER_NAMES."""
 
 
 MISFIT = 1.5

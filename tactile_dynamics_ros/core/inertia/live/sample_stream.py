@@ -22,14 +22,30 @@ from tactile_dynamics_ros.core.numerics.rolling_table import RollingTable, slidi
 Array = NDArray[np.float64]
 
 MAXIMUM_CONTACTS = 8
+"""Contacts that tables have room for: two hands of four fingers. Others are counted as a problem
+and not used; each costs its columns in every kept sample."""
 _LAYOUT_POSES = 12
+"""Poses of a new stretch from which their period, and so the windows, are taken: 0.12 s at 100 Hz.
+The median of fewer is moved by single late ones; more delay the first sample."""
 _NOISE_POSES = 200
+"""Poses from which noise is read, two seconds at 100 Hz: it is then known to 7 %. More follow a
+change of noise late."""
 _NOISE_EVERY = 50
+"""Poses between such readings, and the least they need: twice a second at 100 Hz. More often costs
+time, more seldom follows a change of noise late."""
 _FORCE_STD_FLOOR, _TORQUE_STD_FLOOR = 1e-4, 1e-6
 _OVERSTATED = 0.7
+"""Seen over stated noise of poses below which the stated one is scaled down; as in
+`residuals/motion.py`, which says why."""
 _DRAWS = 4099
+"""Fixed standard normal draws, used in a ring: at 100 Hz they come again after 41 s. Fixed, so that
+a recording gives the same estimate each time."""
 _NOISE_FLOOR = (1e-5, 1e-6)
+"""Noise of poses, rad and m, that is presumed at least: what is smoother than this was filtered or
+generated, and would get unlimited weight. 0.6 mdeg and 1 um are far below any tracker."""
 _POINT_STD_FLOOR = 1e-5
+"""Scatter of contact points, m, up to which they count as exact; as in
+`residuals/contact_grid.py`."""
 _STUCK = 10
 """Equal forces in a row, all three axes to the last bit, that are no chance: a sensor whose noise
 is a fifth of its step still repeats itself so often once in ten million rows."""

@@ -20,22 +20,39 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
 Array = NDArray[np.float64]
 
 INERTIA_KEY = gtsam.symbol("x", 0)
+"""Name of the one variable of the factor graph: the log-Cholesky coordinates."""
 
 _UPPER_ROWS = np.array([0, 1, 0, 0, 1, 2])
+"""Rows of the entries above the diagonal of a 4 x 4 matrix, in the order of the coordinates."""
 _UPPER_COLUMNS = np.array([1, 2, 2, 3, 3, 3])
+"""Columns of these entries."""
 _ROWS = np.concatenate([np.arange(4), _UPPER_ROWS])
+"""Rows of the ten entries of an upper triangle: the diagonal, then those above it."""
 _COLUMNS = np.concatenate([np.arange(4), _UPPER_COLUMNS])
+"""Columns of these ten entries."""
 _NEAR_ONE = 1e-4
+"""Distance from 1 within which sqrt(x^2 - 2 log x - 1) is taken from its series: it leaves out a
+term of 1e-12, where the formula itself has lost eight of sixteen digits."""
 _SMALLEST_RATIO = 1e-150
+"""Ratio of Cholesky entries that is taken at least, so that its square and logarithm exist (the
+least double is 2e-308)."""
 _MAXIMUM_ROUNDS = 8
+"""Undamped steps after one exchange of the data, at most. What is then left is done in the next
+update, or by the damped search if steps do not shrink. The bound limits the time of an update."""
 _STEP_TOLERANCE = 1e-3
+"""Largest change of a coordinate (logarithms, m) after which the steps end: 0.1 % of a scale, or 1
+mm. The next update goes on from there, so that the rest does not add up."""
 _SHRINKING = 0.9
 """Least shrinking of undamped steps, of one over the one before, that promises an end."""
 _ENOUGH = 1e-4
 """Relative fall of the cost below which the damped steps end."""
 _MANY_STEPS, _FEW_STEPS = 15, 8
 _LARGEST_LOGARITHM = 40.0
+"""Logarithm beyond which a body is out of all scales and the search has diverged: e^40 = 2e17,
+whose square a double still holds with room for products."""
 _ROUNDING = 1e-10
+"""Share of the sum of second moments that is added to each of them, so that rounding cannot make a
+published body impossible: a thickness of 1e-5 of its size."""
 
 
 class _Diverged(Exception):

@@ -11,6 +11,9 @@ from tactile_dynamics_ros.core.rigid_body.rotation import skew
 Array = NDArray[np.float64]
 
 _DAMPING = 1e-6
+"""Added to the Gram matrix of the contacts' unit wrenches (about the number of contacts), so that
+two fingers, which cannot resist a torque about their line, leave it solvable. Their share of that
+torque is then left out; a force is short by a millionth of itself."""
 
 
 def balance_contacts(samples: WrenchSamples, lacking: Array) -> WrenchSamples:

@@ -31,20 +31,42 @@ SYNCHRONOUS = 1e-4
 MISSED_PERIODS = 1.5
 """Step, in periods, from which a sample is missing."""
 _SILENCE_PERIODS = 2.5
+"""Step between samples, in periods, from which a contact was silent: one lost sample makes a step
+of 2, jitter included 2.5. Two lost samples make 3, which is no longer interpolated."""
 _BRIDGED = 0.025
 """Longest step (s) across a lost sample that is interpolated: a cubic is 0.2 % off at 4 Hz."""
 _LOADED = 0.3
+"""Share of the median load that a contact must bear before and after a silence for samples to count
+as lost, not as a break of contact: fingers that let go unload first. At zero a grasp that opens
+leaves false forces; at 1 half of all lost samples count as breaks."""
 _RAGGED = 0.5
 """Longest difference (s) between the ends of streams that is no break of contact."""
 _EXTRAPOLATED = 0.1
+"""Share of a period by which a stream may be read beyond its samples: stamps of one clock differ by
+less. Forces of 4 Hz at 100 Hz then are off by at most 3 %, at the ends alone."""
 _SLOWER = 0.9
+"""Period over that of the grid above which forces are interpolated; below, several samples fall
+into a step of the grid and are averaged. 0.9 leaves room for jitter of clocks of equal rate. The
+live estimator's bound is 0.6 (`live/contact_queue.py`)."""
 _AVERAGED = 1.5
 """Half width, in periods of the grid, at which noise beyond what the grid can show is let out."""
 _CUBIC = 4
+"""Samples that an interpolating polynomial goes through: a cubic. A line would cut the peaks of a
+force of 4 Hz at 100 Hz by 0.5 %."""
 _EMPTY = 1e-9
+"""|force| + |torque|, N and N m, up to which nothing is transmitted: zero and rounding. Fingertips
+send exactly zero while untouched."""
 _FALLBACK_FORCE_STD = 0.03
+"""Standard deviation of a force axis, N, where none is stated and the samples show none (fewer than
+20, or without noise): the white noise at 100 Hz that the hardware facts suggest for a BioTac. It
+only scales how forces weigh against the motion."""
 _FALLBACK_TORQUE_STD = 1e-3
+"""Standard deviation of a torque axis, N m, in the same case: about that of `_FALLBACK_FORCE_STD`
+at a lever of 3 cm."""
 _POINT_STD_FLOOR = 1e-5
+"""Scatter of contact points, m, up to which they count as exact: one step of a hand's encoder (89
+urad) at 0.1 m. Points that are noisier become unknowns of the fit, which costs time; a higher floor
+leaves noise of points out of the intervals."""
 
 
 @dataclass(frozen=True)

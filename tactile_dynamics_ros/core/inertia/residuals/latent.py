@@ -14,6 +14,7 @@ from tactile_dynamics_ros.core.numerics.local_polynomial import LocalFunctional
 Array = NDArray[np.float64]
 
 _ALL = slice(None)
+"""All rows of a functional."""
 
 
 @dataclass(frozen=True)

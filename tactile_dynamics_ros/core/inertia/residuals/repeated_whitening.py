@@ -14,6 +14,8 @@ from tactile_dynamics_ros.core.effects.present import PresentEffects
 Array = NDArray[np.float64]
 
 _KEPT = 8
+"""Keys whose white columns are kept; models have a few effects, one key each. With fewer than that,
+columns are computed again at each step: slower, not different. More only hold memory."""
 
 
 class RepeatedWhitening:

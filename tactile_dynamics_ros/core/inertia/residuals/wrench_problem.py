@@ -51,10 +51,18 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _VARIANCE_FLOOR = 1e-14
+"""Variance added to each residual, N^2 and (N m)^2: 0.1 uN. Recordings without any noise (generated
+ones) keep a covariance that is positive definite; those of sensors have at least 1e-8."""
 _UNREAD_VARIANCE = 1e6
-"""Of residuals whose motion, beyond a clock's offset, was not recorded: they tell nothing."""
+"""Variance that removes samples whose time-shifted motion lies outside the recording, N^2 and (N
+m)^2: 1 kN. Any number far above those of loads has the same effect."""
 _MINIMUM_SAMPLES = 10
+"""Samples with motion and contact that a recording needs: sixty equations for ten unknowns. Fewer
+are refused with a message, since their noise could not be read either."""
 _SMOOTHING_PERIODS = 5.5
+"""Half width of the regressors' windows in periods of the poses, at least: eleven poses for the
+seven coefficients of their polynomials. It widens windows of poses below 34 Hz; less would hardly
+smooth these, more would cut their motion."""
 
 
 @dataclass(frozen=True)

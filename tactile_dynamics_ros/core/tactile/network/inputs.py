@@ -16,8 +16,11 @@ MEMORY = np.array([0.02, 0.05, 0.12, 0.3, 1.0, 4.0])
 the noise of a frame without lagging behind, the long ones show creep."""
 
 INPUTS = 20 * (1 + len(MEMORY)) + 2 + 19
+"""Numbers that the network is given: pattern and its differences from the past (20 each), two of
+the size, 19 rest counts."""
 
 _FRAMES = 20 * np.arange(1 + len(MEMORY))[:, None] + MIRROR
+"""Inputs of the mirrored sensor among pattern and differences."""
 MIRROR_INPUTS = np.concatenate(
     [_FRAMES.ravel(), _FRAMES.size + np.array([0, 1]), _FRAMES.size + 2 + MIRROR[:19]]
 )

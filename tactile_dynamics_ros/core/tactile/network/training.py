@@ -36,9 +36,16 @@ from tactile_dynamics_ros.core.tactile.network.weights import (
 Array = NDArray[np.float64]
 
 OUTPUTS = 10
+"""Numbers that the network gives: force (3) and its spread (3), contact point (3) and its
+spread."""
 _PHASE_STEP = 7
+"""Frames by which one sequence is read later than the one before. Coprime to usual values of
+`every`, so that all times since the first touch are seen."""
 _UNTOUCHED_EVERY = 5
+"""One in how many frames without contact is kept: they are many and alike. All of them would make
+the network spend itself on zero."""
 _WARM_UP = 0.1
+"""Share of the steps in which step sizes rise before they fall as a cosine."""
 _LARGEST_GRADIENT = 3.0
 """Norm to which gradients are cut: a batch with a rare large error must not undo an epoch."""
 
@@ -170,6 +177,7 @@ def _optimise(network: nn.Sequential, steps: int, config: TrainingConfig) -> Cal
 
 
 _FIELDS = ("inputs", "size", "force", "point")
+"""Arrays of a batch."""
 
 
 def contact_loss(output: Tensor, frames: Frames, place_share: float) -> Tensor:

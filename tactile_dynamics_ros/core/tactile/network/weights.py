@@ -19,18 +19,24 @@ Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 
 SHIPPED_NETWORK = Path(__file__).parent.parent / "data" / "force_network.npz"
+"""File of the weights that come with the package; `tactile-dynamics train biotac --seed 0` makes
+them again."""
 
 SMALLEST_STD = 0.3
 """Lower bound of the force's standard deviation in hundredths of a newton per unit of size."""
 
 PLACE_SCALE = 1e-3
+"""Unit of the network's contact point, m: millimetres, so that all outputs are of the order of
+one."""
 _MIRROR_OUTPUTS = np.concatenate([MIRROR_AXES, np.ones(3), MIRROR_AXES, np.ones(1)])
 """Signs of force (3), std (3), contact point (3) and its std on a sensor mirrored in y."""
 STRENGTH_KNOTS = np.array([0.0, 0.2, 0.5, 1.0, 2.0, 3.0, 5.0])
 """Forces (N) at which the calibration of standard deviations is stated, linear in between."""
 _KNOT_GAPS = np.diff(STRENGTH_KNOTS)
+"""Distances between neighbouring knots, N."""
 
 _SPREADS = np.array([3, 4, 5, 9])
+"""Places of the spreads among the outputs: force (3), contact point."""
 _SMALLEST_SPREADS = np.array([0.01 * SMALLEST_STD] * 3 + [0.02])
 """Outputs that tell standard deviations of force (3) and contact point, and their lower bounds."""
 
