@@ -16,6 +16,8 @@ from tactile_dynamics_ros.core.rigid_body.rotation import cross
 Array = NDArray[np.float64]
 
 GRAVITY_W = np.array([0.0, 0.0, -9.81])
+"""Acceleration of gravity, m/s^2, world axes (z up). One value for all places: the true one differs
+by up to 0.3 % from it, and estimated masses by as much."""
 
 Value = TypeVar("Value")
 Given = ParamSpec("Given")

@@ -20,11 +20,23 @@ from tactile_dynamics_ros.core.robot.robot_description import HAND_JOINTS
 Array = NDArray[np.float64]
 
 _KP = np.array([joint.kp for joint in HAND_JOINTS])
+"""Stiffness of the hand's drives, N m/rad."""
 _EFFORT = np.array([joint.effort for joint in HAND_JOINTS])
+"""Torque caps of the hand's drives, N m."""
 _SLIDING_COST = 3.0
+"""Weight of a holding finger's tangential over its normal force, beyond one: forces along the
+surface, which may slip, count four times in the sum that is made least. At zero they share what the
+probe pushes without regard to friction; much more lets normal forces leave what is wanted."""
 _STIFFNESS = np.array([2.0] * 3 + [150.0] * 3)
+"""Spring that brings the object back: N m/rad for turns, N/m for shifts. 2 N m/rad as in EPFL's
+object impedance for this hand; 150 N/m is about the stiffness of its fingers at a lever of 15 cm
+(80 N/m there). Softer lets the object wander while it is probed, stiffer rocks it."""
 _INTEGRAL = np.array([4.0] * 3 + [300.0] * 3)
+"""Gain of the integral part, N m/(rad s) and N/(m s): twice the stiffness, so that it takes over
+after half a second."""
 _MOST = np.array([0.06] * 3 + [1.2] * 3)
+"""Largest pull of spring and integral, N m and N: what holding fingers have to spare beside the
+grip. A larger one can make them slip."""
 
 
 def balance_forces(points: Array, normals: Array, wanted: Array, wrench: Array) -> Array:

@@ -29,6 +29,8 @@ class ProbePhase(Enum):
 
 
 VARIANTS = ("unload", "drag", "both")
+"""How a slip is brought about: the normal force falls, the tangential force grows, or both in
+turn."""
 
 
 @dataclass(frozen=True)

@@ -12,14 +12,27 @@ from tactile_dynamics_ros.core.friction.estimate import SlipEvent
 Array = NDArray[np.float64]
 
 _REACH = 0.45
+"""Time before an alarm, s, in which the slip is sought: several times what detection takes. Longer
+takes in creep of the slip before, shorter may miss the peak of the ratio."""
 _AFTER = 0.05
+"""Time after an alarm, s, that still belongs to it: means of `_SMOOTHED` instants reach 0.04 s
+beyond their middle at 100 Hz. Longer takes in the slide."""
 _SMOOTHED = 9
 """Instants whose mean is taken for the force at one of them."""
 _FEWEST = 6
+"""Instants that a part of a slip needs to be looked at; the window needs twice as many. At 100 Hz
+it is 60 ms."""
 _LEAST_PATH = 6e-4
+"""Way of a slide, m, from which its force counts as kinetic: less is within what the skin gives."""
 _LEAST_TILT_PATH = 1e-3
+"""Way of a slide, m, from which its slope against the mesh is told: 0.1 mm of error are 6 deg of
+slope."""
 _LEAST_UNLOAD = 0.25
+"""Change of the normal force, N, from which the give of fingertip and surface is told from it:
+eight times the noise of a fingertip's force."""
 _LEAST_COSINE = 0.8
+"""Share of the tangential force that must be along the pull: within 37 deg. A slip in another
+direction is not that of the attempt, and is left out."""
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,8 @@ from tactile_dynamics_ros.core.friction.estimate import SlipEvent
 Array = NDArray[np.float64]
 
 FEWEST = 12
+"""Slips that a model of friction needs: two numbers each, for two coefficients, an error of
+direction and a rival effect. Fewer leave no scatter to judge by."""
 LEAST_SPEED = 2e-3
 """Below it a fingertip creeps with nearly static friction, m/s."""
 

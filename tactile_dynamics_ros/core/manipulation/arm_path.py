@@ -19,7 +19,11 @@ from tactile_dynamics_ros.core.robot.robot_description import ARM_JOINTS
 Array = NDArray[np.float64]
 
 SPEED_LIMIT = 0.9 * np.array([joint.velocity for joint in ARM_JOINTS])
+"""Speeds that paths may use, rad/s: 0.9 of each joint's limit, so that following a path never
+saturates a drive."""
 NODE_RATE_HZ = 20.0
+"""Nodes of a path per second, between which it is a cubic spline. A spline of 20 Hz follows the
+motions (up to 2.5 Hz) to a thousandth; more nodes take longer to solve."""
 
 
 @dataclass(frozen=True)

@@ -34,8 +34,9 @@ from tactile_dynamics_ros.core.robot.robot_description import FINGERS
 
 Array = NDArray[np.float64]
 
-# Where the object is moved about: fingers below the thumb, so that they carry part of the weight.
 ARM_CARRY = np.array([0.0, 0.2, 0.0, -1.8, 0.0, 1.64, 0.0])
+"""Joint positions of the arm, rad, in which the object is moved about: fingers below the thumb, so
+that they carry part of the weight. Elsewhere friction has to carry more of it."""
 
 
 class Phase(Enum):

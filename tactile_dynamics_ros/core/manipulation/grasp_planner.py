@@ -18,9 +18,15 @@ from tactile_dynamics_ros.core.robot.robot_description import FINGERS, SKIN_RADI
 Array = NDArray[np.float64]
 
 ARM_HOME = np.array([0.0, 0.0, 0.0, -1.8, 0.0, 1.34, 0.0])
+"""Joint positions of the arm, rad, from which a grasp is sought and which redundant motion keeps
+near to. Another one may give another posture of the same grasp."""
 HAND_SEED = np.array([0.0, 0.4, 0.5, 0.9] * 3 + [1.3, 0.45, 0.3, 0.6])
-# Directions into the object that suit the pads best, in the sensor frames.
+"""Joint positions of the hand, rad, from which fingertips are sought: half closed, the thumb
+opposed. A seed elsewhere may end in another posture of the same grasp."""
 PAD_DIRECTIONS = np.array([[0.35, 0.0, -0.94]] * 3 + [[0.5, -0.3, -0.81]])
+"""Directions into the object that suit the pads best, in the sensor frames of index, middle, ring
+and thumb: about -z, out of the pad. Others let the tip or the side of a pad touch, where few
+electrodes are."""
 
 
 @dataclass(frozen=True)

@@ -12,10 +12,16 @@ from tactile_dynamics_ros.core.robot.robot_description import ACTUATED_JOINTS, F
 Array = NDArray[np.float64]
 
 LIMIT_MARGIN = 0.02
+"""Distance from the joints' limits, rad, that solutions keep: 1.1 deg, more than the offsets of an
+encoder (0.2 deg) and the error of a drive."""
 ARM_LOWER = np.array([joint.lower + LIMIT_MARGIN for joint in ACTUATED_JOINTS[:ARM_DOF]])
+"""Lower limits of the arm's joints with that margin, rad."""
 ARM_UPPER = np.array([joint.upper - LIMIT_MARGIN for joint in ACTUATED_JOINTS[:ARM_DOF]])
+"""Upper limits of the arm's joints with that margin, rad."""
 HAND_LOWER = np.array([joint.lower + LIMIT_MARGIN for joint in ACTUATED_JOINTS[ARM_DOF:]])
+"""Lower limits of the hand's joints with that margin, rad."""
 HAND_UPPER = np.array([joint.upper - LIMIT_MARGIN for joint in ACTUATED_JOINTS[ARM_DOF:]])
+"""Upper limits of the hand's joints with that margin, rad."""
 
 
 def arm_jacobian(axes: Array, centres: Array, point: Array) -> Array:

@@ -17,7 +17,9 @@ from tactile_dynamics_ros.core.robot.robot_description import FINGERS, HAND_JOIN
 Array = NDArray[np.float64]
 
 JOINT_STIFFNESS = np.array([joint.kp for joint in HAND_JOINTS])
+"""Stiffness of the hand's drives, N m/rad, by which a torque becomes an offset of the target."""
 JOINT_EFFORT = np.array([joint.effort for joint in HAND_JOINTS])
+"""Torque caps of the hand's joints, N m."""
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,12 @@ from tactile_dynamics_ros.core.errors import NotIdentifiableError
 Array = NDArray[np.float64]
 
 _BLOCK = 6
+"""Numbers of one sample: the six of a wrench residual."""
 _SAFEGUARDS = (0.0, 1e-9, 1e-6)
+"""Shares by which the diagonal of a covariance is raised, tried in turn until it has a Cholesky
+factor: none first, so that covariances that rounding leaves positive definite are taken exactly.
+1e-6 widens a residual's deviation by half a millionth; if that is not enough the noise is
+inconsistent and the error says so."""
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,7 @@ Array = NDArray[np.float64]
 Record = TypeVar("Record")
 
 _BLOCK = 6
+"""Numbers of one sample: the six of a wrench residual."""
 
 
 class Decorrelator(Generic[Record]):

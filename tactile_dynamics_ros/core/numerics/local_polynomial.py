@@ -10,14 +10,23 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 _WITHOUT_GAPS = 99.0
+"""Percentile of steps up to which their mean counts: the largest 1 % may be gaps, which would make
+the mean long. A stream with more gaps than that reads as bursts."""
 _BURSTS = 1.3
+"""Mean over median step from which samples come in bursts: then the mean is the period. Jitter of
+even streams stays far below 1.3; a stream that sends pairs has 2 or more."""
 _SPARE = 2
 """Samples that a window has at least beyond those that determine its polynomial."""
 _FAINT = 1e-3
+"""Share to which samples beyond the half width of a taper fall (before squaring): windows with few
+samples inside stay solvable by those outside, which otherwise count a millionth. Ten times more
+would let quick motion far away in."""
 _LOST = 1.0 / 6.0
 """Share of its samples that a window may lack, at least one."""
 _ORDERS = np.arange(3)
+"""Derivatives that are read: value, first, second."""
 _FACTORIALS = np.array([1.0, 1.0, 2.0])
+"""Factorials of these orders."""
 _SLOPE_SEEN = 0.2
 """Least spread of samples over the square of their distance from zero that a line needs."""
 

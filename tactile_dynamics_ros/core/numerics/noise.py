@@ -11,7 +11,12 @@ from tactile_dynamics_ros.core.streams.streams import ContactStream, nearest_sam
 Array = NDArray[np.float64]
 
 _ORDER = 6
+"""Order of the differences in which noise is seen. Of a force of 4 Hz at 100 Hz sixth differences
+leave 8e-6, of 10 Hz 0.2 %, so that motion does not count as noise. Lower orders leave motion in,
+higher ones need longer runs without a gap."""
 _MINIMUM_SAMPLES = 20
+"""Samples from which noise is read: it is then known to 26 %. Below, what is stated or a fallback
+is used."""
 _SHORTEST, _LONGEST = 0.3, 1.7
 """Steps between samples, in periods, that are no gap and no burst."""
 

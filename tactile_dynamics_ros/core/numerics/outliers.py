@@ -9,9 +9,20 @@ from scipy.ndimage import median_filter, uniform_filter
 Array = NDArray[np.float64]
 
 _SPIKE = 7.0
+"""Largest of six white numbers of a sample from which it may be a spike: noise exceeds 7 in 1.5
+samples of 10^11. Lower takes noise of long recordings out; of what lies below a Huber weight (live)
+or the diagnosis takes care."""
 _NEIGHBOURHOOD = 9
+"""Samples over whose median a spike must stand out threefold: 90 ms at 100 Hz. What lasts longer
+than half of it is misfit, and left to the diagnosis."""
 _FRAME = 128
+"""Samples of a frame whose spectrum tells noise from misfit: 1.28 s at 100 Hz, lines of 0.8 Hz.
+Shorter frames do not resolve the motion (0.5 to 2 Hz) from noise, longer ones blur when a misfit
+begins."""
 _MISFIT = 1.7
+"""Power of white numbers, averaged over six channels and nine neighbouring cells of the spectrum,
+from which a cell holds more than noise: white noise exceeds 1.7 in 1.3 cells of a thousand. At 1.35
+it would be 3 %, and that much noise of clean recordings would count as misfit."""
 
 
 def isolated_outlier_variance(white_residual: Array, residual: Array) -> Array:

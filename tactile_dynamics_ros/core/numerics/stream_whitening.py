@@ -9,7 +9,10 @@ from scipy.linalg import lapack
 Array = NDArray[np.float64]
 
 _BLOCK = 6
+"""Numbers of one sample: the six of a wrench residual."""
 _FLOOR = 1e-14
+"""Variance added to each residual, N^2 and (N m)^2, as `wrench_problem._VARIANCE_FLOOR`: data
+without noise keep a factor."""
 
 
 class StreamWhitener:

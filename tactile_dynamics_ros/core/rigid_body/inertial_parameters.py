@@ -19,11 +19,17 @@ from tactile_dynamics_ros.core.rigid_body.rotation import skew
 Array = NDArray[np.float64]
 
 _AXES = np.arange(3)
+"""Numbers of the three axes."""
 _LOGARITHMS = 1 + _AXES
+"""Places of the logarithms of the radii among the log-Cholesky coordinates."""
 _SHEAR_BASIS = np.zeros((10, 4, 4))
+"""Derivative (10, 4, 4) of the Cholesky factor by the shears and the centre of mass, over the
+factor's last entry."""
 _SHEAR_BASIS[range(4, 10), [0, 1, 0, 0, 1, 2], [1, 2, 2, 3, 3, 3]] = 1.0
 _INERTIA_ROWS = np.array([0, 0, 1, 0, 1, 2])
+"""Rows of the six numbers of an inertia matrix, [I_xx, I_xy, I_yy, I_xz, I_yz, I_zz]."""
 _INERTIA_COLUMNS = np.array([0, 1, 1, 2, 2, 2])
+"""Columns of these six numbers."""
 
 
 def _pseudo_inertia_basis() -> Array:
@@ -42,6 +48,7 @@ def _pseudo_inertia_basis() -> Array:
 
 
 _PSEUDO_BASIS = _pseudo_inertia_basis()
+"""Tensor B (10, 4, 4) with the pseudo-inertia P = sum_k phi_k B_k."""
 
 
 def _pseudo_inertia_inverse() -> Array:
@@ -54,6 +61,7 @@ def _pseudo_inertia_inverse() -> Array:
 
 
 _FROM_PSEUDO = _pseudo_inertia_inverse()
+"""Matrix A (16, 10) of the inverse, phi = vec(P) A."""
 
 
 def inertia_matrix(six: Array) -> Array:

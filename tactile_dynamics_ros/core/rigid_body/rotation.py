@@ -10,12 +10,18 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 _SMALL_ANGLE = 1e-6
+"""Sine of an angle (rad) below which the logarithm is its first-order form; that is off by a sixth
+of the cube, 2e-19, less than rounding."""
 _NO_ANGLE = 1e-100
+"""Angle, rad, that takes the place of zero in sin(h) / h, which then is 1 exactly."""
 _IDENTITY = np.eye(3)
+"""The rotation by nothing."""
 _NEXT, _LAST = [1, 2, 0], [2, 0, 1]
 _SKEW = np.zeros((3, 9))
+"""Matrix (3, 9) with vec([v]) = v S: the entries of a cross-product matrix."""
 _SKEW[[2, 1, 2, 0, 1, 0], [1, 2, 3, 5, 6, 7]] = [-1.0, 1.0, 1.0, -1.0, -1.0, 1.0]
 _HALF_DIFFERENCE = 0.5 * _SKEW.T
+"""Matrix (9, 3) that takes the vector of the antisymmetric part out of a matrix."""
 
 
 def skew(vector: Array) -> Array:

@@ -22,8 +22,11 @@ from tactile_dynamics_ros.core.robot.robot_description import (
 Array = NDArray[np.float64]
 
 ARM_DOF = 7
+"""Joints of the arm; they come first in all vectors of joints."""
 FINGER_DOF = 4
+"""Joints of one finger, from the palm to the tip."""
 DOF = ARM_DOF + FINGER_DOF * len(FINGERS)
+"""Joints of arm and hand."""
 
 MOVING = np.hstack(
     [np.ones((len(FINGERS), ARM_DOF)), np.kron(np.eye(len(FINGERS)), np.ones(FINGER_DOF))]

@@ -22,15 +22,28 @@ Array = NDArray[np.float64]
 Vector3 = tuple[float, float, float]
 
 FINGERS = ("index", "middle", "ring", "thumb")
+"""Names of the fingers in the order of the hand's bus; part of topics and joint order."""
 BASE_LINK = "lbr_iiwa_link_0"
+"""Link that stands in the world."""
 FLANGE_LINK = "wrist_ft"
+"""Link of the wrist's force/torque sensor, at the arm's flange."""
 PALM_LINK = "palm_link"
+"""Link of the palm; fingers start here."""
 HAND_ENCODER_RESOLUTION = np.deg2rad(333.3) / 65536
+"""Step of the hand's encoders, rad: 333.3 deg over 16 bits. Source: Allegro driver."""
 SKIN_RADIUS = 0.007
+"""Radius of the idealised skin of a BioTac, m. Source: skin-projected electrodes of TAMS. It is
+added to every contact point: a millimetre more moves all of them out by one."""
 CORE_RADIUS = 0.0054
+"""Radius of a BioTac's rigid core, m (5.1 to 5.4 mm by its electrodes), that the simulator collides
+with where the skin is pressed through."""
 CORE_LENGTH = 0.014
-HALF_PI = 1.5707963267948966
-PI = 3.141592653589793
+"""Length of the core's cylinder behind the tip's centre, m: to the last electrodes (x = -13.6
+mm)."""
+PI = np.pi
+"""A half turn, rad."""
+HALF_PI = 0.5 * PI
+"""A right angle, rad."""
 
 
 @dataclass(frozen=True)
@@ -105,7 +118,6 @@ def described_pose(values: Mapping[str, Any]) -> Array:
     return pose
 
 
-# xyz, rpy, limit (rad), torque cap (N m), speed limit (deg/s)
 _ARM_JOINTS: tuple[tuple[Vector3, Vector3, float, float, float], ...] = (
     ((0, 0, 0.1575), (0, 0, 0), 2.967, 320, 85),
     ((0, 0, 0.2025), (HALF_PI, 0, PI), 2.094, 320, 85),
@@ -115,8 +127,10 @@ _ARM_JOINTS: tuple[tuple[Vector3, Vector3, float, float, float], ...] = (
     ((0, 0, 0.2155), (HALF_PI, 0, 0), 2.094, 40, 135),
     ((0, 0.081, 0), (-HALF_PI, PI, 0), 3.054, 40, 135),
 )
+"""Each joint of the arm: xyz (m), rpy (rad), limit (rad), torque cap (N m), speed limit (deg/s).
+Source: pybullet_data kuka_iiwa (frames); LBR iiwa 14 R820 (limits and speeds of its description,
+torques as remembered, hardware facts 3.2)."""
 
-# mass (kg), CoM (m), principal moments (kg m^2)
 _ARM_LINKS: tuple[tuple[float, Vector3, Vector3], ...] = (
     (5.0, (-0.1, 0, 0.07), (0.05, 0.06, 0.03)),
     (4.0, (0, -0.03, 0.12), (0.1, 0.09, 0.02)),
@@ -127,6 +141,8 @@ _ARM_LINKS: tuple[tuple[float, Vector3, Vector3], ...] = (
     (1.8, (0, 0.0006, 0.0004), (0.005, 0.0036, 0.0047)),
     (0.3, (0, 0, 0.02), (0.001, 0.001, 0.001)),
 )
+"""Each link of the arm, base first: mass (kg), centre of mass (m), principal moments (kg m^2).
+Source: pybullet_data kuka_iiwa. Drives follow positions, so that they hardly matter."""
 
 _FINGER_ROOTS: dict[str, tuple[Vector3, Vector3]] = {
     "index": ((0, 0.0435, -0.001542), (-0.08726646, 0, 0)),
@@ -134,37 +150,64 @@ _FINGER_ROOTS: dict[str, tuple[Vector3, Vector3]] = {
     "ring": ((0, -0.0435, -0.001542), (0.08726646, 0, 0)),
     "thumb": ((-0.0182, 0.019333, -0.045987), (0, -1.65806278845, -1.5707963259)),
 }
+"""Where each finger starts in the palm's frame: xyz (m), rpy (rad). Source, of these and the rows
+below: allegro_hand_ros_v4, right hand."""
 _FINGER_OFFSETS: tuple[Vector3, ...] = ((0, 0, 0.0164), (0, 0, 0.0540), (0, 0, 0.0384))
+"""From joint to joint of a finger, m."""
 _THUMB_OFFSETS: tuple[Vector3, ...] = ((-0.0270, 0.0050, 0.0399), (0, 0, 0.0177), (0, 0, 0.0514))
+"""From joint to joint of the thumb, m."""
 _FINGER_AXES: tuple[Vector3, ...] = ((0, 0, 1), (0, 1, 0), (0, 1, 0), (0, 1, 0))
+"""Axes of a finger's joints: abduction about z, then flexion about y."""
 _THUMB_AXES: tuple[Vector3, ...] = ((-1, 0, 0), (0, 0, 1), (0, 1, 0), (0, 1, 0))
+"""Axes of the thumb's joints."""
 _FINGER_LIMITS = ((-0.470, 0.470), (-0.196, 1.610), (-0.174, 1.709), (-0.227, 1.618))
+"""Lower and upper limits of a finger's joints, rad."""
 _THUMB_LIMITS = ((0.263, 1.396), (-0.105, 1.163), (-0.189, 1.644), (-0.162, 1.719))
-# PWM cap / 1200 PWM per N m, and 4000 / 150-300 PWM units / 1200 for the stiff driver gains
+"""Lower and upper limits of the thumb's joints, rad."""
 _FINGER_EFFORT = (0.3125, 0.5625, 0.3750, 0.2375)
+"""Torque caps of a finger's joints, N m: the driver's PWM caps (375, 675, 450, 285) over its 1200
+PWM per N m. They bound the grip to about 4 N per fingertip."""
 _THUMB_EFFORT = (0.4375, 0.3375, 0.225, 0.225)
+"""Torque caps of the thumb's joints, N m: 525, 405, 270, 270 PWM."""
 _FINGER_KD = (0.125, 0.167, 0.125, 0.125)
+"""Damping of a finger's drives, N m s/rad: 150 to 200 PWM units over 1200, the driver's stiff
+gains."""
 _THUMB_KD = (0.25, 0.167, 0.167, 0.125)
+"""Damping of the thumb's drives, N m s/rad."""
 _HAND_KP = 3.33
+"""Stiffness of all drives of the hand, N m/rad: 4000 PWM units over 1200, the driver's stiff gains.
+A grip is commanded as an offset of torque over stiffness; with softer drives
+`squeeze.stiffness_scale` must follow."""
 _HAND_VELOCITY = 6.283
+"""Speed limit of the hand's joints, rad/s. Source: Isaac kuka_allegro.urdf (the 7 rad/s of the
+hand's own URDF is a placeholder)."""
 
 _FINGER_MASSES = (0.0119, 0.0650, 0.0355, 0.0096)
+"""Masses of a finger's links, kg, from the palm to the tip."""
 _THUMB_MASSES = (0.0176, 0.0119, 0.0380, 0.0388)
+"""Masses of the thumb's links, kg."""
 _BIOTAC_MASS = 0.021
+"""Mass of a BioTac, kg. Source: LL4MA description."""
 _FINGER_BOXES: tuple[tuple[Vector3, Vector3], ...] = (
     ((0.0196, 0.0275, 0.0164), (0, 0, 0.0082)),
     ((0.0196, 0.0275, 0.0540), (0, 0, 0.0270)),
     ((0.0196, 0.0275, 0.0384), (0, 0, 0.0192)),
     ((0.0196, 0.0275, 0.0267), (0, 0, 0.01335)),
 )
+"""Size and centre of the box that each link of a finger collides as, m; inertias follow from them,
+since those of the URDF are placeholders. The tracker takes them out of images."""
 _THUMB_BOXES: tuple[tuple[Vector3, Vector3], ...] = (
     ((0.0358, 0.0340, 0.0455), (-0.0179, 0.009, 0.0145)),
     ((0.0196, 0.0275, 0.0177), (0, 0, 0.00885)),
     ((0.0196, 0.0275, 0.0514), (0, 0, 0.0257)),
     ((0.0196, 0.0275, 0.0423), (0, 0, 0.02115)),
 )
+"""Size and centre of the boxes of the thumb's links, m."""
 _PALM_BOX: tuple[Vector3, Vector3] = ((0.0408, 0.1130, 0.0950), (-0.0093, 0, -0.0475))
+"""Size and centre of the palm's box, m."""
 _BIOTAC_RPY = (0.0, -1.22129, 0.0)
+"""Turn from a distal link to its sensor frame, rad: x 20 deg towards the palm. Source: LL4MA
+description."""
 
 
 def joint_index(finger: str, k: int) -> int:
@@ -245,27 +288,38 @@ def _finger_links(finger: str) -> Iterator[Link]:
     yield Link(sensor_frame(finger), _BIOTAC_MASS, (-0.007, 0.0, 0.0), tip)
 
 
-# A bracket holds the palm 20 degrees off the plane of the flange, so that thumb and fingers oppose
-# each other across the flange axis; a wrist force/torque sensor lies between flange and bracket.
-# The flange is 45 mm from joint 7's frame.
 MOUNT_JOINTS = (
     Joint("wrist_ft_mount", "lbr_iiwa_link_7", FLANGE_LINK, (0.0, 0.0, 0.045)),
     Joint("palm_mount", FLANGE_LINK, PALM_LINK, (-0.03, 0.0, 0.08), (0.0, -7 * PI / 18, 0.0)),
 )
+"""Fixed joints between arm and palm. A bracket holds the palm 20 deg off the plane of the flange,
+so that thumb and fingers oppose each other across the flange's axis; the flange is 45 mm from joint
+7's frame."""
 MOUNT_LINKS = (
     Link(FLANGE_LINK, 0.1, (0.0, 0.0, 0.0), (1e-4, 1e-4, 1e-4)),
     Link(PALM_LINK, 0.4154, _PALM_BOX[1], _box_inertia(0.4154, _PALM_BOX[0]), (_PALM_BOX,)),
 )
+"""Links between arm and hand: the wrist's sensor (0.1 kg, our guess) and the palm (0.4154 kg,
+Source: allegro_hand_ros_v4)."""
 ARM_JOINTS = tuple(_arm_joints())
+"""Joints of the arm, base first."""
 HAND_JOINTS = tuple(joint for finger in FINGERS for joint in _finger_joints(finger))
+"""Joints of the hand in bus order: index, middle, ring, thumb; from the palm to the tip."""
 BIOTAC_JOINTS = tuple(_biotac_joint(finger) for finger in FINGERS)
+"""Fixed joints from distal links to sensor frames."""
 ACTUATED_JOINTS = ARM_JOINTS + HAND_JOINTS
+"""Joints that move, in the order of all vectors of joints."""
 JOINTS = ARM_JOINTS + MOUNT_JOINTS + HAND_JOINTS + BIOTAC_JOINTS
+"""All joints, each after the one that carries its parent."""
 LINKS = (
     *_arm_links(),
     *MOUNT_LINKS,
     *(link for finger in FINGERS for link in _finger_links(finger)),
 )
+"""All links."""
 ARM_JOINT_NAMES = tuple(joint.name for joint in ARM_JOINTS)
+"""Names of the arm's joints as on /joint_states."""
 HAND_JOINT_NAMES = tuple(joint.name for joint in HAND_JOINTS)
+"""Names of the hand's joints as on /joint_states; those of the SimLab driver."""
 JOINT_NAMES = ARM_JOINT_NAMES + HAND_JOINT_NAMES
+"""Names of all joints that move."""

@@ -17,6 +17,7 @@ SKIN_REAR = -0.018
 """Where the sensing skin ends on the mount side, m."""
 
 _PAD = np.array([0.0, 0.0, -1.0])
+"""Direction of the pad in the sensor frame, which is taken where a normal is not defined."""
 _SPHERE, _CYLINDER = np.array([1.0, 1.0, 1.0]), np.array([0.0, 1.0, 1.0])
 
 
