@@ -10,7 +10,9 @@ import numpy as np
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 
 _MOST_NEARNESS = 0.5
-"""Of what silence of the other channels takes away: forces alone tell no slip and hide none."""
+"""Share of what silence of the other channels takes away per sample that nearness to earlier slips
+may add: at one half forces alone tell no slip and hide none. From 1 on, forces near those of
+earlier slips would raise an alarm in silence."""
 
 
 @dataclass(frozen=True)

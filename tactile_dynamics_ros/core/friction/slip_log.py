@@ -18,7 +18,9 @@ _AFTER = 0.05
 """Time after an alarm, s, that still belongs to it: means of `_SMOOTHED` instants reach 0.04 s
 beyond their middle at 100 Hz. Longer takes in the slide."""
 _SMOOTHED = 9
-"""Instants whose mean is taken for the force at one of them."""
+"""Instants whose mean is taken for the force at one of them, 0.09 s at 100 Hz: such means round the
+peak off by about as much as the greatest of noisy ones is too high. More make friction too low,
+fewer too high."""
 _FEWEST = 6
 """Instants that a part of a slip needs to be looked at; the window needs twice as many. At 100 Hz
 it is 60 ms."""

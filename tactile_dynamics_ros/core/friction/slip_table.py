@@ -17,7 +17,8 @@ FEWEST = 12
 """Slips that a model of friction needs: two numbers each, for two coefficients, an error of
 direction and a rival effect. Fewer leave no scatter to judge by."""
 LEAST_SPEED = 2e-3
-"""Below it a fingertip creeps with nearly static friction, m/s."""
+"""Speed, m/s, below which a fingertip creeps with nearly static friction, so that its force is not
+kinetic. Facts on practice call less than 1 mm/s incipient."""
 
 
 @dataclass(frozen=True)

@@ -16,19 +16,24 @@ _BURSTS = 1.3
 """Mean over median step from which samples come in bursts: then the mean is the period. Jitter of
 even streams stays far below 1.3; a stream that sends pairs has 2 or more."""
 _SPARE = 2
-"""Samples that a window has at least beyond those that determine its polynomial."""
+"""Samples that a tapered window has at least beyond those that determine its polynomial: its
+outermost count little. With none, noise of derivatives explodes."""
 _FAINT = 1e-3
 """Share to which samples beyond the half width of a taper fall (before squaring): windows with few
 samples inside stay solvable by those outside, which otherwise count a millionth. Ten times more
 would let quick motion far away in."""
 _LOST = 1.0 / 6.0
-"""Share of its samples that a window may lack, at least one."""
+"""Share of its samples that a window may lack, at least one: of 15 poses two. More would read
+derivatives across gaps with far more noise than stated; fewer would drop whole windows for single
+lost poses."""
 _ORDERS = np.arange(3)
 """Derivatives that are read: value, first, second."""
 _FACTORIALS = np.array([1.0, 1.0, 2.0])
 """Factorials of these orders."""
 _SLOPE_SEEN = 0.2
-"""Least spread of samples over the square of their distance from zero that a line needs."""
+"""Least spread of samples over the square of their distance from zero that a line needs; with less
+their plain mean is taken, since a line through samples on one side would be carried far beyond
+them."""
 
 
 @dataclass(frozen=True)

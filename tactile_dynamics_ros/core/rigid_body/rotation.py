@@ -17,6 +17,7 @@ _NO_ANGLE = 1e-100
 _IDENTITY = np.eye(3)
 """The rotation by nothing."""
 _NEXT, _LAST = [1, 2, 0], [2, 0, 1]
+"""Axes after and before each axis, in turn."""
 _SKEW = np.zeros((3, 9))
 """Matrix (3, 9) with vec([v]) = v S: the entries of a cross-product matrix."""
 _SKEW[[2, 1, 2, 0, 1, 0], [1, 2, 3, 5, 6, 7]] = [-1.0, 1.0, 1.0, -1.0, -1.0, 1.0]

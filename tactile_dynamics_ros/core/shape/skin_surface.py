@@ -19,6 +19,7 @@ SKIN_REAR = -0.018
 _PAD = np.array([0.0, 0.0, -1.0])
 """Direction of the pad in the sensor frame, which is taken where a normal is not defined."""
 _SPHERE, _CYLINDER = np.array([1.0, 1.0, 1.0]), np.array([0.0, 1.0, 1.0])
+"""Which coordinates count in the distance from the sphere's centre and from the cylinder's axis."""
 
 
 def skin_normal(point: Array) -> Array:

@@ -21,7 +21,8 @@ SHIPPED_CALIBRATION = Path(__file__).parent / "data" / "analytic_force.json"
 """File of the constants of the analytic estimator that comes with the package; made by the module
 `sim.sensors.biotac.calibrate`."""
 CREEP_TIMES = np.array([0.2, 4.0])
-"""Time constants of the skin's creep, s. Source: facts on skin relaxation."""
+"""Time constants of the skin's creep, s. Source: facts on skin relaxation (0.1 to 0.3 s, and
+several s). The amplitudes that go with them are fitted."""
 
 NORMAL_90 = 1.6449
 """Standard deviations of a normal variable within which 90 % lie (0.95 quantile, 1.64485,

@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 PATTERN_FLOOR = 0.3
-"""Signal size (hundreds of counts) below which the pattern fades into noise."""
+"""Signal size (hundreds of counts) below which the pattern fades into noise: 30 counts, ten times
+the noise of a loud unit (3.4). Weights and network have been trained with it; another value needs
+others."""
 
 _SIZE_WEIGHT = np.array([0.25] * 19 + [1.0])[:, None]
 """Weights of the squared changes of electrodes and PDC in the signal's size: half of the
@@ -21,6 +23,7 @@ electrodes' amplitude, PDC in full. Only the scale of features changes with them
 network have been trained with these."""
 
 _ROW, _COLUMN = np.triu_indices(19)
+"""Places of the products of two electrodes among the features."""
 
 MIRROR = np.array([10, 11, 12, 13, 14, 15, 6, 8, 7, 9, 0, 1, 2, 3, 4, 5, 16, 17, 18, 19])
 """Order of the 20 changes when the finger is mirrored, y -> -y."""

@@ -20,7 +20,8 @@ Array = NDArray[np.float64]
 USUAL_SPREAD = 3.0
 """How far electrodes differ, counts/K. Source: fits of one sensor, 27 to 38 counts/K."""
 LEAST_SPAN = 1.0
-"""Warming below which nothing is learnt, K."""
+"""Warming below which nothing is learnt, K: the prior's 3 counts/K then are 3 counts, no more than
+electrodes wander. A core warms by some 10 K after switching on."""
 
 _TOUCH = 10.0
 """Deviation of PDC from its median, counts, from which a frame shows a touch and is left out: that

@@ -32,8 +32,10 @@ from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, log_so3, twic
 Array = NDArray[np.float64]
 
 CHI2_6_9999 = 27.86
-"""0.9999 quantile of chi squared with six degrees of freedom."""
+"""0.9999 quantile of chi squared with six degrees of freedom: of fifteen honest images a second one
+is refused in eleven minutes. Lower refuses more, higher lets a wrong pose in."""
 _SLIP, _WANDER = slice(0, 6), slice(6, 12)
+"""Places of slip and wander in the state."""
 _BOTH = np.hstack([np.eye(6), np.eye(6)])
 """Derivative (6, 12) of vision's disagreement by [slip, wander]: it is their sum."""
 

@@ -22,7 +22,8 @@ _MOST_ROUNDS = 7
 """Rounds of two further iterations of a thorough fit, at most. Most end by `_SETTLED` and `_NEAR`;
 what has not ended by then is given as it is. More rounds cost time in proportion."""
 _RISE = 1.001
-"""Of the error, which may rise a little because the covariance changes too."""
+"""Error of a step, over that before, up to which it may rise: 0.1 %, because the covariance changes
+too. Lower ends fits at rounding, higher follows fits that get worse."""
 _SETTLED = 0.995
 """Share of the error of the round before from which it is said to fall no more: less than 0.5 % a
 round. Nearer to 1 fits go on for differences that no verdict sees; at 0.98 slow ones end early."""
@@ -47,7 +48,8 @@ _DOUBTFUL = 1.05
 (`fit_trusting`): 5 % beyond noise, which 500 samples exceed by chance in 6 of 100000 cases. Lower,
 clean fits pay for a second try; higher, effects that noise of the motion hides stay too small."""
 _HOPEFUL = 0.9
-"""Of the squared error beyond noise, what one step may leave that is worth more of them."""
+"""Squared error beyond noise, over that before, that one step of a second try may leave to be worth
+more steps: it must take away a tenth. Higher pursues tries that lead nowhere, which costs time."""
 
 
 @dataclass(frozen=True)

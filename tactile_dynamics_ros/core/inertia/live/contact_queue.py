@@ -47,7 +47,9 @@ _PERIOD_GAIN = 0.05
 """Share by which the period follows the last step between readings: an average over 20 steps, 0.2 s
 at 100 Hz. More follows single late messages, less is slow to notice another rate."""
 _AVERAGED = 1.25
-"""Half width of means in periods of the grid: their noise is about white on the grid."""
+"""Half width of means in periods of the grid: their noise is about white on the grid, as the live
+sum takes it to be. Recordings, whose whole covariance is known, are read over 1.5 periods, which
+lets less noise pass; wider here would make the published intervals too small."""
 _BENT = 4
 """Readings that a mean needs more of than this to be one by a parabola: one beyond its three
 coefficients and the symmetry of the window. Fewer give a line's mean, which makes forces that bend

@@ -6,15 +6,19 @@ import math
 from dataclasses import dataclass
 
 _SAMPLES = 500
-"""Samples over which the scale of innovations is learnt, five seconds at 100 Hz."""
+"""Samples over which the scale of innovations is learnt, five seconds at 100 Hz. Fewer let a fault
+of a second raise the scale and be believed; more leave a model that does not fit rejected for
+longer."""
 _SURPRISE = 2.0
 """How much more than the scale an innovation may add to it: a model that does not fit is learnt
 within seconds at the start, where few samples count, but a fault that comes later would have to
 last for ten seconds to triple the scale. At 9 five seconds of flipped forces were believed."""
 _WORST = 20.0
-"""Largest scale in standard deviations: where a model is further off nothing is published."""
+"""Largest scale in standard deviations: where a model is further off nothing is published
+(`live_estimate.GROSS`). Without a bound a fault that lasts would be believed in the end."""
 _DOUBT_SAMPLES = 25
-"""Doubtful samples over which the share of those that do not fit is learnt."""
+"""Doubtful samples over which the share of those that do not fit is learnt, a quarter of a second
+at 100 Hz. Fewer decide by chance, more believe the first of a fault."""
 _VETO = 0.1
 """Share of doubtful samples that do not fit from which none is believed: of true ones far less
 than one in a hundred exceeds the threshold, and those of a fault that happen to fit are a choice

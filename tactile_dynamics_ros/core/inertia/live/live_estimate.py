@@ -41,7 +41,8 @@ GROSS = 20.0
 """Error over the noise from which nothing is published: effects of the catalogue raise it to 10 at
 most in recordings with known truth, wrong units and broken sensors to hundreds."""
 FEW = 50
-"""Samples before which a moderate error says nothing: ten parameters were just fitted to them."""
+"""Samples before which a moderate error says nothing: ten parameters were just fitted to them. Half
+a second at 100 Hz; more withhold warnings for longer."""
 EXPLAINED = 0.5
 """Share of the squared wrenches below which a misfit leaves nothing of the model: with forces of
 the wrong sign no mass explains any, beside the effects of the catalogue a body explains most."""

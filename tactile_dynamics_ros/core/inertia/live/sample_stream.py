@@ -34,6 +34,8 @@ _NOISE_EVERY = 50
 """Poses between such readings, and the least they need: twice a second at 100 Hz. More often costs
 time, more seldom follows a change of noise late."""
 _FORCE_STD_FLOOR, _TORQUE_STD_FLOOR = 1e-4, 1e-6
+"""Scatter of a force, N, and of a torque, N m, from which it is taken for the sensor's noise; of
+less what is configured stays. Below the resolution of tactile sensors (0.01 N), above rounding."""
 _OVERSTATED = 0.7
 """Seen over stated noise of poses below which the stated one is scaled down; as in
 `residuals/motion.py`, which says why."""
@@ -50,12 +52,15 @@ _STUCK = 10
 """Equal forces in a row, all three axes to the last bit, that are no chance: a sensor whose noise
 is a fifth of its step still repeats itself so often once in ten million rows."""
 _ROUNDING = 1e-9
-"""Relative change of a force that is rounding: what a sensor repeats is turned into the world."""
+"""Relative change of a force that is rounding: what a sensor repeats is turned into the world by
+rotations of 16 digits. Larger than 1e-6 would call quiet sensors stuck."""
 _FROZEN = 8
 """Equal poses in a row that are no chance: a camera of 15 Hz that is published at 100 Hz repeats
 each pose seven times."""
 _UNDERSTATED = 0.01
-"""Stated over seen noise of a force from which the statement is no statement but a mistake."""
+"""Stated over seen noise of a force from which the statement is no statement but a mistake. Sensors
+state at least their noise; a hundredth of it is a unit that is off or zeros. Nearer to 1 honest
+statements of quiet moments are thrown away."""
 
 
 @dataclass(frozen=True)

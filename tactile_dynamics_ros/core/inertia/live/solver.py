@@ -43,10 +43,14 @@ _STEP_TOLERANCE = 1e-3
 """Largest change of a coordinate (logarithms, m) after which the steps end: 0.1 % of a scale, or 1
 mm. The next update goes on from there, so that the rest does not add up."""
 _SHRINKING = 0.9
-"""Least shrinking of undamped steps, of one over the one before, that promises an end."""
+"""Largest ratio of an undamped step to the one before that promises an end. Steps of Gauss and
+Newton near the optimum shrink far more; at 1 a circling search would go on to `_MAXIMUM_ROUNDS`."""
 _ENOUGH = 1e-4
-"""Relative fall of the cost below which the damped steps end."""
+"""Relative fall of the cost below which the damped steps end. The next update goes on from there,
+so that more digits only cost time."""
 _MANY_STEPS, _FEW_STEPS = 15, 8
+"""Damped steps at most: from a start far away, and to an optimum nearby. They end earlier by
+`_ENOUGH`; the bound limits the time of an update."""
 _LARGEST_LOGARITHM = 40.0
 """Logarithm beyond which a body is out of all scales and the search has diverged: e^40 = 2e17,
 whose square a double still holds with room for products."""

@@ -27,9 +27,11 @@ from tactile_dynamics_ros.core.streams.streams import (
 Array = NDArray[np.float64]
 
 SYNCHRONOUS = 1e-4
-"""Difference (s) of stamps that are the same."""
+"""Difference (s) of stamps that are the same. A force of 10 N at 4 Hz changes by 25 mN within it at
+most; more would read one sample for another's time."""
 MISSED_PERIODS = 1.5
-"""Step, in periods, from which a sample is missing."""
+"""Step, in periods, from which a sample is missing: midway between none and one. Jitter beyond half
+a period reads as a loss."""
 _SILENCE_PERIODS = 2.5
 """Step between samples, in periods, from which a contact was silent: one lost sample makes a step
 of 2, jitter included 2.5. Two lost samples make 3, which is no longer interpolated."""
@@ -40,7 +42,8 @@ _LOADED = 0.3
 as lost, not as a break of contact: fingers that let go unload first. At zero a grasp that opens
 leaves false forces; at 1 half of all lost samples count as breaks."""
 _RAGGED = 0.5
-"""Longest difference (s) between the ends of streams that is no break of contact."""
+"""Longest difference (s) between the ends of streams that is no break of contact: recorders stop
+streams one after the other. Longer silences at an end are a hand that let go."""
 _EXTRAPOLATED = 0.1
 """Share of a period by which a stream may be read beyond its samples: stamps of one clock differ by
 less. Forces of 4 Hz at 100 Hz then are off by at most 3 %, at the ends alone."""
@@ -49,7 +52,9 @@ _SLOWER = 0.9
 into a step of the grid and are averaged. 0.9 leaves room for jitter of clocks of equal rate. The
 live estimator's bound is 0.6 (`live/contact_queue.py`)."""
 _AVERAGED = 1.5
-"""Half width, in periods of the grid, at which noise beyond what the grid can show is let out."""
+"""Half width, in periods of the grid, of the tapered window by which fast forces are read: what the
+grid cannot show is mostly averaged away. Narrower lets noise in, wider cuts quick forces. The live
+estimator uses 1.25, since it takes noise to be white."""
 _CUBIC = 4
 """Samples that an interpolating polynomial goes through: a cubic. A line would cut the peaks of a
 force of 4 Hz at 100 Hz by 0.5 %."""

@@ -29,7 +29,8 @@ Array = NDArray[np.float64]
 SYSTEMATIC_SIZE = 9
 """Number of constant errors, which come first in a basis."""
 _BODY_SIZE = 6
-"""Of which those of the sensors, constant in the body frame, come first."""
+"""Number of those that are constant in the body frame (torque and force of the sensors); they come
+first."""
 
 _GRANTED = 0.003
 """Standard deviation, over the load, of the constant wrench by which estimates are corrected. Of 32

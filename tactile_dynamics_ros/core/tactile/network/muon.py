@@ -8,7 +8,8 @@ import torch
 from torch import Tensor, nn
 
 _QUINTIC = (3.4445, -4.7750, 2.0315)
-"""Coefficients of an odd polynomial that, applied five times, takes (0.02, 1] near one."""
+"""Coefficients of an odd polynomial that, applied five times, takes (0.02, 1] near one. Source:
+Jordan et al., 2024."""
 
 
 class Muon(torch.optim.Optimizer):
