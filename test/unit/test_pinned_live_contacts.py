@@ -160,7 +160,7 @@ def test_reading_between_samples_is_the_cubic_of_two_before_and_two_after(share)
         assert reading.point[2] == pytest.approx(3.0 * cubic, rel=1e-12)
 
 
-def test_reading_beside_a_pause_is_linear():
+def test_reading_between_the_first_two_samples_is_linear():
     times = np.array([0.0, 0.01, 0.02, 0.03, 0.04])
     own = queue(times)
     expected = quartic(times[:2]).mean(axis=0)
