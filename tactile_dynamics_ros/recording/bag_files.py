@@ -37,7 +37,7 @@ DAMAGE = (
     TypeError,
     ValueError,
 )
-"""What the reader raises on damaged files: it trusts most bytes that it unpacks."""
+"""Exceptions that the reader raises on damaged files: it trusts most bytes that it unpacks."""
 
 RawMessage = tuple[str, str, int, bytes]
 """Topic, message type, receive time in nanoseconds, serialised message."""

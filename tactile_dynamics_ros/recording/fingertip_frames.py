@@ -24,8 +24,8 @@ def read_fingertip_frames(path: Path, namespace: str = "") -> NDArray[np.uint16]
     """Return all frames (N, 4, 44) on /biotac/raw: index, middle, ring, thumb.
 
     Args:
-        path: of the recording.
-        namespace: of the hand.
+        path: path of the recording.
+        namespace: namespace of the hand.
 
     Raises:
         BadInputError: there is no such recording or topic, or an image has another type or shape.

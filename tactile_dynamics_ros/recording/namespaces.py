@@ -73,7 +73,7 @@ def choose_namespace(
 
 @dataclass(frozen=True)
 class RecordedNames:
-    """What recorded topics stand for: what the user says, else their name inside a namespace.
+    """Names that recorded topics stand for: what the user says, else those inside a namespace.
 
     Attributes:
         remap: recorded topics and the names at root that they stand for.

@@ -30,8 +30,8 @@ def holds_slips(path: Path, namespace: str | None = None) -> bool:
     """Whether a path is a readable recording with slips of a friction probe.
 
     Args:
-        path: of the recording.
-        namespace: of the hand; None means any.
+        path: path of the recording.
+        namespace: namespace of the hand; None means any.
     """
     known = None if namespace is None else absolute_namespace(namespace)
     try:
@@ -46,8 +46,8 @@ def read_slips(path: Path, namespace: str | None = None) -> list[SlipEvent]:
     """Return the slips of a recording.
 
     Args:
-        path: of the recording.
-        namespace: of the hand; None means root, or the only one there is.
+        path: path of the recording.
+        namespace: namespace of the hand; None means root, or the only one there is.
 
     Raises:
         BadInputError: it cannot be read, a slip is malformed, or several namespaces could be meant.

@@ -54,8 +54,8 @@ class Recording:
         Args:
             path: the recording's directory, or an .mcap or .db3 file.
             remap: recorded topic names and the names that they stand for.
-            namespace: of the hand whose topics are read; root if None, or, where nothing was
-                recorded at root, the only one there is.
+            namespace: namespace of the hand whose topics are read; root if None, or, where nothing
+                was recorded at root, the only one there is.
             contacts_required: whether a recording without any contact is refused.
 
         Raises:

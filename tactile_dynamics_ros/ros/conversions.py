@@ -241,7 +241,7 @@ class JointReader:
     """Reads joint states into the order of the robot's table, whatever order they come in.
 
     Args:
-        names: of the joints, in the wanted order.
+        names: names of the joints, in the wanted order.
         topic: for error texts.
     """
 

@@ -19,8 +19,9 @@ class KeptTare:
     """Frames of the last tare in a file, so that a restarted node need not open the hand.
 
     Args:
-        path: of the file; if empty, one per user, ROS domain and namespace in the temporary folder.
-        namespace: of the node, so that each of several hands has its own.
+        path: path of the file; if empty, one per user, ROS domain and namespace in the temporary
+            folder.
+        namespace: namespace of the node, so that each of several hands has its own.
     """
 
     def __init__(self, path: str = "", namespace: str = "/") -> None:

@@ -26,7 +26,7 @@ class Refitter:
 
     Args:
         faults: where fits that fail are counted.
-        config: of the model.
+        config: settings of the model.
     """
 
     def __init__(self, faults: Faults, config: RefitConfig) -> None:
@@ -38,7 +38,7 @@ class Refitter:
 
     @property
     def progress(self) -> str:
-        """What is being done for the first fit."""
+        """Sentence that says how far the first fit is."""
         span = self.model.window.span
         if self._running is None:
             return f"{span:.1f} s measured of {LEAST_SPAN:g} s that a fit needs"

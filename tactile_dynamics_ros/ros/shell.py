@@ -88,7 +88,7 @@ class Shell(Node):
     most of the node's time on building wait sets.
 
     Args:
-        name: of the node.
+        name: name of the node.
 
     Attributes:
         faults: counts that appear on /diagnostics.

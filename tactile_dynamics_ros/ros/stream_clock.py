@@ -42,7 +42,7 @@ class StreamClock:
         """Return a stamp in seconds.
 
         Args:
-            stamp: of a message.
+            stamp: stamp of a message.
             topic: for the error text.
 
         Raises:

@@ -61,7 +61,8 @@ class Stamped(NamedTuple):
     """A message of a header and doubles: PoseStamped, Vector3Stamped, WrenchStamped and so on.
 
     Attributes:
-        stamp: of the header. frame_id: of the header. values: (K,) in the order of the message.
+        stamp: stamp of the header. frame_id: frame of the header. values: (K,) in the order of
+            the message.
     """
 
     stamp: Stamp
@@ -70,7 +71,7 @@ class Stamped(NamedTuple):
 
 
 class Joints(NamedTuple):
-    """What is used of a JointState: stamp, names and positions (rad)."""
+    """Part of a JointState that is used: stamp, names and positions (rad)."""
 
     stamp: Stamp
     names: tuple[str, ...]

@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ContactStateConfig:
-    """What the contact's place and frame are worth."""
+    """Uncertainty of a contact's place and frame."""
 
     point_std: float = parameter(1e-3, "contact place on the skin", "m", 0.0, 0.02)
     mount_std_deg: float = parameter(0.5, "mounting of a tip on its finger", "deg", 0.0, 20.0)
@@ -63,7 +63,7 @@ class ContactState:
     """Place fingertip forces in the world.
 
     Args:
-        kinematics: of arm and hand.
+        kinematics: kinematic model of arm and hand.
         config: uncertainties.
     """
 

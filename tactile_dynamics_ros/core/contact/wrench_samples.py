@@ -25,7 +25,7 @@ Given = ParamSpec("Given")
 
 @dataclass(frozen=True, eq=False)
 class WrenchSamples:
-    """What the Newton-Euler equations need at N instants and C contacts.
+    """Motion and contacts that the Newton-Euler equations need, at N instants and C contacts.
 
     Everything except position, rotation, velocity and acceleration is in the body frame O.
     Absent contacts have zero force and ``in_contact`` False.
@@ -69,12 +69,12 @@ class WrenchSamples:
     motion: WrenchSamples | None = field(default=None, init=False)
 
     def with_forces(self, force: Array, torque: Array | None = None) -> WrenchSamples:
-        """The same motion and contacts with other forces, (N, C, 3), and torques if given."""
+        """Samples of this motion with other forces, (N, C, 3), and torques if given."""
         torques = self.contact_torque if torque is None else torque
         return self._on_same_motion(replace(self, contact_force=force, contact_torque=torques))
 
     def with_external(self, wrench: Array) -> WrenchSamples:
-        """The same with a known external wrench, (N, 6)."""
+        """Samples with a known external wrench, (N, 6)."""
         return self._on_same_motion(replace(self, external=wrench))
 
     def _on_same_motion(self, changed: WrenchSamples) -> WrenchSamples:
@@ -148,7 +148,7 @@ def latest_per_motion(
 def _of_motion(
     remembered: Callable[Concatenate[WrenchSamples, Given], Value],
 ) -> Callable[Concatenate[WrenchSamples, Given], Value]:
-    """The same with all samples of one motion."""
+    """Let all samples of one motion share what a function has remembered."""
 
     @wraps(remembered)
     def shared(samples: WrenchSamples, /, *arguments: Given.args, **options: Given.kwargs) -> Value:

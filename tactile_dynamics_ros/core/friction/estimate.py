@@ -23,7 +23,7 @@ class SlipEvent:
         time: onset, s. region: of the surface.
         angle: direction of the tangential force in the plane of contact, rad.
         normal, tangential: N just before the slip.
-        std: of their ratio, from the scatter of the forces alone.
+        std: standard deviation of their ratio, from the scatter of the forces alone.
         kinetic: ratio while sliding, or nan. speed: of the sliding, m/s.
         variant: "unload" (normal force ramped down) or "drag" (tangential force ramped up).
         tilt: slope of the path of the sliding fingertip against the mesh, rad, or nan.
@@ -57,7 +57,7 @@ class SlipEvent:
 
 @dataclass(frozen=True)
 class FrictionEstimateConfig:
-    """What is known beforehand about the errors of a fingertip's force."""
+    """Errors of a fingertip's force that are known beforehand, and the interval that is wanted."""
 
     tilt_std_deg: float = parameter(4.0, "error of the force's direction", "deg", 0.0, 20.0)
     gain: float = parameter(1.0, "true over measured coefficient of this fingertip", "", 0.5, 2.0)
@@ -83,7 +83,7 @@ class FrictionEstimate:
         region: its name. slips: number of slips it rests on.
         static, kinetic: coefficients; kinetic is nan where nothing slid long enough.
         std: standard deviation of the static one, kinetic_std: of the kinetic one.
-        interval: of the static one at the configured confidence.
+        interval: interval of the static one at the configured confidence.
         repeatable: half width that more slips could still shrink; the rest is the sensor's gain.
         tilt: (2,) slope of the contact normal that the slips show, rad.
         normal_moves: whether the contact normal moved, so that the number means little.

@@ -83,7 +83,7 @@ class Hold:
     Source: facts on Allegro practice (object-level impedance 80 N/m, 2 N m/rad).
 
     Args:
-        kinematics: of the robot.
+        kinematics: kinematic model of the robot.
         fingers: that hold.
         stiffness_scale: factor on the drives' joint stiffness.
     """

@@ -49,7 +49,7 @@ class FingertipImpedance:
     that taking over moves nothing. The posture that J^T leaves free is held by a joint spring.
 
     Args:
-        kinematics: of the robot.
+        kinematics: kinematic model of the robot.
         finger: its name.
         config: gains, limits.
 

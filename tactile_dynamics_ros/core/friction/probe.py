@@ -50,8 +50,8 @@ class FrictionProbe:
     """State machine of one probe; call `start`, then `update` at 50 to 500 Hz.
 
     Args:
-        kinematics: of the robot.
-        surface: of the object.
+        kinematics: kinematic model of the robot.
+        surface: surface of the object.
         config: forces, ramps, limits.
 
     Attributes:
@@ -225,7 +225,7 @@ class FrictionProbe:
         self._targets[self._own] = finger
 
     def _observation(self, seen: ProbeInput, point: Array, felt: Array) -> SlipObservation:
-        """What may be used: while the load builds up, finger and skin move without any slip."""
+        """Signals that may be used: while the load builds up, skin moves without any slip."""
         self.path = float(point @ self._direction)
         ratio = float(np.linalg.norm(felt[1:]) / max(felt[0], _LEAST_PRESS))
         if self.phase is ProbePhase.LOAD and seen.vibration is not None:

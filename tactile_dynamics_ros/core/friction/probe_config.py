@@ -14,7 +14,7 @@ from tactile_dynamics_ros.core.robot.robot_description import FINGERS
 
 
 class ProbePhase(Enum):
-    """What the probe is doing."""
+    """Phases of a probe."""
 
     IDLE = "idle"
     BRACE = "brace"

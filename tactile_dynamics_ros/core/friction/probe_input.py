@@ -1,4 +1,4 @@
-"""What a friction probe is given at one instant."""
+"""Measurements that a friction probe is given at one instant."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class ProbeInput:
         positions: (23,) rad.
         contacts: by finger; fingers that touch nothing are missing.
         object_pose: (4, 4) X_WO.
-        vibration, electrodes: of the probing finger, see `SlipObservation`.
+        vibration, electrodes: signals of the probing finger, see `SlipObservation`.
     """
 
     time: float

@@ -17,7 +17,7 @@ earlier slips would raise an alarm in silence."""
 
 @dataclass(frozen=True)
 class SlipFusionConfig:
-    """What each channel does at rest and in a slip, and how sure the detector has to be."""
+    """Level of each channel at rest and in a slip, and how sure the detector has to be."""
 
     vibration: float = parameter(1.0, "weight of the vibration", "", 0.0, 10.0)
     kinematics: float = parameter(0.5, "weight of the fingertip's motion", "", 0.0, 10.0)
@@ -42,13 +42,13 @@ class SlipFusionConfig:
 
 @dataclass(frozen=True)
 class SlipObservation:
-    """What is seen of a contact at one instant.
+    """Signals of a contact at one instant.
 
     Attributes:
         vibration: PAC level over rest (1 = silence), or None where the tip has no such channel.
         electrodes: change of the electrodes between frames over its scatter at rest, or None.
-        path: of the fingertip on the object along the pull, m, or None.
-        ratio: of the tangential to the normal force that is felt, or None.
+        path: path of the fingertip on the object along the pull, m, or None.
+        ratio: ratio of the tangential to the normal force that is felt, or None.
     """
 
     vibration: float | None = None
@@ -59,7 +59,7 @@ class SlipObservation:
 
 @dataclass(frozen=True)
 class SlipState:
-    """What the detector says.
+    """Answer of the detector.
 
     Attributes:
         slipping: whether the contact slips now.

@@ -39,7 +39,7 @@ direction is not that of the attempt, and is left out."""
 
 @dataclass(frozen=True)
 class Attempt:
-    """What is known of an attempt beforehand.
+    """One attempt to make the finger slip, as it was planned.
 
     Attributes:
         angle: direction that was pulled, rad. region: of the surface. variant: of the ramp.
@@ -77,7 +77,7 @@ class SlipLog:
         Args:
             time: s.
             force: (3,) normal force and two tangential components, N.
-            place: (3,) of the fingertip relative to the object, m, world axes.
+            place: (3,) place of the fingertip relative to the object, m, world axes.
         """
         self._time.append(time)
         self._force.append(force)

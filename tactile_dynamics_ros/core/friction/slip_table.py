@@ -53,7 +53,7 @@ def tabulate_slips(events: Sequence[SlipEvent], region: str | None = None) -> Sl
     """Return the slips of one region that slid far and fast enough, in the order of time.
 
     Args:
-        events: of a probe.
+        events: slips of a probe.
         region: the one with most slips if None.
 
     Raises:

@@ -39,7 +39,7 @@ def estimate(
 
     Args:
         recording: streams, or what has them.
-        effects: of the model, in the order of the result.
+        effects: effects of the model, in the order of the result.
         hull: (N, 3) mesh vertices, body frame, m; the centre of mass is kept in their convex hull.
 
     Returns:

@@ -66,7 +66,7 @@ def join_poses(
     """Return the straight minimum-jerk path of the palm from where it is to ``goal``.
 
     Args:
-        kinematics: of the robot.
+        kinematics: kinematic model of the robot.
         positions: (23,) rad at the start.
         goal: (4, 4) X_WP.
         speed: greatest speed of the palm, m/s (and rad/s times 0.2 m).
@@ -100,7 +100,7 @@ def excite(
     as far as joint limits and speeds demand.
 
     Args:
-        kinematics: of the robot.
+        kinematics: kinematic model of the robot.
         positions: (23,) rad at the start.
         pivot: (3,) point of the palm's body about which it turns, m, world.
         offsets: time -> (6,) [rotation vector, translation].

@@ -40,7 +40,7 @@ that they carry part of the weight. Elsewhere friction has to carry more of it."
 
 
 class Phase(Enum):
-    """What the hand is doing."""
+    """Phases of a grasp."""
 
     OPEN = "open"
     APPROACH = "approach"
@@ -92,11 +92,11 @@ class GraspController:
     Call `update` at 50 to 500 Hz. It starts by itself once an object pose is known.
 
     Args:
-        kinematics: of the robot.
+        kinematics: kinematic model of the robot.
         site: where to take the object.
         config: speeds, forces, excitation.
         offsets: excitation as Cartesian offsets over ``duration`` seconds; a sum of sines if None.
-        duration: of ``offsets``, s.
+        duration: duration of ``offsets``, s.
 
     Attributes:
         phase: what the hand is doing. outcome: why it failed, or "".

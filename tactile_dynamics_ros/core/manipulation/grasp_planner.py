@@ -75,8 +75,8 @@ def plan_grasp(
     """Plan the grasp from the two mirrored ways to take it, preferring the lesser arm rotation.
 
     Args:
-        kinematics: of the robot.
-        site: of the object.
+        kinematics: kinematic model of the robot.
+        site: grasp site of the object.
         object_pose: (4, 4) X_WO.
         geometry: how the hand stands about the site.
 

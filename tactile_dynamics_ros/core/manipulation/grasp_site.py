@@ -24,10 +24,10 @@ class GraspSite:
         approach: (3,) unit vector along which the open hand comes, normal to ``pinch``.
         width: distance of the faces, m.
         spread: distance of index and ring from the middle finger, m.
-        radius: of a round object whose axis is ``approach``, m; zero for flat faces.
+        radius: radius of a round object whose axis is ``approach``, m; zero for flat faces.
         stagger: how much deeper the middle finger presses than index and ring, m.
-        depth: of the grasp centre beyond the palm along the approach, m. Less depth lets the thumb
-            press harder (heavier objects) but more with its very tip.
+        depth: depth of the grasp centre beyond the palm along the approach, m. Less depth lets the
+            thumb press harder (heavier objects) but more with its very tip.
         thumb: place of the thumb's tip behind the knuckles along the pinch, m.
     """
 

@@ -54,7 +54,7 @@ def solve_arm(
     dq = J^T (J J^T + lambda^2)^-1 e + (1 - J^+ J) k (q_posture - q), clipped to the limits.
 
     Args:
-        kinematics: of the robot.
+        kinematics: kinematic model of the robot.
         positions: (23,) start; only the arm's seven change.
         palm: (4, 4) wanted X_WP.
         posture: (7,) what the free degree of freedom should come near; the start if None.
@@ -94,7 +94,7 @@ def solve_fingers(
     frame, as near to ``preferred`` as they can.
 
     Args:
-        kinematics: of the robot.
+        kinematics: kinematic model of the robot.
         positions: (23,) start; only the hand's sixteen change.
         tips: (4, 3) wanted sensor origins, m, world.
         directions: (4, 3) unit vectors into the object, world.

@@ -45,7 +45,7 @@ class Squeeze:
     measured normal force of the thumb: ds/dt = g (F_wanted - F_measured) / F_wanted.
 
     Args:
-        kinematics: of the robot.
+        kinematics: kinematic model of the robot.
         positions: (23,) rad with the fingertips touching.
         normals: (4, 3) into the object, world axes, at these positions.
         config: how hard.

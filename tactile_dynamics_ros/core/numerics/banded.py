@@ -122,7 +122,7 @@ class _Windows:
 
 
 def _as_slice(index: NDArray[np.intp]) -> NDArray[np.intp] | slice:
-    """The same rows as a slice, which costs no copy, if they follow each other."""
+    """Rows as a slice, which costs no copy, where they follow each other."""
     first, end = int(index[0]), int(index[-1]) + 1
     return slice(first, end) if end - first == len(index) else index
 

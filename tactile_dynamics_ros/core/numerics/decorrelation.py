@@ -79,7 +79,8 @@ class Decorrelator(Generic[Record]):
         """Corrections of m readings x at the centre, -Cov(x, r) C^-1 r, for r and for the draw.
 
         Args:
-            response: (2 long + 1, 6, m) of x to one deviation of each pose around the centre.
+            response: (2 long + 1, 6, m) response of x to one deviation of each pose around the
+                centre.
 
         Returns:
             (2, m).

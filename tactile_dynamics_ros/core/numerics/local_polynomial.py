@@ -42,7 +42,7 @@ class Window:
 
     Attributes:
         half_width: s.
-        degree: of the polynomial.
+        degree: degree of the polynomial.
         tapered: samples count less the farther they are. What polynomials on untapered windows let
             through of the noise at high frequencies comes back as slow noise where the grid is
             slower than the samples. Source: Schmid, Rath & Diebold 2022, ACS Meas. Sci. Au 2, 185.

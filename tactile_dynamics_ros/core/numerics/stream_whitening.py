@@ -48,7 +48,7 @@ class StreamWhitener:
 
         Args:
             pose_noise: (6, 6 (b + 1)) response to the poses of the sample's window.
-            contact_covariance: (6, 6) of the noise of this sample alone.
+            contact_covariance: (6, 6) covariance of the noise of this sample alone.
             values: (6, m) columns, the residual last.
 
         Returns:
@@ -91,7 +91,7 @@ class StreamWhitener:
 
 
 class DelayedSubstitution:
-    """The same forward substitution for columns that become known later, with rows of L kept."""
+    """Forward substitution for columns that become known later, with rows of L that were kept."""
 
     def __init__(self, bandwidth: int, columns: int) -> None:
         """Start without memory; see `StreamWhitener`."""

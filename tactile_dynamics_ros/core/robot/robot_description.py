@@ -85,7 +85,7 @@ class Link:
     """Mass and shape of a link, all in the link frame.
 
     Attributes:
-        name: of the link (frame).
+        name: name of the link (frame).
         mass: kg. com: (3,) m. inertia: (3,) principal moments about the CoM, link axes, kg m^2.
         boxes: pairs of full size (3,) and centre (3,), m.
     """

@@ -24,7 +24,7 @@ class Region:
     """A part of the surface that is expected to have a friction of its own.
 
     Attributes:
-        name: of the region.
+        name: name of the region.
         lower, upper: (3,) corners of the box in the object frame that holds it, m.
     """
 
@@ -44,7 +44,7 @@ class SurfacePlace:
     Attributes:
         point: (3,) nearest point of the mesh, m.
         normal: (3,) into the object.
-        distance: of the contact from the mesh, m.
+        distance: distance of the contact from the mesh, m.
         region: name.
     """
 

@@ -84,7 +84,7 @@ def keep_in_hull(xi: Array, information: Array, hull: CentreHull) -> Array:
     Args:
         xi: (10,) most likely without the constraint.
         information: (10, 10) on xi.
-        hull: of the object.
+        hull: half spaces that hold the centre of mass.
     """
     if hull.contains(xi[_COM]):
         return xi

@@ -166,7 +166,7 @@ class ObjectShape:
             that look the same.
 
     Attributes:
-        centre: (3,) of the bounding sphere. radius: of it, m.
+        centre: (3,) centre of the bounding sphere, m. radius: its radius, m.
         points, normals: (N, 3) samples of the surface in random order.
         edge_points, edge_tangents, edge_normals: (E, 3), (E, 3), (E, 2, 3) samples of the edges
             between triangles, their directions and the normals of the two.

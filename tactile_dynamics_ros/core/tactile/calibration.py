@@ -35,7 +35,7 @@ _FIELDS = ("force_weights", "place_weights", "force_std", "place_std", "creep")
 
 @dataclass(frozen=True)
 class ForceCalibration:
-    """What turns tared signals into force, contact place and their standard deviations.
+    """Constants that turn tared signals into force, contact place and standard deviations.
 
     Attributes:
         force_weights: (668, 3) N per feature. place_weights: (230, 3) m per feature.
@@ -163,7 +163,7 @@ def fit_calibration(
 
     Args:
         presses: to fit the weights to.
-        held_out: of other units, to fit creep and standard deviations to.
+        held_out: presses of other units, to fit creep and standard deviations to.
         origin: description that is stored.
         ridge: penalty on standardised weights.
         every: use every such frame for the weights.

@@ -77,7 +77,7 @@ class FingertipConfig:
 
 @dataclass(frozen=True)
 class TactileEstimate:
-    """What one frame of a fingertip, or of several (...), says.
+    """Contact that one frame of a fingertip, or of several (...), shows.
 
     Attributes:
         force: (..., 3) N on the object, sensor frame. std: (..., 3) N.
@@ -118,14 +118,14 @@ class ForceModel(Protocol):
 
 
 FingertipConfigs = FingertipConfig | Sequence[FingertipConfig]
-"""Of one fingertip, or of each of several that are read together."""
+"""Settings of one fingertip, or of each of several that are read together."""
 
 
 class FingertipEstimator:
     """Force of one fingertip, or of several (...) at once, frame by frame.
 
     Args:
-        model: of the force.
+        model: model of the force.
         config: thresholds and constants of the fingertip, or of each of several.
 
     Attributes:
@@ -232,9 +232,9 @@ class FingertipEstimator:
         zero: a contact needs a force too.
 
         Args:
-            counts: (..., 44) of the frame.
-            rise: (...) of PDC, counts.
-            strength: (...) of the force, N.
+            counts: (..., 44) counts of the frame.
+            rise: (...) rise of PDC, counts.
+            strength: (...) magnitude of the force, N.
         """
         assert self._rest is not None
         limit = np.where(self._touch.on, self._release_counts, self._touch_counts)

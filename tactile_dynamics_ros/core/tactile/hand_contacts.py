@@ -16,7 +16,7 @@ def hand_contacts(
     """Return the contacts of the fingers that touch something, by name.
 
     Args:
-        state: of the hand.
+        state: state of the hand.
         joint_positions: (23,) rad, arm then hand.
         tips: what the hand's fingertips say, in the order of FINGERS.
     """

@@ -38,12 +38,12 @@ class SlipConfig:
 
 @dataclass(frozen=True)
 class SlipEstimate:
-    """What one frame of a fingertip, or of several (...), says about slip.
+    """Slip that one frame of a fingertip, or of several (...), shows.
 
     Attributes:
         score: (...) vibration over the threshold of slip, above 1 = slip; 0 without contact.
         level: (...) vibration over that of rest, 1 = silence.
-        slipping: (...) the same with hysteresis and debouncing.
+        slipping: (...) whether it slips, with hysteresis and debouncing.
     """
 
     score: Array
@@ -98,7 +98,7 @@ class BlockFilter:
 
     Args:
         sections: (N, 6) second-order sections.
-        length: of a block.
+        length: length of a block.
     """
 
     def __init__(self, sections: Array, length: int) -> None:

@@ -43,7 +43,7 @@ class PinholeCamera:
 
     Attributes:
         intrinsics: (3, 3) camera matrix of the image as it is.
-        width, height: of the image, px.
+        width, height: size of the image, px.
         pose: (4, 4) X_WC.
     """
 
@@ -87,7 +87,7 @@ class Window:
     """A rectangle of a depth image, flattened.
 
     Attributes:
-        shape: (rows, columns) of it. origin: row and column of its first pixel.
+        shape: (rows, columns) of the window. origin: row and column of its first pixel.
         depth: (P,) m, NaN where invalid.
         rays: (P, 3) with z = 1, camera frame.
         pixels: (P, 2) column and row in the image.
@@ -129,9 +129,9 @@ def window_around(
     """Return the part of an image that a sphere covers; None where it lies outside.
 
     Args:
-        camera: of the image.
+        camera: camera of the image.
         depth: (H, W) m.
-        centre: (3,) of the sphere, camera frame, m.
+        centre: (3,) centre of the sphere, camera frame, m.
         radius: m.
         margin: px around it.
     """

@@ -29,11 +29,11 @@ _HIT = 3e-4
 
 @dataclass(frozen=True)
 class Drawing:
-    """What a window would show of an object if nothing hid it.
+    """Picture of an object in a window, as if nothing hid it.
 
     Attributes:
         mask: (H, W) pixels that the object covers.
-        depth: (P,) of the object, or of its nearest part, m.
+        depth: (P,) depth of the object, or of its nearest part, m.
         inner: (P,) covered pixels that do not touch the border.
         band: (P,) pixels near the border. reach: how near, px.
     """
@@ -64,7 +64,7 @@ def draw(shape: ObjectShape, scene: Scene, pose: Array, band: float) -> Drawing:
     """Draw the near side of a shape from its samples.
 
     Args:
-        shape: of the object.
+        shape: shape of the object.
         scene: into which it is drawn.
         pose: (4, 4) X_CO.
         band: width of the border's band to each side, px.
@@ -92,7 +92,7 @@ def trace(shape: ObjectShape, rays: Array, depth: Array, pose: Array) -> tuple[A
     """Return where rays meet the surface near given depths.
 
     Args:
-        shape: of the object.
+        shape: shape of the object.
         rays: (N, 3) with z = 1, camera frame.
         depth: (N,) to start, m.
         pose: (4, 4) X_CO.

@@ -65,7 +65,7 @@ class KinematicTracker:
     """Pose of a grasped object from joint positions and contact points, with covariance.
 
     Args:
-        kinematics: of arm and hand.
+        kinematics: kinematic model of arm and hand.
         config: compliances and joint uncertainty.
     """
 
@@ -93,8 +93,9 @@ class KinematicTracker:
         Args:
             pose: (4, 4) X_WO.
             joint_positions: (23,) rad.
-            covariance: (6, 6) of the pose [rotation, position], world axes. What it leaves open,
-                a turn that no camera sees, is settled by this pose, to ``settled_rotation_deg``.
+            covariance: (6, 6) covariance of the pose [rotation, position], world axes. What it
+                leaves open, a turn that no camera sees, is settled by this pose, to
+                ``settled_rotation_deg``.
             time: s; the creep of the grasp counts from here (first update if None).
 
         Raises:
@@ -161,7 +162,8 @@ class _Hold:
     """Least squares by which the motions of K contacts make the object's.
 
     Attributes:
-        index: of the fingers. share: (K, 6, 6) share of each one's motion [rotation, position].
+        index: numbers of the fingers. share: (K, 6, 6) share of each one's motion [rotation,
+            position].
     """
 
     index: list[int]

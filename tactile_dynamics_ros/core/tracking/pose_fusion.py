@@ -113,7 +113,8 @@ class PoseFusion:
 
         Args:
             kinematic: (4, 4) X_WO of the kinematic tracker.
-            covariance: (6, 6) of it [rotation, position], world axes; where the slip starts.
+            covariance: (6, 6) covariance of the pose [rotation, position], world axes; where the
+                slip starts.
             time: s, not decreasing.
 
         Returns:
@@ -157,7 +158,7 @@ class PoseFusion:
 
         Args:
             vision: (4, 4) X_WO.
-            covariance: (6, 6) of it [rotation, position], world axes.
+            covariance: (6, 6) covariance of the pose [rotation, position], world axes.
             time: s, when the image was taken.
 
         Raises:

@@ -143,7 +143,7 @@ class Registration:
     """Finds the pose of one shape in depth images.
 
     Args:
-        shape: of the object.
+        shape: shape of the object.
         config: weights. noise: of the camera.
     """
 
@@ -274,7 +274,7 @@ class Registration:
         Args:
             scene: labelled pixels.
             pose: (4, 4) X_CO.
-            drawing: of the shape near that pose.
+            drawing: drawing of the shape near that pose.
             label: (P,) what the border's pixels show.
             blur: factor on the blur of the outline, to catch borders that are far off.
         """

@@ -69,7 +69,7 @@ class Relocalisation:
 
     Args:
         registration: that aligns the best candidates.
-        config: of the search. noise: of the camera.
+        config: settings of the search. noise: noise of the camera.
     """
 
     def __init__(
@@ -89,7 +89,7 @@ class Relocalisation:
         """Return the best pose of the object in an image, or None if nothing looks like it.
 
         Args:
-            scene: of the whole image.
+            scene: scene of the whole image.
             expected: (3, 3) R_WO, likely orientations, the likeliest first.
             grasp_centre: (3,) midst of the fingertips, world, m; None without a hand.
         """
@@ -213,7 +213,7 @@ def turn_alike(shape: ObjectShape, fit: Fit, likely: Array) -> Fit:
     """Return a fit turned by the symmetry of the shape that brings it nearest to a rotation.
 
     Args:
-        shape: of the object.
+        shape: shape of the object.
         fit: in the camera frame.
         likely: (3, 3) R_CO.
     """

@@ -35,7 +35,7 @@ class RobotVolume:
     """Boxes and spheres that enclose the links of hand and arm.
 
     Args:
-        kinematics: of the robot.
+        kinematics: kinematic model of the robot.
         margin: by which every shape is larger than the link, m.
     """
 

@@ -1,4 +1,4 @@
-"""What the pixels around an object show: the object, the robot, its support, or something else."""
+"""Labels of the pixels around an object: robot, support, or free for the object."""
 
 from __future__ import annotations
 
@@ -83,11 +83,11 @@ def label_scene(
     A pixel shows the robot where it is as far as the robot's surface along its ray, or farther.
 
     Args:
-        camera: of the window.
+        camera: camera of the window.
         window: pixels.
         volume: of the robot, None if there is none in sight.
         positions: (23,) joint positions at the time of the image, rad.
-        noise: of depths.
+        noise: noise of depths.
         support_height: z of the horizontal plane on which objects stand, world, m; None if none.
     """
     depth = window.depth

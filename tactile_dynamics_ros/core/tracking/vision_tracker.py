@@ -53,7 +53,7 @@ rad)."""
 
 
 class TrackingState(Enum):
-    """What a tracker knows.
+    """States of a tracker.
 
     `HIDDEN`: the image shows too little of the object, its pose is predicted but not told.
     """
@@ -113,7 +113,7 @@ class VisionTracker:
     """Pose of an object from depth images and joint positions.
 
     Args:
-        shape: of the object. kinematics: of the robot in front of the camera.
+        shape: shape of the object. kinematics: kinematic model of the robot in front of the camera.
         config: thresholds, weights, camera noise.
 
     Attributes:

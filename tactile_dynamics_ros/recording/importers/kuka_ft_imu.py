@@ -68,7 +68,7 @@ class KukaFtImuImporter(Importer):
 
 @dataclass(frozen=True)
 class Calibration:
-    """What the static poses tell about the sensors.
+    """Rotation and biases of the sensors that the static poses tell.
 
     Attributes:
         R_SI: (3, 3) rotation from IMU axes to those of the force/torque sensor.

@@ -77,7 +77,7 @@ class Survey:
 
     @property
     def remark(self) -> str:
-        """What was used, in a sentence."""
+        """Sentence that says which stretches were fitted."""
         minutes = (self.edges[-1] - self.edges[0]) / 60.0
         seconds = 60.0 * minutes / len(self.rms)
         return (
@@ -97,14 +97,14 @@ class FittedModel:
         xi: (10,) log-Cholesky coordinates.
         effects: the effects of the model.
         theta: parameters of each effect.
-        prior: of xi.
+        prior: prior of xi.
         unexcited: (10, q) orthonormal directions of (xi - mean) / std that the motion does not
             excite beyond what pose noise feigns; the fit keeps them at the prior.
         converged: whether the iteration converged.
-        frame_covariance: (6, 6) of a displacement of the body frame that all poses share, body
-            axes [rotation, translation]; None where their noise is independent.
+        frame_covariance: (6, 6) covariance of a displacement of the body frame that all poses
+            share, body axes [rotation, translation]; None where their noise is independent.
         corrected: the presumed lasting errors by which xi is corrected; None where it is not.
-        survey: of all stretches where only some were fitted.
+        survey: survey of all stretches where only some were fitted.
         restated: seen over stated noise of the streams whose own scatter was used.
     """
 

@@ -72,7 +72,7 @@ def fit_model(
         effects: effects of the model.
         theta: their start; screened from the residual by each effect by default.
         xi: start of the inertia (10,); a linear fit by default.
-        iterations: of the outer alternation.
+        iterations: number of iterations of the outer alternation.
     """
     problems = tuple(problems)
     start = xi if xi is not None else _start(problems, contact_prior(problems[0].samples))
@@ -125,7 +125,7 @@ def fit_trusting(model: FittedModel, iterations: int) -> FittedModel:
 
     Args:
         model: fitted.
-        iterations: of the alternation.
+        iterations: number of iterations of the alternation.
     """
     theta = list(model.theta)
     return _alternate(model.blocks, model.xi, model.effects, theta, iterations, trusting=True)
@@ -139,7 +139,7 @@ def fit_unfolded(model: FittedModel, iterations: int) -> FittedModel | None:
 
     Args:
         model: fitted.
-        iterations: of the alternation.
+        iterations: number of iterations of the alternation.
     """
     usual = dynamic_parameters_from_log_cholesky(model.prior.mean)
     thickness = np.linalg.eigvalsh(pseudo_inertia(model.phi))
@@ -154,7 +154,7 @@ def fit_corrected(model: FittedModel) -> FittedModel:
     """Correct the inertia by the lasting errors of the sensors that the residuals betray.
 
     Args:
-        model: of a rigid body without effects, fitted.
+        model: model of a rigid body without effects, fitted.
     """
     found = model.presumed_errors
     if not found.errors.any():

@@ -74,7 +74,7 @@ class InertialEstimate:
 
     Attributes:
         inertia: the estimate; a body that can exist.
-        covariance: (10, 10) of phi = `inertia.dynamic_parameters`.
+        covariance: (10, 10) covariance of phi = `inertia.dynamic_parameters`.
         effects: estimated parameters of the added effects by effect name.
         error: remaining model error.
         not_excited: parameters (of PARAMETER_NAMES) that the motion did not determine.

@@ -98,9 +98,9 @@ def compare_streams(
     """Fit a model and hold it against the measurements.
 
     Args:
-        streams: of the last seconds.
+        streams: measurements of the last seconds.
         effects: names of the effects in the model.
-        iterations: of the fit.
+        iterations: number of iterations of the fit.
 
     Raises:
         BadInputError: contacts and motion are missing or do not overlap.
@@ -115,7 +115,7 @@ def diagnose_streams(streams: Streams, effects: Sequence[str]) -> Document:
     """Diagnose a model, as `tactile-dynamics diagnose` does; return its document.
 
     Args:
-        streams: of the last seconds.
+        streams: measurements of the last seconds.
         effects: names of the effects in the model.
 
     Raises:

@@ -49,7 +49,7 @@ class Whitening:
 
     @cached_property
     def repeated(self) -> RepeatedWhitening:
-        """Of columns that fits at this whitening have in common."""
+        """White columns that fits at this whitening have in common."""
         return RepeatedWhitening(self.whiten)
 
     def whiten(self, values: Sequence[Array]) -> Array:

@@ -35,9 +35,9 @@ def fit_with_readings(
     Where samples do not scatter as stated, their scatter is used if that leaves nothing but noise.
 
     Args:
-        streams: of the recording.
-        effects: of the model, in the order of the result.
-        config: of the fit.
+        streams: measurements of the recording.
+        effects: effects of the model, in the order of the result.
+        config: settings of the fit.
 
     Raises:
         BadInputError: an effect is one that the contacts of this recording cannot show.
@@ -57,8 +57,8 @@ def model_with_seen_noise(
 
     Args:
         model: with the noise that is stated.
-        streams: of the recording.
-        effects: of the model.
+        streams: measurements of the recording.
+        effects: effects of the model.
 
     Returns:
         None where the floor is 1 as it should be, or where it is not with the other noise either.

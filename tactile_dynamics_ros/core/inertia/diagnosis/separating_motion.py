@@ -76,7 +76,7 @@ class Rival:
     Attributes:
         phi: (10,).
         effects: with their parameters theta.
-        theta: of each effect.
+        theta: parameters of each effect.
         prior: (10 + k,) information on [phi, theta] before anything is measured.
     """
 
@@ -148,7 +148,7 @@ class SeparationCriterion:
         best: what is taken to be right.
         others: readings of each rival.
         force_std: N.
-        rate_hz: of the samples.
+        rate_hz: rate of the samples.
     """
 
     best: Rival
@@ -263,7 +263,7 @@ def _regrasp(grip: Grip, times: Array) -> list[tuple[Grip, Array]]:
 
 
 def _elsewhere(grip: Grip) -> Grip:
-    """The same hand with its contacts turned about the object's z axis and moved along it."""
+    """Hand with its contacts turned about the object's z axis and moved along it."""
     turn = exp_so3(np.array([0.0, 0.0, _REGRASP_ANGLE]))
     shift = 0.3 * float(np.linalg.norm(grip.point, axis=1).mean()) * np.array([0.0, 0.0, 1.0])
     return replace(

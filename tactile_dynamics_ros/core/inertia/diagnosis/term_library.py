@@ -37,7 +37,7 @@ class Term:
         quantity: its name.
         label: the dependence in words.
         columns: (N, 6, m) [torque, force], body frame.
-        symbols: of the columns, empty where they are too many for a formula.
+        symbols: symbols of the columns, empty where they are too many for a formula.
         frame: in which the dependence is simple.
     """
 

@@ -1,4 +1,4 @@
-"""What a motion would tell: information of its wrenches and scalar criteria on it."""
+"""How much a motion would tell: information of its wrenches and scalar criteria on it."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def wrench_information(
     """Fisher information of the samples with exact motion and white force noise.
 
     Args:
-        samples: of a motion.
+        samples: samples of a motion.
         force_std: N per axis and contact.
         columns: (N, 6, n) derivatives of the wrench; the Newton-Euler regressor by default.
 

@@ -55,8 +55,8 @@ class DesignedMotion:
 
     Attributes:
         offsets: the motion.
-        value: of the criterion.
-        reference: of the criterion for the first, random motion of the same family.
+        value: value of the criterion.
+        reference: value of the criterion for the first, random motion of the same family.
         grip_usage: largest share of the friction cones that it needs.
     """
 
@@ -82,7 +82,7 @@ def design_motion(
     Args:
         criterion: function of the samples of a candidate; smaller is better.
         start: pose of the held object.
-        grip: of the hand.
+        grip: grip of the hand.
         phi: (10,) dynamic parameters presumed, for the loads.
         limits: amplitudes and margins.
         arm: joint limits; None if the arm does not limit.

@@ -61,7 +61,7 @@ def plan_first_excitation(
         limits: amplitudes and margins.
         mass: kg, presumed.
         friction: coefficient presumed between fingertips and object.
-        kind: of criterion, see `InertiaCriterion`.
+        kind: kind of criterion, see `InertiaCriterion`.
 
     Raises:
         NotIdentifiableError: hand or arm cannot take the site, or the grip would slip at rest.

@@ -25,7 +25,7 @@ class Grip:
     """Contacts that hold the object, fixed in the body frame.
 
     Attributes:
-        names: of the C contacts.
+        names: names of the C contacts.
         point: (C, 3) m; normal: (C, 3) unit, into the object.
         squeeze: (C, 3) N, forces that the contacts apply on the weightless object at rest.
         friction: coefficient.
@@ -42,7 +42,7 @@ class Grip:
         """Read the grip from measured contacts: what they apply beyond carrying the object.
 
         Args:
-            samples: of the held object; the mean over samples in contact is taken.
+            samples: samples of the held object; the mean over samples in contact is taken.
             phi: (10,) dynamic parameters.
             friction: coefficient; raised to what the samples show to hold.
         """

@@ -65,7 +65,7 @@ class ArmLimits:
         """Read limits and Jacobian of the arm from the robot's table.
 
         Args:
-            kinematics: of the robot.
+            kinematics: kinematic model of the robot.
             positions: (23,) rad.
             pivot: (3,) m, world.
         """
@@ -85,7 +85,7 @@ class ArmLimits:
         Args:
             offsets: (N, 6); rates: (N, 6) per s.
             rates: as above.
-            speed_share: of the velocity limits.
+            speed_share: share of the velocity limits that may be used.
         """
         inverse = np.linalg.pinv(self.jacobian).T
         moved, speed = offsets @ inverse, np.abs(rates @ inverse).max(axis=0)
@@ -114,7 +114,7 @@ def fit_to_limits(
     Args:
         motion: candidate.
         start: pose of the object.
-        grip: of the hand.
+        grip: grip of the hand.
         phi: (10,) dynamic parameters presumed.
         limits: amplitudes and margins.
         arm: joint limits; None if the arm does not limit.

@@ -112,7 +112,7 @@ def plan_excitation(
         config: duration and effort of the search.
         limits: amplitudes and margins.
         friction: coefficient between fingertips and object; raised to what holding it takes.
-        kind: of criterion, see `InertiaCriterion`.
+        kind: kind of criterion, see `InertiaCriterion`.
         arm: (7,) rad, joints at the start; the carrying posture by default.
     """
     config = config or DesignConfig()
@@ -135,7 +135,7 @@ class Knowledge:
 
     Attributes:
         phi: (10,) present dynamic parameters.
-        covariance: (10, 10) of them.
+        covariance: (10, 10) covariance of phi.
         force_std: N per axis and contact.
     """
 
@@ -158,11 +158,11 @@ def plan_motion(
     Args:
         known: before the motion.
         start: pose of the held object.
-        grip: of the hand.
-        reach: of the arm.
+        grip: grip of the hand.
+        reach: limits of the arm.
         config: duration and effort of the search.
         limits: amplitudes and margins.
-        kind: of criterion, see `InertiaCriterion`.
+        kind: kind of criterion, see `InertiaCriterion`.
     """
     phi, before = known.phi, known.covariance
     information = np.linalg.inv(before)

@@ -117,7 +117,7 @@ class BlockScores:
 
         Args:
             state: (n,) estimate x.
-            inverse: (n, n) of the total information, data and prior.
+            inverse: (n, n) inverse of the total information, data and prior.
 
         Returns:
             (n,) factors for the variances of x.
@@ -160,11 +160,11 @@ class LastingErrors:
         self._target += basis.T @ target
 
     def presume(self, state: Array, inverse: Array, mapping: Array, load: float) -> PresumedErrors:
-        """What they do to an estimate in other coordinates.
+        """Find what lasting errors do to an estimate in other coordinates.
 
         Args:
             state: (n,) the estimate.
-            inverse: (n, n) of the information of data and prior on its coordinates.
+            inverse: (n, n) inverse of the information of data and prior on its coordinates.
             mapping: (n, n) derivative of the state by these.
             load: weight of the body, N.
         """

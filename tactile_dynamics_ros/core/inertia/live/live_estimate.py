@@ -92,7 +92,8 @@ class LiveEstimate(InertialEstimate):
 
     Attributes:
         time: s, stamp of the newest sample used.
-        information: (2, 10, 10) of the data and of the prior on log-Cholesky coordinates.
+        information: (2, 10, 10) information of the data and of the prior on log-Cholesky
+            coordinates.
         coordinates: (10,) the log-Cholesky coordinates.
         rejected: samples left out as outliers so far.
         latency: s of computing in this update.

@@ -85,11 +85,11 @@ class WhiteningPipeline:
         """Start at the beginning of a segment.
 
         Args:
-            config: of the estimator.
-            stream: of raw samples.
-            layout: of the segment.
+            config: settings of the estimator.
+            stream: stream of raw samples.
+            layout: window sizes of the segment.
             lever: m, of the presumed errors that last.
-            judge: of innovations.
+            judge: robust weights of innovations.
         """
         self.layout = layout
         self._config, self._stream, self._judge = config, stream, judge
@@ -106,7 +106,7 @@ class WhiteningPipeline:
             first: running number.
             last: running number, exclusive.
             phi: (10,) dynamic parameters to linearise at.
-            covariance: (10, 10) of phi, for judging innovations.
+            covariance: (10, 10) covariance of phi, for judging innovations.
         """
         contacts = self._stream.contacts(first, last)
         windows = self._stream.windows(first, last, self.layout)

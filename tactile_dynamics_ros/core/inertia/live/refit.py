@@ -23,7 +23,7 @@ and the fit of a single turn would not tell an effect from the load."""
 
 @dataclass(frozen=True)
 class RefitConfig:
-    """What a model with effects is fitted to."""
+    """Measurements that a model with effects is fitted to."""
 
     history: float = parameter(
         60.0, "measurements kept for fits of models with effects", "s", 5.0, 300.0
@@ -92,7 +92,7 @@ def fit_live(streams: Streams, effects: Sequence[str]) -> LiveEstimate:
     """Fit a model with effects as `tactile-dynamics estimate` does.
 
     Args:
-        streams: of the last measurements.
+        streams: the last measurements.
         effects: their names.
 
     Raises:
@@ -105,7 +105,7 @@ def fit_live(streams: Streams, effects: Sequence[str]) -> LiveEstimate:
 
 
 def live_estimate(model: FittedModel, latency: float) -> LiveEstimate:
-    """What a batch fit says, as the live estimator says it.
+    """Estimate of a batch fit in the form that the live estimator publishes.
 
     Args:
         model: fitted.

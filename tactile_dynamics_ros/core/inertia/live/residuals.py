@@ -68,8 +68,8 @@ class DenoisedMotion:
         rotation: (B, 3, 3) R_WO.
         rates: (B, 3, 3) zero, angular velocity and acceleration.
         linear: (B, 3, 3) position, velocity and acceleration of the origin.
-        response: (B, W, 6, 18) of [rotation, angular velocity, angular acceleration, position,
-            velocity, acceleration] to one deviation of each pose in the window.
+        response: (B, W, 6, 18) response of [rotation, angular velocity, angular acceleration,
+            position, velocity, acceleration] to one deviation of each pose in the window.
         draw: (B, 18) how a draw of pose noise moves them.
     """
 
@@ -222,7 +222,7 @@ def _residual_noise(weights: Array, response: Array, noise: Array) -> Array:
 
     Args:
         weights: (B, 3, w) by derivative order and pose.
-        response: (B, 2, 3, 6, 3) of the residual to [rotation, position] by order.
+        response: (B, 2, 3, 6, 3) response of the residual to [rotation, position] by order.
         noise: (B, w, 2, 3, 3) square roots of the poses' covariance.
     """
     count, _, width = weights.shape
@@ -239,7 +239,7 @@ def linearise_residuals(
     Args:
         windows: poses around the samples.
         contacts: the samples' contacts.
-        degree: of the local polynomials.
+        degree: degree of the local polynomials.
         phi: (10,) dynamic parameters.
     """
     motion, weights, steps = denoise_motion(windows, degree)

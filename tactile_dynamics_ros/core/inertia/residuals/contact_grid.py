@@ -79,13 +79,13 @@ class ContactSignals:
     """One contact: raw world-frame samples and how the grid reads them.
 
     Attributes:
-        name: of the contact.
+        name: name of the contact.
         force: (K, 3) N; torque: (K, 3) N m about the point; point: (M, 3) m; world axes.
         rotation: (N, 3, 3) contact frame on the grid.
         in_contact: (N,).
         valid: (N,) False where loaded samples were dropped.
         signals: latent signals force, and torque and point where they are noisy.
-        point_functional: of the contact point.
+        point_functional: functional of the contact point.
     """
 
     name: str

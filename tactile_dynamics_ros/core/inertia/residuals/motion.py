@@ -175,7 +175,7 @@ def motion_signals(streams: Streams, grid: Array, window: Window, gravity: Array
     Args:
         streams: needs an object pose, or an IMU with orientation.
         grid: (N,) s.
-        window: of the polynomials.
+        window: window of the polynomials.
         gravity: (3,) m/s^2, world.
 
     Raises:

@@ -54,9 +54,9 @@ class RepeatedWhitening:
         Args:
             effect: one that `present` may hold.
             present: effects beside it, which may make sensors late.
-            samples: of each stretch, as the effect sees them.
+            samples: samples of each stretch, as the effect sees them.
             phi: (10,) dynamic parameters.
-            theta: (k,) of the effect.
+            theta: (k,) parameters of the effect.
         """
         found = self.factored(effect, present, samples, theta)
         if found is not None:

@@ -71,8 +71,8 @@ class SharpenedPoses:
 
     Attributes:
         streams: the recording; its poses state their new covariance.
-        frame_covariance: (6, 6) of the displacement of the body frame that all poses share, body
-            axes, [rotation, translation].
+        frame_covariance: (6, 6) covariance of the displacement of the body frame that all poses
+            share, body axes, [rotation, translation].
         contacts: whose places were used.
     """
 
@@ -116,7 +116,7 @@ class _Place:
     """Where one contact is at the stamps of the poses.
 
     Attributes:
-        name: of the contact.
+        name: name of the contact.
         point: (N, 3) m, world.
         there: (N,) whether it touches and is known.
         std: m, white noise of the point per axis.
@@ -175,7 +175,7 @@ def _align(pose: PoseStream, start: PoseStream, places: list[_Place]) -> PoseStr
     Args:
         pose: measured.
         start: present poses; the places are read from them.
-        places: of the contacts.
+        places: places of the contacts.
     """
     assert pose.covariance is not None
     body = np.array([place.mean(start) for place in places])

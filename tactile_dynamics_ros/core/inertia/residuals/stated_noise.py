@@ -32,7 +32,7 @@ def restate_noise(streams: Streams) -> tuple[Streams, dict[str, float]]:
     use the result only where it leaves nothing to be explained.
 
     Args:
-        streams: of a recording.
+        streams: measurements of a recording.
 
     Returns:
         The streams, and seen over stated noise of those that were changed: names of contacts,

@@ -113,7 +113,7 @@ def systematic_variances(mixing: Array, white: Array) -> Array:
 
     Args:
         mixing: (r, q) A, see `_shown`.
-        white: (r,) likewise.
+        white: (r,) white numbers, see `_shown`.
     """
     parts = np.split(mixing, [_BODY_SIZE, SYSTEMATIC_SIZE], axis=1)
     kinds = [part for part in parts if part.shape[1]]
@@ -128,7 +128,7 @@ def systematic_variances(mixing: Array, white: Array) -> Array:
 
 
 def _student_factor(variances: Array, shapes: list[Array]) -> float:
-    """By what a variance of few gains grows, so that normal 90 % intervals hold.
+    """Factor by which a variance of few gains grows, so that normal 90 % intervals hold.
 
     The numbers that data show of gains with covariance v S beside other errors C are
     nu = tr(v S (v S + C)^-1), at least one; the factor is (t_nu / t_inf)^2 at 95 %.
@@ -185,7 +185,7 @@ class PresumedErrors:
         """Find them in the sums that a fit leaves.
 
         Args:
-            inverse: (p, p) of the information of data and prior, J^T J + prior.
+            inverse: (p, p) inverse of the information of data and prior, J^T J + prior.
             cross: (p, q) J^T B of the white rows.
             gram: (q, q) B^T B.
             score: (q,) B^T r of the residuals after the fit.
@@ -220,7 +220,7 @@ def _shown(gram: Array, beside: Array, score: Array) -> tuple[Array, Array]:
     Args:
         gram: (q, q) B^T B.
         beside: (q, q) without its projection on the parameters.
-        score: (q,) likewise.
+        score: (q,) scores of the errors, without their projection on the parameters.
     """
     length = np.sqrt(np.maximum(np.diag(gram), _TINY))
     values, vectors = np.linalg.eigh(beside / np.outer(length, length))

@@ -42,7 +42,7 @@ def lagged(change: Array, period: float) -> Array:
 
 
 class Memory:
-    """The same low-passes frame by frame.
+    """Low-passes of the signals that are followed frame by frame.
 
     Args:
         period: s between frames.

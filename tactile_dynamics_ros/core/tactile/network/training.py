@@ -120,7 +120,7 @@ def train_network(
 
     Args:
         presses: to train on, in parts that are not kept.
-        held_out: of other units.
+        held_out: presses of other units.
         origin: description that is stored with the weights.
         config: size and length of the training.
         report: called with the epoch and its mean loss.

@@ -62,7 +62,7 @@ class NetworkWeights:
     """A multilayer perceptron with standardised inputs and calibrated uncertainty.
 
     Attributes:
-        mean, scale: (INPUTS,) of the inputs.
+        mean, scale: (INPUTS,) mean and scale of the inputs.
         layers: matrix (n_in, n_out) and bias (n_out,) per layer; SiLU, x / (1 + exp(-x)), between
             them. They are kept to half precision in the file.
         force_temperature: (7, 3) factors on the force std at STRENGTH_KNOTS.
