@@ -63,7 +63,7 @@ class FrictionEstimateConfig:
     gain: float = parameter(1.0, "true over measured coefficient of this fingertip", "", 0.5, 2.0)
     gain_std: float = parameter(0.05, "uncertainty of that gain", "", 0.0, 0.5)
     scatter: float = parameter(0.03, "relative scatter of single slips", "", 0.001, 0.5)
-    confidence: float = parameter(0.95, "of the intervals", "", 0.5, 0.999)
+    confidence: float = parameter(0.95, "confidence of the intervals", "", 0.5, 0.999)
     most_tilt_deg: float = parameter(
         6.0, "movement of the contact normal that spoils a result", "deg", 0.5, 45.0
     )

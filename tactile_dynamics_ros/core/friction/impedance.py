@@ -28,7 +28,7 @@ class ImpedanceConfig:
     """
 
     stiffness: float = parameter(120.0, "against sliding off the anchor", "N/m", 0.0, 1000.0)
-    damping: float = parameter(6.0, "of the fingertip", "N s/m", 0.0, 50.0)
+    damping: float = parameter(6.0, "damping of the fingertip", "N s/m", 0.0, 50.0)
     force_gain: float = parameter(4.0, "integral gain of the force error", "1/s", 0.0, 50.0)
     most_force: float = parameter(3.5, "limit of a fingertip's force", "N", 0.1, 5.0)
     torque_share: float = parameter(0.95, "share of the joints' torque caps", "", 0.1, 1.0)

@@ -27,13 +27,19 @@ class SlipFusionConfig:
     speed_std: float = parameter(1.8e-3, "scatter of the tip's speed at rest", "m/s", 1e-5, 0.1)
     speed_rise: float = parameter(2.5e-3, "speed of a slow slip", "m/s", 1e-4, 0.1)
     electrode_std: float = parameter(1.0, "scatter of the electrodes' change at rest", "", 0.01, 9)
-    electrode_rise: float = parameter(2.5, "their change in a slip, in rest levels", "", 0.1, 50.0)
-    share_rest: float = parameter(0.85, "of the ratio of earlier slips, at rest", "", 0.1, 1.0)
+    electrode_rise: float = parameter(
+        2.5, "change of the electrodes in a slip, in rest levels", "", 0.1, 50.0
+    )
+    share_rest: float = parameter(
+        0.85, "share of the ratio of earlier slips, at rest", "", 0.1, 1.0
+    )
     share_std: float = parameter(0.06, "scatter of that share", "", 0.01, 1.0)
     share_rise: float = parameter(0.1, "rise of that share where it slips", "", 0.01, 1.0)
     threshold: float = parameter(12.0, "log likelihood ratio that is a slip", "", 1.0, 100.0)
-    least_ratio: float = parameter(0.2, "of forces, below which no surface slips", "", 0.0, 1.0)
-    window: float = parameter(0.04, "of the tip's speed and the mean ratio", "s", 0.02, 0.5)
+    least_ratio: float = parameter(
+        0.2, "ratio of forces below which no surface slips", "", 0.0, 1.0
+    )
+    window: float = parameter(0.04, "window of the tip's speed and the mean ratio", "s", 0.02, 0.5)
     recent: float = parameter(0.2, "within which the greatest ratio counts", "s", 0.02, 2.0)
 
     def __post_init__(self) -> None:

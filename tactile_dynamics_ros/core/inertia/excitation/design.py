@@ -37,7 +37,7 @@ class DesignConfig:
     ramp: float = parameter(1.0, "time to fade in and out", "s", 0.05, 30.0)
     evaluations: int = parameter(240, "candidate motions tried", "", 8, 100000)
     grid_rate_hz: float = parameter(20.0, "rate at which candidates are evaluated", "Hz", 2.0)
-    seed: int = parameter(0, "of the search", "", 0, 2**31 - 1)
+    seed: int = parameter(0, "seed of the search", "", 0, 2**31 - 1)
 
     def __post_init__(self) -> None:
         """Check ranges and the order of the frequencies."""

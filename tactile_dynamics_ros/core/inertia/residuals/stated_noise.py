@@ -67,8 +67,8 @@ def remark_on(ratios: dict[str, float]) -> str:
     """
     parts = ", ".join(f"{name} {ratio:.2g} times" for name, ratio in ratios.items())
     return (
-        f"noise is not what is stated, or not the same along all axes ({parts} that); what the "
-        "samples show is used"
+        f"the samples scatter unlike the standard deviations that the recording states, or unlike "
+        f"along different axes ({parts} the stated ones); the scatter is used"
     )
 
 

@@ -62,7 +62,7 @@ class TrainingConfig:
     learning_rate: float = parameter(3e-3, "largest step size of the rest", "", 1e-6, 1.0)
     weight_decay: float = parameter(1e-4, "decay of weights", "", 0.0, 1.0)
     place_share: float = parameter(0.1, "weight of the contact point in the loss", "", 0.0, 10.0)
-    seed: int = parameter(0, "of initial weights and order of frames", "", 0)
+    seed: int = parameter(0, "seed of initial weights and order of frames", "", 0)
 
     def __post_init__(self) -> None:
         check_ranges(self)
