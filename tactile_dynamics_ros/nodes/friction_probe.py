@@ -23,8 +23,9 @@ from tactile_dynamics_ros.core.friction.probe_input import ProbeContact, ProbeIn
 from tactile_dynamics_ros.core.robot.hand_kinematics import ARM_DOF, HandKinematics
 from tactile_dynamics_ros.core.robot.robot_description import FINGERS
 from tactile_dynamics_ros.core.shape.friction_regions import ObjectSurface
+from tactile_dynamics_ros.core.streams.streams import ContactSample
 from tactile_dynamics_ros.core.tracking.pose_average import average_poses
-from tactile_dynamics_ros.ros.contact_assembly import AssembledContact, ContactAssembly
+from tactile_dynamics_ros.ros.contact_assembly import ContactAssembly
 from tactile_dynamics_ros.ros.conversions import (
     JointReader,
     StampGate,
@@ -95,7 +96,7 @@ class FrictionProbeNode(Shell):
         self.probe = FrictionProbe(self.kinematics, surface, probe_config)
         self._reader = JointReader(self.kinematics.joint_names)
         self._gate = StampGate(JOINT_STATES)
-        self._contacts: dict[str, AssembledContact] = {}
+        self._contacts: dict[str, ContactSample] = {}
         self._poses: deque[Array] = deque(maxlen=POSES)
         self._positions: tuple[float, Array] | None = None
         self._targets: dict[str, float] = {}
@@ -149,8 +150,8 @@ class FrictionProbeNode(Shell):
         self._active.publish(Bool(data=False))
         super().destroy_node()
 
-    def _taker(self, finger: str) -> Callable[[AssembledContact], None]:
-        def take(contact: AssembledContact) -> None:
+    def _taker(self, finger: str) -> Callable[[ContactSample], None]:
+        def take(contact: ContactSample) -> None:
             self._contacts[finger] = contact
 
         return take

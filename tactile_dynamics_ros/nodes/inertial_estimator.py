@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -20,7 +20,7 @@ from tactile_dynamics_ros.core.inertia.live import (
 from tactile_dynamics_ros.core.inertia.live.live_estimate import judge_estimate
 from tactile_dynamics_ros.core.inertia.live.refit import RefitConfig
 from tactile_dynamics_ros.core.robot.robot_description import FINGERS
-from tactile_dynamics_ros.ros.contact_assembly import AssembledContact
+from tactile_dynamics_ros.core.streams.streams import ContactSample
 from tactile_dynamics_ros.ros.conversions import header, inertia_to_message
 from tactile_dynamics_ros.ros.diagnostics import status_message
 from tactile_dynamics_ros.ros.friction_messages import friction_range
@@ -116,20 +116,12 @@ class InertialEstimatorNode(Shell):
     def _on_friction(self, message: DiagnosticStatus) -> None:
         self._friction = friction_range(message) or self._friction
 
-    def _on_contact(self, contact: AssembledContact) -> None:
-        reading = (
-            contact.time,
-            contact.name,
-            contact.point,
-            contact.rotation,
-            contact.force,
-            self._believed_std(contact),
-            contact.torque,
-        )
-        self.estimator.add_contact(*reading)
-        self.refitter.model.window.add_contact(*reading)
+    def _on_contact(self, contact: ContactSample) -> None:
+        believed = replace(contact, std=self._believed_std(contact))
+        self.estimator.add_contact(believed)
+        self.refitter.model.window.add_contact(believed)
 
-    def _believed_std(self, contact: AssembledContact) -> Array | None:
+    def _believed_std(self, contact: ContactSample) -> Array | None:
         """Return the force's standard deviation (3,), N, with what friction says of it."""
         if self._friction is None:
             return contact.std

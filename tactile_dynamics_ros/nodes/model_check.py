@@ -26,7 +26,6 @@ from tactile_dynamics_ros.core.inertia.diagnosis.live_check import (
 )
 from tactile_dynamics_ros.core.robot.robot_description import FINGERS
 from tactile_dynamics_ros.ros.background import Background
-from tactile_dynamics_ros.ros.contact_assembly import AssembledContact
 from tactile_dynamics_ros.ros.conversions import header, wrench_to_message
 from tactile_dynamics_ros.ros.diagnostics import status_message, status_values
 from tactile_dynamics_ros.ros.held_streams import HeldStreams
@@ -74,7 +73,7 @@ class ModelCheckNode(Shell):
         self._started = self._rest_until = 0.0
         window = self.check.window
         self._streams = HeldStreams(
-            self, config.contacts, window.add_pose, self._on_contact, window.clear
+            self, config.contacts, window.add_pose, window.add_contact, window.clear
         )
         self.listen(DiagnosticArray, ESTIMATOR_STATUS, self._on_model, LATCHED)
         self._residual = self.stream(WrenchStamped, MODEL_RESIDUAL)
@@ -92,17 +91,6 @@ class ModelCheckNode(Shell):
     def process(self) -> None:
         """Take what need not wait for late messages any longer."""
         self._streams.release()
-
-    def _on_contact(self, contact: AssembledContact) -> None:
-        self.check.window.add_contact(
-            contact.time,
-            contact.name,
-            contact.point,
-            contact.rotation,
-            contact.force,
-            contact.std,
-            contact.torque,
-        )
 
     def _on_model(self, message: DiagnosticArray) -> None:
         found = {status.name: status_values(status) for status in message.status}

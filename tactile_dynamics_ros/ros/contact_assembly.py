@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from bisect import bisect_left, bisect_right, insort
 from collections.abc import Callable
-from dataclasses import dataclass, replace
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped, Vector3Stamped, WrenchStamped
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.streams.stamps import Reordered
-from tactile_dynamics_ros.core.streams.streams import places_at
+from tactile_dynamics_ros.core.streams.streams import ContactSample, places_at
 from tactile_dynamics_ros.ros.conversions import (
     MessageError,
     pose_to_core,
@@ -37,36 +36,6 @@ PATIENCE = 0.5
 _Timed = list[tuple[float, Array]]
 
 
-@dataclass(frozen=True)
-class AssembledContact:
-    """One contact at one instant, world axes.
-
-    Attributes:
-        time: s. name: of the finger. point: (3,) m. rotation: (3, 3), z is the normal.
-        force: (3,) N on the object. torque: (3,) N m about the point.
-        std: (3,) N, or None if it is not stated.
-    """
-
-    time: float
-    name: str
-    point: Array
-    rotation: Array
-    force: Array
-    torque: Array
-    std: Array | None
-
-    def moved(self, motion: Array) -> AssembledContact:
-        """Return the contact after a motion (4, 4) of the world."""
-        turn = motion[:3, :3]
-        return replace(
-            self,
-            point=turn @ self.point + motion[:3, 3],
-            rotation=turn @ self.rotation,
-            force=turn @ self.force,
-            torque=turn @ self.torque,
-        )
-
-
 class ContactAssembly:
     """Puts together what belongs to one stamp and hands it on in the order of time.
 
@@ -86,7 +55,7 @@ class ContactAssembly:
         self,
         node: Shell,
         name: str,
-        deliver: Callable[[AssembledContact], None],
+        deliver: Callable[[ContactSample], None],
         clock: StreamClock,
         hand: HandError | None = None,
         held: bool = False,
@@ -165,12 +134,10 @@ class ContactAssembly:
         points, rotations = places_at(stamps, poses[:, :3, 3], poses[:, :3, :3], np.array([time]))
         return points[0], rotations[0]
 
-    def _assemble(
-        self, time: float, wrench: Array, point: Array, rotation: Array
-    ) -> AssembledContact:
+    def _assemble(self, time: float, wrench: Array, point: Array, rotation: Array) -> ContactSample:
         after = bisect_right(self._stds, time + 1e-9, key=_stamp_of)
         std = self._stds[max(after - 1, 0)][1] if self._stds else None
-        contact = AssembledContact(time, self._name, point, rotation, wrench[3:], wrench[:3], std)
+        contact = ContactSample(time, self._name, point, rotation, wrench[3:], wrench[:3], std)
         return contact if self._hand is None else contact.moved(self._hand.at(time))
 
 

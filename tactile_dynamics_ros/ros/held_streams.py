@@ -9,7 +9,8 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.streams.stamps import Reordered
-from tactile_dynamics_ros.ros.contact_assembly import AssembledContact, ContactAssembly
+from tactile_dynamics_ros.core.streams.streams import ContactSample
+from tactile_dynamics_ros.ros.contact_assembly import ContactAssembly
 from tactile_dynamics_ros.ros.conversions import MessageError, uncertain_pose_to_core
 from tactile_dynamics_ros.ros.hand_error import HandError
 from tactile_dynamics_ros.ros.names import OBJECT_POSE
@@ -40,7 +41,7 @@ class HeldStreams:
         node: Shell,
         contacts: Sequence[str],
         on_pose: Callable[[float, Array, Array | None], None],
-        on_contact: Callable[[AssembledContact], None],
+        on_contact: Callable[[ContactSample], None],
         on_restart: Callable[[], None],
     ) -> None:
         self._node, self._on_pose = node, on_pose

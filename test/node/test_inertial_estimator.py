@@ -88,7 +88,7 @@ def test_known_box_is_found_with_its_uncertainty(estimator):
 
 def test_contacts_go_with_the_fused_pose_where_the_hand_is_off(estimator):
     got, node = {}, estimator.nodes[0]
-    node.estimator.add_contact = lambda time, name, point, *_: got.update({(name, time): point})
+    node.estimator.add_contact = lambda c: got.update({(c.name, c.time): c.point})
     streams = held_box(seconds=0.3).streams
     shift = np.array([2e-3, 0.0, -1e-3])
     pose, contact = streams.pose, streams.contacts["index"]

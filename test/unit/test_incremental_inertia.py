@@ -36,7 +36,7 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     log_det_divergence,
     pseudo_inertia,
 )
-from tactile_dynamics_ros.core.streams.streams import ContactStream
+from tactile_dynamics_ros.core.streams.streams import ContactSample, ContactStream
 from tactile_dynamics_ros.synthetic.recordings import generate
 from tactile_dynamics_ros.synthetic.scenario import ScenarioOptions
 from tactile_dynamics_ros.synthetic.sensors import SensorOptions
@@ -114,7 +114,8 @@ def test_standing_still_is_feasible_and_says_what_is_not_excited(recording):
         estimator.add_pose(0.01 * k, X_WO, np.diag([1e-8] * 3 + [2.5e-7] * 3))
         for name, c in recording.streams.contacts.items():
             force = c.force[0] + rng.normal(0, 0.03, 3)
-            estimator.add_contact(0.01 * k, name, c.position[0], c.rotation[0], force)
+            sample = ContactSample(0.01 * k, name, c.position[0], c.rotation[0], force)
+            estimator.add_contact(sample)
         estimate = estimator.update() or estimate
         if estimate is not None:
             assert is_feasible(estimate.inertia.dynamic_parameters)
@@ -181,7 +182,8 @@ def test_stamps_that_jump_back_and_values_that_are_not_numbers_are_counted(recor
     before = estimator.update().inertia.mass
     estimator.add_pose(5.9, np.eye(4), np.eye(6) * 1e-6)
     estimator.add_pose(np.nan, np.eye(4), None)
-    estimator.add_contact(5.95, "index", np.full(3, np.nan), np.eye(3), np.ones(3))
+    nowhere = ContactSample(5.95, "index", np.full(3, np.nan), np.eye(3), np.ones(3))
+    estimator.add_contact(nowhere)
     assert estimator.problems["pose stamp not newer"] == 1
     assert estimator.problems["pose not finite"] == 1
     assert estimator.problems["contact 'index' not finite"] == 1
@@ -200,7 +202,8 @@ def test_cost_per_update_does_not_grow(recording):
         X_WO[:3, :3], X_WO[:3, 3] = pose.rotation[row], pose.position[row]
         estimator.add_pose(0.01 * k, X_WO, pose.covariance[row])
         for name, c in contacts.items():
-            estimator.add_contact(0.01 * k, name, c.position[row], c.rotation[row], c.force[row])
+            place = c.position[row], c.rotation[row]
+            estimator.add_contact(ContactSample(0.01 * k, name, *place, c.force[row]))
         started = time.thread_time()
         estimator.update()
         return time.thread_time() - started

@@ -7,7 +7,7 @@ import pytest
 from synthetic_recording import held_box
 
 from tactile_dynamics_ros.core.inertia.diagnosis.live_check import LiveModelCheck
-from tactile_dynamics_ros.core.streams.streams import Streams
+from tactile_dynamics_ros.core.streams.streams import ContactSample, Streams
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +27,9 @@ def fed_with(streams: Streams) -> LiveModelCheck:
             std = None if contact.force_std is None else contact.force_std[k]
             place = np.searchsorted(contact.pose_time, time).clip(0, len(contact.pose_time) - 1)
             where = contact.position[place], contact.rotation[place]
-            check.window.add_contact(time, name, *where, contact.force[k], std, contact.torque[k])
+            check.window.add_contact(
+                ContactSample(time, name, *where, contact.force[k], contact.torque[k], std)
+            )
     return check
 
 

@@ -10,12 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.streams.streams import ContactStream, PoseStream, Streams
+from tactile_dynamics_ros.core.streams.streams import (
+    ContactSample,
+    ContactStream,
+    PoseStream,
+    Streams,
+)
 
 Array = NDArray[np.float64]
 
 _RESTARTED = 1.0
-"""A stamp that is older by more (s) begins anew: clocks restart, samples come late by far less."""
+"""Age, s, of a stamp against the newest from which its stream begins anew: clocks restart, samples
+come late by far less. As `stamps._TOLERANCE`; less would forget a window for a late sample."""
 
 
 @dataclass
@@ -71,30 +77,11 @@ class MeasurementWindow:
         """Add a pose (4, 4) with covariance (6, 6) [rotation, position], None if not stated."""
         self._poses.append((t, X_WO, covariance), self._duration)
 
-    def add_contact(
-        self,
-        t: float,
-        name: str,
-        point_W: Array,
-        R_W: Array,
-        force_W: Array,
-        std_W: Array | None = None,
-        torque_W: Array | None = None,
-    ) -> None:
-        """Add what one contact applies on the object.
-
-        Args:
-            t: s.
-            name: of the contact.
-            point_W: (3,) m.
-            R_W: (3, 3) contact frame, z the normal into the object.
-            force_W: (3,) N.
-            std_W: (3,) N, None if not stated.
-            torque_W: (3,) N m about the point, None for none.
-        """
-        torque = np.zeros(3) if torque_W is None else torque_W
-        entry = (t, point_W, R_W, force_W, torque, std_W)
-        self._contacts.setdefault(name, _Entries()).append(entry, self._duration)
+    def add_contact(self, contact: ContactSample) -> None:
+        """Add what one contact applies on the object."""
+        self._contacts.setdefault(contact.name, _Entries()).append(
+            (contact.time, contact), self._duration
+        )
 
     def streams(self, window: float = np.inf) -> Streams:
         """The last `window` seconds of measurements.
@@ -126,16 +113,17 @@ def _pose_stream(entries: list[tuple[Any, ...]]) -> PoseStream:
 
 
 def _contact_stream(name: str, entries: list[tuple[Any, ...]]) -> ContactStream:
-    time, points, rotations, forces, torques, stds = zip(*entries, strict=True)
-    torque = np.array(torques)
+    time, contacts = np.array([entry[0] for entry in entries]), [entry[1] for entry in entries]
+    torque = np.array([contact.torque for contact in contacts])
+    stds = [contact.std for contact in contacts]
     return ContactStream(
         name=name,
-        time=np.array(time),
-        force=np.array(forces),
+        time=time,
+        force=np.array([contact.force for contact in contacts]),
         torque=torque,
         force_std=None if any(std is None for std in stds) else np.array(stds),
-        pose_time=np.array(time),
-        position=np.array(points),
-        rotation=np.array(rotations),
+        pose_time=time,
+        position=np.array([contact.point for contact in contacts]),
+        rotation=np.array([contact.rotation for contact in contacts]),
         carries_torque=bool(np.any(torque != 0.0)),
     )

@@ -6,7 +6,7 @@ Spatial vectors and covariances are ordered [rotation, translation].
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,37 @@ class PoseStream:
     rotation: Array
     covariance: Array | None = None
     white: bool = False
+
+
+@dataclass(frozen=True)
+class ContactSample:
+    """What one contact applies on the object at one instant, world axes; zero means no contact.
+
+    Attributes:
+        time: s. name: of the finger or sensor.
+        point: (3,) m. rotation: (3, 3) contact frame, z the normal into the object.
+        force: (3,) N. torque: (3,) N m about the point, for contacts that carry torque.
+        std: (3,) N of the force, or None if it is not stated.
+    """
+
+    time: float
+    name: str
+    point: Array
+    rotation: Array
+    force: Array
+    torque: Array = field(default_factory=lambda: np.zeros(3))
+    std: Array | None = None
+
+    def moved(self, motion: Array) -> ContactSample:
+        """Return the contact after a motion (4, 4) of the world."""
+        turn = motion[:3, :3]
+        return replace(
+            self,
+            point=turn @ self.point + motion[:3, 3],
+            rotation=turn @ self.rotation,
+            force=turn @ self.force,
+            torque=turn @ self.torque,
+        )
 
 
 @dataclass(frozen=True)

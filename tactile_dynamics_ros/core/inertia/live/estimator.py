@@ -19,11 +19,18 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     pseudo_inertia,
 )
 from tactile_dynamics_ros.core.shape.hull import CentreHull
+from tactile_dynamics_ros.core.streams.streams import ContactSample
 
 Array = NDArray[np.float64]
 
 _REVISE_DISTANCE = 0.3
+"""Affine-invariant distance between the body that whitened the samples and the present estimate
+from which kept samples are processed again: 0.3 is a body of the same shape that is 16 % heavier. A
+smaller value processes samples again for a whitening that hardly differs, a larger one keeps
+weights that belong to another body."""
 _REVISE_SAMPLES = 50
+"""Samples before the first look at that distance, half a second at 100 Hz; each later look comes
+after twice as many, so that all revisions together cost no more than the samples themselves."""
 
 
 class IncrementalInertialEstimator:
@@ -95,38 +102,18 @@ class IncrementalInertialEstimator:
         self._stream.add_pose(t, X_WO[:3, 3], X_WO[:3, :3], self._pose_noise(covariance))
         self._newest = max(self._newest, t)
 
-    def add_contact(
-        self,
-        t: float,
-        name: str,
-        point_W: Array,
-        R_W: Array,
-        force_W: Array,
-        std_W: Array | None = None,
-        torque_W: Array | None = None,
-    ) -> None:
-        """Add what one contact applies on the object; zero force means no contact.
-
-        Args:
-            t: s.
-            name: of the finger or sensor.
-            point_W: (3,) m.
-            R_W: (3, 3) contact frame, z the normal into the object.
-            force_W: (3,) N, on the object.
-            std_W: (3,) N per world axis; the scatter of the readings if it is not stated.
-            torque_W: (3,) N m about the point, for contacts that carry torque.
-        """
-        values = [np.asarray(v, dtype=float) for v in (point_W, R_W, force_W)]
-        torque = np.zeros(3) if torque_W is None else np.asarray(torque_W, dtype=float)
-        if not math.isfinite(t + sum(sum(value.ravel().tolist()) for value in (torque, *values))):
-            self._stream.problems[f"contact '{name}' not finite"] += 1
+    def add_contact(self, contact: ContactSample) -> None:
+        """Add what one contact applies on the object; the scatter stands for an unstated std."""
+        numbers = (contact.point, contact.rotation, contact.force, contact.torque)
+        values = [np.asarray(number, dtype=float) for number in numbers]
+        if not math.isfinite(contact.time + sum(sum(v.ravel().tolist()) for v in values)):
+            self._stream.problems[f"contact '{contact.name}' not finite"] += 1
             return
-        std = np.full(3, np.nan) if std_W is None else np.asarray(std_W, dtype=float)
+        std = np.full(3, np.nan) if contact.std is None else np.asarray(contact.std, dtype=float)
         if not all(0.0 < value < math.inf for value in std.tolist()):
             std = np.full(3, np.nan)
-        point, rotation, force = values
-        self._stream.add_contact(name, t, ContactReading(point, rotation, force, torque, std))
-        self._newest = max(self._newest, t)
+        self._stream.add_contact(contact.name, contact.time, ContactReading(*values, std))
+        self._newest = max(self._newest, contact.time)
 
     def update(self, now: float | None = None) -> LiveEstimate | None:
         """Process all complete samples and return the present estimate.

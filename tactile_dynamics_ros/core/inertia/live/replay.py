@@ -10,7 +10,13 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.live.estimator import IncrementalInertialEstimator
 from tactile_dynamics_ros.core.inertia.live.live_estimate import LiveEstimate
-from tactile_dynamics_ros.core.streams.streams import ContactStream, PoseStream, Streams, places_at
+from tactile_dynamics_ros.core.streams.streams import (
+    ContactSample,
+    ContactStream,
+    PoseStream,
+    Streams,
+    places_at,
+)
 
 Array = NDArray[np.float64]
 
@@ -59,12 +65,13 @@ def _add_contact(
     k: int,
     places: tuple[Array, Array],
 ) -> None:
-    estimator.add_contact(
+    sample = ContactSample(
         float(contact.time[k]),
         contact.name,
         places[0][k],
         places[1][k],
         contact.force[k],
+        contact.torque[k] if contact.carries_torque else np.zeros(3),
         None if contact.force_std is None else contact.force_std[k],
-        contact.torque[k] if contact.carries_torque else None,
     )
+    estimator.add_contact(sample)
