@@ -57,8 +57,8 @@ def choose_namespace(
         namespace = absolute_namespace(given)
         if namespace not in (ROOT, *names):
             raise BadInputError(
-                f"namespace {namespace}: {source} has none of the topics that are "
-                f"needed there; it has them in {', '.join(names) or 'no namespace, but at root'}"
+                f"namespace {namespace}: {source} has none of the topics that are needed there; there "
+                f"{'is' if len(names) == 1 else 'are'} {', '.join(names) or 'only those at root'}"
             )
         return namespace
     if root_is_used or not names:
