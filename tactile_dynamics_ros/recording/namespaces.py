@@ -57,7 +57,7 @@ def choose_namespace(
         namespace = absolute_namespace(given)
         if namespace not in (ROOT, *names):
             raise BadInputError(
-                f"namespace {namespace}: {source} has none of the topics that are needed there; there "
+                f"namespace {namespace}: {source} has none of the topics needed there; there "
                 f"{'is' if len(names) == 1 else 'are'} {', '.join(names) or 'only those at root'}"
             )
         return namespace

@@ -28,10 +28,11 @@ _LEAST_PATH = 6e-4
 """Way of a slide, m, from which its force counts as kinetic: less is within what the skin gives."""
 _LEAST_TILT_PATH = 1e-3
 """Way of a slide, m, from which its slope against the mesh is told: 0.1 mm of error are 6 deg of
-slope."""
+slope then. Shorter slides give slopes of noise, longer are rare (a slide takes 0.15 s)."""
 _LEAST_UNLOAD = 0.25
 """Change of the normal force, N, from which the give of fingertip and surface is told from it:
-eight times the noise of a fingertip's force."""
+eight times the noise of a fingertip's force. Less gives noise for an answer, more leaves attempts
+without one."""
 _LEAST_COSINE = 0.8
 """Share of the tangential force that must be along the pull: within 37 deg. A slip in another
 direction is not that of the attempt, and is left out."""

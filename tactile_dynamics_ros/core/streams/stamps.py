@@ -13,7 +13,8 @@ _TOLERANCE = 1.0
 and a clock that restarts jumps by more. Twice as much would let clocks in that are 2 s off."""
 _PACE = 20.0
 """Recorded seconds that may pass per second of waiting: a pause of the streams is no jump, also
-where a recording is replayed that much faster than real time."""
+where a recording is replayed that much faster than real time. Lower takes fast replays for jumps of
+the clock, higher believes stamps that are further ahead."""
 _CONFIRMED = 10
 """Successive messages on another clock after which it is the clock: two frames of a hand with four
 fingers. Single frames with a wrong stamp, and one finger that lives on another clock, never have

@@ -17,7 +17,9 @@ neighbouring frames are alike: it is known to a quarter then (nine degrees of fr
 are shorter than a press."""
 _RIDGE = 10.0
 """Weight that holds the gain matrix at the identity, a quarter of what one frame of 1 N weighs.
-Directions that presses contain have thousands of frames and ignore it; others stay at one."""
+Directions that presses contain have thousands of frames and ignore it; others stay at one. With
+none, presses along one direction leave the matrix undetermined; a thousand times more would pull
+gains to one."""
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,8 @@ excited recording by 0.01 standard deviations, twice as much by 0.03."""
 _DEFAULT_RADIUS = 0.05
 """Radius of gyration, m, that the prior presumes of what one contact (a wrist sensor) holds: that
 of a cube of 12 cm, an object for one hand. The prior's standard deviation is a factor of e^1.5 =
-4.5 about it, so that it matters only where the motion does not excite the inertia."""
+4.5 about it. Another value changes what undetermined inertia is reported as, not one that the
+motion excites."""
 _MINIMUM_MASS = 1e-3
 """Mass, kg, that the prior presumes at least; its logarithm must exist where nothing is carried. A
 lighter object is still found, two standard deviations of the prior lie a factor of 3000 away."""

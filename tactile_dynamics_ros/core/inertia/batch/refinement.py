@@ -39,7 +39,8 @@ _SLOWEST_RATE = 0.9
 step. Nearer to 1 one noisy rate would throw the prolonged start far beyond the end."""
 _MISFIT = 0.2
 """Squared white error beyond noise from which a misfit remains that may not go: an RMS of 1.1. Such
-fits may end by `_SLOW`, others only when little is left to go."""
+fits may end by `_SLOW`, others only when little is left to go. Lower ends good fits early, higher
+follows hopeless ones to `_MOST_ROUNDS`."""
 _SLOW = 0.02
 """Share of a misfit that a round must take away to be worth another: 2 %. With less, rivals that
 cannot explain a recording are fitted to their end, at the cost of time."""

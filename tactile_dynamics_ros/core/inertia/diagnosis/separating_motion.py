@@ -42,9 +42,10 @@ Above zero so that unexcited directions leave a matrix that can be inverted."""
 _RATE_HZ = 20.0
 """Rate at which candidate motions are evaluated, Hz: eight samples per period of the fastest sine
 (2.5 Hz). The chosen one is evaluated again at `_RECORDED_HZ`, since lags and delays look different
-between coarse samples."""
+between coarse samples. Time is in proportion; at 5 Hz the fastest sine would not be seen at all."""
 _RECORDED_HZ = 100.0
-"""Rate of the recording that is promised, Hz, as the nodes publish poses."""
+"""Rate of the recording that is promised, Hz, as the nodes publish poses. What the motion is said
+to tell (chi^2) is in proportion to it."""
 _FRICTION = 0.8
 """Coefficient of friction that is presumed of a grip, at least; what the recording shows to hold
 raises it (`Grip.from_samples`). BioTac skin on an indenter has 0.78 in published calibrations. Less

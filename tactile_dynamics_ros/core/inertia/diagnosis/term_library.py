@@ -23,7 +23,8 @@ Array = NDArray[np.float64]
 _RELAXATION = 2.0
 """Time constant, s, of the slow part of a contact's force in terms that creep: skin relaxes within
 0.1 to 0.3 s and several s (hardware facts), and 2 s lies between. The term shows that something
-creeps; its time constant is not estimated."""
+creeps, its time constant is not estimated: far from it, creep is described less well and may lose
+to another law."""
 _SLOWEST = 0.02
 """Speed, m/s or rad/s, below which a direction of motion fades to zero, so that terms of dry
 friction do not turn with noise at rest. More takes slow motion out of them."""

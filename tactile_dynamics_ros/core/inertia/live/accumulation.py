@@ -44,7 +44,8 @@ _ERROR_SAMPLES = 500
 judge's scale does (`judge._SAMPLES`). Fewer flicker, more show a fault late."""
 _RECENT_SAMPLES = 200
 """Samples whose error says whether the model fits now, two seconds at 100 Hz: long enough that
-noise alone stays within a tenth of 1, short enough that a fault is over soon after its end."""
+noise alone stays within a tenth of 1, short enough that a fault is over soon after its end. Half as
+many would warn by chance, twice as many for twice as long."""
 _LOOK_SHARE = 0.1
 """Share of new samples after which it is looked again at which directions are excited: the cost per
 sample falls as 1 / n, and an interval is at most a tenth of the data late."""

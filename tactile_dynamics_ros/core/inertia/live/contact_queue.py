@@ -33,7 +33,8 @@ _LOADED_NEWTON = 0.3
 of 0.03 N; what presses less moves no estimate of a body that a hand lifts."""
 _DOUBT_DURATION = 10.0
 """How long the absence of a contact that pressed is suspicious, s: a sensor that drops out comes
-back or is seen to by then, a finger that was lifted stays away."""
+back or is seen to by then, a finger that was lifted stays away. Shorter believes a sensor that is
+silent for longer, longer withholds estimates after a finger was lifted."""
 _EMPTY = 1e-9
 """|force| + |torque|, N and N m, up to which nothing is transmitted: zero and rounding."""
 _SAME = 1e-4

@@ -36,16 +36,19 @@ _WORDS = {
 
 MISFIT = 1.5
 """Error over the noise from which the model is said not to fit. Noise alone stays below 1.1 over 2
-s; between 1.1 and 1.5 intervals that are widened by the scatter still hold."""
+s; between 1.1 and 1.5 intervals that are widened by the scatter still hold. Lower warns of what
+intervals cover, higher keeps quiet where they do not."""
 GROSS = 20.0
 """Error over the noise from which nothing is published: effects of the catalogue raise it to 10 at
-most in recordings with known truth, wrong units and broken sensors to hundreds."""
+most in recordings with known truth, wrong units and broken sensors to hundreds. Below 10 effects
+would silence the estimator instead of being named."""
 FEW = 50
 """Samples before which a moderate error says nothing: ten parameters were just fitted to them. Half
 a second at 100 Hz; more withhold warnings for longer."""
 EXPLAINED = 0.5
 """Share of the squared wrenches below which a misfit leaves nothing of the model: with forces of
-the wrong sign no mass explains any, beside the effects of the catalogue a body explains most."""
+the wrong sign no mass explains any, beside the effects of the catalogue a body explains most. Near
+1 any misfit would silence the estimator, near 0 a wrong sign would be published."""
 
 
 @dataclass(frozen=True)

@@ -50,13 +50,15 @@ _POINT_STD_FLOOR = 1e-5
 `residuals/contact_grid.py`."""
 _STUCK = 10
 """Equal forces in a row, all three axes to the last bit, that are no chance: a sensor whose noise
-is a fifth of its step still repeats itself so often once in ten million rows."""
+is a fifth of its step still repeats itself so often once in ten million rows. Fewer call coarse
+sensors stuck, more believe a stuck one for longer (10 are 0.1 s at 100 Hz)."""
 _ROUNDING = 1e-9
 """Relative change of a force that is rounding: what a sensor repeats is turned into the world by
 rotations of 16 digits. Larger than 1e-6 would call quiet sensors stuck."""
 _FROZEN = 8
 """Equal poses in a row that are no chance: a camera of 15 Hz that is published at 100 Hz repeats
-each pose seven times."""
+each pose seven times. Fewer would refuse such a camera, more believe a tracker that hangs for
+longer."""
 _UNDERSTATED = 0.01
 """Stated over seen noise of a force from which the statement is no statement but a mistake. Sensors
 state at least their noise; a hundredth of it is a unit that is off or zeros. Nearer to 1 honest

@@ -38,10 +38,12 @@ _SMALLEST_RATIO = 1e-150
 least double is 2e-308)."""
 _MAXIMUM_ROUNDS = 8
 """Undamped steps after one exchange of the data, at most. What is then left is done in the next
-update, or by the damped search if steps do not shrink. The bound limits the time of an update."""
+update, or by the damped search if steps do not shrink. The bound limits the time of an update;
+fewer let estimates lag behind the data where they move far."""
 _STEP_TOLERANCE = 1e-3
 """Largest change of a coordinate (logarithms, m) after which the steps end: 0.1 % of a scale, or 1
-mm. The next update goes on from there, so that the rest does not add up."""
+mm. Near the optimum the step after is its square, and the next update goes on from there, so that
+the rest does not add up. Smaller takes one more step for each update."""
 _SHRINKING = 0.9
 """Largest ratio of an undamped step to the one before that promises an end. Steps of Gauss and
 Newton near the optimum shrink far more; at 1 a circling search would go on to `_MAXIMUM_ROUNDS`."""

@@ -27,8 +27,9 @@ _FITS, _MISFITS = 1.2, 1.5
 """Error over the noise up to which blocks of scores tell how far off the estimate may be, and from
 which they do not: of what lasts as long as the recording there are few blocks."""
 _LASTING_FACTOR = 9.0
-"""What variances grow by at such a misfit: with 1, truths of hidden effects were up to 9 standard
-deviations off in the first ten seconds (`benchmarks.inertia`, recordings with one effect)."""
+"""Factor by which variances grow at such a misfit: with 1, truths of hidden effects were up to 9
+standard deviations off in the first ten seconds (`benchmarks.inertia`, recordings with one effect).
+More makes intervals of models that fit badly say nothing."""
 
 
 def _misfit_factor(rms: float) -> float:

@@ -36,7 +36,8 @@ _SILENCE_PERIODS = 2.5
 """Step between samples, in periods, from which a contact was silent: one lost sample makes a step
 of 2, jitter included 2.5. Two lost samples make 3, which is no longer interpolated."""
 _BRIDGED = 0.025
-"""Longest step (s) across a lost sample that is interpolated: a cubic is 0.2 % off at 4 Hz."""
+"""Longest step (s) across a lost sample that is interpolated: a cubic is 0.2 % off at 4 Hz. Longer
+bends forces that a hand makes, shorter loses the samples around each lost message."""
 _LOADED = 0.3
 """Share of the median load that a contact must bear before and after a silence for samples to count
 as lost, not as a break of contact: fingers that let go unload first. At zero a grasp that opens

@@ -22,7 +22,8 @@ scatters by 5 % (largest of 200 draws: 1.12), so that 1.2 is no chance; nearer t
 deviations are replaced for nothing."""
 _FEWEST = 400
 """Samples that a force/torque sensor needs before the noise of its axes is compared: then it is
-known to 5 %, and `_TOLERANCE` is four of these."""
+known to 5 %, and `_TOLERANCE` is four of these. With fewer, axes that are alike would differ by
+chance."""
 
 
 def restate_noise(streams: Streams) -> tuple[Streams, dict[str, float]]:

@@ -39,13 +39,16 @@ OUTPUTS = 10
 """Numbers that the network gives: force (3) and its spread (3), contact point (3) and its
 spread."""
 _PHASE_STEP = 7
-"""Frames by which one sequence is read later than the one before. Coprime to usual values of
-`every`, so that all times since the first touch are seen."""
+"""Frames by which one sequence is read later than the one before. It has no factor in common with
+`TrainingConfig.every` (15), so that all times since the first touch are seen; with one in common
+some never are."""
 _UNTOUCHED_EVERY = 5
 """One in how many frames without contact is kept: they are many and alike. All of them would make
 the network spend itself on zero."""
 _WARM_UP = 0.1
-"""Share of the steps in which step sizes rise before they fall as a cosine."""
+"""Share of the steps in which step sizes rise before they fall as a cosine (OneCycle schedule,
+whose own default is 0.3). It was not tuned: what another share does to the trained network has not
+been measured."""
 _LARGEST_GRADIENT = 3.0
 """Norm to which gradients are cut: a batch with a rare large error must not undo an epoch."""
 
