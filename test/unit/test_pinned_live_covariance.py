@@ -12,7 +12,7 @@ from tactile_dynamics_ros.core.inertia.live.information import BlockScores, Squa
 from tactile_dynamics_ros.core.inertia.live.solver import DivergencePrior, SummarySolver
 from tactile_dynamics_ros.core.inertia.live.summary import Summariser
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import log_cholesky_jacobian
-from tactile_dynamics_ros.core.streams.streams import places_at
+from tactile_dynamics_ros.core.streams.streams import ContactSample, places_at
 from tactile_dynamics_ros.synthetic.recordings import generate
 from tactile_dynamics_ros.synthetic.scenario import ScenarioOptions
 
@@ -125,8 +125,9 @@ def model() -> Accumulation:
     streams = generate(3, scenario=ScenarioOptions(duration=3.0)).streams
     for name, own in streams.contacts.items():
         points, turns = places_at(own.pose_time, own.position, own.rotation, own.time)
-        for row in zip(own.time, points, turns, own.force, own.force_std, strict=True):
-            estimator.add_contact(row[0], name, *row[1:])
+        rows = own.time, [name] * len(points), points, turns, own.force, own.torque, own.force_std
+        for row in zip(*rows, strict=True):
+            estimator.add_contact(ContactSample(*row))
     pose = np.tile(np.eye(4), (len(streams.pose.time), 1, 1))
     pose[:, :3, :3], pose[:, :3, 3] = streams.pose.rotation, streams.pose.position
     for row in zip(streams.pose.time, pose, streams.pose.covariance, strict=True):

@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.streams.measurement_window import MeasurementWindow
 from tactile_dynamics_ros.core.streams.stamps import Reordered, SharedClock
-from tactile_dynamics_ros.core.streams.streams import enclosing_steps, nearest_samples, places_at
+from tactile_dynamics_ros.core.streams.streams import (
+    ContactSample,
+    enclosing_steps,
+    nearest_samples,
+    places_at,
+)
 
 
 def test_every_item_comes_once_in_order_however_it_was_shuffled_within_its_delay():
@@ -87,8 +94,11 @@ def window(count: int = 31) -> MeasurementWindow:
         own.add_pose(0.1 * k, pose, float(k + 1) * np.eye(6))
         stated = np.array([0.1, 0.2, 0.3]) * (k + 1)
         point, force = np.array([0.0, k, 1.0]), np.array([k, 2.0, 3.0])
-        own.add_contact(0.1 * k, "index", point, np.eye(3), force, stated)
-        own.add_contact(0.1 * k, "wrist", point, np.eye(3), force, stated if k % 2 else None, force)
+        own.add_contact(
+            ContactSample(0.1 * k, "index", point, np.eye(3), force, 0.0 * force, stated)
+        )
+        unstated = ContactSample(0.1 * k, "wrist", point, np.eye(3), force, force)
+        own.add_contact(replace(unstated, std=stated) if k % 2 else unstated)
     return own
 
 
