@@ -42,7 +42,7 @@ _BOTH = np.hstack([np.eye(6), np.eye(6)])
 
 @dataclass(frozen=True)
 class PoseFusionConfig:
-    """How fast the object may slip in the hand, and what vision is worth."""
+    """Rate at which the object may slip in the hand, and how uncertain vision is."""
 
     slip_position: float = parameter(5e-4, "usual slip in the hand", "m/sqrt(s)", 1e-7, 0.1)
     slip_rotation_deg: float = parameter(0.3, "usual turn in the hand", "deg/sqrt(s)", 1e-4, 90.0)

@@ -210,7 +210,7 @@ class FittedModel:
 
     @cached_property
     def presumed_errors(self) -> PresumedErrors:
-        """Lasting errors that the residuals betray, on [xi, theta]."""
+        """Lasting errors that the residuals show, on [xi, theta]."""
         data, prior = self.coordinate_information
         rows = self.white_jacobian @ self._coordinate_jacobian @ self._excited_projection.T
         return PresumedErrors.of_rows(

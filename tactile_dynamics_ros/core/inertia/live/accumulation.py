@@ -182,7 +182,7 @@ class Accumulation:
         return _Knowledge(data, prior, np.asarray(bread @ filling @ bread.T), kept)
 
     def presume_lasting_errors(self) -> PresumedErrors:
-        """Lasting errors that the residuals betray, on xi."""
+        """Lasting errors that the residuals show, on xi."""
         known = self._knowledge()
         load = float(self.phi[0] * np.linalg.norm(GRAVITY_W))
         inverse = np.asarray(np.linalg.inv(known.data + known.prior))

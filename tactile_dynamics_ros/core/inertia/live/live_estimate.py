@@ -184,7 +184,7 @@ class Verdict:
 
 
 def judge_estimate(estimate: LiveEstimate, obstacles: Sequence[str], check: str) -> Verdict:
-    """Say what an estimate is worth.
+    """Say how far an estimate can be trusted.
 
     Args:
         estimate: the newest.

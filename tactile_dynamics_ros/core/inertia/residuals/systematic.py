@@ -1,4 +1,4 @@
-"""Errors that last: presumed where residuals betray them, corrected as far as that is safe.
+"""Errors that last: presumed where residuals show them, corrected as far as that is safe.
 
 Where residuals betray a misfit, a constant wrench in the body frame (sensors and finger frames
 that are off), a constant force in the world (a cable) and gains of the sensors that are off are
