@@ -72,7 +72,7 @@ def test_information_is_weighed_by_the_noise_of_each_wrench():
 
 def test_criteria_are_the_expected_distance_and_the_volume_in_the_metric_of_the_body():
     samples = motion()
-    known = np.diag(np.geomspace(1.0, 1e6, 10))
+    known = information(motion(7), 0.02)
     phi = BODY.dynamic_parameters
     total = known + 3.0 * information(samples, 0.05)
     plan = InertiaCriterion(phi, known, force_std=0.05, rate_ratio=3.0)
