@@ -104,15 +104,17 @@ class IncrementalInertialEstimator:
 
     def add_contact(self, contact: ContactSample) -> None:
         """Add what one contact applies on the object; the scatter stands for an unstated std."""
-        numbers = (contact.point, contact.rotation, contact.force, contact.torque)
-        values = [np.asarray(number, dtype=float) for number in numbers]
-        if not math.isfinite(contact.time + sum(sum(v.ravel().tolist()) for v in values)):
+        given = (contact.point, contact.rotation, contact.force, contact.torque)
+        point, rotation, force, torque = (np.asarray(values, dtype=float) for values in given)
+        flat = np.concatenate([point, rotation.ravel(), force, torque])
+        if not math.isfinite(contact.time + sum(flat.tolist())):
             self._stream.problems[f"contact '{contact.name}' not finite"] += 1
             return
         std = np.full(3, np.nan) if contact.std is None else np.asarray(contact.std, dtype=float)
         if not all(0.0 < value < math.inf for value in std.tolist()):
             std = np.full(3, np.nan)
-        self._stream.add_contact(contact.name, contact.time, ContactReading(*values, std))
+        reading = ContactReading(point, rotation, force, torque, std)
+        self._stream.add_contact(contact.name, contact.time, reading)
         self._newest = max(self._newest, contact.time)
 
     def update(self, now: float | None = None) -> LiveEstimate | None:
