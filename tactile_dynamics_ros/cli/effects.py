@@ -1,4 +1,4 @@
-"""`tactile-dynamics effects`: the catalogue of what a rigid-body model can lack."""
+"""`tactile-dynamics effects`: the catalogue of what the models can lack."""
 
 from __future__ import annotations
 
@@ -8,11 +8,18 @@ from argparse import Namespace, _SubParsersAction
 from typing import TYPE_CHECKING, Any
 
 from tactile_dynamics_ros.cli.recordings import add_effect_file, read_effect_files
+from tactile_dynamics_ros.core.errors import BadInputError
 
 if TYPE_CHECKING:
     from tactile_dynamics_ros.core.effects.catalogue import CatalogueEntry
 
 _WIDTH = 96
+"""Characters of a line of text, as in the documentation: it fits a terminal of 100."""
+_MODELS = {
+    "held": "of an object that a hand holds",
+    "friction": "of the friction of a probed surface",
+}
+"""Models that effects belong to, as `--model` of the other verbs has them."""
 _QUANTITY_NOTE = """\
 Vectors have components: v_x. Without suffix they are in the axes of the wrench; v_x_world and
 v_x_body say otherwise. A contact is named, as in grip_thumb, f_x_thumb, or left out in wrenches
@@ -25,6 +32,9 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
         "effects", help="the catalogue of effects: formula, parameters, what it looks like, remedy"
     )
     parser.add_argument("name", metavar="NAME", nargs="?", help="only this effect, at length")
+    parser.add_argument(
+        "--model", choices=(*_MODELS, "all"), default="all", help="only the effects of this model"
+    )
     add_effect_file(parser)
     parser.add_argument(
         "--quantities", action="store_true", help="what formulas in a yaml file can name instead"
@@ -34,19 +44,41 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
 
 def run(args: Namespace) -> int:
     """Print the catalogue, one effect, or the quantities of formulas."""
-    from tactile_dynamics_ros.core.effects import create_effect, registered_names
-    from tactile_dynamics_ros.core.effects.catalogue import describe_effect
-
     read_effect_files(args)
     if args.quantities:
         return _print_quantities(args.json)
-    names = [args.name] if args.name else registered_names()
-    entries = [describe_effect(create_effect(name)) for name in names]
+    models = list(_MODELS) if args.model == "all" else [args.model]
+    entries = [entry for model in models for entry in _entries(model, args.name)]
+    if not entries:
+        raise BadInputError(_unknown(args.name, models))
     if args.json:
         print(json.dumps({"effects": [entry.to_json() for entry in entries]}))
-    else:
-        print("\n\n".join(_describe(entry, bool(args.name)) for entry in entries))
+        return 0
+    for model in models:
+        own = [_describe(entry, bool(args.name)) for entry in entries if entry.model == model]
+        if own:
+            print(f"Effects {_MODELS[model]} (--model {model})\n")
+            print("\n\n".join(own) + "\n")
     return 0
+
+
+def _entries(model: str, name: str | None) -> list[CatalogueEntry]:
+    """Return the effects of a model, or the one of that name if it has it."""
+    from tactile_dynamics_ros.core.effects.catalogue import describe_effect
+    from tactile_dynamics_ros.core.effects.registry import HELD
+    from tactile_dynamics_ros.core.friction.effects import FRICTION, describe_friction_effect
+
+    known = (HELD if model == "held" else FRICTION).names()
+    labels = known if name is None else [name] * (name.partition(":")[0] in known)
+    if model == "held":
+        return [describe_effect(HELD.create(label)) for label in labels]
+    return [describe_friction_effect(label) for label in labels]
+
+
+def _unknown(name: str, models: list[str]) -> str:
+    """Return what is wrong with a name that no model has."""
+    known = [entry.name for model in models for entry in _entries(model, None)]
+    return f"effect '{name}' is unknown: expected one of {', '.join(known)}"
 
 
 def _describe(entry: CatalogueEntry, at_length: bool) -> str:

@@ -41,7 +41,7 @@ def add_model_argument(parser: ArgumentParser) -> None:
     """Add the choice between the models that a recording can be held against."""
     parser.add_argument(
         "--model",
-        choices=("auto", "inertia", "friction"),
+        choices=("auto", "held", "friction"),
         default="auto",
         help="rigid body in the hand, or Coulomb friction of a probe; auto: by the topics",
     )

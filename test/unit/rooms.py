@@ -60,13 +60,16 @@ ROOMS = {
     "core/effects": Room(
         "the catalogue of effects that a model may lack", ("core/contact", "core/rigid_body")
     ),
-    "core/discrepancy": Room("which effect is missing; knows nothing of hands or objects"),
+    "core/discrepancy": Room(
+        "which effect is missing; knows nothing of hands or objects", ("core/numerics",)
+    ),
     "core/manipulation": Room(
         "grasp, lift, excite: measured state to joint targets", ("core/rigid_body", "core/robot")
     ),
     "core/friction": Room(
         "probing with one finger, slip, coefficients, what Coulomb lacks",
-        ("core/discrepancy", "core/rigid_body", "core/robot", "core/shape", "core/tactile"),
+        ("core/discrepancy", "core/effects", "core/rigid_body", "core/robot", "core/shape")
+        + ("core/tactile",),
     ),
     _INERTIA + "residuals": Room(
         "Newton-Euler residuals of a recording and their noise",
@@ -127,7 +130,7 @@ ROOMS = {
         "one file per executable: parameters, subscriptions, publishers",
         ("core/contact", "core/discrepancy", "core/friction", _INERTIA + "diagnosis")
         + (_INERTIA + "live", "core/manipulation", "core/rigid_body", "core/robot", "core/shape")
-        + ("core/tactile", "core/tracking", "ros", "sim"),
+        + ("core/streams", "core/tactile", "core/tracking", "ros", "sim"),
         ("rclpy",),
     ),
     "cli": Room(

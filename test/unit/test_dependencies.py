@@ -62,7 +62,7 @@ def test_a_room_imports_only_what_it_may(name):
             "import tactile_dynamics_ros.core.inertia.batch",
         ),
         ("core/inertia/batch/prior.py", "import tactile_dynamics_ros.core.inertia.live.judge"),
-        ("core/friction/cone.py", "from tactile_dynamics_ros.core.effects import registry"),
+        ("core/friction/cone.py", "from tactile_dynamics_ros.core.inertia.batch import batch"),
         ("sim/world.py", "def late():\n    from tactile_dynamics_ros.core.effects import registry"),
         ("synthetic/sensors.py", "from tactile_dynamics_ros.core.effects.held.sensor import ForceScale"),
         ("recording/arrays.py", "import rclpy"),

@@ -101,6 +101,10 @@ class SlidingBlock:
     def noise_level(self) -> float:
         return float(np.log(NOISE))
 
+    @property
+    def lasting_freedom(self) -> float:
+        return 12.0
+
     def without_effect(self, name: str) -> SlidingBlock:
         left = tuple(effect for effect in self.effects if effect != name)
         return replace(self, effects=left)

@@ -90,13 +90,13 @@ def test_a_joint_fit_starts_where_the_present_effects_were(monkeypatch):
     springs = screen(model, model.families(["tether_spring"]))
     [spring] = [score for score in springs if score.family.label.endswith("rest_length")]
     present = model.with_effect(spring.family, spring.coefficients)
-    starts, fit = [], HeldObjectModel._fitted
+    starts, fit = [], HeldObjectModel.fitted_from
 
     def watched(self, effects, theta):
         starts.append(square(self))
         return fit(self, effects, theta)
 
-    monkeypatch.setattr(HeldObjectModel, "_fitted", watched)
+    monkeypatch.setattr(HeldObjectModel, "fitted_from", watched)
     for score in screen(present, present.families(["added_mass", "time_offset"])):
         both = present.with_effect(score.family, score.coefficients)
         assert square(both) < square(present)

@@ -31,7 +31,7 @@ def test_every_effect_has_a_small_picture():
 def test_the_formula_on_the_page_is_read(tmp_path, monkeypatch):
     from tactile_dynamics_ros.core.effects import registry
 
-    monkeypatch.setattr(registry, "_registry", dict(registry._registry))
+    monkeypatch.setattr(registry.HELD, "_known", dict(registry.HELD._known))
     (text,) = re.findall(r"```yaml\n(.*?)```", make_effect_page(), re.DOTALL)
     (tmp_path / "wind.yaml").write_text(text)
     (effect,) = load_effects(tmp_path / "wind.yaml")

@@ -19,7 +19,7 @@ EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 def forget_user_effects(monkeypatch):
     """Effects that an example makes known are not candidates of other tests."""
     registered_names()
-    monkeypatch.setattr(registry, "_registry", dict(registry._registry))
+    monkeypatch.setattr(registry.HELD, "_known", dict(registry.HELD._known))
 
 
 def _run(name: str, arguments: list[str], capsys) -> str:

@@ -20,6 +20,7 @@ from tactile_dynamics_ros.core.effects.check import (
 )
 from tactile_dynamics_ros.core.effects.formula import load_effects
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.friction.effects import FRICTION
 from tactile_dynamics_ros.recording import Recording
 
 SAMPLES = example_samples()
@@ -61,7 +62,7 @@ effects:
 def forget_user_effects(monkeypatch):
     """Every test starts with the catalogue alone."""
     registered_names()
-    monkeypatch.setattr(registry, "_registry", dict(registry._registry))
+    monkeypatch.setattr(registry.HELD, "_known", dict(registry.HELD._known))
 
 
 def load(tmp_path: Path, text: str):
@@ -239,7 +240,7 @@ def test_effects_of_other_packages_come_by_entry_points(tmp_path, monkeypatch):
     point = EntryPoint("downwind", "fan_package:Downwind", registry.ENTRY_POINT_GROUP)
     asked = []
     monkeypatch.setattr(registry, "entry_points", lambda group: asked.append(group) or [point])
-    monkeypatch.setattr(registry, "_loaded_entry_points", False)
+    monkeypatch.setattr(registry.HELD, "_loaded", False)
     assert "downwind" in registered_names()
     assert asked == ["tactile_dynamics_ros.effects"]
     assert create_effect("downwind").formula == "f = F y (world)"
@@ -280,8 +281,10 @@ def test_estimate_fits_an_effect_of_a_file(tmp_path, capsys):
 
 def test_the_verb_lists_the_catalogue_and_own_effects(tmp_path, capsys):
     assert main(["effects", "--json"]) == 0
-    entries = {e["name"]: e for e in json.loads(capsys.readouterr().out)["effects"]}
-    assert list(entries) == list(registry.EFFECT_NAMES)
+    listed = json.loads(capsys.readouterr().out)["effects"]
+    entries = {e["name"]: e for e in listed}
+    assert [e["name"] for e in listed if e["model"] == "held"] == list(registry.EFFECT_NAMES)
+    assert [e["name"] for e in listed if e["model"] == "friction"] == list(FRICTION.names())
     for entry in entries.values():
         assert all(entry[key] for key in ("formula", "parameters", "looks_like", "remedy"))
     assert entries["force_bias"]["per_finger"]
@@ -291,6 +294,11 @@ def test_the_verb_lists_the_catalogue_and_own_effects(tmp_path, capsys):
     text = capsys.readouterr().out
     assert "Like syrup." in text
     assert "c [N s/m]" in text
+    assert main(["effects", "--model", "friction", "--json"]) == 0
+    assert {e["model"] for e in json.loads(capsys.readouterr().out)["effects"]} == {"friction"}
+    assert main(["effects", "skin_creep"]) == 0
+    assert "--model friction" in capsys.readouterr().out
+    assert main(["effects", "skin_creep", "--model", "held"]) == 2
     assert main(["effects", "no_such_effect"]) == 2
     assert "'no_such_effect' is unknown" in capsys.readouterr().err
 

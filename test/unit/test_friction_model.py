@@ -10,7 +10,7 @@ from tactile_dynamics_ros.cli.main import main
 from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 from tactile_dynamics_ros.core.friction.discrepancy_model import FrictionModel
-from tactile_dynamics_ros.core.friction.effects import CATALOGUE
+from tactile_dynamics_ros.core.friction.effects import FRICTION
 from tactile_dynamics_ros.core.friction.slip_table import SlipTable, tabulate_slips
 from tactile_dynamics_ros.recording.probe_slips import holds_slips, read_slips, write_slips
 
@@ -39,7 +39,7 @@ def ideal_slips(rng, count=24):
 def test_effects_with_zero_parameters_are_absent():
     slips = ideal_slips(np.random.default_rng(0))
     mu = np.array([0.8, 0.7])
-    for effect in CATALOGUE.values():
+    for effect in FRICTION.create_all(FRICTION.names()):
         theta = np.zeros(len(effect.parameters))
         np.testing.assert_allclose(effect.factor(slips, theta), 1.0)
         np.testing.assert_allclose(effect.term(slips, mu, theta), 0.0, atol=1e-12)
@@ -54,7 +54,7 @@ def test_exact_slips_give_the_coefficients_and_no_residual():
 def test_jacobian_is_the_derivative_of_the_residual(events):
     model = FrictionModel.fit(tabulate_slips(events), ["anisotropic_friction", "skin_creep"])
     step = 1e-4 * np.arange(1, 6)
-    moved, _ = model._evaluate(model.x + step, model.effects)
+    moved, _ = model.evaluate(model.x + step, model.effects)
     np.testing.assert_allclose(moved - model.residual, model.jacobian @ step, atol=1e-3)
 
 
@@ -117,7 +117,7 @@ def test_the_verbs_work_on_a_probe_recording(events, tmp_path, capsys):
     assert main(["compare", path, "--effects", "anisotropic_friction", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["adequate"]
     assert main(["compare", path, "--effects", "viscous_drag"]) == 2
-    assert "none of friction" in capsys.readouterr().err
+    assert "unknown of model friction" in capsys.readouterr().err
 
 
 def test_the_generators_friction_is_static_at_rest_and_kinetic_when_fast():

@@ -29,7 +29,6 @@ Array = NDArray[np.float64]
 
 _NOISE_TOLERANCE = 0.25
 _WHITE_PART = 0.9
-_LASTING_FREEDOM = 12
 _LASTING_QUANTILE = 0.95
 _MOST_OF_A_SECOND = 2.0
 _WINDOW = 1.0
@@ -70,9 +69,9 @@ class Assessment:
     def within_stated(self) -> bool:
         """Whether sensors account for the residual by what they state.
 
-        That can be more than white noise, such as the lasting errors of fingertips.
+        That can be more than white noise, such as gains of sensors that are off for good.
         """
-        return _is_within_stated(*instants(self.model), self.structure.floor)
+        return _is_within_stated(self.model, self.structure.floor)
 
     @cached_property
     def p_value(self) -> float:
@@ -113,17 +112,19 @@ def assess(
     return Assessment(model, structure, significance, None if names is None else tuple(names))
 
 
-def _is_within_stated(time: Array, white: Array, floor: float) -> bool:
+def _is_within_stated(model: ResidualModel, floor: float) -> bool:
     """Whether errors of the stated size that last may leave such a residual.
 
-    Beyond the white noise they are few (three per fingertip), so that their mean square scatters
-    like chi^2 with 12 degrees of freedom; no second exceeds twice that; and they are slow: above
-    5 Hz there is no more than a quarter of them.
+    Beyond the white noise they are few, so that their mean square scatters like chi^2 with as many
+    degrees of freedom; no second exceeds twice that; and they are slow: above 5 Hz there is no more
+    than a quarter of them.
     """
     if floor >= _WHITE_PART:
         return False
+    time, white = instants(model)
     square = (white**2).mean(axis=1)
-    scatter = float(chdtri(_LASTING_FREEDOM, 1.0 - _LASTING_QUANTILE)) / _LASTING_FREEDOM
+    freedom = model.lasting_freedom
+    scatter = float(chdtri(freedom, 1.0 - _LASTING_QUANTILE)) / freedom
     limit = floor**2 + (1.0 - floor**2) * scatter
     starts = window_starts(time, _WINDOW)
     seconds = np.add.reduceat(square, starts) / np.diff(np.append(starts, len(time)))

@@ -120,11 +120,11 @@ def _by_share(place: Place) -> float:
 
 
 def _subsets(condition: Condition) -> list[tuple[str, NDArray[np.bool_]]]:
-    """Highest and lowest third of a condition; thirds of the time by their times."""
+    """Highest and lowest third of a condition, or where it is below its most."""
     values, unit = condition.values, f" {condition.unit}".rstrip()
     low, high = np.quantile(values, [_THIRD, 1.0 - _THIRD])
-    if condition.name == "contacts":
-        return [("a finger lost contact", values < values.max())] if np.ptp(values) > 0 else []
+    if condition.below_most:
+        return [(condition.below_most, values < values.max())] if np.ptp(values) > 0 else []
     if not low < high:
         return []
     if condition.name == "time":

@@ -190,7 +190,7 @@ def add_effect(
     """Add the effect with the best evidence, if it has any.
 
     Where most of the error is a vibration that the motion does not have, only effects are tried
-    that can ring, or that would explain nearly all of it: the grip may vibrate as well.
+    that can ring, or that would explain nearly all of it: the system itself may vibrate.
     """
     floor, scores = before.structure.floor, before.scores
     line = find_vibration(model, floor)

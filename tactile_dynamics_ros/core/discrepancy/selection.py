@@ -103,8 +103,7 @@ def choose_effect(
     A thorough refit moves the denoised signals and the whitening, on which rivals must then be
     compared with it; should one of them win there, it is refitted in turn. Where the best leaves so
     much that it cannot be the answer, that is the end of it. An effect that explains the residual
-    by noise that it makes much larger, as contacts half a metre away do with that of the forces, is
-    passed over.
+    by noise that it makes much larger, as a long lever does with that of a force, is passed over.
 
     Args:
         model: to be extended.

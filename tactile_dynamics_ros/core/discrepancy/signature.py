@@ -80,10 +80,10 @@ def describe_residual(assessment: Assessment) -> Signature:
     best = best_by_effect(scores)
     share = min(1.0, best[0].gain / excess) if best else 0.0
     named = best[0] if best and share > _CORRELATED else None
-    frame = line.frame if line else (named.family.frame or None if named else None)
+    frame = line.frame if line else named.family.frame if named else ""
     return Signature(
         channels=failing_channels(residuals, frame, floor),
-        frame=frame,
+        frame=frame or None,
         frequency_hz=frequency,
         correlates_with=named.family.name if named else None,
         share=share if named else 0.0,

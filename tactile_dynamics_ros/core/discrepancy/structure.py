@@ -196,7 +196,7 @@ def find_line(residuals: Residuals, floor: float = 1.0) -> Line | None:
     """
     lines = [
         line
-        for frame in ("body", *residuals.frames)
+        for frame in (residuals.frame, *residuals.frames)
         if (line := _line_in(frame, residuals, floor)) is not None
     ]
     if not lines:
@@ -214,8 +214,8 @@ def _line_in(frame: str, residuals: Residuals, floor: float) -> Line | None:
 
 
 def in_frame(residuals: Residuals, values: Array, frame: str | None) -> Array:
-    """Values (N, D) of the channels in a frame, ``body`` or an unknown one being their own."""
-    turn = residuals.frames.get(frame or "body")
+    """Values (N, D) of the channels in one of `frames`; any other name is their own."""
+    turn = residuals.frames.get(frame or "")
     return values if turn is None else np.asarray((turn @ values[..., None])[..., 0])
 
 

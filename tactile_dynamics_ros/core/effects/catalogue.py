@@ -5,13 +5,16 @@ from __future__ import annotations
 import inspect
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, ClassVar, Protocol
 
 from tactile_dynamics_ros.core.effects.check import example_samples
-from tactile_dynamics_ros.core.effects.effect import Effect, EffectParameter
+from tactile_dynamics_ros.core.effects.effect import Effect
 from tactile_dynamics_ros.core.effects.fingers import FingerEffect
+from tactile_dynamics_ros.core.effects.parameter import EffectParameter
 
 _SAMPLES = 50
+"""Samples of the example that readings and parameters are listed for, half a second: which they are
+depends on the number of contacts only, not on the motion."""
 
 
 @dataclass(frozen=True)
@@ -20,6 +23,7 @@ class CatalogueEntry:
 
     Attributes:
         name: as in `--effects`.
+        model: what it belongs to, as in `--model`.
         family: group in the catalogue.
         formula: the law in one line.
         parameters: of the default reading; of one finger where `per_finger`.
@@ -32,6 +36,7 @@ class CatalogueEntry:
     """
 
     name: str
+    model: str
     family: str
     formula: str
     parameters: tuple[EffectParameter, ...]
@@ -47,15 +52,36 @@ class CatalogueEntry:
         return {**asdict(self), "readings": list(self.readings)}
 
 
-def describe_effect(effect: Effect) -> CatalogueEntry:
-    """Entry of an effect, its parameters as for a hand of several fingers."""
-    samples = example_samples(_SAMPLES)
-    per_finger = isinstance(effect, FingerEffect)
-    parameters = (
-        effect.axis_parameters() if isinstance(effect, FingerEffect) else effect.parameters(samples)
-    )
+class DescribedEffect(Protocol):
+    """What every effect of every model says of itself."""
+
+    name: ClassVar[str]
+    family: ClassVar[str]
+    formula: ClassVar[str]
+    looks_like: ClassVar[str]
+    sentence: ClassVar[str]
+    remedy: ClassVar[str]
+
+
+def entry_of(
+    effect: DescribedEffect,
+    model: str,
+    parameters: tuple[EffectParameter, ...],
+    readings: tuple[str, ...],
+    per_finger: bool = False,
+) -> CatalogueEntry:
+    """Entry of an effect of any model.
+
+    Args:
+        effect: described.
+        model: what it belongs to.
+        parameters: of its default reading.
+        readings: labels of all readings.
+        per_finger: whether every finger has the parameters for itself.
+    """
     return CatalogueEntry(
         name=effect.name,
+        model=model,
         family=effect.family,
         formula=effect.formula,
         parameters=parameters,
@@ -63,9 +89,20 @@ def describe_effect(effect: Effect) -> CatalogueEntry:
         looks_like=effect.looks_like,
         sentence=effect.sentence,
         remedy=effect.remedy,
-        readings=tuple(reading.label for reading in effect.variants(samples)),
+        readings=readings,
         meaning=inspect.cleandoc(type(effect).__doc__ or ""),
     )
+
+
+def describe_effect(effect: Effect) -> CatalogueEntry:
+    """Entry of an effect of a held object, its parameters as for a hand of several fingers."""
+    samples = example_samples(_SAMPLES)
+    per_finger = isinstance(effect, FingerEffect)
+    parameters = (
+        effect.axis_parameters() if isinstance(effect, FingerEffect) else effect.parameters(samples)
+    )
+    readings = tuple(reading.label for reading in effect.variants(samples))
+    return entry_of(effect, "held", parameters, readings, per_finger)
 
 
 def group_parameters(parameters: Iterable[EffectParameter]) -> tuple[tuple[str, str, str], ...]:

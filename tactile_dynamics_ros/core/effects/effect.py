@@ -3,42 +3,18 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
+from tactile_dynamics_ros.core.effects.parameter import EffectParameter
 from tactile_dynamics_ros.core.errors import BadInputError
 
 Array = NDArray[np.float64]
 
 _NO_LOAD = np.zeros(10)
-
-
-@dataclass(frozen=True)
-class EffectParameter:
-    """One scalar parameter of an effect.
-
-    Attributes:
-        name: short symbol, as in the formula of the effect.
-        unit: SI.
-        prior_std: scale of plausible values about zero; weak, for conditioning.
-        description: one phrase.
-        typical: a value at which the effect is plainly present; for checks and pictures.
-    """
-
-    name: str
-    unit: str
-    prior_std: float
-    description: str
-    typical: float = 0.0
-
-    def __post_init__(self) -> None:
-        """Fill the typical value."""
-        if self.typical == 0.0:
-            object.__setattr__(self, "typical", 0.2 * self.prior_std)
 
 
 class Effect(ABC):

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples, once_per_motion
-from tactile_dynamics_ros.core.effects.effect import EffectParameter
+from tactile_dynamics_ros.core.effects.parameter import EffectParameter
 from tactile_dynamics_ros.core.rigid_body.rotation import log_so3, skew
 
 Array = NDArray[np.float64]

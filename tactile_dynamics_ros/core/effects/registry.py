@@ -1,16 +1,17 @@
-"""Effects by name: the catalogue, other packages' effects and the users' own."""
+"""Effects by name, one registry for each model: ours, other packages' and the users' own."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from importlib import import_module
 from importlib.metadata import entry_points
-from typing import TypeVar
+from typing import Generic, TypeVar
 
 from tactile_dynamics_ros.core.effects.effect import Effect
 from tactile_dynamics_ros.core.errors import BadInputError
 
 ENTRY_POINT_GROUP = "tactile_dynamics_ros.effects"
+"""Group of entry points under which installed packages name their effects of a held object."""
 
 EFFECT_NAMES = (
     "viscous_drag",
@@ -33,71 +34,136 @@ EFFECT_NAMES = (
     "sensor_lag",
     "time_offset",
 )
+"""Names of the effects of a held object in the order in which people see them; they are API."""
 
-_FAMILIES = ("drag", "elastic", "internal", "gravity", "contact", "sensor", "timing")
+EffectT = TypeVar("EffectT")
+EffectClass = TypeVar("EffectClass", bound=Callable[[], object])
 
-_registry: dict[str, Callable[[], Effect]] = {}
-_loaded_entry_points = False
 
-EffectClass = TypeVar("EffectClass", bound=Callable[[], Effect])
+class EffectRegistry(Generic[EffectT]):
+    """Effects that one kind of model may lack, by their names."""
+
+    def __init__(
+        self,
+        model: str,
+        first: Sequence[str] = (),
+        modules: Iterable[str] = (),
+        entry_point_group: str = "",
+    ) -> None:
+        """Nothing is imported before the first effect is asked for.
+
+        Args:
+            model: what the effects belong to, as in `--model`.
+            first: names that come first, in this order.
+            modules: that register effects when they are imported.
+            entry_point_group: where installed packages name effects of theirs; empty for none.
+        """
+        self.model = model
+        self._first, self._modules, self._group = tuple(first), tuple(modules), entry_point_group
+        self._known: dict[str, Callable[[], EffectT]] = {}
+        self._loaded = False
+
+    def register(self, effect: EffectClass) -> EffectClass:
+        """Class decorator: make an effect known by its name.
+
+        Raises:
+            BadInputError: the class has no name.
+        """
+        name = getattr(effect, "name", "")
+        if not name:
+            raise BadInputError(f"{effect}: an effect needs a class attribute `name`")
+        self._known[name] = effect  # type: ignore[assignment]
+        return effect
+
+    def names(self) -> tuple[str, ...]:
+        """Names of all effects known now."""
+        self._load()
+        return self._first + tuple(name for name in self._known if name not in self._first)
+
+    def create(self, label: str) -> EffectT:
+        """Effect of a name, or of a reading of it, ``name:variant``.
+
+        Raises:
+            BadInputError: no effect of that name, or the effect has no such reading.
+        """
+        self._load()
+        name, _, variant = label.partition(":")
+        if name not in self._known:
+            known = ", ".join(self.names())
+            raise BadInputError(
+                f"effect '{name}' is unknown of model {self.model}: expected one of {known}"
+            )
+        effect = self._known[name]()
+        if not variant:
+            return effect
+        if not isinstance(effect, Effect):
+            raise BadInputError(f"effect '{name}' has no variant '{variant}'")
+        return effect.with_variant(variant)  # type: ignore[return-value]
+
+    def create_all(self, labels: Sequence[str]) -> tuple[EffectT, ...]:
+        """Effects of a model, in the order of their labels; each may be there once.
+
+        Raises:
+            BadInputError: an effect is unknown, has no such reading, or is named twice.
+        """
+        names = [label.partition(":")[0] for label in labels]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise BadInputError(
+                f"effects = {list(labels)}: {', '.join(twice)} is named more than once; "
+                "name it once"
+            )
+        return tuple(self.create(label) for label in labels)
+
+    def _load(self) -> None:
+        if self._loaded:
+            return
+        self._loaded = True
+        for module in self._modules:
+            import_module(module)
+        for entry in entry_points(group=self._group) if self._group else ():
+            self.register(entry.load())
+
+
+_KINDS = ("drag", "elastic", "internal", "gravity", "contact", "sensor", "timing")
+"""Modules of `held`, one for each kind of effect."""
+
+HELD: EffectRegistry[Effect] = EffectRegistry(
+    "held",
+    EFFECT_NAMES,
+    [f"tactile_dynamics_ros.core.effects.held.{kind}" for kind in _KINDS],
+    ENTRY_POINT_GROUP,
+)
+"""Effects of an object that a hand holds."""
 
 
 def register_effect(effect: EffectClass) -> EffectClass:
-    """Class decorator: make an effect known by its name.
+    """Class decorator: make an effect of a held object known by its name.
 
     Raises:
         BadInputError: the class has no name.
     """
-    name = getattr(effect, "name", "")
-    if not name:
-        raise BadInputError(f"{effect}: an effect needs a class attribute `name`")
-    _registry[name] = effect
-    return effect
+    return HELD.register(effect)
 
 
 def registered_names() -> tuple[str, ...]:
-    """Names of all effects known now, the catalogue first."""
-    _load()
-    own = tuple(name for name in _registry if name not in EFFECT_NAMES)
-    return EFFECT_NAMES + own
+    """Names of all effects of a held object known now, the catalogue first."""
+    return HELD.names()
 
 
 def create_effect(label: str) -> Effect:
-    """Effect of a name, or of a reading of it, ``name:variant``.
+    """Effect of a held object by its name, or a reading of it, ``name:variant``.
 
     Raises:
         BadInputError: no effect of that name, or the effect has no such reading.
     """
-    _load()
-    name, _, variant = label.partition(":")
-    if name not in _registry:
-        known = ", ".join(registered_names())
-        raise BadInputError(f"effect '{name}' is unknown: expected one of {known}")
-    effect = _registry[name]()
-    return effect.with_variant(variant) if variant else effect
+    return HELD.create(label)
 
 
 def create_effects(labels: Sequence[str]) -> tuple[Effect, ...]:
-    """Effects of a model, in the order of their labels; each may be there once.
+    """Effects of a held object, in the order of their labels; each may be there once.
 
     Raises:
         BadInputError: an effect is unknown, has no such reading, or is named twice.
     """
-    names = [label.partition(":")[0] for label in labels]
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
-        raise BadInputError(
-            f"effects = {list(labels)}: {', '.join(twice)} is named more than once; name it once"
-        )
-    return tuple(create_effect(label) for label in labels)
-
-
-def _load() -> None:
-    global _loaded_entry_points
-    if _loaded_entry_points:
-        return
-    _loaded_entry_points = True
-    for family in _FAMILIES:
-        import_module(f"tactile_dynamics_ros.core.effects.held.{family}")
-    for entry in entry_points(group=ENTRY_POINT_GROUP):
-        register_effect(entry.load())
+    return HELD.create_all(labels)

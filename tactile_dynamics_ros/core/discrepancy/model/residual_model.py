@@ -59,11 +59,14 @@ class Condition:
         name: for example ``speed``.
         unit: SI.
         values: (N,).
+        below_most: what it means that the value is below its largest, where nothing else is worth
+            saying of it; empty for a quantity that is divided into thirds.
     """
 
     name: str
     unit: str
     values: Array
+    below_most: str = ""
 
 
 @dataclass(frozen=True)
@@ -82,6 +85,7 @@ class Residuals:
         factors: e and C^-1 e, (N, D) each, of the residual e with covariance C: their products add
             up to the squares of ``white``, and say of each channel what it contributes. None where
             channels are independent.
+        frame: name of the frame that the channels are in; empty where they have none.
     """
 
     time: Array
@@ -93,6 +97,7 @@ class Residuals:
     conditions: tuple[Condition, ...] = ()
     drivers: Array | None = None
     factors: tuple[Array, Array] | None = None
+    frame: str = ""
 
 
 class ResidualModel(Protocol):
@@ -121,6 +126,10 @@ class ResidualModel(Protocol):
     @property
     def noise_level(self) -> float:
         """Mean logarithm of the standard deviations by which residuals are made white."""
+
+    @property
+    def lasting_freedom(self) -> float:
+        """Number of independent errors that last and that the sensors report of themselves."""
 
     def families(self, names: Sequence[str] | None = None) -> Sequence[Family]:
         """Families of the effects that the model could have."""

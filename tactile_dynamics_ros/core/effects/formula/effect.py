@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
-from tactile_dynamics_ros.core.effects.effect import Effect, EffectParameter
+from tactile_dynamics_ros.core.effects.effect import Effect
 from tactile_dynamics_ros.core.effects.formula.law import Exponents, Law
+from tactile_dynamics_ros.core.effects.parameter import EffectParameter
 from tactile_dynamics_ros.core.errors import BadInputError
 
 Array = NDArray[np.float64]

@@ -11,7 +11,7 @@ from typing import Any
 import sympy
 import yaml
 
-from tactile_dynamics_ros.core.effects.effect import Effect, EffectParameter
+from tactile_dynamics_ros.core.effects.effect import Effect
 from tactile_dynamics_ros.core.effects.formula.effect import FormulaEffect
 from tactile_dynamics_ros.core.effects.formula.expression import ExpressionReader, Term
 from tactile_dynamics_ros.core.effects.formula.law import Law
@@ -23,6 +23,7 @@ from tactile_dynamics_ros.core.effects.formula.quantities import (
     unknown_name,
 )
 from tactile_dynamics_ros.core.effects.geometry import AXES, vector_parameters
+from tactile_dynamics_ros.core.effects.parameter import EffectParameter
 from tactile_dynamics_ros.core.effects.registry import (
     EFFECT_NAMES,
     create_effect,

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples, once_per_motion
-from tactile_dynamics_ros.core.effects.effect import Effect, EffectParameter
+from tactile_dynamics_ros.core.effects.effect import Effect
 from tactile_dynamics_ros.core.effects.geometry import (
     arm_basis,
     body_from_world,
@@ -17,6 +17,7 @@ from tactile_dynamics_ros.core.effects.geometry import (
     torque_columns,
     vector_parameters,
 )
+from tactile_dynamics_ros.core.effects.parameter import EffectParameter
 from tactile_dynamics_ros.core.effects.registry import register_effect
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.rotation import skew

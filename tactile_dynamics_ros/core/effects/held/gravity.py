@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples, once_per_motion
-from tactile_dynamics_ros.core.effects.effect import Effect, EffectParameter, LinearEffect
+from tactile_dynamics_ros.core.effects.effect import Effect, LinearEffect
 from tactile_dynamics_ros.core.effects.geometry import body_from_world, right_jacobian, to_body
+from tactile_dynamics_ros.core.effects.parameter import EffectParameter
 from tactile_dynamics_ros.core.effects.registry import register_effect
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.newton_euler import regressor

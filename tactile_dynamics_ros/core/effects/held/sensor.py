@@ -13,9 +13,10 @@ from tactile_dynamics_ros.core.contact.wrench_samples import (
     once_per_motion,
     once_per_samples,
 )
-from tactile_dynamics_ros.core.effects.effect import Effect, EffectParameter
+from tactile_dynamics_ros.core.effects.effect import Effect
 from tactile_dynamics_ros.core.effects.fingers import FingerEffect, FramedFingerEffect
 from tactile_dynamics_ros.core.effects.geometry import right_jacobian, vector_parameters
+from tactile_dynamics_ros.core.effects.parameter import EffectParameter
 from tactile_dynamics_ros.core.effects.registry import register_effect
 from tactile_dynamics_ros.core.rigid_body.rotation import cross, exp_so3, skew
 

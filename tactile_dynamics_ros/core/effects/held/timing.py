@@ -15,10 +15,11 @@ from tactile_dynamics_ros.core.contact.wrench_samples import (
     latest_per_samples,
     once_per_motion,
 )
-from tactile_dynamics_ros.core.effects.effect import Effect, EffectParameter
+from tactile_dynamics_ros.core.effects.effect import Effect
 from tactile_dynamics_ros.core.effects.filters import FirstOrderLag
 from tactile_dynamics_ros.core.effects.geometry import contact_point_rate, contact_rate
 from tactile_dynamics_ros.core.effects.held.gravity import load_regressor
+from tactile_dynamics_ros.core.effects.parameter import EffectParameter
 from tactile_dynamics_ros.core.effects.registry import register_effect
 from tactile_dynamics_ros.core.errors import BadInputError
 

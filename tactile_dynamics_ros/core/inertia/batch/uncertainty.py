@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh
 
-from tactile_dynamics_ros.core.discrepancy.screening import orthonormal
 from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import PARAMETER_NAMES
 from tactile_dynamics_ros.core.inertia.batch.prior import LogCholeskyPrior
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
@@ -40,7 +39,9 @@ direction is not excited: at 1.5 a third of what is seen is motion. Where nothin
 about 1, so that a bound of 1 takes noise of the poses for excitation; a bound of 3 would ask for
 twice as much motion as noise and call gentle motion untold."""
 HOLD = 100.0
-"""Weight, over that of the prior, with which unexcited directions are held at it."""
+"""Weight, over that of the prior, with which unexcited directions are held at it: in the fit they
+keep a hundredth of its standard deviation. Less lets noise of the poses move them. Half and twice
+as much changed no estimate of three synthetic recordings."""
 
 
 def _own_coordinates() -> Array:
@@ -53,6 +54,8 @@ def _own_coordinates() -> Array:
 
 
 _OWN_COORDINATES = _own_coordinates()
+"""Which of the coordinates [scale, radii, shears, centre] say how large each parameter is by
+itself, (10, 10): the mass its scale, the centre itself, inertia radii and shears."""
 
 
 def misfit_inflation(white_residual: Array, jacobian: Array) -> Array:
@@ -82,20 +85,6 @@ def misfit_inflation(white_residual: Array, jacobian: Array) -> Array:
     scale = float(np.mean(white_residual**2))
     ratio = np.maximum(np.where(ratio > _TOLERATED_RATIO, ratio, 1.0), scale)
     return np.sqrt(np.maximum(ratio, 1.0))
-
-
-def effect_freedom(jacobian: Array, prior: Array) -> float:
-    """Number of effect parameters that data determine better than their prior.
-
-    Args:
-        jacobian: (M, 10 + k) white derivative by phi and the effects' parameters.
-        prior: (k,) information on those before the data.
-    """
-    own = jacobian[:, 10:] / np.sqrt(prior)
-    load = orthonormal(jacobian[:, :10])
-    shared = load.T @ own
-    values = np.maximum(np.linalg.eigvalsh(own.T @ own - shared.T @ shared), 0.0)
-    return float(np.sum(values / (1.0 + values)))
 
 
 def unexcited_parameters(xi: Array, data: Array, prior: Array) -> tuple[str, ...]:

@@ -11,21 +11,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
-from tactile_dynamics_ros.core.discrepancy.model.residual_model import (
-    Family,
-    Misfit,
-    ParameterTable,
-    ResidualModel,
-    Residuals,
+from tactile_dynamics_ros.core.discrepancy.model.least_squares import (
+    LeastSquaresModel,
+    split_parameters,
 )
+from tactile_dynamics_ros.core.discrepancy.model.residual_model import Family, Misfit, Residuals
 from tactile_dynamics_ros.core.discrepancy.trials import square
 from tactile_dynamics_ros.core.effects.effect import Effect
+from tactile_dynamics_ros.core.effects.parameter import EffectParameter
 from tactile_dynamics_ros.core.effects.present import PresentEffects
 from tactile_dynamics_ros.core.effects.registry import create_effect, registered_names
 from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
 from tactile_dynamics_ros.core.inertia.batch.fitting import fit_model, nearest_body
 from tactile_dynamics_ros.core.inertia.batch.refinement import refine
-from tactile_dynamics_ros.core.inertia.batch.uncertainty import effect_freedom, misfit_inflation
+from tactile_dynamics_ros.core.inertia.batch.uncertainty import misfit_inflation
 from tactile_dynamics_ros.core.inertia.diagnosis.quick_fit import (
     FrozenSystem,
     Whitening,
@@ -36,6 +35,7 @@ from tactile_dynamics_ros.core.inertia.diagnosis.term_library import wrench_term
 from tactile_dynamics_ros.core.inertia.diagnosis.wrench_residuals import wrench_residuals
 from tactile_dynamics_ros.core.inertia.residuals.systematic import PresumedErrors
 from tactile_dynamics_ros.core.numerics.least_squares import levenberg_marquardt
+from tactile_dynamics_ros.core.rigid_body.inertial_parameters import log_cholesky_jacobian
 
 Array = NDArray[np.float64]
 
@@ -46,8 +46,8 @@ each candidate."""
 _QUICK_TOLERANCE = 2e-5
 """Relative fall of the squared error below which a quick fit has converged. The error of 30 s at
 100 Hz is a sum of 18000 squares, so that it is off by 0.4 at most, far below the differences (tens)
-by which effects are told apart."""
-_JOINT_ITERATIONS = 40
+by which effects are told apart. A hundred times more would reach these; less takes more steps for
+each candidate."""
 """Steps of a joint quick fit of all effects, at most. It is done only where linear changes of the
 present effects were too coarse, and starts farther away."""
 _CURVED = 1.01
@@ -57,7 +57,7 @@ effects that bend are ranked too low."""
 
 
 @dataclass(frozen=True)
-class HeldObjectModel:
+class HeldObjectModel(LeastSquaresModel[Effect]):
     """Rigid body with effects: residuals at a fixed whitening, quick and thorough refits.
 
     Attributes:
@@ -73,6 +73,8 @@ class HeldObjectModel:
     effects: tuple[Effect, ...]
     theta: tuple[Array, ...]
     catalogue: tuple[str, ...]
+
+    tolerance = _QUICK_TOLERANCE
 
     @classmethod
     def from_fit(
@@ -93,9 +95,22 @@ class HeldObjectModel:
         return self.whitening.model
 
     @property
-    def effect_names(self) -> tuple[str, ...]:
-        """Names of the effects that the model has."""
-        return tuple(effect.name for effect in self.effects)
+    def samples(self) -> WrenchSamples:
+        """Denoised samples of the first stretch."""
+        return self.fitted.blocks[0].problem.samples
+
+    @property
+    def own(self) -> Array:
+        """(10,) dynamic parameters."""
+        return self.phi
+
+    @property
+    def own_scales(self) -> Array:
+        """(10,) standard deviations of the prior of a load like this one."""
+        fitted = self.fitted
+        return np.asarray(
+            np.linalg.norm(log_cholesky_jacobian(fitted.xi) * fitted.prior.std, axis=1)
+        )
 
     @cached_property
     def time(self) -> Array:
@@ -105,48 +120,72 @@ class HeldObjectModel:
         return np.repeat(np.concatenate(times), 6)
 
     @cached_property
-    def evaluated(self) -> tuple[Array, Array]:
-        """White residual and Jacobian, rows of the data, then rows of the prior."""
-        system = FrozenSystem(self.whitening, self.effects)
-        return system.evaluate(np.concatenate([self.phi, *self.theta]))
+    def measured(self) -> Array:
+        """(M,) wrench of the object on the contacts, [torque, force] in the body frame."""
+        model, found = self.fitted, []
+        present = PresentEffects(model.effects, model.theta)
+        for block in model.blocks:
+            problem = block.problem
+            shown = present.wrench(problem.samples, model.phi) - problem.regressor @ model.phi
+            found.append(block.linearisation.whitener.colour(block.residual) + shown.ravel())
+        return np.concatenate(found)
 
-    @property
-    def residual(self) -> Array:
-        """(M,) white residual."""
-        return self.evaluated[0][: len(self.time)]
+    def predict(self, x: Array, effects: Sequence[Effect]) -> Array:
+        """(M,) the same, -Y phi + Delta at the denoised samples."""
+        counts = [len(self.parameters_of(effect)) for effect in effects]
+        phi, theta = split_parameters(x, 10, [np.zeros(count) for count in counts])
+        present = PresentEffects(effects, theta)
+        problems = [block.problem for block in self.fitted.blocks]
+        parts = [present.wrench(p.samples, phi) - p.regressor @ phi for p in problems]
+        return np.concatenate([part.ravel() for part in parts])
 
-    @property
-    def jacobian(self) -> Array:
-        """(M, 10 + k) derivative by phi and theta."""
-        return self.evaluated[1][: len(self.time)]
+    def whiten(self, rows: Array) -> Array:
+        """White form of rows (M, ...)."""
+        blocks = self.fitted.blocks
+        edges = np.cumsum([len(block.residual) for block in blocks])[:-1]
+        parts = [part.reshape(-1, 6, *rows.shape[1:]) for part in np.split(rows, edges)]
+        return self.whitening.whiten(parts)
 
-    @cached_property
-    def freedom(self) -> float:
-        """Number of effect parameters that the data determine better than their prior."""
-        if not self.effects:
-            return 0.0
-        return effect_freedom(self.jacobian, self._prior_stds**-2.0)
+    def draw_noise(self, random: np.random.Generator) -> Array:
+        """(M,) noise of the poses and the contacts as it moves the residual, to first order."""
+        blocks = self.fitted.blocks
+        return np.concatenate([block.linearisation.draw_noise(random) for block in blocks])
 
-    @property
-    def _prior_stds(self) -> Array:
-        return np.array([p.prior_std for e in self.effects for p in e.parameters(self.samples)])
+    def parameters_of(self, effect: Effect) -> tuple[EffectParameter, ...]:
+        """Parameters of an effect for the contacts of this recording."""
+        return effect.parameters(self.samples)
 
-    @property
-    def samples(self) -> WrenchSamples:
-        """Denoised samples of the first stretch."""
-        return self.fitted.blocks[0].problem.samples
+    def with_parameters(
+        self, own: Array, effects: tuple[Effect, ...], theta: tuple[Array, ...]
+    ) -> HeldObjectModel:
+        """The model at other parameters, at the same whitening."""
+        return replace(self, phi=own, effects=effects, theta=theta)
+
+    def effect_named(self, name: str) -> Effect:
+        """An effect of the catalogue, or a reading of it."""
+        return create_effect(name)
+
+    def system(self, x: Array, effects: tuple[Effect, ...]) -> tuple[Array, Array]:
+        """Residual and derivative in closed form: rows of the data, then rows of the prior."""
+        return FrozenSystem(self.whitening, effects).evaluate(x)
+
+    def evaluate(self, x: Array, effects: tuple[Effect, ...]) -> tuple[Array, Array]:
+        """The rows of the data."""
+        residual, jacobian = self.system(x, effects)
+        return residual[: len(self.time)], jacobian[: len(self.time)]
 
     @property
     def noise_level(self) -> float:
         """That of the thorough fit behind this model."""
         return self.fitted.misfit.noise_level
 
-    def families(self, names: Sequence[str] | None = None) -> list[Family]:
-        """Every reading, and every restriction of it, of effects that the model lacks."""
-        wanted = [n for n in (names or self.catalogue) if n not in self.effect_names]
-        return [family for name in wanted for family in self._families(name)]
+    @property
+    def lasting_freedom(self) -> float:
+        """Three for each contact, the axes in which its force may be off for good."""
+        return 3.0 * len(self.samples.contact_names)
 
-    def _families(self, name: str) -> list[Family]:
+    def families_of(self, name: str) -> list[Family]:
+        """Every reading of an effect that the model lacks, and every restriction of it."""
         samples, present = self.samples, PresentEffects(self.effects, self.theta)
         found: list[tuple[Effect, str, Array, tuple[int, ...]]] = []
         for reading in create_effect(name).variants(samples):
@@ -192,24 +231,13 @@ class HeldObjectModel:
             return moved
         held = self._moved(np.zeros_like(change), effect, theta)
         nearer = held if square(held) < square(moved) else moved
-        return nearer._fitted(nearer.effects, nearer.theta)
+        return nearer.fitted_from(nearer.effects, nearer.theta)
 
     def _moved(self, change: Array, effect: Effect, theta: Array) -> HeldObjectModel:
         """The model with its parameters changed and one effect more."""
-        by_phi, by_theta = _split(change, self.theta)
+        by_phi, by_theta = split_parameters(change, 10, self.theta)
         moved = [t + d for t, d in zip(self.theta, by_theta, strict=True)]
-        return HeldObjectModel(
-            self.whitening,
-            self.phi + by_phi,
-            (*self.effects, effect),
-            (*moved, theta),
-            self.catalogue,
-        )
-
-    def without_effect(self, name: str) -> HeldObjectModel:
-        """Fit with one effect less at fixed whitening."""
-        kept = [(e, t) for e, t in zip(self.effects, self.theta, strict=True) if e.name != name]
-        return self._fitted(tuple(e for e, _ in kept), tuple(t for _, t in kept))
+        return self.with_parameters(self.phi + by_phi, (*self.effects, effect), (*moved, theta))
 
     def refined(self) -> HeldObjectModel:
         """Fit again with new denoised signals and whitening."""
@@ -226,26 +254,11 @@ class HeldObjectModel:
         refined = refine(model, self.fitted.misfit, foreseen)
         return HeldObjectModel.from_fit(refined, self.catalogue)
 
-    def parameters(self) -> ParameterTable:
-        """{effect: {parameter: {"value", "std", "unit"}}}, honest where the model does not fit."""
-        spread = np.sqrt(np.maximum(np.diag(self._covariance)[10:], 0.0))
-        result: ParameterTable = {}
-        first = 0
-        for effect, theta in zip(self.effects, self.theta, strict=True):
-            result[effect.name] = {
-                p.name: {"value": float(v), "std": float(s), "unit": p.unit}
-                for p, v, s in zip(
-                    effect.parameters(self.samples), theta, spread[first:], strict=False
-                )
-            }
-            first += len(theta)
-        return result
-
     @property
-    def _covariance(self) -> Array:
+    def covariance(self) -> Array:
         """(10 + k, 10 + k) of [phi, theta] at the fixed whitening, widened by misfit."""
         jacobian, residual = self.jacobian, self.residual
-        stds = np.concatenate([np.full(10, np.inf), self._prior_stds])
+        stds = np.concatenate([np.full(10, np.inf), self.prior_stds(self.effects)])
         information = jacobian.T @ jacobian + np.diag(stds**-2.0)
         scale = np.sqrt(np.diag(information))
         inverse = np.linalg.pinv(information / np.outer(scale, scale)) / np.outer(scale, scale)
@@ -254,11 +267,6 @@ class HeldObjectModel:
         load = self.fitted.load
         lasting = PresumedErrors.of_rows(inverse, jacobian, basis, residual, load)
         return np.asarray(inverse * np.outer(widen, widen) + lasting.covariance)
-
-    def sentence(self, name: str) -> str:
-        """What an effect does to the object, as a clause."""
-        effect = create_effect(name)
-        return effect.sentence or effect.formula
 
     def residuals(self) -> Residuals:
         """Wrench residuals in body and world axes with what they may depend on."""
@@ -285,23 +293,6 @@ class HeldObjectModel:
             )
         return families
 
-    def separating_motion(self, rivals: Sequence[ResidualModel]) -> dict[str, Any] | None:
+    def plan_against(self, rivals: Sequence[HeldObjectModel]) -> dict[str, Any] | None:
         """Plan of the motion or re-grasp that would tell this model from others."""
-        others = [rival for rival in rivals if isinstance(rival, HeldObjectModel)]
-        return plan_separation(self, others)
-
-    def _fitted(self, effects: tuple[Effect, ...], theta: tuple[Array, ...]) -> HeldObjectModel:
-        system = FrozenSystem(self.whitening, effects)
-        start = np.concatenate([self.phi, *theta])
-        solution, _ = levenberg_marquardt(
-            system.evaluate, start, _JOINT_ITERATIONS, _QUICK_TOLERANCE
-        )
-        phi, found = _split(solution, theta)
-        return HeldObjectModel(self.whitening, phi, effects, found, self.catalogue)
-
-
-def _split(values: Array, theta: Sequence[Array]) -> tuple[Array, tuple[Array, ...]]:
-    """Take [phi, theta] apart, with as many values for each effect as it has in ``theta``."""
-    sizes = np.cumsum([10, *[len(part) for part in theta]])
-    phi, *parts = np.split(values, sizes[:-1])
-    return phi, tuple(parts)
+        return plan_separation(self, rivals)

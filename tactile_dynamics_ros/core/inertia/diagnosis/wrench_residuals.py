@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,7 +32,7 @@ def wrench_residuals(model: FittedModel, white: Array) -> Residuals:
     to_world[:, :3, :3] = to_world[:, 3:, 3:] = rotation
     parts = [conditions(samples) for samples in model.samples]
     joined = tuple(
-        Condition(first.name, first.unit, np.concatenate([part[k].values for part in parts]))
+        replace(first, values=np.concatenate([part[k].values for part in parts]))
         for k, first in enumerate(parts[0])
     )
     return Residuals(
@@ -45,6 +47,7 @@ def wrench_residuals(model: FittedModel, white: Array) -> Residuals:
             [np.concatenate([s.velocity, s.angular_velocity], axis=1) for s in model.samples]
         ),
         factors=_factors(model, white.ravel()),
+        frame="body",
     )
 
 
@@ -78,5 +81,6 @@ def conditions(samples: WrenchSamples) -> list[Condition]:
             Condition(f"force of {name}", "N", force[:, index])
             for index, name in enumerate(samples.contact_names)
         ]
-        found.append(Condition("contacts", "", samples.in_contact.sum(axis=1).astype(float)))
+        held = samples.in_contact.sum(axis=1).astype(float)
+        found.append(Condition("contacts", "", held, below_most="a finger lost contact"))
     return found

@@ -358,6 +358,11 @@ class Linearisation:
         """L^-1 of (N, 6) or (N, 6, m) values, as (6 N,) or (6 N, m)."""
         return self.whitener.whiten(values.reshape(-1, *values.shape[2:]))
 
+    def draw_noise(self, rng: np.random.Generator) -> Array:
+        """(6 N,) one draw of the residual's noise, from that of every signal."""
+        parts = [a @ rng.normal(size=a.shape[1]) for a in self.sensitivities]
+        return np.asarray(np.sum(parts, axis=0))
+
     def draw_errors(self, rng: np.random.Generator, denoised: bool) -> dict[str, Array]:
         """One draw of the errors z - x of the motion, (K, 3) by name, or of what `denoise` leaves.
 
