@@ -1,0 +1,60 @@
+"""Heavy work in a process of its own: answers, errors, ends."""
+
+import os
+import signal
+import time
+
+import pytest
+
+from tactile_dynamics_ros.core.effects import create_effects
+from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError
+from tactile_dynamics_ros.ros.background import Background
+
+
+@pytest.fixture
+def background():
+    made = Background()
+    yield made
+    made.close()
+
+
+def test_a_function_is_computed_in_another_process_at_low_priority(background):
+    assert background.submit(os.getpid).result(30) not in (os.getpid(), background._process.pid)
+    assert background.submit(os.nice, 0).result(30) >= 10
+    assert not background.busy
+
+
+def test_an_error_of_ours_comes_back_as_it_was_raised(background):
+    with pytest.raises(BadInputError, match="more than once"):
+        background.submit(create_effects, ["force_bias", "force_bias"]).result(30)
+
+
+def test_another_error_is_told_in_a_line_and_the_process_goes_on(background):
+    with pytest.raises(TactileDynamicsError, match="ZeroDivisionError"):
+        background.submit(divmod, 1, 0).result(30)
+    assert background.submit(divmod, 7, 2).result(30) == (3, 1)
+
+
+def test_a_job_that_dies_is_one_answer(background):
+    with pytest.raises(TactileDynamicsError, match="ended before it was done"):
+        background.submit(os._exit, 3).result(30)
+    assert background.submit(divmod, 7, 2).result(30) == (3, 1)
+
+
+def test_a_process_that_was_killed_is_started_again(background):
+    background.submit(divmod, 7, 2).result(30)
+    os.kill(background._process.pid, signal.SIGKILL)
+    with pytest.raises(TactileDynamicsError, match="ended"):
+        background.submit(divmod, 7, 2).result(30)
+    assert background.submit(divmod, 7, 2).result(30) == (3, 1)
+
+
+def test_closing_ends_what_runs():
+    background = Background()
+    background.submit(divmod, 7, 2).result(30)
+    running = background.submit(time.sleep, 60)
+    started = time.monotonic()
+    background.close()
+    assert time.monotonic() - started < 20.0
+    with pytest.raises(TactileDynamicsError):
+        running.result(1)
