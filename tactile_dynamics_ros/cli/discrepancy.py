@@ -53,7 +53,7 @@ def run_compare(args: Namespace) -> int:
     if args.out:
         from tactile_dynamics_ros.report.discrepancy_findings import findings_of_comparison
 
-        _write(args, findings_of_comparison(question.recording, document, comparison))
+        _write(args, findings_of_comparison(question.source, document, comparison))
     return 0
 
 
@@ -69,7 +69,7 @@ def run_diagnose(args: Namespace) -> int:
     if args.out:
         from tactile_dynamics_ros.report.discrepancy_findings import findings_of_diagnosis
 
-        _write(args, findings_of_diagnosis(question.recording, document, diagnosis))
+        _write(args, findings_of_diagnosis(question.source, document, diagnosis))
     return 0
 
 
@@ -81,11 +81,11 @@ def run_explain(args: Namespace) -> int:
     question = _ask(args)
     explanation = _answer(question, explain)
     document = explanation_document(explanation)
-    _print(args, document, _explain_lines(document, question.alone))
+    _print(args, document, _explain_lines(document, question.model.residuals().alone))
     if args.out:
         from tactile_dynamics_ros.report.discrepancy_findings import findings_of_explanation
 
-        _write(args, findings_of_explanation(question.recording, document, explanation))
+        _write(args, findings_of_explanation(question.source, document, explanation))
     return 0
 
 
@@ -106,9 +106,8 @@ def _ask(args: Namespace) -> Question:
     model = HeldObjectModel.from_fit(fitted)
     return Question(
         model,
-        "rigid body alone",
+        recording.source,
         lambda: dict(fitted.to_estimate().error.to_json()),
-        recording,
         lambda: model_with_seen_noise(model, recording.streams, effects),
     )
 

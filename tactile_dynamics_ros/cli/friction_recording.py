@@ -11,11 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tactile_dynamics_ros.core.errors import BadInputError
-
 if TYPE_CHECKING:
     from tactile_dynamics_ros.core.friction.discrepancy_model import FrictionModel
-    from tactile_dynamics_ros.recording import Recording
 
 
 @dataclass(frozen=True)
@@ -24,16 +21,14 @@ class Question:
 
     Attributes:
         model: fitted.
-        alone: what the model without effects is called.
+        source: the recording, as reports name it.
         error: gives the field ``error`` of the document of `compare`.
-        recording: for the report; None where none is drawn.
         otherwise: gives the model with other noise, or None; asked where this one explains nothing.
     """
 
     model: Any
-    alone: str
+    source: str
     error: Callable[[], dict[str, Any]]
-    recording: Recording | None = None
     otherwise: Callable[[], Any] = lambda: None
 
 
@@ -60,21 +55,15 @@ def is_probe_recording(args: Namespace) -> bool:
 
 
 def question_friction(args: Namespace) -> Question:
-    """Fit Coulomb friction, with the named effects, to the slips of a recording.
-
-    Raises:
-        BadInputError: a report is asked for, which is only drawn for a held body.
-    """
+    """Fit Coulomb friction, with the named effects, to the slips of a recording."""
     from tactile_dynamics_ros.core.friction.discrepancy_model import FrictionModel
     from tactile_dynamics_ros.core.friction.slip_table import tabulate_slips
     from tactile_dynamics_ros.recording.probe_slips import read_slips
 
-    if args.out:
-        raise BadInputError("--out: no report is drawn for probe recordings; use --json")
     names = [name.strip() for name in args.effects.split(",") if name.strip()]
     slips = tabulate_slips(read_slips(Path(args.bag), args.namespace))
     model = FrictionModel.fit(slips, names)
-    return Question(model, "Coulomb alone", lambda: _error_of(model))
+    return Question(model, str(args.bag), lambda: _error_of(model))
 
 
 def _error_of(model: FrictionModel) -> dict[str, Any]:

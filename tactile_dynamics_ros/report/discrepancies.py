@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from tactile_dynamics_ros.report.style import (
     PURPLE,
     QUIET,
     RED,
+    SERIES,
     label_lines,
     new_figure,
     thinning,
@@ -33,12 +35,45 @@ _BAR = 0.62
 _BINS = 10
 
 
-def draw_error_steps(steps: Sequence[Mapping[str, Any]], noise_floor: float = 1.0) -> Figure:
+@dataclass(frozen=True)
+class Channels:
+    """Channels of a residual that are drawn together.
+
+    Attributes:
+        name: of what they are the components of, or of the one channel.
+        unit: SI.
+        columns: their places in the residual.
+        colours: their colours by what they are called in a figure.
+    """
+
+    name: str
+    unit: str
+    columns: list[int]
+    colours: dict[str, str]
+
+
+def group_channels(channels: Sequence[str], units: Sequence[str]) -> list[Channels]:
+    """Put components x, y and z of the same name together; those of the shortest unit first."""
+    groups: dict[str, Channels] = {}
+    for column, (channel, unit) in enumerate(zip(channels, units, strict=True)):
+        stem, _, axis = channel.rpartition("_")
+        name = stem if axis in AXIS_COLOURS else channel
+        group = groups.setdefault(name, Channels(name, unit, [], {}))
+        group.columns.append(column)
+        label = axis if axis in AXIS_COLOURS else channel
+        group.colours[label] = AXIS_COLOURS.get(axis, SERIES[(len(groups) - 1) % len(SERIES)])
+    return sorted(groups.values(), key=lambda group: len(group.unit))
+
+
+def draw_error_steps(
+    steps: Sequence[Mapping[str, Any]], noise_floor: float = 1.0, alone: str = "rigid body"
+) -> Figure:
     """Draw how the error falls while effects are added.
 
     Args:
         steps: ``{"added": effect or None, "error": whitened RMS}`` in order.
         noise_floor: whitened RMS where only noise remains.
+        alone: what the model without effects is called.
     """
     figure = new_figure(2.7, min(9.0, 3.0 + 1.5 * len(steps)))
     axes = figure.subplots()
@@ -50,7 +85,7 @@ def draw_error_steps(steps: Sequence[Mapping[str, Any]], noise_floor: float = 1.
         axes.annotate(
             f"{error:.2f}", (place, error), (0, 3), textcoords="offset points", ha="center"
         )
-    names = [f"+ {step['added']}" if step.get("added") else "rigid body" for step in steps]
+    names = [f"+ {step['added']}" if step.get("added") else alone for step in steps]
     axes.set_xticks(places, names)
     axes.tick_params(axis="x", labelsize=9, labelcolor=INK)
     axes.set_ylim(0.0, 1.18 * errors.max())
@@ -77,32 +112,34 @@ def _mark_floor(axes: Axes, noise_floor: float) -> None:
 
 
 def draw_before_after(
-    time: Array, before: Array, after: Array | None, added: Sequence[str] = ()
+    time: Array,
+    before: Array,
+    after: Array | None,
+    groups: Sequence[Channels],
+    titles: tuple[str, str],
 ) -> Figure:
     """Draw the residual before and after effects are added, on the same scales.
 
     Args:
         time: (N,) s.
-        before: (N, 6) measured minus predicted [torque N m, force N], body frame.
+        before: (N, D) measured minus predicted.
         after: the same with the effects, or None.
-        added: names of the effects.
+        groups: the channels.
+        titles: of both.
     """
-    columns = [("rigid body alone", before)]
-    if after is not None:
-        columns.append((f"with {', '.join(added)}", after))
-    figure = new_figure(3.9)
-    grid = figure.subplots(2, len(columns), sharex=True, sharey="row", squeeze=False)
-    for row, (part, unit) in enumerate(
-        ((slice(3, 6), "force in N"), (slice(0, 3), "torque in N m"))
-    ):
-        for axes, (title, values) in zip(grid[row], columns, strict=True):
-            draw_vector(axes, time, values[:, part])
+    shown = [(title, v) for title, v in zip(titles, (before, after), strict=True) if v is not None]
+    figure = new_figure(0.3 + 1.8 * len(groups))
+    grid = figure.subplots(len(groups), len(shown), sharex=True, sharey="row", squeeze=False)
+    for row, group in enumerate(groups):
+        for axes, (title, values) in zip(grid[row], shown, strict=True):
+            draw_vector(axes, time, values[:, group.columns], group.colours)
             axes.set_title(title if row == 0 else "")
-        grid[row, 0].set_ylabel(unit)
-        grid[row, 0].set_ylim(_robust_limits(before[:, part]))
-    for axes in grid[1]:
+        grid[row, 0].set_ylabel(f"{group.name} in {group.unit}")
+        grid[row, 0].set_ylim(_robust_limits(before[:, group.columns]))
+    for axes in grid[-1]:
         axes.set_xlabel("time in s")
-    label_lines(grid[0, -1], list(AXIS_COLOURS))
+    if len(groups[0].columns) > 1:
+        label_lines(grid[0, -1], list(groups[0].colours))
     return figure
 
 
@@ -183,37 +220,50 @@ def draw_fails_where(places: Sequence[Mapping[str, Any]]) -> Figure:
 
 
 def draw_error_over_time(
-    time: Array, white: Array, intervals: Sequence[tuple[float, float]] = ()
+    time: Array,
+    white: Array,
+    groups: Sequence[Channels],
+    intervals: Sequence[tuple[float, float]] = (),
 ) -> Figure:
     """Draw when the model is wrong: RMS over half a second, in units of the noise.
 
     Args:
         time: (N,) s.
-        white: (N, 6) whitened residual [torque, force].
+        white: (N, D) whitened residual.
+        groups: the channels.
         intervals: starts and ends in s of spans to shade.
     """
     figure = new_figure(2.2)
     axes = figure.subplots()
     for start, stop in intervals:
         axes.axvspan(start, stop, color=ORANGE, alpha=0.15, linewidth=0)
-    for part, name, colour in ((slice(3, 6), "force", BLUE), (slice(0, 3), "torque", PURPLE)):
-        square = np.mean(white[:, part] ** 2, axis=1, keepdims=True)
-        rms = np.sqrt(running_mean(time, square)[:, 0])
-        axes.plot(time[thinning(len(time))], rms[thinning(len(time))], color=colour, label=name)
+    for group, colour in zip(groups, _colours(groups), strict=True):
+        square = np.mean(white[:, group.columns] ** 2, axis=1, keepdims=True)
+        rms, thin = np.sqrt(running_mean(time, square)[:, 0]), thinning(len(time))
+        axes.plot(time[thin], rms[thin], color=colour, label=group.name)
     axes.set_ylim(bottom=0.0)
     axes.margins(x=0.01)
     axes.set_xlabel("time in s")
     axes.set_ylabel("error in units of the noise")
     _mark_floor(axes, 1.0)
-    label_lines(axes, ["force", "torque"])
+    label_lines(axes, [group.name for group in groups])
     return figure
 
 
-def draw_error_by_condition(white: Array, conditions: Mapping[str, Array]) -> Figure:
+def _colours(groups: Sequence[Channels]) -> list[str]:
+    """Return a colour for each group as a whole."""
+    order = (BLUE, PURPLE, *(colour for colour in SERIES if colour not in (BLUE, PURPLE)))
+    return [order[k % len(order)] for k in range(len(groups))]
+
+
+def draw_error_by_condition(
+    white: Array, groups: Sequence[Channels], conditions: Mapping[str, Array]
+) -> Figure:
     """Draw how the error depends on what was going on: RMS in ten equally filled bins.
 
     Args:
-        white: (N, 6) whitened residual [torque, force].
+        white: (N, D) whitened residual.
+        groups: the channels.
         conditions: (N,) values by label, such as "speed in m/s".
     """
     columns = min(3, len(conditions))
@@ -223,11 +273,11 @@ def draw_error_by_condition(white: Array, conditions: Mapping[str, Array]) -> Fi
     highest = 1.0
     for axes, (label, values) in zip(grid, conditions.items(), strict=False):
         order = np.argsort(values)
-        for part, name, colour in ((slice(3, 6), "force", BLUE), (slice(0, 3), "torque", PURPLE)):
+        for group, colour in zip(groups, _colours(groups), strict=True):
             bins = np.array_split(order, min(_BINS, len(order)))
             middle = [float(np.median(values[rows])) for rows in bins]
-            rms = [float(np.sqrt(np.mean(white[rows][:, part] ** 2))) for rows in bins]
-            axes.plot(middle, rms, "o-", color=colour, label=name, markersize=3.5)
+            rms = [float(np.sqrt(np.mean(white[rows][:, group.columns] ** 2))) for rows in bins]
+            axes.plot(middle, rms, "o-", color=colour, label=group.name, markersize=3.5)
             highest = max(highest, *rms)
         axes.axhline(1.0, color=RED, linestyle=(0, (4, 3)), linewidth=1.0)
         axes.set_xlabel(label)
@@ -236,7 +286,7 @@ def draw_error_by_condition(white: Array, conditions: Mapping[str, Array]) -> Fi
         axes.set_visible(False)
     for axes in list(figure.axes)[::columns]:
         axes.set_ylabel("error / noise")
-    label_lines(figure.axes[columns - 1], ["force", "torque"])
+    label_lines(figure.axes[columns - 1], [group.name for group in groups])
     return figure
 
 

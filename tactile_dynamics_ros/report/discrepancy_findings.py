@@ -13,14 +13,13 @@ from tactile_dynamics_ros.core.discrepancy.documents import diagnosis_document
 from tactile_dynamics_ros.core.discrepancy.explanation import Explanation
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import ResidualModel
 from tactile_dynamics_ros.core.discrepancy.structure import periodogram
-from tactile_dynamics_ros.recording import Recording
 from tactile_dynamics_ros.report.discrepancy_report import DiscrepancyFindings
 
 _MOST_CONDITIONS = 6
 
 
 def findings_of_comparison(
-    recording: Recording, document: Mapping[str, Any], comparison: Comparison
+    source: str, document: Mapping[str, Any], comparison: Comparison
 ) -> DiscrepancyFindings:
     """What the report of `compare` shows."""
     good = bool(document["adequate"])
@@ -32,7 +31,7 @@ def findings_of_comparison(
         verdict = "The model leaves more than sensor noise: see where it fails."
     residuals = comparison.residuals
     return DiscrepancyFindings(
-        source=recording.source,
+        source=source,
         verdict=verdict,
         good=good,
         time=residuals.time,
@@ -43,21 +42,21 @@ def findings_of_comparison(
 
 
 def findings_of_diagnosis(
-    recording: Recording, document: Mapping[str, Any], diagnosis: Diagnosis
+    source: str, document: Mapping[str, Any], diagnosis: Diagnosis
 ) -> DiscrepancyFindings:
     """What the report of `diagnose` shows."""
     after = diagnosis.explained_model if diagnosis.effect else None
     added = [diagnosis.effect] if diagnosis.effect else []
-    return _findings(recording, diagnosis.model, after, added, document["sentence"], document, {})
+    return _findings(source, diagnosis.model, after, added, document["sentence"], document, {})
 
 
 def findings_of_explanation(
-    recording: Recording, document: Mapping[str, Any], explanation: Explanation
+    source: str, document: Mapping[str, Any], explanation: Explanation
 ) -> DiscrepancyFindings:
     """What the report of `explain` shows."""
     first = diagnosis_document(explanation.first)
     return _findings(
-        recording,
+        source,
         explanation.first.model,
         explanation.model if explanation.effects else None,
         list(explanation.effects),
@@ -69,7 +68,7 @@ def findings_of_explanation(
 
 
 def _findings(
-    recording: Recording,
+    source: str,
     model: ResidualModel,
     after: ResidualModel | None,
     added: list[str],
@@ -82,7 +81,7 @@ def _findings(
     residuals = comparison.residuals
     spectrum = periodogram(residuals.time, residuals.white)
     return DiscrepancyFindings(
-        source=recording.source,
+        source=source,
         verdict=verdict,
         good=diagnosis["verdict"] == "adequate" if good is None else good,
         time=residuals.time,
@@ -99,7 +98,7 @@ def _findings(
 
 
 def _circumstances(comparison: Comparison) -> dict[str, Any]:
-    """White residual, what was going on, and when the model fails."""
+    """What the channels are, white residual, what was going on, and when the model fails."""
     residuals = comparison.residuals
     conditions = {
         f"{condition.name} in {condition.unit}" if condition.unit else condition.name: (
@@ -109,6 +108,11 @@ def _circumstances(comparison: Comparison) -> dict[str, Any]:
         if np.ptp(condition.values) > 0
     }
     return {
+        "channels": residuals.channels,
+        "units": residuals.units,
+        "frame": residuals.frame,
+        "alone": residuals.alone,
+        "about": residuals.about,
         "white": residuals.white,
         "conditions": dict(list(conditions.items())[:_MOST_CONDITIONS]),
         "intervals": comparison.intervals,

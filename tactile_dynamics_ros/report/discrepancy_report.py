@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.discrepancy.documents import capitalise, group_clause
 from tactile_dynamics_ros.report.discrepancies import (
+    Channels,
     draw_before_after,
     draw_candidates,
     draw_channels,
@@ -20,6 +21,7 @@ from tactile_dynamics_ros.report.discrepancies import (
     draw_error_steps,
     draw_fails_where,
     draw_spectrum,
+    group_channels,
 )
 from tactile_dynamics_ros.report.page import Page, Picture, Section, write_page
 from tactile_dynamics_ros.report.style import house_style
@@ -27,6 +29,10 @@ from tactile_dynamics_ros.report.style import house_style
 Array = NDArray[np.float64]
 
 _MOST_ROWS = 10
+"""Rows of the table of candidates: as many as the figure beside it shows."""
+_DENSE = 0.1
+"""Time between samples, s, below which means over half a second are worth a sentence: they then
+hold five samples or more. Slips of a probe are seconds apart."""
 
 
 @dataclass(frozen=True)
@@ -38,13 +44,18 @@ class DiscrepancyFindings:
         verdict: the finding in one plain sentence.
         good: whether the model explains the recording in the end.
         time: (N,) s.
-        before: (N, 6) measured minus predicted [torque N m, force N] of the rigid body alone.
+        before: (N, D) measured minus predicted without the added effects.
+        channels: D names.
+        units: D units.
+        frame: name of the frame that the channels are in; empty for none.
+        alone: what the model without effects is called.
+        about: what the model predicts from what, in a sentence.
         after: the same with the added effects.
         added: names of the added effects.
         comparison: the document of `compare`; `channels` may map channel names to whitened RMS.
         diagnosis: the document of `diagnose`.
         explanation: the document of `explain`.
-        white: (N, 6) whitened residual of the compared model.
+        white: (N, D) whitened residual of the compared model.
         conditions: (N,) what was going on, by label such as "speed in m/s".
         intervals: starts and ends in s of spans in which the model fails.
         frequency: (K,) Hz of `power`.
@@ -57,6 +68,11 @@ class DiscrepancyFindings:
     good: bool
     time: Array
     before: Array
+    channels: Sequence[str]
+    units: Sequence[str]
+    frame: str = ""
+    alone: str = "the model alone"
+    about: str = ""
     after: Array | None = None
     added: Sequence[str] = ()
     comparison: Mapping[str, Any] = field(default_factory=dict)
@@ -68,6 +84,11 @@ class DiscrepancyFindings:
     frequency: Array | None = None
     power: Mapping[str, Array] = field(default_factory=dict)
     extra: Sequence[Section] = ()
+
+    @property
+    def groups(self) -> list[Channels]:
+        """Channels that are drawn together."""
+        return group_channels(self.channels, self.units)
 
 
 def write_discrepancy_report(
@@ -100,10 +121,9 @@ def write_discrepancy_report(
             source=findings.source,
             command=command or f"tactile-dynamics explain {findings.source} --out {folder}",
             sentences=[
-                "The model predicts, from the motion of a rigid body, the forces that the contacts "
-                "must apply. Below, its error is measured in units of the noise that the sensors "
-                "state: at 1 nothing but that noise is left; above 1 something acts that the "
-                "model lacks."
+                f"{findings.about} Below, its error is measured in units of the noise that the "
+                "sensors state: at 1 nothing but that noise is left; above 1 something acts that "
+                "the model lacks.".strip()
             ],
             sections=sections,
         )
@@ -120,7 +140,7 @@ def _steps(findings: DiscrepancyFindings) -> list[Section]:
     floor = float(error.get("noise_floor", 1.0))
     picture = Picture(
         "steps",
-        draw_error_steps(steps, floor),
+        draw_error_steps(steps, floor, findings.alone),
         f"error falling from {before:.2f} to {after:.2f} in {len(steps) - 1} steps",
         "Each bar adds one effect to the model and fits everything anew. Errors are on parts of "
         "the recording that were not used for fitting.",
@@ -131,13 +151,26 @@ def _steps(findings: DiscrepancyFindings) -> list[Section]:
 
 def _residual(findings: DiscrepancyFindings) -> Section:
     """Return the residual before and after."""
+    axes = f", in the {findings.frame} frame" if findings.frame else ""
+    means = (
+        "Strong lines are means over half a second: where they leave zero, the model is wrong "
+        "systematically."
+        if np.median(np.diff(findings.time)) < _DENSE
+        else ""
+    )
     pictures = [
         Picture(
             "residuals",
-            draw_before_after(findings.time, findings.before, findings.after, findings.added),
-            "unexplained force and torque over time, before and after",
-            "Measured minus predicted, in the object's axes. Strong lines are means over half a "
-            "second: where they leave zero, the model is wrong systematically.",
+            draw_before_after(
+                findings.time,
+                findings.before,
+                findings.after,
+                findings.groups,
+                (findings.alone, f"with {', '.join(findings.added)}"),
+            ),
+            f"unexplained {' and '.join(g.name for g in findings.groups)} over time, "
+            "before and after",
+            f"Measured minus predicted{axes}. {means}",
         )
     ]
     channels = findings.comparison.get("channels") or {}
@@ -232,7 +265,9 @@ def _places(findings: DiscrepancyFindings) -> list[Section]:
         pictures.append(
             Picture(
                 "over_time",
-                draw_error_over_time(findings.time, findings.white, findings.intervals),
+                draw_error_over_time(
+                    findings.time, findings.white, findings.groups, findings.intervals
+                ),
                 "error over time in units of the noise",
                 "Error over time; shaded where the model fails most."
                 if findings.intervals
@@ -243,7 +278,7 @@ def _places(findings: DiscrepancyFindings) -> list[Section]:
             pictures.append(
                 Picture(
                     "by_condition",
-                    draw_error_by_condition(findings.white, findings.conditions),
+                    draw_error_by_condition(findings.white, findings.groups, findings.conditions),
                     "error by condition in units of the noise",
                     "Error against what was going on; a slope points at the cause. Each point "
                     "holds a tenth of the recording.",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -133,19 +133,22 @@ def draw_residuals(time: Array, residual: Array, white_residual: Array) -> Figur
     return figure
 
 
-def draw_vector(axes: Axes, time: Array, values: Array) -> None:
-    """Draw three noisy components faintly, and their mean over half a second on top.
+def draw_vector(
+    axes: Axes, time: Array, values: Array, colours: Mapping[str, str] = AXIS_COLOURS
+) -> None:
+    """Draw noisy components faintly, and their mean over half a second on top.
 
     Args:
         axes: where.
         time: (N,) s.
-        values: (N, 3).
+        values: (N, D).
+        colours: of the components by their names.
     """
     thin = thinning(len(time))
     smooth = running_mean(time, values)
-    for k, colour in enumerate(AXIS_COLOURS.values()):
+    for k, colour in enumerate(colours.values()):
         axes.plot(time[thin], values[thin, k], color=colour, linewidth=0.4, alpha=0.3)
-    for k, (axis, colour) in enumerate(AXIS_COLOURS.items()):
+    for k, (axis, colour) in enumerate(colours.items()):
         axes.plot(time[thin], smooth[thin, k], color=colour, label=axis, linewidth=1.3)
     axes.margins(x=0.01)
 

@@ -120,6 +120,18 @@ def test_the_verbs_work_on_a_probe_recording(events, tmp_path, capsys):
     assert "unknown of model friction" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("verb", ["compare", "diagnose", "explain"])
+def test_the_report_is_drawn_of_a_probe_recording(verb, events, tmp_path):
+    path = write_slips(events, tmp_path / "bag")
+    assert main([verb, str(path), "--out", str(tmp_path / "out")]) == 0
+    page = (tmp_path / "out" / "report.html").read_text()
+    for words in ("normal forces of a probing finger", "static", "kinetic", str(path)):
+        assert words in page
+    for words in ("rigid body", "torque", "the contacts must apply", "in the body frame"):
+        assert words not in page
+    assert (tmp_path / "out" / "residuals.png").stat().st_size > 10_000
+
+
 def test_the_generators_friction_is_static_at_rest_and_kinetic_when_fast():
     surface = Surface(0.8, 0.6)
     assert surface.bearable(0.5, 0.0, 0.0) == pytest.approx(0.4)

@@ -211,6 +211,9 @@ class FrictionModel(LeastSquaresModel[FrictionEffect]):
             time=slips.time - slips.time[0],
             white=self.residual.reshape(-1, 2),
             physical=self.lack(self.x, self.effects).reshape(-1, 2),
+            alone="Coulomb alone",
+            about="The model predicts, from the normal forces of a probing finger, the tangential "
+            "forces at which it slips and slides.",
             channels=("static", "kinetic"),
             units=("N", "N"),
             conditions=(

@@ -86,6 +86,8 @@ class Residuals:
             up to the squares of ``white``, and say of each channel what it contributes. None where
             channels are independent.
         frame: name of the frame that the channels are in; empty where they have none.
+        alone: what the model without effects is called.
+        about: what the model predicts from what, in a sentence.
     """
 
     time: Array
@@ -98,6 +100,8 @@ class Residuals:
     drivers: Array | None = None
     factors: tuple[Array, Array] | None = None
     frame: str = ""
+    alone: str = "the model alone"
+    about: str = ""
 
 
 class ResidualModel(Protocol):

@@ -48,6 +48,9 @@ def wrench_residuals(model: FittedModel, white: Array) -> Residuals:
         ),
         factors=_factors(model, white.ravel()),
         frame="body",
+        alone="rigid body alone",
+        about="The model predicts, from the motion of a rigid body, the forces that the contacts must "
+        "apply.",
     )
 
 
