@@ -49,7 +49,7 @@ def wrench_residuals(model: FittedModel, white: Array) -> Residuals:
         factors=_factors(model, white.ravel()),
         frame="body",
         alone="rigid body alone",
-        about="The model predicts, from the motion of a rigid body, the forces that the contacts must "
+        about="The model predicts, from the motion of a rigid body, what forces the contacts must "
         "apply.",
     )
 
