@@ -313,3 +313,4 @@ _TESTS = (
     _check_screening,
     _check_frames,
 )
+"""Tests in the order in which they make sense: what has no shape has no derivative."""

@@ -15,6 +15,7 @@ from tactile_dynamics_ros.core.errors import BadInputError
 Array = NDArray[np.float64]
 
 _NO_LOAD = np.zeros(10)
+"""Dynamic parameters of no body, for laws that do not depend on them."""
 
 
 class Effect(ABC):

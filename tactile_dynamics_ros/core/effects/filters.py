@@ -12,7 +12,11 @@ from scipy.interpolate import CubicHermiteSpline
 Array = NDArray[np.float64]
 
 _GAP = 1.8
+"""Steps longer than so many periods are gaps if they are longer than `_SHORT`: one lost sample
+makes a step of 2. It counts for recordings slower than 3.6 Hz only."""
 _SHORT = 0.5
+"""Gap, s, over which filters carry on: motion that was smooth before is read across it by cubics.
+After a longer one they start settled again, as at the beginning."""
 
 
 def segments(time: Array) -> list[slice]:

@@ -23,6 +23,7 @@ Array = NDArray[np.float64]
 Exponents = tuple[int, ...]
 
 _LOAD = (MASS, *COM)
+"""Symbols of the load by which laws are derived too."""
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,7 @@ SCALARS = {
     "speed": ("m/s", "speed of the body origin"),
     "turn_rate": ("rad/s", "magnitude of the angular velocity"),
 }
+"""Unit and meaning of the scalars that formulas can name; names are API."""
 VECTORS = {
     "p": ("m", "position of the body origin from the world origin"),
     "v": ("m/s", "velocity of the body origin"),
@@ -35,28 +36,38 @@ VECTORS = {
     "alpha": ("rad/s^2", "angular acceleration"),
     "com": ("m", "centre of mass from the body origin"),
 }
+"""The same of vectors."""
 CONTACT_SCALARS = {
     "grip": ("N", "normal force of a contact, never negative"),
     "spin": ("rad/s", "angular velocity of the object about the contact normal"),
 }
+"""The same of scalars that every contact has."""
 CONTACT_VECTORS = {
     "f": ("N", "force of a contact on the object"),
     "couple": ("N m", "torque of a contact about its point"),
     "r": ("m", "contact point from the body origin"),
     "n": ("1", "normal of a contact, into the object"),
 }
+"""The same of vectors that every contact has."""
 FRAMES = ("world", "body", "contact")
+"""Axes in which a law can be written."""
 
 _VECTOR = re.compile(rf"({'|'.join(VECTORS)})(?:_([xyz]))?(?:_(world|body|contact))?$")
+"""A vector or its component, in axes that may be named: ``v_x_world``."""
 _CONTACT_VECTOR = re.compile(
     rf"({'|'.join(CONTACT_VECTORS)})(?:_([xyz]))?(?:_(?!(?:world|body|contact)$)(\w+?))?"
     r"(?:_(world|body|contact))?$"
 )
+"""The same of a contact that may be named: ``f_x_thumb_body``."""
 _CONTACT_SCALAR = re.compile(rf"({'|'.join(CONTACT_SCALARS)})(?:_(\w+))?$")
+"""A scalar of a contact that may be named: ``grip_thumb``."""
 
 EACH = ""
+"""Name of the contact in quantities that leave it open: a law is summed over all of them."""
 MASS = sympy.Symbol("m", real=True)
+"""Symbol of the mass, kg."""
 COM = sympy.Matrix([sympy.Symbol(f"com_{axis}", real=True) for axis in AXES])
+"""Symbols of the centre of mass, m."""
 
 
 @dataclass(frozen=True)

@@ -24,8 +24,16 @@ from tactile_dynamics_ros.core.rigid_body.rotation import log_so3, skew
 Array = NDArray[np.float64]
 
 _SCREENED_SPINS = (0.05, 0.3, 2.0)
+"""Spins w_0 of which the screening family holds a column each, rad/s. Mixtures of the three come
+within 0.5 % (energy) of any w_0 from 0.01 to 10 on a motion that spins at 1 rad/s; two of them
+leave up to 2 %, the middle one alone up to 20 %."""
 _SLOWEST_SPIN = 0.01
+"""Smallest w_0 that a fit can tell from a step, rad/s: the spin is slower in 0.5 % of the samples
+of a motion at 1 rad/s. Smaller ones are evaluated as this one, with no derivative by w_0."""
 _LEAST_TWIST = 0.02
+"""Turn of a contact frame in the body from which spins relative to the fingers are read too, rad.
+Frames of fingers that do not roll err by up to 0.007 in synthetic recordings; fingers that roll
+turn by 0.6, a re-grasp by 0.3. Readings that cannot be told apart would only cost evidence."""
 
 
 @register_effect

@@ -23,8 +23,11 @@ from tactile_dynamics_ros.core.rigid_body.rotation import cross, exp_so3, skew
 Array = NDArray[np.float64]
 
 _SEEN = 4.0
-"""Standard deviations from which a gain is seen: one in ten thousand by chance."""
+"""Standard deviations from which a gain is seen: one in ten thousand by chance. It only decides
+whether the gain that all sensors may share is the prior's (not seen) or nothing."""
 _LEAST_GAIN = -0.9
+"""Lowest gain that is evaluated: at -1 a sensor reads nothing, and its force would be divided by
+zero. No sensor that is worth a model reads a tenth of the force."""
 
 
 def carries_torque(samples: WrenchSamples) -> bool:
