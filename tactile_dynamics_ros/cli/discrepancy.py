@@ -160,7 +160,7 @@ def _compare_lines(document: dict[str, Any]) -> list[str]:
 def _why(document: dict[str, Any]) -> str:
     p_value = f"p = {document['p_value']:.2g}"
     if document["adequate"] and not document["white"]:
-        return f"{p_value}, but within what the sensors state of themselves"
+        return f"{p_value}, but within the uncertainty that the sensors report"
     return p_value
 
 

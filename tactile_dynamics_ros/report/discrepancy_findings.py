@@ -26,7 +26,9 @@ def findings_of_comparison(
     if document["white"]:
         verdict = "The model explains this recording down to the sensor noise."
     elif good:
-        verdict = "The model explains this recording to within what the sensors state."
+        verdict = (
+            "The model explains this recording to within the uncertainty that the sensors report."
+        )
     else:
         verdict = "The model leaves more than sensor noise: see where it fails."
     residuals = comparison.residuals

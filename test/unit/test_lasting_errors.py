@@ -40,7 +40,7 @@ def test_errors_that_sensors_state_are_no_finding() -> None:
         diagnosis = diagnose(model)
         assert not assess(model).white
         assert diagnosis.verdict == "adequate"
-        assert "within what the sensors state" in diagnosis_document(diagnosis)["sentence"]
+        assert "within the uncertainty that the sensors report" in diagnosis_document(diagnosis)["sentence"]
         assert compare(model).to_json()["adequate"]
 
 

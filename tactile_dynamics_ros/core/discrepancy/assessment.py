@@ -40,7 +40,7 @@ _CHANNEL_TOLERANCE = 0.15
 
 @dataclass(frozen=True)
 class Assessment:
-    """What distinguishes a model's residual from the noise that was stated.
+    """Difference between a model's residual and the noise that was stated.
 
     Attributes:
         model: that was tested.
@@ -61,7 +61,7 @@ class Assessment:
 
     @cached_property
     def scores(self) -> tuple[Score, ...]:
-        """Of every effect that could be added."""
+        """Score tests of all effects that could be added."""
         families = self.model.families(self.names)
         return tuple(screen(self.model, families, self.structure.floor))
 
@@ -75,7 +75,7 @@ class Assessment:
 
     @cached_property
     def p_value(self) -> float:
-        """That an adequate model leaves such a residual; corrected for everything tested."""
+        """Probability that an adequate model leaves such a residual, corrected for all tests."""
         return min(1.0, 2.0 * adjusted_p_value(self.scores), 2.0 * self.structure.p_value)
 
     @property
@@ -92,7 +92,7 @@ class Assessment:
 
     @property
     def adequate(self) -> bool:
-        """Whether nothing is seen to be missing, given what the sensors state of themselves."""
+        """Whether nothing is seen to be missing, given what the sensors report."""
         return self.white or self.within_stated
 
 

@@ -36,9 +36,9 @@ def is_outdone(
 ) -> bool:
     """Whether a law of named quantities, or a change at one time, does the same more simply.
 
-    What leaves more than noise is held against laws where it is at home itself. Many parameters
-    can imitate what is none of the known effects even if they leave nothing: they are held against
-    laws and changes as quick fits at the whitening of the model without effects.
+    Effects that leave more than noise are compared with laws at their own refitted whitening. Many
+    parameters can imitate an unknown cause even if they leave nothing: such effects are compared
+    with laws and changes as quick fits at the whitening of the model without effects.
 
     Args:
         model: without the effects.
@@ -58,7 +58,7 @@ def is_outdone(
 
 
 def _is_outdone_at_home(steps: Sequence[Step], floor: float, clearly: float) -> bool:
-    """By a law with no more parameters, at the whitening of the model with the effects."""
+    """Whether a law with no more parameters does better at the whitening with the effects."""
     full = bare = steps[-1].choice.model
     for step in steps:
         bare = bare.without_effect(step.name)
@@ -70,7 +70,7 @@ def _is_outdone_at_home(steps: Sequence[Step], floor: float, clearly: float) -> 
 def _is_outdone_without(
     model: ResidualModel, steps: Sequence[Step], floor: float, clearly: float
 ) -> bool:
-    """By a law or a change, at the whitening of the model without effects."""
+    """Whether a law or a change does better at the whitening of the model without effects."""
     full, families = model, []
     for step in steps:
         trial = try_effect(full, screen(full, full.families([step.name]), floor), step.name, floor)
@@ -84,7 +84,7 @@ def _is_outdone_without(
 
 
 def _price(bare: ResidualModel, full: ResidualModel, added: Sequence[Score]) -> float:
-    """Of the parameters of effects, in units of -2 log evidence."""
+    """Price of the parameters of effects, in units of -2 log evidence."""
     extra, choices = full.freedom - bare.freedom, [score.family.choices for score in added]
     return float(extra * np.log(len(full.residual)) + 2.0 * np.sum(np.log(choices)))
 
@@ -92,7 +92,7 @@ def _price(bare: ResidualModel, full: ResidualModel, added: Sequence[Score]) -> 
 def _has_law(model: ResidualModel, floor: float, limit: float, freedom: float = np.inf) -> bool:
     """Whether a law of at most so many parameters has a lower criterion, and no effect does.
 
-    What an effect of the catalogue does as well is nothing unknown.
+    If a known effect fits equally well, do not report an unknown law.
     """
     laws = [law for law in screen(model, model.library(), floor) if law.freedom <= freedom]
     if min((law.criterion for law in laws), default=np.inf) >= limit:
@@ -142,7 +142,7 @@ def temper(step: Step) -> Step:
     """Choose again between an effect and its rivals, with the dispersion that remains.
 
     Args:
-        step: one effect that leaves an error within what the sensors state, but not white.
+        step: one effect that leaves an error within what the sensors report, but not white.
     """
     choice, floor = step.choice, step.after.structure.floor
     best = choice.best

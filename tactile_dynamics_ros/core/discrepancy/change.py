@@ -24,7 +24,7 @@ _CLEARLY = 20.0
 
 @dataclass(frozen=True)
 class Change:
-    """What acts before or after one time only.
+    """An effect that acts before or after one time only.
 
     Attributes:
         label: the effect that it looks like, with its reading.

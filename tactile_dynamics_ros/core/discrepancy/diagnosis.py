@@ -88,7 +88,7 @@ def diagnose(
     The residual is tested; if something is missing, effects are added until nothing is. One effect
     that leaves nothing, or dominates all else, is the answer. If several are needed, the first is
     the answer provided that together they explain the residual. Otherwise the cause is none of the
-    known effects, unless the residual is no larger than the sensors state of themselves: then
+    known effects, unless the residual is within the uncertainty that the sensors report: then
     nothing is known to be missing.
 
     Args:

@@ -114,8 +114,8 @@ def diagnosis_sentence(diagnosis: Diagnosis) -> str:
     """The verdict for people."""
     if diagnosis.verdict == "adequate" and not diagnosis.assessment.white:
         return (
-            "Nothing is known to be missing: the error is within what the sensors state of "
-            f"themselves (whitened error {diagnosis.before.rms:.2f}), though it is more regular "
+            "Nothing is known to be missing: the error is within the uncertainty that the sensors "
+            f"report (whitened error {diagnosis.before.rms:.2f}), though it is more regular "
             f"than noise{_lead(diagnosis)}."
         )
     if diagnosis.verdict == "adequate":

@@ -48,7 +48,11 @@ class DiagnosisConfig:
         1.0,
     )
     beside_stated: float = parameter(
-        0.6, "the same where the error is within what the sensors state", "", 0.0, 1.0
+        0.6,
+        "the same where the error is within the uncertainty that the sensors report",
+        "",
+        0.0,
+        1.0,
     )
     vibration: float = parameter(
         0.5,
@@ -98,7 +102,7 @@ def find_effects(
 ) -> tuple[Step, ...]:
     """Add effects until the residual is explained, nothing helps, or the depth is reached.
 
-    Of an error within what the sensors state, no more than one effect can be made out.
+    In an error within the uncertainty that the sensors report, at most one effect can be made out.
 
     Args:
         model: to be extended.
@@ -221,7 +225,7 @@ def is_settled(
 
 
 def is_noise(first: Assessment, steps: Sequence[Step], config: DiagnosisConfig) -> bool:
-    """Whether what all steps leave is white, or what the sensors state of themselves.
+    """Whether what all steps leave is white, or within the uncertainty that the sensors report.
 
     Where it was the latter before, only effects that are no errors of sensors can have done it.
     """

@@ -52,7 +52,7 @@ class Choice:
         without: `evidence` of the same model without the effect.
         dispersion: of the residual that remains, see `challenges.dispersion`.
         equals: rivals that beat the best at their own whitening about as clearly as it beats them.
-        thorough: whether all of them are; what leaves too much is not fitted further.
+        thorough: False if the search stopped early because the residual was far too large.
     """
 
     model: ResidualModel
@@ -138,7 +138,7 @@ def _given_up(best: Trial, rivals: Sequence[Trial], without: float) -> Choice:
 def _compete(
     best: Trial, refined: ResidualModel, names: Sequence[str], floor: float, before: Misfit
 ) -> Choice:
-    """Exchange the best for the rival that beats it where it is at home, while evidence grows.
+    """Exchange the best for a rival that beats it at its own refitted whitening, while that helps.
 
     Args:
         best: effect.
@@ -164,7 +164,7 @@ def _compete(
 
 
 def _sparser(choice: Choice, names: Sequence[str], floor: float) -> Choice:
-    """The same effect on fewer sensors, as long as evidence grows where that is at home.
+    """Restrict the effect to fewer sensors, as long as evidence grows at the refitted whitening.
 
     Signals that a thorough fit denoises follow its model: errors that it gives to sensors that have
     none look significant there.
@@ -246,7 +246,7 @@ def _homes(
 
 
 def simplest(choice: Choice) -> Choice:
-    """A rival with fewer parameters, if it leaves white noise and nobody beats it at home.
+    """Prefer a rival with fewer parameters that leaves white noise and wins at its own whitening.
 
     Where the best leaves far more than noise, no simpler one that fits as well can leave noise.
     """
@@ -261,9 +261,9 @@ def simplest(choice: Choice) -> Choice:
 
 
 def with_equals(choice: Choice) -> Choice:
-    """The choice with rivals as simple as the best that it cannot be told from.
+    """Name the rivals that are as simple as the best and cannot be told from it.
 
-    They beat it at home about as clearly as they lose to it.
+    Each beats the best at its own whitening about as clearly as it loses at that of the best.
     """
     best, found = choice.best, []
     for home in _homes(choice, (-_SIMPLER, _SIMPLER)):

@@ -1,4 +1,4 @@
-"""What a residual looks like that no known effect explains."""
+"""Signature of a residual that no known effect explains: channels, frame, lines, laws, bursts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a residual looks like along time: windows, spectrum, bursts and lines."""
+"""Structure of a residual along time: windows, spectrum, bursts and lines."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class Spectrum:
 
 @dataclass(frozen=True)
 class Structure:
-    """What distinguishes a residual from white noise.
+    """Differences between a residual and white noise.
 
     Attributes:
         p_value: that white noise looks like this, corrected for the number of tests.
@@ -135,7 +135,7 @@ def band_edges(count: int) -> NDArray[np.int64]:
 
 
 def _band_p_values(scaled: Array, known: float) -> Array:
-    """Of every band, for all channels together and for each channel alone."""
+    """P-values of every band, for all channels together and for each channel alone."""
     edges = band_edges(len(scaled))
     sums = np.add.reduceat(scaled, edges[:-1], axis=0)
     bins = np.diff(np.append(edges[:-1], len(scaled)))

@@ -33,7 +33,7 @@ class Family:
         choices: number of families searched for the same effect, for its penalty.
         source: what the model needs to fit the effect itself.
         rings: whether the effect can oscillate at a frequency of its own.
-        lasting: whether it is an error that sensors state of themselves, such as a wrong gain.
+        lasting: whether it is an error that the sensors themselves report, such as a wrong gain.
         symbols: of the columns, where they can stand in a formula.
         frame: in which the columns are constant or turn with what they depend on.
     """
@@ -181,7 +181,7 @@ class Misfit:
 
     @classmethod
     def of(cls, model: ResidualModel) -> Misfit:
-        """Of a fitted model."""
+        """Misfit of a fitted model."""
         return cls(float(np.sqrt(np.mean(model.residual**2))), model.noise_level)
 
     def is_drowned(self, after: Misfit) -> bool:
