@@ -112,6 +112,15 @@ def test_the_status_says_how_far_the_model_is_off(fit, recent, level, text):
     assert verdict.withheld == (level is Level.ERROR)
 
 
+def test_the_first_samples_are_judged_by_what_is_grossly_wrong_alone(fit):
+    early = replace(fit, samples=20)
+    judged = [
+        judge_estimate(replace(early, recent=recent), [], "").level
+        for recent in (RecentFit(3.2, 0.99), RecentFit(3.2, 0.2), RecentFit(120.0, 0.99))
+    ]
+    assert judged == [Level.OK, Level.ERROR, Level.ERROR]
+
+
 def test_obstacles_withhold_whatever_the_fit(fit):
     verdict = judge_estimate(fit, ["two publishers on object/pose"], "")
     assert verdict.withheld

@@ -194,11 +194,11 @@ def judge_estimate(estimate: LiveEstimate, obstacles: Sequence[str], check: str)
     if obstacles:
         return Verdict(Level.ERROR, "; ".join(obstacles))
     error = max(estimate.recent.rms, estimate.error.whitened_rms)
-    if error > (MISFIT if estimate.samples >= FEW else GROSS):
-        gross = error > GROSS or estimate.recent.explained < EXPLAINED
-        level = Level.ERROR if gross else Level.WARN
+    off = error > MISFIT
+    gross = error > GROSS or (off and estimate.recent.explained < EXPLAINED)
+    if gross or (off and estimate.samples >= FEW):
         text = f"the model does not fit: error {error:.3g} times the noise; call {check}"
-        return Verdict(level, text)
+        return Verdict(Level.ERROR if gross else Level.WARN, text)
     directions = estimate.directions
     found = [direction for direction in directions if direction.identified]
     text = f"{len(found)} of {len(directions)} directions identified"
