@@ -24,6 +24,7 @@ _QUANTITY_NOTE = """\
 Vectors have components: v_x. Without suffix they are in the axes of the wrench; v_x_world and
 v_x_body say otherwise. A contact is named, as in grip_thumb, f_x_thumb, or left out in wrenches
 `at: contacts`, which are summed over all contacts."""
+"""What is said below the table of quantities."""
 
 
 def add_parser(verbs: _SubParsersAction[Any]) -> None:

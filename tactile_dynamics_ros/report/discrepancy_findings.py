@@ -16,6 +16,7 @@ from tactile_dynamics_ros.core.discrepancy.structure import periodogram
 from tactile_dynamics_ros.report.discrepancy_report import DiscrepancyFindings
 
 _MOST_CONDITIONS = 6
+"""Conditions against which the error is drawn, two rows of three."""
 
 
 def findings_of_comparison(

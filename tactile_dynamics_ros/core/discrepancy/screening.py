@@ -15,9 +15,17 @@ from tactile_dynamics_ros.core.discrepancy.structure import Index, window_rows, 
 Array = NDArray[np.float64]
 
 _WINDOW = 0.5
+"""Length of the windows whose sums give the variance of a score, s: residuals are correlated over
+the +-70 ms from which motion is read, and 30 s have 60 such windows, which give a variance to 18 %.
+0.25 and 1 changed no verdict of 16 examples (7 synthetic probes, 9 slides of a block)."""
 _DEPENDENT = 1e-7
+"""Share of the largest eigenvalue, of columns scaled to length 1, below which one depends on the
+others: some times the square root of double precision, to which products are exact. Half and twice
+changed nothing in the 16."""
 FEIGNED = 5e-5
-"""Of the largest eigenvalue, what columns must keep beside the model to count."""
+"""Share of the largest eigenvalue that a direction of a family must keep beside the model to count.
+What is left below is noise of the columns, which would pass for evidence ("directions that noise
+alone feigns"). Half and twice changed no verdict of the 16 nor of three held objects."""
 
 
 @dataclass(frozen=True)

@@ -13,12 +13,19 @@ from tactile_dynamics_ros.core.discrepancy.screening import Score, best_by_effec
 from tactile_dynamics_ros.core.discrepancy.validation import HeldOut, held_out
 
 REACH = 0.25
-"""Share of the fall of the best that a bound may lie behind to be worth a fit."""
+"""Share of the fall of the best that a bound may lie behind to be worth a fit: bounds are of linear
+families at the present signals, which fits move. 0.125 and 0.5 changed no verdict of 16 examples (7
+synthetic probes, 9 slides of a block); more costs a quick fit for each."""
 CHANCE = 12.0
-"""Difference of `evidence` that chance may make."""
+"""Difference of `evidence` that chance may make: three parameters that fit noise lower the squares
+by 12 in 7 of 1000 cases. 6 and 24 changed no verdict of the 16."""
 _READINGS = 4
+"""Readings of an effect that are fitted, the best by their scores: effects of the catalogue have
+four at most. 2 and 8 changed no verdict of the 16."""
 _DECISIVE = 0.1
-"""Share of what a model leaves beyond noise by which another must be better to be worth a fit."""
+"""Share of what a model leaves beyond noise by which another must be better to be worth a fit:
+where neither is the cause, small differences mean nothing. 0.05 and 0.2 changed no verdict of the
+16."""
 
 
 @dataclass(frozen=True)

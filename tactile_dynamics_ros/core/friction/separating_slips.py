@@ -16,9 +16,15 @@ OfSlips = Callable[[SlipTable], Array]
 """Forces (N, 2) of slips, N: static and kinetic."""
 
 _FORCES = (0.3, 0.5, 0.8, 1.2, 1.8)
+"""Normal forces of the slips that are compared, N: what a probe presses with (up to 1.7 N)."""
 _SPEEDS = (2e-3, 1e-2, 4e-2)
+"""Speeds of sliding that are compared, m/s: from where a fingertip creeps (`LEAST_SPEED`) to three
+times those of a probe's slides."""
 _TURNS = 8
-_NOTABLE = 1.0
+"""Directions that are compared: every 45 deg, half a period of the second harmonic of a grain."""
+_LEAST_SEPARATION = 0.1
+"""Difference of predictions from which a slip is proposed, in standard deviations of a single one:
+nine hundred slips would then make three of them. Less is no proposal to anybody."""
 
 
 def plan_slips(
@@ -44,7 +50,7 @@ def plan_slips(
     separation = np.max(gap / scatter_of(grid), axis=1)
     most = int(np.argmax(separation))
     strength = float(separation[most])
-    if strength < 0.1 * _NOTABLE:
+    if strength < _LEAST_SEPARATION:
         return None
     force, angle = float(grid.normal[most, 0]), float(np.rad2deg(grid.angle[most]))
     speed, rested = float(grid.speed[most]), bool(grid.memory_normal[most] == 0.0)
