@@ -59,6 +59,9 @@ _FROZEN = 8
 """Equal poses in a row that are no chance: a camera of 15 Hz that is published at 100 Hz repeats
 each pose seven times. Fewer would refuse such a camera, more believe a tracker that hangs for
 longer."""
+_LEAST_FORCE_STD = 1e-5
+"""Standard deviation of a force that is a mistake as long as no scatter was seen, N: a hundredth of
+the best force sensors' at 100 Hz. A simulation without noise is believed once its scatter was seen."""
 _UNDERSTATED = 0.01
 """Stated over seen noise of a force from which the statement is no statement but a mistake. Sensors
 state at least their noise; a hundredth of it is a unit that is off or zeros. Nearer to 1 honest
@@ -115,6 +118,7 @@ class SampleStream:
         self._force_std = np.full(MAXIMUM_CONTACTS, config.force_std)
         self._torque_std = np.full(MAXIMUM_CONTACTS, config.torque_std)
         self._measured = np.zeros(MAXIMUM_CONTACTS, dtype=bool)
+        self._looked = np.zeros(MAXIMUM_CONTACTS, dtype=bool)
         self._repeated_pose = 0
         self._repeated_force = np.zeros(MAXIMUM_CONTACTS, dtype=int)
         self.problems: Counter[str] = Counter()
@@ -247,7 +251,7 @@ class SampleStream:
 
         has_torque = np.array([queue.has_torque for queue in self._queues.values()])
         seen = self._force_std[:count, None]
-        believed = rows("std") >= _UNDERSTATED * seen * self._measured[:count, None]
+        believed = rows("std") >= self._least_std()[:count, None]
         return ContactRows(
             self.names,
             rows("point"),
@@ -331,8 +335,12 @@ class SampleStream:
         """Contacts (8,) that state far less noise than their readings have, in one row."""
         std = self._contacts.rows("std", row, row + 1)[0]
         held = self._contacts.rows("in_contact", row, row + 1)[0] > 0.0
-        low = np.any(std < _UNDERSTATED * self._force_std[:, None], axis=1)
-        return np.asarray(low & held & self._measured)
+        return np.asarray(np.any(std < self._least_std()[:, None], axis=1) & held)
+
+    def _least_std(self) -> Array:
+        """Standard deviation (8,) of a force, N, below which a statement is a mistake."""
+        early = np.where(self._looked, 0.0, _LEAST_FORCE_STD)
+        return np.where(self._measured, _UNDERSTATED * self._force_std, early)
 
     @property
     def obstacles(self) -> tuple[str, ...]:
@@ -423,6 +431,7 @@ class SampleStream:
             held = self._contacts.rows("in_contact", first, end)[:, slot] > 0.0
             if held.sum() < _NOISE_EVERY:
                 continue
+            self._looked[slot] = True
             point, force, torque = (
                 white_noise_std(time[held], self._contacts.rows(name, first, end)[held, slot])
                 for name in ("point", "force", "torque")
