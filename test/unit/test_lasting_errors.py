@@ -40,7 +40,8 @@ def test_errors_that_sensors_state_are_no_finding() -> None:
         diagnosis = diagnose(model)
         assert not assess(model).white
         assert diagnosis.verdict == "adequate"
-        assert "within the uncertainty that the sensors report" in diagnosis_document(diagnosis)["sentence"]
+        sentence = diagnosis_document(diagnosis)["sentence"]
+        assert "within the uncertainty that the sensors report" in sentence
         assert compare(model).to_json()["adequate"]
 
 
