@@ -62,7 +62,7 @@ longer."""
 _LEAST_FORCE_STD = 1e-5
 """Standard deviation of a force that is a mistake as long as no scatter was seen, N: a hundredth of
 the best force sensors' at 100 Hz. A simulation without noise is believed after half a second; at
-1e-3 it would be good sensors that wait, at 0 a noise of 1e-9 N is off by 90 deviations until then."""
+1e-3 good sensors would wait, at 0 a noise of 1e-9 N is off by 90 deviations until then."""
 _UNDERSTATED = 0.01
 """Stated over seen noise of a force from which the statement is no statement but a mistake. Sensors
 state at least their noise; a hundredth of it is a unit that is off or zeros. Nearer to 1 honest
