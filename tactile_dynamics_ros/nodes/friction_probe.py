@@ -84,6 +84,8 @@ class FrictionProbeNode(Shell):
     friction_probe/active tells whoever commands the hand otherwise to wait.
     """
 
+    by_arrival = True
+
     def __init__(self) -> None:
         super().__init__("friction_probe")
         self.config = declare_config(self, ProbeNodeConfig)

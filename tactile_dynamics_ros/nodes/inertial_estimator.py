@@ -64,6 +64,7 @@ class InertialEstimatorNode(Shell):
     """
 
     gather = 0.1
+    by_arrival = True
 
     def __init__(self) -> None:
         super().__init__("inertial_estimator")

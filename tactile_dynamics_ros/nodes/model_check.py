@@ -61,6 +61,7 @@ class ModelCheckNode(Shell):
     """
 
     gather = 0.1
+    by_arrival = True
 
     def __init__(self) -> None:
         super().__init__("model_check")

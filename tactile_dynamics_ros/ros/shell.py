@@ -94,12 +94,15 @@ class Shell(Node):
         faults: counts that appear on /diagnostics.
         gather: pause after a first message, s; those that follow meanwhile are taken together.
         skimming: whether only the newest matters of the streams that may be skimmed.
+        by_arrival: whether messages are handed over in the order in which they came, not topic
+            by topic: streams of one clock would seem to jump where a node was held up.
         polled: subscriptions whose messages the node takes itself.
         rivals: topics on which two publish at once, and until when (monotonic, s) that is said.
     """
 
     gather = 0.005
     skimming = False
+    by_arrival = False
 
     def __init__(self, name: str) -> None:
         try:
@@ -119,14 +122,16 @@ class Shell(Node):
         self.every(1.0, self.faults.publish)
 
     def work(self) -> None:
-        """Take all waiting messages, in the order in which they came, and do what is due."""
+        """Take all waiting messages and do what is due."""
         arrived: list[tuple[int, Subscription, Any]] = []
         for subscription in self.polled:
             taken = self._take(subscription)
             if self.skimming and subscription in self._skimmed:
                 taken = taken[-1:]
             arrived += [(found.received, subscription, found.message) for found in taken]
-        for _, subscription, message in sorted(arrived, key=itemgetter(0)):
+        if self.by_arrival:
+            arrived.sort(key=itemgetter(0))
+        for _, subscription, message in arrived:
             subscription.callback(message)
         self.process()
         now = time.monotonic()

@@ -48,6 +48,7 @@ def policy_of_a_process_with(given):
 def test_messages_of_all_topics_are_read_in_the_order_in_which_they_came(bench):
     """A node that was held up finds seconds of each topic at once."""
     node, read = bench.start(lambda: shell.Shell("late")), []
+    node.by_arrival = True
     for name in "ab":
         node.listen(Vector3Stamped, f"/{name}/force_std", lambda m: read.append(m.values[0]))
     for k in range(20):
