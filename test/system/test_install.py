@@ -31,7 +31,7 @@ from tactile_dynamics_ros.cli.bringup import node_names
 ROOT = Path(tactile_dynamics_ros.__file__).parents[1]
 PACKAGE = "tactile_dynamics_ros"
 COLCON = Path(sys.executable).with_name("colcon")
-TRAINING = {f"{PACKAGE}.core.tactile.network.{name}" for name in ("muon", "training", "voxel")}
+TRAINING = {f"{PACKAGE}.core.tactile.network.{name}" for name in ("muon", "training")}
 """Modules that need torch, which the extra [train] brings."""
 
 STAND_INS = {
