@@ -216,11 +216,6 @@ class SampleStream:
                 return begin, end, layout
         return None
 
-    def lowest(self, first: int, layout: Layout) -> int:
-        """First row from `first` on whose window and contacts are still kept."""
-        kept = max(layout.start, self._poses.start) + layout.long
-        return max(first, kept, self._contacts.start)
-
     def windows(self, first: int, last: int, layout: Layout) -> PoseWindows:
         """Pose windows around rows first <= k < last."""
         span, width = (first - layout.long, last + layout.long), 2 * layout.long + 1
@@ -326,10 +321,11 @@ class SampleStream:
         same = self._repeats(max(end - 2, self._contacts.start), end)
         repeated = same.any(axis=0)
         self._repeated_force = np.where(repeated, self._repeated_force + 1, 1)
+        understated = self._understated(end - 1)
         for slot, name in enumerate(self.names):
             if self._repeated_force[slot] >= _STUCK:
                 self.problems[f"contact '{name}' stuck at one value"] += 1
-            if self._understated(end - 1)[slot]:
+            if understated[slot]:
                 self.problems[f"contact '{name}' understates its noise"] += 1
 
     def _understated(self, row: int) -> NDArray[np.bool_]:
@@ -349,12 +345,12 @@ class SampleStream:
         end = self._contacts.end
         if end == self._contacts.start:
             return ()
-        std = self._contacts.rows("std", end - 1, end)[0]
+        std, understated = self._contacts.rows("std", end - 1, end)[0], self._understated(end - 1)
         return tuple(
             f"contact '{name}' does not fit: it states a noise of {std[slot].min():.2g} N, its "
             f"readings scatter by {self._force_std[slot]:.2g} N"
             for slot, name in enumerate(self.names)
-            if self._understated(end - 1)[slot]
+            if understated[slot]
         )
 
     def _begin_again(self) -> None:
