@@ -21,6 +21,7 @@ class Faults:
     def __init__(self, node: Node) -> None:
         self.counts: Counter[str] = Counter()
         self._node = node
+        self._followed: Counter[str] = Counter()
         self._reported: Counter[str] = Counter()
         self._shown: dict[str, object] = {}
         self._last = ""
@@ -34,10 +35,12 @@ class Faults:
             self._node.get_logger().warning(f"{kind}: {self._last} (counted on /diagnostics)")
 
     def count(self, kind: str, total: int) -> None:
-        """Set a count that somebody else keeps."""
-        if total > self.counts[kind]:
+        """Follow a count that somebody else keeps, and that may begin anew at any time."""
+        before, self._followed[kind] = self._followed[kind], total
+        fresh = total - before if total >= before else total
+        if fresh > 0:
             self._last = kind
-            self.counts[kind] = total
+            self.counts[kind] += fresh
 
     def show(self, name: str, value: object) -> None:
         """Publish a value of interest beside the counts."""

@@ -39,7 +39,6 @@ def status_of(
         "samples": estimate.samples,
         "duration": estimate.duration,
         "latency": estimate.latency,
-        "pending": estimate.pending,
         "rejected": estimate.rejected,
         "recent_rms": estimate.recent.rms,
         "recent_explained": estimate.recent.explained,
@@ -83,7 +82,7 @@ def waiting_status(effects: Sequence[str], text: str) -> Sequence[DiagnosticStat
         effects: names of those in the model.
         text: what is being done.
     """
-    solver: dict[str, object] = {"effects": ",".join(effects), "samples": 0, "pending": 0}
+    solver: dict[str, object] = {"effects": ",".join(effects), "samples": 0}
     return [
         status_message("parameters", {}, DiagnosticStatus.WARN, text),
         status_message("solver", solver),

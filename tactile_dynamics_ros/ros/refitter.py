@@ -32,7 +32,7 @@ class Refitter:
     def __init__(self, faults: Faults, config: RefitConfig) -> None:
         self.model = RefittedModel(config)
         self._faults = faults
-        self._background = Background()
+        self._background: Background | None = None
         self._running: tuple[tuple[str, ...], Future[LiveEstimate]] | None = None
         self._started = self._rest_until = 0.0
 
@@ -53,6 +53,8 @@ class Refitter:
             BadInputError: an effect is unknown or named twice.
         """
         self.model.set_effects(effects)
+        if effects and self._background is None:
+            self._background = Background()
         self._rest_until = 0.0
 
     def advance(self) -> LiveEstimate | None:
@@ -65,7 +67,8 @@ class Refitter:
                 self.model.take(effects, future.result())
             except TactileDynamicsError as error:
                 self._faults.add("not_fitted", str(error))
-        if self._running is None and now >= self._rest_until and self.model.is_due:
+        due = self._running is None and now >= self._rest_until and self.model.is_due
+        if due and self._background is not None:
             streams, effects = self.model.begin()
             self._started = now
             self._running = effects, self._background.submit(fit_live, streams, effects)
@@ -73,4 +76,5 @@ class Refitter:
 
     def close(self) -> None:
         """End what runs."""
-        self._background.close()
+        if self._background is not None:
+            self._background.close()

@@ -56,3 +56,10 @@ def test_messages_of_all_topics_are_read_in_the_order_in_which_they_came(bench):
         bench.send(f"/{'ab'[k % 2]}/force_std", value)
     bench.until(lambda: len(read) == 20)
     assert read == sorted(read)
+
+
+def test_a_count_that_begins_anew_is_counted_on(bench):
+    faults = bench.start(lambda: shell.Shell("counting")).faults
+    for total in (3, 5, 5, 2, 4):  # the one who counts was reset after 5
+        faults.count("late", total)
+    assert faults.counts["late"] == 9

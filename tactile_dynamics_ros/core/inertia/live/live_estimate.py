@@ -101,7 +101,6 @@ class LiveEstimate(InertialEstimate):
         rejected: samples left out as outliers so far.
         latency: s of computing in this update.
         recent: how the model fits lately.
-        pending: samples that have come but are not in it yet.
     """
 
     time: float
@@ -109,7 +108,6 @@ class LiveEstimate(InertialEstimate):
     coordinates: Array
     rejected: int
     latency: float
-    pending: int
     recent: RecentFit
 
     @cached_property

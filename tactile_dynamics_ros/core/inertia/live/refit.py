@@ -120,6 +120,5 @@ def live_estimate(model: FittedModel, latency: float) -> LiveEstimate:
         coordinates=model.xi,
         rejected=0,
         latency=latency,
-        pending=0,
         recent=RecentFit.of_rows(residual, residual - model.white_jacobian[:, :10] @ model.phi),
     )

@@ -97,7 +97,6 @@ class Summariser:
             coordinates=xi,
             rejected=model.judge.rejected,
             latency=latency,
-            pending=0,
             recent=model.recent,
         )
 
