@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -12,9 +11,11 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples, latest_per_motion
 from tactile_dynamics_ros.core.effects.effect import Effect, LinearEffect
 from tactile_dynamics_ros.core.effects.filters import (
+    discretise,
     evenly_filled,
     integrate_linear,
     local_cubic,
+    pushed,
     segments,
     taylor,
 )
@@ -45,17 +46,13 @@ _SLOWEST_HZ = 0.2
 """Lowest natural frequency that is evaluated, Hz, so that a fit that goes astray stays finite: a
 mass hangs g / w_n^2 below its rest point, 6 m at 0.2 Hz. The lowest that is tried is 0.5."""
 _FASTEST_HZ = 15.0
-"""Highest natural frequency that is evaluated, Hz: up to it the series of `_discretise` holds to
-0.2 % at 100 Hz and any damping. The highest that is tried is 6.5."""
+"""Highest natural frequency that is evaluated, Hz, so that a fit that goes astray stays within what
+100 Hz show. The highest that is tried is 6.5."""
 _LEAST_DAMPING = 0.003
 """Smallest damping ratio that is evaluated: it rings for a minute at 1 Hz, longer than recordings
 last; at zero and below it would ring for ever or grow."""
 _MOST_DAMPING = 2.0
 """Largest damping ratio that is evaluated: far beyond critical, where mass and damper are a lag."""
-_SERIES = 8
-"""Terms of the exponential of a step beyond those of its input. At 100 Hz it is exact to rounding
-for 6.5 Hz and to 2e-3 for 15 Hz at damping 2; with 6, 0.03 there. At 50 Hz it fails for such
-stiff systems only."""
 _STEP_DIGITS = 12
 """Decimals of steps in s by which they are told apart: those that differ by less than a picosecond
 are the same but for rounding, and share a transition."""
@@ -274,17 +271,18 @@ def _respond_segment(
         spin, drive = (local_cubic(time[read], values)(time) for values in (spin, drive))
     system = _system(spin[..., 0], omega_n, damping)
     middle = 0.5 * (system[1:] + system[:-1])
-    transition, pushes = _discretise(middle, np.diff(time))
+    fastest = omega_n * max(1.0, 2.0 * damping)
+    transition, pushes = discretise(middle, np.diff(time), fastest)
     start = np.zeros((6, 4))
     if settled:
         start[:3] = drive[0] / omega_n**2
-    states = integrate_linear(transition, _pushed(pushes, taylor(time, drive)), start)
+    states = integrate_linear(transition, pushed(pushes, taylor(time, drive)), start)
     found = np.empty((3, *drive.shape[:2], 6))
     found[..., [0, 3, 4, 5]] = _motion(system, states, drive, spin)
     shape = _shape_drive(found[..., :1], omega_n, damping)
     by_shape = np.zeros((6, 2))
     by_shape[:, 0] = -2.0 / omega_n * start[:, 0]
-    states = integrate_linear(transition, _pushed(pushes, taylor(time, shape)), by_shape)
+    states = integrate_linear(transition, pushed(pushes, taylor(time, shape)), by_shape)
     found[..., 1:3] = _motion(system, states, shape, spin)
     return found[:, read]
 
@@ -318,35 +316,6 @@ def _system(spin: Array, omega_n: float, damping: float) -> Array:
     return matrix
 
 
-def _discretise(matrix: Array, steps: Array) -> tuple[Array, Array]:
-    """Transitions exp(M h) and responses to inputs t^j / j! of the lower half of the states.
-
-    Args:
-        matrix: (n, S, S) M.
-        steps: (n,) h, s.
-
-    Returns:
-        (n, S, S) and (4, n, S, S / 2) for j = 0 to 3: integrals of exp(M (h - t)) t^j / j!.
-    """
-    step = steps[:, None, None]
-    scaled = matrix * step
-    size = matrix.shape[-1]
-    place = np.arange(size)
-    found = np.zeros_like(scaled)
-    pushes = np.empty((4, *matrix.shape[:-1], size // 2))
-    for order in range(_SERIES + 4, -1, -1):  # phi_j = 1 / j! + M h phi_j+1
-        found = scaled @ found
-        found[:, place, place] += 1.0 / math.factorial(order)
-        if 1 <= order <= 4:
-            pushes[order - 1] = step**order * found[..., size // 2 :]
-    return found, pushes
-
-
-def _pushed(pushes: Array, rises: Array) -> Array:
-    """Input of every step, (n, S, m), for a drive with derivatives (4, n, S / 2, m)."""
-    return np.asarray(np.sum(pushes @ rises, axis=0))
-
-
 def _filtered(
     time: Array, drive: Array, frequencies: Sequence[float], unsettled: bool
 ) -> list[Array]:
@@ -375,10 +344,10 @@ def _followed(time: Array, drive: Array, rises: Array, omega_n: float, unsettled
     """`_filtered` of one stretch without gaps; `rises` (4, n - 1, 1, 3) of its drive."""
     system = _system(np.zeros((1, 3)), omega_n, _SCREENED_DAMPING)[:, [0, 3]][:, :, [0, 3]]
     steps, which = np.unique(np.round(np.diff(time), _STEP_DIGITS), return_inverse=True)
-    transition, pushes = _discretise(np.repeat(system, len(steps), axis=0), steps)
+    transition, pushes = discretise(np.repeat(system, len(steps), axis=0), steps, omega_n)
     start = np.zeros((2, drive.shape[1]))
     if not unsettled:
         start[0] = drive[0] / omega_n**2
-    states = integrate_linear(transition[which], _pushed(pushes[:, which], rises), start)
+    states = integrate_linear(transition[which], pushed(pushes[:, which], rises), start)
     damped = 2.0 * _SCREENED_DAMPING * omega_n * states[:, 1]
     return np.asarray(drive - omega_n**2 * states[:, 0] - damped)

@@ -56,6 +56,10 @@ _AVERAGED = 1.5
 """Half width, in periods of the grid, of the tapered window by which fast forces are read: what the
 grid cannot show is mostly averaged away. Narrower lets noise in, wider cuts quick forces. The live
 estimator uses 1.25, since it takes noise to be white."""
+_PER_MOTION_SAMPLE = 4.0
+"""Grid times per sample of the motion, at most: between its samples motion is a polynomial, so that
+more tell nothing, while the covariance of residuals becomes as wide. 40 s of 100 Hz forces with 5
+Hz poses take two minutes at 20; at 2 a lag or an offset of clocks is read from half the forces."""
 _CUBIC = 4
 """Samples that an interpolating polynomial goes through: a cubic. A line would cut the peaks of a
 force of 4 Hz at 100 Hz by 0.5 %."""
@@ -115,6 +119,8 @@ class ContactSignals:
 def choose_grid(streams: Streams, maximum_rate: float) -> Array:
     """Grid times: the contacts' own stamps if they share them, else a uniform grid.
 
+    A motion that is sampled far more slowly than the forces bounds the rate of the grid.
+
     Raises:
         BadInputError: no contacts, or contacts and kinematics do not overlap in time.
     """
@@ -123,10 +129,11 @@ def choose_grid(streams: Streams, maximum_rate: float) -> Array:
         raise BadInputError("no contact forces: expected at least one /contact/<name>/force")
     first, last = _kinematic_span(streams)
     periods = [typical_period(c.time) for c in contacts]
-    period = max(*periods, 1.0 / maximum_rate)
+    shortest = max(1.0 / maximum_rate, _motion_period(streams) / _PER_MOTION_SAMPLE)
+    period = max(*periods, shortest)
     stamps = np.unique(np.round(np.concatenate([c.time for c in contacts]) / SYNCHRONOUS))
     shared = len(stamps) <= 1.05 * max(len(c.time) for c in contacts)
-    if shared and max(periods) < 1.5 * min(periods) and min(periods) >= 0.99 / maximum_rate:
+    if shared and max(periods) < 1.5 * min(periods) and min(periods) >= 0.99 * shortest:
         grid = stamps * SYNCHRONOUS
     else:
         start = max(first, min(c.time[0] for c in contacts))
@@ -140,6 +147,12 @@ def choose_grid(streams: Streams, maximum_rate: float) -> Array:
             f"{stamps[-1] * SYNCHRONOUS:.3f} s; check the stamps"
         )
     return np.asarray(grid)
+
+
+def _motion_period(streams: Streams) -> float:
+    """Period of the fastest stream of the motion, s; 0 if there is none."""
+    stamps = [s.time for s in (streams.pose, streams.imu) if s is not None and len(s.time) > 1]
+    return min((typical_period(time) for time in stamps), default=0.0)
 
 
 def _kinematic_span(streams: Streams) -> tuple[float, float]:
