@@ -15,6 +15,16 @@ the mean long. A stream with more gaps than that reads as bursts."""
 _BURSTS = 1.3
 """Mean over median step from which samples come in bursts: then the mean is the period. Jitter of
 even streams stays far below 1.3; a stream that sends pairs has 2 or more."""
+_PAUSE = 5.0
+"""Step over the median step from which a stream pauses. Up to three samples lost in a row make a
+step of 4; a recorder that is stopped between poses makes far more."""
+_STRETCH = 0.2
+"""Length, s, of even samples between pauses from which the pauses are gaps and not the rhythm of
+bursts: a pose that is held is recorded for longer, a burst of a driver that sends what it has
+gathered lasts milliseconds. Anything from 0.05 to 0.5 s tells these two apart."""
+_LEAST_DEGREE = 2
+"""Degree that a polynomial keeps where a stretch between gaps is shorter than its window: with less
+no acceleration could be read."""
 _SPARE = 2
 """Samples that a tapered window has at least beyond those that determine its polynomial: its
 outermost count little. With none, noise of derivatives explodes."""
@@ -91,11 +101,28 @@ class LocalFunctional:
 
 
 def typical_period(sample_time: Array) -> float:
-    """Period of samples in s: the median step, or the mean where samples come in bursts."""
+    """Period of samples in s: the median step, or the mean where samples come in bursts.
+
+    Stretches of even samples with pauses between them, as of poses that are held one after the
+    other, are no bursts.
+    """
     steps = np.diff(sample_time)
     median = float(np.median(steps))
     mean = float(np.mean(steps[steps <= np.percentile(steps, _WITHOUT_GAPS)]))
-    return mean if mean > _BURSTS * median else median
+    if mean <= _BURSTS * median:
+        return median
+    first, last = _runs(sample_time, _PAUSE * median)
+    lasting = float(np.median(sample_time[last] - sample_time[first]))
+    return median if lasting >= _STRETCH else mean
+
+
+def _runs(time: Array, longest: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """First and last sample (K,) of the run of each sample; steps above `longest` part runs."""
+    breaks = np.flatnonzero(np.diff(time) > longest)
+    starts = np.concatenate([[0], breaks + 1])
+    ends = np.concatenate([breaks, [len(time) - 1]])
+    run = np.repeat(np.arange(len(starts)), ends - starts + 1)
+    return starts[run], ends[run]
 
 
 def centred_weights(shares: Array, offset: Array) -> Array:
@@ -139,31 +166,83 @@ def local_polynomial(
         orders: number of derivative orders wanted, including the value.
 
     Returns:
-        The functionals; windows are clipped at the ends of the recording, and not tapered there.
-        Of those that ought to be tapered none is valid that lacks more than a quarter at one side.
+        The functionals; windows are clipped at the ends of the recording and at gaps, and not
+        tapered there, so that no sample beyond a gap is read. Of those that ought to be tapered
+        none is valid that lacks more than a quarter at one side.
     """
     period = typical_period(sample_time)
     size = min(window.size(period), len(sample_time))
     degree = min(window.degree, size - 1)
+    lost = max(1.0, _LOST * size)
+    nearest = _nearest(sample_time, grid_time)
+    first, last = (ends[nearest] for ends in _runs(sample_time, (lost + 1.5) * period))
     middle = 0.5 * period if size % 2 else 0.0
     unclipped = np.searchsorted(sample_time, grid_time - middle) - size // 2
-    start = np.clip(unclipped, 0, len(sample_time) - size).astype(np.int64)
+    whole = last - first + 1 >= size
+    start = np.where(whole, np.clip(unclipped, first, last - size + 1), first)
+    start = np.clip(start, 0, len(sample_time) - size).astype(np.int64)
     clipped = np.abs(start - unclipped)
     offset = sample_time[start[:, None] + np.arange(size)] - grid_time[:, None]
     shares = np.ones_like(offset)
     if window.tapered:
-        whole = clipped == 0
-        shares[whole] = tapered_shares(offset[whole], 0.5 * (size + 1) * period)
+        even = clipped == 0
+        shares[even] = tapered_shares(offset[even], 0.5 * (size + 1) * period)
     span = offset[:, -1] - offset[:, 0]
-    nearest = np.abs(offset).min(axis=1)
-    lost = max(1.0, _LOST * size)
-    valid = (span < (size + lost - 0.5) * period) & (nearest < 1.5 * period)
-    # across a long pause no polynomial is determined: such windows read as if there were none
+    near = np.abs(sample_time[nearest] - grid_time) < 1.5 * period
+    valid = (span < (size + lost - 0.5) * period) & near
+    # where there are no samples no polynomial is determined: such windows read as if there were
     offset[~valid] = period * (np.arange(size) - 0.5 * (size - 1))
     shares[~valid] = 1.0
     weights = polynomial_weights(shares, offset, degree, orders)
     if window.tapered:
         valid &= clipped <= size // 4
+    functional = LocalFunctional(start, weights, valid)
+    if window.tapered or whole.all():
+        return functional
+    stretches = (first, last, near & ~whole)
+    return _within_stretches(functional, sample_time, grid_time, stretches, degree)
+
+
+def _nearest(stamps: Array, time: Array) -> NDArray[np.int64]:
+    """Index (N,) of the sample nearest to each time."""
+    right = np.clip(np.searchsorted(stamps, time), 1, len(stamps) - 1)
+    return np.where(time - stamps[right - 1] <= stamps[right] - time, right - 1, right)
+
+
+def _within_stretches(
+    functional: LocalFunctional,
+    sample_time: Array,
+    grid_time: Array,
+    stretches: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]],
+    degree: int,
+) -> LocalFunctional:
+    """Read stretches between gaps that are shorter than the window by what samples they have.
+
+    The degree falls with the number of samples, so that noise is smoothed about as much.
+
+    Args:
+        functional: with windows of full size.
+        sample_time: (K,) s.
+        grid_time: (N,) s.
+        stretches: first and last sample (N,) of the stretch of each grid time, and which are short.
+        degree: of the polynomial in windows of full size.
+    """
+    first, last, short = stretches
+    start, weights, valid = functional.start, functional.weights.copy(), functional.valid.copy()
+    orders, size = weights.shape[1:]
+    counts = last - first + 1
+    for count in np.unique(counts[short]):
+        lower = max(_LEAST_DEGREE, degree * int(count) // size)
+        if count <= lower + 1:
+            continue
+        rows = np.flatnonzero(short & (counts == count))
+        inside = first[rows, None] + np.arange(count)
+        offset = sample_time[inside] - grid_time[rows, None]
+        found = polynomial_weights(np.ones_like(offset), offset, lower, orders)
+        weights[rows] = 0.0
+        places = inside - start[rows, None]
+        weights[rows[:, None, None], np.arange(orders)[:, None], places[:, None, :]] = found
+        valid[rows] = True
     return LocalFunctional(start, weights, valid)
 
 

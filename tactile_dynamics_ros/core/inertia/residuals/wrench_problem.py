@@ -156,7 +156,7 @@ class WrenchProblem:
             if len(c.time) > 1 and len(c.pose_time) > 1
         )
         held = np.any([c.in_contact for c in contacts], axis=0)
-        valid = np.all([motion.valid, held, *(c.valid for c in contacts)], axis=0)
+        valid = np.all([motion.valid, smooth.valid, held, *(c.valid for c in contacts)], axis=0)
         if valid.sum() < _MINIMUM_SAMPLES:
             raise BadInputError(
                 f"only {int(valid.sum())} of {len(grid)} samples have motion and contact together; "
