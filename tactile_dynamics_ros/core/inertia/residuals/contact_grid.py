@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.inertia.residuals.carried import CarriedPlace
 from tactile_dynamics_ros.core.inertia.residuals.latent import LatentSignal
 from tactile_dynamics_ros.core.numerics.local_polynomial import (
     LocalFunctional,
@@ -91,6 +92,7 @@ class ContactSignals:
         valid: (N,) False where loaded samples were dropped.
         signals: latent signals force, and torque and point where they are noisy.
         point_functional: functional of the contact point.
+        carried: whether point and rotation are in the body frame, free of the noise of the pose.
     """
 
     name: str
@@ -102,13 +104,17 @@ class ContactSignals:
     valid: NDArray[np.bool_]
     signals: dict[str, LatentSignal]
     point_functional: LocalFunctional
+    carried: bool = False
 
     def corrected(self, corrections: dict[str, Array]) -> ContactSignals:
         """Return the signals moved by corrections (K, 3) by name."""
         return replace(self, **{name: getattr(self, name) + d for name, d in corrections.items()})
 
     def evaluate(self) -> tuple[Array, Array, Array]:
-        """Force, torque and point (N, 3) each on the grid, world axes; zero without contact."""
+        """Force, torque and point (N, 3) each on the grid; zero without contact.
+
+        World axes; the point of a carried contact is in the body frame.
+        """
         functional = self.signals["force"].functional
         loaded = self.in_contact[:, None]
         force = functional.apply(self.force, 0) * loaded
@@ -162,8 +168,17 @@ def _kinematic_span(streams: Streams) -> tuple[float, float]:
     return max(float(t[0]) for t in spans), min(float(t[-1]) for t in spans)
 
 
-def contact_signals(contact: ContactStream, grid: Array) -> ContactSignals:
-    """Read one contact on the grid."""
+def contact_signals(
+    contact: ContactStream, grid: Array, place: CarriedPlace | None = None
+) -> ContactSignals:
+    """Read one contact on the grid.
+
+    Args:
+        contact: its stream.
+        grid: (N,) s.
+        place: where it is on the object, if it carries the noise of the tracked pose.
+    """
+    shown = contact if place is None else place
     period = typical_period(contact.time)
     nearest = nearest_samples(contact.time, grid)
     distance = np.abs(contact.time[nearest] - grid)
@@ -179,7 +194,7 @@ def contact_signals(contact: ContactStream, grid: Array) -> ContactSignals:
     if contact.carries_torque:
         factor = _seen_noise(contact, contact.torque, _FALLBACK_TORQUE_STD)
         signals["torque"] = LatentSignal(functional, factor)
-    point_std = white_noise_std(contact.pose_time, contact.position)
+    point_std = white_noise_std(contact.pose_time, shown.position)
     point_functional = _point_functional(contact.pose_time, grid, point_std)
     if point_std > _POINT_STD_FLOOR:
         loaded = replace(
@@ -191,14 +206,15 @@ def contact_signals(contact: ContactStream, grid: Array) -> ContactSignals:
         name=contact.name,
         force=contact.force,
         torque=contact.torque,
-        point=contact.position,
-        rotation=contact.rotation[nearest_samples(contact.pose_time, grid)],
+        point=shown.position,
+        rotation=shown.rotation[nearest_samples(contact.pose_time, grid)],
         in_contact=in_contact,
         valid=~_dropped(contact.time, magnitude, period, grid)
         & ~(doubtful & ~present)
         & (functional.valid & point_functional.valid | ~in_contact),
         signals=signals,
         point_functional=point_functional,
+        carried=place is not None,
     )
 
 

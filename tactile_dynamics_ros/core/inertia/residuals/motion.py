@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.inertia.residuals.followed import unfollowed_scale
 from tactile_dynamics_ros.core.inertia.residuals.latent import LatentSignal, isotropic_factor
 from tactile_dynamics_ros.core.numerics.local_polynomial import (
     LocalFunctional,
@@ -187,7 +188,7 @@ def motion_signals(streams: Streams, grid: Array, window: Window, gravity: Array
     signals: dict[str, LatentSignal] = {}
     if pose is not None:
         functional = local_polynomial(pose.time, grid, window)
-        factors = _pose_noise(pose)
+        factors = _pose_noise(pose, window)
         signals["orientation"] = LatentSignal(functional, factors[0])
         rotation, position = pose.rotation, pose.position
         if imu is None:
@@ -222,8 +223,22 @@ def _imu_signals(imu: ImuStream, grid: Array, window: Window) -> dict[str, Laten
     return signals
 
 
-def _pose_noise(pose: PoseStream) -> tuple[Array, Array]:
+def _pose_noise(pose: PoseStream, window: Window) -> tuple[Array, Array]:
     """White-noise factors (K, 3, 3) of orientation and position.
+
+    Where poses are too far apart to show the motion, what they leave out counts as noise.
+    """
+    paths = accumulated_rotation(pose.rotation), pose.position
+    found = []
+    for factor, path in zip(_white_pose_noise(pose), paths, strict=True):
+        level = float(np.sqrt(np.median(np.einsum("nij,nij->n", factor, factor) / 3.0)))
+        scale = unfollowed_scale(pose.time, path, level, window)
+        found.append(np.asarray(factor * scale[:, None, None]))
+    return found[0], found[1]
+
+
+def _white_pose_noise(pose: PoseStream) -> tuple[Array, Array]:
+    """White-noise factors (K, 3, 3) of orientation and position as stated or seen.
 
     The stated covariance is used unless the samples scatter clearly less: a tracker's covariance
     also covers slow errors, which differentiation does not see.

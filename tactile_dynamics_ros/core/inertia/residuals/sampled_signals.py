@@ -44,9 +44,13 @@ class SampledSignals:
         readings = [contact.evaluate() for contact in self.contacts]
         force, torque, point = (np.stack(part, axis=1) for part in zip(*readings, strict=True))
         frames = np.stack([contact.rotation for contact in self.contacts], axis=1)
+        carried = np.array([contact.carried for contact in self.contacts])
+        on_body = np.where(carried[:, None, None], frames, to_body @ frames)
 
         def body(vectors: Array) -> Array:
             return np.asarray((vectors @ motion.rotation)[keep])
+
+        held = body(point - motion.position[:, None])
 
         return WrenchSamples(
             time=self.grid[keep] - self.start,
@@ -57,8 +61,8 @@ class SampledSignals:
             angular_velocity=motion.angular_velocity_B[keep],
             angular_acceleration=motion.angular_acceleration_B[keep],
             contact_names=tuple(contact.name for contact in self.contacts),
-            contact_point=body(point - motion.position[:, None]),
-            contact_rotation=(to_body @ frames)[keep],
+            contact_point=np.where(carried[:, None], point[keep], held),
+            contact_rotation=on_body[keep],
             contact_force=body(force),
             contact_torque=body(torque),
             in_contact=np.stack([contact.in_contact for contact in self.contacts], axis=1)[keep],

@@ -42,12 +42,24 @@ def body_sensitivity(samples: WrenchSamples, phi: Array) -> tuple[Array, Array, 
 
 
 def motion_sensitivity(
-    samples: WrenchSamples, phi: Array, has_imu: bool, has_gyro: bool
+    samples: WrenchSamples,
+    phi: Array,
+    has_imu: bool,
+    has_gyro: bool,
+    carried: NDArray[np.bool_] | None = None,
 ) -> dict[str, Array]:
     """Derivatives (N, O, 6, 3) of e = Y phi - w by value and derivatives of each motion signal.
 
     A world rotation d of the object changes a body-frame vector R^T x by R^T [x] d. Of rates read
     from rotation vectors about the present orientation half of that is in the vectors already.
+    The lever b of a carried contact stays: its torque b x f changes by b x R^T [f] d.
+
+    Args:
+        samples: motion and contacts.
+        phi: (10,) dynamic parameters.
+        has_imu: whether accelerations are measured.
+        has_gyro: whether angular velocities are.
+        carried: (C,) contacts that carry the noise of the pose; none by default.
 
     Returns:
         By name: orientation (orders 0-2), position (0-2), and with an IMU specific_force (0) and
@@ -56,10 +68,16 @@ def motion_sensitivity(
     by_force, by_rate, by_change = body_sensitivity(samples, phi)
     to_body = np.swapaxes(samples.rotation, 1, 2)
     wrench = samples.measured_wrench
-    turned = np.concatenate([skew(wrench[:, :3]), skew(wrench[:, 3:])], axis=1) @ to_body
+    turned = np.concatenate([skew(wrench[:, :3]), skew(wrench[:, 3:])], axis=1)
+    moved = wrench[:, 3:]
+    if carried is not None and carried.any():
+        point, force = samples.contact_point[:, carried], samples.contact_force[:, carried]
+        turned[:, :3] += (skew(force) @ skew(point)).sum(axis=1)
+        moved = moved - force.sum(axis=1)
+    turned = turned @ to_body
     orientation = np.stack([-turned, by_rate @ to_body, by_change @ to_body], axis=1)
     position = np.zeros_like(orientation)
-    position[:, 0, :3] = -skew(wrench[:, 3:]) @ to_body
+    position[:, 0, :3] = -skew(moved) @ to_body
     signals = {}
     if has_imu:
         signals["specific_force"] = by_force[:, None]
@@ -75,14 +93,20 @@ def motion_sensitivity(
     return signals | {"orientation": orientation, "position": position}
 
 
-def contact_sensitivity(samples: WrenchSamples, contact: int) -> dict[str, Array]:
-    """Derivatives (N, 1, 6, 3) of e by the world-frame force, torque and point of one contact."""
+def contact_sensitivity(
+    samples: WrenchSamples, contact: int, carried: bool = False
+) -> dict[str, Array]:
+    """Derivatives (N, 1, 6, 3) of e by the world-frame force, torque and point of one contact.
+
+    The point of a carried contact is that in the body frame.
+    """
     to_body = np.swapaxes(samples.rotation, 1, 2)
     zero = np.zeros_like(to_body)
     arm = skew(samples.contact_point[:, contact]) @ to_body
     by_force = np.concatenate([-arm, -to_body], axis=1)
     by_torque = np.concatenate([-to_body, zero], axis=1)
-    by_point = np.concatenate([skew(samples.contact_force[:, contact]) @ to_body, zero], axis=1)
+    lever = skew(samples.contact_force[:, contact])
+    by_point = np.concatenate([lever if carried else lever @ to_body, zero], axis=1)
     return {"force": by_force[:, None], "torque": by_torque[:, None], "point": by_point[:, None]}
 
 

@@ -26,6 +26,7 @@ from tactile_dynamics_ros.core.contact.wrench_samples import GRAVITY_W, WrenchSa
 from tactile_dynamics_ros.core.effects.present import PresentEffects
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.residuals.balance import balance_contacts
+from tactile_dynamics_ros.core.inertia.residuals.carried import carried_places
 from tactile_dynamics_ros.core.inertia.residuals.contact_grid import (
     ContactSignals,
     choose_grid,
@@ -150,8 +151,9 @@ class WrenchProblem:
             motion_signals(streams, grid, window, GRAVITY_W)
             for window in config.windows(motion_period(streams))
         )
+        places = carried_places(streams)
         contacts = tuple(
-            contact_signals(c, grid)
+            contact_signals(c, grid, places.get(c.name))
             for c in streams.contacts.values()
             if len(c.time) > 1 and len(c.pose_time) > 1
         )
@@ -320,12 +322,13 @@ class WrenchProblem:
     def _signals(self, load: Array) -> list[tuple[str, LatentSignal, Array]]:
         """Latent signals with what they do to the residual of an accelerated load (10,)."""
         samples, motion = self.samples, self.raw.motion
+        carried = np.array([contact.carried for contact in self.contacts])
         by_motion = motion_sensitivity(
-            samples, load, motion.specific_force is not None, motion.gyro is not None
+            samples, load, motion.specific_force is not None, motion.gyro is not None, carried
         )
         found = [(n, signal, by_motion[n]) for n, signal in motion.charted_signals.items()]
         for index, contact in enumerate(self.contacts):
-            by_contact = contact_sensitivity(samples, index)
+            by_contact = contact_sensitivity(samples, index, contact.carried)
             found += [
                 (f"{name}:{contact.name}", signal, by_contact[name])
                 for name, signal in contact.signals.items()
