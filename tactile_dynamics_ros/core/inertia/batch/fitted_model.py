@@ -22,7 +22,7 @@ from tactile_dynamics_ros.core.inertia.batch.prior import LogCholeskyPrior
 from tactile_dynamics_ros.core.inertia.batch.uncertainty import (
     excited_projection,
     misfit_inflation,
-    unexcited_parameters,
+    undetermined_parameters,
 )
 from tactile_dynamics_ros.core.inertia.residuals.rigid_grasp import displacement_jacobian
 from tactile_dynamics_ros.core.inertia.residuals.systematic import (
@@ -278,8 +278,11 @@ class FittedModel:
                 torque_rms_nm=float(np.sqrt(np.mean(smooth[:, :3] ** 2))),
                 whitened_rms=self.whitened_rms,
             ),
-            not_excited=unexcited_parameters(
-                self.xi, data[:10, :10] / max(1.0, self.whitened_rms) ** 2, prior[:10, :10]
+            not_excited=undetermined_parameters(
+                self.xi,
+                data[:10, :10] / max(1.0, self.whitened_rms) ** 2,
+                prior[:10, :10],
+                covariance[:10, :10],
             ),
             samples=sum(block.problem.count for block in self.blocks),
             duration=float(times[-1][-1] - times[0][0]),

@@ -8,20 +8,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag
 
 from tactile_dynamics_ros.core.effects.present import PresentEffects
 from tactile_dynamics_ros.core.inertia.batch.fitted_model import (
     Block,
     FittedModel,
     regressor_noise_information,
-    whiten_blocks,
 )
 from tactile_dynamics_ros.core.inertia.batch.prior import LogCholeskyPrior, contact_prior
+from tactile_dynamics_ros.core.inertia.batch.systems import FactoredSystem, FullSystem
 from tactile_dynamics_ros.core.inertia.batch.uncertainty import HOLD, unexcited_directions
-from tactile_dynamics_ros.core.inertia.residuals.repeated_whitening import RepeatedWhitening
 from tactile_dynamics_ros.core.inertia.residuals.wrench_problem import WrenchProblem
-from tactile_dynamics_ros.core.numerics.least_squares import levenberg_marquardt, rotated
+from tactile_dynamics_ros.core.numerics.least_squares import levenberg_marquardt
 from tactile_dynamics_ros.core.numerics.outliers import isolated_outlier_variance
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     dynamic_parameters_from_log_cholesky,
@@ -53,6 +51,15 @@ _FLAT = 1e-2
 and is tried again from a thicker body: a tenth of its thickness (sqrt 0.01). Less than `_FLATTEST`,
 or the second start would count as flat too. A larger value costs a second fit of thin objects; a
 much smaller one leaves fits where they got stuck."""
+
+_SETTLED = 2
+"""Steps of the alternation after which it is asked anew what the motion excites. After the first,
+signals are moved by residuals of a start that may be far off: of poses at rest the ratio to noise
+then reached 2.05 once and 1.5 later."""
+_SCATTER = 10.0
+"""What the ratio that tells excitation must exceed its bound by, times the root of the number of
+samples, as live: 0.5 for 7 poses held for 1 s at 50 Hz, 0.18 for 30 s at 100 Hz. At rest the
+largest of ten such ratios exceeds the bound by chance otherwise."""
 
 
 def fit_model(
@@ -179,27 +186,35 @@ def _alternate(
     """Fit at fixed covariance, then find the covariance at the fit, and so on.
 
     Motion that a poor start takes for noise may be known for motion after a step: then directions
-    that were held are let go, and the count begins anew.
+    that were held are let go, and the count begins anew. What proves at rest in the end after all
+    is held again, once.
     """
     prior = contact_prior(blocks[0].problem.samples)
     unexcited = _unexcited(blocks, prior)
     converged = False
-    done, first = 0, True
+    done, first, at_first = 0, True, unexcited.size
     while done < iterations:
         trusted = prior.weighted(_misfit(blocks))
         present, values, converged = _solve(blocks, present, effects, values, trusted, unexcited)
         problems = _denoise(blocks, present, effects, values, first, trusting)
         blocks = _whiten(problems, present, effects, values)
         done, first = done + 1, False
-        still = _unexcited(blocks, prior) if unexcited.size else unexcited
+        settled = unexcited.size > 0 and done >= _SETTLED
+        still = _unexcited(blocks, prior) if settled else unexcited
         if still.size < unexcited.size:
             done, unexcited = 0, still
+        elif done == iterations and unexcited.size < at_first:
+            at_first, still = 0, _unexcited(blocks, prior)
+            if still.size > unexcited.size:
+                done, unexcited = max(0, iterations - _SETTLED), still
     return FittedModel(blocks, present, tuple(effects), tuple(values), prior, unexcited, converged)
 
 
 def _unexcited(blocks: Sequence[Block], prior: LogCholeskyPrior) -> Array:
     total = sum((b.jacobian.T @ b.jacobian for b in blocks), start=np.zeros((10, 10)))
-    return unexcited_directions(total, regressor_noise_information(blocks), prior)
+    samples = sum(block.problem.count for block in blocks)
+    noise = regressor_noise_information(blocks)
+    return unexcited_directions(total, noise, prior, _SCATTER / np.sqrt(samples))
 
 
 def _start(problems: Sequence[WrenchProblem], prior: LogCholeskyPrior) -> Array:
@@ -280,7 +295,7 @@ def _solve(
     regular = np.concatenate([np.eye(len(std)), keep]) / std
     samples, phi = blocks[0].problem.samples, dynamic_parameters_from_log_cholesky(xi)
     factored = all(e.coefficients(samples, e.zero(samples)) is not None for e in effects)
-    kind = _FactoredSystem if factored else _FullSystem
+    kind = FactoredSystem if factored else FullSystem
     system = kind(blocks, phi, effects, theta)
 
     def evaluate(x: Array) -> tuple[Array, Array]:
@@ -296,87 +311,6 @@ def _solve(
     solution, converged = levenberg_marquardt(evaluate, start, _MOST_STEPS, _TOLERANCE)
     values = np.split(solution[10:], np.cumsum(sizes)[:-1]) if sizes else []
     return solution[:10], list(values), converged
-
-
-class _FactoredSystem:
-    """White residual r0 + J (phi - phi0) - U (c - c0), rotated to as many rows as columns.
-
-    U are the white columns of effects of which the load changes nothing, c their coefficients.
-    """
-
-    def __init__(
-        self,
-        blocks: Sequence[Block],
-        phi: Array,
-        effects: Sequence[Effect],
-        theta: Sequence[Array],
-    ) -> None:
-        self._samples, self._phi, self._effects = blocks[0].problem.samples, phi, effects
-        self._start = self._numbers(theta)
-        parts = [np.concatenate([b.jacobian, b.residual[:, None]], axis=1) for b in blocks]
-        columns = [np.concatenate(parts)]
-        for effect, value in zip(effects, theta, strict=True):
-            found = [effect.factored(b.problem.samples, value) for b in blocks]
-            columns.append(-whiten_blocks(blocks, [f[0] for f in found if f is not None]))
-        self._rows = rotated(np.concatenate(columns, axis=1))
-
-    def evaluate(self, phi: Array, theta: Sequence[Array]) -> tuple[Array, Array]:
-        """Residual and Jacobian by [phi, theta]."""
-        moved = self._numbers(theta) - self._start
-        residual = self._rows @ np.concatenate([phi - self._phi, [1.0], moved])
-        pairs = zip(self._effects, theta, strict=True)
-        found = [effect.factored(self._samples, value) for effect, value in pairs]
-        weights = block_diag(*(f[1] for f in found if f is not None))
-        by_theta = self._rows[:, 11:] @ weights if self._effects else self._rows[:, 11:]
-        return residual, np.concatenate([self._rows[:, :10], by_theta], axis=1)
-
-    def _numbers(self, theta: Sequence[Array]) -> Array:
-        pairs = zip(self._effects, theta, strict=True)
-        numbers = [effect.coefficients(self._samples, value) for effect, value in pairs]
-        return np.concatenate([np.zeros(0), *(part for part in numbers if part is not None)])
-
-
-class _FullSystem:
-    """White residual r0 + J (phi - phi0) - L^-1 (Delta - Delta0), all rows of it."""
-
-    def __init__(
-        self,
-        blocks: Sequence[Block],
-        phi: Array,
-        effects: Sequence[Effect],
-        theta: Sequence[Array],
-    ) -> None:
-        self._blocks, self._phi, self._effects = blocks, phi, effects
-        self._rows = [np.concatenate([b.jacobian, b.residual[:, None]], axis=1) for b in blocks]
-        self._white_columns = RepeatedWhitening(lambda values: whiten_blocks(blocks, values))
-        self._white_start = self._white_effects(phi, theta)
-        plain = whiten_blocks(blocks, [b.problem.regressor for b in blocks])
-        self._beside = plain - np.concatenate([b.jacobian for b in blocks])
-
-    def evaluate(self, phi: Array, theta: Sequence[Array]) -> tuple[Array, Array]:
-        """Residual and Jacobian by [phi, theta]."""
-        rows = np.concatenate(self._rows)
-        residual = rows[:, :10] @ (phi - self._phi) + rows[:, 10]
-        moved = self._white_effects(phi, theta) - self._white_start
-        columns = self._effect_columns(phi, theta)
-        # rows already hold dDelta/dphi at the start; the exact change replaces that linear part
-        correction = self._beside @ (phi - self._phi)
-        residual = residual - moved + correction
-        return residual, np.concatenate([rows[:, :10], columns], axis=1)
-
-    def _white_effects(self, phi: Array, theta: Sequence[Array]) -> Array:
-        present = PresentEffects(self._effects, theta)
-        total = [present.wrench(block.problem.samples, phi) for block in self._blocks]
-        return whiten_blocks(self._blocks, total)
-
-    def _effect_columns(self, phi: Array, theta: Sequence[Array]) -> Array:
-        present = PresentEffects(self._effects, theta)
-        samples = [block.problem.samples for block in self._blocks]
-        columns = []
-        for effect, value in zip(self._effects, theta, strict=True):
-            seen = [present.seen_by(effect, s, phi) for s in samples]
-            columns.append(self._white_columns.jacobian(effect, present, seen, phi, value))
-        return -np.concatenate(columns, axis=1)
 
 
 def _denoise(

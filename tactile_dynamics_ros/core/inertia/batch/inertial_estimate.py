@@ -123,6 +123,6 @@ class InertialEstimate:
             },
             "effects": {name: effect.to_json() for name, effect in self.effects.items()},
             "error": self.error.to_json(),
-            "not_excited": list(self.not_excited),
+            "undetermined": list(self.not_excited),
             "converged": self.converged,
         }

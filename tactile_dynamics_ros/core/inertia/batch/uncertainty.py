@@ -9,8 +9,10 @@ from scipy.linalg import eigh
 from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import PARAMETER_NAMES
 from tactile_dynamics_ros.core.inertia.batch.prior import LogCholeskyPrior
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
+    InertialParameters,
     com_inertia_jacobian,
     dynamic_parameters_from_log_cholesky,
+    inertia_vector,
     log_cholesky_jacobian,
 )
 
@@ -87,25 +89,37 @@ def misfit_inflation(white_residual: Array, jacobian: Array) -> Array:
     return np.sqrt(np.maximum(ratio, 1.0))
 
 
-def unexcited_parameters(xi: Array, data: Array, prior: Array) -> tuple[str, ...]:
-    """Parameters whose standard deviation the data reduced to no less than half of the prior's.
+def undetermined_parameters(
+    xi: Array, data: Array, prior: Array, covariance: Array
+) -> tuple[str, ...]:
+    """Parameters that the data leave open, in the order of PARAMETER_NAMES.
 
-    The prior of an inertia is that at known mass and centre: weighing an object at rest says
-    nothing of how its mass is spread.
+    Their standard deviation is no less than half of the prior's, or, of mass and inertia, larger
+    than they are; the size of I_ij is sqrt(I_ii I_jj). The prior of an inertia is that at known
+    mass and centre: weighing an object at rest says nothing of how its mass is spread.
 
     Args:
         xi: (10,) log-Cholesky coordinates.
         data: (10, 10) information of the data on xi.
         prior: (10, 10) information of the prior on xi.
+        covariance: (10, 10) of the dynamic parameters, with all that widens it.
     """
-    to_phi = log_cholesky_jacobian(xi)
-    rows = com_inertia_jacobian(dynamic_parameters_from_log_cholesky(xi)) @ to_phi
+    to_com = com_inertia_jacobian(dynamic_parameters_from_log_cholesky(xi))
+    rows = to_com @ log_cholesky_jacobian(xi)
     after = np.einsum("pi,ij,pj->p", rows, np.linalg.inv(data + prior), rows)
     own = rows * _OWN_COORDINATES
     before = np.einsum("pi,ij,pj->p", own, np.linalg.inv(prior), own)
-    return tuple(
-        name for name, a, b in zip(PARAMETER_NAMES, after, before, strict=True) if a > _OPEN * b
-    )
+    stated = np.einsum("pi,ij,pj->p", to_com, covariance, to_com)
+    is_open = (after > _OPEN * before) | (stated > _sizes(xi) ** 2)
+    return tuple(name for name, unknown in zip(PARAMETER_NAMES, is_open, strict=True) if unknown)
+
+
+def _sizes(xi: Array) -> Array:
+    """Sizes (10,) beside which standard deviations are large; none of the centre of mass."""
+    body = InertialParameters.from_log_cholesky(xi)
+    radii = np.sqrt(np.diag(body.inertia_com))
+    inertia = inertia_vector(np.outer(radii, radii))
+    return np.concatenate([[body.mass], np.full(3, np.inf), inertia])
 
 
 def unexcited_directions(

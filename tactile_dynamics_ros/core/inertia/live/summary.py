@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import ModelError
-from tactile_dynamics_ros.core.inertia.batch.uncertainty import unexcited_parameters
+from tactile_dynamics_ros.core.inertia.batch.uncertainty import undetermined_parameters
 from tactile_dynamics_ros.core.inertia.live.accumulation import Accumulation
 from tactile_dynamics_ros.core.inertia.live.live_estimate import LiveEstimate
 from tactile_dynamics_ros.core.inertia.residuals.systematic import PresumedErrors
@@ -72,7 +72,7 @@ class Summariser:
             self._presumed = model.presume_lasting_errors()
             self._corrected_at = np.full(10, np.inf)
         if excitation:
-            self._not_excited = unexcited_parameters(solver.xi, data, prior)
+            self._not_excited = undetermined_parameters(solver.xi, data, prior, covariance)
         xi = self._corrected(model, self._presumed.errors)
         if self._hull is not None:
             xi = keep_in_hull(xi, data + prior, self._hull)

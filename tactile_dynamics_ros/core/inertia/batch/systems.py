@@ -1,0 +1,101 @@
+"""White residual and Jacobian of a body with effects, as functions of its parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import block_diag
+
+from tactile_dynamics_ros.core.effects.present import PresentEffects
+from tactile_dynamics_ros.core.inertia.batch.fitted_model import Block, whiten_blocks
+from tactile_dynamics_ros.core.inertia.residuals.repeated_whitening import RepeatedWhitening
+from tactile_dynamics_ros.core.numerics.least_squares import rotated
+
+if TYPE_CHECKING:
+    from tactile_dynamics_ros.core.effects.effect import Effect
+
+Array = NDArray[np.float64]
+
+
+class FactoredSystem:
+    """White residual r0 + J (phi - phi0) - U (c - c0), rotated to as many rows as columns.
+
+    U are the white columns of effects of which the load changes nothing, c their coefficients.
+    """
+
+    def __init__(
+        self,
+        blocks: Sequence[Block],
+        phi: Array,
+        effects: Sequence[Effect],
+        theta: Sequence[Array],
+    ) -> None:
+        self._samples, self._phi, self._effects = blocks[0].problem.samples, phi, effects
+        self._start = self._numbers(theta)
+        parts = [np.concatenate([b.jacobian, b.residual[:, None]], axis=1) for b in blocks]
+        columns = [np.concatenate(parts)]
+        for effect, value in zip(effects, theta, strict=True):
+            found = [effect.factored(b.problem.samples, value) for b in blocks]
+            columns.append(-whiten_blocks(blocks, [f[0] for f in found if f is not None]))
+        self._rows = rotated(np.concatenate(columns, axis=1))
+
+    def evaluate(self, phi: Array, theta: Sequence[Array]) -> tuple[Array, Array]:
+        """Residual and Jacobian by [phi, theta]."""
+        moved = self._numbers(theta) - self._start
+        residual = self._rows @ np.concatenate([phi - self._phi, [1.0], moved])
+        pairs = zip(self._effects, theta, strict=True)
+        found = [effect.factored(self._samples, value) for effect, value in pairs]
+        weights = block_diag(*(f[1] for f in found if f is not None))
+        by_theta = self._rows[:, 11:] @ weights if self._effects else self._rows[:, 11:]
+        return residual, np.concatenate([self._rows[:, :10], by_theta], axis=1)
+
+    def _numbers(self, theta: Sequence[Array]) -> Array:
+        pairs = zip(self._effects, theta, strict=True)
+        numbers = [effect.coefficients(self._samples, value) for effect, value in pairs]
+        return np.concatenate([np.zeros(0), *(part for part in numbers if part is not None)])
+
+
+class FullSystem:
+    """White residual r0 + J (phi - phi0) - L^-1 (Delta - Delta0), all rows of it."""
+
+    def __init__(
+        self,
+        blocks: Sequence[Block],
+        phi: Array,
+        effects: Sequence[Effect],
+        theta: Sequence[Array],
+    ) -> None:
+        self._blocks, self._phi, self._effects = blocks, phi, effects
+        self._rows = [np.concatenate([b.jacobian, b.residual[:, None]], axis=1) for b in blocks]
+        self._white_columns = RepeatedWhitening(lambda values: whiten_blocks(blocks, values))
+        self._white_start = self._white_effects(phi, theta)
+        plain = whiten_blocks(blocks, [b.problem.regressor for b in blocks])
+        self._beside = plain - np.concatenate([b.jacobian for b in blocks])
+
+    def evaluate(self, phi: Array, theta: Sequence[Array]) -> tuple[Array, Array]:
+        """Residual and Jacobian by [phi, theta]."""
+        rows = np.concatenate(self._rows)
+        residual = rows[:, :10] @ (phi - self._phi) + rows[:, 10]
+        moved = self._white_effects(phi, theta) - self._white_start
+        columns = self._effect_columns(phi, theta)
+        # rows already hold dDelta/dphi at the start; the exact change replaces that linear part
+        correction = self._beside @ (phi - self._phi)
+        residual = residual - moved + correction
+        return residual, np.concatenate([rows[:, :10], columns], axis=1)
+
+    def _white_effects(self, phi: Array, theta: Sequence[Array]) -> Array:
+        present = PresentEffects(self._effects, theta)
+        total = [present.wrench(block.problem.samples, phi) for block in self._blocks]
+        return whiten_blocks(self._blocks, total)
+
+    def _effect_columns(self, phi: Array, theta: Sequence[Array]) -> Array:
+        present = PresentEffects(self._effects, theta)
+        samples = [block.problem.samples for block in self._blocks]
+        columns = []
+        for effect, value in zip(self._effects, theta, strict=True):
+            seen = [present.seen_by(effect, s, phi) for s in samples]
+            columns.append(self._white_columns.jacobian(effect, present, seen, phi, value))
+        return -np.concatenate(columns, axis=1)
