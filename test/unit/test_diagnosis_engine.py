@@ -60,6 +60,7 @@ class SlidingBlock:
     effects: tuple[str, ...] = ()
     known: tuple[str, ...] = ("viscous_friction", "dry_friction", "zero_error", "spring")
     terms: tuple[str, ...] = ("v^3",)
+    unreadable: str = ""
 
     @cached_property
     def jacobian(self) -> np.ndarray:

@@ -106,6 +106,8 @@ def diagnose(
 
     if first.white:
         return unnamed("adequate", (), first.structure.floor)
+    if model.unreadable:
+        return unnamed("unexplained", (), first.structure.floor)
     steps = find_effects(model, first, config)
     floor = min([first.structure.floor] + [s.after.structure.floor for s in steps])
     if not _accounts_for(model, steps, first, floor, config) or is_outdone(

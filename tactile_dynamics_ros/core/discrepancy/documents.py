@@ -149,6 +149,8 @@ def _effect_sentence(model: ResidualModel, parameters: ParameterTable, name: str
 
 
 def _unexplained_sentence(diagnosis: Diagnosis) -> str:
+    if diagnosis.model.unreadable:
+        return diagnosis.model.unreadable
     if not diagnosis.assessment.noise_stated_well and diagnosis.assessment.p_value >= (
         diagnosis.assessment.significance
     ):

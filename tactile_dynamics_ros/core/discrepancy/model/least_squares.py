@@ -154,6 +154,11 @@ class LeastSquaresModel(ABC, Generic[EffectT]):
         return 0.0
 
     @property
+    def unreadable(self) -> str:
+        """Empty: a misfit says something of the model."""
+        return ""
+
+    @property
     def lasting_freedom(self) -> float:
         """Number of independent errors that last and that the sensors report; one by default."""
         return 1.0

@@ -140,6 +140,10 @@ class ResidualModel(Protocol):
     def lasting_freedom(self) -> float:
         """Number of independent errors that last and that the sensors report of themselves."""
 
+    @property
+    def unreadable(self) -> str:
+        """Why a misfit of this recording says nothing of the model, in a sentence; empty mostly."""
+
     def families(self, names: Sequence[str] | None = None) -> Sequence[Family]:
         """Families of the effects that the model could have."""
 

@@ -39,6 +39,10 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import log_cholesk
 
 Array = NDArray[np.float64]
 
+_UNFOLLOWED = 0.1
+"""Share of poses too far apart to show the motion from which a misfit is put down to that: clean
+slow recordings have at most 3 %. Higher, effects are named that only stand in for motion between
+the samples; lower, single jolts keep a slow recording from being questioned."""
 _QUICK_ITERATIONS = 12
 """Steps of a quick fit of one more effect at fixed whitening, at most. It ranks candidates; what is
 chosen is fitted thoroughly. Fewer rank effects with memory by unfinished fits, more take time for
@@ -183,6 +187,18 @@ class HeldObjectModel(LeastSquaresModel[Effect]):
     def lasting_freedom(self) -> float:
         """Three for each contact, the axes in which its force may be off for good."""
         return 3.0 * len(self.samples.contact_names)
+
+    @property
+    def unreadable(self) -> str:
+        """Poses that are too far apart to show the motion."""
+        motion = self.fitted.blocks[0].problem.raw.motion
+        if motion.unfollowed < _UNFOLLOWED:
+            return ""
+        return (
+            f"The poses do not show the motion: {100.0 * motion.unfollowed:.0f} % of them lie too "
+            "far apart for what happens between them; record them faster or move more slowly, so "
+            "that at least seven fall into the shortest swing."
+        )
 
     def families_of(self, name: str) -> list[Family]:
         """Every reading of an effect that the model lacks, and every restriction of it."""

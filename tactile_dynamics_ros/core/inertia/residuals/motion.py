@@ -81,6 +81,7 @@ class MotionSignals:
         signals: the latent signals by name: orientation, position, specific_force, gyro.
         gravity: (3,) world.
         valid: (N,) grid times at which every signal is available.
+        unfollowed: share of the poses that are too far from their neighbours to show the motion.
     """
 
     rotation: Array
@@ -90,6 +91,7 @@ class MotionSignals:
     signals: dict[str, LatentSignal]
     gravity: Array
     valid: NDArray[np.bool_]
+    unfollowed: float = 0.0
 
     def corrected(self, corrections: dict[str, Array]) -> MotionSignals:
         """Return the signals moved by corrections (K, 3) by name; rotations by world rotations."""
@@ -186,9 +188,10 @@ def motion_signals(streams: Streams, grid: Array, window: Window, gravity: Array
     if pose is None and (imu is None or imu.rotation is None):
         raise BadInputError("no orientation of the object: /object/pose and /object/imu are absent")
     signals: dict[str, LatentSignal] = {}
+    unfollowed = 0.0
     if pose is not None:
         functional = local_polynomial(pose.time, grid, window)
-        factors = _pose_noise(pose, window)
+        factors, unfollowed = _pose_noise(pose, window)
         signals["orientation"] = LatentSignal(functional, factors[0])
         rotation, position = pose.rotation, pose.position
         if imu is None:
@@ -206,7 +209,7 @@ def motion_signals(streams: Streams, grid: Array, window: Window, gravity: Array
     valid = np.all([signal.functional.valid for signal in signals.values()], axis=0)
     force = None if imu is None else imu.specific_force
     gyro = None if imu is None else imu.angular_velocity
-    return MotionSignals(rotation, position, force, gyro, signals, gravity, valid)
+    return MotionSignals(rotation, position, force, gyro, signals, gravity, valid, unfollowed)
 
 
 def _imu_signals(imu: ImuStream, grid: Array, window: Window) -> dict[str, LatentSignal]:
@@ -223,18 +226,19 @@ def _imu_signals(imu: ImuStream, grid: Array, window: Window) -> dict[str, Laten
     return signals
 
 
-def _pose_noise(pose: PoseStream, window: Window) -> tuple[Array, Array]:
-    """White-noise factors (K, 3, 3) of orientation and position.
+def _pose_noise(pose: PoseStream, window: Window) -> tuple[tuple[Array, Array], float]:
+    """White-noise factors (K, 3, 3) of both, and the share of poses that are not followed.
 
     Where poses are too far apart to show the motion, what they leave out counts as noise.
     """
     paths = accumulated_rotation(pose.rotation), pose.position
-    found = []
+    found, lost = [], np.zeros(len(pose.time), dtype=bool)
     for factor, path in zip(_white_pose_noise(pose), paths, strict=True):
         level = float(np.sqrt(np.median(np.einsum("nij,nij->n", factor, factor) / 3.0)))
         scale = unfollowed_scale(pose.time, path, level, window)
         found.append(np.asarray(factor * scale[:, None, None]))
-    return found[0], found[1]
+        lost |= scale > 1.0
+    return (found[0], found[1]), float(np.mean(lost))
 
 
 def _white_pose_noise(pose: PoseStream) -> tuple[Array, Array]:
