@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.inertia.batch.batch import fit_body
 from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
+from tactile_dynamics_ros.core.inertia.batch.pose_noise_bias import widen_by_pose_noise
 from tactile_dynamics_ros.core.inertia.diagnosis.readings import fit_with_readings
 from tactile_dynamics_ros.core.shape.hull import CentreHull, keep_in_hull
 from tactile_dynamics_ros.core.streams.streams import Streams
@@ -51,7 +52,10 @@ def estimate(
         NotIdentifiableError: the iteration diverged.
     """
     streams = recording if isinstance(recording, Streams) else recording.streams
-    model = fit_with_readings(streams, effects) if effects else fit_body(streams)
+    if effects:
+        model = widen_by_pose_noise(fit_with_readings(streams, effects), streams)
+    else:
+        model = fit_body(streams)
     if hull is None:
         return model
     data, prior = (part[:10, :10] for part in model.coordinate_information)

@@ -106,6 +106,8 @@ class FittedModel:
         corrected: the presumed lasting errors by which xi is corrected; None where it is not.
         survey: survey of all stretches where only some were fitted.
         restated: seen over stated noise of the streams whose own scatter was used.
+        noise_bias: (10 + k,) by how much noise of the poses may have moved [phi, theta]; None where
+            it cannot, see `pose_noise_bias`.
     """
 
     blocks: tuple[Block, ...]
@@ -119,6 +121,7 @@ class FittedModel:
     corrected: PresumedErrors | None = None
     survey: Survey | None = None
     restated: dict[str, float] = field(default_factory=dict)
+    noise_bias: Array | None = None
 
     @property
     def phi(self) -> Array:
@@ -195,6 +198,8 @@ class FittedModel:
         if self.frame_covariance is not None:
             moved = displacement_jacobian(self.phi)
             covariance[:10, :10] += moved @ self.frame_covariance @ moved.T
+        if self.noise_bias is not None:
+            covariance = covariance + np.outer(self.noise_bias, self.noise_bias)
         covariance[:10, :10] += self._unseen_gain(covariance) ** 2 * np.outer(self.phi, self.phi)
         return np.asarray(covariance)
 
