@@ -28,10 +28,10 @@ def widen_by_pose_noise(
 
     A mass on an internal spring answers to the acceleration, which is known from noisy poses alone.
     Its filter lets that noise into the model at the very frequencies where the effect is seen, and
-    the fit makes the effect slower and smaller (a sixth of the mass at 0.5 mm, 0.2 deg and 4 Hz). As
-    much noise again is added to the poses and the model fitted anew; how far the parameters move is
-    about how far the first noise has moved them, and counts as one standard deviation in that
-    direction.
+    the fit makes the effect slower and smaller (a sixth of the mass at 0.5 mm, 0.2 deg and 4 Hz).
+    As much noise again is added to the poses and the model fitted anew; how far the parameters move
+    is about how far the first noise has moved them, and counts as one standard deviation in that
+    direction. A bias of half of the effect is underestimated.
 
     Args:
         model: fitted.
