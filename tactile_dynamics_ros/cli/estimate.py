@@ -23,6 +23,12 @@ if TYPE_CHECKING:
     from tactile_dynamics_ros.recording import Recording
 
 
+GROSS_MISFIT = 10.0
+"""Error over the noise from which the exit code is 3. Effects of the catalogue raise it to 10 at
+most in recordings with known truth, and widened intervals still held at 5 there; readings in other
+units, signs or axes raise it to 15 and more."""
+
+
 def add_parser(verbs: _SubParsersAction[Any]) -> None:
     """Add the verb."""
     parser = verbs.add_parser(
@@ -34,7 +40,7 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
 
 
 def run(args: Namespace) -> int:
-    """Estimate and print; the exit code is 3 where the recording leaves something open."""
+    """Estimate and print; the exit code is 3 where the numbers are no answer."""
     from tactile_dynamics_ros.core.inertia.estimate import estimate
 
     recording, effects = read_recording(args), read_effects(args)
@@ -46,22 +52,29 @@ def run(args: Namespace) -> int:
 
         page = write_estimate_report(recording, model, Path(args.out))
         print(f"report: {page}", file=sys.stderr)
-    _require_determined(found)
+    _require_answer(found)
     return 0
 
 
-def _require_determined(estimate: InertialEstimate) -> None:
-    """Tell what the recording leaves open.
+def _require_answer(estimate: InertialEstimate) -> None:
+    """Check that the numbers that were printed are an answer.
 
     Raises:
-        NotIdentifiableError: names the parameters, or says that the iteration did not converge.
+        NotIdentifiableError: not even the mass is known, the iteration did not converge, or the
+            model does not fit at all.
     """
+    error = estimate.error.whitened_rms
+    if error > GROSS_MISFIT:
+        raise NotIdentifiableError(
+            f"the model does not fit: the error is {error:.0f} times the noise, so that the "
+            "printed values mean little; `tactile-dynamics diagnose` tells what is missing"
+        )
     if not estimate.converged:
         raise NotIdentifiableError(
             "not converged: the printed values are the last iterate; check the recording's "
             "motion, contacts and stamps"
         )
-    if estimate.not_excited:
+    if "mass" in estimate.not_excited:
         raise NotIdentifiableError(
             f"not identifiable from this motion: {', '.join(estimate.not_excited)}; the printed "
             "values of these come from the prior. Turn and shake the object about all axes"
@@ -78,11 +91,22 @@ def _describe(recording: Recording, model: FittedModel, estimate: InertialEstima
             f"{recording.source}: {estimate.duration:.1f} s, {estimate.samples} samples, "
             f"contacts {names}",
             align_rows(rows),
+            *_describe_open(estimate),
             *_describe_correction(model),
             f"error: {error.whitened_rms:.2f} times the stated sensor noise (whitened RMS), "
             f"{error.force_rms_n:.3g} N, {error.torque_rms_nm:.3g} N m",
         ]
     )
+
+
+def _describe_open(estimate: InertialEstimate) -> list[str]:
+    """Return a line on what the recording does not tell, if there is any."""
+    if not estimate.not_excited:
+        return []
+    return [
+        f"* undetermined by this recording: {', '.join(estimate.not_excited)}; value and std are "
+        "those presumed beforehand"
+    ]
 
 
 def _describe_correction(model: FittedModel) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ from tactile_dynamics_ros.recording.cdr import empty_table
 from tactile_dynamics_ros.recording.cleaning import ProblemLog
 from tactile_dynamics_ros.recording.conventions import doubtful_conventions
 from tactile_dynamics_ros.recording.namespaces import RecordedNames
+from tactile_dynamics_ros.recording.static_poses import held_poses
 
 
 @dataclass(frozen=True)
@@ -105,6 +106,50 @@ class Recording:
         _require_overlap(streams, source)
         streams, start = start_at_zero(streams)
         return cls(streams, source, dict(log), round(start * 1e9))
+
+    @classmethod
+    def from_static_poses(
+        cls,
+        force: Any,
+        torque: Any = None,
+        *,
+        rotation: Any = None,
+        quaternion: Any = None,
+        force_std: float | None = None,
+        torque_std: float | None = None,
+        contact: str = "wrist",
+        source: str = "static poses",
+    ) -> Recording:
+        """Take wrenches of a load at rest, one row per orientation; there is no time in them.
+
+        F = -m g_S + b_F, T = c x (-m g_S) + b_T with gravity g_S in sensor axes: mass and centre of
+        mass show, and with the effect `force_bias` the bias; the inertia does not.
+
+        Args:
+            force: (N, 3) N that the sensor applies **on the load**, sensor axes, N >= 3.
+            torque: (N, 3) N m likewise, about the sensor's origin.
+            rotation: (N, 3, 3) sensor to world, z up.
+            quaternion: (N, 4) xyzw of any length, instead of rotation.
+            force_std: N of one reading; read from how well the rows agree if None.
+            torque_std: N m likewise.
+            contact: name of the sensor.
+            source: name for messages to the user.
+
+        Raises:
+            BadInputError: a shape is wrong, or fewer than three usable rows.
+        """
+        held, pose, lost = held_poses(
+            force,
+            torque,
+            rotation=rotation,
+            quaternion=quaternion,
+            force_std=force_std,
+            torque_std=torque_std,
+        )
+        recording = cls.from_arrays({contact: held}, pose, contact_frame="object", source=source)
+        problems = {text: n for text, n in recording.problems.items() if "gap in" not in text}
+        lines = {"static poses: row is not finite (left out)": lost} if lost else {}
+        return replace(recording, problems=problems | lines)
 
     @property
     def duration(self) -> float:

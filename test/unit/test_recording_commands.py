@@ -34,6 +34,7 @@ def test_estimate_prints_the_promised_json(bag, capsys):
         "dynamic_parameters",
         "effects",
         "error",
+        "undetermined",
     }
     assert promised <= set(document)
     assert set(document["error"]) == {"force_rms_n", "torque_rms_nm", "whitened_rms"}
@@ -98,12 +99,23 @@ def test_bad_input_is_one_line_and_code_two(bag, arguments, message, capsys):
 
 def test_a_motionless_recording_names_what_it_leaves_open(tmp_path, capsys):
     still = held_box(seconds=4.0, motion=0.0).to_bag(tmp_path / "still.mcap")
-    assert main(["estimate", str(still), "--json"]) == 3
-    captured = capsys.readouterr()
-    document = json.loads(captured.out)
-    assert "not identifiable from this motion: " in captured.err
-    assert "inertia_zz" in captured.err
+    assert main(["estimate", str(still), "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert {"inertia_xx", "inertia_yy", "inertia_zz"} <= set(document["undetermined"])
     assert document["mass"]["value"] == pytest.approx(MASS, rel=0.02)
+    assert main(["estimate", str(still)]) == 0
+    assert "* undetermined by this recording: " in capsys.readouterr().out
+
+
+def test_numbers_of_a_model_that_does_not_fit_are_no_answer(tmp_path, capsys):
+    recording = held_box(seconds=4.0)
+    for contact in recording.streams.contacts.values():
+        contact.force[:] = contact.force[:, [1, 2, 0]]
+    assert main(["estimate", str(recording.to_bag(tmp_path / "axes.mcap")), "--json"]) == 3
+    captured = capsys.readouterr()
+    assert "mass" in json.loads(captured.out)
+    assert "the model does not fit: the error is " in captured.err
+    assert "`tactile-dynamics diagnose`" in captured.err
 
 
 def test_problems_of_a_recording_are_told_on_stderr(tmp_path, capsys):
