@@ -6,6 +6,7 @@ Their points are published through the tracked pose, so that the pose's noise is
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +17,8 @@ from tactile_dynamics_ros.core.streams.streams import ContactStream, PoseStream,
 from tactile_dynamics_ros.synthetic import randomness
 from tactile_dynamics_ros.synthetic.motion import MotionSamples
 from tactile_dynamics_ros.synthetic.objects import HeldObject
+
+Push = Callable[[MotionSamples], np.ndarray]
 
 _GRAVITY = np.array([0.0, 0.0, -9.81])
 _STEP_S = 1e-3
@@ -78,14 +81,24 @@ class _Tones:
         return self.offset + self.size * np.sin(self.rate * time[:, None] + self.phase)
 
 
-def generate_carried(seed: int, options: CarriedOptions | None = None) -> CarriedRecording:
-    """Generate a recording of a body that nothing but its contacts and gravity acts on."""
+def generate_carried(
+    seed: int, options: CarriedOptions | None = None, hidden: Push | None = None
+) -> CarriedRecording:
+    """Generate a recording of a body that nothing but its contacts and gravity acts on.
+
+    Args:
+        seed: of everything that is drawn.
+        options: how the object is held and measured.
+        hidden: wrench (N, 6) [torque about the origin, force], world axes, that acts besides.
+    """
     options = options or CarriedOptions()
     rng = randomness.stream(seed, "carried")
     body, points, position, turn = _draw(rng, options) if options.drawn else _always(options)
     time = np.arange(round(options.duration * options.rate_hz)) / options.rate_hz
     motion = _motion(time, position, turn)
     wrench = body.inertial_wrench(motion, _GRAVITY)
+    if hidden is not None:
+        wrench = wrench - hidden(motion)
     arms = np.stack([motion.to_world(point) for point in points], axis=1)
     force = _shares(arms, wrench) - _squeeze(arms, options)
     noise = randomness.stream(seed, "carried noise")

@@ -20,6 +20,7 @@ from tactile_dynamics_ros.core.discrepancy.documents import diagnosis_document, 
 from tactile_dynamics_ros.core.discrepancy.explanation import explain
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import Condition, Family, Residuals
 from tactile_dynamics_ros.core.discrepancy.screening import best_by_effect
+from tactile_dynamics_ros.core.discrepancy.search import DiagnosisConfig, explained_share
 from tactile_dynamics_ros.core.discrepancy.selection import exchange
 from tactile_dynamics_ros.core.discrepancy.structure import find_line
 from tactile_dynamics_ros.core.discrepancy.trials import try_effect
@@ -38,7 +39,10 @@ LAWS = {
 TERMS = {
     "v^3": lambda block: block.speed**3,
     "v/|v|": lambda block: np.sign(block.speed),
+    "v": lambda block: block.speed,
+    "x": lambda block: block.place,
 }
+TERM_EFFECTS = {"v": "viscous_friction", "x": "spring"}
 
 
 @dataclass(frozen=True)
@@ -106,6 +110,11 @@ class SlidingBlock:
     def lasting_freedom(self) -> float:
         return 12.0
 
+    def moved_by(self, other: SlidingBlock) -> float:
+        spread = np.sqrt(np.diag(np.linalg.inv(self.jacobian.T @ self.jacobian)))
+        count = len(self.solution)
+        return float(np.max(np.abs(other.solution[:count] - self.solution) / spread))
+
     def without_effect(self, name: str) -> SlidingBlock:
         left = tuple(effect for effect in self.effects if effect != name)
         return replace(self, effects=left)
@@ -133,7 +142,8 @@ class SlidingBlock:
 
     def _term(self, name: str) -> Family:
         columns = TERMS[name](self.block)[:, None] / NOISE
-        return Family(name, name, name, columns, (0,), symbols=(name,))
+        effect = TERM_EFFECTS.get(name, "")
+        return Family(name, name, name, columns, (0,), symbols=(name,), effect=effect)
 
     def separating_motion(self, rivals: Sequence[Any]) -> dict[str, Any]:
         return {"description": f"do not stretch {rivals[0].effects[-1]}"}
@@ -243,9 +253,59 @@ def test_what_a_simpler_law_does_better_is_not_put_down_to_known_ones() -> None:
     assert (ignorant.verdict, ignorant.effect) == ("missing_effect", "soft_friction")
     diagnosis = diagnose(SlidingBlock(block, known=known, terms=("v^3", "v/|v|")))
     assert (diagnosis.verdict, diagnosis.effect) == ("unexplained", None)
+    [lead, *_] = diagnosis.steps
+    assert explained_share(diagnosis.assessment.rms, lead.after.rms, diagnosis.floor) > 0.9
     assert diagnosis.signature is not None
     assert diagnosis.signature.formula is not None
     assert diagnosis.signature.formula.endswith("v/|v|")
+
+
+def test_what_explains_nine_tenths_is_named_and_the_rest_described() -> None:
+    model = SlidingBlock(slide(3, spring=1.0, hum=0.1))
+    diagnosis = diagnose(model)
+    share = explained_share(diagnosis.before.rms, diagnosis.after.rms, diagnosis.floor)
+    assert 0.9 < share < 0.99
+    assert (diagnosis.verdict, diagnosis.effect) == ("missing_effect", "spring")
+    document = diagnosis_document(diagnosis)
+    assert document["unexplained"]["frequency_hz"] == pytest.approx(13.0, rel=0.02)
+    assert "of the rest, it acts on force, oscillates at 13 Hz" in document["sentence"]
+    strict = replace(DiagnosisConfig(), mostly=0.99)
+    assert diagnose(model, strict).verdict == "unexplained"
+
+
+def test_a_law_whose_terms_are_known_effects_is_these_effects() -> None:
+    block = slide(12, viscous_friction=0.3, spring=0.9)
+    shallow = replace(DiagnosisConfig(), depth=1)
+    blind = diagnose(SlidingBlock(block), shallow)
+    assert blind.verdict == "unexplained"
+    diagnosis = diagnose(SlidingBlock(block, terms=("v^3", "v", "x")), shallow)
+    assert diagnosis.verdict == "missing_effect"
+    assert {step.name for step in diagnosis.steps} == {"viscous_friction", "spring"}
+    found = diagnosis.steps[-1].choice.model.parameters()
+    assert found["spring"]["c"]["value"] == pytest.approx(0.9, abs=4 * found["spring"]["c"]["std"])
+
+
+def test_what_is_significant_and_moves_nothing_is_a_trace() -> None:
+    model = SlidingBlock(slide(13, viscous_friction=0.0085))
+    diagnosis = diagnose(model)
+    assert (diagnosis.verdict, diagnosis.effect) == ("adequate", None)
+    assert diagnosis.trace is not None
+    assert (diagnosis.trace.name, diagnosis.assessment.adequate) == (
+        "viscous_friction",
+        False,
+    )
+    assert diagnosis.trace.p_value < 1e-6
+    assert (
+        "It looks most like viscous_friction (c = 0.0" in diagnosis_document(diagnosis)["sentence"]
+    )
+    comparison = compare(model)
+    assert (comparison.adequate, comparison.assessment.adequate) == (True, False)
+
+
+def test_what_moves_an_estimate_is_missing_however_little_it_explains() -> None:
+    diagnosis = diagnose(SlidingBlock(slide(13, zero_error=0.012)))
+    assert diagnosis.before.rms < 1.02 * diagnosis.floor
+    assert (diagnosis.verdict, diagnosis.effect) == ("missing_effect", "zero_error")
 
 
 def test_a_hum_is_reported_with_its_frequency() -> None:

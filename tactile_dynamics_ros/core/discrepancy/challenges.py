@@ -111,6 +111,22 @@ def _has_law(model: ResidualModel, floor: float, limit: float, freedom: float = 
     return min((score.criterion for score in effects), default=np.inf) >= limit
 
 
+def is_outdone_by_law(step: Step, floor: float, indifference: float, of_any_size: bool) -> bool:
+    """Whether a law of named quantities does better than an effect at its refitted whitening.
+
+    Args:
+        step: the effect.
+        floor: white RMS of the noise alone.
+        indifference: difference of -2 log evidence that does not decide.
+        of_any_size: also laws with more parameters than the effect.
+    """
+    full = step.choice.model
+    bare = full.without_effect(step.name)
+    reached = square(full) / floor**2 + _price(bare, full, [step.choice.best.source])
+    most = np.inf if of_any_size else full.freedom - bare.freedom + _HALF
+    return _has_law(bare, floor, reached - _CLEARLY * indifference, most)
+
+
 def follows_other_law(step: Step, floor: float, indifference: float) -> bool:
     """Whether a law of named quantities explains most of what is left, better than any effect.
 

@@ -15,6 +15,7 @@ from tactile_dynamics_ros.core.discrepancy.model.residual_model import (
     Residuals,
 )
 from tactile_dynamics_ros.core.discrepancy.structure import window_index
+from tactile_dynamics_ros.core.discrepancy.verdict.materiality import Trace, find_trace
 
 Array = NDArray[np.float64]
 
@@ -62,6 +63,7 @@ class Comparison:
         channel_rms: white RMS by channel.
         places: where it fails, worst first; empty if it is adequate.
         intervals: stretches (start, end) in s in which the error is far above its median.
+        trace: what is significant and does not matter, or None.
     """
 
     assessment: Assessment
@@ -69,17 +71,24 @@ class Comparison:
     channel_rms: dict[str, float]
     places: tuple[Place, ...]
     intervals: tuple[tuple[float, float], ...]
+    trace: Trace | None = None
+
+    @property
+    def adequate(self) -> bool:
+        """Whether nothing is seen to be missing that matters."""
+        return self.assessment.adequate or self.trace is not None
 
     def to_json(self) -> dict[str, Any]:
         """Fields of the document of `compare` that do not depend on the kind of model."""
         return {
             "channels": self.channel_rms,
-            "adequate": self.assessment.adequate,
+            "adequate": self.adequate,
             "white": self.assessment.white,
             "p_value": self.assessment.p_value,
             "noise_floor": self.assessment.structure.floor,
             "fails_where": [vars(place) for place in self.places],
             "intervals": [list(interval) for interval in self.intervals],
+            "trace": self.trace.to_json() if self.trace else None,
         }
 
 
@@ -93,13 +102,16 @@ def compare(model: ResidualModel, significance: float = 0.01) -> Comparison:
     assessment = assess(model, significance)
     residuals = model.residuals()
     rms = np.sqrt(np.mean(residuals.white**2, axis=0))
-    intervals = () if assessment.adequate else _failing_intervals(residuals)
+    trace = None if assessment.white else find_trace(assessment)
+    adequate = assessment.adequate or trace is not None
+    intervals = () if adequate else _failing_intervals(residuals)
     return Comparison(
         assessment=assessment,
         residuals=residuals,
         channel_rms=dict(zip(residuals.channels, map(float, rms), strict=True)),
-        places=() if assessment.adequate else _places(residuals, assessment.structure.floor),
+        places=() if adequate else _places(residuals, assessment.structure.floor),
         intervals=intervals,
+        trace=trace,
     )
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -16,6 +15,13 @@ from tactile_dynamics_ros.core.discrepancy.search import explained_share
 from tactile_dynamics_ros.core.discrepancy.selection import Choice
 from tactile_dynamics_ros.core.discrepancy.signature import Signature
 from tactile_dynamics_ros.core.discrepancy.trials import Trial
+from tactile_dynamics_ros.core.discrepancy.verdict.materiality import Trace
+from tactile_dynamics_ros.core.discrepancy.wording import (
+    capitalise,
+    join_names,
+    write_parameters,
+    write_percent,
+)
 
 Document = dict[str, Any]
 
@@ -25,10 +31,6 @@ noise's variance. It changes no verdict."""
 _NOTABLE = 0.1
 """Share of an unexplained error from which the known effect that explains most of it is told: less
 would send people after effects that are not there. It changes no verdict."""
-_AXES = ("x", "y", "z")
-"""Components whose parameters are told as one vector."""
-_MOST_PARAMETERS = 3
-"""Parameters that a sentence names at most; the document and the report have all."""
 
 
 def diagnosis_document(diagnosis: Diagnosis) -> Document:
@@ -47,6 +49,7 @@ def diagnosis_document(diagnosis: Diagnosis) -> Document:
         },
         "unexplained": signature.to_json() if signature else None,
         "p_value": diagnosis.assessment.p_value,
+        "trace": diagnosis.trace.to_json() if diagnosis.trace else None,
         "sentence": diagnosis_sentence(diagnosis),
     }
 
@@ -94,7 +97,7 @@ def _first_trials(diagnosis: Diagnosis) -> list[Trial]:
 def _refitted(trial: Trial, score: Score, diagnosis: Diagnosis, tests: int) -> Document:
     model: ResidualModel = trial.model
     if trial.name == diagnosis.effect:
-        model = diagnosis.explained_model
+        model = diagnosis.steps[-1].choice.model
     without = diagnosis.steps[0].choice.without
     return {
         **_scored(score, tests),
@@ -118,6 +121,8 @@ def _scored(score: Score, tests: int) -> Document:
 
 def diagnosis_sentence(diagnosis: Diagnosis) -> str:
     """The verdict for people."""
+    if diagnosis.trace is not None:
+        return _trace_sentence(diagnosis.trace)
     if diagnosis.verdict == "adequate" and not diagnosis.assessment.white:
         return (
             "Nothing is known to be missing: the error is within the uncertainty that the sensors "
@@ -131,17 +136,37 @@ def diagnosis_sentence(diagnosis: Diagnosis) -> str:
         )
     if diagnosis.effect is None:
         return _unexplained_sentence(diagnosis)
-    named = _effect_sentence(
-        diagnosis.model, diagnosis.explained_model.parameters(), diagnosis.effect
-    )
+    named = _effect_sentence(diagnosis.model, _fitted_together(diagnosis), diagnosis.effect)
     share = explained_share(diagnosis.before.rms, diagnosis.after.rms, diagnosis.floor)
     text = f"{named} explains {write_percent(share)} of the excess error"
     if len(diagnosis.steps) > 1:
-        text += f"; {diagnosis.steps[1].name} is missing too"
+        others = [step.name for step in diagnosis.steps[1:]]
+        text += f"; {join_names(others, 'and')} {'is' if len(others) == 1 else 'are'} missing too"
     elif diagnosis.remaining > _REMAINS and not diagnosis.steps[0].after.within_stated:
         text += f"; what remains is {diagnosis.remaining:.1f} times the noise"
+    if diagnosis.signature is not None:
+        text += f"; of the rest, {_facts(diagnosis.signature)}"
     clause = group_clause(diagnosis.verdict, diagnosis.group, diagnosis.separating_motion)
     return f"{text}; {clause}." if clause else f"{text}."
+
+
+def _fitted_together(diagnosis: Diagnosis) -> ParameterTable:
+    """Parameters of the named effect beside all others that are missing."""
+    return diagnosis.steps[-1].choice.model.parameters()
+
+
+def _trace_sentence(trace: Trace) -> str:
+    text = (
+        f"Nothing that matters is missing: the error is {trace.error:.3f} times the noise floor, "
+        f"and what is significant (p = {trace.p_value:.2g}) moves no estimate by half its standard "
+        "deviation"
+    )
+    if trace.name is None:
+        return text + "."
+    return (
+        f"{text}. It looks most like {trace.name} ({write_parameters(trace.parameters)}) and moves "
+        f"estimates by at most {trace.moved:.2g} of theirs."
+    )
 
 
 def _effect_sentence(model: ResidualModel, parameters: ParameterTable, name: str) -> str:
@@ -215,51 +240,6 @@ def explanation_sentence(explanation: Explanation) -> str:
     return f"{'. '.join(clauses)}. The error falls from {before:.2f} to {after:.2f}{end}."
 
 
-def write_parameters(parameters: Mapping[str, Mapping[str, Any]]) -> str:
-    """``c = 0.41 +- 0.03 N s/m``; the three components of a vector together; a few at most."""
-    texts, done = [], set[str]()
-    for name, entry in parameters.items():
-        if name in done:
-            continue
-        stem = name[:-2]
-        group = [f"{stem}_{axis}" for axis in _AXES]
-        if name[-2:] == "_x" and all(member in parameters for member in group):
-            values = ", ".join(_number(float(parameters[m]["value"])) for m in group)
-            texts.append(f"{stem} = ({values}) {entry['unit']}".rstrip())
-            done.update(group)
-        else:
-            texts.append(f"{name} = {write_value(entry)}")
-    shown = ", ".join(texts[:_MOST_PARAMETERS])
-    return shown + (", ..." if len(texts) > _MOST_PARAMETERS else "")
-
-
-def write_value(entry: Mapping[str, Any]) -> str:
-    """Value and standard deviation with the digits that count, and the unit."""
-    value, std, unit = float(entry["value"]), float(entry["std"]), str(entry["unit"])
-    if not (math.isfinite(std) and std > 0):
-        return f"{value:.3g} {unit}".rstrip()
-    digits = max(0, 1 - math.floor(math.log10(std)))
-    if digits > 6 or abs(value) >= 1e5:
-        return f"{value:.3g} +- {std:.1g} {unit}".rstrip()
-    return f"{value:.{digits}f} +- {std:.{digits}f} {unit}".rstrip()
-
-
-def _number(value: float) -> str:
-    return f"{value:.2g}" if abs(value) < 1 else f"{value:.3g}"
-
-
-def capitalise(text: str) -> str:
-    """First letter upper case, the rest as it is."""
-    return text[:1].upper() + text[1:]
-
-
-def join_names(names: Sequence[str], word: str = "or") -> str:
-    """``a``, ``a or b``, ``a, b or c``, or with another word."""
-    if len(names) < 2:
-        return "".join(names)
-    return f"{', '.join(names[:-1])} {word} {names[-1]}"
-
-
 def group_clause(verdict: str, group: Sequence[str], motion: Mapping[str, Any] | None) -> str:
     """What else may be the cause and what would tell, as a clause; empty without a group.
 
@@ -283,8 +263,3 @@ def group_clause(verdict: str, group: Sequence[str], motion: Mapping[str, Any] |
     left = [name for name in group[1:] if name not in told]
     remains = f"; that does not separate {group[0]} from {join_names(left)}" if left else ""
     return f"{text}: {motion['description']}{remains}"
-
-
-def write_percent(share: float) -> str:
-    """Percent without pretending to be exact."""
-    return f"{min(99.9, 100.0 * share):.3g} %" if share > 0.99 else f"{100.0 * share:.0f} %"

@@ -35,6 +35,7 @@ class Score:
     Attributes:
         family: what was tested.
         coefficients: (m,) expected parameters of the family.
+        stds: (m,) their standard deviations, of the noise that is left.
         gain: expected fall of the squared white residual.
         freedom: rank of the family beside the model.
         p_value: of the gain, robust against leftover correlation.
@@ -44,6 +45,7 @@ class Score:
 
     family: Family
     coefficients: Array
+    stds: Array
     gain: float
     freedom: int
     p_value: float
@@ -128,11 +130,13 @@ def _score(
     variance = max((total - gain) / remaining, 1e-300)
     scatter = (shares - grams @ (half @ score)) @ half
     excess = np.mean(np.sum(scatter**2, axis=0)) / variance if freedom else 1.0
-    statistic = gain / (variance * max(1.0, float(excess)))
+    spread = variance * max(1.0, float(excess))
+    statistic = gain / spread
     rows = len(residual)
     return Score(
         family=family,
         coefficients=np.asarray(half @ score) / projection.scale[kept],
+        stds=np.sqrt(np.sum(half**2, axis=1) * spread) / projection.scale[kept],
         gain=gain,
         freedom=freedom,
         p_value=float(chdtrc(freedom, statistic)) if freedom else 1.0,

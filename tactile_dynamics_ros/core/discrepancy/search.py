@@ -33,6 +33,13 @@ class DiagnosisConfig:
         0.9,
         1.0,
     )
+    mostly: float = parameter(
+        0.9,
+        "share of the excess error by which an effect is named although something remains",
+        "",
+        0.5,
+        1.0,
+    )
     complete: float = parameter(
         0.995,
         "share of the excess error by which several effects are its cause, whatever is left",

@@ -19,6 +19,7 @@ from tactile_dynamics_ros.core.discrepancy.model.residual_model import (
 from tactile_dynamics_ros.core.discrepancy.screening import Score, best_by_effect, screen
 from tactile_dynamics_ros.core.discrepancy.structure import Structure, find_line, in_frame
 from tactile_dynamics_ros.core.discrepancy.trials import square
+from tactile_dynamics_ros.core.discrepancy.wording import write_interval
 
 Array = NDArray[np.float64]
 
@@ -95,13 +96,14 @@ def describe_residual(assessment: Assessment) -> Signature:
     share = min(1.0, best[0].gain / excess) if best else 0.0
     named = best[0] if best and share > _CORRELATED else None
     frame = line.frame if line else named.family.frame if named else ""
+    formula = _find_formula(model, scores, floor, excess)
     return Signature(
         channels=failing_channels(residuals, frame, floor),
         frame=frame or None,
         frequency_hz=frequency,
         correlates_with=named.family.name if named else None,
         share=share if named else 0.0,
-        formula=_find_formula(model, scores, floor, excess),
+        formula=formula.write() if formula else None,
         intervals=_bursts(residuals, assessment.structure),
         change=clear_change(model, assessment.scores, floor),
     )
@@ -146,13 +148,40 @@ def _joined(bursts: Array) -> tuple[tuple[float, float], ...]:
     return tuple((float(run[0, 0]), float(run[-1, 1])) for run in np.split(bursts, breaks))
 
 
+@dataclass(frozen=True)
+class Formula:
+    """A sparse law in named quantities.
+
+    Attributes:
+        families: its terms, most important first.
+        score: of all of them together.
+    """
+
+    families: tuple[Family, ...]
+    score: Score
+
+    def write(self) -> str:
+        """Coefficients with their standard deviations, and symbols."""
+        symbols = [symbol for family in self.families for symbol in family.symbols]
+        numbers = zip(self.score.coefficients, self.score.stds, symbols, strict=True)
+        terms = [f"({write_interval(c, std)}) {symbol}" for c, std, symbol in numbers]
+        return " + ".join(terms)
+
+
+def find_formula(model: ResidualModel, floor: float) -> Formula | None:
+    """A sparse law that explains at least half of the excess error of a model, or None."""
+    excess = max(square(model) - floor**2 * len(model.residual), 1e-12)
+    return _find_formula(model, screen(model, model.library(), floor), floor, excess)
+
+
 def _find_formula(
     model: ResidualModel, scores: Sequence[Score], floor: float, excess: float
-) -> str | None:
+) -> Formula | None:
     """Forward selection of short terms until half of the excess error is explained."""
     short = [s for s in scores if s.family.symbols and len(s.family.kept) <= _FORMULA_COLUMNS]
     chosen: list[Family] = []
-    explained, coefficients = 0.0, np.zeros(0)
+    found: Score | None = None
+    explained = 0.0
     for _ in range(_FORMULA_TERMS):
         others = [s.family for s in short if all(s.family is not f for f in chosen)]
         options = [_joint(model, [*chosen, family], floor) for family in others]
@@ -161,10 +190,10 @@ def _find_formula(
         score, families = max(options, key=lambda option: option[0].gain)
         if score.gain - explained < _CORRELATED * excess:
             break
-        chosen, explained, coefficients = families, score.gain, score.coefficients
-    if explained < _FORMULA_SHARE * excess:
+        chosen, explained, found = families, score.gain, score
+    if found is None or explained < _FORMULA_SHARE * excess:
         return None
-    return _write_formula(chosen, coefficients)
+    return Formula(tuple(chosen), found)
 
 
 def _joint(
@@ -173,9 +202,3 @@ def _joint(
     columns = np.concatenate([f.columns[:, list(f.kept)] for f in families], axis=1)
     joint = Family("formula", "formula", "formula", columns, tuple(range(columns.shape[1])))
     return screen(model, [joint], floor)[0], families
-
-
-def _write_formula(families: list[Family], coefficients: Array) -> str:
-    symbols = [symbol for family in families for symbol in family.symbols]
-    terms = [f"{c:.3g} {s}" for c, s in zip(coefficients, symbols, strict=True)]
-    return " + ".join(terms).replace("+ -", "- ")

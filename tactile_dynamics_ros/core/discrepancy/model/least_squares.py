@@ -267,6 +267,13 @@ class LeastSquaresModel(ABC, Generic[EffectT]):
             table.setdefault(group, {})[name] = entry
         return table
 
+    def moved_by(self, other: ResidualModel) -> float:
+        """Largest change of the parameters that both fits have, in standard deviations of this."""
+        if not isinstance(other, type(self)):
+            return np.inf
+        spread = np.sqrt(np.maximum(np.diag(self.covariance), 1e-300))
+        return float(np.max(np.abs(other.x[: len(self.x)] - self.x) / spread, initial=0.0))
+
     def sentence(self, name: str) -> str:
         """What an effect does, as a clause."""
         effect = self.effect_named(name)

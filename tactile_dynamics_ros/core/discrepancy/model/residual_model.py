@@ -41,6 +41,7 @@ class Family:
         lasting: whether it is an error that the sensors themselves report, such as a wrong gain.
         symbols: of the columns, where they can stand in a formula.
         frame: in which the columns are constant or turn with what they depend on.
+        effect: name of the effect of the catalogue that a term of the library is; empty for none.
     """
 
     name: str
@@ -54,6 +55,7 @@ class Family:
     lasting: bool = False
     symbols: tuple[str, ...] = ()
     frame: str = ""
+    effect: str = ""
 
 
 @dataclass(frozen=True)
@@ -143,6 +145,12 @@ class ResidualModel(Protocol):
     @property
     def unreadable(self) -> str:
         """Why a misfit of this recording says nothing of the model, in a sentence; empty mostly."""
+
+    def moved_by(self, other: ResidualModel) -> float:
+        """Largest change of an estimate if this fit is exchanged for another with more effects.
+
+        In standard deviations of this fit.
+        """
 
     def families(self, names: Sequence[str] | None = None) -> Sequence[Family]:
         """Families of the effects that the model could have."""

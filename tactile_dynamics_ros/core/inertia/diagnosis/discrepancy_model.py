@@ -305,6 +305,7 @@ class HeldObjectModel(LeastSquaresModel[Effect]):
                     tuple(range(columns.shape[1])),
                     symbols=parts[0].symbols,
                     frame=parts[0].frame,
+                    effect=parts[0].effect,
                 )
             )
         return families

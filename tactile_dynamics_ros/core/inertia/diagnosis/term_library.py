@@ -40,6 +40,7 @@ class Term:
         columns: (N, 6, m) [torque, force], body frame.
         symbols: symbols of the columns, empty where they are too many for a formula.
         frame: in which the dependence is simple.
+        effect: the effect of the catalogue that it is, if it is one.
     """
 
     quantity: str
@@ -47,6 +48,7 @@ class Term:
     columns: Array
     symbols: tuple[str, ...]
     frame: str
+    effect: str = ""
 
 
 def wrench_terms(samples: WrenchSamples) -> Iterator[Term]:
@@ -63,10 +65,10 @@ def _forces(vectors: Array) -> Array:
 
 
 def _isotropic(
-    quantity: str, label: str, vectors: Array, symbol: str, frame: str
+    quantity: str, label: str, vectors: Array, symbol: str, frame: str, effect: str = ""
 ) -> Iterator[Term]:
     """One force along a vector (N, 3), body axes."""
-    yield Term(quantity, label, _forces(vectors[..., None]), (symbol,), frame)
+    yield Term(quantity, label, _forces(vectors[..., None]), (symbol,), frame, effect)
 
 
 def _linear(samples: WrenchSamples, quantity: str, vectors: Array) -> Iterator[Term]:
@@ -86,7 +88,8 @@ def _constants(samples: WrenchSamples) -> Iterator[Term]:
     world = body_from_world(samples)
     fixed = np.tile(np.eye(6), (count, 1, 1))
     symbols = tuple(f"[force_{a}, world]" for a in AXES)
-    yield Term("gravity", "constant world force", _forces(world), symbols, "world")
+    pull = "hanging_cable"
+    yield Term("gravity", "constant world force", _forces(world), symbols, "world", pull)
     yield Term("constant", "constant body wrench", fixed, (), "body")
     powers = [fixed * ramp[:, None, None] ** k for k in (1, 2, 3)]
     yield Term("time", "body wrench that drifts", np.concatenate(powers, axis=2), (), "body")
@@ -99,13 +102,16 @@ def _constants(samples: WrenchSamples) -> Iterator[Term]:
 def _motion_terms(samples: WrenchSamples) -> Iterator[Term]:
     velocity = to_body(samples, samples.velocity)
     speed = np.linalg.norm(velocity, axis=1, keepdims=True)
-    yield from _isotropic("velocity", "force along v", velocity, "v", "world")
-    yield from _isotropic("velocity", "force along |v| v", speed * velocity, "|v| v", "world")
+    drag = "viscous_drag"
+    yield from _isotropic("velocity", "force along v", velocity, "v", "world", drag)
+    squared, drag = speed * velocity, "quadratic_drag"
+    yield from _isotropic("velocity", "force along |v| v", squared, "|v| v", "world", drag)
     direction = velocity / np.maximum(speed, _SLOWEST)
     yield from _isotropic("velocity", "force along v/|v|", direction, "v/|v|", "world")
     yield from _linear(samples, "velocity", samples.velocity)
     acceleration = to_body(samples, samples.acceleration)
-    yield from _isotropic("acceleration", "force along a", acceleration, "a", "world")
+    mass = "added_mass"
+    yield from _isotropic("acceleration", "force along a", acceleration, "a", "world", mass)
     yield from _linear(samples, "acceleration", samples.acceleration)
     middle = samples.position - samples.position.mean(axis=0)
     away = to_body(samples, middle)
@@ -136,7 +142,8 @@ def _rotation_terms(samples: WrenchSamples) -> Iterator[Term]:
     ):
         columns = torque_columns(torque[..., None])
         label = f"torque along {symbol}"
-        yield Term("angular_velocity", label, columns, (f"[torque] {symbol}",), "body")
+        effect = "rotational_drag" if symbol == "omega" else ""
+        yield Term("angular_velocity", label, columns, (f"[torque] {symbol}",), "body", effect)
     yield from _linear(
         samples, "angular_velocity", np.einsum("nij,nj->ni", samples.rotation, omega)
     )
