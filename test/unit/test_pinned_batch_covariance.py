@@ -60,7 +60,7 @@ def fitted(
         prior=LogCholeskyPrior(XI, STD),
         unexcited=np.zeros((10, 0)) if unexcited is None else unexcited,
         converged=True,
-        corrected=PresumedErrors(np.zeros(9), np.zeros((rows.shape[1],) * 2)),
+        corrected=PresumedErrors(np.zeros(9), np.zeros(9), np.zeros((rows.shape[1],) * 2)),
     )
     white = rng.normal(size=len(rows))
     vars(model).update(white_jacobian=rows, noise_information=noise, white_residual=white)
@@ -118,6 +118,9 @@ def test_a_gain_of_some_fingers_is_seen_against_the_others():
     assert every.unseen_gain(seen, 10.0 * std, std) == pytest.approx(shared)
     assert some.unseen_gain(seen, 3.0 * std[:2], std[:2]) == pytest.approx(shared)
     assert some.unseen_gain(seen, np.array([0.0, -0.1]), std[:2]) == 0.0
+    both = some.unseen_gain(seen, np.array([0.1, 0.1]), std[:2])  # or are the others 10 % low?
+    gains = [0.1, 0.1, *np.zeros(len(seen.contact_names) - 2)]
+    assert both == pytest.approx(np.std(gains, ddof=1) / np.sqrt(len(gains)))
 
 
 SIZE = 300

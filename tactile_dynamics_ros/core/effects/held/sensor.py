@@ -16,7 +16,7 @@ from tactile_dynamics_ros.core.contact.wrench_samples import (
 from tactile_dynamics_ros.core.effects.effect import Effect
 from tactile_dynamics_ros.core.effects.fingers import FingerEffect, FramedFingerEffect
 from tactile_dynamics_ros.core.effects.geometry import right_jacobian, vector_parameters
-from tactile_dynamics_ros.core.effects.parameter import EffectParameter
+from tactile_dynamics_ros.core.effects.parameter import EffectParameter, ParameterSum
 from tactile_dynamics_ros.core.effects.registry import register_effect
 from tactile_dynamics_ros.core.rigid_body.rotation import cross, exp_so3, skew
 
@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 _SEEN = 4.0
 """Standard deviations from which a gain is seen: one in ten thousand by chance. It only decides
-whether the gain that all sensors may share is the prior's (not seen) or nothing."""
+what the gain that all sensors may share is uncertain by."""
 _LEAST_GAIN = -0.9
 """Lowest gain that is evaluated: at -1 a sensor reads nothing, and its force would be divided by
 zero. No sensor that is worth a model reads a tenth of the force."""
@@ -52,6 +52,16 @@ class _OffsetEffect(FramedFingerEffect):
         """Force (3), and torque (3) where it is measured."""
         force, torque = self.axis_parameters()[:3], self.axis_parameters()[3:]
         return force + torque if carries_torque(samples) else force
+
+    def sums(self, samples: WrenchSamples) -> tuple[ParameterSum, ...]:
+        """Force of all chosen contacts together, which is all that one grasp tells of it."""
+        chosen = [samples.contact_names[c] for c in self.chosen(samples)]
+        if self.frame != "body" or self.common or len(chosen) < 2:
+            return ()
+        return tuple(
+            ParameterSum(f"sum_{p.name}", p.unit, tuple(f"{name}_{p.name}" for name in chosen))
+            for p in self.axis_parameters()[:3]
+        )
 
     def finger_wrench(self, samples: WrenchSamples, contact: int, theta: Array) -> Array:
         """Columns times theta."""
@@ -175,16 +185,23 @@ class ForceScale(FingerEffect):
         return np.asarray(-relative / (1.0 + relative))
 
     def unseen_gain(self, samples: WrenchSamples, theta: Array, std: Array) -> float:
-        """Prior of the mean of all gains, where every finger has one or none has one that is seen.
+        """Standard deviation of the gain that all fingers have in common, for all that is seen.
 
-        A gain of single fingers is seen against the others, which then are taken to be right. If
-        none is seen, what is left of a gain error is one that all have in common.
+        Only differences between the fingers' gains show. If one gain of three or more fingers is
+        seen, the others agree and are taken to be right. If more are, nobody knows which are: gains
+        that scatter by s have a mean that is known to s / sqrt(n). If none is, or all are relative,
+        the mean is as uncertain as the prior.
         """
-        seen = np.abs(theta) > _SEEN * std
-        if seen.any() and not self._is_relative(samples):
-            return 0.0
+        fingers = len(samples.contact_names)
         (gain,) = self.axis_parameters()
-        return float(gain.prior_std / np.sqrt(len(samples.contact_names)))
+        seen = int(np.sum(np.abs(theta) > _SEEN * std))
+        if seen == 0 or self._is_relative(samples):
+            return float(gain.prior_std / np.sqrt(fingers))
+        if seen == 1 and fingers > 2:
+            return 0.0
+        gains = np.zeros(fingers)
+        gains[: len(theta)] = theta
+        return float(min(np.std(gains, ddof=1), gain.prior_std) / np.sqrt(fingers))
 
     def _relative(self, samples: WrenchSamples, theta: Array) -> Array:
         """Gains (k,) that count: 1 / c_i - 1, c over its mean where all fingers have a gain."""
