@@ -38,6 +38,7 @@ setup(
         (f"share/{NAME}", ["package.xml"]),
         shared("config", "*.yaml"),
         shared("config/objects", "*.yaml"),
+        shared("config/robots", "*"),
         shared("config/objects/friction", "*.yaml"),
         shared("launch", "*.launch.py"),
     ],
@@ -57,6 +58,7 @@ setup(
         "scipy",
         "sympy",
         "trimesh",
+        "urdf-parser-py",
     ],
     extras_require={
         "ros": [

@@ -12,12 +12,14 @@ from benchmarks.biotac_press_rig import calibrate_units
 from tactile_dynamics_ros.core.contact.contact_state import Contact, ContactState
 from tactile_dynamics_ros.core.manipulation.grasp_controller import GraspController, Phase
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
-from tactile_dynamics_ros.core.robot.robot_description import FINGERS
+from tactile_dynamics_ros.core.robot.robot_file import load_robot
 from tactile_dynamics_ros.core.tactile.calibration import NORMAL_90
 from tactile_dynamics_ros.core.tactile.estimators import create_force_estimator
 from tactile_dynamics_ros.core.tactile.fingertip import FingertipConfig
 from tactile_dynamics_ros.core.tactile.hand_contacts import hand_contacts
 from tactile_dynamics_ros.sim.simulated_robot import Readings, SimulatedRobot, SimulatedRobotConfig
+
+ROBOT = load_robot()
 
 Array = NDArray[np.float64]
 
@@ -37,7 +39,7 @@ class Touch:
     def __init__(
         self, kinematics: HandKinematics, model: str, tips: Sequence[FingertipConfig] | None = None
     ) -> None:
-        self._tips = create_force_estimator(model, tips or [FingertipConfig()] * len(FINGERS))
+        self._tips = create_force_estimator(model, tips or [FingertipConfig()] * len(ROBOT.fingers))
         self._state = ContactState(kinematics)
         self._rest: list[Array] = []
 

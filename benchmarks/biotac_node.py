@@ -14,14 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.cli.domain import private_domain
-from tactile_dynamics_ros.core.robot.robot_description import FINGERS
+from tactile_dynamics_ros.core.robot.robot_file import load_robot
 from tactile_dynamics_ros.sim.sensors.biotac import BioTacArray
+
+ROBOT = load_robot()
 
 if TYPE_CHECKING:
     from rclpy.node import Node
 
 _NODE = "import sys; from tactile_dynamics_ros.nodes.biotac_force import main; sys.exit(main())"
-_PAD = np.tile([-6e-3, 0.0, -7e-3], (len(FINGERS), 1))
+_PAD = np.tile([-6e-3, 0.0, -7e-3], (len(ROBOT.fingers), 1))
 _TARE_FRAMES, _START_S, _LOST_S = 60, 30.0, 0.2
 _SPIN_S, _PERIOD = 2e-3, 0.01
 
@@ -80,7 +82,7 @@ def _round_trips(
     rclpy.init()
     here = rclpy.create_node("biotac_latency")
     force = here.create_subscription(
-        WrenchStamped, f"/biotac/{FINGERS[-1]}/force", lambda _: None, STREAM, raw=True
+        WrenchStamped, f"/biotac/{ROBOT.fingers[-1]}/force", lambda _: None, STREAM, raw=True
     )
     publisher = here.create_publisher(Image, "/biotac/raw", STREAM)
     waiter = Waiter(here, [force])
@@ -114,10 +116,10 @@ def _round_trips(
 
 def _frames(pressed: int) -> Iterator[NDArray[np.uint16]]:
     """Yield counts (4, 44) of free fingertips, then of as many frames of pressed ones."""
-    sensors = BioTacArray(len(FINGERS), seed=0)
+    sensors = BioTacArray(len(ROBOT.fingers), seed=0)
     for k in range(_TARE_FRAMES + pressed):
         press = 0.0 if k < _TARE_FRAMES else 1.0 + 0.5 * np.sin(0.05 * k)
-        yield sensors.measure(np.tile([0.0, 0.0, -press], (len(FINGERS), 1)), _PAD)
+        yield sensors.measure(np.tile([0.0, 0.0, -press], (len(ROBOT.fingers), 1)), _PAD)
 
 
 def _spin_until(due: float) -> float:

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from tactile_dynamics_ros.core.robot.robot_description import FINGERS, sensor_frame
+from tactile_dynamics_ros.core.robot.robot_file import load_robot
 from tactile_dynamics_ros.core.tactile.estimators import create_force_estimator
 from tactile_dynamics_ros.core.tactile.fingertip import FingertipConfig
 from tactile_dynamics_ros.core.tactile.thermal_drift import fit_thermal_drift
@@ -33,6 +33,8 @@ from tactile_dynamics_ros.recording.cdr import BIOTAC_RAW
 from tactile_dynamics_ros.ros.conversions import biotac_to_message, wrench_to_message
 from tactile_dynamics_ros.sim.sensors.biotac import BioTacArray, BioTacConfig
 from tactile_dynamics_ros.sim.sensors.biotac.skin import OUTER_RADIUS, outward_normal
+
+ROBOT = load_robot()
 
 Array = NDArray[np.float64]
 
@@ -51,8 +53,8 @@ _IMAGE = "sensor_msgs/msg/Image"
 def warm_up(unit_seed: int, seed: int) -> NDArray[np.uint16]:
     """Return frames (N, 4, 44) of the untouched fingertips from switching on, ten a second."""
     config = BioTacConfig(cold_start=COLD_START)
-    array = BioTacArray(len(FINGERS), config, seed=seed + 60_000, unit_seed=unit_seed)
-    free = np.zeros((len(FINGERS), 3))
+    array = BioTacArray(len(ROBOT.fingers), config, seed=seed + 60_000, unit_seed=unit_seed)
+    free = np.zeros((len(ROBOT.fingers), 3))
     steps = range(round(WARM_UP / WARM_UP_PERIOD))
     return np.array([array.measure(free, free, dt=WARM_UP_PERIOD) for _ in steps])
 
@@ -68,8 +70,8 @@ def press_fingertips(
         seconds: of pressing, after half a minute of rest.
         tips: configurations of the four fingertips.
     """
-    tips = tips or [FingertipConfig()] * len(FINGERS)
-    array = BioTacArray(len(FINGERS), seed=seed + 50_000, unit_seed=unit_seed)
+    tips = tips or [FingertipConfig()] * len(ROBOT.fingers)
+    array = BioTacArray(len(ROBOT.fingers), seed=seed + 50_000, unit_seed=unit_seed)
     rng = np.random.default_rng([seed, 11])
     force, point = _presses(REST + round(100 * seconds), rng)
     raw = np.stack([array.measure(force[:, k], point[:, k]) for k in range(force.shape[1])])
@@ -84,7 +86,7 @@ def press_fingertips(
 def calibrate_units(unit_seed: int) -> tuple[FingertipConfig, ...]:
     """Configurations of a hand's fingertips, from warming up and presses of its own."""
     frames = warm_up(unit_seed, seed=unit_seed)
-    drifts = [fit_thermal_drift(frames[:, k]).slope for k in range(len(FINGERS))]
+    drifts = [fit_thermal_drift(frames[:, k]).slope for k in range(len(ROBOT.fingers))]
     tips = [FingertipConfig(drift=tuple(map(float, drift))) for drift in drifts]
     pressed = press_fingertips(unit_seed, unit_seed, tips=tips)
     gains = [fit_unit_gain(*pair).matrix for pair in zip(*pressed, strict=True)]
@@ -109,7 +111,7 @@ def _presses(frames: int, rng: np.random.Generator) -> tuple[Array, Array]:
 def _waves(frames: int, rate_hz: float, rng: np.random.Generator) -> Array:
     """Return smooth random curves (4, T) of about unit amplitude."""
     time = 0.01 * np.arange(frames)
-    frequency = rate_hz * rng.uniform(0.05, 1.0, (len(FINGERS), 4, 1))
+    frequency = rate_hz * rng.uniform(0.05, 1.0, (len(ROBOT.fingers), 4, 1))
     phase = rng.uniform(0.0, 2 * np.pi, frequency.shape)
     return np.asarray(np.sin(2 * np.pi * frequency * time + phase).sum(axis=1) / np.sqrt(2.0))
 
@@ -118,13 +120,13 @@ def write_presses(path: Path, found: Array, known: Array) -> None:
     """Write estimated and known forces (4, N, 3) as a recording."""
     store = get_typestore(Stores.ROS2_JAZZY)
     with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        for k, finger in enumerate(FINGERS):
+        for k, finger in enumerate(ROBOT.fingers):
             for topic, forces in ((f"/biotac/{finger}/force", found), (f"/rig/{finger}", known)):
                 connection = writer.add_connection(topic, _WRENCH, typestore=store)
                 for row, force in enumerate(forces[k]):
                     stamp = 10**9 + 10_000_000 * row
                     wrench = np.concatenate([np.zeros(3), force])
-                    message = wrench_to_message(wrench, 1e-9 * stamp, sensor_frame(finger))
+                    message = wrench_to_message(wrench, 1e-9 * stamp, ROBOT.sensor_frame(finger))
                     writer.write(connection, stamp, message)
 
 
@@ -147,9 +149,12 @@ def _calibrate(*words: str) -> Any:
 
 def _print_rows(name: str, rows: Sequence[Sequence[float]], digits: int) -> None:
     print(f"    {name}:")
-    for finger, row in zip(FINGERS, rows, strict=True):
+    for finger, row in zip(ROBOT.fingers, rows, strict=True):
         numbers = ", ".join(f"{value:.{digits}f}" for value in row)
-        start, end = "[" if finger == FINGERS[0] else " ", "]" if finger == FINGERS[-1] else ","
+        start, end = (
+            "[" if finger == ROBOT.fingers[0] else " ",
+            "]" if finger == ROBOT.fingers[-1] else ",",
+        )
         print(f"      {start}{numbers}{end}  # {finger}")
 
 
@@ -165,12 +170,12 @@ def main() -> int:
     arguments.out.mkdir(parents=True, exist_ok=True)
     write_frames(warming, warm_up(arguments.unit_seed, arguments.seed), WARM_UP_PERIOD)
     found = _calibrate(str(warming), "--drift")
-    drifts = [found[finger]["drift"] for finger in FINGERS]
+    drifts = [found[finger]["drift"] for finger in ROBOT.fingers]
     tips = [FingertipConfig(drift=tuple(drift)) for drift in drifts]
     pressed = press_fingertips(arguments.unit_seed, arguments.seed, arguments.seconds, tips)
     write_presses(presses, *pressed)
     gains = []
-    for finger in FINGERS:
+    for finger in ROBOT.fingers:
         words = str(presses), "--finger", finger, "--reference", f"/rig/{finger}"
         gains.append(np.ravel(_calibrate(*words)["matrix"]).tolist())
     _print_rows("drift", drifts, 2)

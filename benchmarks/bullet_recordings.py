@@ -13,15 +13,16 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tactile_dynamics_ros.core.manipulation.grasp_controller import GraspController, Phase
-from tactile_dynamics_ros.core.manipulation.grasp_planner import ARM_HOME, HAND_SEED
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
-from tactile_dynamics_ros.core.robot.robot_description import sensor_frame
+from tactile_dynamics_ros.core.robot.robot_file import load_robot
 from tactile_dynamics_ros.core.streams.streams import ContactStream, PoseStream, Streams
 from tactile_dynamics_ros.sim.contacts import ContactReading
 from tactile_dynamics_ros.sim.hidden_effects import HiddenEffect, SensorView, create_hidden_effect
 from tactile_dynamics_ros.sim.world import HandWorld, WorldConfig
 from tactile_dynamics_ros.synthetic import randomness
 from tactile_dynamics_ros.synthetic.sensors import SensorOptions
+
+ROBOT = load_robot()
 
 PERIOD_S = 0.01
 
@@ -60,7 +61,7 @@ def record_in_bullet(
     hidden = create_hidden_effect(effect, magnitude, seed)
     log = _Log()
     with HandWorld(WorldConfig(object_name=object_name)) as world:
-        world.reset(np.concatenate([ARM_HOME, HAND_SEED]))
+        world.reset(ROBOT.start)
         hidden.attach(world)
         controller = GraspController(HandKinematics(), world.model.grasp)
         steps = round(PERIOD_S / world.config.time_step)
@@ -91,7 +92,7 @@ def _note(
     log: _Log, world: HandWorld, effect: HiddenEffect, readings: dict[str, ContactReading]
 ) -> None:
     pose = world.object_pose()
-    frames = {name: world.link_pose(sensor_frame(name))[:3, :3] for name in world.fingers}
+    frames = {name: world.link_pose(ROBOT.sensor_frame(name))[:3, :3] for name in world.fingers}
     tips = {name: readings[name] for name in world.fingers}
     felt = effect.feel(SensorView(world.time, tips, frames, pose))
     log.pose_time.append(world.time + effect.delay("pose"))

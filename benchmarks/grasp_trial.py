@@ -14,11 +14,13 @@ from tactile_dynamics_ros.core.manipulation.grasp_controller import (
     GraspController,
     Phase,
 )
-from tactile_dynamics_ros.core.manipulation.grasp_planner import ARM_HOME, HAND_SEED
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, log_so3
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
+from tactile_dynamics_ros.core.robot.robot_file import load_robot
 from tactile_dynamics_ros.sim.bodies import inverse_pose
 from tactile_dynamics_ros.sim.world import HandWorld, WorldConfig
+
+ROBOT = load_robot()
 
 Array = NDArray[np.float64]
 
@@ -98,7 +100,7 @@ def run_trial(trial: GraspTrial, time_limit: float = 120.0) -> TrialResult:
     touching: list[int] = []
     started = time.process_time()
     with HandWorld(trial.world) as world:
-        world.reset(np.concatenate([ARM_HOME, HAND_SEED]))
+        world.reset(ROBOT.start)
         controller = GraspController(kinematics, world.model.grasp, trial.behaviour)
         while not controller.done and world.time < time_limit:
             told = _disturb_pose(world.object_pose(), trial)

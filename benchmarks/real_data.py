@@ -28,7 +28,7 @@ from tactile_dynamics_ros.recording.importers.kuka_ft_imu import (
     Calibration,
     KukaFtImuImporter,
 )
-from tactile_dynamics_ros.recording.importers.table import read_table
+from tactile_dynamics_ros.recording.importers.tables import read_table
 from tactile_dynamics_ros.report.style import (
     BLUE,
     GREY,

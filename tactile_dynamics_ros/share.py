@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import sys
 from pathlib import Path
@@ -29,6 +30,31 @@ def share_file(name: str) -> Path:
         if candidate.is_file():
             return candidate
     raise BadInputError(f"no file '{name}', neither as a path nor in {folders[0]}")
+
+
+def find_package_file(name: str, folder: Path) -> Path | None:
+    """Return a file that a URDF or a robot's yaml names, or None if there is none.
+
+    Args:
+        name: a path relative to the folder, an absolute one, or package://PACKAGE/PATH with a
+            package of ROS or of Python, or (as some simulators write it) a path in the folder.
+        folder: of the file that names it.
+    """
+    scheme, separator, path = name.partition("://")
+    if not separator or scheme == "file":
+        found = [folder / (path or scheme)]
+    else:
+        package, _, rest = path.partition("/")
+        prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
+        found = [Path(prefix) / "share" / path for prefix in prefixes if prefix]
+        found += [Path(place) / rest for place in _python_package(package)] + [folder / path]
+    return next((candidate for candidate in found if candidate.is_file()), None)
+
+
+def _python_package(name: str) -> list[str]:
+    """Return the folders of an installed Python package without importing it."""
+    spec = importlib.util.find_spec(name) if name.isidentifier() else None
+    return list(spec.submodule_search_locations or []) if spec is not None else []
 
 
 def object_file(name: str) -> Path:

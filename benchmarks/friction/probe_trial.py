@@ -23,7 +23,7 @@ from tactile_dynamics_ros.core.manipulation.grasp_controller import (
 )
 from tactile_dynamics_ros.core.manipulation.grasp_site import GraspSite
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
-from tactile_dynamics_ros.core.robot.robot_description import FINGERS
+from tactile_dynamics_ros.core.robot.robot_file import load_robot
 from tactile_dynamics_ros.core.shape.friction_regions import ObjectSurface
 from tactile_dynamics_ros.core.tactile.estimators import create_force_estimator
 from tactile_dynamics_ros.core.tactile.fingertip import FingertipConfig
@@ -32,6 +32,8 @@ from tactile_dynamics_ros.core.tactile.slip import SlipDetector
 from tactile_dynamics_ros.core.tracking.pose_average import average_poses
 from tactile_dynamics_ros.sim.simulated_robot import SimulatedRobot, SimulatedRobotConfig
 from tactile_dynamics_ros.sim.skin_friction import SkinFriction, SurfaceFriction
+
+ROBOT = load_robot()
 
 Array = NDArray[np.float64]
 
@@ -123,9 +125,9 @@ class _Chain:
         self.friction = SkinFriction(world, trial.regions, trial.surfaces, trial.probe.finger)
         self.kinematics = HandKinematics()
         self._contact_state = ContactState(self.kinematics)
-        tips = trial.tips or [FingertipConfig()] * len(FINGERS)
+        tips = trial.tips or [FingertipConfig()] * len(ROBOT.fingers)
         self._tips = create_force_estimator(config=tips)
-        self._finger = FINGERS.index(trial.probe.finger)
+        self._finger = ROBOT.fingers.index(trial.probe.finger)
         self._vibration = SlipDetector()
         self._motion = ElectrodeMotion()
         self._poses: list[Array] = []

@@ -23,9 +23,11 @@ from tactile_dynamics_ros.core.inertia.excitation import (
 )
 from tactile_dynamics_ros.core.inertia.excitation.limits import fit_to_limits
 from tactile_dynamics_ros.core.manipulation.excitation import ExcitationConfig, SumOfSines
-from tactile_dynamics_ros.core.manipulation.grasp_planner import ARM_HOME
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
+from tactile_dynamics_ros.core.robot.robot_file import load_robot
 from tactile_dynamics_ros.synthetic.motion import MotionSamples
+
+ROBOT = load_robot()
 
 _FINGERS = ("index", "middle", "ring", "thumb")
 _GRID_HZ = 20.0
@@ -102,7 +104,7 @@ class _Setting:
     @classmethod
     def of(cls, case: Case, duration: float) -> _Setting:
         kinematics = HandKinematics()
-        positions = np.concatenate([ARM_HOME, np.full(16, 0.5)])
+        positions = np.concatenate([ROBOT.home, np.full(16, 0.5)])
         palm = kinematics.locate(positions).palm
         pivot = palm[:3, 3] + 0.1 * palm[:3, 0]
         start = HeldPose(case.scenario.motion.mean_rotation, pivot, pivot)

@@ -19,7 +19,7 @@ from tactile_dynamics_ros.core.manipulation.grasp_controller import GraspConfig,
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
 from tactile_dynamics_ros.core.streams.streams import ContactStream, PoseStream, Streams
-from tactile_dynamics_ros.core.tracking.kinematic_tracker import ANCHOR, KinematicTracker
+from tactile_dynamics_ros.core.tracking.kinematic_tracker import KinematicTracker
 from tactile_dynamics_ros.core.tracking.pose_average import average_poses
 from tactile_dynamics_ros.core.tracking.pose_fusion import PoseFusion
 from tactile_dynamics_ros.sim.simulated_robot import SimulatedRobot, SimulatedRobotConfig
@@ -51,7 +51,7 @@ class _Tracking:
         contacts: dict[str, Contact],
     ) -> tuple[np.ndarray, np.ndarray] | None:
         """Fused pose and covariance, or None until enough has been seen."""
-        anchor = self.kinematics.sensor_pose(ANCHOR, positions)
+        anchor = self.kinematics.sensor_pose(self.kinematics.robot.reference, positions)
         if vision is not None:
             self.seen.append(np.linalg.inv(anchor) @ vision)
         if not self.tracker.initialised:

@@ -14,7 +14,7 @@ from benchmarks.tracking.tape import Moment, Tape
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
 from tactile_dynamics_ros.core.shape.object_shape import ObjectShape
 from tactile_dynamics_ros.core.tracking.depth_image import DepthNoiseConfig
-from tactile_dynamics_ros.core.tracking.kinematic_tracker import ANCHOR, KinematicTracker
+from tactile_dynamics_ros.core.tracking.kinematic_tracker import KinematicTracker
 from tactile_dynamics_ros.core.tracking.pose_average import average_poses
 from tactile_dynamics_ros.core.tracking.pose_fusion import PoseFusion
 from tactile_dynamics_ros.core.tracking.robot_volume import RobotVolume
@@ -152,7 +152,9 @@ class LiveChain:
             if self._tracker.initialised:
                 self._fusion.correct(seen.pose, seen.covariance, then.time)
             elif then.aloft:
-                anchor = self._kinematics.sensor_pose(ANCHOR, then.positions)
+                anchor = self._kinematics.sensor_pose(
+                    self._kinematics.robot.reference, then.positions
+                )
                 self._seen.append(np.linalg.inv(anchor) @ seen.pose)
                 self._covariance = seen.covariance
 
@@ -160,7 +162,9 @@ class LiveChain:
         if not self._tracker.initialised:
             if len(self._seen) < _SIGHTINGS:
                 return
-            anchor = self._kinematics.sensor_pose(ANCHOR, moment.positions)
+            anchor = self._kinematics.sensor_pose(
+                self._kinematics.robot.reference, moment.positions
+            )
             mean, _ = average_poses(np.stack(self._seen))
             self._tracker.initialise(anchor @ mean, moment.positions, self._covariance, moment.time)
         began = time.process_time()

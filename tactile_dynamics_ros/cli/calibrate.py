@@ -16,7 +16,7 @@ import numpy as np
 
 from tactile_dynamics_ros.cli.recordings import add_namespace
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.robot.robot_description import FINGERS
+from tactile_dynamics_ros.core.robot.robot_file import DEFAULT_ROBOT, load_robot
 
 if TYPE_CHECKING:
     from tactile_dynamics_ros.recording.cdr import MessageTable
@@ -38,7 +38,13 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
         help="drift of all electrodes with temperature: /biotac/raw for ten minutes from switching "
         "on, nothing touched",
     )
-    parser.add_argument("--finger", choices=FINGERS, help="gain: of which finger")
+    parser.add_argument("--finger", help="gain: of which finger")
+    parser.add_argument(
+        "--robot",
+        metavar="NAME",
+        default=DEFAULT_ROBOT,
+        help=f"file in config/robots, or path of a yaml file ({DEFAULT_ROBOT})",
+    )
     parser.add_argument(
         "--reference",
         metavar="TOPIC",
@@ -63,7 +69,13 @@ def _print_drift(args: Namespace) -> int:
     from tactile_dynamics_ros.recording.fingertip_frames import read_fingertip_frames
 
     frames = read_fingertip_frames(Path(args.bag), args.namespace)
-    drifts = {finger: fit_thermal_drift(frames[:, k]) for k, finger in enumerate(FINGERS)}
+    fingers = load_robot(args.robot).fingers
+    if frames.shape[1] != len(fingers):
+        raise BadInputError(
+            f"{args.bag}: images of {frames.shape[1]} fingertips, expected {len(fingers)} "
+            f"({', '.join(fingers)} of robot '{args.robot}')"
+        )
+    drifts = {finger: fit_thermal_drift(frames[:, k]) for k, finger in enumerate(fingers)}
     if args.json:
         result = {
             finger: {
@@ -82,7 +94,7 @@ def _print_drift(args: Namespace) -> int:
             f"({drift.span:.1f} K, {drift.frames} frames)"
         )
         print("  " + ", ".join(f"{value:.2f}" for value in drift.slope))
-    print("the four rows one after the other are biotac_force's parameter `drift`")
+    print("the rows one after the other are biotac_force's parameter `drift`")
     return 0
 
 
@@ -91,6 +103,8 @@ def _print_gain(args: Namespace) -> int:
     from tactile_dynamics_ros.recording.bag_files import read_tables
     from tactile_dynamics_ros.recording.namespaces import absolute_namespace
 
+    robot = load_robot(args.robot)
+    place = robot.finger_index(args.finger) + 1
     topic = f"{absolute_namespace(args.namespace)}/biotac/{args.finger}/force"
     bag = read_tables(Path(args.bag), lambda name: name in (topic, args.reference))
     tables = [_table(bag.tables, args.bag, name) for name in (topic, args.reference)]
@@ -114,13 +128,12 @@ def _print_gain(args: Namespace) -> int:
     if args.json:
         print(json.dumps(result))
         return 0
-    place = FINGERS.index(args.finger) + 1
     print(f"gain of {args.finger}: {gain.scale:.3f} +- {gain.std:.3f} ({gain.samples} frames)")
     print("its matrix, which turns the force too:")
     print("\n".join("  ".join(f"{value:8.4f}" for value in row) for row in gain.matrix))
     print(
-        f"number {place} of biotac_force's parameter `gains` ({', '.join(FINGERS)}) is this gain, "
-        "or nine numbers for each finger, the matrices by rows"
+        f"number {place} of biotac_force's parameter `gains` ({', '.join(robot.fingers)}) is this "
+        "gain, or nine numbers for each finger, the matrices by rows"
     )
     return 0
 

@@ -13,7 +13,7 @@ from sensor_msgs.msg import Image
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.robot.robot_description import FINGERS, sensor_frame
+from tactile_dynamics_ros.core.robot.robot import Robot
 from tactile_dynamics_ros.core.tactile.estimators import create_force_estimator
 from tactile_dynamics_ros.core.tactile.fingertip import FingertipConfig, TactileEstimate
 from tactile_dynamics_ros.core.tactile.signal_change import COUNTS_PER_KELVIN
@@ -27,6 +27,7 @@ from tactile_dynamics_ros.ros.conversions import (
 from tactile_dynamics_ros.ros.kept_tare import KeptTare
 from tactile_dynamics_ros.ros.names import BIOTAC_RAW, TARE, fingertip_topic
 from tactile_dynamics_ros.ros.parameters import declare_config
+from tactile_dynamics_ros.ros.robot import declare_robot
 from tactile_dynamics_ros.ros.shell import Shell, run_node
 from tactile_dynamics_ros.ros.wire import AnyStamp, Picture
 
@@ -37,12 +38,12 @@ class BiotacForceConfig:
 
     model: str = parameter("network", "force model: network or analytic")
     gains: tuple[float, ...] = parameter(
-        (1.0, 1.0, 1.0, 1.0),
-        "of index, middle, ring, thumb: a number each, or the nine of a matrix by rows each",
+        (1.0,),
+        "of the fingers: one for all, a number each, or the nine of a matrix by rows each",
     )
     drift: tuple[float, ...] = parameter(
-        (COUNTS_PER_KELVIN,) * len(FINGERS),
-        "of the electrodes with temperature: a number for each finger, or E1 to E19 of each",
+        (COUNTS_PER_KELVIN,),
+        "of the electrodes with temperature: one for all, one per finger, or E1 to E19 of each",
         "counts/K",
     )
     tare_frames: int = parameter(30, "frames without contact that make a tare", "", 1, 1000)
@@ -51,24 +52,35 @@ class BiotacForceConfig:
 
     def __post_init__(self) -> None:
         check_ranges(self)
-        for name, each in (("gains", 9), ("drift", 19)):
-            count = len(getattr(self, name))
-            if count not in (len(FINGERS), each * len(FINGERS)):
-                raise BadInputError(
-                    f"{name}: {count} values, expected {len(FINGERS)} or {each * len(FINGERS)}"
-                )
 
-    def fingertip(self, finger: int, tip: FingertipConfig) -> FingertipConfig:
-        """Return what holds for all fingertips with the numbers of one unit."""
-        gain, drift = (
-            tuple(map(float, np.split(np.array(values), len(FINGERS))[finger]))
-            for values in (self.gains, self.drift)
+    def fingertips(self, robot: Robot, tip: FingertipConfig) -> list[FingertipConfig]:
+        """Return what holds for all fingertips with the numbers of each unit.
+
+        Raises:
+            BadInputError: there are neither numbers for all fingers nor for each.
+        """
+        gains = _split("gains", self.gains, len(robot.fingers), 9)
+        drifts = _split("drift", self.drift, len(robot.fingers), 19)
+        pairs = zip(gains, drifts, strict=True)
+        return [replace(tip, drift=drift).with_gain(gain) for gain, drift in pairs]
+
+
+def _split(
+    name: str, values: tuple[float, ...], fingers: int, each: int
+) -> list[tuple[float, ...]]:
+    """Return the numbers of each finger."""
+    count = len(values)
+    if count not in (1, fingers, each * fingers):
+        raise BadInputError(
+            f"{name}: {count} values, expected 1, {fingers} or {each * fingers}"
         )
-        return replace(tip, drift=drift).with_gain(gain)
+    if count == 1:
+        return [values] * fingers
+    return [tuple(map(float, part)) for part in np.split(np.array(values), fingers)]
 
 
 class BiotacForce(Shell):
-    """Estimates four forces per frame; tares at the start and on request.
+    """Estimates a force per finger from each frame; tares at the start and on request.
 
     A restarted node continues with the tare that it kept, since the fingers may hold something.
     """
@@ -80,10 +92,12 @@ class BiotacForce(Shell):
         self.config = declare_config(self, BiotacForceConfig)
         tip = declare_config(self, FingertipConfig, "fingertip.")
         slip = declare_config(self, SlipConfig, "slip.")
-        tips = [self.config.fingertip(finger, tip) for finger in range(len(FINGERS))]
+        self.robot = declare_robot(self)
+        self.robot.require_tips("biotac", "biotac_force")
+        tips = self.config.fingertips(self.robot, tip)
         self.estimator = create_force_estimator(self.config.model, tips)
         self._slip = SlipDetector(slip)
-        self._kept = KeptTare(self.config.tare_file, self.get_namespace())
+        self._kept = KeptTare(len(tips), self.config.tare_file, self.get_namespace())
         self._rest: deque[NDArray[np.float64]] | None = None
         frames = self._kept.read(self.config.tare_max_age)
         if frames is None:
@@ -92,9 +106,11 @@ class BiotacForce(Shell):
             self._set_rest(frames)
         self._gate = StampGate(BIOTAC_RAW)
         self.listen(Image, BIOTAC_RAW, self._on_raw)
-        self._force = [self.stream(WrenchStamped, fingertip_topic(f, "force")) for f in FINGERS]
-        self._std = [self.stream(Vector3Stamped, fingertip_topic(f, "force_std")) for f in FINGERS]
-        self._slips = [self.stream(Vector3Stamped, fingertip_topic(f, "slip")) for f in FINGERS]
+        fingers = self.robot.fingers
+        self._frames = [self.robot.sensor_frame(finger) for finger in fingers]
+        self._force = [self.stream(WrenchStamped, fingertip_topic(f, "force")) for f in fingers]
+        self._std = [self.stream(Vector3Stamped, fingertip_topic(f, "force_std")) for f in fingers]
+        self._slips = [self.stream(Vector3Stamped, fingertip_topic(f, "slip")) for f in fingers]
         self._spent: deque[NDArray[np.float64]] = deque(maxlen=1000)
         self.serve(TARE, self.start_tare)
         self.every(1.0, self._show_spent)
@@ -107,7 +123,7 @@ class BiotacForce(Shell):
 
     def _on_raw(self, message: Picture) -> None:
         start = _clocks()
-        counts = biotac_to_core(message, BIOTAC_RAW)
+        counts = biotac_to_core(message, BIOTAC_RAW, len(self._frames))
         if self._gate.check(message.stamp):
             self.faults.add("clock_restarted")
             self.start_tare()
@@ -133,19 +149,19 @@ class BiotacForce(Shell):
 
     def _publish_forces(self, seen: TactileEstimate, stamp: AnyStamp) -> None:
         wrench = np.concatenate([seen.torque, seen.force], axis=-1)
-        for k, finger in enumerate(FINGERS):
-            self._std[k].publish(std_to_message(seen.std[k], stamp, sensor_frame(finger)))
-            self._force[k].publish(wrench_to_message(wrench[k], stamp, sensor_frame(finger)))
+        for k, frame in enumerate(self._frames):
+            self._std[k].publish(std_to_message(seen.std[k], stamp, frame))
+            self._force[k].publish(wrench_to_message(wrench[k], stamp, frame))
 
     def _publish_slips(self, heard: SlipEstimate, stamp: AnyStamp) -> None:
         """Publish score, level over rest, and whether it slips (0 or 1) as x, y and z."""
         said = np.stack([heard.score, heard.level, heard.slipping], axis=-1)
-        for k, finger in enumerate(FINGERS):
-            self._slips[k].publish(std_to_message(said[k], stamp, sensor_frame(finger)))
+        for k, frame in enumerate(self._frames):
+            self._slips[k].publish(std_to_message(said[k], stamp, frame))
 
     def _flag(self, seen: TactileEstimate) -> None:
         """Count the frames of fingers that cannot be trusted."""
-        rows = zip(FINGERS, seen.saturated, seen.drifting, seen.warming, strict=True)
+        rows = zip(self.robot.fingers, seen.saturated, seen.drifting, seen.warming, strict=True)
         for finger, saturated, drifting, warming in rows:
             if saturated:
                 self.faults.add(f"saturated_{finger}")
@@ -168,10 +184,10 @@ class BiotacForce(Shell):
         self.get_logger().info(f"tared with {len(frames)} frames")
 
     def _set_rest(self, frames: NDArray[np.float64]) -> None:
-        """Tare all fingers with frames (K, 4, 44)."""
+        """Tare all fingers with frames (K, F, 44)."""
         self.estimator.tare(frames)
         self._slip.tare(frames)
-        for finger, dead in zip(FINGERS, self.estimator.dead, strict=True):
+        for finger, dead in zip(self.robot.fingers, self.estimator.dead, strict=True):
             if dead.any():
                 names = ", ".join(f"E{n + 1}" for n in np.flatnonzero(dead))
                 self.faults.add(f"dead_electrodes_{finger}", f"{finger}: {names}")

@@ -18,7 +18,6 @@ from tactile_dynamics_ros.core.contact.contact_state import (
 )
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
-from tactile_dynamics_ros.core.robot.robot_description import FINGERS, sensor_frame
 from tactile_dynamics_ros.ros.conversions import (
     JointReader,
     StampGate,
@@ -32,6 +31,7 @@ from tactile_dynamics_ros.ros.conversions import (
 from tactile_dynamics_ros.ros.joint_history import JointHistory
 from tactile_dynamics_ros.ros.names import JOINT_STATES, contact_topic, fingertip_topic
 from tactile_dynamics_ros.ros.parameters import declare_config
+from tactile_dynamics_ros.ros.robot import declare_robot
 from tactile_dynamics_ros.ros.shell import Shell, run_node
 from tactile_dynamics_ros.ros.wire import Joints, Stamp, Stamped
 
@@ -57,26 +57,28 @@ class ContactStateNode(Shell):
     def __init__(self) -> None:
         super().__init__("contact_state")
         config = declare_config(self, ContactStateConfig)
-        self.contact_state = ContactState(HandKinematics(), config)
-        self._reader = JointReader(HandKinematics.joint_names)
+        self.robot = robot = declare_robot(self)
+        self.contact_state = ContactState(HandKinematics(robot), config)
+        self._reader = JointReader(robot.joint_names)
         self._joints = JointHistory()
         self._joint_gate = StampGate(JOINT_STATES)
-        self._gates = {finger: StampGate(fingertip_topic(finger, "force")) for finger in FINGERS}
+        self._gates = {finger: StampGate(self._topic(finger, "force")) for finger in robot.fingers}
         self._std: dict[str, NDArray[np.float64]] = {}
         self._waiting: deque[Touch] = deque(maxlen=WAITING)
         self._force, self._force_std, self._pose = {}, {}, {}
-        for finger in FINGERS:
+        for finger in robot.fingers:
             self._force[finger] = self.stream(WrenchStamped, contact_topic(finger, "force"))
             self._force_std[finger] = self.stream(
                 Vector3Stamped, contact_topic(finger, "force_std")
             )
             self._pose[finger] = self.stream(PoseStamped, contact_topic(finger, "pose"))
         self.listen(JointState, JOINT_STATES, self._on_joints)
-        for finger in FINGERS:
-            self.listen(
-                Vector3Stamped, fingertip_topic(finger, "force_std"), self._std_taker(finger)
-            )
-            self.listen(WrenchStamped, fingertip_topic(finger, "force"), self._force_taker(finger))
+        for finger in robot.fingers:
+            self.listen(Vector3Stamped, self._topic(finger, "force_std"), self._std_taker(finger))
+            self.listen(WrenchStamped, self._topic(finger, "force"), self._force_taker(finger))
+
+    def _topic(self, finger: str, kind: str) -> str:
+        return fingertip_topic(finger, kind, self.robot.tips.kind)
 
     def _on_joints(self, message: Joints) -> None:
         positions = self._reader.positions(message)
@@ -87,7 +89,7 @@ class ContactStateNode(Shell):
         self._joints.add(to_seconds(message.stamp), positions)
 
     def _std_taker(self, finger: str) -> Callable[[Stamped], None]:
-        topic = fingertip_topic(finger, "force_std")
+        topic = self._topic(finger, "force_std")
 
         def take(message: Stamped) -> None:
             self._std[finger] = std_to_core(message, topic)
@@ -95,10 +97,10 @@ class ContactStateNode(Shell):
         return take
 
     def _force_taker(self, finger: str) -> Callable[[Stamped], None]:
-        topic = fingertip_topic(finger, "force")
+        topic, frame = self._topic(finger, "force"), self.robot.sensor_frame(finger)
 
         def take(message: Stamped) -> None:
-            wrench = wrench_to_core(message, topic, sensor_frame(finger))
+            wrench = wrench_to_core(message, topic, frame)
             self._gates[finger].check(message.stamp)
             if finger not in self._std:
                 raise NotIdentifiableError(f"{topic}_std has not come yet")
@@ -141,7 +143,7 @@ class ContactStateNode(Shell):
         matrix[:3, :3], matrix[:3, 3] = contact.rotation, contact.point
         world_wrench = np.zeros(6)
         if contact.touching:
-            world_wrench[3:] = contact.force
+            world_wrench = np.concatenate([contact.torque, contact.force])
         finger = contact.finger
         self._pose[finger].publish(pose_to_message(matrix, stamp, WORLD))
         self._force_std[finger].publish(std_to_message(contact.force_std, stamp, WORLD))

@@ -20,8 +20,7 @@ from tactile_dynamics_ros.core.friction.electrode_motion import ElectrodeMotion
 from tactile_dynamics_ros.core.friction.probe import FrictionProbe
 from tactile_dynamics_ros.core.friction.probe_config import FrictionProbeConfig
 from tactile_dynamics_ros.core.friction.probe_input import ProbeContact, ProbeInput
-from tactile_dynamics_ros.core.robot.hand_kinematics import ARM_DOF, HandKinematics
-from tactile_dynamics_ros.core.robot.robot_description import FINGERS
+from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
 from tactile_dynamics_ros.core.shape.friction_regions import ObjectSurface
 from tactile_dynamics_ros.core.streams.streams import ContactSample
 from tactile_dynamics_ros.core.tracking.pose_average import average_poses
@@ -51,6 +50,7 @@ from tactile_dynamics_ros.ros.names import (
     fingertip_topic,
 )
 from tactile_dynamics_ros.ros.parameters import declare_config
+from tactile_dynamics_ros.ros.robot import declare_robot
 from tactile_dynamics_ros.ros.shell import Shell, run_node
 from tactile_dynamics_ros.ros.stream_clock import StreamClock
 from tactile_dynamics_ros.ros.wire import Joints, Picture, Stamped
@@ -94,7 +94,9 @@ class FrictionProbeNode(Shell):
         surface = ObjectSurface.from_mapping(description)
         if self.config.mesh:
             surface = ObjectSurface.from_file(self.config.mesh, surface.regions)
-        self.kinematics = HandKinematics()
+        self.robot = declare_robot(self)
+        self.robot.require_tips("biotac", "friction_probe")
+        self.kinematics = HandKinematics(self.robot)
         self.probe = FrictionProbe(self.kinematics, surface, probe_config)
         self._reader = JointReader(self.kinematics.joint_names)
         self._gate = StampGate(JOINT_STATES)
@@ -119,7 +121,9 @@ class FrictionProbeNode(Shell):
         self.listen(Image, BIOTAC_RAW, self._on_raw)
         self._emergency = EmergencyStop(self, self._stop)
         clock = StreamClock(self)
-        self._assemblies = [ContactAssembly(self, f, self._taker(f), clock) for f in FINGERS]
+        self._assemblies = [
+            ContactAssembly(self, f, self._taker(f), clock) for f in self.robot.fingers
+        ]
         self.serve(PROBE, self.start)
 
     def start(self) -> str:
@@ -167,7 +171,7 @@ class FrictionProbeNode(Shell):
     def _on_raw(self, message: Picture) -> None:
         """Follow the electrodes of the probing finger, at rest while it touches nothing."""
         finger = self.probe.config.finger
-        counts = biotac_to_core(message, BIOTAC_RAW)[FINGERS.index(finger)]
+        counts = self._counts(message)[self.robot.finger_index(finger)]
         contact = self._contacts.get(finger)
         if contact is None or contact.force.any():
             self._rest.clear()
@@ -177,6 +181,9 @@ class FrictionProbeNode(Shell):
             self._motion.tare(np.stack(self._rest))
             self._rest.clear()
         self._electrodes = self._motion.update(counts)
+
+    def _counts(self, message: Picture) -> Array:
+        return biotac_to_core(message, BIOTAC_RAW, len(self.robot.fingers))
 
     def _on_command(self, message: Joints) -> None:
         if not self.probe.running:
@@ -206,8 +213,8 @@ class FrictionProbeNode(Shell):
         if self.config.touch_lag < late <= self.probe.config.stale_time:
             return
         self._acted = seen.time
-        hand = self.probe.update(seen)[ARM_DOF:]
-        names = self.kinematics.joint_names[ARM_DOF:]
+        hand = self.probe.update(seen)[self.robot.arm_dof :]
+        names = self.kinematics.joint_names[self.robot.arm_dof :]
         self._command.publish(joints_to_message(names, seen.time, hand))
         self._tell()
 

@@ -27,8 +27,7 @@ from tactile_dynamics_ros.core.manipulation.grasp_controller import (
 )
 from tactile_dynamics_ros.core.manipulation.grasp_site import GraspSite
 from tactile_dynamics_ros.core.manipulation.squeeze import held_by
-from tactile_dynamics_ros.core.robot.hand_kinematics import ARM_DOF, HandKinematics
-from tactile_dynamics_ros.core.robot.robot_description import FINGERS
+from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
 from tactile_dynamics_ros.core.tracking.pose_average import average_poses
 from tactile_dynamics_ros.ros.conversions import (
     JointReader,
@@ -53,6 +52,7 @@ from tactile_dynamics_ros.ros.names import (
     contact_topic,
 )
 from tactile_dynamics_ros.ros.parameters import declare_config
+from tactile_dynamics_ros.ros.robot import declare_robot
 from tactile_dynamics_ros.ros.shell import LATCHED, Shell, run_node
 from tactile_dynamics_ros.ros.wire import Joints, Stamped
 from tactile_dynamics_ros.share import object_file
@@ -103,7 +103,8 @@ class GraspControllerNode(Shell):
         self._motion: SumOfSines | OffsetTable = SumOfSines(self._behaviour_config.excitation)
         if self.config.motion:
             self._motion = OffsetTable.from_file(Path(self.config.motion))
-        self.kinematics = HandKinematics()
+        self.robot = declare_robot(self)
+        self.kinematics = HandKinematics(self.robot)
         self._reader = JointReader(self.kinematics.joint_names)
         self._gate = StampGate(JOINT_STATES)
         self._phase_name = ""
@@ -115,7 +116,7 @@ class GraspControllerNode(Shell):
         self._emergency = EmergencyStop(self, self._stop)
         self.listen(JointState, JOINT_STATES, self._on_joints, skim=True)
         self.listen(PoseWithCovarianceStamped, VISION_POSE, self._on_vision)
-        for finger in FINGERS:
+        for finger in self.robot.fingers:
             topic = contact_topic(finger, "force")
             self.listen(WrenchStamped, topic, self._force_taker(finger), skim=True)
         self.listen(Bool, PROBE_ACTIVE, self._on_probe, LATCHED)
@@ -132,7 +133,7 @@ class GraspControllerNode(Shell):
         if self._moving:
             raise NotIdentifiableError(f"grasp controller: already runs ({self._phase_name})")
         time, positions = self._require_touch()
-        held = held_by(self._touching(time), self._behaviour_config.hold_force)
+        held = held_by(self.robot, self._touching(time), self._behaviour_config.hold_force)
         if self._is_where_it_stopped(positions) and (held or self._resumed is None):
             self._moving = True
             return "the interrupted motion goes on"
@@ -166,7 +167,7 @@ class GraspControllerNode(Shell):
         """Return time and positions of the newest joint states, if touch is known too."""
         if self._joints is None:
             raise NotIdentifiableError(f"grasp controller: no {JOINT_STATES} yet")
-        silent = [finger for finger in FINGERS if finger not in self._forces]
+        silent = [finger for finger in self.robot.fingers if finger not in self._forces]
         if silent:
             topic = contact_topic(silent[0], "force")
             raise NotIdentifiableError(f"grasp controller: no {topic} yet")
@@ -190,7 +191,7 @@ class GraspControllerNode(Shell):
         """Whether a motion was interrupted and the arm is still where it was told to be."""
         if self._arm is None:
             return False
-        return bool(np.max(np.abs(positions[:ARM_DOF] - self._arm)) < MOVED)
+        return bool(np.max(np.abs(positions[: self.robot.arm_dof] - self._arm)) < MOVED)
 
     def _force_taker(self, finger: str) -> Callable[[Stamped], None]:
         topic = contact_topic(finger, "force")
@@ -231,7 +232,7 @@ class GraspControllerNode(Shell):
 
         After a pause all fingers' messages must have been taken, or some seem to have let go.
         """
-        if self._joints is None or len(self._forces) < len(FINGERS):
+        if self._joints is None or len(self._forces) < len(self.robot.fingers):
             return
         time, positions = self._joints
         newest = max(stamp for stamp, _ in self._forces.values())
@@ -260,7 +261,7 @@ class GraspControllerNode(Shell):
     def _begin(self, time: float, positions: Array) -> None:
         """Decide whether something is already in the hand."""
         config = self._behaviour_config
-        if held_by(self._touching(time), config.hold_force):
+        if held_by(self.robot, self._touching(time), config.hold_force):
             tips = self.kinematics.locate(positions).sensors[:, :3, 3]
             motion = self._motion
             path = excite(self.kinematics, positions, tips.mean(axis=0), motion, motion.duration)
@@ -283,7 +284,7 @@ class GraspControllerNode(Shell):
             return
         self._announce(behaviour.phase.value, behaviour.phase in OFF_THE_TABLE, behaviour.outcome)
         if behaviour.phase is not Phase.OPEN:
-            self._arm = target[:ARM_DOF]
+            self._arm = target[: self.robot.arm_dof]
             self._command.publish(joints_to_message(self.kinematics.joint_names, time, target))
 
     def _repeat(self, time: float) -> None:
@@ -292,7 +293,7 @@ class GraspControllerNode(Shell):
         self._announce("resumed", held=True)
         start, path = self._resumed
         self._arm = path((time - self._paused - start) % path.duration)
-        names = self.kinematics.joint_names[:ARM_DOF]
+        names = self.kinematics.joint_names[: self.robot.arm_dof]
         self._command.publish(joints_to_message(names, time, self._arm))
 
     def _finish(self, phase: str, outcome: str) -> None:

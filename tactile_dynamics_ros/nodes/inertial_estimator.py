@@ -19,7 +19,6 @@ from tactile_dynamics_ros.core.inertia.live import (
 )
 from tactile_dynamics_ros.core.inertia.live.live_estimate import judge_estimate
 from tactile_dynamics_ros.core.inertia.live.refit import RefitConfig
-from tactile_dynamics_ros.core.robot.robot_description import FINGERS
 from tactile_dynamics_ros.core.streams.streams import ContactSample
 from tactile_dynamics_ros.ros.conversions import header, inertia_to_message
 from tactile_dynamics_ros.ros.diagnostics import status_message
@@ -27,6 +26,7 @@ from tactile_dynamics_ros.ros.friction_messages import friction_range
 from tactile_dynamics_ros.ros.held_streams import HeldStreams
 from tactile_dynamics_ros.ros.inertia_status import status_of, waiting_status
 from tactile_dynamics_ros.ros.names import (
+    CONTACTS,
     DIAGNOSE,
     ESTIMATOR_RESET,
     ESTIMATOR_STATUS,
@@ -44,7 +44,7 @@ Array = NDArray[np.float64]
 class InertialEstimatorConfig:
     """What is listened to, how often an estimate is published, and the model."""
 
-    contacts: tuple[str, ...] = parameter(FINGERS, "names of the contacts on contact/<name>")
+    contacts: tuple[str, ...] = parameter(CONTACTS, "names of the contacts on contact/<name>")
     update_rate_hz: float = parameter(10.0, "rate of estimates", "Hz", 0.1, 200.0)
     effects: tuple[str, ...] = parameter((), "effects of the catalogue in the model; live")
 

@@ -15,9 +15,7 @@ from std_msgs.msg import Bool, Float64
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.rigid_body.rotation import twice
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
-from tactile_dynamics_ros.core.robot.robot_description import FINGERS
 from tactile_dynamics_ros.core.tracking.kinematic_tracker import (
-    ANCHOR,
     KinematicTracker,
     KinematicTrackerConfig,
 )
@@ -44,6 +42,7 @@ from tactile_dynamics_ros.ros.names import (
 )
 from tactile_dynamics_ros.ros.object_frame import ObjectFrame
 from tactile_dynamics_ros.ros.parameters import declare_config
+from tactile_dynamics_ros.ros.robot import declare_robot
 from tactile_dynamics_ros.ros.shell import LATCHED, Shell, run_node
 from tactile_dynamics_ros.ros.wire import Joints, Stamped
 
@@ -58,7 +57,9 @@ class TrackerNodeConfig:
     """When tracking starts and ends, and what /object/pose is."""
 
     start_poses: int = parameter(15, "poses from vision that are averaged to start", "", 2, 1000)
-    release_time: float = parameter(0.5, "time without thumb that ends the grasp", "s", 0.02, 10.0)
+    release_time: float = parameter(
+        0.5, "time without the anchor that ends the grasp", "s", 0.02, 10.0
+    )
     publish_fused: bool = parameter(True, "publish /object/pose too, where no fusion node runs")
     follow_vision: bool = parameter(True, "object/pose follows slip that vision sees")
     refuting_score: float = parameter(0.5, "an image with a lower score refutes the pose", "", 0, 1)
@@ -69,9 +70,9 @@ class TrackerNodeConfig:
 
 
 class KinematicTrackerNode(Shell):
-    """Follows the object while thumb and another finger hold it.
+    """Follows the object while the anchor (a hand's thumb) and another finger hold it.
 
-    Poses from vision are averaged in the thumb's frame, so the object may move meanwhile. Where
+    Poses from vision are averaged in the anchor's frame, so the object may move meanwhile. Where
     someone says on object/held when the object is off the table, tracking starts anew at that
     moment, and object/pose is silent before and after. object/pose/kinematic knows vision only
     from the start; object/pose is corrected by it for slip in the hand.
@@ -83,7 +84,7 @@ class KinematicTrackerNode(Shell):
     def __init__(self) -> None:
         super().__init__("kinematic_tracker")
         self.config = declare_config(self, TrackerNodeConfig)
-        self.kinematics = HandKinematics()
+        self.kinematics = HandKinematics(declare_robot(self))
         tracker = declare_config(self, KinematicTrackerConfig)
         self.tracker = KinematicTracker(self.kinematics, tracker)
         self.fusion = PoseFusion(declare_config(self, PoseFusionConfig, "fusion."))
@@ -100,11 +101,13 @@ class KinematicTrackerNode(Shell):
         self._frame = ObjectFrame(self)
         self._kinematic = self.stream(PoseWithCovarianceStamped, HAND_POSE)
         self._fused = self.stream(PoseWithCovarianceStamped, OBJECT_POSE)
-        for finger in FINGERS:  # taken first: after a pause, touch must not seem to have ended
+        for finger in (
+            self.kinematics.fingers
+        ):  # taken first: after a pause, touch must not seem to have ended
             topic = contact_topic(finger, "force")
             self.listen(WrenchStamped, topic, self._force_taker(finger), skim=True)
         self.listen(JointState, JOINT_STATES, self._on_joints)
-        for finger in FINGERS:  # taken after the joints, with which they are turned
+        for finger in self.kinematics.fingers:  # taken after the joints, with which they are turned
             topic = contact_topic(finger, "pose")
             self.listen(PoseStamped, topic, self._point_taker(finger), skim=True)
         self.listen(PoseWithCovarianceStamped, VISION_POSE, self._on_vision)
@@ -153,7 +156,7 @@ class KinematicTrackerNode(Shell):
         if positions is None or not self._grasped(self._joints.newest):
             self._seen.clear()
             return
-        anchor = self.kinematics.sensor_pose(ANCHOR, positions)
+        anchor = self.kinematics.sensor_pose(self.tracker.anchor, positions)
         self._seen.append(np.linalg.inv(anchor) @ pose)
         if self.tracker.initialised and self.config.follow_vision:
             covariance = self.tracker.vision_covariance()
@@ -179,7 +182,7 @@ class KinematicTrackerNode(Shell):
 
     def _start(self, positions: Array, time: float) -> None:
         mean, spread = average_poses(np.stack(self._seen))
-        anchor = self.kinematics.sensor_pose(ANCHOR, positions)
+        anchor = self.kinematics.sensor_pose(self.tracker.anchor, positions)
         turn = twice(anchor[:3, :3])
         covariance = self._vision_covariance
         if covariance is None:
@@ -202,9 +205,9 @@ class KinematicTrackerNode(Shell):
         return {finger: self._points.get(finger, _ORIGIN) for finger in touching}
 
     def _grasped(self, time: float) -> bool:
-        """Whether thumb and another finger have touched within the release time."""
+        """Whether the anchor and another finger have touched within the release time."""
         recent = self._recent(time)
-        return ANCHOR in recent and len(recent) > 1
+        return self.tracker.anchor in recent and len(recent) > 1
 
     def _recent(self, time: float) -> set[str]:
         """Return the fingers that have touched within the release time."""

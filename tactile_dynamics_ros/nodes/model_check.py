@@ -24,12 +24,12 @@ from tactile_dynamics_ros.core.inertia.diagnosis.live_check import (
     compare_streams,
     diagnose_streams,
 )
-from tactile_dynamics_ros.core.robot.robot_description import FINGERS
 from tactile_dynamics_ros.ros.background import Background
 from tactile_dynamics_ros.ros.conversions import header, wrench_to_message
 from tactile_dynamics_ros.ros.diagnostics import status_message, status_values
 from tactile_dynamics_ros.ros.held_streams import HeldStreams
 from tactile_dynamics_ros.ros.names import (
+    CONTACTS,
     DIAGNOSE,
     ESTIMATOR_STATUS,
     MODEL_DIAGNOSIS,
@@ -47,7 +47,7 @@ REST = 3.0
 class ModelCheckConfig:
     """What is listened to, and how often the model is compared."""
 
-    contacts: tuple[str, ...] = parameter(FINGERS, "names of the contacts on contact/<name>")
+    contacts: tuple[str, ...] = parameter(CONTACTS, "names of the contacts on contact/<name>")
     period: float = parameter(5.0, "time between comparisons, real time", "s", 0.5, 600.0)
 
     def __post_init__(self) -> None:

@@ -6,13 +6,13 @@ import json
 from typing import TYPE_CHECKING
 
 import numpy as np
-from geometry_msgs.msg import PoseWithCovarianceStamped, WrenchStamped
+from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3Stamped, WrenchStamped
 from numpy.typing import NDArray
 from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image, JointState
+from std_msgs.msg import String
 
-from tactile_dynamics_ros.core.robot.robot_description import FLANGE_LINK, JOINT_NAMES
 from tactile_dynamics_ros.ros.conversions import (
     JointReader,
     MessageError,
@@ -20,6 +20,7 @@ from tactile_dynamics_ros.ros.conversions import (
     camera_info,
     depth_to_message,
     joints_to_message,
+    std_to_message,
     to_seconds,
     uncertain_pose_to_message,
     wrench_to_message,
@@ -32,8 +33,10 @@ from tactile_dynamics_ros.ros.names import (
     JOINT_COMMAND,
     JOINT_STATES,
     REVEAL,
+    ROBOT_DESCRIPTION,
     VISION_POSE,
     WRIST_WRENCH,
+    fingertip_topic,
 )
 from tactile_dynamics_ros.ros.pacing import DelayLine, Pace, PaceConfig
 from tactile_dynamics_ros.ros.parameters import declare_config
@@ -72,14 +75,17 @@ class RobotSim(Shell):
         super().__init__("robot_sim")
         self.config = declare_config(self, PaceConfig)
         self.robot = SimulatedRobot(declare_config(self, SimulatedRobotConfig), PERIOD)
+        self.machine = self.robot.machine
         self._reader: dict[tuple[str, ...], JointReader] = {}
         self._ticks = self.create_publisher(Clock, CLOCK, 10)
         self._joints = self.stream(JointState, JOINT_STATES)
         self._raw = self.stream(Image, BIOTAC_RAW)
+        self._pads = [self._pad_streams(f) for f in self.machine.fingers if self._has_pads]
         self._wrist = self.stream(WrenchStamped, WRIST_WRENCH)
         self._vision = self.stream(PoseWithCovarianceStamped, VISION_POSE)
         self._depth = self.stream(Image, DEPTH_IMAGE)
         self._camera = self.stream(CameraInfo, CAMERA_INFO)
+        self.latched(String, ROBOT_DESCRIPTION).publish(String(data=self.machine.urdf))
         self.listen(JointState, JOINT_COMMAND, self._on_command)
         self.serve(REVEAL, lambda: json.dumps(self.robot.reveal()))
         self._late: DelayLine[tuple[Publisher, object]] = DelayLine()
@@ -101,18 +107,18 @@ class RobotSim(Shell):
         self._ticks.publish(encode_clock(to_stamp(readings.time)))
         self._joints.publish(
             joints_to_message(
-                JOINT_NAMES,
+                self.machine.joint_names,
                 readings.joint_time,
                 readings.position,
                 readings.velocity,
                 readings.effort,
             )
         )
-        self._wrist.publish(wrench_to_message(readings.wrist, readings.time, FLANGE_LINK))
+        self._wrist.publish(wrench_to_message(readings.wrist, readings.time, self.machine.flange))
         if readings.wrist_saturated:
             self.faults.add("wrist_saturated")
-        counts = biotac_to_message(readings.counts, readings.touch_time, "hand")
-        self._late.add(readings.time + self.config.touch_latency, (self._raw, counts))
+        for entry in self._touch(readings):
+            self._late.add(readings.time + self.config.touch_latency, entry)
         late = readings.time + self.config.vision_latency
         if readings.vision is not None:
             covariance = self.robot.marker.covariance
@@ -131,9 +137,30 @@ class RobotSim(Shell):
         for publisher, message in self._late.take(readings.time):
             publisher.publish(message)
 
+    @property
+    def _has_pads(self) -> bool:
+        return self.machine.tips.kind == "pad"
+
+    def _pad_streams(self, finger: str) -> tuple[Publisher, Publisher]:
+        force, std = (fingertip_topic(finger, kind, "pad") for kind in ("force", "force_std"))
+        return self.stream(WrenchStamped, force), self.stream(Vector3Stamped, std)
+
+    def _touch(self, readings: Readings) -> list[tuple[Publisher, object]]:
+        """Return what the fingertips say, with the publishers that say it."""
+        stamp = readings.touch_time
+        if readings.counts is not None:
+            return [(self._raw, biotac_to_message(readings.counts, stamp, "hand"))]
+        told: list[tuple[Publisher, object]] = []
+        known = self.robot.tips.force_std
+        rows = zip(self.machine.hand, self._pads, readings.wrenches, strict=True)
+        for finger, (force, std), wrench in rows:
+            told.append((std, std_to_message(known, stamp, finger.sensor)))
+            told.append((force, wrench_to_message(wrench, stamp, finger.sensor)))
+        return told
+
     def _on_command(self, message: Joints) -> None:
         names = message.names
-        unknown = [name for name in names if name not in JOINT_NAMES]
+        unknown = [name for name in names if name not in self.machine.joint_names]
         if unknown:
             raise MessageError("unknown_joint", f"{JOINT_COMMAND}: no joint '{unknown[0]}'")
         reader = self._reader.setdefault(names, JointReader(names, JOINT_COMMAND))

@@ -15,8 +15,8 @@ from sensor_msgs.msg import CameraInfo, Image, JointState
 from std_msgs.msg import Float64
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
+from tactile_dynamics_ros.core.rigid_body.poses import rpy_to_matrix
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
-from tactile_dynamics_ros.core.robot.robot_description import rpy_to_matrix
 from tactile_dynamics_ros.core.shape.object_shape import MESH_SUFFIXES, load_shape
 from tactile_dynamics_ros.core.tracking.depth_image import PinholeCamera
 from tactile_dynamics_ros.core.tracking.vision_tracker import VisionTracker, VisionTrackerConfig
@@ -40,6 +40,7 @@ from tactile_dynamics_ros.ros.names import (
     VISION_SCORE,
 )
 from tactile_dynamics_ros.ros.parameters import declare_config
+from tactile_dynamics_ros.ros.robot import declare_robot
 from tactile_dynamics_ros.ros.shell import Shell, run_node
 from tactile_dynamics_ros.ros.wire import Joints, Picture, Stamped
 from tactile_dynamics_ros.share import object_file
@@ -81,7 +82,7 @@ class VisionTrackerNode(Shell):
         self.config = declare_config(self, VisionNodeConfig)
         name = self.config.object
         path = Path(name) if Path(name).suffix.lower() in MESH_SUFFIXES else object_file(name)
-        kinematics = HandKinematics()
+        kinematics = HandKinematics(declare_robot(self))
         settings = declare_config(self, VisionTrackerConfig)
         self.tracker = VisionTracker(load_shape(path), kinematics, settings)
         self._placement = np.eye(4)

@@ -10,18 +10,16 @@ from numpy.typing import NDArray
 from rosbags.typesys import Stores, get_typestore
 
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.robot.robot_description import FINGERS
 from tactile_dynamics_ros.core.tactile.electrodes import CHANNELS
 from tactile_dynamics_ros.recording.bag_files import read_messages
 from tactile_dynamics_ros.recording.cdr import BIOTAC_ENCODING, BIOTAC_RAW
 from tactile_dynamics_ros.recording.namespaces import absolute_namespace
 
 _TYPE = "sensor_msgs/msg/Image"
-_SHAPE = (len(FINGERS), CHANNELS)
 
 
 def read_fingertip_frames(path: Path, namespace: str = "") -> NDArray[np.uint16]:
-    """Return all frames (N, 4, 44) on /biotac/raw: index, middle, ring, thumb.
+    """Return all frames (N, F, 44) on /biotac/raw, in the order of the robot's fingers.
 
     Args:
         path: path of the recording.
@@ -42,11 +40,12 @@ def read_fingertip_frames(path: Path, namespace: str = "") -> NDArray[np.uint16]
 
 
 def _counts(image: Any) -> NDArray[np.uint16]:
-    """Return the counts (4, 44) of a sensor_msgs/Image."""
-    found = image.encoding, (image.height, image.width)
-    if found != (BIOTAC_ENCODING, _SHAPE) or image.step != 2 * CHANNELS:
+    """Return the counts (F, 44) of a sensor_msgs/Image."""
+    found = image.encoding, image.width
+    if found != (BIOTAC_ENCODING, CHANNELS) or image.step != 2 * CHANNELS:
         raise BadInputError(
-            f"{BIOTAC_RAW}: image {found}, expected {(BIOTAC_ENCODING, _SHAPE)} without padding"
+            f"{BIOTAC_RAW}: image with encoding and width {found}, expected "
+            f"{(BIOTAC_ENCODING, CHANNELS)} without padding"
         )
     counts = np.asarray(image.data).view(">u2" if image.is_bigendian else "<u2")
-    return counts.reshape(_SHAPE).astype(np.uint16)
+    return counts.reshape(image.height, CHANNELS).astype(np.uint16)

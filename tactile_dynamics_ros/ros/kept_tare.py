@@ -12,32 +12,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
-from tactile_dynamics_ros.core.robot.robot_description import FINGERS
 
 
 class KeptTare:
     """Frames of the last tare in a file, so that a restarted node need not open the hand.
 
     Args:
+        fingers: how many there are.
         path: path of the file; if empty, one per user, ROS domain and namespace in the temporary
             folder.
         namespace: namespace of the node, so that each of several hands has its own.
     """
 
-    def __init__(self, path: str = "", namespace: str = "/") -> None:
+    def __init__(self, fingers: int, path: str = "", namespace: str = "/") -> None:
+        self._shape = (fingers, 44)
         parts = [os.getuid(), os.environ.get("ROS_DOMAIN_ID", "0"), *namespace.split("/")]
         name = "_".join(str(part) for part in ["biotac_tare", *parts] if part != "")
         self.path = Path(path) if path else Path(tempfile.gettempdir()) / f"{name}.npy"
 
     def read(self, max_age: float) -> NDArray[np.float64] | None:
-        """Return the frames (K, 4, 44), or None if none were in use within `max_age` seconds."""
+        """Return the frames (K, F, 44), or None if none were in use within `max_age` seconds."""
         try:
             if time.time() - self.path.stat().st_mtime > max_age:
                 return None
             frames = np.load(self.path)
         except (OSError, ValueError, EOFError):
             return None
-        return frames if frames.ndim == 3 and frames.shape[1:] == (len(FINGERS), 44) else None
+        return frames if frames.ndim == 3 and frames.shape[1:] == self._shape else None
 
     def refresh(self) -> None:
         """Note that the tare is in use."""
@@ -45,7 +46,7 @@ class KeptTare:
             os.utime(self.path)
 
     def write(self, frames: NDArray[np.float64]) -> None:
-        """Keep frames (K, 4, 44)."""
+        """Keep frames (K, F, 44)."""
         part = self.path.with_suffix(f".{os.getpid()}.part.npy")
         try:
             np.save(part, frames)

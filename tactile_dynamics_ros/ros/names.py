@@ -6,6 +6,7 @@ side. What belongs to the whole robot or to ROS stays global.
 
 from __future__ import annotations
 
+ROBOT_DESCRIPTION = "robot_description"
 JOINT_STATES = "joint_states"
 JOINT_COMMAND = "joint_command"
 BIOTAC_RAW = "biotac/raw"
@@ -17,6 +18,9 @@ OBJECT_POSE = "object/pose"
 HAND_POSE = "object/pose/kinematic"
 VISION_POSE = "object/pose/vision"
 OBJECT_HELD = "object/held"
+
+CONTACTS = ("index", "middle", "ring", "thumb")
+"""Contacts that estimators hear unless they are told others: the fingers of an Allegro hand."""
 
 TARE = "biotac_force/tare"
 GRASP_PHASE = "grasp_controller/phase"
@@ -48,6 +52,12 @@ def contact_topic(name: str, kind: str) -> str:
     return f"contact/{name}/{kind}"
 
 
-def fingertip_topic(finger: str, kind: str) -> str:
-    """Return the topic of a fingertip's force, force_std or slip in its sensor's frame."""
-    return f"biotac/{finger}/{kind}"
+def fingertip_topic(finger: str, kind: str, sensor: str = "biotac") -> str:
+    """Return the topic of a fingertip's force, force_std or slip in its sensor's frame.
+
+    Args:
+        finger: name of the finger.
+        kind: what of it.
+        sensor: kind of the robot's fingertips.
+    """
+    return f"{sensor}/{finger}/{kind}"

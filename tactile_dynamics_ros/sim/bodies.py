@@ -15,9 +15,9 @@ from tactile_dynamics_ros.core.rigid_body.rotation import (
     matrix_to_quaternion,
     quaternion_to_matrix,
 )
-from tactile_dynamics_ros.core.robot.robot_description import HAND_JOINTS, LINKS
+from tactile_dynamics_ros.core.robot.robot import Robot
 from tactile_dynamics_ros.sim.objects import ObjectModel, Shape
-from tactile_dynamics_ros.sim.urdf import write_robot_urdf
+from tactile_dynamics_ros.sim.urdf import bullet_urdf
 
 Array = NDArray[np.float64]
 
@@ -193,31 +193,33 @@ def spawn_table(client: int, friction: float) -> int:
     return int(table)
 
 
-def spawn_robot(client: int, rotor_inertia: float, arm_meshes: bool) -> int:
+def spawn_robot(client: int, robot: Robot, rotor_inertia: float, meshes: bool) -> int:
     """Create arm and hand with the arm's base fixed in the world's origin.
 
     Args:
         client: Bullet client.
-        rotor_inertia: reflected inertia of each hand joint's rotor, kg m^2. Bullet has no such
-            term: it is added to the inertia of the driven link about the joint's axis.
-        arm_meshes: draw the arm with pybullet_data's meshes.
+        robot: arm and hand.
+        rotor_inertia: reflected inertia of the rotor of each hand joint that turns, kg m^2. Bullet
+            has no such term: it is added to the inertia of the driven link about the joint's axis.
+        meshes: draw links that are drawn as meshes.
     """
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "allegro_iiwa.urdf"
-        path.write_text(write_robot_urdf(arm_meshes))
+        path = Path(folder) / f"{robot.name}.urdf"
+        path.write_text(bullet_urdf(robot, meshes))
         flags = pybullet.URDF_USE_INERTIA_FROM_FILE | pybullet.URDF_USE_MATERIAL_COLORS_FROM_MTL
-        robot = pybullet.loadURDF(str(path), useFixedBase=True, flags=flags, physicsClientId=client)
-    links = link_indices(client, robot)
-    own = {link.name: link.inertia for link in LINKS}
-    for joint in HAND_JOINTS:
-        added = rotor_inertia * np.square(joint.axis)
+        body = pybullet.loadURDF(str(path), useFixedBase=True, flags=flags, physicsClientId=client)
+    links = link_indices(client, body)
+    for joint in robot.hand_joints:
+        if joint.slides or joint.axis is None:
+            continue
+        own = pybullet.getDynamicsInfo(body, links[joint.child], client)[2]
         pybullet.changeDynamics(
-            robot,
+            body,
             links[joint.child],
-            localInertiaDiagonal=(own[joint.child] + added).tolist(),
+            localInertiaDiagonal=(np.array(own) + rotor_inertia * np.square(joint.axis)).tolist(),
             physicsClientId=client,
         )
-    return int(robot)
+    return int(body)
 
 
 def link_indices(client: int, robot: int) -> dict[str, int]:

@@ -8,15 +8,10 @@ import numpy as np
 import pybullet
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.robot.robot_description import (
-    ACTUATED_JOINTS,
-    ARM_JOINTS,
-    HAND_JOINTS,
-)
+from tactile_dynamics_ros.core.robot.robot import Robot, column
 
 Array = NDArray[np.float64]
 
-ARM_DOF = len(ARM_JOINTS)
 SERVO_TIME = 0.01
 
 
@@ -29,8 +24,9 @@ class JointDrives:
     Hand: tau = clip(kp (q_r - q) - kd dq, +-cap), the driver's law (no gravity compensation).
 
     Args:
-        client, robot: Bullet ids.
-        indices: (23,) Bullet joint indices in the order of ACTUATED_JOINTS.
+        client, body: Bullet ids.
+        robot: whose drives they are.
+        indices: (J,) Bullet joint indices in the robot's order.
         smoothing: T of the filter, s.
         stiffness_scale: factor on the hand's kp and, as its square root, on kd.
         time_step: of the simulation, s.
@@ -39,62 +35,63 @@ class JointDrives:
     def __init__(
         self,
         client: int,
-        robot: int,
+        body: int,
+        robot: Robot,
         indices: Sequence[int],
         smoothing: float,
         stiffness_scale: float,
         time_step: float,
     ) -> None:
-        self._client, self._robot = client, robot
+        self._client, self._body, self._robot = client, body, robot
+        self._arm_dof = count = robot.arm_dof
         self._all = list(indices)
-        self._arm, self._hand = list(indices[:ARM_DOF]), list(indices[ARM_DOF:])
-        self._kp = stiffness_scale * np.array([joint.kp for joint in HAND_JOINTS])
-        self._kd = np.sqrt(stiffness_scale) * np.array([joint.kd for joint in HAND_JOINTS])
-        self._cap = np.array([joint.effort for joint in HAND_JOINTS])
+        self._arm, self._hand = list(indices[:count]), list(indices[count:])
+        self._kp = stiffness_scale * column(robot.hand_joints, "kp")
+        self._kd = np.sqrt(stiffness_scale) * column(robot.hand_joints, "kd")
+        self._cap = column(robot.hand_joints, "effort")
         self._floor = -self._cap
-        self._arm_cap = [joint.effort for joint in ARM_JOINTS]
+        self._arm_cap = [joint.effort for joint in robot.arm]
         self._dt, ratio = time_step, time_step / smoothing
         self._pull, self._decay = ratio / smoothing, 1.0 + 2.0 * ratio + ratio**2
-        self._speed = np.array([joint.velocity for joint in ACTUATED_JOINTS])
+        self._speed = column(robot.joints, "velocity")
         self._slowest = -self._speed
-        self._lower = np.array([joint.lower for joint in ACTUATED_JOINTS])
-        self._upper = np.array([joint.upper for joint in ACTUATED_JOINTS])
-        self.target = np.zeros(len(ACTUATED_JOINTS))
-        self.reference = np.zeros(len(ACTUATED_JOINTS))
-        self._rate = np.zeros(len(ACTUATED_JOINTS))
-        self.torque = np.zeros(len(HAND_JOINTS))
+        self._lower, self._upper = column(robot.joints, "lower"), column(robot.joints, "upper")
+        self.target = np.zeros(robot.dof)
+        self.reference = np.zeros(robot.dof)
+        self._rate = np.zeros(robot.dof)
+        self.torque = np.zeros(len(robot.hand_joints))
         self._release_hand_motors()
         self._limit_speeds()
 
     def set_target(self, target: Array) -> None:
-        """Set the joint targets (23,), rad; the drives clip them to the joints' limits."""
+        """Set the joint targets (J,), rad; the drives clip them to the joints' limits."""
         self.target = np.minimum(np.maximum(target, self._lower), self._upper)
 
     def reset(self, positions: Array) -> None:
-        """Start anew at rest at ``positions`` (23,), rad."""
+        """Start anew at rest at ``positions`` (J,), rad."""
         self.set_target(positions)
         self.reference = self.target.copy()
-        self._rate = np.zeros(len(ACTUATED_JOINTS))
+        self._rate = np.zeros(self._robot.dof)
 
     def apply(self) -> None:
         """Drive arm and hand for the coming step."""
         self._smooth()
-        states = pybullet.getJointStates(self._robot, self._all, physicsClientId=self._client)
+        states = pybullet.getJointStates(self._body, self._all, physicsClientId=self._client)
         position = np.array([state[0] for state in states])
         gap = self.reference - position
         pybullet.setJointMotorControlArray(
-            self._robot,
+            self._body,
             self._arm,
             pybullet.VELOCITY_CONTROL,
-            targetVelocities=(self._rate + gap / SERVO_TIME)[:ARM_DOF].tolist(),
+            targetVelocities=(self._rate + gap / SERVO_TIME)[: self._arm_dof].tolist(),
             forces=self._arm_cap,
             physicsClientId=self._client,
         )
-        velocity = np.array([state[1] for state in states[ARM_DOF:]])
-        wanted = self._kp * gap[ARM_DOF:] - self._kd * velocity
+        velocity = np.array([state[1] for state in states[self._arm_dof :]])
+        wanted = self._kp * gap[self._arm_dof :] - self._kd * velocity
         self.torque = np.minimum(np.maximum(wanted, self._floor), self._cap)
         pybullet.setJointMotorControlArray(
-            self._robot,
+            self._body,
             self._hand,
             pybullet.TORQUE_CONTROL,
             forces=self.torque.tolist(),
@@ -109,7 +106,7 @@ class JointDrives:
 
     def _release_hand_motors(self) -> None:
         pybullet.setJointMotorControlArray(
-            self._robot,
+            self._body,
             self._hand,
             pybullet.VELOCITY_CONTROL,
             forces=[0.0] * len(self._hand),
@@ -117,9 +114,9 @@ class JointDrives:
         )
 
     def _limit_speeds(self) -> None:
-        for index, joint in zip([*self._arm, *self._hand], ACTUATED_JOINTS, strict=True):
+        for index, joint in zip(self._all, self._robot.joints, strict=True):
             pybullet.changeDynamics(
-                self._robot,
+                self._body,
                 index,
                 maxJointVelocity=joint.velocity,
                 jointDamping=0.0,

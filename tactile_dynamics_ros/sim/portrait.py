@@ -29,13 +29,13 @@ def draw_portrait(object_name: str, positions: Array, object_pose: Array) -> NDA
 
     Args:
         object_name: in config/objects.
-        positions: (23,) joint positions, rad.
+        positions: (J,) joint positions, rad.
         object_pose: (4, 4) X_WO.
     """
     config = WorldConfig(object_name=object_name, arm_meshes=True)
     with HandWorld(config) as world:
         world.reset(positions, object_pose)
-        target = 0.5 * (world.link_pose("palm_link")[:3, 3] + object_pose[:3, 3])
+        target = 0.5 * (world.link_pose(world.machine.palm)[:3, 3] + object_pose[:3, 3])
         camera = look_at(target + VIEW_OFFSET, target)
         view = np.linalg.inv(camera @ np.diag([1.0, -1.0, -1.0, 1.0]))
         projection = pybullet.computeProjectionMatrixFOV(

@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
-from tactile_dynamics_ros.core.manipulation.grasp_planner import ARM_HOME, HAND_SEED
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
-from tactile_dynamics_ros.core.robot.robot_description import FINGERS
+from tactile_dynamics_ros.core.robot.robot_file import DEFAULT_ROBOT, load_robot
 from tactile_dynamics_ros.sim.contacts import ContactReading
 from tactile_dynamics_ros.sim.hidden_effects import SensorView, create_hidden_effect
 from tactile_dynamics_ros.sim.sensors.biotac import BioTacConfig
@@ -25,6 +24,7 @@ from tactile_dynamics_ros.sim.sensors.depth_camera import (
 from tactile_dynamics_ros.sim.sensors.encoders import EncoderConfig, JointEncoders
 from tactile_dynamics_ros.sim.sensors.fingertips import Fingertips
 from tactile_dynamics_ros.sim.sensors.marker_tracker import MarkerTracker, MarkerTrackerConfig
+from tactile_dynamics_ros.sim.sensors.pads import ForceTorquePads, PadConfig
 from tactile_dynamics_ros.sim.sensors.wrist_sensor import WristSensor, WristSensorConfig
 from tactile_dynamics_ros.sim.world import HandWorld, WorldConfig
 
@@ -38,6 +38,7 @@ ERROR_WORDS = ("noise", "drift", "offset", "bias", "wander", "play", "loss", "va
 class SimulatedRobotConfig:
     """Object, sensors and disturbance of one run; everything random follows from the seed."""
 
+    robot: str = parameter(DEFAULT_ROBOT, "file in config/robots, or path of a yaml file")
     seed: int = parameter(0, "of object placement, noise and hidden effect", "", 0)
     unit_seed: int = parameter(0, "of the fingertips: the same hand has the same ones", "", 0)
     place_spread: float = parameter(0.02, "largest shift of the object along x and y", "m", 0, 0.1)
@@ -51,6 +52,7 @@ class SimulatedRobotConfig:
     hidden_magnitude: float = parameter(1.0, "multiple of its typical size", "", 0.0, 100.0)
     world: WorldConfig = field(default_factory=WorldConfig)
     biotac: BioTacConfig = field(default_factory=BioTacConfig)
+    pad: PadConfig = field(default_factory=PadConfig)
     encoders: EncoderConfig = field(default_factory=EncoderConfig)
     wrist: WristSensorConfig = field(default_factory=WristSensorConfig)
     marker: MarkerTrackerConfig = field(default_factory=MarkerTrackerConfig)
@@ -67,8 +69,9 @@ class Readings:
     Attributes:
         time: s, of joints, wrist and images.
         joint_time: s, stamp of the joint positions. touch_time: s, stamp of the counts.
-        position, velocity, effort: (23,) in the order of JOINT_NAMES; rad, rad/s, N m.
-        counts: (4, 44) raw BioTac counts.
+        position, velocity, effort: (J,) in the robot's order; rad, rad/s, N m.
+        counts: (F, 44) raw BioTac counts, or None where the fingertips are none.
+        wrenches: (F, 6) [torque, force] on the object of pads, sensor frames, or None.
         wrist: (6,) [torque, force] of the hand on the flange; whether it is saturated.
         vision: (4, 4) reported X_WO, or None when no frame is due or the object is lost.
         depth: (H, W) m, or None when no image is due.
@@ -80,7 +83,8 @@ class Readings:
     position: Array
     velocity: Array
     effort: Array
-    counts: NDArray[np.uint16]
+    counts: NDArray[np.uint16] | None
+    wrenches: Array | None
     wrist: Array
     wrist_saturated: bool
     vision: Array | None
@@ -99,16 +103,22 @@ class SimulatedRobot:
         config = config or SimulatedRobotConfig()
         self.config = config if config.noise else _without_errors(config)
         self.period = period
-        self.world = HandWorld(_placed(self.config))
-        self.world.reset(np.concatenate([ARM_HOME, HAND_SEED]))
+        self.machine = load_robot(config.robot)
+        self.world = HandWorld(_placed(self.config), machine=self.machine)
+        self.world.reset(self.machine.start)
         self.effect = create_hidden_effect(
             config.hidden_effect, config.hidden_magnitude, config.seed
         )
         self.effect.attach(self.world)
         seed = config.seed
-        self._kinematics = HandKinematics()
-        self._fingertips = Fingertips(self.config.biotac, seed, config.unit_seed)
-        self._encoders = JointEncoders(self.config.encoders, seed)
+        self._kinematics = HandKinematics(self.machine)
+        self.tips: Fingertips | ForceTorquePads
+        if self.machine.tips.kind == "biotac":
+            fingers = self.machine.fingers
+            self.tips = Fingertips(fingers, self.config.biotac, seed, config.unit_seed)
+        else:
+            self.tips = ForceTorquePads(self.machine.fingers, self.config.pad, seed)
+        self._encoders = JointEncoders(self.machine, self.config.encoders, seed)
         self._wrist = WristSensor(self.config.wrist, seed)
         self.marker = MarkerTracker(self.config.marker, seed)
         self.camera = DepthCamera(self.config.camera, seed)
@@ -130,15 +140,17 @@ class SimulatedRobot:
         position = self._encoders.read(state.position, state.effort)
         last = position if self._last_position is None else self._last_position
         self._last_position = position
+        counts, wrenches = self._touch(contacts, state.position, pose, time)
         wrist, saturated = self._wrist.read(self.world.wrist_wrench(), self.period)
         return Readings(
             time=time,
             joint_time=time + self.effect.delay("pose"),
-            touch_time=contacts[FINGERS[0]].time + self.effect.delay("touch"),
+            touch_time=contacts[self.machine.fingers[0]].time + self.effect.delay("touch"),
             position=position,
             velocity=(position - last) / self.period,
             effort=state.effort,
-            counts=self._touch(contacts, state.position, pose, time),
+            counts=counts,
+            wrenches=wrenches,
             wrist=wrist,
             wrist_saturated=saturated,
             vision=self._look(pose, before, time),
@@ -163,13 +175,16 @@ class SimulatedRobot:
 
     def _touch(
         self, contacts: Mapping[str, ContactReading], positions: Array, pose: Array, time: float
-    ) -> NDArray[np.uint16]:
+    ) -> tuple[NDArray[np.uint16] | None, Array | None]:
+        fingers = self.machine.fingers
         sensors = self._kinematics.locate(positions).sensors
-        rotations = {finger: sensors[k, :3, :3] for k, finger in enumerate(FINGERS)}
-        tips = {finger: contacts[finger] for finger in FINGERS}
+        rotations = {finger: sensors[k, :3, :3] for k, finger in enumerate(fingers)}
+        tips = {finger: contacts[finger] for finger in fingers}
         felt = self.effect.feel(SensorView(time, tips, rotations, pose))
+        if isinstance(self.tips, ForceTorquePads):
+            return None, self.tips.read(felt, sensors)
         twist = self.world.object_velocity()
-        return self._fingertips.read(felt, sensors, pose, twist, self.period)
+        return self.tips.read(felt, sensors, pose, twist, self.period), None
 
     def _look(self, pose: Array, before: float, time: float) -> Array | None:
         if not _is_due(before, time, self.config.vision_rate_hz):
@@ -202,7 +217,7 @@ def _placed(config: SimulatedRobotConfig) -> WorldConfig:
 
 
 def _without_errors(config: SimulatedRobotConfig) -> SimulatedRobotConfig:
-    sensors = ("biotac", "encoders", "wrist", "marker", "camera")
+    sensors = ("biotac", "pad", "encoders", "wrist", "marker", "camera")
     silent = {name: _silenced(getattr(config, name)) for name in sensors}
     return dataclasses.replace(config, **silent)
 

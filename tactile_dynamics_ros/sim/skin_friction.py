@@ -14,7 +14,6 @@ import numpy as np
 import pybullet
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.robot.robot_description import FINGERS, sensor_frame
 from tactile_dynamics_ros.sim.world import HandWorld
 
 Array = NDArray[np.float64]
@@ -102,10 +101,10 @@ class SkinFriction:
             for index in range(pybullet.getNumJoints(world.robot, world.client))
             for name in [pybullet.getJointInfo(world.robot, index, world.client)[12].decode()]
         }
-        self._links = {finger: links[sensor_frame(finger)] for finger in FINGERS}
-        self._set = dict.fromkeys(FINGERS, 1.0)
+        self._links = {finger.name: links[finger.touches] for finger in world.machine.hand}
+        self._set = dict.fromkeys(world.fingers, 1.0)
         self.truth = SlipTruth(0.0, 0.0, 0.0, surfaces["body"].static, "body")
-        for finger in FINGERS:
+        for finger in world.fingers:
             self._assign(world, finger, surfaces["body"].static)
         world.add_pre_step(self.apply)
 

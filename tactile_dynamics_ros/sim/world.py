@@ -13,14 +13,8 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
-from tactile_dynamics_ros.core.robot.robot_description import (
-    ACTUATED_JOINTS,
-    FINGERS,
-    FLANGE_LINK,
-    JOINT_NAMES,
-    JOINTS,
-    sensor_frame,
-)
+from tactile_dynamics_ros.core.robot.robot import Robot
+from tactile_dynamics_ros.core.robot.robot_file import load_robot
 from tactile_dynamics_ros.sim.bodies import (
     link_indices,
     spawn_robot,
@@ -73,7 +67,7 @@ class WorldConfig:
 
 @dataclass(frozen=True)
 class JointState:
-    """True joint positions, velocities and drive torques in the order of JOINT_NAMES."""
+    """True joint positions, velocities and drive torques in the robot's order."""
 
     names: tuple[str, ...]
     position: Array
@@ -102,38 +96,45 @@ class HandWorld:
     ``add_pre_step`` registers a callback that may push, pull or disturb before each step.
 
     Attributes:
-        config: as given. model: the object's model. client, robot, table: Bullet ids.
-        time: simulated seconds.
+        config: as given. model: the object's model. machine: arm and hand, as given.
+        client, robot, table: Bullet ids. time: simulated seconds.
     """
 
-    joint_names = JOINT_NAMES
-    fingers = FINGERS
-
-    def __init__(self, config: WorldConfig | None = None, model: ObjectModel | None = None) -> None:
+    def __init__(
+        self,
+        config: WorldConfig | None = None,
+        model: ObjectModel | None = None,
+        machine: Robot | None = None,
+    ) -> None:
         self.config = config or WorldConfig()
+        self.machine = machine = machine or load_robot()
+        self.joint_names, self.fingers = machine.joint_names, machine.fingers
         self.model = model or load_object(self.config.object_name)
         self.time = 0.0
         self.client: int = pybullet.connect(pybullet.DIRECT)
         self._configure_engine()
-        self.robot = spawn_robot(self.client, self.config.rotor_inertia, self.config.arm_meshes)
+        self.robot = spawn_robot(
+            self.client, machine, self.config.rotor_inertia, self.config.arm_meshes
+        )
         self.table = spawn_table(self.client, self.config.table_friction / self.model.friction)
         self._links = link_indices(self.client, self.robot)
         self._soften_skins()
         self._object, spring = spawn_warping_object(
             self.client, self.model, self.start_pose(), self.config.warp_stiffness
         )
-        self._joints = [self._links[joint.child] for joint in ACTUATED_JOINTS]
+        self._joints = [self._links[joint.child] for joint in machine.joints]
         self._drives = JointDrives(
             self.client,
             self.robot,
+            machine,
             self._joints,
             self.config.command_smoothing,
             self.config.stiffness_scale,
             self.config.time_step,
         )
-        tips = {(self.robot, self._links[sensor_frame(finger)]): finger for finger in FINGERS}
+        tips = {(self.robot, self._links[tip.touches]): tip.name for tip in machine.hand}
         self._contacts = ContactAccumulator(self.client, self._object.body, tips)
-        wrist = self._links[FLANGE_LINK]
+        wrist = self._links[machine.flange]
         pybullet.enableJointForceTorqueSensor(self.robot, wrist, True, self.client)
         self._pre_step: list[Callable[[HandWorld], None]] = [] if spring is None else [spring]
 
@@ -170,7 +171,7 @@ class HandWorld:
         return self.model.resting_pose(config.object_x, config.object_y, config.object_yaw)
 
     def reset(self, joint_positions: Array, object_pose: Array | None = None) -> None:
-        """Put joints (23,) and object X_WO at rest where told, with the targets there too."""
+        """Put joints (J,) and object X_WO at rest where told, with the targets there too."""
         for index, value in zip(self._joints, joint_positions, strict=True):
             pybullet.resetJointState(self.robot, index, float(value), 0.0, self.client)
         self._object.set_pose(self.start_pose() if object_pose is None else object_pose)
@@ -182,7 +183,7 @@ class HandWorld:
             self._drives.set_target(np.asarray(targets, dtype=float))
             return
         target = self._drives.target.copy()
-        target[[JOINT_NAMES.index(name) for name in names]] = targets
+        target[[self.joint_names.index(name) for name in names]] = targets
         self._drives.set_target(target)
 
     def step(self, count: int = 1) -> None:
@@ -199,8 +200,8 @@ class HandWorld:
         """Return true joint positions, velocities and torques."""
         states = pybullet.getJointStates(self.robot, self._joints, self.client)
         columns = np.array([(state[0], state[1], state[3]) for state in states])
-        effort = np.concatenate([columns[:7, 2], self._drives.torque])
-        return JointState(JOINT_NAMES, columns[:, 0], columns[:, 1], effort)
+        effort = np.concatenate([columns[: self.machine.arm_dof, 2], self._drives.torque])
+        return JointState(self.joint_names, columns[:, 0], columns[:, 1], effort)
 
     def contacts(self) -> dict[str, ContactReading]:
         """Return mean contacts per finger, and "other", since the last call."""
@@ -223,7 +224,7 @@ class HandWorld:
 
     def wrist_wrench(self) -> Array:
         """Return [torque, force] (6,) of the hand on the flange, in the wrist sensor's frame."""
-        wrist = self._links[FLANGE_LINK]
+        wrist = self._links[self.machine.flange]
         reaction = pybullet.getJointState(self.robot, wrist, self.client)[2]
         return -np.array([*reaction[3:], *reaction[:3]])
 
@@ -284,8 +285,8 @@ class HandWorld:
 
     def _soften_skins(self) -> None:
         config = self.config
-        skins = {self._links[sensor_frame(finger)] for finger in FINGERS}
-        for joint in JOINTS:
+        skins = {self._links[finger.touches] for finger in self.machine.hand}
+        for joint in self.machine.tree:
             link = self._links[joint.child]
             options: dict[str, Any] = {"lateralFriction": 0.6, "restitution": 0.0}
             if link in skins:

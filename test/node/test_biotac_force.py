@@ -10,6 +10,7 @@ from geometry_msgs.msg import Vector3Stamped, WrenchStamped
 from sensor_msgs.msg import Image
 
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.robot.robot_file import load_robot
 from tactile_dynamics_ros.core.tactile.fingertip import FingertipConfig
 from tactile_dynamics_ros.nodes.biotac_force import BiotacForce, BiotacForceConfig
 from tactile_dynamics_ros.ros import conversions as cv
@@ -109,9 +110,10 @@ def test_slip_is_published_with_the_stamp_of_its_frame(node):
 
 
 def test_gains_are_one_or_nine_numbers_per_finger():
-    assert len(BiotacForceConfig(gains=(1.0,) * 36).gains) == 36
-    with pytest.raises(BadInputError, match="5 values, expected 4 or 36"):
-        BiotacForceConfig(gains=(1.0,) * 5)
+    robot, tip = load_robot(), FingertipConfig()
+    assert len(BiotacForceConfig(gains=tuple(np.eye(3).ravel()) * 4).fingertips(robot, tip)) == 4
+    with pytest.raises(BadInputError, match="5 values, expected 1, 4 or 36"):
+        BiotacForceConfig(gains=(1.0,) * 5).fingertips(robot, tip)
 
 
 def test_restarted_node_continues_with_the_kept_tare_under_load(node):
@@ -123,7 +125,7 @@ def test_restarted_node_continues_with_the_kept_tare_under_load(node):
 
 
 def test_kept_tare_expires_and_survives_damage(tmp_path):
-    kept = KeptTare(str(tmp_path / "tare.npy"))
+    kept = KeptTare(4, str(tmp_path / "tare.npy"))
     assert kept.read(30.0) is None
     kept.write(np.zeros((5, 4, 44)))
     assert kept.read(30.0).shape == (5, 4, 44)
@@ -133,7 +135,7 @@ def test_kept_tare_expires_and_survives_damage(tmp_path):
 
 
 def test_every_hand_keeps_a_tare_of_its_own():
-    paths = [KeptTare("", namespace).path for namespace in ("/", "/left", "/right", "/a/b")]
+    paths = [KeptTare(4, "", namespace).path for namespace in ("/", "/left", "/right", "/a/b")]
     assert len(set(paths)) == len(paths)
 
 
@@ -158,9 +160,10 @@ def test_each_finger_takes_its_own_numbers():
     config = BiotacForceConfig(
         gains=(1.1, 1.2, 1.3, 1.4), drift=tuple(float(k) for k in range(4 * 19))
     )
-    thumb = config.fingertip(3, FingertipConfig(touch_counts=12.0))
+    tip = FingertipConfig(touch_counts=12.0)
+    *_, thumb = config.fingertips(load_robot(), tip)
     assert thumb.touch_counts == 12.0
     assert thumb.gain_matrix[0, 0] == pytest.approx(1.4)
     assert thumb.drift == tuple(float(k) for k in range(57, 76))
-    with pytest.raises(BadInputError, match="drift: 3 values, expected 4 or 76"):
-        BiotacForceConfig(drift=(30.0, 31.0, 32.0))
+    with pytest.raises(BadInputError, match="drift: 3 values, expected 1, 4 or 76"):
+        BiotacForceConfig(drift=(30.0, 31.0, 32.0)).fingertips(load_robot(), tip)

@@ -5,27 +5,28 @@ import pytest
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, WrenchStamped
 from std_msgs.msg import Bool
 
-from tactile_dynamics_ros.core.manipulation.grasp_planner import ARM_HOME, HAND_SEED
 from tactile_dynamics_ros.core.rigid_body.rotation import log_so3
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
-from tactile_dynamics_ros.core.robot.robot_description import FINGERS, JOINT_NAMES
+from tactile_dynamics_ros.core.robot.robot_file import load_robot
 from tactile_dynamics_ros.core.tracking.kinematic_tracker import KinematicTracker
 from tactile_dynamics_ros.nodes.contact_state import ContactStateNode
 from tactile_dynamics_ros.nodes.kinematic_tracker import KinematicTrackerNode
 from tactile_dynamics_ros.ros import conversions as cv
 from tactile_dynamics_ros.ros.shell import LATCHED
 
-POSITIONS = np.concatenate([ARM_HOME, HAND_SEED])
+ROBOT = load_robot()
+
+POSITIONS = ROBOT.start
 KINEMATICS = HandKinematics()
 VISION_COVARIANCE = np.diag([np.deg2rad(0.3) ** 2] * 3 + [3e-4**2] * 3)
 """About what `vision_tracker` states."""
 FORCE = np.array([0.2, -0.1, -1.5])
-SKIN = {finger: np.array([4e-3, 0.0, -5.7e-3]) for finger in FINGERS}
+SKIN = {finger: np.array([4e-3, 0.0, -5.7e-3]) for finger in ROBOT.fingers}
 """Where the skin touches, sensor frames."""
 
 
 def send_joints(bench, time, positions=POSITIONS):
-    bench.send("/joint_states", cv.joints_to_message(JOINT_NAMES, time, positions))
+    bench.send("/joint_states", cv.joints_to_message(ROBOT.joint_names, time, positions))
 
 
 def send_force(bench, time, finger="index", force=FORCE, frame=None):
@@ -95,7 +96,7 @@ def test_force_of_another_finger_or_without_joints_is_counted(contacts):
     contacts.work(0.05)
     send_force(contacts, 0.5)
     contacts.until(lambda: counts["force_older_than_joint_states"] == 1)
-    contacts.send("/joint_states", cv.joints_to_message(JOINT_NAMES[:5], 1.1, POSITIONS[:5]))
+    contacts.send("/joint_states", cv.joints_to_message(ROBOT.joint_names[:5], 1.1, POSITIONS[:5]))
     contacts.until(lambda: counts["missing_joint"] == 1)
 
 
@@ -114,24 +115,24 @@ class Grasp:
     def truth(self, positions):
         return KINEMATICS.sensor_pose("thumb", positions) @ self.offset
 
-    def send(self, positions=POSITIONS, fingers=FINGERS):
+    def send(self, positions=POSITIONS, fingers=ROBOT.fingers):
         """Publish 10 ms that nobody has taken yet."""
         self.time += 0.01
         send_joints(self.bench, self.time, positions)
-        for finger in FINGERS:
+        for finger in ROBOT.fingers:
             wrench = np.concatenate([np.zeros(3), FORCE * (finger in fingers)])
             message = cv.wrench_to_message(wrench, self.time, "world")
             self.bench.send(f"/contact/{finger}/force", message)
 
     def touch(self, positions):
         """Publish where the skin touches at the next 10 ms."""
-        for finger in FINGERS:
+        for finger in ROBOT.fingers:
             pose = KINEMATICS.sensor_pose(finger, positions).copy()
             pose[:3, 3] += pose[:3, :3] @ SKIN[finger]
             message = cv.pose_to_message(pose, self.time + 0.01, "world")
             self.bench.send(f"/contact/{finger}/pose", message)
 
-    def step(self, positions=POSITIONS, fingers=FINGERS, vision=True):
+    def step(self, positions=POSITIONS, fingers=ROBOT.fingers, vision=True):
         """Publish 10 ms."""
         self.send(positions, fingers)
         self.bench.work(0.01)
@@ -213,7 +214,7 @@ def test_object_rolls_on_the_contact_points_that_are_told(grasp):
     grasp.bench.until(lambda: cv.to_seconds(grasp.poses(topic)[-1].stamp) > grasp.time - 0.001)
     found, _ = cv.uncertain_pose_to_core(grasp.poses(topic)[-1], topic, "world")
     gaps = []
-    for points in (SKIN, dict.fromkeys(FINGERS, np.zeros(3))):
+    for points in (SKIN, dict.fromkeys(ROBOT.fingers, np.zeros(3))):
         tracker = KinematicTracker(KINEMATICS)
         tracker.initialise(grasp.truth(POSITIONS), POSITIONS, time=0.0)
         for positions in path:

@@ -10,8 +10,10 @@ from test_node_parameters import node_class
 
 import tactile_dynamics_ros
 from tactile_dynamics_ros.cli.live import node_names
-from tactile_dynamics_ros.core.robot.robot_description import FINGERS
+from tactile_dynamics_ros.core.robot.robot_file import load_robot
 from tactile_dynamics_ros.ros import names
+
+ROBOT = load_robot()
 
 ROOT = Path(tactile_dynamics_ros.__file__).parents[1]
 HAND = "/hand"
@@ -36,7 +38,7 @@ def type_name(kind):
 def name_of(resolved):
     """Return a name relative to the hand's namespace, global ones with their slash."""
     parts = resolved.removeprefix(f"{HAND}/").split("/")
-    return "/".join("<finger>" if part in FINGERS else part for part in parts)
+    return "/".join("<finger>" if part in ROBOT.fingers else part for part in parts)
 
 
 @pytest.fixture(scope="module")

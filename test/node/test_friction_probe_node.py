@@ -12,14 +12,15 @@ from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
 from tactile_dynamics_ros.core.contact.contact_state import ContactState
-from tactile_dynamics_ros.core.manipulation.grasp_planner import ARM_HOME, HAND_SEED
-from tactile_dynamics_ros.core.robot.robot_description import FINGERS
+from tactile_dynamics_ros.core.robot.robot_file import load_robot
 from tactile_dynamics_ros.nodes.friction_probe import FrictionProbeNode
 from tactile_dynamics_ros.ros import conversions as cv
 from tactile_dynamics_ros.ros.diagnostics import status_values
 from tactile_dynamics_ros.ros.shell import LATCHED
 
-POSITIONS = np.concatenate([ARM_HOME, HAND_SEED])
+ROBOT = load_robot()
+
+POSITIONS = ROBOT.start
 
 
 class Hand:
@@ -37,7 +38,7 @@ class Hand:
         send, stamp = self.bench.send, self.time
         pose = cv.uncertain_pose_to_message(np.eye(4), 1e-8 * np.eye(6), stamp, "world")
         send("/object/pose/vision", pose)
-        for finger in FINGERS:
+        for finger in ROBOT.fingers:
             force = presses.get(finger, 0.0) * np.array([0.3, 0.0, -0.95])
             seen = self.contacts.update(finger, POSITIONS, force, np.full(3, 0.03))
             matrix = np.eye(4)

@@ -6,14 +6,15 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, String
 from std_srvs.srv import Trigger
 
-from tactile_dynamics_ros.core.manipulation.grasp_planner import ARM_HOME, HAND_SEED
-from tactile_dynamics_ros.core.robot.robot_description import FINGERS, JOINT_NAMES
+from tactile_dynamics_ros.core.robot.robot_file import load_robot
 from tactile_dynamics_ros.nodes.grasp_controller import GraspControllerNode
 from tactile_dynamics_ros.ros import conversions as cv
 from tactile_dynamics_ros.ros.names import EMERGENCY_STOP
 from tactile_dynamics_ros.ros.shell import LATCHED, STREAM
 
-POSITIONS = np.concatenate([ARM_HOME, HAND_SEED])
+ROBOT = load_robot()
+
+POSITIONS = ROBOT.start
 PRESS = np.array([0.0, 0.0, 0.0, 0.0, 0.0, -1.5])
 OBJECT = np.eye(4)
 OBJECT[:3, 3] = 0.55, 0.0, 0.06
@@ -31,12 +32,12 @@ class Robot:
 
     def joints(self, count=23):
         """Publish joint states."""
-        names, positions = JOINT_NAMES[:count], self.positions[:count]
+        names, positions = ROBOT.joint_names[:count], self.positions[:count]
         self.bench.send("/joint_states", cv.joints_to_message(names, self.time, positions))
 
     def forces(self, wrench):
         """Publish the same force of all fingers."""
-        for finger in FINGERS:
+        for finger in ROBOT.fingers:
             message = cv.wrench_to_message(wrench, self.time, "world")
             self.bench.send(f"/contact/{finger}/force", message)
 
@@ -55,7 +56,7 @@ class Robot:
                 )
                 told = [
                     targets.get(name, old)
-                    for name, old in zip(JOINT_NAMES, self.positions, strict=True)
+                    for name, old in zip(ROBOT.joint_names, self.positions, strict=True)
                 ]
                 self.positions = np.array(told)
             if pose:
@@ -191,4 +192,4 @@ def test_object_in_the_hand_stays_there_when_messages_have_piled_up(robot):
         "resumed",
     ]
     robot.bench.until(lambda: robot.commands)
-    assert list(robot.commands[0].names) == list(JOINT_NAMES[:7])
+    assert list(robot.commands[0].names) == list(ROBOT.joint_names[:7])

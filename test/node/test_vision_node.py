@@ -9,15 +9,16 @@ from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.manipulation.grasp_planner import ARM_HOME, HAND_SEED
-from tactile_dynamics_ros.core.robot.robot_description import JOINT_NAMES
+from tactile_dynamics_ros.core.robot.robot_file import load_robot
 from tactile_dynamics_ros.nodes.vision_tracker import VisionTrackerNode
 from tactile_dynamics_ros.ros import conversions as cv
 from tactile_dynamics_ros.ros.names import CAMERA_INFO, DEPTH_IMAGE, VISION_RESET
 from tactile_dynamics_ros.sim.sensors.depth_camera import DepthCamera, DepthCameraConfig, look_at
 from tactile_dynamics_ros.sim.world import HandWorld, WorldConfig
 
-HOME = np.concatenate([ARM_HOME, HAND_SEED])
+ROBOT = load_robot()
+
+HOME = ROBOT.start
 PLACE = look_at(np.array([0.75, -0.6, 0.45]), np.array([0.42, 0.0, 0.18]))
 SETTINGS = DepthCameraConfig()
 CURTAIN = np.full((240, 320), 0.5, dtype=np.float32)
@@ -41,7 +42,7 @@ def tracker(bench):
     def show(depth, time):
         info = cv.camera_info(SETTINGS.intrinsics, 320, 240, time, "camera")
         for stamp in (time - 0.01, time + 0.01):
-            bench.send("/joint_states", cv.joints_to_message(JOINT_NAMES, stamp, HOME))
+            bench.send("/joint_states", cv.joints_to_message(ROBOT.joint_names, stamp, HOME))
         bench.send(CAMERA_INFO, info)
         bench.work(0.05)
         bench.send(DEPTH_IMAGE, cv.depth_to_message(depth, time, "camera"))

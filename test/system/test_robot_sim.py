@@ -12,8 +12,10 @@ from system_listener import Listener, as_read
 
 from tactile_dynamics_ros.cli.supervisor import Supervisor, node_command
 from tactile_dynamics_ros.cli.topics import call_trigger
-from tactile_dynamics_ros.core.robot.robot_description import ACTUATED_JOINTS, JOINT_NAMES
+from tactile_dynamics_ros.core.robot.robot_file import load_robot
 from tactile_dynamics_ros.ros import conversions as cv
+
+ROBOT = load_robot()
 
 TOPICS = {
     "/clock": Clock,
@@ -43,7 +45,7 @@ def robot(tmp_path_factory):
 
 def test_topics_are_as_the_contract_says(robot):
     joints = robot.wait_for_new("/joint_states")
-    assert tuple(joints.name) == JOINT_NAMES
+    assert tuple(joints.name) == ROBOT.joint_names
     assert len(joints.position) == len(joints.velocity) == len(joints.effort) == 23
     counts = cv.biotac_to_core(as_read(robot.wait_for_new("/biotac/raw")), "/biotac/raw")
     assert counts.shape == (4, 44)
@@ -72,7 +74,7 @@ def test_commanded_positions_are_approached_not_jumped_to(robot):
     publisher = robot.node.create_publisher(JointState, "/joint_command", 10)
     start = np.array(robot.wait_for_new("/joint_states").position)
     wanted = start[1] - 0.4
-    message = JointState(name=[JOINT_NAMES[1]], position=[float(wanted)])
+    message = JointState(name=[ROBOT.joint_names[1]], position=[float(wanted)])
     robot.wait(lambda: publisher.get_subscription_count() > 0, 10.0, "/joint_command heard")
     robot.seen["/joint_states"].clear()
 
@@ -85,7 +87,7 @@ def test_commanded_positions_are_approached_not_jumped_to(robot):
     path = np.array([m.position[1] for m in robot.seen["/joint_states"]])
     time = np.array([cv.to_seconds(m.header.stamp) for m in robot.seen["/joint_states"]])
     speed = np.abs(np.diff(path) / np.diff(time)).max()
-    assert 0.05 < speed < 2.0 * ACTUATED_JOINTS[1].velocity
+    assert 0.05 < speed < 2.0 * ROBOT.joints[1].velocity
     assert abs(robot.seen["/joint_states"][-1].position[0] - start[0]) < 0.02
 
 
@@ -95,7 +97,7 @@ def test_command_is_executed_a_fixed_time_after_its_stamp(robot):
     state = robot.wait_for_new("/joint_states")
     due = cv.to_seconds(state.header.stamp) + 1.0
     target = np.array([state.position[6] + 0.2])
-    publisher.publish(cv.joints_to_message(JOINT_NAMES[6:7], due, target))
+    publisher.publish(cv.joints_to_message(ROBOT.joint_names[6:7], due, target))
     robot.seen["/joint_states"].clear()
 
     def path():
@@ -119,8 +121,8 @@ def test_commands_that_cannot_be_meant_are_counted_and_harmless(robot):
 
     def counted():
         publisher.publish(JointState(name=["elbow"], position=[1.0]))
-        publisher.publish(JointState(name=[JOINT_NAMES[0]], position=[float("nan")]))
-        publisher.publish(cv.joints_to_message(JOINT_NAMES[:1], 1e4, np.zeros(1)))
+        publisher.publish(JointState(name=[ROBOT.joint_names[0]], position=[float("nan")]))
+        publisher.publish(cv.joints_to_message(ROBOT.joint_names[:1], 1e4, np.zeros(1)))
         found = [status_values(s) for m in robot.seen["/diagnostics"] for s in m.status]
         faults = {"unknown_joint", "not_finite", "command_ahead"}
         return any(faults <= set(f) for f in found)

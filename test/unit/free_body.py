@@ -4,6 +4,7 @@ import numpy as np
 import pybullet
 from scipy.spatial.transform import Rotation
 
+from tactile_dynamics_ros.core.robot.robot_file import load_robot
 from tactile_dynamics_ros.sim.bodies import spawn_object
 from tactile_dynamics_ros.sim.hidden_effects import create_hidden_effect
 from tactile_dynamics_ros.sim.objects import load_object
@@ -22,6 +23,8 @@ class FreeBody:
         self.client = pybullet.connect(pybullet.DIRECT)
         self.model = load_object("box_0")
         self.body = spawn_object(self.client, self.model, pose)
+        self.machine = load_robot()
+        self.fingers = self.machine.fingers
         self.robot, self.table, self.time, self.callbacks = -1, -1, 0.0, []
         pybullet.setTimeStep(STEP, self.client)
         self.set_gravity(np.array(gravity))

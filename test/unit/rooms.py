@@ -36,10 +36,13 @@ _INERTIA = "core/inertia/"
 ROOMS = {
     "core/rigid_body": Room("rotations, inertial parameters, Newton-Euler"),
     "core/streams": Room("what was measured, with stamps; order and clock of what comes"),
-    "core/robot": Room("links and joints, and what their errors do", ("core/rigid_body",)),
+    "core/robot": Room(
+        "arm, hand and fingertips as data, kinematics, what errors of joints do",
+        ("core/rigid_body",),
+    ),
     "core/shape": Room(
         "surfaces of objects, their regions and hulls, skin of a fingertip",
-        ("core/rigid_body", "core/robot"),
+        ("core/rigid_body",),
     ),
     "core/numerics": Room(
         "least squares, whitening, local polynomials, noise, outliers",
@@ -103,8 +106,7 @@ ROOMS = {
     ),
     "recording": Room(
         "rosbag2, arrays and foreign formats to streams and back",
-        ("core/friction", "core/rigid_body", "core/robot", "core/streams", "core/tactile")
-        + ("core/tracking",),
+        ("core/friction", "core/rigid_body", "core/streams", "core/tactile", "core/tracking"),
     ),
     "synthetic": Room(
         "recordings with known truth from closed forms; knows no effect of the catalogue",

@@ -9,14 +9,16 @@ from numpy.testing import assert_allclose
 from tactile_dynamics_ros.core.contact.contact_state import ContactState, ContactStateConfig
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
-from tactile_dynamics_ros.core.robot.hand_kinematics import DOF, HandKinematics
+from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
 from tactile_dynamics_ros.core.robot.joint_uncertainty import JointUncertaintyConfig
-from tactile_dynamics_ros.core.robot.robot_description import SKIN_RADIUS
+from tactile_dynamics_ros.core.robot.robot_file import load_robot
 from tactile_dynamics_ros.core.shape.skin_surface import (
     point_from_wrench,
     project_to_skin,
     skin_normal,
 )
+
+ROBOT = load_robot()
 
 POSITIONS = np.concatenate([[0.1, 0.5, -0.2, -1.2, 0.3, 0.7, 0.0], np.full(16, 0.4)])
 STD = np.full(3, 0.03)
@@ -25,7 +27,7 @@ STD = np.full(3, 0.03)
 def skin_points() -> np.ndarray:
     rng = np.random.default_rng(0)
     angle, along = rng.uniform(-1.2, 1.2, 40), rng.uniform(-0.015, 0.006, 40)
-    radius = np.sqrt(SKIN_RADIUS**2 - np.maximum(along, 0.0) ** 2)
+    radius = np.sqrt(ROBOT.tips.radius**2 - np.maximum(along, 0.0) ** 2)
     return np.stack([along, radius * np.sin(angle), -radius * np.cos(angle)], axis=-1)
 
 
@@ -50,7 +52,7 @@ def test_wrench_about_the_origin_tells_the_contact_point():
 def test_force_and_normal_point_into_the_object():
     state = ContactState(HandKinematics())
     force = np.array([0.1, 0.2, -1.0])
-    point = np.array([-0.004, 0.0, -SKIN_RADIUS])
+    point = np.array([-0.004, 0.0, -ROBOT.tips.radius])
     contact = state.update("middle", POSITIONS, force, STD, np.cross(point, force))
     pose = state.kinematics.sensor_pose("middle", POSITIONS)
     assert_allclose(contact.force, pose[:3, :3] @ force)
@@ -68,10 +70,10 @@ def test_std_contains_the_error_of_the_sensor_orientation():
     state = ContactState(HandKinematics(), config)
     force, rng = np.array([0.3, 0.0, -2.0]), np.random.default_rng(2)
     contact = state.update("index", POSITIONS, force, STD)
-    variance = joints.constant_variance() + joints.varying_variance()
+    variance = joints.constant_variance(ROBOT) + joints.varying_variance(ROBOT)
     errors = []
     for _ in range(3000):
-        positions = POSITIONS + np.sqrt(variance) * rng.normal(size=DOF)
+        positions = POSITIONS + np.sqrt(variance) * rng.normal(size=ROBOT.dof)
         rotation = state.kinematics.sensor_pose("index", positions)[:3, :3]
         mount = exp_so3(np.deg2rad(1.0) * rng.normal(size=3))
         errors.append(mount @ rotation @ (force + STD * rng.normal(size=3)) - contact.force)

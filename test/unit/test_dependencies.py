@@ -32,6 +32,7 @@ DISTRIBUTION = {
     "backports": "backports.zstd",
     "mpl_toolkits": "matplotlib",
     "pybullet_data": "pybullet",
+    "urdf_parser_py": "urdf-parser-py",
     "yaml": "pyyaml",
 }
 

@@ -21,14 +21,17 @@ from tactile_dynamics_ros.core.inertia.excitation import (
     MotionLimits,
     design_motion,
 )
-from tactile_dynamics_ros.core.inertia.excitation.plan import CARRYING_ARM, plan_excitation
+from tactile_dynamics_ros.core.inertia.excitation.plan import plan_excitation
 from tactile_dynamics_ros.core.manipulation.excitation import OffsetTable
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
+from tactile_dynamics_ros.core.robot.robot_file import load_robot
 from tactile_dynamics_ros.synthetic.bag import write_bag
 from tactile_dynamics_ros.synthetic.recordings import generate
 from tactile_dynamics_ros.synthetic.scenario import ScenarioOptions
+
+ROBOT = load_robot()
 
 BODY = InertialParameters(0.5, np.array([0.005, -0.004, 0.01]), np.diag([8e-4, 7e-4, 4e-4]))
 PHI = BODY.dynamic_parameters
@@ -95,7 +98,7 @@ def test_grip_forces_apply_the_wrench_that_the_motion_needs():
 
 def test_designed_motion_respects_every_limit_and_beats_random_ones():
     kinematics = HandKinematics()
-    joints = np.concatenate([CARRYING_ARM, np.full(16, 0.5)])
+    joints = np.concatenate([ROBOT.carry, ROBOT.hand_seed])
     arm = ArmLimits.of_robot(kinematics, joints, kinematics.locate(joints).palm[:3, 3])
     limits = MotionLimits(rotation=0.4, translation=0.04)
     criterion = InertiaCriterion(PHI, 1e-3 * np.eye(10), 0.03, 5.0)

@@ -23,12 +23,13 @@ from tactile_dynamics_ros.core.friction.probe_config import FrictionProbeConfig,
 from tactile_dynamics_ros.core.friction.probe_input import ProbeContact, ProbeInput
 from tactile_dynamics_ros.core.friction.slip_detection import SlipFusion, SlipObservation
 from tactile_dynamics_ros.core.friction.slip_log import find_slip
-from tactile_dynamics_ros.core.manipulation.grasp_planner import ARM_HOME, HAND_SEED
 from tactile_dynamics_ros.core.rigid_body.alignment import align_points
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
-from tactile_dynamics_ros.core.robot.robot_description import HAND_JOINTS
+from tactile_dynamics_ros.core.robot.robot_file import load_robot
 from tactile_dynamics_ros.core.shape.friction_regions import ObjectSurface
+
+ROBOT = load_robot()
 
 UP = np.array([0.0, 0.0, 1.0])
 BOX = {
@@ -257,7 +258,7 @@ def kinematics():
 
 def test_joint_targets_give_the_wanted_force_through_the_drives(kinematics):
     """tau = kp (q_d - q) has to be J^T f beyond what held the finger before."""
-    positions = np.concatenate([ARM_HOME, HAND_SEED])
+    positions = ROBOT.start
     config = ImpedanceConfig(posture=0.0, force_gain=0.0, damping=0.0, joint_rate=6.0)
     impedance = FingertipImpedance(kinematics, "index", config)
     pressing = np.array([0.1, 0.0, -0.4])
@@ -267,14 +268,14 @@ def test_joint_targets_give_the_wanted_force_through_the_drives(kinematics):
         targets = impedance.command(0.01, positions, wanted, wanted)
     tip = impedance.tip(positions)
     jacobian = kinematics.jacobian("index", positions, tip)[3:, 7:11]
-    kp = np.array([joint.kp for joint in HAND_JOINTS[:4]])
+    kp = np.array([joint.kp for joint in ROBOT.hand_joints[:4]])
     np.testing.assert_allclose(
         kp * (targets - positions[7:11]), jacobian.T @ (wanted - pressing), atol=1e-9
     )
 
 
 def test_taking_over_moves_nothing_and_limits_hold(kinematics):
-    positions = np.concatenate([ARM_HOME, HAND_SEED])
+    positions = ROBOT.start
     targets = positions.copy()
     targets[7:11] += [0.0, 0.02, 0.02, 0.01]
     impedance = FingertipImpedance(kinematics, "index")
@@ -288,13 +289,13 @@ def test_taking_over_moves_nothing_and_limits_hold(kinematics):
         now = impedance.command(0.01, positions, np.array([0.0, 0.0, -50.0]), force)
         assert np.all(np.abs(now - before) <= 0.03 + 1e-12)
         before = now
-    torque = np.array([j.kp for j in HAND_JOINTS[:4]]) * (now - positions[7:11])
-    assert np.all(np.abs(torque) <= [j.effort for j in HAND_JOINTS[:4]])
+    torque = np.array([j.kp for j in ROBOT.hand_joints[:4]]) * (now - positions[7:11])
+    assert np.all(np.abs(torque) <= [j.effort for j in ROBOT.hand_joints[:4]])
 
 
 def held_hand(kinematics, forces):
     """A hand around a box whose surface runs through the fingertips."""
-    positions = np.concatenate([ARM_HOME, HAND_SEED])
+    positions = ROBOT.start
     sensors = kinematics.locate(positions).sensors
     contacts = {
         finger: ProbeContact(sensors[k, :3, 3], force * UP, np.full(3, 0.03))
@@ -339,7 +340,9 @@ def test_a_moving_object_and_too_much_force_end_the_probe(kinematics):
 
 
 def test_the_configuration_names_what_is_wrong():
-    with pytest.raises(BadInputError, match="thumb"):
-        FrictionProbeConfig(finger="thumb")
+    for finger in ("thumb", "little"):
+        with pytest.raises(BadInputError, match=f"'{finger}': expected one of index, middle, ring"):
+            config = FrictionProbeConfig(finger=finger)
+            FrictionProbe(HandKinematics(), ObjectSurface.from_mapping(BOX), config)
     with pytest.raises(BadInputError, match="variant"):
         FrictionProbeConfig(variant="sideways")

@@ -12,11 +12,13 @@ from benchmarks.friction.probe_trial import _Chain, run_probe_trial
 from benchmarks.friction.subjects import REFERENCES, SUBJECTS, draw_friction
 from benchmarks.friction.trials import Case, build_trial
 from tactile_dynamics_ros.cli.probe import finger_gain
-from tactile_dynamics_ros.core.manipulation.grasp_planner import ARM_HOME, HAND_SEED
+from tactile_dynamics_ros.core.robot.robot_file import load_robot
 from tactile_dynamics_ros.core.tactile.fingertip import FingertipConfig
 from tactile_dynamics_ros.sim.skin_friction import SkinFriction, SurfaceFriction
 from tactile_dynamics_ros.sim.warping import PANEL_INERTIA
 from tactile_dynamics_ros.sim.world import HandWorld, WorldConfig
+
+ROBOT = load_robot()
 
 ACROSS = np.array([1.0, 0.0, 0.0])
 
@@ -68,7 +70,7 @@ def test_an_object_in_the_air_is_probed_without_being_rocked():
 def test_a_face_that_gives_way_swings_as_its_spring_says():
     config = WorldConfig(object_name=SUBJECTS[5].path, warp_stiffness=0.3)
     with HandWorld(config) as world:
-        world.reset(np.concatenate([ARM_HOME, HAND_SEED]))
+        world.reset(ROBOT.start)
         body, client = world.object_id, world.client
         friction = {pybullet.getDynamicsInfo(body, k, client)[1] for k in (-1, 0, 1)}
         assert len(friction) == 1

@@ -14,10 +14,12 @@ from tactile_dynamics_ros.core.manipulation.grasp_controller import (
     GraspController,
     Phase,
 )
-from tactile_dynamics_ros.core.manipulation.grasp_planner import ARM_HOME, HAND_SEED
 from tactile_dynamics_ros.core.rigid_body.newton_euler import regressor
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
+from tactile_dynamics_ros.core.robot.robot_file import load_robot
 from tactile_dynamics_ros.sim.world import HandWorld, WorldConfig
+
+ROBOT = load_robot()
 
 QUICK = GraspConfig(
     excitation=ExcitationConfig(duration=3.0, ramp=0.5),
@@ -34,7 +36,7 @@ QUICK = GraspConfig(
 def held():
     """Samples at 1 kHz of a box that the hand swings: motion, contacts, world."""
     with HandWorld(WorldConfig(object_name="box_1", object_yaw=0.3)) as world:
-        world.reset(np.concatenate([ARM_HOME, HAND_SEED]))
+        world.reset(ROBOT.start)
         controller = GraspController(HandKinematics(), world.model.grasp, QUICK)
         rows, forces = [], {}
         while controller.phase is not Phase.RETURN and len(rows) < 1500 and world.time < 60.0:

@@ -13,7 +13,7 @@ from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.estimate import estimate as estimate_body
 from tactile_dynamics_ros.recording.importers import IMPORTERS
 from tactile_dynamics_ros.recording.importers.kuka_ft_imu import Calibration
-from tactile_dynamics_ros.recording.importers.table import read_table
+from tactile_dynamics_ros.recording.importers.tables import read_table
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 BY_NAME = {importer.name: importer for importer in IMPORTERS}

@@ -10,14 +10,17 @@ from numpy.testing import assert_allclose
 
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, log_so3
-from tactile_dynamics_ros.core.robot.hand_kinematics import DOF, HandKinematics
+from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
 from tactile_dynamics_ros.core.robot.joint_uncertainty import JointUncertaintyConfig
+from tactile_dynamics_ros.core.robot.robot_file import load_robot
 from tactile_dynamics_ros.core.tracking.kinematic_tracker import (
     KinematicTracker,
     KinematicTrackerConfig,
     pose_error,
 )
 from tactile_dynamics_ros.core.tracking.pose_average import average_poses
+
+ROBOT = load_robot()
 
 HAND = np.deg2rad([0, 30, 45, 45, 0, 30, 45, 45, 5, 30, 50, 45, 60, 25, 15, 45])
 START = np.concatenate([[0.1, 0.5, -0.2, -1.2, 0.3, 0.7, 0.0], HAND])
@@ -55,6 +58,7 @@ class Gears:
     """Four fingertips that spin about parallel axes around a ball, by the same angle."""
 
     fingers = FINGERS
+    robot = ROBOT
     tip, ball = 7e-3, 30e-3
     around = np.deg2rad([0.0, 80.0, 170.0, 260.0])
 
@@ -66,7 +70,7 @@ class Gears:
         return SimpleNamespace(sensors=sensors)
 
     def jacobian(self, fingers, angle, points):
-        return np.zeros((len(points), 6, DOF))
+        return np.zeros((len(points), 6, ROBOT.dof))
 
     def contacts(self, angle):
         toward = self.around + np.pi - angle
@@ -90,12 +94,12 @@ def test_covariance_is_that_of_the_errors(kinematics):
     config = KinematicTrackerConfig(creep_position=0.0, creep_rotation_deg=0.0)
     rng = np.random.default_rng(5)
     vision = np.diag([np.deg2rad(0.2) ** 2] * 3 + [5e-4**2] * 3)
-    offset_std = np.sqrt(config.joints.constant_variance())
-    varying_std = np.sqrt(config.joints.varying_variance())
+    offset_std = np.sqrt(config.joints.constant_variance(ROBOT))
+    varying_std = np.sqrt(config.joints.varying_variance(ROBOT))
     end = START + np.concatenate([0.3 * rng.normal(size=7), 0.04 * rng.normal(size=16)])
     nees = []
     for _ in range(200):
-        offset = offset_std * rng.normal(size=DOF)
+        offset = offset_std * rng.normal(size=ROBOT.dof)
         truth = object_in_hand(kinematics, START)
         palms = [kinematics.locate(q).palm.copy() for q in (START, end)]
         truth_end = palms[1] @ np.linalg.inv(palms[0]) @ truth
@@ -106,7 +110,7 @@ def test_covariance_is_that_of_the_errors(kinematics):
         tracker = KinematicTracker(kinematics, config)
         tracker.initialise(seen, START + offset, vision, time=0.0)
         held = np.concatenate([end[:7], START[7:]])
-        noise = varying_std * rng.normal(size=DOF)
+        noise = varying_std * rng.normal(size=ROBOT.dof)
         estimate, covariance = tracker.update(held + offset + noise, 1.0, HELD)
         residual = pose_error(estimate, truth_end)
         nees.append(residual @ np.linalg.solve(covariance, residual))

@@ -14,26 +14,21 @@ from tactile_dynamics_ros.core.manipulation.excitation import (
     SumOfSines,
 )
 from tactile_dynamics_ros.core.manipulation.grasp_controller import (
-    ARM_CARRY,
     GraspController,
     Phase,
 )
 from tactile_dynamics_ros.core.manipulation.grasp_planner import (
-    ARM_HOME,
-    HAND_SEED,
     plan_grasp,
     squeeze_forces,
 )
 from tactile_dynamics_ros.core.manipulation.grasp_site import GraspSite
 from tactile_dynamics_ros.core.manipulation.squeeze import Squeeze, held_by
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
-from tactile_dynamics_ros.core.robot.robot_description import (
-    ACTUATED_JOINTS,
-    ARM_JOINTS,
-    SKIN_RADIUS,
-)
+from tactile_dynamics_ros.core.robot.robot_file import load_robot
 
-HOME = np.concatenate([ARM_HOME, HAND_SEED])
+ROBOT = load_robot()
+
+HOME = ROBOT.start
 SITE = GraspSite(
     centre=np.array([0.01, 0.0, 0.02]), pinch=[0, 1, 0], approach=[0, 0, -1], width=0.06
 )
@@ -57,7 +52,7 @@ def test_the_plan_puts_the_skins_on_the_two_faces(kinematics, yaw):
     plan = plan_grasp(kinematics, SITE, pose)
     where = kinematics.locate(np.concatenate([plan.arm, plan.touch]))
     normals = plan.normals @ where.palm[:3, :3].T
-    skins = where.sensors[:, :3, 3] + SKIN_RADIUS * normals
+    skins = where.sensors[:, :3, 3] + ROBOT.tips.radius * normals
     across = ((skins - pose[:3, 3]) @ pose[:3, :3] - SITE.centre)[:, 1]
     assert_allclose(np.abs(across), 0.03, atol=1e-3)
     assert np.sign(across[3]) == -np.sign(across[0])
@@ -80,7 +75,7 @@ def test_the_hand_opens_wider_and_closes_tighter_than_the_object(kinematics, wid
 
 def test_squeeze_forces_hold_nothing_but_themselves(kinematics):
     plan = plan_grasp(kinematics, SITE, pose_at(0.55, 0.0, 0.0))
-    forces = squeeze_forces(plan.points, plan.normals, 1.7)
+    forces = squeeze_forces(plan.points, plan.normals, ROBOT.sides, 1.7)
     assert_allclose(forces.sum(axis=0), 0.0, atol=1e-12)
     assert_allclose(np.cross(plan.points, forces).sum(axis=0), 0.0, atol=1e-12)
     pressure = np.sum(forces * plan.normals, axis=1)
@@ -107,17 +102,17 @@ def test_the_squeeze_grows_with_the_load_and_stays_within_torque_caps(kinematics
     light, _ = settle(0.5)
     heavy, _ = settle(1.6)
     most, offsets = settle(20.0)
-    kp = np.array([joint.kp for joint in ACTUATED_JOINTS[7:]])
-    caps = np.array([joint.effort for joint in ACTUATED_JOINTS[7:]])
+    kp = np.array([joint.kp for joint in ROBOT.joints[7:]])
+    caps = np.array([joint.effort for joint in ROBOT.joints[7:]])
     assert light < heavy < most < 4.0
     assert (np.abs(kp * offsets) <= caps + 1e-9).all()
 
 
 def test_a_hold_needs_the_thumb_and_two_fingers():
     press = np.array([0.0, 1.0, 0.0])
-    assert held_by({"thumb": press, "index": press, "ring": press}, 0.2)
-    assert not held_by({"middle": press, "index": press, "ring": press}, 0.2)
-    assert not held_by({"thumb": press, "index": press, "ring": 0.1 * press}, 0.2)
+    assert held_by(ROBOT, {"thumb": press, "index": press, "ring": press}, 0.2)
+    assert not held_by(ROBOT, {"middle": press, "index": press, "ring": press}, 0.2)
+    assert not held_by(ROBOT, {"thumb": press, "index": press, "ring": 0.1 * press}, 0.2)
 
 
 def test_the_excitation_fades_in_and_out_and_keeps_its_size():
@@ -131,7 +126,7 @@ def test_the_excitation_fades_in_and_out_and_keeps_its_size():
 
 
 def test_the_excited_arm_respects_speeds_and_moves_as_told(kinematics):
-    start = np.concatenate([ARM_CARRY, HAND_SEED])
+    start = np.concatenate([ROBOT.carry, ROBOT.hand_seed])
     where = kinematics.locate(start)
     pivot = where.sensors[:, :3, 3].mean(axis=0)
     motion = SumOfSines(ExcitationConfig(duration=8.0))
@@ -139,11 +134,11 @@ def test_the_excited_arm_respects_speeds_and_moves_as_told(kinematics):
     time = np.linspace(0.0, 8.0, 801)
     joints = np.array([path(instant) for instant in time])
     speeds = np.abs(np.gradient(joints, time, axis=0)).max(axis=0)
-    assert (speeds <= [joint.velocity for joint in ARM_JOINTS]).all()
-    assert_allclose(joints[[0, -1]], [ARM_CARRY, ARM_CARRY], atol=2e-3)
+    assert (speeds <= [joint.velocity for joint in ROBOT.arm]).all()
+    assert_allclose(joints[[0, -1]], [ROBOT.carry, ROBOT.carry], atol=2e-3)
     assert path.scale >= 0.5
     told = path.scale * motion(3.7)
-    moved = kinematics.locate(np.concatenate([path(3.7), HAND_SEED]))
+    moved = kinematics.locate(np.concatenate([path(3.7), ROBOT.hand_seed]))
     centre = pivot - where.palm[:3, 3]
     reached = moved.palm[:3, 3] + moved.palm[:3, :3] @ where.palm[:3, :3].T @ centre
     assert_allclose(reached - pivot, told[3:], atol=2e-3)
@@ -153,26 +148,28 @@ def test_an_excitation_of_ones_own_replaces_the_default(kinematics):
     time = np.linspace(0.0, 2.0, 21)
     offsets = np.zeros((21, 6))
     offsets[:, 5] = 0.05 * np.sin(np.pi * time / 2.0) ** 2
-    start = np.concatenate([ARM_CARRY, HAND_SEED])
+    start = np.concatenate([ROBOT.carry, ROBOT.hand_seed])
     palm = kinematics.locate(start).palm
     path = excite(kinematics, start, palm[:3, 3], OffsetTable(time, offsets), 2.0)
-    top = kinematics.locate(np.concatenate([path(1.0), HAND_SEED])).palm
+    top = kinematics.locate(np.concatenate([path(1.0), ROBOT.hand_seed])).palm
     assert_allclose(top[:3, 3] - palm[:3, 3], [0.0, 0.0, 0.05], atol=1e-3)
     with pytest.raises(BadInputError, match="expected \\(N, 6\\)"):
         OffsetTable(time, offsets[:, :3])
 
 
 def test_paths_start_and_end_at_rest_where_told(kinematics):
-    goal = ARM_HOME + 0.4
-    path = join_joints(ARM_HOME, goal)
-    assert_allclose(path(0.0), ARM_HOME)
+    goal = ROBOT.home + 0.4
+    path = join_joints(ROBOT, ROBOT.home, goal)
+    assert_allclose(path(0.0), ROBOT.home)
     assert_allclose(path(path.duration + 1.0), goal)
     assert_allclose(path.spline(0.0, 1), 0.0, atol=1e-9)
     palm = kinematics.locate(HOME).palm.copy()
     palm[2, 3] -= 0.1
     straight = join_poses(kinematics, HOME, palm)
-    half = kinematics.locate(np.concatenate([straight(straight.duration / 2), HAND_SEED])).palm
-    end = kinematics.locate(np.concatenate([straight(straight.duration), HAND_SEED])).palm
+    half = kinematics.locate(
+        np.concatenate([straight(straight.duration / 2), ROBOT.hand_seed])
+    ).palm
+    end = kinematics.locate(np.concatenate([straight(straight.duration), ROBOT.hand_seed])).palm
     assert_allclose(end, palm, atol=1e-4)
     assert_allclose(half[:2, 3], palm[:2, 3], atol=1e-4)
 

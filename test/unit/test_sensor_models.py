@@ -8,8 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from tactile_dynamics_ros.core.rigid_body.rotation import log_so3, matrix_to_quaternion
-from tactile_dynamics_ros.core.robot.hand_kinematics import DOF
-from tactile_dynamics_ros.core.robot.robot_description import HAND_ENCODER_RESOLUTION
+from tactile_dynamics_ros.core.robot.robot_file import load_robot
 from tactile_dynamics_ros.sim.sensors.depth_camera import DepthCamera, DepthCameraConfig, look_at
 from tactile_dynamics_ros.sim.sensors.encoders import EncoderConfig, JointEncoders
 from tactile_dynamics_ros.sim.sensors.fingertips import Fingertips
@@ -17,18 +16,20 @@ from tactile_dynamics_ros.sim.sensors.marker_tracker import MarkerTracker, Marke
 from tactile_dynamics_ros.sim.sensors.wrist_sensor import WristSensor, WristSensorConfig
 from tactile_dynamics_ros.sim.simulated_robot import SimulatedRobot, SimulatedRobotConfig
 
+ROBOT = load_robot()
+
 
 def test_encoders_have_noise_offset_play_and_steps():
-    encoders = JointEncoders(EncoderConfig(), seed=2)
-    truth = np.linspace(-1.0, 1.0, DOF)
+    encoders = JointEncoders(ROBOT, EncoderConfig(), seed=2)
+    truth = np.linspace(-1.0, 1.0, ROBOT.dof)
     readings = np.array([encoders.read(truth) for _ in range(4000)])
-    steps = readings[:, 7:] / HAND_ENCODER_RESOLUTION
+    steps = readings[:, 7:] / ROBOT.hand_resolution
     assert_allclose(steps, np.rint(steps), atol=1e-6)
     assert_allclose(readings[:, 7:].std(axis=0), 2e-4, rtol=0.1)
     assert_allclose(readings[:, :7].std(axis=0), 1e-5, rtol=0.1)
     assert_allclose(readings.mean(axis=0) - truth, encoders.offset, atol=2e-5)
     assert 0.5 < np.std(encoders.offset[7:]) / np.deg2rad(0.2) < 1.7
-    loaded = np.array([encoders.read(truth, np.full(DOF, 0.3)) for _ in range(4000)])
+    loaded = np.array([encoders.read(truth, np.full(ROBOT.dof, 0.3)) for _ in range(4000)])
     shift = (loaded - readings).mean(axis=0)
     assert_allclose(shift[7:], 0.5 * np.deg2rad(0.1) * 0.3 / 0.31, atol=3e-5)
     assert_allclose(shift[:7], 0.0, atol=1e-6)
@@ -167,7 +168,7 @@ class Touch:
 
 
 def test_fingertips_take_world_forces_and_sense_slip():
-    tips = Fingertips(seed=3)
+    tips = Fingertips(ROBOT.fingers, seed=3)
     poses = np.tile(np.eye(4), (4, 1, 1))
     turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     poses[:, :3, :3] = turn
@@ -180,7 +181,7 @@ def test_fingertips_take_world_forces_and_sense_slip():
     touch = {"ring": Touch(turn @ [0.4, 0.2, -1.5], place)}
     for _ in range(20):
         raw = tips.read(touch, poses, np.eye(4), still)
-    same = Fingertips(seed=3).array
+    same = Fingertips(ROBOT.fingers, seed=3).array
     force, point = np.zeros((4, 3)), np.zeros((4, 3))
     for _ in range(20):
         same.measure(force, point)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.manipulation.grasp_planner import ARM_HOME, HAND_SEED
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
+from tactile_dynamics_ros.core.robot.robot_file import load_robot
 from tactile_dynamics_ros.core.shape.object_shape import load_shape
 from tactile_dynamics_ros.core.tracking.depth_image import (
     DepthNoiseConfig,
@@ -24,7 +24,9 @@ from tactile_dynamics_ros.share import object_file
 from tactile_dynamics_ros.sim.sensors.depth_camera import DepthCamera, DepthCameraConfig, look_at
 from tactile_dynamics_ros.sim.world import HandWorld, WorldConfig
 
-HOME = np.concatenate([ARM_HOME, HAND_SEED])
+ROBOT = load_robot()
+
+HOME = ROBOT.start
 PLACE = look_at(np.array([0.75, -0.6, 0.45]), np.array([0.42, 0.0, 0.18]))
 CENTRE = np.array([0.55, 0.0, 0.15])
 

@@ -8,19 +8,16 @@ import pytest
 from numpy.testing import assert_allclose
 
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.manipulation.grasp_planner import ARM_HOME, HAND_SEED
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
-from tactile_dynamics_ros.core.robot.hand_kinematics import DOF, HandKinematics
-from tactile_dynamics_ros.core.robot.robot_description import (
-    ACTUATED_JOINTS,
-    FINGERS,
-    HAND_JOINTS,
-    LINKS,
-)
+from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
+from tactile_dynamics_ros.core.robot.kinematic_tree import parse_urdf
+from tactile_dynamics_ros.core.robot.robot_file import load_robot
 from tactile_dynamics_ros.sim.objects import list_objects, load_object
 from tactile_dynamics_ros.sim.world import HandWorld, WorldConfig
 
-HOME = np.concatenate([ARM_HOME, HAND_SEED])
+ROBOT = load_robot()
+
+HOME = ROBOT.start
 # rubber tip frame and BioTac origin in the palm frame, mm, at zero and at home
 HOME_DEG = [0, -10, 45, 45, 0, -10, 45, 45, 5, -5, 50, 45, 60, 25, 15, 45]
 STOCK_TIP = {
@@ -53,7 +50,7 @@ def test_the_urdf_has_the_published_forward_kinematics(world):
     for finger, expected in BIOTAC.items():
         pose = palm @ world.link_pose(f"biotac_{finger}")
         assert_allclose(1e3 * pose[:3, 3], expected, atol=0.06)
-        last = 4 * FINGERS.index(finger) + 3
+        last = 4 * ROBOT.fingers.index(finger) + 3
         height = 0.0423 if finger == "thumb" else 0.0267
         tip = palm @ world.link_pose(f"link_{last}.0") @ np.array([0.0, 0.0, height, 1.0])
         assert_allclose(1e3 * tip[:3], STOCK_TIP[finger], atol=0.06)
@@ -62,12 +59,12 @@ def test_the_urdf_has_the_published_forward_kinematics(world):
 def test_the_urdf_agrees_with_the_kinematics_of_the_estimators(world):
     kinematics = HandKinematics()
     rng = np.random.default_rng(1)
-    lower = np.array([joint.lower for joint in ACTUATED_JOINTS])
-    upper = np.array([joint.upper for joint in ACTUATED_JOINTS])
+    lower = np.array([joint.lower for joint in ROBOT.joints])
+    upper = np.array([joint.upper for joint in ROBOT.joints])
     for _ in range(5):
         positions = rng.uniform(lower, upper)
         world.reset(positions)
-        for finger in FINGERS:
+        for finger in ROBOT.fingers:
             expected = kinematics.sensor_pose(finger, positions)
             assert_allclose(world.link_pose(f"biotac_{finger}"), expected, atol=2e-6)
 
@@ -185,7 +182,7 @@ def test_a_blocked_finger_pushes_with_its_torque_cap_and_no_more(world):
     target[8] += 1.0
     world.command(target)
     world.step(400)
-    cap = HAND_JOINTS[1].effort
+    cap = ROBOT.hand_joints[1].effort
     assert world.joint_state().effort[8] == pytest.approx(cap)
     assert world.joint_state().position[8] < HOME[8] + 0.1
 
@@ -203,11 +200,11 @@ def test_the_wrist_feels_the_weight_of_the_hand(world):
     wrench = world.wrist_wrench()
     flange = world.link_pose("wrist_ft")
     weight = np.zeros(6)
-    for link in LINKS:
+    for link in parse_urdf(ROBOT.urdf).links:
         if not link.name.startswith("lbr_"):
             pose = world.link_pose(link.name)
-            force = flange[:3, :3].T @ (link.mass * world.gravity)
-            com = pose[:3, :3] @ link.com + pose[:3, 3]
+            force = flange[:3, :3].T @ (link.inertial.mass * world.gravity)
+            com = pose[:3, :3] @ link.inertial.origin.xyz + pose[:3, 3]
             arm = flange[:3, :3].T @ (com - flange[:3, 3])
             weight += np.concatenate([np.cross(arm, force), force])
     assert_allclose(wrench[3:], weight[3:], atol=0.03)
@@ -237,7 +234,7 @@ def test_two_worlds_with_the_same_commands_agree():
     for _ in range(2):
         with HandWorld(WorldConfig(object_name="mug")) as world:
             world.reset(HOME)
-            target = HOME + 0.1 * np.sin(np.arange(DOF))
+            target = HOME + 0.1 * np.sin(np.arange(ROBOT.dof))
             world.command(target)
             world.step(300)
             poses.append(

@@ -44,6 +44,7 @@ class Contact:
         finger: its name.
         point: (3,) m. rotation: (3, 3) R_WC, column z is the normal into the object.
         force: (3,) N that the finger applies on the object.
+        torque: (3,) N m about the point; zero for fingertips whose contacts carry none.
         force_std: (3,) N per world axis, including the uncertainty of the sensor's orientation.
         force_covariance: (3, 3) N^2. point_covariance: (3, 3) m^2.
         touching: whether the force exceeds the touch threshold.
@@ -53,6 +54,7 @@ class Contact:
     point: Array
     rotation: Array
     force: Array
+    torque: Array
     force_std: Array
     force_covariance: Array
     point_covariance: Array
@@ -72,8 +74,9 @@ class ContactState:
     ) -> None:
         self.kinematics = kinematics
         self.config = config or ContactStateConfig()
-        joints = self.config.joints
-        self._joint_variance = joints.varying_variance() + joints.constant_variance()
+        robot, joints = kinematics.robot, self.config.joints
+        self._joint_variance = joints.varying_variance(robot)
+        self._joint_variance += joints.constant_variance(robot)
 
     def update(
         self,
@@ -87,7 +90,7 @@ class ContactState:
 
         Args:
             finger: name.
-            joint_positions: (23,) rad.
+            joint_positions: (J,) rad.
             force: (3,) N.
             force_std: (3,) N.
             torque: (3,) N m, or None if it is not known.
@@ -115,11 +118,12 @@ class ContactState:
 
         Args:
             fingers: K names.
-            joint_positions: (K, 23) rad, arm then hand.
+            joint_positions: (K, J) rad, arm then hand.
             force: (K, 3) on the object, sensor frame, N.
             force_std: (K, 3) N, sensor frame.
-            torque: (K, 3) N m of that force about the sensor origin, which tells where on the skin
-                the contact is; where it is zero the contact is where the normal is along the force.
+            torque: (K, 3) N m of that force about the sensor origin, which tells where on a
+                round skin the contact is; where it is zero the contact is where the normal is
+                along the force. A flat face transmits it.
 
         Raises:
             BadInputError: a value is not finite.
@@ -127,9 +131,8 @@ class ContactState:
         for name, value in (("force", force), ("force_std", force_std), ("torque", torque)):
             _check(name, value, len(fingers))
         pose = self.kinematics.sensor_pose(fingers, joint_positions)
-        known = torque.any(axis=-1, keepdims=True)
-        place = np.where(known, point_from_wrench(force, torque), point_under_force(force))
         rotation = pose[:, :3, :3]
+        place, frames = self._places(force, torque)
         point = _turn(rotation, place) + pose[:, :3, 3]
         jacobian = self.kinematics.jacobian(fingers, joint_positions, point)
         frame = (jacobian * self._joint_variance) @ np.swapaxes(jacobian, -1, -2)
@@ -140,11 +143,29 @@ class ContactState:
         covariance = (rotation * force_std[:, None] ** 2) @ np.swapaxes(rotation, -1, -2)
         covariance += lever @ frame[:, :3, :3] @ np.swapaxes(lever, -1, -2)
         std = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
-        axes = rotation @ _contact_frame(place)
+        axes = rotation @ frames
+        turning = _turn(
+            rotation, torque if self.kinematics.robot.tips.carries_torque else 0 * torque
+        )
         touching = np.linalg.norm(force, axis=-1) > self.config.touch_force
         places = frame[:, 3:, 3:]
-        columns = (fingers, point, axes, world_force, std, covariance, places, touching.tolist())
-        return [Contact(*row) for row in zip(*columns, strict=True)]
+        columns = (fingers, point, axes, world_force, turning, std, covariance, places)
+        rows = zip(*columns, touching.tolist(), strict=True)
+        return [Contact(*row) for row in rows]
+
+    def _places(self, force: Array, torque: Array) -> tuple[Array, Array]:
+        """Return contact points (K, 3) and frames R_SC (K, 3, 3) in the sensor frames.
+
+        A flat face that carries torque is touched at its middle, whose frame is the sensor's; on
+        a round skin the wrench tells where.
+        """
+        tips = self.kinematics.robot.tips
+        if tips.carries_torque:
+            return np.zeros_like(force), np.broadcast_to(np.eye(3), (len(force), 3, 3))
+        known = torque.any(axis=-1, keepdims=True)
+        found = point_from_wrench(force, torque, tips.radius)
+        place = np.where(known, found, point_under_force(force, tips.radius))
+        return place, _contact_frame(place)
 
 
 def _turn(rotation: Array, vector: Array) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
-from tactile_dynamics_ros.core.effects.parameter import EffectParameter
+from tactile_dynamics_ros.core.effects.parameter import EffectParameter, ParameterSum
 from tactile_dynamics_ros.core.errors import BadInputError
 
 Array = NDArray[np.float64]
@@ -99,6 +99,10 @@ class Effect(ABC):
     @abstractmethod
     def parameters(self, samples: WrenchSamples) -> tuple[EffectParameter, ...]:
         """Parameters theta, k of them."""
+
+    def sums(self, samples: WrenchSamples) -> tuple[ParameterSum, ...]:
+        """Sums of parameters that may be known where the parameters are not; none by default."""
+        return ()
 
     @abstractmethod
     def wrench(self, samples: WrenchSamples, inertia: Array, theta: Array) -> Array:

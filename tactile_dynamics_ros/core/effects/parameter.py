@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
 
 
 @dataclass(frozen=True)
@@ -27,3 +31,31 @@ class EffectParameter:
         """Fill the typical value."""
         if self.typical == 0.0:
             object.__setattr__(self, "typical", 0.2 * self.prior_std)
+
+
+@dataclass(frozen=True)
+class ParameterSum:
+    """A sum of parameters that data may tell although they do not tell the summands.
+
+    Attributes:
+        name: symbol.
+        unit: SI.
+        members: names of the parameters that are added up.
+    """
+
+    name: str
+    unit: str
+    members: tuple[str, ...]
+
+    def entry(
+        self, names: Sequence[str], theta: NDArray[np.float64], covariance: NDArray[np.float64]
+    ) -> tuple[float, float]:
+        """Value and standard deviation.
+
+        Args:
+            names: of the k parameters.
+            theta: (k,) their values.
+            covariance: (k, k) of them.
+        """
+        row = np.array([float(name in self.members) for name in names])
+        return float(row @ theta), float(np.sqrt(max(row @ covariance @ row, 0.0)))

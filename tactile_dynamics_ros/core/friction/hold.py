@@ -7,22 +7,16 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.alignment import align_points
 from tactile_dynamics_ros.core.rigid_body.rotation import log_so3, skew
-from tactile_dynamics_ros.core.robot.hand_kinematics import (
-    ARM_DOF,
-    FINGER_DOF,
-    HandKinematics,
-    finger_index,
-)
-from tactile_dynamics_ros.core.robot.robot_description import HAND_JOINTS
+from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
+from tactile_dynamics_ros.core.robot.robot import Robot, column
 
 Array = NDArray[np.float64]
 
-_KP = np.array([joint.kp for joint in HAND_JOINTS])
-"""Stiffness of the hand's drives, N m/rad."""
-_EFFORT = np.array([joint.effort for joint in HAND_JOINTS])
-"""Torque caps of the hand's drives, N m."""
+_LEAST_HOLDERS = 3
+"""Fingers that hold while one probes: points of contact bear any wrench from three on."""
 _SLIDING_COST = 3.0
 """Weight of a holding finger's tangential over its normal force, beyond one: forces along the
 surface, which may slip, count four times in the sum that is made least. At zero they share what the
@@ -37,6 +31,22 @@ after half a second."""
 _MOST = np.array([0.06] * 3 + [1.2] * 3)
 """Largest pull of spring and integral, N m and N: what holding fingers have to spare beside the
 grip. A larger one can make them slip."""
+
+
+def holding_fingers(robot: Robot, probing: str) -> tuple[str, ...]:
+    """Return the fingers that hold while one probes.
+
+    Raises:
+        BadInputError: that one is missed too much: it opposes all others, or too few remain.
+    """
+    allowed = [finger for finger in robot.fingers if finger != robot.reference]
+    holders = tuple(finger for finger in robot.fingers if finger != probing)
+    if probing not in allowed or len(holders) < _LEAST_HOLDERS:
+        raise BadInputError(
+            f"finger = '{probing}': expected one of {', '.join(allowed)}, of a hand in which "
+            f"{_LEAST_HOLDERS} others hold the object"
+        )
+    return holders
 
 
 def balance_forces(points: Array, normals: Array, wanted: Array, wrench: Array) -> Array:
@@ -93,9 +103,13 @@ class Hold:
     ) -> None:
         self._kinematics = kinematics
         self._fingers = tuple(fingers)
-        self._kp = stiffness_scale * _KP
-        rows = [np.arange(FINGER_DOF) + FINGER_DOF * finger_index(f) for f in fingers]
-        self._joints = np.array(rows)
+        robot = kinematics.robot
+        self._arm_dof = robot.arm_dof
+        self._kp = stiffness_scale * column(robot.hand_joints, "kp")
+        self._effort = column(robot.hand_joints, "effort")
+        self._index = [robot.finger_index(finger) for finger in fingers]
+        owned = (robot.owned[finger] for finger in fingers)
+        self._joints = [np.arange(own.start, own.stop) - robot.arm_dof for own in owned]
 
     def begin(
         self,
@@ -109,35 +123,35 @@ class Hold:
         """Start from a hold at rest.
 
         Args:
-            positions: (23,) measured, rad.
-            targets: (23,) commanded, rad.
+            positions: (J,) measured, rad.
+            targets: (J,) commanded, rad.
             points: (K, 3) contact points, m.
             normals: (K, 3) into the object.
             forces: (K, 3) measured on the object, N.
             probe: point (3,) and force (3,) of the probing finger.
         """
-        self._targets = np.array(targets[ARM_DOF:], dtype=float)
+        self._targets = np.array(targets[self._arm_dof :], dtype=float)
         self._points, self._normals, self._forces = points, normals, forces
         self._centre = points.mean(axis=0)
         self._total = total_wrench(points, forces, self._centre)
         self._total += total_wrench(probe[0][None], probe[1][None], self._centre)
         self._jacobians = [
-            self._kinematics.jacobian(f, positions, p)[3:, ARM_DOF + rows]
-            for f, p, rows in zip(self._fingers, points, self._joints, strict=True)
+            self._kinematics.own_jacobian(finger, positions, point)
+            for finger, point in zip(self._fingers, points, strict=True)
         ]
-        given = self._kp * (self._targets - positions[ARM_DOF:])
-        self._given = np.clip(given, -_EFFORT, _EFFORT)
+        given = self._kp * (self._targets - positions[self._arm_dof :])
+        self._given = np.clip(given, -self._effort, self._effort)
         self._tips = self._locate_tips(positions)
         self._pull = np.zeros(6)
 
     def command(
         self, dt: float, positions: Array, wanted: Array, probe: tuple[Array, Array]
     ) -> Array:
-        """Return hand targets (16,).
+        """Return hand targets (H,).
 
         Args:
             dt: s since the last call.
-            positions: (23,) measured, rad.
+            positions: (J,) measured, rad.
             wanted: (K,) normal forces, N.
             probe: point (3,) and wanted force (3,) of the probing finger.
         """
@@ -147,7 +161,8 @@ class Hold:
         targets = self._targets.copy()
         for k, rows in enumerate(self._joints):
             torque = self._jacobians[k].T @ (forces[k] - self._forces[k])
-            room = np.clip(self._given[rows] + torque, -0.95 * _EFFORT[rows], 0.95 * _EFFORT[rows])
+            most = 0.95 * self._effort[rows]
+            room = np.clip(self._given[rows] + torque, -most, most)
             targets[rows] += (room - self._given[rows]) / self._kp[rows]
         return targets
 
@@ -162,4 +177,4 @@ class Hold:
 
     def _locate_tips(self, positions: Array) -> Array:
         where = self._kinematics.locate(positions).sensors
-        return np.asarray(where[[finger_index(f) for f in self._fingers], :3, 3])
+        return np.asarray(where[self._index, :3, 3])

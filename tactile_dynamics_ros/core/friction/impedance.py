@@ -8,13 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
-from tactile_dynamics_ros.core.robot.hand_kinematics import (
-    ARM_DOF,
-    FINGER_DOF,
-    HandKinematics,
-    finger_index,
-)
-from tactile_dynamics_ros.core.robot.robot_description import HAND_JOINTS
+from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
+from tactile_dynamics_ros.core.robot.robot import column
 
 Array = NDArray[np.float64]
 
@@ -61,18 +56,17 @@ class FingertipImpedance:
     ) -> None:
         self.config = config or ImpedanceConfig()
         self._kinematics, self._finger = kinematics, finger
-        start = FINGER_DOF * finger_index(finger)
-        self._own = slice(ARM_DOF + start, ARM_DOF + start + FINGER_DOF)
-        joints = HAND_JOINTS[start : start + FINGER_DOF]
-        self._kp = self.config.stiffness_scale * np.array([joint.kp for joint in joints])
-        self._cap = self.config.torque_share * np.array([joint.effort for joint in joints])
-        self._lower = np.array([joint.lower for joint in joints])
-        self._upper = np.array([joint.upper for joint in joints])
+        robot = kinematics.robot
+        joints = robot.hand[robot.finger_index(finger)].joints
+        self._own = robot.owned[finger]
+        self._kp = self.config.stiffness_scale * column(joints, "kp")
+        self._cap = self.config.torque_share * column(joints, "effort")
+        self._lower, self._upper = column(joints, "lower"), column(joints, "upper")
         self.anchor: Array | None = None
         self.limited = False
 
     def begin(self, positions: Array, targets: Array, force: Array) -> None:
-        """Take over a finger that is told ``targets`` (23,) and presses with ``force`` (3,)."""
+        """Take over a finger that is told ``targets`` (J,) and presses with ``force`` (3,)."""
         jacobian = self._jacobian(positions)
         self._target = np.array(targets[self._own], dtype=float)
         given = np.clip(self._kp * (self._target - positions[self._own]), -self._cap, self._cap)
@@ -88,11 +82,11 @@ class FingertipImpedance:
         return np.asarray(self._kinematics.sensor_pose(self._finger, positions)[:3, 3])
 
     def command(self, dt: float, positions: Array, wanted: Array, felt: Array) -> Array:
-        """Return the finger's joint targets (4,), rad.
+        """Return the finger's joint targets (K,), rad.
 
         Args:
             dt: s since the last call.
-            positions: (23,) measured, rad.
+            positions: (J,) measured, rad.
             wanted: (3,) force on the object, N, world axes.
             felt: (3,) measured force on the object, N, world axes.
         """
@@ -119,7 +113,7 @@ class FingertipImpedance:
 
     def _jacobian(self, positions: Array) -> Array:
         tip = self.tip(positions)
-        return np.asarray(self._kinematics.jacobian(self._finger, positions, tip)[3:, self._own])
+        return self._kinematics.own_jacobian(self._finger, positions, tip)
 
 
 def _limit(force: Array, most: float) -> Array:
@@ -128,7 +122,7 @@ def _limit(force: Array, most: float) -> Array:
 
 
 def _free_part(jacobian: Array) -> Array:
-    """Return the projection (4, 4) on joint torques that make no force at the tip.
+    """Return the projection (K, K) on joint torques that make no force at the tip.
 
     A torque does not act on the tip if it is orthogonal to the range of J^T.
     """

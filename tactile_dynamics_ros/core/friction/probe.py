@@ -12,15 +12,14 @@ from tactile_dynamics_ros.core.friction.estimate import (
     SlipEvent,
     estimate_friction,
 )
-from tactile_dynamics_ros.core.friction.hold import Hold
+from tactile_dynamics_ros.core.friction.hold import Hold, holding_fingers
 from tactile_dynamics_ros.core.friction.impedance import FingertipImpedance
 from tactile_dynamics_ros.core.friction.probe_config import FrictionProbeConfig, ProbePhase
 from tactile_dynamics_ros.core.friction.probe_input import ProbeInput
 from tactile_dynamics_ros.core.friction.slip_detection import SlipFusion, SlipObservation, SlipState
 from tactile_dynamics_ros.core.friction.slip_log import Attempt, SlipLog
 from tactile_dynamics_ros.core.rigid_body.alignment import align_points
-from tactile_dynamics_ros.core.robot.hand_kinematics import ARM_DOF, HandKinematics, finger_index
-from tactile_dynamics_ros.core.robot.robot_description import FINGERS
+from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
 from tactile_dynamics_ros.core.shape.friction_regions import ObjectSurface, SurfacePlace
 
 Array = NDArray[np.float64]
@@ -79,8 +78,9 @@ class FrictionProbe:
         self.slip_state = SlipState(False, 0.0, -np.inf, 0.0)
         self.wanted, self.path = np.zeros(2), 0.0
         self._kinematics, self._surface = kinematics, surface
-        self._holders = tuple(f for f in FINGERS if f != self.config.finger)
-        self._own = ARM_DOF + 4 * finger_index(self.config.finger) + np.arange(4)
+        self._fingers, self._arm_dof = kinematics.fingers, kinematics.robot.arm_dof
+        self._holders = holding_fingers(kinematics.robot, self.config.finger)
+        self._own = kinematics.robot.owned[self.config.finger]
         self._impedance = FingertipImpedance(kinematics, self.config.finger, self.config.impedance)
         self._hold = Hold(kinematics, self._holders, self.config.impedance.stiffness_scale)
 
@@ -103,7 +103,7 @@ class FrictionProbe:
 
         Args:
             seen: now.
-            targets: (23,) joint targets that are commanded now, rad.
+            targets: (J,) joint targets that are commanded now, rad.
 
         Raises:
             NotIdentifiableError: the object is not held; says which finger does not touch.
@@ -160,7 +160,7 @@ class FrictionProbe:
             self._enter(ProbePhase.FAILED, self._last)
 
     def update(self, seen: ProbeInput) -> Array:
-        """Return joint targets (23,), rad."""
+        """Return joint targets (J,), rad."""
         dt = min(max(seen.time - self._last, 1e-4), 0.05)
         self._last = seen.time
         if not self.running:
@@ -175,7 +175,7 @@ class FrictionProbe:
     def _check_held(self, seen: ProbeInput) -> None:
         weak = [
             finger
-            for finger in FINGERS
+            for finger in self._fingers
             if finger not in seen.contacts
             or np.linalg.norm(seen.contacts[finger].force) < self.config.least_force
         ]
@@ -223,7 +223,7 @@ class FrictionProbe:
         self._pushed += min(1.0, dt / 0.03) * (felt - self._pushed)
         probing = (self._kinematics_point(seen.positions), wanted)
         grip = self._grip_from + share * (self._grip(self.wanted[0]) - self._grip_from)
-        self._targets[ARM_DOF:] = self._hold.command(dt, seen.positions, grip, probing)
+        self._targets[self._arm_dof :] = self._hold.command(dt, seen.positions, grip, probing)
         self._targets[self._own] = finger
 
     def _observation(self, seen: ProbeInput, point: Array, felt: Array) -> SlipObservation:
@@ -383,7 +383,7 @@ class FrictionProbe:
 
     def _holding_tips(self, positions: Array) -> Array:
         sensors = self._kinematics.locate(positions).sensors
-        return np.asarray(sensors[[finger_index(f) for f in self._holders], :3, 3])
+        return np.asarray(sensors[[self._fingers.index(f) for f in self._holders], :3, 3])
 
     def _locate(self, seen: ProbeInput, point: Array) -> SurfacePlace:
         pose = seen.object_pose

@@ -10,7 +10,6 @@ from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.friction.estimate import FrictionEstimateConfig
 from tactile_dynamics_ros.core.friction.impedance import ImpedanceConfig
 from tactile_dynamics_ros.core.friction.slip_detection import SlipFusionConfig
-from tactile_dynamics_ros.core.robot.robot_description import FINGERS
 
 
 class ProbePhase(Enum):
@@ -77,7 +76,5 @@ class FrictionProbeConfig:
 
     def __post_init__(self) -> None:
         check_ranges(self)
-        if self.finger not in FINGERS[:3]:
-            raise BadInputError(f"finger = '{self.finger}': expected one of index, middle, ring")
         if self.variant not in VARIANTS:
             raise BadInputError(f"variant = '{self.variant}': expected {', '.join(VARIANTS)}")

@@ -30,7 +30,7 @@ class ProbeInput:
 
     Attributes:
         time: s. touch_time: stamp of the newest touch, s.
-        positions: (23,) rad.
+        positions: (J,) rad.
         contacts: by finger; fingers that touch nothing are missing.
         object_pose: (4, 4) X_WO.
         vibration, electrodes: signals of the probing finger, see `SlipObservation`.

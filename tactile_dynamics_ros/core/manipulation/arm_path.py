@@ -13,13 +13,13 @@ from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.core.manipulation.excitation import CartesianOffsets
 from tactile_dynamics_ros.core.manipulation.inverse_kinematics import solve_arm
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, log_so3
-from tactile_dynamics_ros.core.robot.hand_kinematics import ARM_DOF, HandKinematics
-from tactile_dynamics_ros.core.robot.robot_description import ARM_JOINTS
+from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
+from tactile_dynamics_ros.core.robot.robot import Robot, column
 
 Array = NDArray[np.float64]
 
-SPEED_LIMIT = 0.9 * np.array([joint.velocity for joint in ARM_JOINTS])
-"""Speeds that paths may use, rad/s: 0.9 of each joint's limit, so that following a path never
+SPEED_SHARE = 0.9
+"""Share of each arm joint's speed limit that paths may use, so that following a path never
 saturates a drive."""
 NODE_RATE_HZ = 20.0
 """Nodes of a path per second, between which it is a cubic spline. A spline of 20 Hz follows the
@@ -32,7 +32,7 @@ class ArmPath:
 
     Attributes:
         duration: s.
-        spline: time (s) -> (7,) rad.
+        spline: time (s) -> (A,) rad.
         scale: share of the wanted amplitude that limits allowed (1 = all).
     """
 
@@ -41,19 +41,25 @@ class ArmPath:
     scale: float = 1.0
 
     def __call__(self, time: float) -> Array:
-        """Return the arm's joint positions (7,) at ``time`` (s), held at both ends."""
+        """Return the arm's joint positions (A,) at ``time`` (s), held at both ends."""
         return np.asarray(self.spline(float(np.clip(time, 0.0, self.duration))))
 
 
-def join_joints(start: Array, goal: Array, speed: float = 0.5) -> ArmPath:
-    """Return the minimum-jerk path between two joint positions (7,).
+def speed_limit(robot: Robot) -> Array:
+    """Return the speeds (A,) of the arm's joints that paths may use, rad/s."""
+    return SPEED_SHARE * column(robot.arm, "velocity")
+
+
+def join_joints(robot: Robot, start: Array, goal: Array, speed: float = 0.5) -> ArmPath:
+    """Return the minimum-jerk path between two joint positions (A,) of the arm.
 
     Args:
+        robot: whose arm moves.
         start: rad.
         goal: rad.
         speed: share of the joints' speed limits.
     """
-    longest = float(np.max(np.abs(goal - start) / (speed * SPEED_LIMIT)))
+    longest = float(np.max(np.abs(goal - start) / (speed * speed_limit(robot))))
     duration = max(1.0, 1.875 * longest)
     time = np.linspace(0.0, duration, 2 + int(NODE_RATE_HZ * duration))
     nodes = start + minimum_jerk(time / duration)[:, None] * (goal - start)
@@ -67,7 +73,7 @@ def join_poses(
 
     Args:
         kinematics: kinematic model of the robot.
-        positions: (23,) rad at the start.
+        positions: (J,) rad at the start.
         goal: (4, 4) X_WP.
         speed: greatest speed of the palm, m/s (and rad/s times 0.2 m).
     """
@@ -101,7 +107,7 @@ def excite(
 
     Args:
         kinematics: kinematic model of the robot.
-        positions: (23,) rad at the start.
+        positions: (J,) rad at the start.
         pivot: (3,) point of the palm's body about which it turns, m, world.
         offsets: time -> (6,) [rotation vector, translation].
         duration: s.
@@ -148,8 +154,9 @@ def _follow(
 ) -> ArmPath:
     """Solve the arm along palm(t) and check errors and speeds."""
     time = np.linspace(0.0, duration, 2 + int(NODE_RATE_HZ * duration))
-    nodes = np.empty((len(time), ARM_DOF))
-    posture = positions[:ARM_DOF].copy()
+    count = kinematics.robot.arm_dof
+    nodes = np.empty((len(time), count))
+    posture = positions[:count].copy()
     current = np.array(positions, dtype=float)
     for k, instant in enumerate(time):
         current, error = solve_arm(kinematics, current, palm(float(instant)), posture, 15)
@@ -158,11 +165,11 @@ def _follow(
                 f"arm path: the arm misses the palm's pose by {error:.3f} (m, rad) after "
                 f"{instant:.2f} s; joint limits or reach"
             )
-        nodes[k] = current[:ARM_DOF]
+        nodes[k] = current[:count]
     spline = CubicSpline(time, nodes, bc_type="clamped")
-    speed = np.abs(spline(time, 1)) / SPEED_LIMIT
+    speed = np.abs(spline(time, 1)) / speed_limit(kinematics.robot)
     if float(speed.max()) > 1.0:
-        joint = ARM_JOINTS[int(speed.max(axis=0).argmax())].name
+        joint = kinematics.robot.arm[int(speed.max(axis=0).argmax())].name
         raise NotIdentifiableError(
             f"arm path: {joint} would exceed its speed {speed.max():.2f}-fold"
         )

@@ -29,14 +29,9 @@ from tactile_dynamics_ros.core.manipulation.grasp_planner import (
 )
 from tactile_dynamics_ros.core.manipulation.grasp_site import GraspSite
 from tactile_dynamics_ros.core.manipulation.squeeze import Squeeze, SqueezeConfig, held_by
-from tactile_dynamics_ros.core.robot.hand_kinematics import ARM_DOF, HandKinematics
-from tactile_dynamics_ros.core.robot.robot_description import FINGERS
+from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
 
 Array = NDArray[np.float64]
-
-ARM_CARRY = np.array([0.0, 0.2, 0.0, -1.8, 0.0, 1.64, 0.0])
-"""Joint positions of the arm, rad, in which the object is moved about: fingers below the thumb, so
-that they carry part of the weight. Elsewhere friction has to carry more of it."""
 
 
 class Phase(Enum):
@@ -113,7 +108,9 @@ class GraspController:
         self.config = config or GraspConfig()
         self.phase = Phase.OPEN
         self.outcome = ""
-        self._kinematics = kinematics
+        self._kinematics, self._robot = kinematics, kinematics.robot
+        self._arm = slice(0, kinematics.robot.arm_dof)
+        self._fingers = slice(kinematics.robot.arm_dof, None)
         self._site = site
         self._offsets = offsets or SumOfSines(self.config.excitation)
         self._duration = self.config.excitation.duration if duration is None else duration
@@ -125,10 +122,10 @@ class GraspController:
         self._back: ArmPath | None = None
         self._squeeze: Squeeze | None = None
         self._friction: float | None = None
-        self._hold = np.zeros(16)
-        self._hand_from = np.zeros(16)
-        self._target = np.zeros(23)
-        self._stopped = np.zeros(4, dtype=bool)
+        self._hold = np.zeros(len(self._robot.hand_joints))
+        self._hand_from = self._hold
+        self._target = np.zeros(self._robot.dof)
+        self._stopped = np.zeros(len(self._robot.hand), dtype=bool)
         self._lost_since: float | None = None
         self._steps: dict[Phase, Callable[[float, Array, Mapping[str, Array]], None]] = {
             Phase.APPROACH: self._approach,
@@ -161,11 +158,11 @@ class GraspController:
         forces: Mapping[str, Array],
         object_pose: Array | None,
     ) -> Array:
-        """Return the joint targets (23,), rad.
+        """Return the joint targets (J,), rad (m where joints slide).
 
         Args:
             time: s, not decreasing.
-            positions: (23,) measured joint positions, rad.
+            positions: (J,) measured joint positions, rad.
             forces: force (3,) on the object per finger in contact, N, world axes.
             object_pose: (4, 4) X_WO, or None while unknown; used until the hand descends.
         """
@@ -177,7 +174,7 @@ class GraspController:
             self._steps[self.phase](time, positions, forces)
             if self._squeeze is not None:
                 offset = self._squeeze.update(time - self._last, positions, forces)
-                self._target[ARM_DOF:] = self._hold + offset
+                self._target[self._fingers] = self._hold + offset
             self._watch(time, forces)
         self._last = time
         return self._target.copy()
@@ -195,7 +192,7 @@ class GraspController:
             self.outcome = str(error)
             self._enter(Phase.FAILED, time)
             return
-        self._hand_from = np.array(positions[ARM_DOF:], dtype=float)
+        self._hand_from = np.array(positions[self._fingers], dtype=float)
         self._enter(Phase.APPROACH, time)
 
     def _plan_approach(self, positions: Array, object_pose: Array) -> None:
@@ -205,7 +202,7 @@ class GraspController:
         above[2, 3] += self.config.hover
         rise = join_poses(self._kinematics, start, above, self.config.descend_speed)
         self._path = join_joints(
-            positions[:ARM_DOF], rise(rise.duration), self.config.approach_speed
+            self._robot, positions[self._arm], rise(rise.duration), self.config.approach_speed
         )
 
     def _enter(self, phase: Phase, time: float) -> None:
@@ -217,13 +214,13 @@ class GraspController:
     def _follow(self, time: float) -> bool:
         """Set the arm's target along the current path; return whether its end is reached."""
         assert self._path is not None
-        self._target[:ARM_DOF] = self._path(self._elapsed(time))
+        self._target[self._arm] = self._path(self._elapsed(time))
         return self._elapsed(time) >= self._path.duration
 
     def _approach(self, time: float, positions: Array, forces: Mapping[str, Array]) -> None:
         assert self._plan is not None and self._path is not None
         share = min(1.0, 2.0 * self._elapsed(time) / self._path.duration)
-        self._target[ARM_DOF:] = self._hand_from + share * (self._plan.open - self._hand_from)
+        self._target[self._fingers] = self._hand_from + share * (self._plan.open - self._hand_from)
         if self._follow(time):
             speed = self.config.descend_speed
             self._path = join_poses(self._kinematics, self._target, self._plan.palm, speed)
@@ -239,20 +236,20 @@ class GraspController:
 
     def _close(self, time: float, positions: Array, forces: Mapping[str, Array]) -> None:
         assert self._plan is not None
-        for k, finger in enumerate(FINGERS):
+        for k, finger in enumerate(self._robot.fingers):
             touched = finger in forces and np.linalg.norm(forces[finger]) > self.config.touch_force
             self._stopped[k] |= bool(touched)
         share = min(1.0, self._elapsed(time) / self.config.close_time)
         wanted = self._plan.open + share * (self._plan.closed - self._plan.open)
-        moving = np.repeat(~self._stopped, 4)
-        self._target[ARM_DOF:] = np.where(moving, wanted, self._target[ARM_DOF:])
+        moving = np.repeat(~self._stopped, [len(f.joints) for f in self._robot.hand])
+        self._target[self._fingers] = np.where(moving, wanted, self._target[self._fingers])
         if self._stopped.all() or share >= 1.0:
             self._grip(time)
 
     def _grip(self, time: float) -> None:
         """Start to squeeze from where the fingers are told to be."""
         assert self._plan is not None
-        self._hold = self._target[ARM_DOF:].copy()
+        self._hold = self._target[self._fingers].copy()
         palm = self._kinematics.locate(self._target).palm
         normals = self._plan.normals @ palm[:3, :3].T
         self._squeeze = Squeeze(self._kinematics, self._target, normals, self.config.squeeze)
@@ -264,7 +261,7 @@ class GraspController:
         wait = self.config.squeeze.ramp + self.config.settle
         if self._elapsed(time) < wait:
             return
-        if not held_by(forces, self.config.hold_force):
+        if not held_by(self._robot, forces, self.config.hold_force):
             self._retry(time, "no grip after closing")
             return
         if self._elapsed(time) < wait + self.config.stand:
@@ -279,9 +276,9 @@ class GraspController:
 
     def _lift(self, time: float, positions: Array, forces: Mapping[str, Array]) -> None:
         if self._follow(time):
-            arm = self._target[:ARM_DOF].copy()
-            self._path = join_joints(arm, ARM_CARRY, self.config.carry_speed)
-            self._back = join_joints(ARM_CARRY, arm, self.config.carry_speed)
+            arm, speed = self._target[self._arm].copy(), self.config.carry_speed
+            self._path = join_joints(self._robot, arm, self._robot.carry, speed)
+            self._back = join_joints(self._robot, self._robot.carry, arm, speed)
             self._enter(Phase.CARRY, time)
 
     def _carry(self, time: float, positions: Array, forces: Mapping[str, Array]) -> None:
@@ -314,13 +311,13 @@ class GraspController:
 
     def _start_release(self, time: float) -> None:
         self._squeeze = None
-        self._hand_from = self._target[ARM_DOF:].copy()
+        self._hand_from = self._target[self._fingers].copy()
         self._enter(Phase.RELEASE, time)
 
     def _release(self, time: float, positions: Array, forces: Mapping[str, Array]) -> None:
         assert self._plan is not None
         share = min(1.0, self._elapsed(time) / self.config.close_time)
-        self._target[ARM_DOF:] = self._hand_from + share * (self._plan.open - self._hand_from)
+        self._target[self._fingers] = self._hand_from + share * (self._plan.open - self._hand_from)
         if share >= 1.0:
             self._path = self._vertical(self.config.hover, self.config.descend_speed)
             self._enter(Phase.RETREAT, time)
@@ -341,7 +338,8 @@ class GraspController:
 
     def _watch(self, time: float, forces: Mapping[str, Array]) -> None:
         """Give up when the object has left the hand."""
-        if not self.holding or held_by(forces, self.config.hold_force) or len(forces) >= 3:
+        enough = len(forces) >= self._robot.least_holding
+        if not self.holding or enough or held_by(self._robot, forces, self.config.hold_force):
             self._lost_since = None
             return
         self._lost_since = time if self._lost_since is None else self._lost_since

@@ -12,31 +12,16 @@ from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.core.manipulation.grasp_site import GraspSite
 from tactile_dynamics_ros.core.manipulation.inverse_kinematics import solve_arm, solve_fingers
 from tactile_dynamics_ros.core.rigid_body.rotation import skew
-from tactile_dynamics_ros.core.robot.hand_kinematics import ARM_DOF, HandKinematics
-from tactile_dynamics_ros.core.robot.robot_description import FINGERS, SKIN_RADIUS
+from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
+from tactile_dynamics_ros.core.robot.robot import Robot
 
 Array = NDArray[np.float64]
-
-ARM_HOME = np.array([0.0, 0.0, 0.0, -1.8, 0.0, 1.34, 0.0])
-"""Joint positions of the arm, rad, from which a grasp is sought and which redundant motion keeps
-near to. Another one may give another posture of the same grasp."""
-HAND_SEED = np.array([0.0, 0.4, 0.5, 0.9] * 3 + [1.3, 0.45, 0.3, 0.6])
-"""Joint positions of the hand, rad, from which fingertips are sought: half closed, the thumb
-opposed. A seed elsewhere may end in another posture of the same grasp."""
-PAD_DIRECTIONS = np.array([[0.35, 0.0, -0.94]] * 3 + [[0.5, -0.3, -0.81]])
-"""Directions into the object that suit the pads best, in the sensor frames of index, middle, ring
-and thumb: about -z, out of the pad. Others let the tip or the side of a pad touch, where few
-electrodes are."""
 
 
 @dataclass(frozen=True)
 class GraspGeometry:
-    """How the hand stands about the grasp site (palm frame tilted so that z is the approach)."""
+    """How the fingers stand about the grasp site; the palm is the robot's habit."""
 
-    tilt_deg: float = parameter(20.0, "approach direction from the palm's normal", "deg", 0.0, 45.0)
-    depth: float = parameter(
-        0.12, "grasp centre beyond the palm along the approach", "m", 0.05, 0.2
-    )
     thumb_lateral: float = parameter(0.0, "thumb beside the middle finger", "m", -0.03, 0.03)
     opening: float = parameter(0.022, "gap of each fingertip before closing", "m", 0.005, 0.05)
 
@@ -50,11 +35,11 @@ class GraspPlan:
 
     Attributes:
         palm: (4, 4) X_WP at the grasp.
-        arm: (7,) rad at the grasp.
-        touch: (16,) hand joints with the skins touching the faces.
-        open: (16,) hand joints with the skins off the faces.
-        closed: (16,) hand joints with the skins pressed 8 mm into the faces.
-        points: (4, 3) contact points, normals: (4, 3) into the object, both in the palm frame.
+        arm: (A,) rad at the grasp.
+        touch: (H,) hand joints with the skins touching the faces.
+        open: (H,) hand joints with the skins off the faces.
+        closed: (H,) hand joints with the skins pressed 8 mm into the faces.
+        points: (F, 3) contact points, normals: (F, 3) into the object, both in the palm frame.
     """
 
     palm: Array
@@ -83,18 +68,19 @@ def plan_grasp(
     Raises:
         NotIdentifiableError: arm or fingers cannot reach the site.
     """
-    geometry = geometry or GraspGeometry()
-    frame_palm = _palm_in_grasp_frame(geometry, site)
+    geometry, robot = geometry or GraspGeometry(), kinematics.robot
+    frame_palm = _palm_in_grasp_frame(robot, geometry, site)
     ways = []
     for flip in (np.eye(3), np.diag([-1.0, -1.0, 1.0])):
         grasp = object_pose @ site.frame()
         grasp[:3, :3] = grasp[:3, :3] @ flip
         palm = grasp @ frame_palm
-        start = np.concatenate([ARM_HOME, HAND_SEED])
+        start = robot.start.copy()
         start[0] = np.arctan2(palm[1, 3], palm[0, 3])
-        positions, error = solve_arm(kinematics, start, palm, ARM_HOME)
+        positions, error = solve_arm(kinematics, start, palm, robot.home)
         if error < 1e-3:
-            ways.append((float(np.abs(positions[:ARM_DOF] - ARM_HOME).max()), palm, positions))
+            moved = np.abs(positions[: robot.arm_dof] - robot.home).max()
+            ways.append((float(moved), palm, positions))
     if not ways:
         where = np.round(object_pose[:3, 3], 3).tolist()
         raise NotIdentifiableError(
@@ -105,33 +91,39 @@ def plan_grasp(
     return _plan_fingers(kinematics, site, geometry, palm, positions)
 
 
-def _palm_in_grasp_frame(geometry: GraspGeometry, site: GraspSite) -> Array:
-    """Pose X_GP (4, 4): grasp frame x = -pinch, z = approach, as the flange's axes."""
-    angle = np.deg2rad(geometry.tilt_deg)
-    pinch = np.array([-np.sin(angle), 0.0, np.cos(angle)])
-    approach = np.array([np.cos(angle), 0.0, np.sin(angle)])
-    rotation = np.stack([-pinch, [0.0, 1.0, 0.0], approach])
-    along = 0.5 * site.width + SKIN_RADIUS - site.thumb
-    pose = np.eye(4)
-    pose[:3, :3] = rotation
-    pose[:3, 3] = [along, -0.5 * geometry.thumb_lateral, -site.depth]
+def _palm_in_grasp_frame(robot: Robot, geometry: GraspGeometry, site: GraspSite) -> Array:
+    """Pose X_GP (4, 4): grasp frame x = -pinch, z = approach.
+
+    The fingertip of side 1 touches ``thumb`` behind the palm's origin; a gripper stands in the
+    middle.
+    """
+    habit, pose = robot.grasp, np.eye(4)
+    pose[:3, :3] = habit.palm_rotation
+    if habit.thumb is None:
+        pose[2, 3] = -habit.depth
+        return pose
+    thumb = habit.thumb if site.thumb is None else site.thumb
+    depth = habit.depth if site.depth is None else site.depth
+    along = 0.5 * site.width + robot.tips.radius - thumb
+    pose[:3, 3] = [along, -0.5 * geometry.thumb_lateral, -depth]
     return pose
 
 
-def contact_layout(site: GraspSite, geometry: GraspGeometry) -> tuple[Array, Array]:
-    """Contact points (4, 3) and normals into the object (4, 3) in the grasp frame.
+def contact_layout(robot: Robot, site: GraspSite, geometry: GraspGeometry) -> tuple[Array, Array]:
+    """Contact points (F, 3) and normals into the object (F, 3) in the grasp frame.
 
-    x runs from the fingers' face to the thumb's, y along the row of fingers, z along the approach.
+    x runs from the face of the fingers with side -1 to that of side 1, y along the row of fingers,
+    z along the approach.
     """
-    half = 0.5 * geometry.thumb_lateral
-    laterals = np.array([site.spread, 0.0, -site.spread, 2 * half]) - half
-    heights = site.stagger * np.array([-1 / 3, 2 / 3, -1 / 3, 0.0])
-    sides = np.array([-1.0, -1.0, -1.0, 1.0])
-    points, normals = np.zeros((4, 3)), np.zeros((4, 3))
-    for k, lateral in enumerate(laterals):
-        offset, outward = site.face_offset(float(lateral))
-        points[k] = [sides[k] * offset, lateral, heights[k]]
-        normals[k] = [-sides[k] * outward[0], -outward[1], 0.0]
+    half, hand = 0.5 * geometry.thumb_lateral, robot.hand
+    points, normals = np.zeros((len(hand), 3)), np.zeros((len(hand), 3))
+    for k, finger in enumerate(hand):
+        lateral = site.spread * finger.lateral + (half if finger.side > 0 else -half)
+        same = [other.stagger for other in hand if other.side == finger.side]
+        height = site.stagger * (finger.stagger - sum(same) / len(same))
+        offset, outward = site.face_offset(lateral)
+        points[k] = [finger.side * offset, lateral, height]
+        normals[k] = [-finger.side * outward[0], -outward[1], 0.0]
     return points, normals
 
 
@@ -142,13 +134,14 @@ def _plan_fingers(
     palm: Array,
     start: Array,
 ) -> GraspPlan:
-    points, normals = contact_layout(site, geometry)
-    grasp = palm @ np.linalg.inv(_palm_in_grasp_frame(geometry, site))
+    robot = kinematics.robot
+    points, normals = contact_layout(robot, site, geometry)
+    grasp = palm @ np.linalg.inv(_palm_in_grasp_frame(robot, geometry, site))
     world_points = points @ grasp[:3, :3].T + grasp[:3, 3]
     world_normals = normals @ grasp[:3, :3].T
     joints: dict[str, Array] = {}
     depths = {"touch": (0.0,), "closed": (0.008, 0.004)}
-    depths["open"] = tuple(-share * geometry.opening for share in (1.0, 0.75, 0.5))
+    depths["open"] = tuple(-share * geometry.opening for share in (1.0, 0.75, 0.5, 0.25))
     for name in ("touch", "closed", "open"):
         start = joints.get("touch", start)
         joints[name], missed = _reach(kinematics, start, world_points, world_normals, depths[name])
@@ -157,13 +150,13 @@ def _plan_fingers(
                 f"grasp plan ({name}): the {missed} cannot get to its place; "
                 f"a width of {site.width * 1e3:.0f} mm there does not suit the hand"
             )
-    rotation = palm[:3, :3]
+    rotation, count = palm[:3, :3], robot.arm_dof
     return GraspPlan(
         palm=palm,
-        arm=joints["touch"][:ARM_DOF],
-        touch=joints["touch"][ARM_DOF:],
-        open=joints["open"][ARM_DOF:],
-        closed=joints["closed"][ARM_DOF:],
+        arm=joints["touch"][:count],
+        touch=joints["touch"][count:],
+        open=joints["open"][count:],
+        closed=joints["closed"][count:],
         points=(world_points - palm[:3, 3]) @ rotation,
         normals=world_normals @ rotation,
     )
@@ -180,38 +173,46 @@ def _reach(
 
     Returns also the name of the finger that reaches none, or None.
     """
-    positions, errors = start, np.full(len(FINGERS), np.inf)
+    robot = kinematics.robot
+    positions, errors = start, np.full(len(robot.hand), np.inf)
+    preferred = np.array([finger.pad for finger in robot.hand])
     for depth in depths:
-        tips = points + (depth - SKIN_RADIUS) * normals
-        positions, errors = solve_fingers(
-            kinematics, start, tips, normals, PAD_DIRECTIONS, iterations=60
-        )
+        tips = points + (depth - robot.tips.radius) * normals
+        positions, errors = solve_fingers(kinematics, start, tips, normals, preferred, 60)
         if float(errors.max()) < 2e-3:
             return positions, None
-    return positions, FINGERS[int(errors.argmax())]
+    return positions, robot.fingers[int(errors.argmax())]
 
 
-def squeeze_forces(points: Array, normals: Array, thumb_force: float) -> Array:
-    """Forces (4, 3) on the object that balance each other and press mostly along the normals.
+def squeeze_forces(points: Array, normals: Array, sides: Array, most: float) -> Array:
+    """Forces (F, 3) on the object that balance each other and press mostly along the normals.
 
     min |f - f_wanted|^2 with tangential parts weighted 4-fold, subject to zero net wrench.
 
     Args:
-        points: (4, 3) m, any frame.
-        normals: (4, 3) into the object, same frame.
-        thumb_force: normal force of the thumb, N; the fingers share its reaction.
+        points: (F, 3) m, any frame.
+        normals: (F, 3) into the object, same frame.
+        sides: (F,) -1 or 1, the face on which each finger presses.
+        most: sum of the normal forces on the face of side 1, N; those of the other share its
+            reaction.
     """
-    share = np.array([thumb_force / 3.0] * 3 + [thumb_force])
+    count = len(points)
+    share = most / np.array([np.sum(sides == side) for side in sides])
     wanted = (share[:, None] * normals).reshape(-1)
     across = np.eye(3) - normals[:, :, None] * normals[:, None, :]
-    weight = np.zeros((12, 12))
-    for k in range(4):
+    weight = np.zeros((3 * count, 3 * count))
+    for k in range(count):
         weight[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] = np.eye(3) + 4.0 * across[k]
     centre = points.mean(axis=0)
     grasp = np.concatenate(
-        [np.concatenate([10.0 * skew(points[k] - centre), np.eye(3)]) for k in range(4)], axis=1
+        [np.concatenate([10.0 * skew(point - centre), np.eye(3)]) for point in points], axis=1
     )
     system = np.block([[weight, grasp.T], [grasp, np.zeros((6, 6))]])
-    solution = np.linalg.solve(system, np.concatenate([weight @ wanted, np.zeros(6)]))
-    forces = solution[:12].reshape(4, 3)
-    return np.asarray(forces * thumb_force / max(float(forces[3] @ normals[3]), 1e-9))
+    told = np.concatenate([weight @ wanted, np.zeros(6)])
+    if count > 2:
+        solution = np.linalg.solve(system, told)
+    else:  # two points cannot twist about their line: one of the six conditions is void
+        solution = np.linalg.lstsq(system, told, rcond=None)[0]
+    forces = solution[: 3 * count].reshape(count, 3)
+    pressing = float(np.einsum("fi,fi->f", forces, normals)[sides > 0].sum())
+    return np.asarray(forces * most / max(pressing, 1e-9))

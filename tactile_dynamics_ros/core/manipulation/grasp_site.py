@@ -23,12 +23,14 @@ class GraspSite:
         pinch: (3,) unit vector from the thumb's face to the fingers' face.
         approach: (3,) unit vector along which the open hand comes, normal to ``pinch``.
         width: distance of the faces, m.
-        spread: distance of index and ring from the middle finger, m.
+        spread: distance of neighbouring fingers on one face, m.
         radius: radius of a round object whose axis is ``approach``, m; zero for flat faces.
         stagger: how much deeper the middle finger presses than index and ring, m.
-        depth: depth of the grasp centre beyond the palm along the approach, m. Less depth lets the
-            thumb press harder (heavier objects) but more with its very tip.
-        thumb: place of the thumb's tip behind the knuckles along the pinch, m.
+        depth: depth of the grasp centre beyond the palm of a hand along the approach, m; None
+            leaves it to the robot. Less depth lets the thumb press harder (heavier objects) but
+            more with its very tip.
+        thumb: place of the thumb's tip behind the knuckles along the pinch, m; None leaves it to
+            the robot.
     """
 
     centre: Array
@@ -38,8 +40,8 @@ class GraspSite:
     spread: float = 0.04
     radius: float = 0.0
     stagger: float = 0.015
-    depth: float = 0.12
-    thumb: float = 0.055
+    depth: float | None = None
+    thumb: float | None = None
 
     def __post_init__(self) -> None:
         for name in ("centre", "pinch", "approach"):

@@ -2,32 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.rigid_body.rotation import cross, log_so3
-from tactile_dynamics_ros.core.robot.hand_kinematics import ARM_DOF, HandKinematics
-from tactile_dynamics_ros.core.robot.robot_description import ACTUATED_JOINTS, FINGERS
+from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
+from tactile_dynamics_ros.core.robot.robot import Joint, Robot, column
 
 Array = NDArray[np.float64]
 
 LIMIT_MARGIN = 0.02
-"""Distance from the joints' limits, rad, that solutions keep: 1.1 deg, more than the offsets of an
-encoder (0.2 deg) and the error of a drive."""
-ARM_LOWER = np.array([joint.lower + LIMIT_MARGIN for joint in ACTUATED_JOINTS[:ARM_DOF]])
-"""Lower limits of the arm's joints with that margin, rad."""
-ARM_UPPER = np.array([joint.upper - LIMIT_MARGIN for joint in ACTUATED_JOINTS[:ARM_DOF]])
-"""Upper limits of the arm's joints with that margin, rad."""
-HAND_LOWER = np.array([joint.lower + LIMIT_MARGIN for joint in ACTUATED_JOINTS[ARM_DOF:]])
-"""Lower limits of the hand's joints with that margin, rad."""
-HAND_UPPER = np.array([joint.upper - LIMIT_MARGIN for joint in ACTUATED_JOINTS[ARM_DOF:]])
-"""Upper limits of the hand's joints with that margin, rad."""
+"""Distance from the limits of joints that turn, rad, that solutions keep: 1.1 deg, more than the
+offsets of an encoder (0.2 deg) and the error of a drive."""
+SLIDE_MARGIN = 5e-4
+"""Distance from the limits of joints that slide, m: half a millimetre, as the jaws of a gripper are
+known to; it is lost from their opening."""
 
 
-def arm_jacobian(axes: Array, centres: Array, point: Array) -> Array:
-    """Jacobian (6, 7) [angular velocity, velocity] of a point (3,) that moves with the palm."""
-    arm_axes = axes[:ARM_DOF]
-    return np.concatenate([arm_axes, cross(arm_axes, point - centres[:ARM_DOF])], axis=1).T
+def joint_limits(joints: Sequence[Joint]) -> tuple[Array, Array]:
+    """Return lower and upper limits of joints with the margins that solutions keep."""
+    margin = np.where(column(joints, "slides") > 0.0, SLIDE_MARGIN, LIMIT_MARGIN)
+    return column(joints, "lower") + margin, column(joints, "upper") - margin
 
 
 def pose_error(target: Array, pose: Array) -> Array:
@@ -55,14 +54,16 @@ def solve_arm(
 
     Args:
         kinematics: kinematic model of the robot.
-        positions: (23,) start; only the arm's seven change.
+        positions: (J,) start; only the arm's change.
         palm: (4, 4) wanted X_WP.
-        posture: (7,) what the free degree of freedom should come near; the start if None.
+        posture: (A,) what the free degree of freedom should come near; the start if None.
         iterations: at most.
         tolerance: norm of the error (rad and m) at which to stop.
     """
     positions = np.array(positions, dtype=float)
-    posture = positions[:ARM_DOF].copy() if posture is None else posture
+    count = kinematics.robot.arm_dof
+    lower, upper = joint_limits(kinematics.robot.arm)
+    posture = positions[:count].copy() if posture is None else posture
     error = np.inf
     for _ in range(iterations):
         where = kinematics.locate(positions)
@@ -70,13 +71,13 @@ def solve_arm(
         error = float(np.linalg.norm(twist))
         if error < tolerance:
             break
-        jacobian = arm_jacobian(where.axes, where.centres, where.palm[:3, 3])
+        jacobian = kinematics.palm_jacobian(positions, where.palm[:3, 3])
         twist *= min(1.0, 0.3 / error)
         damping = min(1e-4, 1e-2 * error**2) + 1e-9
         inverse = jacobian.T @ np.linalg.inv(jacobian @ jacobian.T + damping * np.eye(6))
-        free = np.eye(ARM_DOF) - inverse @ jacobian
-        step = inverse @ twist + 0.1 * free @ (posture - positions[:ARM_DOF])
-        positions[:ARM_DOF] = np.clip(positions[:ARM_DOF] + step, ARM_LOWER, ARM_UPPER)
+        free = np.eye(count) - inverse @ jacobian
+        step = inverse @ twist + 0.1 * free @ (posture - positions[:count])
+        positions[:count] = np.clip(positions[:count] + step, lower, upper)
     return positions, error
 
 
@@ -88,50 +89,80 @@ def solve_fingers(
     preferred: Array,
     iterations: int = 40,
 ) -> tuple[Array, Array]:
-    """Return joint positions that bring the four sensor origins to points, and the errors (4,).
+    """Return joint positions that bring the F sensor origins to points, and the errors (F,).
 
-    The fourth joint of each finger turns the sensor so that ``directions`` point, in the sensor's
+    What freedom is left to a finger turns the sensor so that ``directions`` point, in the sensor's
     frame, as near to ``preferred`` as they can.
 
     Args:
         kinematics: kinematic model of the robot.
-        positions: (23,) start; only the hand's sixteen change.
-        tips: (4, 3) wanted sensor origins, m, world.
-        directions: (4, 3) unit vectors into the object, world.
-        preferred: (4, 3) unit vectors in the sensor frames.
+        positions: (J,) start; only the hand's change.
+        tips: (F, 3) wanted sensor origins, m, world.
+        directions: (F, 3) unit vectors into the object, world.
+        preferred: (F, 3) unit vectors in the sensor frames.
         iterations: number of steps.
     """
     positions = np.array(positions, dtype=float)
-    count = len(FINGERS)
-    errors = np.full(count, np.inf)
+    errors = np.full(len(kinematics.fingers), np.inf)
+    table = _finger_table(kinematics.robot)
     for _ in range(iterations):
         where = kinematics.locate(positions)
-        axes = where.axes[ARM_DOF:].reshape(count, 4, 3)
-        centres = where.centres[ARM_DOF:].reshape(count, 4, 3)
+        axes = where.axes[table.joint] * table.there[..., None]
+        turning = np.where(table.slides[..., None], 0.0, axes)
         origin = where.sensors[:, :3, 3]
-        jacobian = np.swapaxes(cross(axes, origin[:, None] - centres), 1, 2)
+        shift = cross(turning, origin[:, None] - where.centres[table.joint])
+        shift = np.where(table.slides[..., None], axes, shift)
         gap = tips - origin
         errors = np.linalg.norm(gap, axis=1)
         gap *= np.minimum(1.0, 0.02 / np.maximum(errors, 1e-12))[:, None]
         rotation = where.sensors[:, :3, :3]
-        turn = cross(directions[:, None], axes) @ rotation
+        turn = cross(directions[:, None], turning) @ rotation
         missing = preferred - np.einsum("fji,fj->fi", rotation, directions)
         pad = np.einsum("fki,fi->fk", turn, missing)
-        hand = positions[ARM_DOF:].reshape(count, 4)
-        positions[ARM_DOF:] = _step_fingers(hand, jacobian, gap, pad).reshape(-1)
+        moved = _step_fingers(table, positions[table.joint], np.swapaxes(shift, 1, 2), gap, pad)
+        positions[table.joint[table.there]] = moved[table.there]
     return positions, errors
 
 
-def _step_fingers(hand: Array, jacobian: Array, gap: Array, pad: Array) -> Array:
-    """Close the gap (4, 3), turn the pads along (4, 4) with what is left; joints stay in limits."""
-    lower, upper = HAND_LOWER.reshape(4, 4), HAND_UPPER.reshape(4, 4)
-    free = np.ones((4, 4))
-    step = np.zeros((4, 4))
+@dataclass(frozen=True, eq=False)
+class _FingerTable:
+    """Joints of F fingers side by side (F, K); fingers with fewer than K have fillers.
+
+    Attributes:
+        joint: number in the vector of joints. there: whether it is a joint; false for fillers.
+        slides: whether it slides. lower, upper: limits with margin.
+    """
+
+    joint: NDArray[np.intp]
+    there: NDArray[np.bool_]
+    slides: NDArray[np.bool_]
+    lower: Array
+    upper: Array
+
+
+@lru_cache(maxsize=16)
+def _finger_table(robot: Robot) -> _FingerTable:
+    lengths = np.array([len(finger.joints) for finger in robot.hand])
+    there = np.arange(lengths.max()) < lengths[:, None]
+    joint = np.zeros(there.shape, dtype=np.intp)
+    joint[there] = np.arange(robot.arm_dof, robot.dof)
+    slides = np.array([each.slides for each in robot.joints])
+    lower, upper = joint_limits(robot.joints)
+    return _FingerTable(joint, there, slides[joint] & there, lower[joint], upper[joint])
+
+
+def _step_fingers(
+    table: _FingerTable, hand: Array, jacobian: Array, gap: Array, pad: Array
+) -> Array:
+    """Close the gap (F, 3), turn the pads along (F, K) with what is left; joints stay in limits."""
+    lower, upper = table.lower, table.upper
+    free = table.there.astype(float)
+    step = np.zeros(hand.shape)
     for _ in range(3):
         moving = jacobian * free[:, None, :]
         gram = moving @ np.swapaxes(moving, 1, 2) + 1e-7 * np.eye(3)
         inverse = np.swapaxes(moving, 1, 2) @ np.linalg.inv(gram)
-        spare = np.einsum("fk,kl->fkl", free, np.eye(4)) - inverse @ moving
+        spare = np.einsum("fk,kl->fkl", free, np.eye(hand.shape[1])) - inverse @ moving
         step = np.einsum("fki,fi->fk", inverse, gap) + 0.5 * np.einsum("fkl,fl->fk", spare, pad)
         step = np.clip(step, -0.2, 0.2)
         outward = ((hand + step < lower) & (step < 0)) | ((hand + step > upper) & (step > 0))

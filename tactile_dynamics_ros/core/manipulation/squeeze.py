@@ -10,16 +10,10 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.manipulation.grasp_planner import squeeze_forces
-from tactile_dynamics_ros.core.rigid_body.rotation import cross
-from tactile_dynamics_ros.core.robot.hand_kinematics import ARM_DOF, HandKinematics
-from tactile_dynamics_ros.core.robot.robot_description import FINGERS, HAND_JOINTS, SKIN_RADIUS
+from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
+from tactile_dynamics_ros.core.robot.robot import Robot, column
 
 Array = NDArray[np.float64]
-
-JOINT_STIFFNESS = np.array([joint.kp for joint in HAND_JOINTS])
-"""Stiffness of the hand's drives, N m/rad, by which a torque becomes an offset of the target."""
-JOINT_EFFORT = np.array([joint.effort for joint in HAND_JOINTS])
-"""Torque caps of the hand's joints, N m."""
 
 
 @dataclass(frozen=True)
@@ -42,12 +36,13 @@ class Squeeze:
     """Joint offsets that hold the object between thumb and fingers.
 
     dq = s K^-1 J^T f with balanced fingertip forces f (zero net wrench). The factor s follows the
-    measured normal force of the thumb: ds/dt = g (F_wanted - F_measured) / F_wanted.
+    measured normal force of the robot's reference finger (a hand's thumb):
+    ds/dt = g (F_wanted - F_measured) / F_wanted.
 
     Args:
         kinematics: kinematic model of the robot.
-        positions: (23,) rad with the fingertips touching.
-        normals: (4, 3) into the object, world axes, at these positions.
+        positions: (J,) rad with the fingertips touching.
+        normals: (F, 3) into the object, world axes, at these positions.
         config: how hard.
     """
 
@@ -59,17 +54,22 @@ class Squeeze:
         config: SqueezeConfig | None = None,
     ) -> None:
         self.config = config or SqueezeConfig()
-        where = kinematics.locate(positions)
-        points = where.sensors[:, :3, 3] + SKIN_RADIUS * normals
+        robot, where = kinematics.robot, kinematics.locate(positions)
+        points = where.sensors[:, :3, 3] + robot.tips.radius * normals
         self._normals_palm = normals @ where.palm[:3, :3]
-        forces = squeeze_forces(points, normals, 1.0)
-        axes = where.axes[ARM_DOF:].reshape(4, 4, 3)
-        centres = where.centres[ARM_DOF:].reshape(4, 4, 3)
-        lever = cross(axes, points[:, None] - centres)
-        torque = np.einsum("fki,fi->fk", lever, forces).reshape(-1)
+        self._opposed = robot.finger_index(robot.reference)
+        forces = squeeze_forces(points, normals, robot.sides, 1.0)
+        torque = np.concatenate(
+            [
+                kinematics.own_jacobian(finger, positions, point).T @ force
+                for finger, point, force in zip(robot.fingers, points, forces, strict=True)
+            ]
+        )
         self._torque = torque
+        self._stiffness = column(robot.hand_joints, "kp")
+        self._effort = column(robot.hand_joints, "effort")
         self._kinematics = kinematics
-        bearable = float((JOINT_EFFORT / np.maximum(np.abs(torque), 1e-9)).min())
+        bearable = float((self._effort / np.maximum(np.abs(torque), 1e-9)).min())
         self._most = self.config.effort_share * bearable
         self._growth = 0.0
         self._trim = 1.0
@@ -86,24 +86,26 @@ class Squeeze:
         self.load_factor = self.config.friction_margin / (2.0 * max(friction, 0.05))
 
     def update(self, dt: float, positions: Array, forces: Mapping[str, Array]) -> Array:
-        """Advance by ``dt`` and return the joint offsets (16,), rad.
+        """Advance by ``dt`` and return the joint offsets (H,), rad.
 
         Args:
             dt: s since the last call.
-            positions: (23,) rad.
+            positions: (J,) rad.
             forces: force (3,) on the object per touching finger, N, world axes.
         """
         self._growth = min(1.0, self._growth + dt / self.config.ramp)
         if forces:
             self._follow_load(dt, forces)
-        if "thumb" in forces and self._growth >= 1.0:
-            normal = self._kinematics.locate(positions).palm[:3, :3] @ self._normals_palm[3]
-            missing = 1.0 - float(forces["thumb"] @ normal) / self.wanted
+        opposed = self._kinematics.robot.reference
+        if opposed in forces and self._growth >= 1.0:
+            palm = self._kinematics.locate(positions).palm[:3, :3]
+            normal = palm @ self._normals_palm[self._opposed]
+            missing = 1.0 - float(forces[opposed] @ normal) / self.wanted
             trim = self._trim + self.config.trim_rate * dt * float(np.clip(missing, -0.5, 0.5))
             self._trim = float(np.clip(trim, 0.7, 1.5))
         torque = self._growth * self._trim * self.wanted * self._torque
-        torque = np.clip(torque, -JOINT_EFFORT, JOINT_EFFORT)
-        return np.asarray(torque / (self.config.stiffness_scale * JOINT_STIFFNESS))
+        torque = np.clip(torque, -self._effort, self._effort)
+        return np.asarray(torque / (self.config.stiffness_scale * self._stiffness))
 
     def _follow_load(self, dt: float, forces: Mapping[str, Array]) -> None:
         """Let the wanted force follow the carried weight: up at once, down slowly."""
@@ -115,8 +117,8 @@ class Squeeze:
         self.wanted += min(1.0, dt / delay) * (wanted - self.wanted)
 
 
-def held_by(forces: Mapping[str, Array], threshold: float) -> bool:
-    """Whether the thumb and at least two fingers press with more than ``threshold`` (N)."""
-    touching = [name for name in FINGERS if name in forces]
+def held_by(robot: Robot, forces: Mapping[str, Array], threshold: float) -> bool:
+    """Whether enough fingers press with more than ``threshold`` (N), the reference among them."""
+    touching = [name for name in robot.fingers if name in forces]
     strong = [name for name in touching if float(np.linalg.norm(forces[name])) > threshold]
-    return "thumb" in strong and len(strong) >= 3
+    return robot.reference in strong and len(strong) >= robot.least_holding

@@ -1,4 +1,4 @@
-"""Forward kinematics and Jacobians of the arm, the four fingers and their sensor frames."""
+"""Forward kinematics and Jacobians of an arm, its fingers and their sensor frames."""
 
 from __future__ import annotations
 
@@ -10,28 +10,11 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.rotation import cross, skew
-from tactile_dynamics_ros.core.robot.robot_description import (
-    FINGERS,
-    JOINT_NAMES,
-    JOINTS,
-    PALM_LINK,
-    Joint,
-    sensor_frame,
-)
+from tactile_dynamics_ros.core.robot.kinematic_tree import chain
+from tactile_dynamics_ros.core.robot.robot import Joint, Robot
+from tactile_dynamics_ros.core.robot.robot_file import load_robot
 
 Array = NDArray[np.float64]
-
-ARM_DOF = 7
-"""Joints of the arm; they come first in all vectors of joints."""
-FINGER_DOF = 4
-"""Joints of one finger, from the palm to the tip."""
-DOF = ARM_DOF + FINGER_DOF * len(FINGERS)
-"""Joints of arm and hand."""
-
-MOVING = np.hstack(
-    [np.ones((len(FINGERS), ARM_DOF)), np.kron(np.eye(len(FINGERS)), np.ones(FINGER_DOF))]
-)
-"""(F, 23) 1 for the joints that move a finger."""
 
 
 @dataclass(frozen=True)
@@ -40,10 +23,10 @@ class HandConfiguration:
 
     Attributes:
         palm: (..., 4, 4) X_WP, pose of the palm.
-        sensors: (..., F, 4, 4) X_WS of the fingers' sensor frames, in the order of FINGERS.
-        axes: (..., DOF, 3) joint axes in the world.
-        centres: (..., DOF, 3) a point on each joint axis in the world, m.
-        frames: (..., DOF, 4, 4) pose of the link that each joint moves, in the world.
+        sensors: (..., F, 4, 4) X_WS of the fingers' sensor frames, in the robot's order.
+        axes: (..., J, 3) joint axes in the world.
+        centres: (..., J, 3) a point on each joint axis in the world, m.
+        frames: (..., J, 4, 4) pose of the link that each joint moves, in the world.
     """
 
     palm: Array
@@ -54,47 +37,59 @@ class HandConfiguration:
 
 
 class HandKinematics:
-    """Kinematics of the robot table: X_WS(q) and its Jacobians, vectorised over samples.
+    """Kinematics of a robot: X_WS(q) and its Jacobians, vectorised over samples.
+
+    Joints may turn or slide; fingers may have different numbers of joints.
 
     Args:
+        robot: arm and hand; a KUKA iiwa with a right Allegro hand if None.
         base_pose: (4, 4) X_WB of the arm's base in the world; identity if None.
+
+    Attributes:
+        robot: as given. joint_names: J joints, arm first. fingers: names of the F fingers.
+        base: X_WB. moving: (F, J) 1 for the joints that move a finger.
     """
 
-    joint_names = JOINT_NAMES
-    fingers = FINGERS
-
-    def __init__(self, base_pose: Array | None = None) -> None:
-        chains = [_chain(sensor_frame(finger)) for finger in FINGERS]
-        arm_fixed, arm_axes, palm_fixed = _merge_fixed(_chain(PALM_LINK))
-        self._base = np.eye(4) if base_pose is None else np.asarray(base_pose, dtype=float)
-        self._palm_fixed = palm_fixed
-        trunk = len(_chain(PALM_LINK))
-        merged = [_merge_fixed(chain[trunk:]) for chain in chains]
-        self._sensor_fixed = np.stack([end for _, _, end in merged])
-        finger_fixed = np.stack([fixed for fixed, _, _ in merged])
-        finger_axes = np.stack([axes for _, axes, _ in merged])
-        self._fixed = np.concatenate([arm_fixed, finger_fixed.reshape(-1, 4, 4)])
-        self._axes = np.concatenate([arm_axes, finger_axes.reshape(-1, 3)])
-        self._cross = skew(self._axes)
+    def __init__(self, robot: Robot | None = None, base_pose: Array | None = None) -> None:
+        self.robot = robot = robot or load_robot()
+        self.joint_names, self.fingers = robot.joint_names, robot.fingers
+        self.base = np.eye(4) if base_pose is None else np.asarray(base_pose, dtype=float)
+        arm, self._palm_fixed = _merge_fixed(chain(robot.tree, robot.base, robot.palm))
+        merged = [_merge_fixed(chain(robot.tree, robot.palm, f.sensor)) for f in robot.hand]
+        self._sensor_fixed = np.stack([end for _, end in merged])
+        fixed = [*arm, *(step for steps, _ in merged for step in steps)]
+        self._fixed = np.array(fixed).reshape(-1, 4, 4)
+        self._axes = np.array([joint.axis for joint in robot.joints], dtype=float)
+        self._slides = np.array([joint.slides for joint in robot.joints])
+        self._sliding = bool(self._slides.any())
+        self._cross = skew(np.where(self._slides[:, None], 0.0, self._axes))
         self._cross_square = self._cross @ self._cross
+        self._travel = np.einsum("kij,kj->ki", self._fixed[:, :3, :3], self._axes)
+        self._travel *= self._slides[:, None]
+        self._steps = _step_table(robot)
+        self.moving = np.zeros((len(self.fingers), robot.dof))
+        self.moving[:, : robot.arm_dof] = 1.0
+        for row, own in enumerate(robot.owned.values()):
+            self.moving[row, own] = 1.0
         self._last: tuple[Array, HandConfiguration] | None = None
 
     def locate(self, positions: Array) -> HandConfiguration:
         """Return palm, sensor frames and joint axes in the world.
 
         Args:
-            positions: (..., 23) joint positions in the order of ``joint_names``, rad.
+            positions: (..., J) joint positions in the order of ``joint_names``, rad or m.
 
         Raises:
-            BadInputError: the last dimension is not 23.
+            BadInputError: the last dimension is not J.
         """
         positions = np.asarray(positions, dtype=float)
         if self._last is not None and np.array_equal(self._last[0], positions):
             return self._last[1]
-        if positions.shape[-1] != DOF:
+        robot = self.robot
+        if positions.shape[-1] != robot.dof:
             raise BadInputError(
-                f"joint positions: {positions.shape[-1]} values, expected {DOF} "
-                "(7 arm joints, then 4 each of index, middle, ring, thumb)"
+                f"joint positions: {positions.shape[-1]} values, expected {robot.dof} "
+                f"({robot.arm_dof} arm joints, then those of {', '.join(self.fingers)})"
             )
         configuration = self._propagate(self._joint_transforms(positions))
         self._last = (positions.copy(), configuration)
@@ -105,12 +100,12 @@ class HandKinematics:
 
         Args:
             finger: name of the finger, or one name for each of K samples.
-            positions: (..., 23) rad, (K, 23) for K names.
+            positions: (..., J) rad, (K, J) for K names.
         """
         sensors = self.locate(positions).sensors
         if isinstance(finger, str):
-            return np.asarray(sensors[..., finger_index(finger), :, :])
-        return np.asarray(sensors[np.arange(len(finger)), _rows(finger)])
+            return np.asarray(sensors[..., self.robot.finger_index(finger), :, :])
+        return np.asarray(sensors[np.arange(len(finger)), self._rows(finger)])
 
     def in_sensor_frame(self, finger: str, positions: Array, point: Array) -> Array:
         """Return a point (3,) of the world in a finger's sensor frame, m."""
@@ -124,16 +119,36 @@ class HandKinematics:
 
         Args:
             finger: name of the finger, or one name for each sample.
-            positions: (..., 23) rad.
+            positions: (..., J) rad.
             point: (..., 3) the point in the world, m.
 
         Returns:
-            (..., 6, 23).
+            (..., 6, J).
         """
         where = self.locate(positions)
-        axes = where.axes * MOVING[_rows(finger), :, None]
+        axes = where.axes * self.moving[self._rows(finger), :, None]
+        turning = np.where(self._slides[:, None], 0.0, axes) if self._sliding else axes
         arm = np.asarray(point, dtype=float)[..., None, :] - where.centres
-        return np.swapaxes(np.concatenate([axes, cross(axes, arm)], axis=-1), -1, -2)
+        shift = cross(turning, arm)
+        if self._sliding:
+            shift = np.where(self._slides[:, None], axes, shift)
+        return np.swapaxes(np.concatenate([turning, shift], axis=-1), -1, -2)
+
+    def own_jacobian(self, finger: str, positions: Array, point: Array) -> Array:
+        """Return the derivative (3, K) of a point (3,) of a finger's tip by the finger's joints."""
+        return np.asarray(self.jacobian(finger, positions, point)[3:, self.robot.owned[finger]])
+
+    def palm_jacobian(self, positions: Array, point: Array) -> Array:
+        """Return the Jacobian (6, A) of a point (3,) that moves with the palm, by the arm's joints.
+
+        V = J dq, V = [angular velocity, velocity of the point], world axes.
+        """
+        count = self.robot.arm_dof
+        where, slides = self.locate(positions), self._slides[:count, None]
+        axes = where.axes[:count]
+        turning = np.where(slides, 0.0, axes)
+        shift = np.where(slides, axes, cross(turning, point - where.centres[:count]))
+        return np.concatenate([turning, shift], axis=1).T
 
     def order(self, names: Sequence[str]) -> NDArray[np.intp]:
         """Return indices that sort positions given by ``names`` into ``joint_names``.
@@ -145,73 +160,65 @@ class HandKinematics:
         missing = [name for name in self.joint_names if name not in place]
         if missing:
             raise BadInputError(
-                f"joint states lack {len(missing)} of {DOF} joints (first: {missing[0]}); "
-                "publish arm and hand together on /joint_states"
+                f"joint states lack {len(missing)} of {self.robot.dof} joints (first: "
+                f"{missing[0]}); publish arm and hand together on /joint_states"
             )
         return np.array([place[name] for name in self.joint_names])
 
+    def _rows(self, finger: str | Sequence[str]) -> int | list[int]:
+        find = self.robot.finger_index
+        return find(finger) if isinstance(finger, str) else [*map(find, finger)]
+
     def _joint_transforms(self, positions: Array) -> Array:
-        """Return X of every joint's child in its predecessor, (..., 23, 4, 4)."""
+        """Return X of every joint's child in its predecessor, (..., J, 4, 4)."""
         sine = np.sin(positions)[..., None, None]
         versine = 1.0 - np.cos(positions)[..., None, None]
         rotation = np.eye(3) + sine * self._cross + versine * self._cross_square
         transforms = np.zeros((*positions.shape, 4, 4))
         transforms[..., :3, :3] = self._fixed[:, :3, :3] @ rotation
         transforms[..., :, 3] = self._fixed[:, :, 3]
+        if self._sliding:
+            transforms[..., :3, 3] += positions[..., None] * self._travel
         return transforms
 
     def _propagate(self, transforms: Array) -> HandConfiguration:
-        lead = transforms.shape[:-3]
-        frames = np.empty((*lead, DOF, 4, 4))
-        frame = np.broadcast_to(self._base, (*lead, 4, 4))
-        for k in range(ARM_DOF):
+        lead, count = transforms.shape[:-3], self.robot.arm_dof
+        frames = np.empty((*lead, self.robot.dof, 4, 4))
+        frame = np.broadcast_to(self.base, (*lead, 4, 4))
+        for k in range(count):
             frame = frame @ transforms[..., k, :, :]
             frames[..., k, :, :] = frame
         palm = frame @ self._palm_fixed
-        steps = transforms[..., ARM_DOF:, :, :].reshape(*lead, len(FINGERS), FINGER_DOF, 4, 4)
-        fingers = frames[..., ARM_DOF:, :, :].reshape(*lead, len(FINGERS), FINGER_DOF, 4, 4)
-        tips = palm[..., None, :, :]
-        for k in range(FINGER_DOF):
-            tips = tips @ steps[..., k, :, :]
-            fingers[..., k, :, :] = tips
-        frames[..., ARM_DOF:, :, :] = fingers.reshape(*lead, -1, 4, 4)
+        tips = np.empty((*lead, len(self.fingers), 4, 4))
+        tips[...] = palm[..., None, :, :]
+        for rows, joints in self._steps:
+            moved = tips[..., rows, :, :] @ transforms[..., joints, :, :]
+            tips[..., rows, :, :] = frames[..., joints, :, :] = moved
         axes = np.einsum("...kij,kj->...ki", frames[..., :3, :3], self._axes)
         sensors = tips @ self._sensor_fixed
         return HandConfiguration(palm, sensors, axes, frames[..., :3, 3], frames)
 
 
-def _rows(finger: str | Sequence[str]) -> int | list[int]:
-    return finger_index(finger) if isinstance(finger, str) else [*map(finger_index, finger)]
+def _step_table(robot: Robot) -> list[tuple[slice | list[int], slice | list[int]]]:
+    """Return, for each step from the palm outward, the fingers that have such a joint and it."""
+    starts = [own.start for own in robot.owned.values()]
+    lengths = [len(finger.joints) for finger in robot.hand]
+    if len(set(lengths)) == 1:
+        first, stride = robot.arm_dof, lengths[0]
+        return [(slice(None), slice(first + k, None, stride)) for k in range(stride)]
+    table: list[tuple[slice | list[int], slice | list[int]]] = []
+    for k in range(max(lengths)):
+        rows = [row for row, length in enumerate(lengths) if length > k]
+        table.append((rows, [starts[row] + k for row in rows]))
+    return table
 
 
-def finger_index(finger: str) -> int:
-    """Return the row of a finger in FINGERS.
-
-    Raises:
-        BadInputError: there is no such finger.
-    """
-    if finger not in FINGERS:
-        raise BadInputError(f"finger '{finger}': expected one of {', '.join(FINGERS)}")
-    return FINGERS.index(finger)
-
-
-def _chain(link: str) -> list[Joint]:
-    """Return the joints from the base to a link."""
-    by_child = {joint.child: joint for joint in JOINTS}
-    chain: list[Joint] = []
-    while link in by_child:
-        chain.append(by_child[link])
-        link = by_child[link].parent
-    return chain[::-1]
-
-
-def _merge_fixed(chain: Sequence[Joint]) -> tuple[Array, Array, Array]:
-    """Return transforms before each moving joint (K, 4, 4), its axis (K, 3), and the last one."""
-    fixed, axes, pending = [], [], np.eye(4)
-    for joint in chain:
-        pending = pending @ joint.origin()
+def _merge_fixed(joints: Sequence[Joint]) -> tuple[list[Array], Array]:
+    """Return the transform (4, 4) before each moving joint, and what follows the last one."""
+    fixed, pending = [], np.eye(4)
+    for joint in joints:
+        pending = pending @ joint.origin
         if joint.axis is not None:
             fixed.append(pending)
-            axes.append(joint.axis)
             pending = np.eye(4)
-    return np.array(fixed), np.array(axes, dtype=float), pending
+    return fixed, pending

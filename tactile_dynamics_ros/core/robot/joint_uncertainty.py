@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
-from tactile_dynamics_ros.core.robot.hand_kinematics import ARM_DOF, DOF
+from tactile_dynamics_ros.core.robot.robot import Robot
 
 Array = NDArray[np.float64]
 
@@ -19,7 +19,7 @@ class JointUncertaintyConfig:
 
     Source: Allegro encoders 2e-4 rad; offset 0.5 to 1 deg and backlash 0.3 to 0.5 deg as
     delivered, the defaults hold for a calibrated hand that keeps its load direction; iiwa
-    encoders 1e-5 rad, repeatability 0.1 to 0.15 mm.
+    encoders 1e-5 rad, repeatability 0.1 to 0.15 mm. Of joints that slide they are in m.
     """
 
     hand_noise: float = parameter(2e-4, "encoder noise of a hand joint", "rad", 0.0, 0.1)
@@ -31,15 +31,15 @@ class JointUncertaintyConfig:
     def __post_init__(self) -> None:
         check_ranges(self)
 
-    def varying_variance(self) -> Array:
-        """Return the variance (23,) of what changes from reading to reading, rad^2."""
-        hand = self.hand_noise**2 + self.hand_backlash**2
-        return _per_joint(self.arm_noise**2, hand)
+    def varying_variance(self, robot: Robot) -> Array:
+        """Return the variance (J,) of what changes from reading to reading, rad^2."""
+        return _per_joint(robot, self.arm_noise**2, self.hand_noise**2 + self.hand_backlash**2)
 
-    def constant_variance(self) -> Array:
-        """Return the variance (23,) of what stays the same during a run, rad^2."""
-        return _per_joint(self.arm_offset**2, self.hand_offset**2)
+    def constant_variance(self, robot: Robot) -> Array:
+        """Return the variance (J,) of what stays the same during a run, rad^2."""
+        return _per_joint(robot, self.arm_offset**2, self.hand_offset**2)
 
 
-def _per_joint(arm: float, hand: float) -> Array:
-    return np.concatenate([np.full(ARM_DOF, arm), np.full(DOF - ARM_DOF, hand)])
+def _per_joint(robot: Robot, arm: float, hand: float) -> Array:
+    count = robot.arm_dof
+    return np.concatenate([np.full(count, arm), np.full(robot.dof - count, hand)])

@@ -11,7 +11,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.robot.robot_description import described_pose
+from tactile_dynamics_ros.core.rigid_body.poses import described_pose
 
 Array = NDArray[np.float64]
 

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.rigid_body.poses import described_pose, rpy_to_matrix
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
-from tactile_dynamics_ros.core.robot.robot_description import described_pose, rpy_to_matrix
 
 Array = NDArray[np.float64]
 Triangles: TypeAlias = Any

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.contact.contact_state import Contact, ContactState
-from tactile_dynamics_ros.core.robot.robot_description import FINGERS
 from tactile_dynamics_ros.core.tactile.fingertip import TactileEstimate
 
 
@@ -17,13 +16,13 @@ def hand_contacts(
 
     Args:
         state: state of the hand.
-        joint_positions: (23,) rad, arm then hand.
-        tips: what the hand's fingertips say, in the order of FINGERS.
+        joint_positions: (J,) rad, arm then hand.
+        tips: what the hand's fingertips say, in the order of the robot's fingers.
     """
     touching = np.flatnonzero(tips.in_contact)
     if not touching.size:
         return {}
-    fingers = [FINGERS[k] for k in touching]
+    fingers = [state.kinematics.fingers[k] for k in touching]
     positions = np.tile(joint_positions, (len(fingers), 1))
     felt = (values[touching] for values in (tips.force, tips.std, tips.torque))
     return dict(zip(fingers, state.update_all(fingers, positions, *felt), strict=True))

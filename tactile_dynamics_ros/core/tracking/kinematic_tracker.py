@@ -21,17 +21,11 @@ from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 from tactile_dynamics_ros.core.rigid_body.alignment import align_points
 from tactile_dynamics_ros.core.rigid_body.rotation import log_so3, skew, twice
-from tactile_dynamics_ros.core.robot.hand_kinematics import (
-    HandKinematics,
-    finger_index,
-)
+from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
 from tactile_dynamics_ros.core.robot.joint_uncertainty import JointUncertaintyConfig
 
 Array = NDArray[np.float64]
 
-ANCHOR = "thumb"
-"""Finger whose sensor frame holds the object where no contact poses come: the thumb opposes all
-others, so that every grasp has it."""
 SETTLED_POSITION = 0.05
 """Standard deviation, m, beyond which no first pose is uncertain about where the object lies: it is
 in the hand. It only replaces what the covariance leaves open; any value far above vision's
@@ -77,6 +71,14 @@ class KinematicTracker:
         self._grasp: _Grasp | None = None
 
     @property
+    def anchor(self) -> str:
+        """Finger whose sensor frame holds the object where no contact poses come.
+
+        It is the one that opposes all others, so that every grasp has it.
+        """
+        return self.kinematics.robot.reference
+
+    @property
     def initialised(self) -> bool:
         """Whether a pose to start from is known."""
         return self._grasp is not None
@@ -92,7 +94,7 @@ class KinematicTracker:
 
         Args:
             pose: (4, 4) X_WO.
-            joint_positions: (23,) rad.
+            joint_positions: (J,) rad.
             covariance: (6, 6) covariance of the pose [rotation, position], world axes. What it
                 leaves open, a turn that no camera sees, is settled by this pose, to
                 ``settled_rotation_deg``.
@@ -127,10 +129,10 @@ class KinematicTracker:
         """Return the object's pose at new joint positions.
 
         Args:
-            joint_positions: (23,) rad.
+            joint_positions: (J,) rad.
             time: s.
             contacts: (3,) points of the skin that touch the object now, sensor frames, m, by
-                finger; the thumb's sensor frame holds the object where there is none.
+                finger; the anchor's sensor frame holds the object where there is none.
 
         Returns:
             X_WO (4, 4) and its covariance (6, 6) [rotation, position], world axes.
@@ -143,10 +145,12 @@ class KinematicTracker:
                 "kinematic tracker has no initial object pose; send one on /object/pose/vision"
             )
         grasp, config = self._grasp, self.config
-        hold = grasp.roll(joint_positions, contacts or {ANCHOR: np.zeros(3)}, config.patch)
+        hold = grasp.roll(joint_positions, contacts or {self.anchor: np.zeros(3)}, config.patch)
         constant, varying = grasp.sensitivities(joint_positions, hold)
-        covariance = (constant * config.joints.constant_variance()) @ constant.T
-        covariance += (varying * config.joints.varying_variance()) @ varying.T
+        covariance = (
+            constant * config.joints.constant_variance(self.kinematics.robot)
+        ) @ constant.T
+        covariance += (varying * config.joints.varying_variance(self.kinematics.robot)) @ varying.T
         covariance += grasp.initial_covariance() + self._give(grasp.age(time))
         return grasp.pose.copy(), covariance
 
@@ -203,7 +207,7 @@ class _Grasp:
         contacts at r_k that is min sum_k |v + w x r_k - v_k|^2 + 2/7 patch^2 |w - w_k|^2.
         """
         sensors = self._kinematics.locate(positions).sensors.copy()
-        index = [finger_index(finger) for finger in contacts]
+        index = [self._kinematics.robot.finger_index(finger) for finger in contacts]
         points = np.array(list(contacts.values()), dtype=float)[:, None] + patch * _PATCH
         before, after = _place(self._sensors[index], points), _place(sensors[index], points)
         turn, shift = align_points(before.reshape(-1, 3), after.reshape(-1, 3))
@@ -222,7 +226,7 @@ class _Grasp:
         return np.asarray(turn @ self._covariance @ turn.T)
 
     def sensitivities(self, positions: Array, hold: _Hold) -> tuple[Array, Array]:
-        """Return the pose's derivatives (6, 23) by constant and by varying errors of joints.
+        """Return the pose's derivatives (6, J) by constant and by varying errors of joints.
 
         A joint error that was there at the start acts only by how far its effect has changed.
         """

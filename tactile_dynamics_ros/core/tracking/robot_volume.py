@@ -5,27 +5,15 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.robot.hand_kinematics import (
-    ARM_DOF,
-    HandConfiguration,
-    HandKinematics,
-)
-from tactile_dynamics_ros.core.robot.robot_description import (
-    ACTUATED_JOINTS,
-    LINKS,
-    PALM_LINK,
-    SKIN_RADIUS,
-)
+from tactile_dynamics_ros.core.robot.enclosure import Box, enclosing_boxes
+from tactile_dynamics_ros.core.robot.hand_kinematics import HandConfiguration, HandKinematics
+from tactile_dynamics_ros.core.robot.kinematic_tree import chain
 
 Array = NDArray[np.float64]
 
 _TIP_CENTRES = np.array([[0.0, 0.0, 0.0], [-0.007, 0.0, 0.0], [-0.014, 0.0, 0.0]])
-"""Centres of the spheres that enclose a fingertip, m, sensor frame: from the tip's to `CORE_LENGTH`
-behind it, half that apart."""
-_ARM_RADIUS = 0.085
-"""Radius of the spheres that enclose the arm's links, m: large enough for an iiwa's housing.
-Larger takes away more of the image than the arm hides, smaller leaves its rim, which looks like an
-object."""
+"""Centres of the spheres that enclose a round fingertip, m, sensor frame: from the tip's to the end
+of a BioTac's core behind it (14 mm), half that apart."""
 _ARM_SPHERES = 4
 """Spheres per link of the arm; at 54 mm between them (the longest link has 0.216 m) neighbours
 overlap."""
@@ -33,6 +21,9 @@ overlap."""
 
 class RobotVolume:
     """Boxes and spheres that enclose the links of hand and arm.
+
+    Links are as large as the shapes with which they collide; an arm without shapes is enclosed by
+    spheres of the robot's `arm_radius` from joint to joint.
 
     Args:
         kinematics: kinematic model of the robot.
@@ -42,16 +33,38 @@ class RobotVolume:
     def __init__(self, kinematics: HandKinematics, margin: float = 0.003) -> None:
         self._kinematics = kinematics
         self._margin = margin
-        boxes = {link.name: link.boxes for link in LINKS if link.boxes}
-        children = [joint.child for joint in ACTUATED_JOINTS]
-        self._palm = boxes.pop(PALM_LINK)
-        self._moving = [(children.index(n), box) for n, found in boxes.items() for box in found]
+        boxes = [box for box in enclosing_boxes(kinematics.robot) if box.link in self._carried()]
+        self._carriers = [self._carrier(box)[0] for box in boxes]
+        offsets = [self._carrier(box)[1] @ box.pose for box in boxes]
+        self._offsets = np.array(offsets).reshape(-1, 4, 4)
+        self._halves = 0.5 * np.array([box.size for box in boxes]).reshape(-1, 3) + margin
+        inside = {k for k in self._carriers if 0 <= k < kinematics.robot.arm_dof - 1}
+        self._bare_arm = not inside and kinematics.robot.arm_dof > 0
+
+    def _carried(self) -> set[str]:
+        """Return the links whose place the robot's joints tell; others have joints of their own."""
+        robot = self._kinematics.robot
+        known = {robot.base}
+        for joint in robot.tree:
+            if joint.parent in known and (joint.axis is None or joint.name in robot.joint_names):
+                known.add(joint.child)
+        return known
+
+    def _carrier(self, box: Box) -> tuple[int, Array]:
+        """Return the number of the joint that moves a box's link (-1: none), and the offset."""
+        robot = self._kinematics.robot
+        offset = np.eye(4)
+        for joint in reversed(chain(robot.tree, robot.base, box.link)):
+            if joint.name in robot.joint_names:
+                return robot.joint_names.index(joint.name), offset
+            offset = joint.origin @ offset
+        return -1, offset
 
     def depth(self, positions: Array, camera: Array, rays: Array) -> Array:
         """Return at which depth rays meet the robot.
 
         Args:
-            positions: (23,) joint positions, rad.
+            positions: (J,) joint positions, rad.
             camera: (4, 4) X_WC.
             rays: (H, W, 3) with z = 1 of a rectangle of pixels, camera frame.
 
@@ -64,8 +77,7 @@ class RobotVolume:
         nearest = np.full(height * width, np.inf)
         across = rays[0, :, 0].copy(), rays[:, 0, 1].copy()
         rays = rays.reshape(-1, 3)
-        poses, halves = self._boxes(where)
-        poses = to_camera @ poses
+        poses, halves = to_camera @ self._boxes(where), self._halves
         reach = np.linalg.norm(halves, axis=1)
         for k in _in_sight(poses[:, :3, 3], reach, across):
             index = _near(poses[k, :3, 3], reach[k], across)
@@ -77,27 +89,27 @@ class RobotVolume:
             _meet_sphere(centres[k], radii[k], rays, index, nearest)
         return nearest.reshape(height, width)
 
-    def _boxes(self, where: HandConfiguration) -> tuple[Array, Array]:
-        """Return poses (B, 4, 4) in the world and half edges (B, 3)."""
-        found = [(where.palm, box) for box in self._palm]
-        found += [(where.frames[index], box) for index, box in self._moving]
-        poses = np.array([frame for frame, _ in found])
-        offsets = np.array([centre for _, (_, centre) in found])
-        poses[:, :3, 3] += np.einsum("bij,bj->bi", poses[:, :3, :3], offsets)
-        sizes = np.array([size for _, (size, _) in found])
-        return poses, 0.5 * sizes + self._margin
+    def _boxes(self, where: HandConfiguration) -> Array:
+        """Return the poses (B, 4, 4) of the boxes in the world."""
+        base = self._kinematics.base
+        frames = [base if k < 0 else where.frames[k] for k in self._carriers]
+        return np.asarray(np.array(frames).reshape(-1, 4, 4) @ self._offsets)
 
     def _spheres(self, where: HandConfiguration) -> tuple[Array, Array]:
-        tips = where.sensors[:, None, :3, 3] + np.einsum(
-            "fij,kj->fki", where.sensors[:, :3, :3], _TIP_CENTRES
-        )
-        joints = np.vstack([where.centres[:ARM_DOF], where.palm[None, :3, 3]])
-        share = np.linspace(0.0, 1.0, _ARM_SPHERES, endpoint=False)[:, None, None]
-        arm = (1.0 - share) * joints[:-2] + share * joints[1:-1]
-        centres = np.vstack([tips.reshape(-1, 3), arm.reshape(-1, 3)])
-        radii = np.full(len(centres), _ARM_RADIUS)
-        radii[: tips.shape[0] * tips.shape[1]] = SKIN_RADIUS + self._margin
-        return centres, radii
+        robot = self._kinematics.robot
+        centres, radii = [np.empty((0, 3))], [np.empty(0)]
+        if robot.tips.radius > 0.0:
+            turned = np.einsum("fij,kj->fki", where.sensors[:, :3, :3], _TIP_CENTRES)
+            tips = (where.sensors[:, None, :3, 3] + turned).reshape(-1, 3)
+            centres.append(tips)
+            radii.append(np.full(len(tips), robot.tips.radius + self._margin))
+        if self._bare_arm:
+            joints = where.centres[: robot.arm_dof]
+            share = np.linspace(0.0, 1.0, _ARM_SPHERES, endpoint=False)[:, None, None]
+            arm = ((1.0 - share) * joints[:-1] + share * joints[1:]).reshape(-1, 3)
+            centres.append(arm)
+            radii.append(np.full(len(arm), robot.arm_radius))
+        return np.vstack(centres), np.concatenate(radii)
 
 
 def _cone(centre: Array, radius: Array) -> Array:

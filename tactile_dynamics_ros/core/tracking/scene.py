@@ -88,7 +88,7 @@ def label_scene(
         camera: camera of the window.
         window: pixels.
         volume: of the robot, None if there is none in sight.
-        positions: (23,) joint positions at the time of the image, rad.
+        positions: (J,) joint positions at the time of the image, rad.
         noise: noise of depths.
         support_height: z of the horizontal plane on which objects stand, world, m; None if none.
     """

@@ -160,7 +160,7 @@ class VisionTracker:
         Args:
             depth: (H, W) m, NaN where invalid.
             camera: that took it, with its calibrated pose.
-            positions: (23,) joint positions at the time of the image, rad.
+            positions: (J,) joint positions at the time of the image, rad.
             time: s, of the image.
             predictions: (4, 4) X_WO at that time, by others.
 

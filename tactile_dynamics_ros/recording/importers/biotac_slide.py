@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from tactile_dynamics_ros.recording.importers.importer import Importer
-from tactile_dynamics_ros.recording.importers.table import read_table
+from tactile_dynamics_ros.recording.importers.tables import read_table
 from tactile_dynamics_ros.recording.recording import Recording
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.recording.importers.importer import Importer
-from tactile_dynamics_ros.recording.importers.table import Table, read_table
+from tactile_dynamics_ros.recording.importers.tables import Table, read_table
 from tactile_dynamics_ros.recording.recording import Recording
 
 Array = NDArray[np.float64]

@@ -23,6 +23,8 @@ class Plant(Protocol):
     time: float
     model: Any
     config: Any
+    machine: Any
+    fingers: tuple[str, ...]
 
     @property
     def object_id(self) -> int:

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from tactile_dynamics_ros.core.robot.robot_description import FINGERS
 from tactile_dynamics_ros.sim.contacts import ContactReading
 from tactile_dynamics_ros.sim.hidden_effects.base import (
     Array,
@@ -187,18 +186,18 @@ class TemperatureStep(TouchEffect):
     in_catalogue = False
     begin: float = 0.0
     time_constant: float = 1.0
-    rows: Array = field(default_factory=lambda: np.zeros((4, 3)))
+    rows: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
-    def attach(self, plant: Plant) -> None:
+    def draw(self, plant: Plant) -> None:
         """Draw moment and directions."""
         self.begin = plant.time + float(self.rng.uniform(10.0, 20.0))
         self.time_constant = float(self.rng.uniform(0.5, 2.0))
-        self.rows = 0.4 * self.magnitude * np.stack([self.unit_vector() for _ in FINGERS])
+        self.rows = 0.4 * self.magnitude * np.stack([self.unit_vector() for _ in self.fingers])
 
     def change(self, finger: str, force: Array, time: float) -> Array:
         """Add the settled part of the step."""
         rise = 1.0 - np.exp(-max(time - self.begin, 0.0) / self.time_constant)
-        return np.asarray(force + rise * self.rows[FINGERS.index(finger)])
+        return np.asarray(force + rise * self.rows[self.fingers.index(finger)])
 
     def truth(self) -> dict[str, Any]:
         """When."""
@@ -232,9 +231,10 @@ class CrossTalk(HiddenEffect):
     def feel(self, view: SensorView) -> dict[str, ContactReading]:
         """Mix neighbours in sensor axes."""
         contacts = dict(view.contacts)
-        for index, finger in enumerate(FINGERS):
-            partner = FINGERS[(index + 1) % len(FINGERS)]
-            if finger in contacts and partner in contacts and contacts[finger].in_contact:
+        fingers = tuple(finger for finger in view.contacts if finger in view.sensor_rotation)
+        for index, finger in enumerate(fingers):
+            partner = fingers[(index + 1) % len(fingers)]
+            if contacts[finger].in_contact:
                 there = view.sensor_rotation[partner].T @ view.contacts[partner].force
                 extra = 0.2 * self.magnitude * (view.sensor_rotation[finger] @ there)
                 force = view.contacts[finger].force + extra

@@ -10,7 +10,6 @@ import numpy as np
 import pybullet
 from scipy.spatial.transform import Rotation
 
-from tactile_dynamics_ros.core.robot.robot_description import FINGERS, sensor_frame
 from tactile_dynamics_ros.sim.contacts import ContactReading
 from tactile_dynamics_ros.sim.hidden_effects.base import (
     Array,
@@ -23,7 +22,21 @@ from tactile_dynamics_ros.sim.hidden_effects.base import (
 
 @dataclass
 class TouchEffect(HiddenEffect):
-    """An effect that changes the force which a fingertip sensor reports, in the sensor's axes."""
+    """An effect that changes the force which a fingertip sensor reports, in the sensor's axes.
+
+    Attributes:
+        fingers: names of the robot's fingers, once attached.
+    """
+
+    fingers: tuple[str, ...] = ()
+
+    def attach(self, plant: Plant) -> None:
+        """Learn which fingers there are, and draw what is random."""
+        self.fingers = plant.fingers
+        self.draw(plant)
+
+    def draw(self, plant: Plant) -> None:
+        """Draw what is random."""
 
     def feel(self, view: SensorView) -> dict[str, ContactReading]:
         """Change the force of every finger that touches."""
@@ -44,16 +57,16 @@ class TouchEffect(HiddenEffect):
         return dataclasses.replace(reading, force=rotation @ force)
 
     def draw_affected(self) -> Array:
-        """Which fingers are faulty (4,): one of them, or all to different degrees."""
+        """Which fingers are faulty (F,): one of them, or all to different degrees."""
         if self.rng.uniform() < 0.5:
-            return np.asarray(np.eye(len(FINGERS))[self.rng.integers(len(FINGERS))])
-        return np.asarray(self.rng.uniform(0.4, 1.0, size=len(FINGERS)))
+            return np.asarray(np.eye(len(self.fingers))[self.rng.integers(len(self.fingers))])
+        return np.asarray(self.rng.uniform(0.4, 1.0, size=len(self.fingers)))
 
     def per_finger(self, rows: Array, name: str, unit: str) -> dict[str, Any]:
         """True parameters named `<finger>.<name>`."""
         return {
             f"{finger}.{name}": quantity(row, unit)
-            for finger, row in zip(FINGERS, rows, strict=True)
+            for finger, row in zip(self.fingers, rows, strict=True)
         }
 
 
@@ -62,16 +75,16 @@ class ForceBias(TouchEffect):
     """A constant of about 0.3 N is added."""
 
     name = "force_bias"
-    rows: Array = field(default_factory=lambda: np.zeros((4, 3)))
+    rows: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
-    def attach(self, plant: Plant) -> None:
+    def draw(self, plant: Plant) -> None:
         """Draw the offsets."""
-        directions = np.stack([self.unit_vector() for _ in FINGERS])
+        directions = np.stack([self.unit_vector() for _ in self.fingers])
         self.rows = 0.3 * self.magnitude * self.draw_affected()[:, None] * directions
 
     def change(self, finger: str, force: Array, time: float) -> Array:
         """Add the offset."""
-        return np.asarray(force + self.rows[FINGERS.index(finger)])
+        return np.asarray(force + self.rows[self.fingers.index(finger)])
 
     def truth(self) -> dict[str, Any]:
         """Offset of each finger."""
@@ -83,18 +96,18 @@ class ForceDrift(TouchEffect):
     """The zero wanders by about 0.01 N/s from the moment at which the effect is attached."""
 
     name = "force_drift"
-    rows: Array = field(default_factory=lambda: np.zeros((4, 3)))
+    rows: Array = field(default_factory=lambda: np.zeros((0, 3)))
     start: float = 0.0
 
-    def attach(self, plant: Plant) -> None:
+    def draw(self, plant: Plant) -> None:
         """Draw the rates."""
-        directions = np.stack([self.unit_vector() for _ in FINGERS])
+        directions = np.stack([self.unit_vector() for _ in self.fingers])
         self.rows = 0.01 * self.magnitude * self.draw_affected()[:, None] * directions
         self.start = plant.time
 
     def change(self, finger: str, force: Array, time: float) -> Array:
         """Add rate times elapsed time."""
-        return np.asarray(force + (time - self.start) * self.rows[FINGERS.index(finger)])
+        return np.asarray(force + (time - self.start) * self.rows[self.fingers.index(finger)])
 
     def truth(self) -> dict[str, Any]:
         """Rate of each finger."""
@@ -106,16 +119,16 @@ class ForceScale(TouchEffect):
     """The gain is wrong by about 0.2."""
 
     name = "force_scale"
-    excess: Array = field(default_factory=lambda: np.zeros(4))
+    excess: Array = field(default_factory=lambda: np.zeros(0))
 
-    def attach(self, plant: Plant) -> None:
+    def draw(self, plant: Plant) -> None:
         """Draw the gains."""
-        sign = self.rng.choice([-1.0, 1.0], size=len(FINGERS))
+        sign = self.rng.choice([-1.0, 1.0], size=len(self.fingers))
         self.excess = np.maximum(0.2 * self.magnitude * self.draw_affected() * sign, -0.9)
 
     def change(self, finger: str, force: Array, time: float) -> Array:
         """Multiply."""
-        return np.asarray(force * (1.0 + self.excess[FINGERS.index(finger)]))
+        return np.asarray(force * (1.0 + self.excess[self.fingers.index(finger)]))
 
     def truth(self) -> dict[str, Any]:
         """Gain minus one of each finger."""
@@ -127,17 +140,17 @@ class SensorRotation(TouchEffect):
     """The sensor is mounted askew by about 10 degrees."""
 
     name = "sensor_rotation"
-    rows: Array = field(default_factory=lambda: np.zeros((4, 3)))
+    rows: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
-    def attach(self, plant: Plant) -> None:
+    def draw(self, plant: Plant) -> None:
         """Draw the axes."""
-        directions = np.stack([self.unit_vector() for _ in FINGERS])
+        directions = np.stack([self.unit_vector() for _ in self.fingers])
         angle = np.radians(10.0) * self.magnitude * self.draw_affected()
         self.rows = np.minimum(angle, np.pi / 2)[:, None] * directions
 
     def change(self, finger: str, force: Array, time: float) -> Array:
         """Turn the force."""
-        turn = Rotation.from_rotvec(self.rows[FINGERS.index(finger)])
+        turn = Rotation.from_rotvec(self.rows[self.fingers.index(finger)])
         return np.asarray(turn.apply(force))
 
     def truth(self) -> dict[str, Any]:
@@ -200,7 +213,7 @@ class ContactOffset(HiddenEffect):
 
     def attach(self, plant: Plant) -> None:
         """Draw finger and direction."""
-        self.finger = FINGERS[self.rng.integers(len(FINGERS))]
+        self.finger = plant.fingers[self.rng.integers(len(plant.fingers))]
         self.offset = 0.008 * self.magnitude * self.unit_vector()
 
     def feel(self, view: SensorView) -> dict[str, ContactReading]:
@@ -267,7 +280,9 @@ class ContactTorsion(HiddenEffect):
 
 
 def _skins(plant: Plant) -> list[int]:
-    names = {sensor_frame(finger) for finger in FINGERS}
-    count = pybullet.getNumJoints(plant.robot, plant.client) if plant.robot >= 0 else 0
+    if plant.robot < 0:
+        return []
+    names = {finger.touches for finger in plant.machine.hand}
+    count = pybullet.getNumJoints(plant.robot, plant.client)
     infos = (pybullet.getJointInfo(plant.robot, joint, plant.client) for joint in range(count))
     return [info[0] for info in infos if info[12].decode() in names]

@@ -8,15 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
-from tactile_dynamics_ros.core.robot.robot_description import (
-    ARM_JOINTS,
-    HAND_ENCODER_RESOLUTION,
-    HAND_JOINTS,
-)
+from tactile_dynamics_ros.core.robot.robot import Robot
 
 Array = NDArray[np.float64]
 
-ARM_RESOLUTION = 1e-6
 PLAY_TORQUE = 0.01
 """Torque at which a gear's play is half taken up, N m."""
 
@@ -43,18 +38,22 @@ class JointEncoders:
     """What the drivers report for true joint positions of arm and hand.
 
     Args:
-        config: errors.
+        robot: whose joints they read.
+        config: errors; in m and mm (for deg) of joints that slide.
         seed: of noise and of the constant offsets.
     """
 
-    def __init__(self, config: EncoderConfig | None = None, seed: int = 0) -> None:
+    def __init__(self, robot: Robot, config: EncoderConfig | None = None, seed: int = 0) -> None:
         self.config = config = config or EncoderConfig()
         self._rng = np.random.default_rng([seed, 11])
-        arm, hand = len(ARM_JOINTS), len(HAND_JOINTS)
+        arm, hand = robot.arm_dof, len(robot.hand_joints)
         self._noise = np.concatenate(
             [np.full(arm, config.arm_noise), np.full(hand, config.hand_noise)]
         )
-        resolution = [np.full(arm, ARM_RESOLUTION), np.full(hand, HAND_ENCODER_RESOLUTION)]
+        resolution = [
+            np.full(arm, robot.arm_resolution),
+            np.full(hand, robot.hand_resolution),
+        ]
         self._resolution = np.concatenate(resolution)
         scale = [np.full(arm, config.arm_offset), np.full(hand, np.deg2rad(config.hand_offset_deg))]
         self.offset = np.concatenate(scale) * self._rng.standard_normal(arm + hand)
@@ -63,14 +62,14 @@ class JointEncoders:
         )
 
     def read(self, position: Array, effort: Array | None = None) -> Array:
-        """Return reported positions (23,) rad.
+        """Return reported positions (J,) rad.
 
         The encoder sits on the motor's side of the gear, which leads the link by half the play in
         the direction of the torque.
 
         Args:
-            position: (23,) true link positions, rad.
-            effort: (23,) drive torques, N m; no play without them.
+            position: (J,) true link positions, rad.
+            effort: (J,) drive torques, N m; no play without them.
         """
         reported = position + self.offset + self._noise * self._rng.standard_normal(len(position))
         if effort is not None:

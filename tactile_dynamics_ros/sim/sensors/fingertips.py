@@ -1,15 +1,14 @@
-"""The hand's four BioTacs in a simulated world: contacts in, one image of raw counts out."""
+"""The hand's BioTacs in a simulated world: contacts in, one image of raw counts out."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.rigid_body.rotation import cross, log_so3
-from tactile_dynamics_ros.core.robot.robot_description import FINGERS
 from tactile_dynamics_ros.sim.sensors.biotac import BioTacArray, BioTacConfig
 
 Array = NDArray[np.float64]
@@ -32,18 +31,24 @@ class TipContact(Protocol):
 
 
 class Fingertips:
-    """BioTacs of index, middle, ring and thumb.
+    """BioTacs of all fingers.
 
     Args:
+        fingers: their names, in the order of the rows of the image.
         config: of the sensors.
         seed: of the noise.
         unit_seed: of the units' constants: the same hand has the same fingertips.
     """
 
     def __init__(
-        self, config: BioTacConfig | None = None, seed: int = 0, unit_seed: int = 0
+        self,
+        fingers: Sequence[str],
+        config: BioTacConfig | None = None,
+        seed: int = 0,
+        unit_seed: int = 0,
     ) -> None:
-        self.array = BioTacArray(len(FINGERS), config, seed, unit_seed)
+        self._fingers = tuple(fingers)
+        self.array = BioTacArray(len(self._fingers), config, seed, unit_seed)
         self._last: Array | None = None
 
     def read(
@@ -54,20 +59,21 @@ class Fingertips:
         object_twist: tuple[Array, Array],
         dt: float = 0.01,
     ) -> NDArray[np.uint16]:
-        """Return raw counts (4, 44) in the order index, middle, ring, thumb.
+        """Return raw counts (F, 44) in the order of the fingers.
 
         Args:
             contacts: by finger; forces on the object, world axes.
-            poses: (4, 4, 4) true X_WS of the sensor frames.
+            poses: (F, 4, 4) true X_WS of the sensor frames.
             object_pose: (4, 4) true X_WO.
             object_twist: angular velocity and velocity of the object's origin, world axes.
             dt: time since the last reading, s.
         """
-        touching = [k for k, finger in enumerate(FINGERS) if _touches(contacts.get(finger))]
-        force, point, slip = np.zeros((4, 3)), np.zeros((4, 3)), np.zeros(4)
+        touching = [k for k, finger in enumerate(self._fingers) if _touches(contacts.get(finger))]
+        count = len(self._fingers)
+        force, point, slip = np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count)
         if touching:
-            where = np.stack([contacts[FINGERS[k]].point for k in touching])
-            pushed = np.stack([contacts[FINGERS[k]].force for k in touching])
+            where = np.stack([contacts[self._fingers[k]].point for k in touching])
+            pushed = np.stack([contacts[self._fingers[k]].force for k in touching])
             rotation = poses[touching, :3, :3]
             force[touching] = _turn_back(rotation, pushed)
             point[touching] = _turn_back(rotation, where - poses[touching, :3, 3])

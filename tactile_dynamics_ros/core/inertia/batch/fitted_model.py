@@ -235,6 +235,14 @@ class FittedModel:
         return np.asarray(self.corrected.errors[:6] * np.repeat([lever, 1.0], 3))
 
     @property
+    def corrected_wrench_std(self) -> Array:
+        """(6,) standard deviation of `corrected_wrench`."""
+        if self.corrected is None or not self.corrected.errors.any():
+            return np.zeros(6)
+        lever = systematic_lever(self.samples[0])
+        return np.asarray(self.corrected.spread[:6] * np.repeat([lever, 1.0], 3))
+
+    @property
     def load(self) -> float:
         """Weight of the body, N."""
         return float(self.phi[0] * np.linalg.norm(GRAVITY_W))
@@ -295,17 +303,23 @@ class FittedModel:
         )
 
     def _effect_estimates(self, covariance: Array) -> dict[str, EffectEstimate]:
-        stds = np.sqrt(np.diag(covariance))
         estimates, first = {}, 0
         for effect, theta in zip(self.effects, self.theta, strict=True):
             parameters = effect.parameters(self.samples[0])
-            std = stds[first : first + len(theta)]
+            rows = slice(first, first + len(theta))
+            own = covariance[rows, rows]
             first += len(theta)
             names = [p.name for p in parameters]
+            found = [
+                (p.name, float(value), float(std), p.unit)
+                for p, value, std in zip(parameters, theta, np.sqrt(np.diag(own)), strict=True)
+            ]
+            sums = effect.sums(self.samples[0])
+            found += [(s.name, *s.entry(names, theta, own), s.unit) for s in sums]
             estimates[effect.name] = EffectEstimate(
-                dict(zip(names, map(float, theta), strict=True)),
-                dict(zip(names, map(float, std), strict=True)),
-                {p.name: p.unit for p in parameters},
+                {name: value for name, value, _, _ in found},
+                {name: std for name, _, std, _ in found},
+                {name: unit for name, _, _, unit in found},
             )
         return estimates
 

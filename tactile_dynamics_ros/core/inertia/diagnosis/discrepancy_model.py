@@ -18,7 +18,7 @@ from tactile_dynamics_ros.core.discrepancy.model.least_squares import (
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import Family, Misfit, Residuals
 from tactile_dynamics_ros.core.discrepancy.trials import square
 from tactile_dynamics_ros.core.effects.effect import Effect
-from tactile_dynamics_ros.core.effects.parameter import EffectParameter
+from tactile_dynamics_ros.core.effects.parameter import EffectParameter, ParameterSum
 from tactile_dynamics_ros.core.effects.present import PresentEffects
 from tactile_dynamics_ros.core.effects.registry import create_effect, registered_names
 from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
@@ -158,6 +158,10 @@ class HeldObjectModel(LeastSquaresModel[Effect]):
     def parameters_of(self, effect: Effect) -> tuple[EffectParameter, ...]:
         """Parameters of an effect for the contacts of this recording."""
         return effect.parameters(self.samples)
+
+    def sums_of(self, effect: Effect) -> tuple[ParameterSum, ...]:
+        """Biases of several fingers are known as their sum."""
+        return effect.sums(self.samples)
 
     def with_parameters(
         self, own: Array, effects: tuple[Effect, ...], theta: tuple[Array, ...]

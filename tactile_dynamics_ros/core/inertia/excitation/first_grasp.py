@@ -18,7 +18,6 @@ from tactile_dynamics_ros.core.inertia.excitation.plan import (
     plan_motion,
 )
 from tactile_dynamics_ros.core.inertia.excitation.trajectory import HeldPose
-from tactile_dynamics_ros.core.manipulation.grasp_controller import ARM_CARRY
 from tactile_dynamics_ros.core.manipulation.grasp_planner import plan_grasp, squeeze_forces
 from tactile_dynamics_ros.core.manipulation.grasp_site import GraspSite
 from tactile_dynamics_ros.core.manipulation.squeeze import SqueezeConfig
@@ -27,7 +26,7 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     log_cholesky_jacobian,
 )
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
-from tactile_dynamics_ros.core.robot.robot_description import FINGERS
+from tactile_dynamics_ros.core.robot.robot import Robot
 
 Array = NDArray[np.float64]
 
@@ -48,6 +47,7 @@ def plan_first_excitation(
     mass: float = 0.3,
     friction: float = 0.6,
     kind: Literal["A", "D"] = "A",
+    robot: Robot | None = None,
 ) -> ExcitationPlan:
     """Design the motion that follows the first grasp, before anything of the object is felt.
 
@@ -62,19 +62,21 @@ def plan_first_excitation(
         mass: kg, presumed.
         friction: coefficient presumed between fingertips and object.
         kind: kind of criterion, see `InertiaCriterion`.
+        robot: that takes it; a KUKA iiwa with a right Allegro hand if None.
 
     Raises:
         NotIdentifiableError: hand or arm cannot take the site, or the grip would slip at rest.
     """
-    kinematics, squeeze = HandKinematics(), SqueezeConfig()
+    kinematics, squeeze = HandKinematics(robot), SqueezeConfig()
+    robot = kinematics.robot
     grasp = plan_grasp(kinematics, site, _standing(site))
-    joints = np.concatenate([ARM_CARRY, grasp.touch])
+    joints = np.concatenate([robot.carry, grasp.touch])
     palm = kinematics.locate(joints).palm
     pivot = palm[:3, 3] + palm[:3, :3] @ grasp.points.mean(axis=0)
     start = HeldPose(palm[:3, :3], palm[:3, 3], pivot)
     thumb = max(squeeze.least, squeeze.load_factor * mass * _GRAVITY)
-    forces = squeeze_forces(grasp.points, grasp.normals, thumb)
-    grip = Grip(FINGERS, grasp.points, grasp.normals, forces, friction)
+    forces = squeeze_forces(grasp.points, grasp.normals, robot.sides, thumb)
+    grip = Grip(robot.fingers, grasp.points, grasp.normals, forces, friction)
     reach = ArmLimits.of_robot(kinematics, joints, pivot)
     known = _presume(body_prior(mass, grasp.points))
     return plan_motion(known, start, grip, reach, config or DesignConfig(), limits, kind)

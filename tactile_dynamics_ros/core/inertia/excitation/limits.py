@@ -14,8 +14,8 @@ from tactile_dynamics_ros.core.inertia.excitation.trajectory import (
     FourierOffsets,
     HeldPose,
 )
-from tactile_dynamics_ros.core.robot.hand_kinematics import ARM_DOF, HandKinematics
-from tactile_dynamics_ros.core.robot.robot_description import ARM_JOINTS
+from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
+from tactile_dynamics_ros.core.robot.robot import column
 
 Array = NDArray[np.float64]
 
@@ -62,21 +62,20 @@ class ArmLimits:
 
     @classmethod
     def of_robot(cls, kinematics: HandKinematics, positions: Array, pivot: Array) -> ArmLimits:
-        """Read limits and Jacobian of the arm from the robot's table.
+        """Read limits and Jacobian of the robot's arm.
 
         Args:
             kinematics: kinematic model of the robot.
-            positions: (23,) rad.
+            positions: (J,) rad.
             pivot: (3,) m, world.
         """
-        where = kinematics.locate(positions)
-        axes, centres = where.axes[:ARM_DOF], where.centres[:ARM_DOF]
+        arm = kinematics.robot.arm
         return cls(
-            np.concatenate([axes, np.cross(axes, pivot - centres)], axis=1).T,
-            np.asarray(positions, dtype=float)[:ARM_DOF],
-            np.array([joint.lower for joint in ARM_JOINTS]),
-            np.array([joint.upper for joint in ARM_JOINTS]),
-            np.array([joint.velocity for joint in ARM_JOINTS]),
+            kinematics.palm_jacobian(positions, pivot),
+            np.asarray(positions, dtype=float)[: len(arm)],
+            column(arm, "lower"),
+            column(arm, "upper"),
+            column(arm, "velocity"),
         )
 
     def share(self, offsets: Array, rates: Array, speed_share: float) -> float:

@@ -25,15 +25,10 @@ from tactile_dynamics_ros.core.inertia.excitation.limits import (
 from tactile_dynamics_ros.core.inertia.excitation.trajectory import FourierOffsets, HeldPose
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import com_inertia_jacobian
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
+from tactile_dynamics_ros.core.robot.robot import Robot
 
 Array = NDArray[np.float64]
 
-CARRYING_ARM = (0.0, 0.5, 0.0, -1.5, 0.0, 1.14, 0.0)
-"""Joint positions of the arm, rad, in which it holds an object that moves, unless a posture is
-given; limits of joints and speeds are checked about it."""
-_HAND = 0.5
-"""Position, rad, of all hand joints there. The palm's place, which is all that is used, does not
-depend on it."""
 _SAMPLE_RATE_HZ = 100.0
 """Rate of the recording that is foreseen, Hz, as the nodes publish poses; expected deviations fall
 with its root."""
@@ -41,10 +36,6 @@ _TABLE_RATE_HZ = 100.0
 """Rate, Hz, of the motion as samples in the plan; the controller interpolates them."""
 _UNITS = ("kg", *("m",) * 3, *("kg m^2",) * 6)
 """Units of PARAMETER_NAMES."""
-_PIVOT_IN_PALM = np.array([0.09, 0.0, 0.08])
-"""Point of the palm's frame, m, about which the object is turned: before the palm, between the
-fingers and the thumb of a hand that closes. A pivot elsewhere makes turns need more travel of the
-arm, which limits them."""
 
 
 @dataclass(frozen=True)
@@ -104,6 +95,7 @@ def plan_excitation(
     friction: float = 0.6,
     kind: Literal["A", "D"] = "A",
     arm: Sequence[float] | None = None,
+    robot: Robot | None = None,
 ) -> ExcitationPlan:
     """Design the next motion for what a recording shows.
 
@@ -113,15 +105,17 @@ def plan_excitation(
         limits: amplitudes and margins.
         friction: coefficient between fingertips and object; raised to what holding it takes.
         kind: kind of criterion, see `InertiaCriterion`.
-        arm: (7,) rad, joints at the start; the carrying posture by default.
+        arm: (A,) rad, joints at the start; those in which the robot carries if None.
+        robot: that moves; a KUKA iiwa with a right Allegro hand if None.
     """
     config = config or DesignConfig()
     samples, phi = model.samples[-1], model.phi
     grip = Grip.from_samples(samples, phi, friction)
-    kinematics = HandKinematics()
-    joints = np.concatenate([CARRYING_ARM if arm is None else arm, np.full(16, _HAND)])
+    kinematics = HandKinematics(robot)
+    robot = kinematics.robot
+    joints = np.concatenate([robot.carry if arm is None else arm, robot.hand_seed])
     palm = kinematics.locate(joints).palm
-    reach = ArmLimits.of_robot(kinematics, joints, palm[:3, 3] + palm[:3, :3] @ _PIVOT_IN_PALM)
+    reach = ArmLimits.of_robot(kinematics, joints, palm[:3, 3] + palm[:3, :3] @ robot.grasp.pivot)
     pivot = samples.position[-1] + samples.rotation[-1] @ grip.point.mean(axis=0)
     start = HeldPose(samples.rotation[-1], samples.position[-1], pivot)
     grip = replace(grip, friction=grip.friction * max(usage_at_rest(start, grip, phi), 1.0))

@@ -172,10 +172,12 @@ class PresumedErrors:
 
     Attributes:
         errors: (q,) those by which an estimate is corrected: taken off the residuals.
+        spread: (q,) their standard deviations.
         covariance: (p, p) to add to that of the parameters.
     """
 
     errors: Array
+    spread: Array
     covariance: Array
 
     @classmethod
@@ -196,9 +198,10 @@ class PresumedErrors:
         variances = systematic_variances(mixing, white)
         granted = np.zeros(len(gram))
         granted[:_BODY_SIZE] = (_GRANTED * load) ** 2
-        corrected, _ = _posterior(np.minimum(variances, granted), mixing, white)
+        corrected, posterior = _posterior(np.minimum(variances, granted), mixing, white)
         moment = _second_moment(variances, mixing, white)
-        return cls(corrected, np.asarray(by_error @ moment @ by_error.T))
+        spread = np.sqrt(np.diag(posterior))
+        return cls(corrected, spread, np.asarray(by_error @ moment @ by_error.T))
 
     @classmethod
     def of_rows(
