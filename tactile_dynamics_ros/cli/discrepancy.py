@@ -159,6 +159,8 @@ def _compare_lines(document: dict[str, Any]) -> list[str]:
 
 def _why(document: dict[str, Any]) -> str:
     p_value = f"p = {document['p_value']:.2g}"
+    if document.get("trace"):
+        return f"{p_value}, but it moves no estimate by half its standard deviation"
     if document["adequate"] and not document["white"]:
         return f"{p_value}, but within the uncertainty that the sensors report"
     return p_value

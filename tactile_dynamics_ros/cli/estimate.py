@@ -14,6 +14,7 @@ from tactile_dynamics_ros.cli.recordings import (
     read_recording,
 )
 from tactile_dynamics_ros.cli.text_table import align_rows
+from tactile_dynamics_ros.core.discrepancy.wording import write_interval
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.report.numbers import parameter_rows
 
@@ -114,5 +115,8 @@ def _describe_correction(model: FittedModel) -> list[str]:
     wrench = model.corrected_wrench
     if not wrench.any():
         return []
-    torque, force = (", ".join(f"{v:.2g}" for v in part) for part in (wrench[:3], wrench[3:]))
+    numbers = [
+        write_interval(*pair) for pair in zip(wrench, model.corrected_wrench_std, strict=True)
+    ]
+    torque, force = ", ".join(numbers[:3]), ", ".join(numbers[3:])
     return [f"corrected by ({force}) N, ({torque}) N m that the sensors seem to read too much"]

@@ -26,6 +26,8 @@ def findings_of_comparison(
     good = bool(document["adequate"])
     if document["white"]:
         verdict = "The model explains this recording down to the sensor noise."
+    elif document.get("trace"):
+        verdict = "What the model leaves beside sensor noise moves no estimate that matters."
     elif good:
         verdict = (
             "The model explains this recording to within the uncertainty that the sensors report."

@@ -222,7 +222,7 @@ def _candidate_row(candidate: Mapping[str, Any]) -> tuple[str, ...]:
         str(candidate["name"]),
         f"{float(candidate['predicted_whitened_rms']):.3f}",
         f"{float(candidate['p_value']):.1e}" if candidate.get("p_value") is not None else "",
-        ", ".join(texts[:4]) + (", ..." if len(texts) > 4 else ""),
+        candidate.get("remark") or ", ".join(texts[:4]) + (", ..." if len(texts) > 4 else ""),
     )
 
 

@@ -40,8 +40,13 @@ def test_errors_that_sensors_state_are_no_finding() -> None:
         diagnosis = diagnose(model)
         assert not assess(model).white
         assert diagnosis.verdict == "adequate"
-        sentence = diagnosis_document(diagnosis)["sentence"]
-        assert "within the uncertainty that the sensors report" in sentence
+        document = diagnosis_document(diagnosis)
+        assert "within the uncertainty that the sensors report" in document["sentence"]
+        first = document["candidates"][0]
+        if first["p_value"] < 0.01:
+            assert first["remark"] in document["sentence"]
+            assert "does not count: errors of this size" in first["remark"]
+        assert all(c["remark"] == "" for c in document["candidates"] if c["p_value"] >= 0.01)
         assert compare(model).to_json()["adequate"]
 
 

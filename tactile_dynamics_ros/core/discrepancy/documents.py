@@ -83,7 +83,18 @@ def _candidates(diagnosis: Diagnosis) -> list[Document]:
     trials = _first_trials(diagnosis)
     rest = [name for name in scores if name not in {t.name for t in trials}]
     found = [_refitted(t, scores[t.name], diagnosis, tests) for t in trials if t.name in scores]
-    return found + [_scored(scores[name], tests) for name in rest]
+    found += [_scored(scores[name], tests) for name in rest]
+    return [entry | {"remark": _why_not(entry, diagnosis)} for entry in found]
+
+
+def _why_not(candidate: Document, diagnosis: Diagnosis) -> str:
+    """Why a significant candidate is not the answer where none is named; empty otherwise."""
+    significant = candidate["p_value"] < diagnosis.assessment.significance
+    if not significant or diagnosis.effect is not None or diagnosis.verdict != "adequate":
+        return ""
+    if diagnosis.trace is not None:
+        return "does not count: moves no estimate by half its standard deviation"
+    return "does not count: errors of this size are what the sensors report of themselves"
 
 
 def _first_trials(diagnosis: Diagnosis) -> list[Trial]:
@@ -127,7 +138,7 @@ def diagnosis_sentence(diagnosis: Diagnosis) -> str:
         return (
             "Nothing is known to be missing: the error is within the uncertainty that the sensors "
             f"report (whitened error {diagnosis.before.rms:.2f}), though it is more regular "
-            f"than noise{_lead(diagnosis)}."
+            f"than noise{_lead(diagnosis)}{_significant(diagnosis)}."
         )
     if diagnosis.verdict == "adequate":
         return (
@@ -186,6 +197,15 @@ def _unexplained_sentence(diagnosis: Diagnosis) -> str:
     assert diagnosis.signature is not None
     text = f"Something is missing that is not in the catalogue: {_facts(diagnosis.signature)}"
     return text + _lead(diagnosis) + "."
+
+
+def _significant(diagnosis: Diagnosis) -> str:
+    """Why the likeliest candidate does not count although it is no chance."""
+    entries = _candidates(diagnosis)
+    if not entries or not entries[0]["remark"]:
+        return ""
+    best = entries[0]
+    return f"; {best['name']} (p = {best['p_value']:.2g}) {best['remark']}"
 
 
 def _lead(diagnosis: Diagnosis) -> str:

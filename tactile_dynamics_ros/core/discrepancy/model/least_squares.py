@@ -47,6 +47,25 @@ class Parameter(Protocol):
         """A value at which the effect is plainly present."""
 
 
+class Sum(Protocol):
+    """A sum of parameters of an effect."""
+
+    @property
+    def name(self) -> str:
+        """Symbol."""
+
+    @property
+    def unit(self) -> str:
+        """SI."""
+
+    @property
+    def members(self) -> tuple[str, ...]:
+        """Names of the parameters that are added up."""
+
+    def entry(self, names: Sequence[str], theta: Array, covariance: Array) -> tuple[float, float]:
+        """Value and standard deviation, given those of the parameters of these names."""
+
+
 class NamedEffect(Protocol):
     """What the engine tells people of an effect."""
 
@@ -177,6 +196,10 @@ class LeastSquaresModel(ABC, Generic[EffectT]):
         """Families of named quantities, for a residual that no effect explains; none by default."""
         return []
 
+    def sums_of(self, effect: EffectT) -> Sequence[Sum]:
+        """Sums of parameters that data may tell although not the summands; none by default."""
+        return ()
+
     def guess(self, family: Family, coefficients: Array) -> Array:
         """Start (k,) of the fit of an effect from the coefficients of its family."""
         return coefficients[: len(self.parameters_of(family.source))]
@@ -254,7 +277,8 @@ class LeastSquaresModel(ABC, Generic[EffectT]):
 
     def parameters(self) -> ParameterTable:
         """{effect: {parameter: {"value", "std", "unit"}}}; own parameters that have names first."""
-        values, spread = self.x, np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        values, covariance = self.x, self.covariance
+        spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
         names = [(k, *name) for k, name in enumerate(self.own_names)]
         first = len(self.own)
         for effect in self.effects:
@@ -265,6 +289,15 @@ class LeastSquaresModel(ABC, Generic[EffectT]):
         for k, group, name, unit in names:
             entry = {"value": float(values[k]), "std": float(spread[k]), "unit": unit}
             table.setdefault(group, {})[name] = entry
+        first = len(self.own)
+        for effect in self.effects:
+            keys = [p.name for p in self.parameters_of(effect)]
+            rows = slice(first, first + len(keys))
+            first += len(keys)
+            for total in self.sums_of(effect):
+                value, std = total.entry(keys, values[rows], covariance[rows, rows])
+                entry = {"value": value, "std": std, "unit": total.unit}
+                table[effect.name][total.name] = entry | {"sum_of": list(total.members)}
         return table
 
     def moved_by(self, other: ResidualModel) -> float:
