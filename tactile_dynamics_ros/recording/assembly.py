@@ -28,6 +28,7 @@ from tactile_dynamics_ros.recording.cleaning import (
     find_not_finite,
     find_not_increasing,
     find_saturated,
+    scale_quaternions,
     select,
 )
 
@@ -115,8 +116,9 @@ def _clean_poses(columns: PoseColumns, log: ProblemLog) -> PoseColumns:
     fields = select(
         log.drop(label, "position is absurd", find_absurd(fields[1], POSITION_LIMIT)), fields
     )
+    named = scale_quaternions(fields[2])
     fields = select(
-        log.drop(label, "quaternion is not a rotation", find_bad_quaternions(fields[2])), fields
+        log.drop(label, "quaternion is not a rotation", find_bad_quaternions(named)), fields
     )
     fields = select(_drop_disorder(label, fields[0], log), fields)
     fields = select(log.drop(label, HELD, find_held(fields[1], fields[2])), fields)
@@ -278,7 +280,12 @@ def assemble_imu(columns: ImuColumns, log: ProblemLog) -> ImuStream | None:
     absurd |= find_absurd(fields[2], ANGULAR_VELOCITY_LIMIT)
     fields = select(log.drop(label, "reading is absurd", absurd), fields)
     fields = select(
-        log.drop(label, "quaternion is not a rotation", find_bad_quaternions(fields[3])), fields
+        log.drop(
+            label,
+            "quaternion is not a rotation",
+            find_bad_quaternions(scale_quaternions(fields[3])),
+        ),
+        fields,
     )
     fields = select(_drop_disorder(label, fields[0], log), fields)
     fields = select(log.drop(label, "sensor saturated", find_saturated(fields[1])), fields)

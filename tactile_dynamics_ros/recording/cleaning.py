@@ -103,6 +103,17 @@ def find_held(*columns: Array) -> Mask:
     return held if regular else np.zeros(len(held), dtype=bool)
 
 
+def scale_quaternions(quaternion: Array) -> Array:
+    """Return quaternions (N, 4) over their median length where that is far from one.
+
+    Integers of a sensor (16384 for one) and sums that nobody normalised name rotations too.
+    """
+    length = np.linalg.norm(quaternion, axis=1)
+    known = np.isfinite(length) & (length > 0.0)
+    usual = float(np.median(length[known])) if known.any() else 1.0
+    return quaternion if QUATERNION_SHORTEST < usual < QUATERNION_LONGEST else quaternion / usual
+
+
 def find_bad_quaternions(quaternion: Array) -> Mask:
     """Return which quaternions are much too short or too long to name a rotation."""
     size = np.abs(quaternion).max(axis=1, initial=0.0)

@@ -106,7 +106,8 @@ ROOMS = {
     ),
     "recording": Room(
         "rosbag2, arrays and foreign formats to streams and back",
-        ("core/friction", "core/rigid_body", "core/streams", "core/tactile", "core/tracking"),
+        ("core/friction", "core/numerics", "core/rigid_body", "core/streams", "core/tactile")
+        + ("core/tracking",),
     ),
     "synthetic": Room(
         "recordings with known truth from closed forms; knows no effect of the catalogue",

@@ -5,9 +5,11 @@ from tactile_dynamics_ros.recording.importers.contactnets_cube import Contactnet
 from tactile_dynamics_ros.recording.importers.csv_mapping import CsvMappingImporter
 from tactile_dynamics_ros.recording.importers.importer import Importer
 from tactile_dynamics_ros.recording.importers.kuka_ft_imu import KukaFtImuImporter
+from tactile_dynamics_ros.recording.importers.static_poses import StaticPosesImporter
 
 IMPORTERS: tuple[Importer, ...] = (
     CsvMappingImporter(),
+    StaticPosesImporter(),
     KukaFtImuImporter(),
     ContactnetsCubeImporter(),
     BiotacSlideImporter(),

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from argparse import Namespace
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,39 +13,16 @@ import yaml
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.recording.importers.fields import constant_rotation, read_stream
 from tactile_dynamics_ros.recording.importers.importer import Importer
 from tactile_dynamics_ros.recording.importers.tables import Table, read_table
 from tactile_dynamics_ros.recording.recording import Recording
 
 Array = NDArray[np.float64]
 
-UNITS: dict[str, dict[str, float]] = {
-    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
-    "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3},
-    "force": {"N": 1.0, "mN": 1e-3, "kgf": 9.80665},
-    "torque": {"N m": 1.0, "N mm": 1e-3, "mN m": 1e-3},
-    "angle": {"rad": 1.0, "deg": math.pi / 180.0},
-    "angular velocity": {"rad/s": 1.0, "deg/s": math.pi / 180.0},
-    "acceleration": {"m/s^2": 1.0, "g": 9.80665},
-    "number": {"": 1.0},
-}
-FIELDS = {
-    "time": ("time", 1),
-    "pose_time": ("time", 1),
-    "position": ("length", 3),
-    "position_std": ("length", 3),
-    "rotation_std": ("angle", 3),
-    "quaternion": ("number", 4),
-    "rotation": ("number", 9),
-    "normal": ("number", 3),
-    "force": ("force", 3),
-    "force_std": ("force", 3),
-    "torque": ("torque", 3),
-    "specific_force": ("acceleration", 3),
-    "specific_force_std": ("acceleration", 1),
-    "angular_velocity": ("angular velocity", 3),
-}
-SECTIONS = frozenset(["object_pose", "object_imu", "contacts", "contact_frame"])
+SECTIONS = frozenset(
+    ["object_pose", "object_imu", "contacts", "contact_frame", "static_poses", "world_rotation"]
+)
 
 
 class CsvMappingImporter(Importer):
@@ -57,26 +34,135 @@ class CsvMappingImporter(Importer):
 
     def read(self, source: Path, options: Namespace) -> Recording:
         """Read the tables that the yaml file names."""
-        mapping = _load_yaml(source)
-        unknown = sorted(set(mapping) - SECTIONS)
-        if unknown:
-            raise BadInputError(
-                f"{source}: unknown key '{unknown[0]}'; expected {', '.join(sorted(SECTIONS))}"
-            )
-        contacts = {
-            str(name): _stream(f"{source}: contacts.{name}", section, source.parent)
-            for name, section in dict(mapping.get("contacts") or {}).items()
-        }
-        pose, imu = (
-            _stream(f"{source}: {key}", mapping[key], source.parent) if mapping.get(key) else None
-            for key in ("object_pose", "object_imu")
+        return read_mapping(load_yaml(source), source.parent, str(source))
+
+
+def read_mapping(mapping: Mapping[str, Any], folder: Path, source: str) -> Recording:
+    """Read the tables that a mapping names.
+
+    Args:
+        mapping: sections of the yaml file.
+        folder: where the tables lie.
+        source: of the mapping, for messages to the user.
+
+    Raises:
+        BadInputError: the mapping is malformed, or a table is not as it says.
+    """
+    unknown = sorted(set(mapping) - SECTIONS)
+    if unknown:
+        raise BadInputError(
+            f"{source}: unknown key '{unknown[0]}'; expected {', '.join(sorted(SECTIONS))}"
         )
-        frame = str(mapping.get("contact_frame", "world"))
-        return Recording.from_arrays(contacts, pose, imu, contact_frame=frame, source=str(source))
+    tables = _Tables(folder)
+    world = np.eye(3)
+    if "world_rotation" in mapping:
+        world = constant_rotation(f"{source}: world_rotation", mapping["world_rotation"])
+    if "static_poses" in mapping:
+        recording = _static(f"{source}: static_poses", mapping["static_poses"], tables, world)
+        recording = replace(recording, source=source)
+    else:
+        recording = _streams(mapping, source, tables, world)
+    return replace(recording, problems=tables.problems() | recording.problems)
 
 
-def _load_yaml(path: Path) -> dict[str, Any]:
-    """Return the content of a yaml file that holds a mapping."""
+class _Tables:
+    """Tables by file, each read once."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._read: dict[str, Table] = {}
+
+    def of(self, where: str, section: Any) -> Table:
+        """Return the table of a section.
+
+        Raises:
+            BadInputError: the section names none.
+        """
+        if not isinstance(section, Mapping) or "file" not in section:
+            raise BadInputError(f"{where}: expected a mapping with 'file' and fields")
+        name = str(section["file"])
+        if name not in self._read:
+            self._read[name] = read_table(self._folder / name)
+        return self._read[name]
+
+    def problems(self) -> dict[str, int]:
+        """Rows that could not be read, one line each."""
+        return {
+            f"{Path(table.source).name}, {line}": 1
+            for table in self._read.values()
+            for line in table.problems
+        }
+
+
+def _streams(mapping: Mapping[str, Any], source: str, tables: _Tables, world: Array) -> Recording:
+    """Return the recording of streams with stamps."""
+    frame = str(mapping.get("contact_frame", "world"))
+    contacts = {}
+    for name, section in dict(mapping.get("contacts") or {}).items():
+        where = f"{source}: contacts.{name}"
+        arrays = read_stream(where, section, tables.of(where, section), frozenset(["pose"]))
+        if "pose" in section:
+            arrays |= _place(f"{where}.pose", section["pose"], tables)
+        contacts[str(name)] = _turned(arrays, world) if frame == "world" else arrays
+    pose, imu = (
+        read_stream(f"{source}: {key}", mapping[key], tables.of(f"{source}: {key}", mapping[key]))
+        if mapping.get(key)
+        else None
+        for key in ("object_pose", "object_imu")
+    )
+    if pose is not None:
+        pose = _turned(pose, world)
+    if imu is not None and "rotation" in imu:
+        imu["rotation"] = world @ imu["rotation"]
+    return Recording.from_arrays(contacts, pose, imu, contact_frame=frame, source=source)
+
+
+def _place(where: str, section: Any, tables: _Tables) -> dict[str, Any]:
+    """Return the arrays of where a contact is, with stamps and perhaps a table of their own."""
+    arrays = read_stream(where, section, tables.of(where, section))
+    if "time" in arrays:
+        arrays["pose_time"] = arrays.pop("time")
+    return arrays
+
+
+def _turned(arrays: dict[str, Any], world: Array) -> dict[str, Any]:
+    """Return arrays in a world whose z points up."""
+    if np.array_equal(world, np.eye(3)):
+        return arrays
+    found = dict(arrays)
+    for key in ("position", "force", "torque", "normal"):
+        if key in found:
+            found[key] = found[key] @ world.T
+    if "rotation" in found:
+        found["rotation"] = world @ found["rotation"]
+    return found
+
+
+def _static(where: str, section: Any, tables: _Tables, world: Array) -> Recording:
+    """Return the recording of a table of static poses."""
+    table = tables.of(where, section)
+    arrays = read_stream(where, section, table, frozenset(["contact"]))
+    missing = [key for key in ("force", "rotation") if key not in arrays]
+    if missing:
+        raise BadInputError(f"{where}: no {missing[0]}; expected force and an orientation")
+    stds = {
+        key: float(np.mean(arrays[key])) for key in ("force_std", "torque_std") if key in arrays
+    }
+    return Recording.from_static_poses(
+        arrays["force"],
+        arrays.get("torque"),
+        rotation=world @ arrays["rotation"],
+        contact=str(section.get("contact", "wrist")),
+        **stds,
+    )
+
+
+def load_yaml(path: Path) -> dict[str, Any]:
+    """Return the content of a yaml file that holds a mapping.
+
+    Raises:
+        BadInputError: it cannot be read, or holds something else.
+    """
     try:
         content = yaml.safe_load(path.read_text())
     except OSError as error:
@@ -86,70 +172,3 @@ def _load_yaml(path: Path) -> dict[str, Any]:
     if not isinstance(content, dict):
         raise BadInputError(f"{path}: expected a mapping with {', '.join(sorted(SECTIONS))}")
     return content
-
-
-def _stream(where: str, section: Any, folder: Path) -> dict[str, Any]:
-    """Return the arrays of one stream by name."""
-    if not isinstance(section, Mapping) or "file" not in section:
-        raise BadInputError(f"{where}: expected a mapping with 'file' and fields")
-    table = read_table(folder / str(section["file"]))
-    arrays = {
-        key: _field(f"{where}.{key}", key, entry, table)
-        for key, entry in section.items()
-        if key not in ("file", "delay")
-    }
-    delay = _number(f"{where}.delay", section.get("delay", 0.0))
-    for key in ("time", "pose_time"):
-        if key in arrays:
-            arrays[key] = arrays[key] - delay
-    return arrays
-
-
-def _field(where: str, key: str, entry: Any, table: Table) -> Array:
-    """Return one field: columns of the table, or a constant."""
-    if key not in FIELDS:
-        raise BadInputError(f"{where}: unknown field; expected {', '.join(FIELDS)}")
-    quantity, width = FIELDS[key]
-    entry = entry if isinstance(entry, Mapping) else {"constant": entry}
-    unknown = sorted(set(entry) - {"columns", "constant", "unit", "scale"})
-    if unknown or ("columns" in entry) == ("constant" in entry):
-        raise BadInputError(f"{where}: expected columns: [...] or a constant, with unit and scale")
-    factor = _unit(where, quantity, entry) * _number(f"{where}.scale", entry.get("scale", 1.0))
-    if "constant" in entry:
-        return factor * _constant(where, entry["constant"])
-    names = entry["columns"]
-    names = [names] if isinstance(names, str) else list(names)
-    if len(names) not in (width, 1 if key.endswith("_std") else width):
-        raise BadInputError(f"{where}: {len(names)} columns; expected {width}")
-    values = factor * table.columns(*map(str, names))
-    if key == "rotation":
-        return np.asarray(values.reshape(-1, 3, 3))
-    return np.asarray(values[:, 0] if width == 1 else np.broadcast_to(values, (len(values), width)))
-
-
-def _unit(where: str, quantity: str, entry: Mapping[str, Any]) -> float:
-    """Return the factor from a field's unit to SI."""
-    known = UNITS[quantity]
-    unit = str(entry.get("unit", next(iter(known))))
-    if unit not in known:
-        raise BadInputError(f"{where}: unit '{unit}'; expected one of {', '.join(known)}")
-    return known[unit]
-
-
-def _constant(where: str, value: Any) -> Array:
-    """Return a constant as an array."""
-    try:
-        return np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise BadInputError(f"{where} = {value!r}; expected numbers") from error
-
-
-def _number(where: str, value: Any) -> float:
-    """Return one finite number."""
-    try:
-        number = float(value)
-    except (TypeError, ValueError) as error:
-        raise BadInputError(f"{where} = {value!r}; expected a number") from error
-    if not math.isfinite(number):
-        raise BadInputError(f"{where} = {value!r}; expected a finite number")
-    return number

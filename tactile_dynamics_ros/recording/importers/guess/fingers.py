@@ -1,0 +1,142 @@
+"""A mapping for an object that several fingers hold: a force and a place per finger."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.recording.importers.fields import UNITS
+from tactile_dynamics_ros.recording.importers.guess.answers import Answers, Question
+from tactile_dynamics_ros.recording.importers.guess.groups import Group
+from tactile_dynamics_ros.recording.importers.guess.orientations import choose_reading, readings_of
+from tactile_dynamics_ros.recording.importers.guess.sources import Source, choose_group
+from tactile_dynamics_ros.recording.importers.guess.weight import Measured, Scene
+
+Array = NDArray[np.float64]
+
+_CLEARLY_STEADIER = 3.0
+"""Scatter of contact points in one frame over that in the other from which they are in the other:
+fingers hold an object at places that stay."""
+
+
+@dataclass(frozen=True)
+class Finger:
+    """Columns of one finger."""
+
+    name: str
+    force: Group
+    position: Group
+    normal: Group | None
+
+
+def find_fingers(source: Source) -> list[Finger]:
+    """Return the fingers of a table: bodies with a force and a position of their own."""
+    found = []
+    for force in source.groups.force:
+        body = [word for word in force.stem if word in force.body]
+        places = [g for g in source.groups.position if body and g.body == force.body]
+        if len(places) == 1:
+            normals = [g for g in source.groups.normal if set(body) <= set(g.stem)]
+            found.append(Finger("_".join(body), force, places[0], normals[0] if normals else None))
+    return found if len(found) > 1 else []
+
+
+def held_mapping(
+    source: Source,
+    fingers: Sequence[Finger],
+    answers: Answers,
+    note: Callable[[str, str], None],
+) -> dict[str, Any]:
+    """Return the mapping of a table of an object and fingers.
+
+    Raises:
+        Question: neither names nor numbers tell something.
+    """
+    if source.time is None:
+        raise Question("no column is a time; name it with --say time=COLUMN")
+    if len(source.time.units) > 1:
+        answers.choose("time_unit", source.time.units, f"unit of '{source.time.columns[0]}'")
+    own = {finger.position for finger in fingers}
+    places = [group for group in source.groups.position if group not in own]
+    if not places:
+        raise Question("no three columns are the object's position besides those of the fingers")
+    turn = source.turn(answers)
+    place = places[0] if len(places) == 1 else choose_group(places, "pose", "positions", answers)
+    unit = source.length_unit(place, answers)
+    position = UNITS["length"][unit] * source.table.columns(*place.columns)
+    total = np.sum([source.table.columns(*finger.force.columns) for finger in fingers], axis=0)
+
+    def scene_of(rotation: Array) -> Scene:
+        stamps = source.time.values if source.time else None
+        return Scene(Measured(total, stamps, rotation, stamps, position))
+
+    readings = readings_of(turn, source.table)
+    judged = choose_reading(readings, source.table, scene_of, answers, "all fingers together")
+    frame = "object" if judged.weighing.axes == "sensor" else "world"
+    _require_places(source, fingers, position, judged.rotation, frame)
+    sign = 1.0 if judged.weighing.mass > 0.0 else -1.0
+    reads = "act on the object" if sign > 0.0 else "are those on the fingers, sign turned"
+    columns = judged.reading.entry["columns"]
+    note("time", source.describe_time())
+    note("position", f"{place.label} in {unit}")
+    note("orientation", f"{columns[0]} .. {columns[-1]}: {judged.reading.label}")
+    note(
+        "forces", f"of {', '.join(f.name for f in fingers)} in N, axes of the {frame}; they {reads}"
+    )
+    pose = {
+        "file": source.file,
+        "time": source.time.entry,
+        "position": {"columns": list(place.columns), "unit": unit},
+        judged.reading.key: judged.reading.entry,
+    }
+    contacts = {f.name: _contact(source, f, sign, answers) for f in fingers}
+    return {"contact_frame": frame, "object_pose": pose, "contacts": contacts}
+
+
+def _contact(source: Source, finger: Finger, sign: float, answers: Answers) -> dict[str, Any]:
+    """Return the section of one finger."""
+    assert source.time is not None
+    unit = source.length_unit(finger.position, answers)
+    section: dict[str, Any] = {
+        "file": source.file,
+        "time": dict(source.time.entry),
+        "force": {
+            "columns": list(finger.force.columns),
+            "unit": finger.force.unit or "N",
+            "scale": sign,
+        },
+        "position": {"columns": list(finger.position.columns), "unit": unit},
+    }
+    if finger.normal is not None:
+        section["normal"] = {"columns": list(finger.normal.columns)}
+    return section
+
+
+def _require_places(
+    source: Source, fingers: Sequence[Finger], position: Array, rotation: Array, frame: str
+) -> None:
+    """Check that the places of the fingers are in the frame of their forces.
+
+    Raises:
+        Question: they are steady in the other one.
+    """
+    scatter = np.zeros(2)
+    for finger in fingers:
+        factor = UNITS["length"][finger.position.unit or "m"]
+        point = factor * source.table.columns(*finger.position.columns)
+        inside = np.einsum("nji,nj->ni", rotation, point - position)
+        scatter += [np.nanstd(point, axis=0).max(), np.nanstd(inside, axis=0).max()]
+    fixed, carried = scatter
+    contradicts = (frame == "object" and carried * _CLEARLY_STEADIER < fixed) or (
+        frame == "world" and fixed * _CLEARLY_STEADIER < carried
+    )
+    if contradicts:
+        other = "world" if frame == "object" else "object"
+        raise Question(
+            f"the forces fit in axes of the {frame}, the points of the fingers in those of the "
+            f"{other}: turn one of them before importing"
+        )

@@ -1,0 +1,186 @@
+"""Columns that belong together: a position, an orientation, a force, a time."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from tactile_dynamics_ros.recording.importers.guess.names import ColumnName
+
+FORCE = frozenset(["f", "force", "forces", "kraft"])
+"""Words for a force."""
+TORQUE = frozenset(["t", "m", "n", "tau", "torque", "torques", "moment", "moments", "mom", "trq"])
+"""Words for a torque, or for a translation ("t")."""
+WRENCH = frozenset(["wrench", "ft", "fts", "force", "forces", "ext", "load"])
+"""Words for six numbers of a wrench."""
+POSITION = frozenset(["p", "pos", "position", "translation", "xyz", "location", "point"])
+"""Words for a position; so are x, y and z alone."""
+TURN = frozenset(
+    ["q", "quat", "quaternion", "orientation", "ori", "o", "r", "rot", "rotation", "rotvec", "rv"]
+    + ["angle", "angles", "euler", "rpy", "axis"]
+)
+"""Words for an orientation."""
+POSE = frozenset(["pose", "tcp", "cartesian", "transform", "tool", "ee", "flange"])
+"""Words for a pose of six, seven or sixteen numbers."""
+OTHER = frozenset(
+    ["target", "desired", "des", "cmd", "command", "setpoint", "ref", "reference", "std", "cov"]
+    + ["covariance", "speed", "vel", "velocity", "twist", "qd", "qdd", "dq", "ddq", "error", "bias"]
+    + ["acc", "accel", "acceleration", "gyro", "gyr", "current", "a", "w", "g", "v", "d", "joint"]
+    + ["joints", "temperature", "elbow", "dtau", "nullspace"]
+)
+"""Words of what is wanted, derived or measured elsewhere."""
+PLAIN = frozenset(["actual", "measured", "field", "data", "value", "raw", "tcp", "tool", "pose"])
+"""Words that say nothing of which body or sensor is meant."""
+_EULER = ("roll", "pitch", "yaw")
+_AXES = ("x", "y", "z")
+
+
+@dataclass(frozen=True)
+class Group:
+    """Columns of one quantity, in order.
+
+    Attributes:
+        kind: force, torque, position, quaternion, quad (a quaternion in unknown order), euler, abc,
+            turn3 (three numbers of an orientation), matrix9, matrix16.
+        columns: their names.
+        stem: words that they share.
+        unit: in the words of mappings; "" if none is written.
+    """
+
+    kind: str
+    columns: tuple[str, ...]
+    stem: tuple[str, ...]
+    unit: str = ""
+
+    @property
+    def label(self) -> str:
+        """Name for people."""
+        return f"{self.columns[0]} .. {self.columns[-1]}"
+
+    @property
+    def body(self) -> frozenset[str]:
+        """Words that say which body or sensor is meant."""
+        common = FORCE | TORQUE | POSITION | TURN | WRENCH | PLAIN | {"linear", "angular"}
+        return frozenset(self.stem) - common
+
+
+@dataclass
+class Groups:
+    """All groups of a table by what they may be."""
+
+    force: list[Group] = field(default_factory=list)
+    torque: list[Group] = field(default_factory=list)
+    position: list[Group] = field(default_factory=list)
+    turn: list[Group] = field(default_factory=list)
+    normal: list[Group] = field(default_factory=list)
+
+    def add(self, group: Group) -> None:
+        """Sort a group in."""
+        place = group.kind if group.kind in ("force", "torque", "position", "normal") else "turn"
+        getattr(self, place).append(group)
+
+    @property
+    def used(self) -> set[str]:
+        """Columns in any group."""
+        every = [*self.force, *self.torque, *self.position, *self.turn, *self.normal]
+        return {column for group in every for column in group.columns}
+
+
+def find_groups(names: Sequence[ColumnName]) -> Groups:
+    """Return the groups that names tell."""
+    found = Groups()
+    by_stem: dict[tuple[str, ...], dict[str, ColumnName]] = defaultdict(dict)
+    for name in names:
+        if name.part:
+            by_stem[name.stem].setdefault(name.part, name)
+    lone = {n.stem[-1]: n for n in names if not n.part and len(n.stem) == 1}
+    if {"a", "b", "c"} <= set(lone):
+        found.add(_group("abc", [lone[k] for k in "abc"], ()))
+    for stem, parts in by_stem.items():
+        if not OTHER & set(stem) or stem[-1:] == ("r",):
+            for group in _of_stem(stem, parts):
+                found.add(group)
+    _settle_t(found)
+    return found
+
+
+def _group(kind: str, names: Sequence[ColumnName], stem: tuple[str, ...]) -> Group:
+    units = {name.unit for name in names}
+    return Group(kind, tuple(n.column for n in names), stem, units.pop() if len(units) == 1 else "")
+
+
+def _of_stem(stem: tuple[str, ...], parts: dict[str, ColumnName]) -> list[Group]:
+    """Groups of the columns that share a stem."""
+    words = set(stem)
+    groups = []
+    if set(_AXES) <= set(parts):
+        axes = [parts[k] for k in _AXES]
+        if "w" in parts and not words & (FORCE | {"torque", "moment"}):
+            groups.append(_group("quaternion", [*axes, parts["w"]], stem))
+        elif kind := _kind_of_three(stem, axes):
+            groups.append(_group(kind, axes, stem))
+    if set(_EULER) <= set(parts):
+        groups.append(_group("euler", [parts[k] for k in _EULER], stem))
+    numbers = sorted((int(part), name) for part, name in parts.items() if part.isdigit())
+    return groups + _of_numbers(stem, [k for k, _ in numbers], [name for _, name in numbers])
+
+
+def _kind_of_three(stem: tuple[str, ...], axes: Sequence[ColumnName]) -> str:
+    """What three components are."""
+    words, quantity = set(stem), axes[0].quantity
+    if quantity in ("force", "torque"):
+        return quantity
+    if quantity == "angle":
+        return "turn3"
+    last = stem[-1] if stem else ""
+    if words & {"normal"} or last == "normal":
+        return "normal"
+    if last in TORQUE or words & {"torque", "moment"}:
+        return "torque"
+    if last in FORCE or words & {"force", "kraft"}:
+        return "force"
+    if last in TURN or words & {"orientation", "rotation", "euler", "rotvec"}:
+        return "turn3"
+    if quantity == "length" or not words - PLAIN or last in POSITION | POSE or words & POSITION:
+        return "position"
+    return "position" if "object" in words or len(stem) == 1 else ""
+
+
+def _of_numbers(
+    stem: tuple[str, ...], numbers: Sequence[int], names: Sequence[ColumnName]
+) -> list[Group]:
+    """Groups of numbered columns."""
+    words = set(stem)
+    if list(numbers) == [11, 12, 13, 21, 22, 23, 31, 32, 33]:
+        return [_group("matrix9", names, stem)]
+    if list(numbers) == [11, 12, 13, 14, 21, 22, 23, 24, 31, 32, 33, 34, 41, 42, 43, 44]:
+        return [_group("matrix16", names, stem)]
+    if not numbers or list(numbers) != list(range(numbers[0], numbers[0] + len(numbers))):
+        return []
+    count = len(numbers)
+    if count == 16:
+        return [_group("matrix16", names, stem)]
+    if count == 9 and words & (TURN | POSE):
+        return [_group("matrix9", names, stem)]
+    if count == 4 and words & TURN:
+        return [_group("quad", names, stem)]
+    if count == 3:
+        kind = _kind_of_three(stem, names)
+        return [_group(kind, names, stem)] if kind and stem else []
+    if count == 6 and words & WRENCH:
+        return [_group("force", names[:3], stem), _group("torque", names[3:], stem)]
+    if count == 6 and words & POSE:
+        return [_group("position", names[:3], stem), _group("turn3", names[3:], stem)]
+    if count == 7 and words & POSE:
+        return [_group("position", names[:3], stem), _group("quad", names[3:], stem)]
+    return []
+
+
+def _settle_t(found: Groups) -> None:
+    """Decide whether t means torque or translation, where no unit says it."""
+    letters = [g for g in found.torque if g.stem[-1:] == ("t",)]
+    for group in letters:
+        if group.unit in ("m", "cm", "mm") or (not found.position and not found.force):
+            found.torque.remove(group)
+            found.position.append(Group("position", group.columns, group.stem, group.unit))

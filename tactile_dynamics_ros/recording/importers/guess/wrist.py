@@ -1,0 +1,300 @@
+"""A mapping for a load on one sensor: wrench and pose of a wrist, or a table of static poses."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.recording.importers.fields import UNITS
+from tactile_dynamics_ros.recording.importers.guess.answers import Answers, Question
+from tactile_dynamics_ros.recording.importers.guess.groups import Group
+from tactile_dynamics_ros.recording.importers.guess.orientations import (
+    Judged,
+    choose_reading,
+    readings_of,
+)
+from tactile_dynamics_ros.recording.importers.guess.sources import (
+    Source,
+    beside,
+    choose_group,
+    rows_are_separate,
+    rows_jump,
+)
+from tactile_dynamics_ros.recording.importers.guess.times import TimeColumn
+from tactile_dynamics_ros.recording.importers.guess.weight import Measured, Scene
+
+Array = NDArray[np.float64]
+
+_LONGEST_LEVER, _SURE_LEVER = 0.6, 1.5
+"""Distance, m, of a load's centre of mass from its sensor that is usual, and one that is none:
+torques that ask for more are in smaller units, and between them it is asked."""
+_AGREEMENT = (0.3, 3.0)
+"""Mass by acceleration over mass by weight between which units and clock are right. Noise of poses
+makes it smaller than 1; wrong units make it a thousandth or a thousand."""
+
+
+@dataclass(frozen=True)
+class WristGuess:
+    """Builds the mapping of one sensor and one pose.
+
+    Attributes:
+        poses: table of the orientation.
+        forces: table of the force; may be the same.
+        answers: to questions.
+        note: takes label and text of what was understood.
+    """
+
+    poses: Source
+    forces: Source
+    answers: Answers
+    note: Callable[[str, str], None]
+
+    def mapping(self) -> dict[str, Any]:
+        """Return the mapping.
+
+        Raises:
+            Question: neither names nor numbers tell something.
+        """
+        turn = self.poses.turn(self.answers)
+        force = self._force()
+        torque = beside(self.forces.groups.torque, force)
+        if self.poses.time is None or self.forces.time is None:
+            return self._without_time(turn, force, torque)
+        position = self.poses.position(turn, self.answers)
+        judged, timed = self._settle_clock(turn, position, force, torque)
+        pose_time = timed.poses.time
+        if pose_time is not None and rows_are_separate(pose_time, judged.rotation):
+            return timed._static(force, torque, judged)
+        return timed._moving(position, force, torque, judged)
+
+    def _force(self) -> Group:
+        groups = self.forces.groups.force
+        if len(groups) == 1:
+            return groups[0]
+        return choose_group(groups, "wrench", "several forces are in the table", self.answers)
+
+    def _settle_clock(
+        self, turn: Group, position: Group | None, force: Group, torque: Group | None
+    ) -> tuple[Judged, WristGuess]:
+        """Return the reading that agrees, and the guess with clocks in the units that agree.
+
+        Raises:
+            Question: the units of time or length contradict each other.
+        """
+        assert self.poses.time is not None and self.forces.time is not None
+        tried = []
+        for unit in self.poses.time.units:
+            timed = self._with_unit(unit)
+            timed._require_overlap()
+            tried.append((timed._judge(turn, position, force, torque), timed))
+        if len(tried) > 1:
+            agreeing = [pair for pair in tried if _agrees(pair[0])]
+            if len(agreeing) != 1:
+                units = self.poses.time.units
+                column = self.poses.time.columns[0]
+                self.answers.choose(
+                    "time_unit", units, f"column '{column}' may be in {' or in '.join(units)}"
+                )
+            tried = agreeing
+        judged, timed = tried[0]
+        if position is not None:
+            _require_agreement(judged)
+        timed.note("time", timed.poses.describe_time())
+        if timed.forces is not timed.poses:
+            timed.note("time of forces", timed.forces.describe_time())
+        return judged, timed
+
+    def _with_unit(self, unit: str) -> WristGuess:
+        """Return the guess with the clock in one of its units."""
+        assert self.poses.time is not None and self.forces.time is not None
+        poses = replace(self.poses, time=_read_as(self.poses.time, unit))
+        if self.forces is self.poses:
+            return replace(self, poses=poses, forces=poses)
+        return replace(
+            self,
+            poses=poses,
+            forces=replace(self.forces, time=_read_as(self.forces.time, unit)),
+        )
+
+    def _require_overlap(self) -> None:
+        assert self.poses.time is not None and self.forces.time is not None
+        pose, force = self.poses.time.values, self.forces.time.values
+        if pose[-1] < force[0] or force[-1] < pose[0]:
+            raise Question(
+                f"the poses last from {pose[0]:.6g} to {pose[-1]:.6g} s and the forces from "
+                f"{force[0]:.6g} to {force[-1]:.6g} s, so that they do not overlap: which clock is "
+                "right? Name columns, units and delay in a yaml file (docs/recordings.md)"
+            )
+
+    def _judge(
+        self, turn: Group, position: Group | None, force: Group, torque: Group | None
+    ) -> Judged:
+        """Return the reading of the orientation that agrees with gravity."""
+        read = self.forces.table.columns(*force.columns)
+        about = None if torque is None else self.forces.table.columns(*torque.columns)
+        place = None
+        if position is not None:
+            factor = UNITS["length"][self.poses.length_unit(position, self.answers)]
+            place = factor * self.poses.table.columns(*position.columns)
+        clock = [None if s.time is None else s.time.values for s in (self.poses, self.forces)]
+
+        def scene_of(rotation: Array) -> Scene:
+            return Scene(Measured(read, clock[1], rotation, clock[0], place, about))
+
+        readings = readings_of(turn, self.poses.table)
+        return choose_reading(readings, self.poses.table, scene_of, self.answers, force.label)
+
+    def _moving(
+        self, position: Group | None, force: Group, torque: Group | None, judged: Judged
+    ) -> dict[str, Any]:
+        """Return the mapping of samples with stamps."""
+        assert self.forces.time is not None
+        pose = self._pose(position, judged)
+        contact = {"file": self.forces.file, "time": self.forces.time.entry}
+        contact |= self._wrench(judged, force, torque)
+        if judged.weighing.axes == "sensor":
+            frame = "object"
+            contact["position"] = [0.0, 0.0, 0.0]
+            contact["rotation"] = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
+        else:
+            frame = "world"
+            contact["pose"] = copy.deepcopy(pose)
+        return {"contact_frame": frame, "object_pose": pose, "contacts": {"wrist": contact}}
+
+    def _pose(self, position: Group | None, judged: Judged) -> dict[str, Any]:
+        """Return the section of the object's pose."""
+        assert self.poses.time is not None
+        section: dict[str, Any] = {"file": self.poses.file, "time": self.poses.time.entry}
+        if position is None:
+            section["position"] = {"constant": [0.0, 0.0, 0.0]}
+            self.note("position", "none: taken to stay at one place")
+        else:
+            unit = self.poses.length_unit(position, self.answers)
+            section["position"] = {"columns": list(position.columns), "unit": unit}
+            self.note("position", f"{position.label} in {unit}")
+        section |= self._orientation(judged)
+        return section
+
+    def _orientation(self, judged: Judged) -> dict[str, Any]:
+        columns = judged.reading.entry["columns"]
+        self.note("orientation", f"{columns[0]} .. {columns[-1]}: {judged.reading.label}")
+        return {judged.reading.key: judged.reading.entry}
+
+    def _wrench(self, judged: Judged, force: Group, torque: Group | None) -> dict[str, Any]:
+        """Return the fields of force and torque, turned to what acts on the object."""
+        unit = self.answers.get("force_unit") or force.unit or "N"
+        unit = Answers({"force_unit": unit}).choose("force_unit", UNITS["force"], "")
+        given = self.answers.get("reads")
+        if given is not None:
+            self.answers.choose("reads", ("load", "object"), "")
+        on_object = given == "object" if given else judged.weighing.mass > 0.0
+        sign = 1.0 if on_object else -1.0
+        mass = abs(judged.weighing.mass) * UNITS["force"][unit]
+        reads = "acts on the object" if on_object else "is the load on the sensor, sign turned"
+        self.note(
+            "force",
+            f"{force.label} in {unit}, axes of the {judged.weighing.axes}; it {reads}; about "
+            f"{mass:.3g} kg",
+        )
+        fields: dict[str, Any] = {
+            "force": {"columns": list(force.columns), "unit": unit, "scale": sign}
+        }
+        if torque is not None:
+            found = self._torque_unit(judged, torque, UNITS["force"][unit])
+            self.note("torque", f"{torque.label} in {found}, about the sensor's origin")
+            fields["torque"] = {"columns": list(torque.columns), "unit": found, "scale": sign}
+        return fields
+
+    def _torque_unit(self, judged: Judged, torque: Group, force_factor: float) -> str:
+        """Return the unit of the torque.
+
+        Raises:
+            Question: the load would be farther away than usual, but not absurdly far.
+        """
+        if self.answers.get("torque_unit") is not None:
+            return self.answers.choose("torque_unit", UNITS["torque"], "")
+        if torque.unit in UNITS["torque"]:
+            return torque.unit
+        found = judged.scene.lever(judged.weighing)
+        if found is None:
+            return "N m"
+        lever = float(np.linalg.norm(found[0])) / force_factor
+        if lever <= _LONGEST_LEVER:
+            return "N m"
+        if lever > _SURE_LEVER and lever * UNITS["torque"]["N mm"] <= _LONGEST_LEVER:
+            return "N mm"
+        return self.answers.choose(
+            "torque_unit",
+            ("N m", "N mm", "N cm"),
+            f"in N m the torques of {torque.label} put the load {lever:.2g} m from the sensor",
+        )
+
+    def _without_time(self, turn: Group, force: Group, torque: Group | None) -> dict[str, Any]:
+        """Return the mapping of a table in which no column is time.
+
+        Raises:
+            Question: the rows seem to follow each other in time.
+        """
+        if self.forces is not self.poses:
+            raise Question("no column of one table is a time; name it with --say time=COLUMN")
+        rate = self.answers.get("rate_hz")
+        if rate is not None:
+            stamps = np.arange(len(self.poses.table.values)) / float(rate)
+            clock = TimeColumn({"rate_hz": float(rate)}, ("s",), stamps, ("row",))
+            timed = replace(self.poses, time=clock)
+            return replace(self, poses=timed, forces=timed).mapping()
+        judged = self._judge(turn, None, force, torque)
+        if self.answers.get("time") != "none" and not rows_jump(judged.rotation):
+            raise Question(
+                "no column is a time, and the rows follow each other closely: how many are there "
+                "per second? Answer with --say rate_hz=100, or --say time=none if each row is a "
+                "pose of its own"
+            )
+        return self._static(force, torque, judged)
+
+    def _static(self, force: Group, torque: Group | None, judged: Judged) -> dict[str, Any]:
+        """Return the mapping of a table of static poses.
+
+        Raises:
+            Question: the forces are not in the axes of the sensor.
+        """
+        if judged.weighing.axes != "sensor":
+            raise Question(
+                "each row is a pose of its own, but its force fits in the axes of the world only: "
+                "static poses need it in those of the sensor"
+            )
+        rows = len(self.poses.table.values)
+        self.note("rows", f"{rows} static poses, one per row, whatever their times")
+        section: dict[str, Any] = {"file": self.poses.file}
+        section |= self._orientation(judged)
+        section |= self._wrench(judged, force, torque)
+        return {"static_poses": section}
+
+
+def _read_as(time: TimeColumn, unit: str) -> TimeColumn:
+    return time.read_as(unit) if len(time.units) > 1 and unit in time.units else time
+
+
+def _agrees(judged: Judged) -> bool:
+    ratio = judged.weighing.agreement
+    return ratio is not None and _AGREEMENT[0] < ratio < _AGREEMENT[1]
+
+
+def _require_agreement(judged: Judged) -> None:
+    """Check that weight and acceleration tell the same mass, where both are seen.
+
+    Raises:
+        Question: they do not.
+    """
+    ratio = judged.weighing.agreement
+    if ratio is not None and not _agrees(judged):
+        raise Question(
+            f"weight and acceleration tell masses that differ by a factor of {ratio:.2g}: the "
+            "unit of time or of the position is another one, or z of the world points down; "
+            "answer with --say time_unit=ms (or s, us, ns) or --say position_unit=mm (or cm, m)"
+        )

@@ -1,0 +1,160 @@
+"""Loads that are held still: mass, centre of mass and bias show, the inertia does not."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from tactile_dynamics_ros.cli.main import main
+from tactile_dynamics_ros.core.effects import create_effect
+from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import PARAMETER_NAMES
+from tactile_dynamics_ros.core.inertia.estimate import estimate
+from tactile_dynamics_ros.core.numerics.local_polynomial import (
+    Window,
+    local_polynomial,
+    typical_period,
+)
+from tactile_dynamics_ros.recording import Recording
+from tactile_dynamics_ros.synthetic.static_poses import StaticLoad, hold_poses, weigh_poses
+
+INERTIAS = list(PARAMETER_NAMES[4:])
+
+
+def _json(capsys, *arguments):
+    code = main([*arguments, "--json"])
+    return code, json.loads(capsys.readouterr().out)
+
+
+def _within(found, load, sigmas=4.0):
+    assert abs(found["mass"]["value"] - load.mass) < sigmas * found["mass"]["std"]
+    error = np.abs(np.array(found["com"]["value"]) - load.com)
+    assert np.all(error < sigmas * np.array(found["com"]["std"]))
+    assert max(found["com"]["std"]) < 1e-3
+
+
+@pytest.mark.parametrize(("poses", "seed"), [(7, 0), (7, 1), (20, 2), (20, 110)])
+@pytest.mark.parametrize("pause", [0.3, 1.0])
+def test_poses_held_with_pauses_tell_all_but_the_inertia(tmp_path, capsys, poses, seed, pause):
+    load = StaticLoad.draw(seed)
+    bag = Recording(hold_poses(load, poses, seed, pause=pause), "held").to_bag(tmp_path / "b.mcap")
+    code, found = _json(capsys, "estimate", str(bag), "--effects", "force_bias")
+    assert code == 0
+    assert found["undetermined"] == INERTIAS
+    _within(found, load)
+    widths = np.diag(found["inertia_com"]["std"])
+    assert np.all(widths > np.diag(found["inertia_com"]["value"]))
+    bias = [found["effects"]["force_bias"][f"wrist_b_{axis}"] for axis in "xyz"]
+    for entry, truth in zip(bias, load.force_bias, strict=True):
+        assert abs(entry["value"] - truth) < 4.0 * entry["std"]
+
+
+@pytest.mark.parametrize(("rows", "seed"), [(3, 0), (6, 1), (24, 2), (300, 3)])
+def test_a_table_of_static_poses_needs_no_time(rows, seed):
+    load = StaticLoad.draw(seed)
+    table = weigh_poses(load, rows, seed)
+    recording = Recording.from_static_poses(table.force, table.torque, rotation=table.rotation)
+    assert recording.problem_lines() == []
+    found = estimate(recording, [create_effect("force_bias")]).to_estimate()
+    _within(found.to_json(), load)
+    assert list(found.not_excited) == INERTIAS
+    assert found.error.whitened_rms == pytest.approx(1.0, abs=0.1)
+
+
+def _least_std(table, force_std):
+    """Standard deviation of the mass in a least-squares fit of weight and bias to the rows."""
+    up = np.swapaxes(table.rotation, 1, 2) @ [0.0, 0.0, 9.81]
+    rows = np.concatenate([up[:, :, None], np.tile(np.eye(3), (len(up), 1, 1))], axis=2)
+    flat = rows.reshape(-1, 4)
+    return force_std * np.sqrt(np.linalg.inv(flat.T @ flat)[0, 0])
+
+
+@pytest.mark.parametrize("rows", [12, 192])
+def test_a_table_weighs_as_much_as_its_rows(rows):
+    table = weigh_poses(StaticLoad.draw(5), rows, 6)
+    recording = Recording.from_static_poses(
+        table.force, table.torque, rotation=table.rotation, force_std=0.05, torque_std=0.003
+    )
+    found = estimate(recording, [create_effect("force_bias")]).to_estimate()
+    assert found.parameter_std[0] == pytest.approx(_least_std(table, 0.05), rel=0.3)
+
+
+def test_orientations_may_be_quaternions_of_any_length():
+    table = weigh_poses(StaticLoad.draw(1), 6, 1)
+    named = 16384.0 * Rotation.from_matrix(table.rotation).as_quat()
+    by_name, by_matrix = (
+        Recording.from_static_poses(table.force, table.torque, **orientation)
+        for orientation in ({"quaternion": named}, {"rotation": table.rotation})
+    )
+    np.testing.assert_allclose(
+        by_name.streams.pose.rotation, by_matrix.streams.pose.rotation, atol=1e-9
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"force": np.zeros((2, 3))}, "force 2, torque 6, orientation 6 rows"),
+        ({"force": np.zeros((6, 2))}, "force has shape"),
+        ({"rotation": None}, "expected either rotation"),
+        ({"force": np.full((6, 3), np.nan)}, "0 usable rows of 6; expected at least 3"),
+    ],
+)
+def test_unusable_tables_are_refused_in_a_line(change, message):
+    table = weigh_poses(StaticLoad.draw(1), 6, 1)
+    arrays = {"force": table.force, "torque": table.torque, "rotation": table.rotation} | change
+    with pytest.raises(BadInputError, match=message) as error:
+        Recording.from_static_poses(**arrays)
+    assert "\n" not in str(error.value)
+
+
+def test_a_row_that_is_not_finite_is_left_out_and_counted():
+    table = weigh_poses(StaticLoad.draw(1), 6, 1)
+    table.torque[2, 1] = np.nan
+    recording = Recording.from_static_poses(table.force, table.torque, rotation=table.rotation)
+    assert recording.problem_lines() == ["static poses: row is not finite (left out): 1"]
+
+
+@pytest.mark.parametrize("pause", [0.25, 1.0, 30.0])
+@pytest.mark.parametrize("window", [Window(0.07, 6, tapered=True), Window(0.16, 6)])
+def test_no_window_reads_samples_beyond_a_gap(pause, window):
+    time = (np.arange(6)[:, None] * (1.0 + pause) + np.arange(50) / 50.0).ravel()
+    steps = np.repeat(np.arange(6.0), 50)[:, None]
+    functional = local_polynomial(time, time, window)
+    for order in (1, 2):
+        slope = functional.apply(steps, order)[functional.valid]
+        np.testing.assert_allclose(slope, 0.0, atol=1e-6)
+    assert functional.valid.mean() > 0.8
+    assert typical_period(time) == pytest.approx(0.02)
+
+
+def test_stretches_shorter_than_a_window_are_read_by_what_they_have():
+    time = (np.arange(20)[:, None] + np.arange(12) / 50.0).ravel()
+    values = np.stack([np.sin(2.0 * time), 0.5 * time**2], axis=1)
+    functional = local_polynomial(time, time, Window(0.16, 6))
+    assert functional.valid.all()
+    np.testing.assert_allclose(
+        functional.apply(values, 1)[:, 0], 2.0 * np.cos(2.0 * time), atol=0.02
+    )
+    np.testing.assert_allclose(functional.apply(values, 2)[:, 1], 1.0, atol=1e-6)
+
+
+def test_the_measured_payload_of_an_arm_agrees_with_its_documents(tmp_path, capsys):
+    folder = Path(__file__).resolve().parents[3] / "shared" / "data" / "kuka_ft_imu"
+    if not folder.exists():
+        pytest.skip("../shared/data/kuka_ft_imu is not on this machine")
+    table, bag = folder / "0-calibration_fts-accel.csv", str(tmp_path / "poses.mcap")
+    assert main(["import", "static-poses", str(table), bag, "--reads", "load"]) == 0
+    capsys.readouterr()
+    code, found = _json(capsys, "estimate", bag, "--effects", "force_bias")
+    assert code == 0
+    assert found["mass"]["value"] == pytest.approx(0.9333, abs=1e-3)
+    np.testing.assert_allclose(found["com"]["value"], [0.0003, 0.0001, 0.0439], atol=5e-4)
+    bias = found["effects"]["force_bias"]
+    read = [-bias[f"wrist_b_{axis}"]["value"] for axis in "xyz"]
+    np.testing.assert_allclose(read, [9.077, -1.018, 9.985], atol=0.05)
+    assert found["undetermined"] == INERTIAS
