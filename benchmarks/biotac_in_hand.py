@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.biotac_press_rig import calibrate_units
-from tactile_dynamics_ros.core.contact.contact_state import Contact, ContactState
+from tactile_dynamics_ros.core.contact.contact_state import Contact, ContactState, ContactStateConfig
 from tactile_dynamics_ros.core.manipulation.grasp_controller import GraspController, Phase
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
 from tactile_dynamics_ros.core.robot.robot_file import load_robot
@@ -52,6 +52,28 @@ class Touch:
             return {}
         tips = self._tips.observe(readings.counts)
         return hand_contacts(self._state, readings.position, tips)
+
+
+class PadTouch:
+    """Contacts of flat fingertips that measure force and torque, as `contact_state` places them.
+
+    Args:
+        kinematics: of the robot.
+        force_std: (3,) of the sensors, N.
+        touch_force: force below which nothing is touched, N.
+    """
+
+    def __init__(self, kinematics: HandKinematics, force_std: Array, touch_force: float) -> None:
+        self._state = ContactState(kinematics, ContactStateConfig(touch_force=touch_force))
+        self._std = force_std
+
+    def update(self, readings: Readings) -> dict[str, Contact]:
+        """Return the fingers in contact."""
+        fingers = self._state.kinematics.fingers
+        wrench, std = readings.wrenches, np.tile(self._std, (len(fingers), 1))
+        positions = np.tile(readings.position, (len(fingers), 1))
+        found = self._state.update_all(fingers, positions, wrench[:, 3:], std, wrench[:, :3])
+        return {contact.finger: contact for contact in found if contact.touching}
 
 
 def balance_in_hand(seed: int = 0, seconds: float = 40.0, model: str = "network") -> dict[str, Any]:

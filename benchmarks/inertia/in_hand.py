@@ -12,23 +12,27 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from benchmarks.biotac_in_hand import ALOFT, Touch
+from benchmarks.biotac_in_hand import ALOFT, PadTouch, Touch
 from benchmarks.biotac_press_rig import calibrate_units
 from tactile_dynamics_ros.core.contact.contact_state import Contact
 from tactile_dynamics_ros.core.manipulation.grasp_controller import GraspConfig, GraspController
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
+from tactile_dynamics_ros.core.robot.robot_file import DEFAULT_ROBOT
 from tactile_dynamics_ros.core.streams.streams import ContactStream, PoseStream, Streams
 from tactile_dynamics_ros.core.tracking.kinematic_tracker import KinematicTracker
 from tactile_dynamics_ros.core.tracking.pose_average import average_poses
 from tactile_dynamics_ros.core.tracking.pose_fusion import PoseFusion
 from tactile_dynamics_ros.sim.simulated_robot import SimulatedRobot, SimulatedRobotConfig
+from tactile_dynamics_ros.sim.sensors.pads import ForceTorquePads
 from tactile_dynamics_ros.sim.world import WorldConfig
 
 _SIGHTINGS = 15
 _TARE_S = 0.5
 _LIMIT_S = 90.0
 _FORCE_MODEL = "network"
+_PAD_TOUCH = 0.2
+"""N, as in config/panda_gripper.yaml: seven standard deviations of a pad's noise."""
 
 
 @dataclass
@@ -91,16 +95,27 @@ def contact_stream(name: str, rows: list[tuple[float, Contact]]) -> ContactStrea
         name,
         stamps,
         force,
-        np.zeros_like(force),
+        np.array([contact.torque for _, contact in rows]),
         np.array([contact.force_std for _, contact in rows]),
         stamps,
         np.array([contact.point for _, contact in rows]),
         np.array([contact.rotation for _, contact in rows]),
+        carries_torque=any(contact.torque.any() for _, contact in rows),
     )
 
 
+def _touch_of(robot: SimulatedRobot, kinematics: HandKinematics, seed: int) -> Touch | PadTouch:
+    if isinstance(robot.tips, ForceTorquePads):
+        return PadTouch(kinematics, robot.tips.force_std, _PAD_TOUCH)
+    return Touch(kinematics, _FORCE_MODEL, calibrate_units(seed))
+
+
 def record_in_hand(
-    box: str, seed: int, behaviour: GraspConfig | None = None, hidden: str = "none"
+    box: str,
+    seed: int,
+    behaviour: GraspConfig | None = None,
+    hidden: str = "none",
+    robot_name: str = DEFAULT_ROBOT,
 ) -> tuple[Streams, InertialParameters, str]:
     """Grasp, lift and move a box; return what was published, the truth and the outcome.
 
@@ -111,13 +126,16 @@ def record_in_hand(
         seed: of everything random.
         behaviour: of the grasp.
         hidden: effect of the simulated robot that nobody is told.
+        robot_name: file in config/robots.
     """
     world = WorldConfig(object_name=box)
-    config = SimulatedRobotConfig(seed=seed, unit_seed=seed, world=world, hidden_effect=hidden)
+    config = SimulatedRobotConfig(
+        robot=robot_name, seed=seed, unit_seed=seed, world=world, hidden_effect=hidden
+    )
     robot = SimulatedRobot(config)
-    kinematics, truth = HandKinematics(), robot.world.model.inertia
+    kinematics, truth = HandKinematics(robot.machine), robot.world.model.inertia
     controller = GraspController(kinematics, robot.world.model.grasp, behaviour)
-    touch = Touch(kinematics, _FORCE_MODEL, calibrate_units(seed))
+    touch = _touch_of(robot, kinematics, seed)
     tracking, tape, pose = None, _Tape(), None
     while robot.world.time < _LIMIT_S and not controller.done:
         readings = robot.advance()

@@ -114,11 +114,12 @@ class JointDrives:
         )
 
     def _limit_speeds(self) -> None:
-        for index, joint in zip(self._all, self._robot.joints, strict=True):
+        """Let joints be as fast as the fastest may: Bullet has one limit for a whole body."""
+        for index in self._all:
             pybullet.changeDynamics(
                 self._body,
                 index,
-                maxJointVelocity=joint.velocity,
+                maxJointVelocity=float(self._speed.max()),
                 jointDamping=0.0,
                 linearDamping=0.0,
                 angularDamping=0.0,

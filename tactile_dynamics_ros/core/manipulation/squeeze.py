@@ -20,9 +20,9 @@ Array = NDArray[np.float64]
 class SqueezeConfig:
     """How hard to hold."""
 
-    least: float = parameter(1.8, "thumb force of a light object", "N", 0.2, 5.0)
+    least: float = parameter(1.8, "force of the reference finger on a light object", "N", 0.2, 50.0)
     effort_share: float = parameter(0.92, "share of the joints' torque caps to use", "", 0.1, 1.0)
-    load_factor: float = parameter(1.3, "thumb force per newton of carried weight", "", 0.0, 5.0)
+    load_factor: float = parameter(1.3, "that force per newton of carried weight", "", 0.0, 5.0)
     friction_margin: float = parameter(2.0, "grip over the least that friction needs", "", 1.0, 10)
     ramp: float = parameter(0.8, "time to build the grip up", "s", 0.05, 10.0)
     trim_rate: float = parameter(1.5, "gain of the trim by touch", "1/s", 0.0, 20.0)

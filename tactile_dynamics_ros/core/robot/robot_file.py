@@ -37,7 +37,7 @@ _NEEDED, _OPTIONAL = (
 refused."""
 _FINGER_NEEDED, _FINGER_OPTIONAL = (
     {"name", "sensor", "side", "seed"},
-    {"on", "xyz", "rpy_deg", "lateral", "stagger", "pad", "damping"},
+    {"link", "xyz", "rpy_deg", "lateral", "stagger", "pad", "damping"},
 )
 """The same for a finger."""
 
@@ -206,7 +206,7 @@ def _finger(
     return Finger(
         name=name,
         sensor=sensor,
-        touches=str(entry.get("on", sensor)),
+        touches=str(entry.get("link", sensor)),
         joints=tuple(
             _driven(joint, float(kp), float(kd))
             for joint, kp, kd in zip(moving, stiffness, damping, strict=True)
@@ -227,12 +227,12 @@ def _with_sensors(urdf: str, fingers: Sequence[Mapping[str, Any]]) -> str:
     """Return a URDF with the sensor frames that the fingers' entries place on links."""
     added = []
     for entry in fingers:
-        if "on" not in entry:
+        if "link" not in entry:
             continue
         xyz = " ".join(map(repr, map(float, entry.get("xyz", (0, 0, 0)))))
         rpy = " ".join(map(repr, np.deg2rad(entry.get("rpy_deg", (0, 0, 0))).tolist()))
         name = entry["sensor"]
-        added.append(_SENSOR.format(name=name, link=entry["on"], xyz=xyz, rpy=rpy))
+        added.append(_SENSOR.format(name=name, link=entry["link"], xyz=xyz, rpy=rpy))
     head, end, tail = urdf.rpartition("</robot>")
     return head + "".join(added) + end + tail
 

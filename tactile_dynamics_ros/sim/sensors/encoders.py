@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
-from tactile_dynamics_ros.core.robot.robot import Robot
+from tactile_dynamics_ros.core.robot.robot import Robot, column
 
 Array = NDArray[np.float64]
 
@@ -29,6 +29,8 @@ class EncoderConfig:
     hand_play_deg: float = parameter(0.1, "gear play of a hand joint", "deg", 0.0, 10.0)
     arm_noise: float = parameter(1e-5, "white noise of an arm joint", "rad", 0.0, 0.1)
     arm_offset: float = parameter(5e-5, "std of the offsets of arm joints", "rad", 0.0, 0.1)
+    slide_noise: float = parameter(1e-5, "white noise of a joint that slides", "m", 0.0, 0.01)
+    slide_offset: float = parameter(1e-4, "std of the offsets of joints that slide", "m", 0.0, 0.05)
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -39,27 +41,26 @@ class JointEncoders:
 
     Args:
         robot: whose joints they read.
-        config: errors; in m and mm (for deg) of joints that slide.
+        config: errors.
         seed: of noise and of the constant offsets.
     """
 
     def __init__(self, robot: Robot, config: EncoderConfig | None = None, seed: int = 0) -> None:
         self.config = config = config or EncoderConfig()
         self._rng = np.random.default_rng([seed, 11])
-        arm, hand = robot.arm_dof, len(robot.hand_joints)
-        self._noise = np.concatenate(
-            [np.full(arm, config.arm_noise), np.full(hand, config.hand_noise)]
-        )
-        resolution = [
-            np.full(arm, robot.arm_resolution),
-            np.full(hand, robot.hand_resolution),
-        ]
-        self._resolution = np.concatenate(resolution)
-        scale = [np.full(arm, config.arm_offset), np.full(hand, np.deg2rad(config.hand_offset_deg))]
-        self.offset = np.concatenate(scale) * self._rng.standard_normal(arm + hand)
-        self._play = np.concatenate(
-            [np.zeros(arm), np.full(hand, np.deg2rad(config.hand_play_deg))]
-        )
+        in_arm = np.arange(robot.dof) < robot.arm_dof
+        slides = column(robot.joints, "slides") > 0.0
+
+        def each(arm: float, hand: float, slide: float | None = None) -> Array:
+            turning = np.where(in_arm, arm, hand)
+            return turning if slide is None else np.where(slides, slide, turning)
+
+        self._noise = each(config.arm_noise, config.hand_noise, config.slide_noise)
+        self._resolution = each(robot.arm_resolution, robot.hand_resolution)
+        offset = np.deg2rad(config.hand_offset_deg)
+        scale = each(config.arm_offset, float(offset), config.slide_offset)
+        self.offset = scale * self._rng.standard_normal(robot.dof)
+        self._play = each(0.0, float(np.deg2rad(config.hand_play_deg)), 0.0)
 
     def read(self, position: Array, effort: Array | None = None) -> Array:
         """Return reported positions (J,) rad.
