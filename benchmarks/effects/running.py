@@ -59,13 +59,13 @@ def _carried(case: Case, recording: HiddenRecording) -> dict[str, list[float]]:
 def _separate(
     case: Case, recording: HiddenRecording, asked: dict[str, Any], folder: str, ask: Ask
 ) -> dict[str, Any] | None:
-    """Do the motion that a diagnosis proposes, and diagnose what is recorded then."""
+    """Do the motion that a diagnosis proposes, and diagnose both recordings together."""
     plan = (asked["json"] or {}).get("separating_motion")
     if not plan:
         return None
     second = record_plan(recording, plan, case.sensors())
     bag = str(write_bag(second.streams, Path(folder) / "second"))
-    return _plain(ask(["diagnose", bag]))
+    return _plain(ask(["diagnose", str(Path(folder) / "recording"), bag]))
 
 
 def run_all(cases: Sequence[Case], path: Path, workers: int) -> list[dict[str, Any]]:

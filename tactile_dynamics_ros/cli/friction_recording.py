@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from tactile_dynamics_ros.core.errors import BadInputError
+
 if TYPE_CHECKING:
     from tactile_dynamics_ros.core.friction.discrepancy_model import FrictionModel
 
@@ -48,7 +50,7 @@ def is_probe_recording(args: Namespace) -> bool:
 
     if args.model != "auto":
         return bool(args.model == "friction")
-    found = holds_slips(Path(args.bag), args.namespace)
+    found = any(holds_slips(Path(bag), args.namespace) for bag in args.bag)
     if found:
         print("note: a friction probe's recording; Coulomb friction is compared", file=sys.stderr)
     return found
@@ -60,10 +62,15 @@ def question_friction(args: Namespace) -> Question:
     from tactile_dynamics_ros.core.friction.slip_table import tabulate_slips
     from tactile_dynamics_ros.recording.probe_slips import read_slips
 
+    if len(args.bag) > 1:
+        raise BadInputError(
+            f"{len(args.bag)} recordings, some of a friction probe; ask about one at a time"
+        )
+    [bag] = args.bag
     names = [name.strip() for name in args.effects.split(",") if name.strip()]
-    slips = tabulate_slips(read_slips(Path(args.bag), args.namespace))
+    slips = tabulate_slips(read_slips(Path(bag), args.namespace))
     model = FrictionModel.fit(slips, names)
-    return Question(model, str(args.bag), lambda: _error_of(model))
+    return Question(model, str(bag), lambda: _error_of(model))
 
 
 def _error_of(model: FrictionModel) -> dict[str, Any]:

@@ -15,9 +15,10 @@ if TYPE_CHECKING:
 
 def add_recording_arguments(parser: ArgumentParser, optional: bool = False) -> None:
     """Add the recording, its remappings and the effects of the model."""
-    count = "?" if optional else None
+    count = "?" if optional else "+"
     bag_help = "rosbag2 directory, .mcap or .db3 file"
-    parser.add_argument("bag", metavar="BAG", nargs=count, help=bag_help)
+    several = "" if optional else "; several of one object are asked together: biases are of each"
+    parser.add_argument("bag", metavar="BAG", nargs=count, help=bag_help + several)
     parser.add_argument(
         "--effects",
         default="",
@@ -63,17 +64,34 @@ def add_effect_file(parser: ArgumentParser) -> None:
 
 
 def read_recording(args: Namespace) -> Recording:
-    """Read the recording that the arguments name; problems go to stderr, one line each.
+    """Read the recordings that the arguments name; problems go to stderr, one line each.
+
+    Returns:
+        The recording, or several of one object joined.
 
     Raises:
-        BadInputError: it cannot be read, no contact pushes, or a remapping is malformed.
+        BadInputError: one cannot be read, no contact pushes, or a remapping is malformed.
     """
     from tactile_dynamics_ros.recording import Recording
 
     span = _parse_span(args.between)
-    recording = Recording.from_bag(
-        args.bag, remap=_parse_remappings(args.remap), namespace=args.namespace
-    )
+    bags = [args.bag] if isinstance(args.bag, str) else list(args.bag)
+    if span and len(bags) > 1:
+        raise BadInputError(f"--between cuts one recording; {len(bags)} are given")
+    recordings = [_read(bag, args) for bag in bags]
+    return _part(recordings[0], *span) if span else Recording.join(recordings)
+
+
+def _read(bag: str, args: Namespace) -> Recording:
+    """Read one recording.
+
+    Raises:
+        BadInputError: it cannot be read, or no contact pushes.
+    """
+    from tactile_dynamics_ros.recording import Recording
+
+    remap = _parse_remappings(args.remap)
+    recording = Recording.from_bag(bag, remap=remap, namespace=args.namespace)
     lines = recording.problem_lines()
     if not recording.streams.contacts:
         known = next((f", as in {line}" for line in lines if "force" in line), "")
@@ -83,7 +101,7 @@ def read_recording(args: Namespace) -> Recording:
         )
     for line in lines:
         print(f"note: {line}", file=sys.stderr)
-    return _part(recording, *span) if span else recording
+    return recording
 
 
 def _part(recording: Recording, start: float, stop: float) -> Recording:

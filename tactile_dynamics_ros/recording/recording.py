@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,7 @@ import numpy as np
 
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.streams.cutting import cut_streams
+from tactile_dynamics_ros.core.streams.joining import join_streams
 from tactile_dynamics_ros.core.streams.streams import ContactStream, PoseStream, Streams
 from tactile_dynamics_ros.core.tracking.hand_error import carry_contacts
 from tactile_dynamics_ros.recording import topics
@@ -150,6 +151,25 @@ class Recording:
         problems = {text: n for text, n in recording.problems.items() if "gap in" not in text}
         lines = {"static poses: row is not finite (left out)": lost} if lost else {}
         return replace(recording, problems=problems | lines)
+
+    @classmethod
+    def join(cls, recordings: Sequence[Recording]) -> Recording:
+        """Several recordings of one object as one: body and effects are shared, biases are not.
+
+        Args:
+            recordings: in the same body and world frames; the first one's clock counts.
+
+        Raises:
+            BadInputError: none is given, or they were not recorded alike.
+        """
+        if len(recordings) == 1:
+            return recordings[0]
+        streams = join_streams([recording.streams for recording in recordings])
+        problems: dict[str, int] = {}
+        for text, count in (item for r in recordings for item in r.problems.items()):
+            problems[text] = problems.get(text, 0) + count
+        source = " + ".join(recording.source for recording in recordings)
+        return cls(streams, source, problems, recordings[0].epoch_ns)
 
     @property
     def duration(self) -> float:

@@ -20,7 +20,7 @@ def rival(label: str, theta: list[float]) -> Rival:
     effect = create_effect(label)
     stds = [p.prior_std for p in effect.parameters(example_samples())]
     prior = np.concatenate([np.full(10, 1e-9), np.array(stds) ** -2.0])
-    return Rival(example_inertia(), (effect,), (np.array(theta),), prior)
+    return Rival(example_inertia(), (effect,), (np.array(theta),), np.diag(prior))
 
 
 def slowed(factor: float):
@@ -90,6 +90,8 @@ def test_a_rival_may_need_other_fingers_in_the_new_recording():
         effects=(thumb,),
         theta=(np.array([0.3, -0.2, 0.4]),),
         samples=samples,
+        time=np.zeros(6),
+        evaluated=(np.zeros(6), np.zeros((6, 13))),
     )
     alone, *free = Rival.readings_of(fitted)
     assert [reading.effects[0].label for reading in free] == ["force_bias", "force_bias:@sensor"]
@@ -98,3 +100,36 @@ def test_a_rival_may_need_other_fingers_in_the_new_recording():
     gap_alone, gap = SeparationCriterion(push, ((alone,), (alone, *free)), FORCE_STD).gaps(samples)
     assert gap_alone > 30.0
     assert gap < 1.0
+
+
+def fitted(label: str, theta: list[float], jacobian: np.ndarray) -> SimpleNamespace:
+    rows = len(jacobian)
+    return SimpleNamespace(
+        phi=example_inertia(),
+        effects=(create_effect(label),),
+        theta=(np.array(theta),),
+        samples=example_samples(),
+        time=np.zeros(rows),
+        evaluated=(np.zeros(rows), jacobian),
+    )
+
+
+def test_what_the_present_recording_tells_is_not_learned_anew():
+    """A rival whose drag and load are known cannot adapt to a new recording that is slow."""
+    samples = slowed(0.3)
+    best = rival("viscous_drag", [0.02])
+    vague = Rival.from_model(fitted("quadratic_drag", [0.02], np.zeros((22, 11))))
+    known = Rival.from_model(fitted("quadratic_drag", [0.02], 1e4 * np.eye(11)))
+    criterion = SeparationCriterion(best, ((vague,), (known,)), FORCE_STD)
+    alone, together = criterion.gaps(samples)
+    assert together > 2.0 * alone
+
+
+def test_biases_of_the_present_recording_are_not_those_of_the_next():
+    jacobian = np.random.default_rng(3).normal(size=(40, 13))
+    found = Rival.from_model(fitted("force_bias:thumb", [0.1, 0.0, 0.2], jacobian))
+    total = jacobian.T @ jacobian + np.diag([0.0] * 10 + [5.0**-2] * 3)
+    beside = np.linalg.inv(np.linalg.inv(total)[:10, :10])
+    np.testing.assert_allclose(found.prior[:10, :10], beside + 1e-9 * np.eye(10), rtol=1e-8)
+    np.testing.assert_allclose(found.prior[10:, 10:], 5.0**-2 * np.eye(3))
+    np.testing.assert_array_equal(found.prior[:10, 10:], 0.0)

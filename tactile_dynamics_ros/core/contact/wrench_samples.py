@@ -45,6 +45,7 @@ class WrenchSamples:
         contact_torque: (N, C, 3) N m about the contact point, body frame.
         in_contact: (N, C).
         gravity: (3,) m/s^2, world axes.
+        session_starts: s, when each of several joined recordings begins; empty for one.
         external: (N, 6) known wrench on the object beside those of the contacts, body frame;
             None for none.
         motion: samples with the same motion and contacts from which `with_forces` or
@@ -66,7 +67,25 @@ class WrenchSamples:
     in_contact: NDArray[np.bool_]
     gravity: Array
     external: Array | None = None
+    session_starts: tuple[float, ...] = ()
     motion: WrenchSamples | None = field(default=None, init=False)
+
+    @property
+    def sessions(self) -> int:
+        """Number of recordings that are joined."""
+        return max(len(self.session_starts), 1)
+
+    @cached_property
+    def session(self) -> NDArray[np.int64]:
+        """(N,) which of the recordings each sample is of, from 0."""
+        later = np.array(self.session_starts[1:])
+        return np.searchsorted(later, self.time, side="right").astype(np.int64)
+
+    @cached_property
+    def session_time(self) -> Array:
+        """(N,) s since the recording of each sample began."""
+        starts = np.array(self.session_starts or (0.0,))
+        return np.asarray(self.time - starts[self.session])
 
     def with_forces(self, force: Array, torque: Array | None = None) -> WrenchSamples:
         """Samples of this motion with other forces, (N, C, 3), and torques if given."""

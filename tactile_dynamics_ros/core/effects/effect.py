@@ -38,6 +38,7 @@ class Effect(ABC):
             that are late show it late.
         delays: whether it makes sensors late; `delayed` says how.
         linear: whether it is linear in theta, with columns that the load does not change.
+        per_session: whether each of several recordings has its own parameters.
     """
 
     name: ClassVar[str] = ""
@@ -51,6 +52,7 @@ class Effect(ABC):
     external: ClassVar[bool] = True
     delays: ClassVar[bool] = False
     linear: ClassVar[bool] = False
+    per_session: ClassVar[bool] = False
 
     @property
     def variant(self) -> str:

@@ -25,6 +25,7 @@ def cut_streams(streams: Streams, start: float, stop: float) -> Streams:
         pose=streams.pose and _cut_pose(streams.pose, start, stop),
         contacts={name: c for name, c in contacts.items() if len(c.time) and len(c.pose_time)},
         imu=streams.imu and _cut_imu(streams.imu, start, stop),
+        session_starts=streams.session_starts,
     )
 
 

@@ -115,11 +115,20 @@ class ImuStream:
 
 @dataclass(frozen=True)
 class Streams:
-    """All that was measured of one held object."""
+    """All that was measured of one held object.
+
+    Attributes:
+        pose: of the object, or None.
+        contacts: by name.
+        imu: on the object, or None.
+        session_starts: s, when each of several recordings begins that are joined in these streams;
+            empty for a single one.
+    """
 
     pose: PoseStream | None
     contacts: dict[str, ContactStream] = field(default_factory=dict)
     imu: ImuStream | None = None
+    session_starts: tuple[float, ...] = ()
 
 
 def nearest_samples(stamps: Array, time: Array) -> NDArray[np.int64]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,12 +45,24 @@ def contact_map(samples: WrenchSamples, contact: int) -> Array:
 
 
 class _OffsetEffect(FramedFingerEffect):
-    """An error of each sensor that is constant in the body or in the contact frame."""
+    """An error of each sensor that is constant in the body or in the contact frame.
+
+    Sensors are tared between recordings: each of several that are joined has its own.
+    """
+
+    per_session = True
 
     def contact_parameters(
         self, samples: WrenchSamples, contact: int
     ) -> tuple[EffectParameter, ...]:
-        """Force (3), and torque (3) where it is measured."""
+        """Force (3), and torque (3) where it is measured, of every recording."""
+        return tuple(
+            replace(p, name=_of_session(p.name, session, samples))
+            for session in range(samples.sessions)
+            for p in self._of_one(samples)
+        )
+
+    def _of_one(self, samples: WrenchSamples) -> tuple[EffectParameter, ...]:
         force, torque = self.axis_parameters()[:3], self.axis_parameters()[3:]
         return force + torque if carries_torque(samples) else force
 
@@ -58,9 +71,14 @@ class _OffsetEffect(FramedFingerEffect):
         chosen = [samples.contact_names[c] for c in self.chosen(samples)]
         if self.frame != "body" or self.common or len(chosen) < 2:
             return ()
-        return tuple(
-            ParameterSum(f"sum_{p.name}", p.unit, tuple(f"{name}_{p.name}" for name in chosen))
+        named = [
+            (_of_session(p.name, session, samples), p.unit)
+            for session in range(samples.sessions)
             for p in self.axis_parameters()[:3]
+        ]
+        return tuple(
+            ParameterSum(f"sum_{name}", unit, tuple(f"{finger}_{name}" for finger in chosen))
+            for name, unit in named
         )
 
     def finger_wrench(self, samples: WrenchSamples, contact: int, theta: Array) -> Array:
@@ -69,11 +87,25 @@ class _OffsetEffect(FramedFingerEffect):
 
     def finger_jacobian(self, samples: WrenchSamples, contact: int, theta: Array) -> Array:
         """-[p x b, b] while in contact, times the course over time."""
-        return _offset_columns(samples, type(self), self.frame, contact)[:, :, : len(theta)]
+        count = len(theta) // samples.sessions
+        columns = _offset_columns(samples, type(self), self.frame, contact)[:, :, :count]
+        if samples.sessions == 1:
+            return columns
+        own = samples.session[:, None] == np.arange(samples.sessions)
+        spread = own[:, None, :, None] * columns[:, :, None]
+        return np.asarray(spread.reshape(len(columns), 6, -1))
 
     @abstractmethod
     def course(self, samples: WrenchSamples) -> Array:
         """How the error develops, (N,)."""
+
+
+def _of_session(name: str, session: int, samples: WrenchSamples) -> str:
+    """Name of a parameter, with the number of the recording if there are several."""
+    if samples.sessions == 1:
+        return name
+    symbol, axis = name.rsplit("_", 1)
+    return f"{symbol}[{session + 1}]_{axis}"
 
 
 @once_per_motion
@@ -132,7 +164,7 @@ class ForceDrift(_OffsetEffect):
 
     def course(self, samples: WrenchSamples) -> Array:
         """Linear in time."""
-        return samples.time
+        return samples.session_time
 
 
 @register_effect

@@ -66,6 +66,8 @@ diagnosis; more find somewhat better motions."""
 _LIMITS = MotionLimits(rotation=0.7, translation=0.08)
 """Size of the proposed motion, rad and m: +-40 deg and +-8 cm. Larger motions tell rivals apart
 better, but fewer arms and cells have room for them."""
+_TOGETHER = ", and ask about both recordings together"
+"""End of the proposal's sentence: the motion completes what is there."""
 _AXES = ("x", "y", "z")
 """Names of the world's axes in the proposal's sentence."""
 
@@ -78,7 +80,8 @@ class Rival:
         phi: (10,).
         effects: with their parameters theta.
         theta: parameters of each effect.
-        prior: (10 + k,) information on [phi, theta] before anything is measured.
+        prior: (10 + k, 10 + k) information on [phi, theta] before the new recording: what is
+            presumed, and what the present one tells of all that a new one shares with it.
     """
 
     phi: Array
@@ -89,7 +92,8 @@ class Rival:
     @classmethod
     def from_model(cls, model: WhitenedModel) -> Rival:
         """Read a fitted model."""
-        return cls._of(model, model.effects, model.theta)
+        learned = _learned(model, [effect.per_session for effect in model.effects])
+        return cls._of(model, model.effects, model.theta, learned)
 
     @classmethod
     def readings_of(cls, model: WhitenedModel) -> tuple[Rival, ...]:
@@ -102,20 +106,29 @@ class Rival:
         names = [p.name for p in last.parameters(model.samples)]
         known = dict(zip(names, fitted, strict=True))
         rivals = [cls.from_model(model)]
+        learned = _learned(model, [*(effect.per_session for effect in others), True])
         for reading in last.freest():
             if reading.label == last.label:
                 continue
             theta = [known.get(p.name, 0.0) for p in reading.parameters(model.samples)]
-            rivals.append(cls._of(model, (*others, reading), (*thetas, np.array(theta))))
+            same = learned[: len(learned) - len(fitted)]
+            beside = np.zeros((len(same) + len(theta),) * 2)
+            beside[: len(same), : len(same)] = same[:, : len(same)]
+            effects, values = (*others, reading), (*thetas, np.array(theta))
+            rivals.append(cls._of(model, effects, values, beside))
         return tuple(rivals)
 
     @classmethod
     def _of(
-        cls, model: WhitenedModel, effects: tuple[Effect, ...], theta: tuple[Array, ...]
+        cls,
+        model: WhitenedModel,
+        effects: tuple[Effect, ...],
+        theta: tuple[Array, ...],
+        learned: Array,
     ) -> Rival:
         stds = [p.prior_std for e in effects for p in e.parameters(model.samples)]
-        prior = np.concatenate([np.full(10, _VAGUE), np.array(stds, dtype=float) ** -2.0])
-        return cls(model.phi, effects, theta, prior)
+        presumed = np.concatenate([np.full(10, _VAGUE), np.array(stds, dtype=float) ** -2.0])
+        return cls(model.phi, effects, theta, np.diag(presumed) + learned)
 
     def wrench(self, samples: WrenchSamples) -> Array:
         """Contact wrench (N, 6) that this explanation predicts: Y phi - Delta."""
@@ -138,9 +151,9 @@ class SeparationCriterion:
     Smaller is better: minus the sum of chi^2 over the rivals, each counted up to twice what is
     decisive, with chi^2 = min_b min_d |W^-1/2 (w_a - w_b - G_b d)|^2 + d^T H_b d, w the predicted
     wrenches, b the readings of a rival, G_b their derivatives and H_b their prior. A rival that
-    contains the best can only be less simple, which no motion changes. The new recording stands
-    alone: all that was learned from the present one may be learned anew. Source: Box, Hill 1967, on
-    discrimination among mechanistic models.
+    contains the best can only be less simple, which no motion changes. The new recording completes
+    the present one: both are asked together, and what they share (body and effects, not biases)
+    keeps what was learned. Source: Box, Hill 1967, on discrimination among mechanistic models.
 
     Motions are sought at a lower rate than that of a recording; what the best one promises is
     evaluated at the latter, since between coarse samples a lag differs from a delay for no reason.
@@ -150,12 +163,14 @@ class SeparationCriterion:
         others: readings of each rival.
         force_std: N.
         rate_hz: rate of the samples.
+        session_starts: of samples of the new recording; as many as effects have parameters for.
     """
 
     best: Rival
     others: tuple[tuple[Rival, ...], ...]
     force_std: float
     rate_hz: float = _RATE_HZ
+    session_starts: tuple[float, ...] = ()
 
     def __call__(self, *parts: WrenchSamples) -> float:
         """Evaluate the criterion for a recording of one or more parts."""
@@ -163,6 +178,7 @@ class SeparationCriterion:
 
     def gaps(self, *parts: WrenchSamples) -> Array:
         """Expected chi^2 that each of the others leaves, (rivals,), of a recording at 100 Hz."""
+        parts = tuple(replace(p, session_starts=self.session_starts) for p in parts)
         covariances = [wrench_covariance(samples, self.force_std) for samples in parts]
         factors = [np.asarray(np.linalg.cholesky(c), dtype=np.float64) for c in covariances]
         expected = [self.best.wrench(samples) for samples in parts]
@@ -179,9 +195,36 @@ class SeparationCriterion:
         return np.array([min(map(gap, readings)) for readings in self.others])
 
 
+def _learned(model: WhitenedModel, forgotten: Sequence[bool]) -> Array:
+    """Information (10 + k, 10 + k) of a recording on [phi, theta], without that on some effects.
+
+    J^T J per unit of what the model leaves; parameters that a new recording does not share are
+    eliminated (Schur complement).
+
+    Args:
+        model: fitted.
+        forgotten: of each effect.
+    """
+    residual, jacobian = (part[: len(model.time)] for part in model.evaluated)
+    total = jacobian.T @ jacobian / max(1.0, float(np.mean(residual**2)))
+    counts = [len(theta) for theta in model.theta]
+    gone = np.concatenate([np.zeros(10, dtype=bool), np.repeat(list(forgotten), counts)])
+    if not gone.any():
+        return np.asarray(total)
+    stds = [p.prior_std for e in model.effects for p in e.parameters(model.samples)]
+    presumed = np.concatenate([np.zeros(10), np.array(stds, dtype=float) ** -2.0])
+    own = total[np.ix_(gone, gone)] + np.diag(presumed[gone])
+    across = total[np.ix_(~gone, gone)]
+    kept = np.zeros_like(total)
+    kept[np.ix_(~gone, ~gone)] = total[np.ix_(~gone, ~gone)] - across @ np.linalg.solve(
+        own, across.T
+    )
+    return kept
+
+
 def _chi_square(target: Array, columns: Array, prior: Array) -> float:
     """Square of a difference (n,) that columns (n, p) with a prior cannot adapt to."""
-    information = columns.T @ columns + np.diag(prior)
+    information = columns.T @ columns + prior
     gradient = columns.T @ target
     scale = np.sqrt(np.diag(information))
     scaled = information / np.outer(scale, scale)
@@ -201,7 +244,10 @@ def plan_separation(best: WhitenedModel, others: Sequence[WhitenedModel]) -> dic
     """
     samples = best.samples
     rivals = tuple(Rival.readings_of(model) for model in others)
-    criterion = SeparationCriterion(Rival.from_model(best), rivals, _force_std(best))
+    sessions = (0.0,) + (np.inf,) * (samples.sessions - 1) if samples.session_starts else ()
+    criterion = SeparationCriterion(
+        Rival.from_model(best), rivals, _force_std(best), session_starts=sessions
+    )
     try:
         grip = Grip.from_samples(samples, best.phi, _FRICTION)
         start = _start(samples)
@@ -295,7 +341,7 @@ def _describe_motion(motion: DesignedMotion) -> str:
     return (
         f"turn the object about world {', '.join(turns)} and shift it along "
         f"{', '.join(shifts)}, sums of sines of {rates[0]:.2g} to {rates[-1]:.2g} Hz for "
-        f"{motion.offsets.duration:.0f} s"
+        f"{motion.offsets.duration:.0f} s{_TOGETHER}"
     )
 
 
@@ -303,7 +349,7 @@ def _describe_regrasp() -> str:
     return (
         "while the object moves, let one finger after the other grasp it at another point (all of "
         f"them, for instance turned by {np.degrees(_REGRASP_ANGLE):.0f} deg about it and moved "
-        "along it), all in one recording; no motion with one grasp separates them"
+        "along it), all in one recording; no motion with one grasp separates them" + _TOGETHER
     )
 
 

@@ -24,6 +24,7 @@ class SampledSignals:
         grid: (N,) s; start: s subtracted from the times that effects see.
         valid: (N,) grid times that enter the estimation.
         motion: kinematic signals. contacts: contact signals.
+        session_starts: s on the grid, when each of several joined recordings begins.
     """
 
     grid: Array
@@ -31,6 +32,7 @@ class SampledSignals:
     valid: NDArray[np.bool_]
     motion: MotionSignals
     contacts: tuple[ContactSignals, ...]
+    session_starts: tuple[float, ...] = ()
 
     @cached_property
     def _kinematics(self) -> Motion:
@@ -67,6 +69,7 @@ class SampledSignals:
             contact_torque=body(torque),
             in_contact=np.stack([contact.in_contact for contact in self.contacts], axis=1)[keep],
             gravity=self.motion.gravity,
+            session_starts=tuple(start - self.start for start in self.session_starts),
         )
 
     @cached_property

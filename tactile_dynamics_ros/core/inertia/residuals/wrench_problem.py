@@ -165,7 +165,7 @@ class WrenchProblem:
                 f"expected at least {_MINIMUM_SAMPLES}: check that /contact/*/force and "
                 "/object/pose overlap"
             )
-        raw = SampledSignals(grid, origin, valid, motion, contacts)
+        raw = SampledSignals(grid, origin, valid, motion, contacts, streams.session_starts)
         wide = replace(raw, motion=smooth)
         return cls(raw, wide, wide, np.zeros(len(grid)))
 

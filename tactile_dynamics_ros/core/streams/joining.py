@@ -1,0 +1,115 @@
+"""Several recordings of one object as one, with pauses between them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, TypeVar
+
+import numpy as np
+
+from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.streams.streams import ContactStream, ImuStream, PoseStream, Streams
+
+Stream = TypeVar("Stream", PoseStream, ContactStream, ImuStream)
+
+PAUSE = 10.0
+"""Time between joined recordings, s: longer than any window, and than what spectra keep as silence
+(2 s), so that nothing is derived across it. More makes grids longer, whose empty part costs
+memory."""
+
+
+def join_streams(parts: Sequence[Streams]) -> Streams:
+    """Put recordings one after the other, each after a pause; a missing contact sends zeros.
+
+    Args:
+        parts: of one object, in the same body and world frames.
+
+    Returns:
+        One of them as it is; of several, `session_starts` tells when each begins.
+
+    Raises:
+        BadInputError: none is given, or some have poses or an IMU and others do not.
+    """
+    if not parts:
+        raise BadInputError("no recording to read; expected one at least")
+    if len(parts) == 1:
+        return parts[0]
+    for what in ("pose", "imu"):
+        if len({getattr(part, what) is None for part in parts}) > 1:
+            raise BadInputError(
+                f"some of the {len(parts)} recordings have {what} samples and others do not; ask "
+                "about those that were recorded alike"
+            )
+    names = list(dict.fromkeys(name for part in parts for name in part.contacts))
+    shifted, starts, begin = [], [], 0.0
+    for part in parts:
+        first, last = _span(part)
+        starts.append(begin)
+        shifted.append(_moved(_with_contacts(part, names), begin - first))
+        begin += last - first + PAUSE
+    poses = [part.pose for part in shifted if part.pose is not None]
+    imus = [part.imu for part in shifted if part.imu is not None]
+    return Streams(
+        pose=_joined(poses, _POSE, ("covariance",)) if poses else None,
+        contacts={name: _joined_contact([p.contacts[name] for p in shifted]) for name in names},
+        imu=_joined(imus, _IMU, _IMU_OPTIONAL) if imus else None,
+        session_starts=tuple(starts),
+    )
+
+
+_POSE = ("time", "position", "rotation")
+"""Rows of poses."""
+_CONTACT = ("time", "force", "torque", "pose_time", "position", "rotation")
+"""Rows of contacts."""
+_IMU = ("time", "specific_force")
+"""Rows of an IMU."""
+_IMU_OPTIONAL = ("rotation", "angular_velocity")
+"""Rows of an IMU that need not be there."""
+
+
+def _span(part: Streams) -> tuple[float, float]:
+    """First and last stamp of all streams, s."""
+    stamps = [c.time for c in part.contacts.values()]
+    stamps += [c.pose_time for c in part.contacts.values()]
+    stamps += [s.time for s in (part.pose, part.imu) if s is not None]
+    held = [time for time in stamps if len(time)]
+    return min(float(t[0]) for t in held), max(float(t[-1]) for t in held)
+
+
+def _with_contacts(part: Streams, names: Sequence[str]) -> Streams:
+    """The recording with contacts that it lacks as such that do not touch."""
+    like = next(iter(part.contacts.values()))
+    zero = np.zeros_like(like.force)
+    absent = {
+        name: replace(like, name=name, force=zero, torque=zero, carries_torque=False)
+        for name in names
+        if name not in part.contacts
+    }
+    return replace(part, contacts=part.contacts | absent)
+
+
+def _moved(part: Streams, shift: float) -> Streams:
+    contacts = {
+        name: replace(c, time=c.time + shift, pose_time=c.pose_time + shift)
+        for name, c in part.contacts.items()
+    }
+    pose = part.pose and replace(part.pose, time=part.pose.time + shift)
+    imu = part.imu and replace(part.imu, time=part.imu.time + shift)
+    return replace(part, contacts=contacts, pose=pose, imu=imu)
+
+
+def _joined(streams: Sequence[Stream], rows: Sequence[str], optional: Sequence[str]) -> Stream:
+    """One stream of all rows; optional ones that a part lacks are left out of all."""
+    columns: dict[str, Any] = {
+        name: np.concatenate([getattr(s, name) for s in streams]) for name in rows
+    }
+    for name in optional:
+        parts = [getattr(s, name) for s in streams]
+        columns[name] = None if any(part is None for part in parts) else np.concatenate(parts)
+    return replace(streams[0], **columns)
+
+
+def _joined_contact(streams: Sequence[ContactStream]) -> ContactStream:
+    joined = _joined(streams, _CONTACT, ("force_std",))
+    return replace(joined, carries_torque=any(s.carries_torque for s in streams))
