@@ -19,9 +19,11 @@ from rosbags.rosbag2 import Reader
 from tactile_dynamics_ros.cli.demo import start_processes
 from tactile_dynamics_ros.cli.demo_monitor import Monitor
 from tactile_dynamics_ros.cli.domain import private_domain
+from tactile_dynamics_ros.cli.live import DEFAULT_CONFIG
 from tactile_dynamics_ros.cli.supervisor import Supervisor
 from tactile_dynamics_ros.cli.topics import call_trigger
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
+from tactile_dynamics_ros.share import share_file
 
 TICKS = os.sysconf("SC_CLK_TCK")
 MOVING = "excite"
@@ -76,7 +78,9 @@ def measure(
     Raises:
         TactileDynamicsError: a process ended, or nothing is in the hand.
     """
-    with closing(Monitor(lambda text: print(text, file=sys.stderr))) as monitor:
+    config = share_file(DEFAULT_CONFIG)
+    with closing(Monitor(lambda text: print(text, file=sys.stderr), config)) as monitor:
+        options.config = DEFAULT_CONFIG
         start_processes(supervisor, options, out, monitor.node.get_logger().info)
         _wait(supervisor, monitor, PATIENCE, until_phase=MOVING)
         _wait(supervisor, monitor, options.settle)

@@ -12,7 +12,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tactile_dynamics_ros.cli.bringup import require_simulator, write_parameters
+from tactile_dynamics_ros.cli.bringup import read_configuration, require_simulator, write_parameters
 from tactile_dynamics_ros.cli.domain import private_domain
 from tactile_dynamics_ros.cli.live import (
     DEFAULT_CONFIG,
@@ -26,6 +26,7 @@ from tactile_dynamics_ros.core.errors import (
     TactileDynamicsError,
     refuse_existing,
 )
+from tactile_dynamics_ros.core.robot.robot_file import DEFAULT_ROBOT
 from tactile_dynamics_ros.share import object_file, share_file
 
 if TYPE_CHECKING:
@@ -47,6 +48,9 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
     )
     add_simulation_arguments(parser)
     parser.add_argument(
+        "--config", default=DEFAULT_CONFIG, metavar="YAML", help="nodes, parameters: which robot"
+    )
+    parser.add_argument(
         "--duration", type=float, metavar="S", help="of the motion (30; with --hidden 60)"
     )
     parser.add_argument("--out", metavar="DIR", help="recording, report and logs; new directory")
@@ -58,6 +62,7 @@ def run(args: Namespace) -> int:
     started = time.monotonic()
     require_simulator()
     object_file(args.object)
+    share_file(args.config)
     args.duration = args.duration or (30.0 if args.hidden == "none" else 60.0)
     out = Path(args.out or f"out/demo-{datetime.now():%Y%m%d-%H%M%S}").absolute()
     refuse_existing(out / "recording")
@@ -70,7 +75,7 @@ def run(args: Namespace) -> int:
         say(f"nodes run on ROS domain {domain} of this host; look in with")
         say(f"  ROS_DOMAIN_ID={domain} tactile-dynamics echo /inertial_estimator/status")
         with Supervisor(out / "logs", respawn=False) as supervisor:
-            monitor = Monitor(say)
+            monitor = Monitor(say, share_file(args.config))
             story = Story(monitor.node, say) if args.hidden != "none" else None
             try:
                 start_processes(supervisor, args, out, say)
@@ -124,7 +129,17 @@ class _Speaker:
 def _design_motion(args: Namespace, out: Path, say: Callable[[str], None]) -> Path | None:
     """Design the motion for the object's grasp site as a user would; None means sums of sines."""
     path = out / "motion.json"
-    words = ["excite", "--object", args.object, "--duration", f"{args.duration:g}"]
+    nodes = read_configuration(share_file(args.config))
+    robot = nodes["robot_sim"].get("robot", DEFAULT_ROBOT)
+    words = [
+        "excite",
+        "--robot",
+        robot,
+        "--object",
+        args.object,
+        "--duration",
+        f"{args.duration:g}",
+    ]
     words += ["--seed", str(args.seed), "--out", str(path), "--json"]
     done = subprocess.run(verb_command(*words), capture_output=True, text=True, check=False)
     if done.returncode != 0:
@@ -145,11 +160,11 @@ def start_processes(
 
     Args:
         supervisor: that starts them.
-        args: of the verb, with the duration of the motion, s.
+        args: of the verb: object, configuration, duration of the motion (s) and so on.
         out: folder of recording and motion.
         say: prints a line for people.
     """
-    files = write_parameters(share_file(DEFAULT_CONFIG), out / "parameters")
+    files = write_parameters(share_file(args.config), out / "parameters")
     motion = _design_motion(args, out, say)
     extra: dict[str, dict[str, object]] = {
         "robot_sim": simulation_parameters(args),

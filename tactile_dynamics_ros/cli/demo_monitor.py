@@ -6,6 +6,7 @@ import json
 import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,6 @@ from std_msgs.msg import String
 
 from tactile_dynamics_ros.cli.bringup import nodes_of
 from tactile_dynamics_ros.cli.grasp_start import GraspStart
-from tactile_dynamics_ros.cli.live import DEFAULT_CONFIG
 from tactile_dynamics_ros.cli.topics import call_trigger
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
 from tactile_dynamics_ros.report.history import EstimateHistory
@@ -30,7 +30,6 @@ from tactile_dynamics_ros.ros.conversions import to_seconds
 from tactile_dynamics_ros.ros.diagnostics import status_values
 from tactile_dynamics_ros.ros.names import DIAGNOSTICS, ESTIMATOR_STATUS, GRASP_PHASE, REVEAL
 from tactile_dynamics_ros.ros.shell import LATCHED
-from tactile_dynamics_ros.share import share_file
 
 Array = NDArray[np.float64]
 
@@ -56,9 +55,10 @@ class Monitor:
 
     Args:
         say: prints a line for people.
+        config: yaml file of the robot.
     """
 
-    def __init__(self, say: Callable[[str], None]) -> None:
+    def __init__(self, say: Callable[[str], None], config: Path) -> None:
         self._say = say
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
         self.node = Node("demo_monitor", enable_rosout=False, start_parameter_services=False)
@@ -72,7 +72,7 @@ class Monitor:
         self._samples = "0"
         self._last_line = 0.0
         self._live: Live | None = None
-        self._start = GraspStart(self.node, nodes_of(share_file(DEFAULT_CONFIG)), say)
+        self._start = GraspStart(self.node, nodes_of(config), say)
         create = self.node.create_subscription
         create(String, GRASP_PHASE, self._on_phase, LATCHED)
         create(DiagnosticArray, ESTIMATOR_STATUS, self._on_status, LATCHED)

@@ -72,7 +72,7 @@ def summarise_demo(
         history,
         body,
         command=f"tactile-dynamics demo --object {truth['object']}",
-        introduction=_introduce(out, history, body, truth["object"], say),
+        introduction=_introduce(out, history, body, truth["robot"], truth["object"], say),
     )
     live = history.value[-1].tolist() if len(history.time) else None
     return {
@@ -89,6 +89,7 @@ def _introduce(
     out: Path,
     history: EstimateHistory,
     truth: InertialParameters,
+    robot: str,
     name: str,
     say: Callable[[str], None],
 ) -> list[Section]:
@@ -100,7 +101,7 @@ def _introduce(
         poses, picture = Path(scratch) / "poses.npz", Path(scratch) / "hand.png"
         positions, object_pose = read_poses(out / "recording", middle)
         np.savez(poses, positions=positions, object_pose=object_pose)
-        command = [sys.executable, "-m", PORTRAIT, name, str(poses), str(picture)]
+        command = [sys.executable, "-m", PORTRAIT, robot, name, str(poses), str(picture)]
         try:
             subprocess.run(command, check=True, capture_output=True, timeout=120)
         except subprocess.SubprocessError as error:
@@ -114,7 +115,7 @@ def _introduce(
 
 
 def read_poses(recording: Path, time: float) -> tuple[Array, Array]:
-    """Return joint positions (23,) and object pose (4, 4) nearest to a time in a recording, s."""
+    """Return joint positions (J,) and object pose (4, 4) nearest to a time in a recording, s."""
     from rosbags.rosbag2 import Reader
     from rosbags.typesys import Stores, get_typestore
 

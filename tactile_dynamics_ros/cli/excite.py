@@ -17,6 +17,7 @@ from tactile_dynamics_ros.cli.recordings import (
 )
 from tactile_dynamics_ros.cli.text_table import align_rows
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.robot.robot_file import DEFAULT_ROBOT, load_robot
 from tactile_dynamics_ros.share import object_file
 
 if TYPE_CHECKING:
@@ -45,7 +46,13 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
     parser.add_argument("--highest-hz", type=float, default=1.5, metavar="HZ", help="(1.5)")
     parser.add_argument("--friction", type=float, default=0.6, metavar="MU", help="(0.6)")
     parser.add_argument("--criterion", choices=("A", "D"), default="A", help="mean error, volume")
-    parser.add_argument("--arm", metavar="Q1,..,Q7", help="arm joints at the start, rad")
+    parser.add_argument("--arm", metavar="Q1,Q2,..", help="arm joints at the start, rad")
+    parser.add_argument(
+        "--robot",
+        metavar="NAME",
+        default=DEFAULT_ROBOT,
+        help=f"file in config/robots, or path of a yaml file ({DEFAULT_ROBOT})",
+    )
     parser.add_argument("--seed", type=int, default=0, help="of the search (0)")
     parser.add_argument("--out", metavar="FILE", help="write the motion here (JSON)")
     parser.set_defaults(run=run)
@@ -74,14 +81,17 @@ def _plan(args: Namespace) -> ExcitationPlan:
 
     if (args.bag is None) == (args.object is None):
         raise BadInputError("excite: expected a recording, or --object NAME before the first grasp")
+    robot = load_robot(args.robot)
     config = DesignConfig(duration=args.duration, highest_hz=args.highest_hz, seed=args.seed)
     limits = MotionLimits(rotation=args.rotation, translation=args.translation)
     if args.object is not None:
         site = _grasp_site(args.object)
-        return plan_first_excitation(site, config, limits, args.mass, args.friction, args.criterion)
+        return plan_first_excitation(
+            site, config, limits, args.mass, args.friction, args.criterion, robot
+        )
     model = fit_recording(read_recording(args).streams, read_effects(args))
-    arm = _parse_arm(args.arm)
-    return plan_excitation(model, config, limits, args.friction, args.criterion, arm)
+    arm = _parse_arm(args.arm, robot.arm_dof)
+    return plan_excitation(model, config, limits, args.friction, args.criterion, arm, robot)
 
 
 def _grasp_site(name: str) -> GraspSite:
@@ -90,15 +100,15 @@ def _grasp_site(name: str) -> GraspSite:
     return GraspSite.from_mapping(yaml.safe_load(object_file(name).read_text())["grasp"])
 
 
-def _parse_arm(argument: str | None) -> list[float] | None:
+def _parse_arm(argument: str | None, count: int) -> list[float] | None:
     if argument is None:
         return None
     try:
         joints = [float(part) for part in argument.split(",")]
     except ValueError as error:
-        raise BadInputError(f"--arm {argument}: expected seven numbers Q1,..,Q7") from error
-    if len(joints) != 7:
-        raise BadInputError(f"--arm {argument}: expected seven numbers, got {len(joints)}")
+        raise BadInputError(f"--arm {argument}: expected {count} numbers Q1,Q2,..") from error
+    if len(joints) != count:
+        raise BadInputError(f"--arm {argument}: expected {count} numbers, got {len(joints)}")
     return joints
 
 

@@ -1,6 +1,6 @@
 """A picture of arm, hand and object, drawn in a process of its own: poses in, PNG out.
 
-python -m tactile_dynamics_ros.sim.portrait OBJECT POSES.npz PICTURE.png
+python -m tactile_dynamics_ros.sim.portrait ROBOT OBJECT POSES.npz PICTURE.png
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import pybullet
 from matplotlib.image import imsave
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.robot.robot_file import load_robot
 from tactile_dynamics_ros.sim.sensors.depth_camera import look_at
 from tactile_dynamics_ros.sim.world import HandWorld, WorldConfig
 
@@ -24,16 +25,19 @@ FIELD_OF_VIEW_DEG = 30.0
 VIEW_OFFSET = np.array([0.75, -0.45, 0.2])
 
 
-def draw_portrait(object_name: str, positions: Array, object_pose: Array) -> NDArray[np.uint8]:
+def draw_portrait(
+    robot: str, object_name: str, positions: Array, object_pose: Array
+) -> NDArray[np.uint8]:
     """Return a picture (H, W, 3) of the hand holding the object.
 
     Args:
+        robot: in config/robots.
         object_name: in config/objects.
         positions: (J,) joint positions, rad.
         object_pose: (4, 4) X_WO.
     """
     config = WorldConfig(object_name=object_name, arm_meshes=True)
-    with HandWorld(config) as world:
+    with HandWorld(config, machine=load_robot(robot)) as world:
         world.reset(positions, object_pose)
         target = 0.5 * (world.link_pose(world.machine.palm)[:3, 3] + object_pose[:3, 3])
         camera = look_at(target + VIEW_OFFSET, target)
@@ -56,9 +60,9 @@ def draw_portrait(object_name: str, positions: Array, object_pose: Array) -> NDA
 def main(arguments: list[str]) -> int:
     """Draw the picture that the command line describes."""
     mpl.use("Agg")
-    name, poses, picture = arguments
+    robot, name, poses, picture = arguments
     with np.load(Path(poses)) as given:
-        image = draw_portrait(name, given["positions"], given["object_pose"])
+        image = draw_portrait(robot, name, given["positions"], given["object_pose"])
     imsave(picture, image)
     return 0
 

@@ -161,6 +161,7 @@ class SimulatedRobot:
         """Ground truth as plain numbers, ready for JSON."""
         truth = self.world.truth()
         return {
+            "robot": self.config.robot,
             "object": truth.object_name,
             "mass": truth.inertia.mass,
             "com": truth.inertia.com.tolist(),
