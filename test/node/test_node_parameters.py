@@ -5,15 +5,15 @@ from pathlib import Path
 
 import pytest
 import rclpy
-import yaml
 
 import tactile_dynamics_ros
+from tactile_dynamics_ros.cli.bringup import configuration_files, nodes_of, read_configuration
 from tactile_dynamics_ros.cli.live import node_names
 from tactile_dynamics_ros.ros import shell
 from tactile_dynamics_ros.ros.parameters import refuse_unknown
 
 CONFIG = Path(tactile_dynamics_ros.__file__).parents[1] / "config"
-FILES = sorted(CONFIG.glob("*.yaml"))
+ROBOTS = [file for file in sorted(CONFIG.glob("*.yaml")) if ".simulated" not in file.name]
 
 
 def node_class(name):
@@ -42,15 +42,16 @@ def start(monkeypatch):
     rclpy.try_shutdown()
 
 
-@pytest.mark.parametrize("name", node_names())
-def test_node_starts_with_shipped_configuration_and_describes_parameters(start, name):
-    arguments = [word for file in FILES for word in ("--params-file", str(file))]
-    node = start(name, *arguments)
+@pytest.mark.parametrize(
+    ("config", "name"),
+    [(config, name) for config in ROBOTS for name in nodes_of(config)],
+    ids=lambda value: getattr(value, "stem", value),
+)
+def test_node_starts_with_shipped_configuration_and_describes_parameters(start, config, name):
+    files = configuration_files(config, simulate=True)
+    node = start(name, *(word for file in files for word in ("--params-file", str(file))))
     assert node.get_name() == name
-    given = {}
-    for file in FILES:
-        given |= yaml.safe_load(file.read_text()).get(name, {}).get("ros__parameters", {})
-    for key, value in given.items():
+    for key, value in read_configuration(config)[name].items():
         found = node.get_parameter(key).value
         assert (list(found) if isinstance(value, list) else found) == value
     names = [n for n in node.get_parameters_by_prefix("") if not n.startswith("qos_overrides")]
