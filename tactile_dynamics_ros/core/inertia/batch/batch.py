@@ -25,6 +25,11 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
+_FEWEST = 500
+"""Grid times of a block at least: one of a minute of a logger of 1 Hz would lose a third of it to
+the windows at its ends. Recordings above 8 Hz are cut as `block_duration` says."""
+
+
 @dataclass(frozen=True)
 class BatchConfig:
     """Iterations and block length of the batch estimator."""
@@ -45,7 +50,8 @@ def read_blocks(streams: Streams, config: BatchConfig) -> tuple[WrenchProblem, .
         BadInputError: contacts and motion are missing or do not overlap.
     """
     grid = choose_grid(streams, config.problem.maximum_rate)
-    count = max(1, round((grid[-1] - grid[0]) / config.block_duration))
+    shortest = _FEWEST * float(np.median(np.diff(grid)))
+    count = max(1, round((grid[-1] - grid[0]) / max(config.block_duration, shortest)))
     edges = np.linspace(grid[0], grid[-1] + 1e-6, count + 1)
     start = float(grid[0])
     if count == 1:

@@ -26,6 +26,9 @@ STRETCH = 30.0
 """Length of a stretch of a long recording, s: that for which the estimators and the diagnosis are
 tested. Shorter ones have fewer blocks to widen intervals by; longer ones need memory in proportion
 (eight are held at once)."""
+FEWEST = 500
+"""Samples of a stretch at least: a logger of 1 Hz has eight minutes in one. Fewer tell little of a
+body by themselves; more only make stretches of slow recordings longer."""
 MARGIN = 2.0
 """What windows may see of the neighbouring stretches, s: far more than their 0.16 s, so that delays
 of a quarter of a second and gaps between samples fit in. It costs 13 % of reading time."""
@@ -56,7 +59,7 @@ def fit_representative(
     """
     config = config or BatchConfig()
     grid = choose_grid(streams, config.problem.maximum_rate)
-    count = int((grid[-1] - grid[0]) // STRETCH)
+    count = int((grid[-1] - grid[0]) // max(STRETCH, FEWEST * float(np.median(np.diff(grid)))))
     if count <= EVEN + WORST:
         return fit_recording(streams, effects, config)
     edges = np.linspace(grid[0], grid[-1] + 1e-6, count + 1)
