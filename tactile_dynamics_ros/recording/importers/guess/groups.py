@@ -18,7 +18,7 @@ POSITION = frozenset(["p", "pos", "position", "translation", "xyz", "location", 
 """Words for a position; so are x, y and z alone."""
 TURN = frozenset(
     ["q", "quat", "quaternion", "orientation", "ori", "o", "r", "rot", "rotation", "rotvec", "rv"]
-    + ["angle", "angles", "euler", "rpy", "axis"]
+    + ["angle", "angles", "euler", "rpy", "axis", "theta", "wpr"]
 )
 """Words for an orientation."""
 POSE = frozenset(["pose", "tcp", "cartesian", "transform", "tool", "ee", "flange"])
@@ -97,6 +97,9 @@ def find_groups(names: Sequence[ColumnName]) -> Groups:
     lone = {n.stem[-1]: n for n in names if not n.part and len(n.stem) == 1}
     if {"a", "b", "c"} <= set(lone):
         found.add(_group("abc", [lone[k] for k in "abc"], ()))
+    bare = by_stem.get((), {})
+    if "w" in bare and {"p", "r"} <= set(lone):
+        found.add(_group("euler", [bare.pop("w"), lone["p"], lone["r"]], ()))
     for stem, parts in by_stem.items():
         if not OTHER & set(stem) or stem[-1:] == ("r",):
             for group in _of_stem(stem, parts):
@@ -133,7 +136,7 @@ def _kind_of_three(stem: tuple[str, ...], axes: Sequence[ColumnName]) -> str:
         return quantity
     if quantity == "angle":
         return "turn3"
-    last = stem[-1] if stem else ""
+    last = next((word for word in reversed(stem) if word not in PLAIN - POSE), "")
     if words & {"normal"} or last == "normal":
         return "normal"
     if last in TORQUE or words & {"torque", "moment"}:

@@ -97,6 +97,8 @@ def read_name(column: str, written_unit: str = "") -> ColumnName:
     words = _words(text)
     if len(words) > 1 and not unit and _may_be_unit(words):
         unit = words.pop()
+    if len(words) == 1 and not unit and _UNITS.get(words[0], ("", ""))[0] == "time":
+        words, unit = ["time"], words[0]
     quantity, name = _UNITS.get(_bare(unit), ("", ""))
     stem, part = _component(words)
     return ColumnName(column, tuple(stem), part, quantity, name)

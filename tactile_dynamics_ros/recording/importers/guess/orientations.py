@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from tactile_dynamics_ros.core.rigid_body.rotation import log_so3
 from tactile_dynamics_ros.recording.importers.fields import read_field
 from tactile_dynamics_ros.recording.importers.guess.answers import Answers
 from tactile_dynamics_ros.recording.importers.guess.groups import Group
-from tactile_dynamics_ros.recording.importers.guess.weight import Scene, Weighing
+from tactile_dynamics_ros.recording.importers.guess.weight import Measured, Scene, Weighing
 from tactile_dynamics_ros.recording.importers.tables import Table
 
 Array = NDArray[np.float64]
@@ -58,14 +59,27 @@ class Reading:
         return Reading(f"{self.label}, world to body", self.key, entry, False)
 
 
+WORLDS: dict[str, tuple[float, float, float]] = {"z": (0.0, 0.0, 0.0), "y": (90.0, 0.0, 0.0)}
+"""Axis of the file's world that points up, and Euler angles xyz, deg, that make it z. Cameras for
+motion capture have y up; all else z."""
+
+
 @dataclass(frozen=True)
 class Judged:
-    """A reading, the axes of the forces, and the load that they show then."""
+    """A reading, the axes of the forces, and the load that they show then.
+
+    Attributes:
+        reading: of the orientation.
+        rotation: (N, 3, 3) under it, in a world whose z points up.
+        weighing: the load; scene: the motion.
+        up: axis of the file's world that points up.
+    """
 
     reading: Reading
     rotation: Array
     weighing: Weighing
     scene: Scene
+    up: str = "z"
 
 
 def readings_of(group: Group, table: Table) -> list[Reading]:
@@ -118,7 +132,11 @@ def _named_euler(columns: list[str], values: Array, group: Group) -> list[Readin
 
 def _kuka_angles(columns: list[str], values: Array, group: Group) -> list[Reading]:
     units = _angle_units(values, group)
-    return [_euler(columns, "ZYX", unit, len(units) == 1) for unit in units]
+    return [
+        _euler(columns, order, unit, order == "ZYX" and len(units) == 1)
+        for unit in units
+        for order in ("ZYX", "ZYZ", "xyz")
+    ]
 
 
 def _three_numbers(columns: list[str], values: Array, group: Group) -> list[Reading]:
@@ -133,7 +151,7 @@ def _three_numbers(columns: list[str], values: Array, group: Group) -> list[Read
         found.append(Reading(label, "rotation_vector", entry, vector and unit == units[0]))
         found += [
             _euler(columns, order, unit, angles and order == "xyz" and len(units) == 1)
-            for order in ("xyz", "XYZ", "zyx", "ZYX")
+            for order in ("xyz", "XYZ", "zyx", "ZYX", "ZYZ")
         ]
     return found
 
@@ -158,7 +176,7 @@ def is_by_rows(values: Array) -> bool:
 def choose_reading(
     readings: Sequence[Reading],
     table: Table,
-    scene_of: Callable[[Array], Scene],
+    measured_under: Callable[[Array], Measured],
     answers: Answers,
     what: str,
 ) -> Judged:
@@ -172,7 +190,7 @@ def choose_reading(
         labels = [reading.label for reading in readings]
         answers.choose("orientation", labels, "")
         readings = [reading for reading in readings if reading.label == wanted]
-    judged = [item for reading in readings for item in _judge(reading, table, scene_of)]
+    judged = [item for reading in readings for item in _judge(reading, table, measured_under)]
     axes = answers.get("frame")
     if axes is not None:
         answers.choose("frame", ("sensor", "world"), "")
@@ -190,19 +208,30 @@ def choose_reading(
     least = min(item.weighing.rms for item in good)
     bound = _ALIKE * max(least, _FLOOR * good[0].weighing.size)
     agreeing = [item for item in good if item.weighing.rms <= bound]
-    natural = [item for item in agreeing if item.reading.natural]
-    return _only_one(natural or agreeing, answers, what)
+    upright = [item for item in agreeing if item.up == "z"] or agreeing
+    natural = [item for item in upright if item.reading.natural]
+    return _only_one(natural or upright, answers, what)
 
 
-def _judge(reading: Reading, table: Table, scene_of: Callable[[Array], Scene]) -> list[Judged]:
+def _judge(
+    reading: Reading, table: Table, measured_under: Callable[[Array], Measured]
+) -> list[Judged]:
     rotation = reading.rotations(table)
     if not np.isfinite(rotation).any():
         return []
     defect = np.abs(np.einsum("nij,nkj->nik", rotation, rotation) - np.eye(3)).max(axis=(1, 2))
     if np.nanmedian(defect) > 0.02:
         return []
-    scene = scene_of(rotation)
-    return [Judged(reading, rotation, scene.weigh(axes), scene) for axes in ("sensor", "world")]
+    measured = measured_under(rotation)
+    found = []
+    for up, angles in WORLDS.items():
+        turned = measured.upright(Rotation.from_euler("xyz", angles, degrees=True).as_matrix())
+        scene = Scene(turned)
+        found += [
+            Judged(reading, turned.rotation, scene.weigh(axes), scene, up)
+            for axes in ("sensor", "world")
+        ]
+    return found
 
 
 def _is_load(weighing: Weighing, judged: Sequence[Judged]) -> bool:
@@ -236,7 +265,7 @@ def _only_one(agreeing: Sequence[Judged], answers: Answers, what: str) -> Judged
 
 
 def _means_same(one: Judged, other: Judged) -> bool:
-    if one.weighing.axes != other.weighing.axes:
+    if (one.weighing.axes, one.up) != (other.weighing.axes, other.up):
         return False
     if (one.weighing.mass > 0.0) != (other.weighing.mass > 0.0):
         return False
@@ -245,8 +274,3 @@ def _means_same(one: Judged, other: Judged) -> bool:
     )
     turn = log_so3(np.swapaxes(one.rotation[known], 1, 2) @ other.rotation[known])
     return bool(np.linalg.norm(turn, axis=1).max(initial=0.0) < _SAME)
-
-
-def without_natural(readings: Sequence[Reading]) -> list[Reading]:
-    """Return readings of which none is meant by names: there were none."""
-    return [replace(reading, natural=False) for reading in readings]

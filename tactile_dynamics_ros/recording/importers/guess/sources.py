@@ -48,8 +48,13 @@ class Source:
     time: TimeColumn | None
 
     @classmethod
-    def read(cls, path: Path, answers: Answers) -> Source:
+    def read(cls, path: Path, answers: Answers, alone: bool = True) -> Source:
         """Read a table and take its names apart.
+
+        Args:
+            path: of the table.
+            answers: to questions.
+            alone: whether it must hold both pose and force.
 
         Raises:
             BadInputError: it cannot be read.
@@ -58,7 +63,8 @@ class Source:
         table = read_table(path)
         names = read_names(table.names, table.units)
         time = find_time(table, names, answers)
-        groups = find_groups(names) if table.has_header else groups_of_numbers(table, time)
+        named = table.has_header
+        groups = find_groups(names) if named else groups_of_numbers(table, time, alone)
         return cls(path.name, table, groups, time)
 
     def turn(self, answers: Answers) -> Group:

@@ -62,7 +62,7 @@ def _mapping(
     def note(label: str, text: str) -> None:
         understood.append((label, text))
 
-    sources = [Source.read(path, answers) for path in paths]
+    sources = [Source.read(path, answers, len(paths) == 1) for path in paths]
     for source in sources:
         note(source.file, f"{len(source.table.values)} rows; {source.table.layout}")
         for problem in source.table.problems:

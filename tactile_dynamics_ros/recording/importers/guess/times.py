@@ -120,6 +120,10 @@ def _first_that_runs(
     table: Table, names: Sequence[ColumnName], answers: Answers
 ) -> TimeColumn | None:
     """The first column that rises evenly, of a table without names."""
+    pair = _stamp_in_two(table)
+    if pair is not None:
+        entry = {"columns": list(pair)}
+        return TimeColumn(entry, ("s",), read_field(table.source, "time", entry, table), pair)
     for name in names[:3]:
         if name.column in table.texts or not _runs(table, name.column):
             continue
@@ -130,6 +134,17 @@ def _first_that_runs(
         if np.median(np.abs(steps - np.median(steps))) < 0.3 * np.median(steps):
             return _column(table, name, answers)
     return None
+
+
+def _stamp_in_two(table: Table) -> tuple[str, str] | None:
+    """The first two columns if they are seconds since 1970 and nanoseconds."""
+    if len(table.names) < 2 or set(table.names[:2]) & set(table.texts):
+        return None
+    whole, part = table.columns(*table.names[:2]).T
+    since = _EPOCHS["s"] < np.min(whole) and np.max(whole) < 3.0 * _EPOCHS["s"]
+    inside = np.min(part) >= 0.0 and 1e3 < np.max(part) < 1e9
+    entire = np.all(whole == np.round(whole)) and np.all(part == np.round(part))
+    return (table.names[0], table.names[1]) if since and inside and entire else None
 
 
 def _column(table: Table, name: ColumnName, answers: Answers) -> TimeColumn:

@@ -48,8 +48,13 @@ _EVEN = 0.02
 """Deviation from unit length, relative, up to which four columns are quaternions."""
 
 
-def groups_of_numbers(table: Table, time: TimeColumn | None) -> Groups:
+def groups_of_numbers(table: Table, time: TimeColumn | None, alone: bool) -> Groups:
     """Return the groups under the order of columns that agrees with gravity best.
+
+    Args:
+        table: without names.
+        time: its time, or None.
+        alone: False if pose and force may be in different tables.
 
     Raises:
         Question: no order agrees, or several do.
@@ -61,6 +66,9 @@ def groups_of_numbers(table: Table, time: TimeColumn | None) -> Groups:
         and not (time and name in time.columns)
         and not _is_counter(table.column(name))
     ]
+    part = None if alone else _one_part(left, table)
+    if part is not None:
+        return part
     tried = [(_misfit(groups, table, time), groups) for groups in _orders(left, table)]
     known = sorted(
         ((misfit, g) for misfit, g in tried if misfit is not None), key=lambda pair: pair[0]
@@ -72,6 +80,19 @@ def groups_of_numbers(table: Table, time: TimeColumn | None) -> Groups:
             "the columns in a yaml file, columns: [1, 2, 3] (docs/recordings.md)"
         )
     return known[0][1]
+
+
+def _one_part(columns: Sequence[str], table: Table) -> Groups | None:
+    """Groups of a table of poses or of wrenches; None if it may be both or neither."""
+    if len(columns) == 6:
+        return _cut(columns, ("force", "torque"))
+    if len(columns) != 7:
+        return None
+    for kinds in (("position", "quad"), ("quad", "position")):
+        groups = _cut(columns, kinds)
+        if _may_turn(groups.turn[0], table):
+            return groups
+    return None
 
 
 def _is_counter(values: Array) -> bool:

@@ -7,7 +7,7 @@ are linear: two masses (of weight and of acceleration, which agree if units and 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -34,6 +34,9 @@ _FEWEST_IN_WINDOW = 7
 """Samples that such a window needs; slower poses tell orientation only."""
 _CLEAR = 10.0
 """Size of a fitted mass over its standard deviation from which it counts as seen."""
+_EXPLAINED = 0.2
+"""Misfit over the size of the forces up to which a load explains them. Logs with noise, bias and
+taps stay below 0.1; under wrong axes the part that gravity turns stays, a half and more."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +50,7 @@ class Measured:
         time: (M,) s of the poses, or None.
         position: (M, 3) m, or None.
         torque: (N, 3), or None.
+        world: (3, 3) from the file's world to one whose z points up.
     """
 
     force: Array
@@ -55,6 +59,16 @@ class Measured:
     time: Array | None
     position: Array | None = None
     torque: Array | None = None
+    world: Array = field(default_factory=lambda: np.eye(3))
+
+    def upright(self, world: Array) -> Measured:
+        """Return the same in another world; forces turn along where they are in its axes."""
+        return replace(
+            self,
+            rotation=world @ self.rotation,
+            position=None if self.position is None else self.position @ world.T,
+            world=world,
+        )
 
 
 @dataclass(frozen=True)
@@ -84,7 +98,7 @@ class Weighing:
     @property
     def seen(self) -> bool:
         """Whether the weight shows in the forces."""
-        return abs(self.mass) > _CLEAR * self.mass_std and self.rms < 0.5 * self.size
+        return abs(self.mass) > _CLEAR * self.mass_std and self.rms < _EXPLAINED * self.size
 
     @property
     def agreement(self) -> float | None:
@@ -142,6 +156,7 @@ class Scene:
     def weigh(self, axes: str) -> Weighing:
         """Fit a load to the forces, given in sensor or world axes."""
         force = self._measured.force[self.rows]
+        force = force @ self._measured.world.T if axes == "world" else force
         matrix = self._columns(axes)
         flat, readings = matrix.reshape(-1, matrix.shape[2]), force.ravel()
         used = np.linalg.norm(flat, axis=0) > 1e-9
@@ -176,6 +191,7 @@ class Scene:
         carried = weighing.mass * self._specific(own)
         read = torque[self.rows]
         if weighing.axes == "world":
+            read = read @ self._measured.world.T
             read = np.einsum("nji,nj->ni", self.rotation, read)
         bias = np.tile(np.eye(3), (len(carried), 1, 1))
         flat = np.concatenate([-skew(carried), bias], axis=2).reshape(-1, 6)

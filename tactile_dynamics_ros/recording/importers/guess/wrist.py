@@ -14,6 +14,7 @@ from tactile_dynamics_ros.recording.importers.fields import UNITS
 from tactile_dynamics_ros.recording.importers.guess.answers import Answers, Question
 from tactile_dynamics_ros.recording.importers.guess.groups import Group
 from tactile_dynamics_ros.recording.importers.guess.orientations import (
+    WORLDS,
     Judged,
     choose_reading,
     readings_of,
@@ -26,7 +27,7 @@ from tactile_dynamics_ros.recording.importers.guess.sources import (
     rows_jump,
 )
 from tactile_dynamics_ros.recording.importers.guess.times import TimeColumn
-from tactile_dynamics_ros.recording.importers.guess.weight import Measured, Scene
+from tactile_dynamics_ros.recording.importers.guess.weight import Measured
 
 Array = NDArray[np.float64]
 
@@ -143,11 +144,11 @@ class WristGuess:
             place = factor * self.poses.table.columns(*position.columns)
         clock = [None if s.time is None else s.time.values for s in (self.poses, self.forces)]
 
-        def scene_of(rotation: Array) -> Scene:
-            return Scene(Measured(read, clock[1], rotation, clock[0], place, about))
+        def measured_under(rotation: Array) -> Measured:
+            return Measured(read, clock[1], rotation, clock[0], place, about)
 
         readings = readings_of(turn, self.poses.table)
-        return choose_reading(readings, self.poses.table, scene_of, self.answers, force.label)
+        return choose_reading(readings, self.poses.table, measured_under, self.answers, force.label)
 
     def _moving(
         self, position: Group | None, force: Group, torque: Group | None, judged: Judged
@@ -164,7 +165,16 @@ class WristGuess:
         else:
             frame = "world"
             contact["pose"] = copy.deepcopy(pose)
-        return {"contact_frame": frame, "object_pose": pose, "contacts": {"wrist": contact}}
+        found = {"contact_frame": frame, "object_pose": pose, "contacts": {"wrist": contact}}
+        return found | self._world(judged)
+
+    def _world(self, judged: Judged) -> dict[str, Any]:
+        """Return what makes the world stand upright, if it does not."""
+        if judged.up == "z":
+            return {}
+        self.note("world", f"{judged.up} of the file's world points up: turned, so that z does")
+        angles = list(WORLDS[judged.up])
+        return {"world_rotation": {"euler": angles, "order": "xyz", "unit": "deg"}}
 
     def _pose(self, position: Group | None, judged: Judged) -> dict[str, Any]:
         """Return the section of the object's pose."""
@@ -273,7 +283,7 @@ class WristGuess:
         section: dict[str, Any] = {"file": self.poses.file}
         section |= self._orientation(judged)
         section |= self._wrench(judged, force, torque)
-        return {"static_poses": section}
+        return {"static_poses": section} | self._world(judged)
 
 
 def _read_as(time: TimeColumn, unit: str) -> TimeColumn:
