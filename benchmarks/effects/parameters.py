@@ -54,6 +54,8 @@ def parameter_errors(
     if effect == "force_scale":
         return _gain_errors(true_parameters(effect, truth), found)
     errors = {}
+    if effect == "contact_torsion" and "mu" not in found:
+        return _torsion_errors(true_parameters(effect, truth)["mu"], found)
     for name, value in true_parameters(effect, truth).items():
         said = name if name in found else name.partition("_")[2]
         if said in found and found[said]["std"]:
@@ -76,6 +78,15 @@ def _length_errors(
         along = float(np.linalg.norm(std * said / max(length, 1e-12)))
         lengths[name] = (length - float(np.linalg.norm(true)), along)
     return lengths
+
+
+def _torsion_errors(true: float, found: dict[str, Any]) -> dict[str, tuple[float, float]]:
+    """Errors of the coefficient of every finger, which is the same for all of them."""
+    return {
+        name: (entry["value"] - true, entry["std"])
+        for name, entry in found.items()
+        if name.startswith("torsion_") and entry["std"]
+    }
 
 
 def _gain_errors(true: dict[str, float], found: dict[str, Any]) -> dict[str, tuple[float, float]]:

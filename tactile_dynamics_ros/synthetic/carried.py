@@ -22,6 +22,7 @@ Push = Callable[[MotionSamples], np.ndarray]
 
 _GRAVITY = np.array([0.0, 0.0, -9.81])
 _STEP_S = 1e-3
+_ROUNDS = 3
 
 
 @dataclass(frozen=True)
@@ -36,6 +37,9 @@ class CarriedOptions:
         force_std: N per axis. position_std: m, rotation_std: rad, white noise of the pose.
         point_std: m per axis, noise that the points have of their own.
         squeeze: N, with which each finger presses towards the middle of the contacts.
+        torsion: m, largest torque of each finger about its normal over its normal force; the
+            fingers keep their attitude in the world while the object turns. Empty for none.
+        twist_stiffness: N m/rad, of the elastic twist before a finger slips.
         drawn: body, motion and places are drawn from the seed; if not, they are always the same.
     """
 
@@ -48,6 +52,8 @@ class CarriedOptions:
     rotation_std: float = 1e-3
     point_std: float = 0.0
     squeeze: float = 3.0
+    torsion: tuple[float, ...] = ()
+    twist_stiffness: float = 0.06
     drawn: bool = True
 
 
@@ -100,7 +106,14 @@ def generate_carried(
     if hidden is not None:
         wrench = wrench - hidden(motion)
     arms = np.stack([motion.to_world(point) for point in points], axis=1)
-    force = _shares(arms, wrench) - _squeeze(arms, options)
+    squeeze = _squeeze(arms, options)
+    force = _shares(arms, wrench) - squeeze
+    if options.torsion:
+        normal = np.stack([motion.to_world(_frame(points, k)[:, 2]) for k in range(len(points))], 1)
+        for _ in range(_ROUNDS):
+            torque = _torsion(time, normal, turn, np.einsum("nci,nci->nc", force, normal), options)
+            held = np.concatenate([torque, np.zeros_like(torque)], axis=1)
+            force = _shares(arms, wrench - held) - squeeze
     noise = randomness.stream(seed, "carried noise")
     streams = _measure(motion, points, force, options, noise)
     return CarriedRecording(streams, body, options)
@@ -167,6 +180,42 @@ def _shares(arms: np.ndarray, wrench: np.ndarray) -> np.ndarray:
     return force.reshape(count, fingers, 3)
 
 
+def _frame(points: np.ndarray, index: int) -> np.ndarray:
+    """(3, 3) contact frame on the object; z points to the middle of the contacts."""
+    inward = points.mean(axis=0) - points[index]
+    return Rotation.align_vectors([inward], [[0.0, 0.0, 1.0]])[0].as_matrix()
+
+
+def _torsion(
+    time: np.ndarray,
+    normal: np.ndarray,
+    turn: _Tones,
+    pressing: np.ndarray,
+    options: CarriedOptions,
+) -> np.ndarray:
+    """(N, 3) torque of all fingers on the object, world axes.
+
+    The twist of a finger is what it has turned less what it has slipped; it slips as much as keeps
+    the elastic torque within its limit. Followed at a millisecond.
+    """
+    fine = np.arange(time[0], time[-1] + 0.5 * _STEP_S, _STEP_S)
+    frames = Rotation.from_rotvec(turn.at(fine))
+    turned = (frames[1:] * frames[:-1].inv()).as_rotvec()
+    total = np.zeros((len(time), 3))
+    for finger, coefficient in enumerate(options.torsion):
+        axis = np.stack([np.interp(fine, time, column) for column in normal[:, finger].T], axis=1)
+        angle = np.append(0.0, np.cumsum(np.einsum("ni,ni->n", turned, axis[:-1])))
+        reach = coefficient * np.interp(fine, time, np.maximum(pressing[:, finger], 0.0))
+        reach = reach / options.twist_stiffness
+        slipped, twist = 0.0, np.zeros(len(fine))
+        for k in range(len(fine)):
+            slipped = min(max(slipped, angle[k] - reach[k]), angle[k] + reach[k])
+            twist[k] = angle[k] - slipped
+        torque = -options.twist_stiffness * np.interp(time, fine, twist)
+        total += torque[:, None] * normal[:, finger]
+    return total
+
+
 def _squeeze(arms: np.ndarray, options: CarriedOptions) -> np.ndarray:
     """(N, C, 3) forces away from the middle, without a wrench together."""
     return options.squeeze * (arms - arms.mean(axis=1, keepdims=True)) / 0.04
@@ -186,12 +235,10 @@ def _measure(
     variances = np.repeat([options.rotation_std**2, options.position_std**2], 3)
     covariance = np.broadcast_to(np.diag(variances), (count, 6, 6)).copy()
     pose = PoseStream(motion.time, position, rotation, covariance)
-    middle = points.mean(axis=0)
     contacts = {}
     for index, point in enumerate(points):
         name = f"finger_{index + 1}"
         shown = (rotation, position) if options.carried else (motion.rotation, motion.position)
-        frame = Rotation.align_vectors([middle - point], [[0.0, 0.0, 1.0]])[0].as_matrix()
         contacts[name] = ContactStream(
             name=name,
             time=motion.time,
@@ -200,6 +247,6 @@ def _measure(
             force_std=np.full((count, 3), options.force_std),
             pose_time=motion.time,
             position=shown[1] + shown[0] @ point + options.point_std * rng.normal(size=(count, 3)),
-            rotation=shown[0] @ frame,
+            rotation=shown[0] @ _frame(points, index),
         )
     return Streams(pose, contacts)

@@ -187,6 +187,17 @@ class Effect(ABC):
         """
         return 0.0
 
+    def is_possible(self, samples: WrenchSamples, inertia: Array, theta: Array) -> bool:
+        """Whether parameters are such that the effect can exist; a fit may leave that.
+
+        Args:
+            samples: of the recording.
+            inertia: (10,) dynamic parameters.
+            theta: (k,) parameters.
+        """
+        least = [parameter.least for parameter in self.parameters(samples)]
+        return bool(np.all(theta >= np.array(least)))
+
     def whole_samples_late(self, theta: Array, period: float) -> tuple[int, Array]:
         """By how many samples forces are late against the motion, and theta of exactly that.
 

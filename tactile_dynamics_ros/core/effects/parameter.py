@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -19,6 +20,7 @@ class EffectParameter:
         prior_std: scale of plausible values about zero; weak, for conditioning.
         description: one phrase.
         typical: a value at which the effect is plainly present; for checks and pictures.
+        least: value below which the effect cannot exist, such as a spring that pushes.
     """
 
     name: str
@@ -26,6 +28,7 @@ class EffectParameter:
     prior_std: float
     description: str
     typical: float = 0.0
+    least: float = -math.inf
 
     def __post_init__(self) -> None:
         """Fill the typical value."""

@@ -125,7 +125,7 @@ class EffectRegistry(Generic[EffectT]):
             self.register(entry.load())
 
 
-_KINDS = ("drag", "elastic", "internal", "gravity", "contact", "sensor", "timing")
+_KINDS = ("drag", "elastic", "internal", "gravity", "contact", "torsion", "sensor", "timing")
 """Modules of `held`, one for each kind of effect."""
 
 HELD: EffectRegistry[Effect] = EffectRegistry(

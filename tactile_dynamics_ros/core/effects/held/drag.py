@@ -28,7 +28,7 @@ class ViscousDrag(LinearEffect):
 
     def parameters(self, samples: WrenchSamples) -> tuple[EffectParameter, ...]:
         """The coefficient c."""
-        return (EffectParameter("c", "N s/m", 10.0, "drag coefficient", 1.0),)
+        return (EffectParameter("c", "N s/m", 10.0, "drag coefficient", 1.0, least=0.0),)
 
     def jacobian(self, samples: WrenchSamples, inertia: Array, theta: Array) -> Array:
         """Column [0, -R_OW v]."""
@@ -50,7 +50,7 @@ class QuadraticDrag(LinearEffect):
 
     def parameters(self, samples: WrenchSamples) -> tuple[EffectParameter, ...]:
         """The coefficient c."""
-        return (EffectParameter("c", "N s^2/m^2", 20.0, "drag coefficient", 3.0),)
+        return (EffectParameter("c", "N s^2/m^2", 20.0, "drag coefficient", 3.0, least=0.0),)
 
     def jacobian(self, samples: WrenchSamples, inertia: Array, theta: Array) -> Array:
         """Column [0, -|v| R_OW v]."""
@@ -73,7 +73,9 @@ class RotationalDrag(LinearEffect):
 
     def parameters(self, samples: WrenchSamples) -> tuple[EffectParameter, ...]:
         """The coefficient c."""
-        return (EffectParameter("c", "N m s/rad", 0.1, "rotational drag coefficient", 0.01),)
+        return (
+            EffectParameter("c", "N m s/rad", 0.1, "rotational drag coefficient", 0.01, least=0.0),
+        )
 
     def jacobian(self, samples: WrenchSamples, inertia: Array, theta: Array) -> Array:
         """Column [-omega, 0]."""

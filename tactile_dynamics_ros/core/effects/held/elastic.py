@@ -128,7 +128,7 @@ class TetherSpring(Effect):
         """Stiffness, anchor (3, world), point (3, body), rest length."""
         rest = (EffectParameter("l", "m", 1.0, "rest length", 0.1),) if self.rest else ()
         return (
-            EffectParameter("k", "N/m", 100.0, "stiffness", 8.0),
+            EffectParameter("k", "N/m", 100.0, "stiffness", 8.0, least=0.0),
             *vector_parameters("a", "m", 2.0, "anchor, world", 0.3),
             *vector_parameters("b", "m", 0.1, "point of attack, body frame", 0.04),
             *rest,

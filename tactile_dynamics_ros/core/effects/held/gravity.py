@@ -101,6 +101,10 @@ class AddedMass(ChoiceEffect):
         """The added mass."""
         return (EffectParameter("m_a", "kg", 1.0, "inertial minus gravitational mass", 0.15),)
 
+    def is_possible(self, samples: WrenchSamples, inertia: Array, theta: Array) -> bool:
+        """Whether the inertial mass is positive."""
+        return bool(theta[0] > -inertia[0])
+
     def wrench(self, samples: WrenchSamples, inertia: Array, theta: Array) -> Array:
         """-m_a times the wrench of accelerating a unit mass."""
         return np.asarray(self.jacobian(samples, inertia, theta) @ theta)
