@@ -1,4 +1,4 @@
-"""Raw messages of rosbag2 recordings: directories, MCAP and SQLite files, whole or broken."""
+"""Raw messages of recordings: rosbag2 directories, MCAP and SQLite files, bags of ROS 1."""
 
 from __future__ import annotations
 
@@ -9,7 +9,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import apsw
+from rosbags.rosbag1 import Reader as Ros1Reader
+from rosbags.rosbag1 import ReaderError as Ros1ReaderError
 from rosbags.rosbag2 import Reader, ReaderError
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.recording.cdr import (
@@ -21,9 +24,11 @@ from tactile_dynamics_ros.recording.cdr import (
 from tactile_dynamics_ros.recording.salvage import ZSTD_ERROR, salvage_messages
 
 STORAGE_SUFFIXES = (".mcap", ".db3")
+ROS1_SUFFIX = ".bag"
 BLOCK = 20_000
 DAMAGE = (
     ReaderError,
+    Ros1ReaderError,
     apsw.Error,
     ZSTD_ERROR,
     struct.error,
@@ -113,10 +118,10 @@ def _parts(path: Path) -> list[Path]:
                 f"{path}: holds neither .mcap nor .db3; expected a rosbag2 recording"
             )
         return files
-    if path.suffix not in STORAGE_SUFFIXES:
+    if path.suffix not in (*STORAGE_SUFFIXES, ROS1_SUFFIX):
         raise BadInputError(
-            f"{path}: unknown kind of file; expected a rosbag2 directory, .mcap or .db3 "
-            "(see `tactile-dynamics import` for CSV)"
+            f"{path}: unknown kind of file; expected a rosbag2 directory, .mcap or .db3, or a .bag "
+            "of ROS 1 (see `tactile-dynamics import` for CSV)"
         )
     return [path]
 
@@ -141,6 +146,9 @@ def _regular_messages(
     part: Path, types: dict[str, str], wanted: Callable[[str], bool]
 ) -> Iterator[RawMessage]:
     """Yield the wanted messages of an intact recording."""
+    if part.suffix == ROS1_SUFFIX:
+        yield from _ros1_messages(part, types, wanted)
+        return
     with Reader(part) as reader:
         types.update({c.topic: c.msgtype for c in reader.connections})
         connections = [c for c in reader.connections if wanted(c.topic)]
@@ -149,11 +157,33 @@ def _regular_messages(
                 yield connection.topic, connection.msgtype, received, bytes(data)
 
 
+def _ros1_messages(
+    file: Path, types: dict[str, str], wanted: Callable[[str], bool]
+) -> Iterator[RawMessage]:
+    """Yield the wanted messages of a bag of ROS 1, serialised as ROS 2 does."""
+    store = get_typestore(Stores.ROS1_NOETIC)
+    with Ros1Reader(file) as reader:
+        types.update({c.topic: c.msgtype for c in reader.connections})
+        connections = [c for c in reader.connections if wanted(c.topic)]
+        for connection in connections:
+            if connection.msgtype not in store.types:
+                own = get_types_from_msg(connection.msgdef.data, connection.msgtype)
+                store.register(
+                    {name: kind for name, kind in own.items() if name not in store.types}
+                )
+        if connections:
+            for connection, received, data in reader.messages(connections=connections):
+                message = store.ros1_to_cdr(data, connection.msgtype)
+                yield connection.topic, connection.msgtype, received, bytes(message)
+
+
 def _salvaged_messages(
     part: Path, types: dict[str, str], wanted: Callable[[str], bool]
 ) -> Iterator[RawMessage]:
     """Yield the wanted messages of a damaged recording as far as each of its files goes."""
     for file in _storage_files(part):
+        if file.suffix == ROS1_SUFFIX:
+            raise BadInputError(f"{file}: damaged or not indexed; run `rosbag reindex {file.name}`")
         yield from salvage_messages(file, types, wanted)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from tactile_dynamics_ros.core.errors import BadInputError
@@ -76,19 +76,24 @@ class RecordedNames:
     """Names that recorded topics stand for: what the user says, else those inside a namespace.
 
     Attributes:
-        remap: recorded topics and the names at root that they stand for.
+        remap: recorded topics and the names at root that they stand for, one or several.
         namespace: that is read; None chooses root or the only one.
     """
 
-    remap: Mapping[str, str]
+    remap: Mapping[str, str | Sequence[str]]
     namespace: str | None = None
 
     def may_be_needed(self, topic: str) -> bool:
         """Whether a topic may have to be read, before it is known which there are."""
         if topic in self.remap:
-            return topics.topic_kind(self.remap[topic]) is not None
+            return any(topics.topic_kind(name) is not None for name in self._meant(topic))
         found = split_topic(topic, topics.NEEDED)
         return found is not None and self._may_be(found[0])
+
+    def _meant(self, recorded: str) -> tuple[str, ...]:
+        """Names that a remapped topic stands for: a sensor's pose may be the object's too."""
+        names = self.remap[recorded]
+        return (names,) if isinstance(names, str) else tuple(names)
 
     def _may_be(self, namespace: str) -> bool:
         return self.namespace is None or absolute_namespace(self.namespace) == namespace
@@ -108,9 +113,10 @@ class RecordedNames:
                 raise BadInputError(f"remap: {recorded} is not in {source} (topics: {present})")
         namespace = self._choose(bag.types, source)
         own = {t: inside(t, namespace) for t in bag.types if t not in self.remap}
-        names = {t: name for t, name in own.items() if name is not None} | dict(self.remap)
-        bag.types = {meant: bag.types[t] for t, meant in names.items()}
-        bag.tables = {meant: bag.tables[t] for t, meant in names.items() if t in bag.tables}
+        names = [(t, name) for t, name in own.items() if name is not None]
+        names += [(t, name) for t in self.remap for name in self._meant(t)]
+        bag.types = {meant: bag.types[t] for t, meant in names}
+        bag.tables = {meant: bag.tables[t] for t, meant in names if t in bag.tables}
         if namespace != ROOT and self.namespace is None:
             bag.problems[f"no topic at root; read from the only namespace, {namespace}"] += 1
         return namespace
@@ -122,7 +128,8 @@ class RecordedNames:
             split = None if topic in self.remap else split_topic(topic, topics.NEEDED)
             if split is not None:
                 found.setdefault(split[0], set()).add(split[1])
-        root_is_used = ROOT in found or any(map(topics.topic_kind, self.remap.values()))
+        meant = [name for topic in self.remap for name in self._meant(topic)]
+        root_is_used = ROOT in found or any(map(topics.topic_kind, meant))
         enough = [name for name, own in found.items() if topics.suffice(own)]
         wanted = enough if self.namespace is None else found
         return choose_namespace(self.namespace, wanted, root_is_used, source)

@@ -22,6 +22,7 @@ from tactile_dynamics_ros.recording.bag_writer import write_bag
 from tactile_dynamics_ros.recording.cdr import empty_table
 from tactile_dynamics_ros.recording.cleaning import ProblemLog
 from tactile_dynamics_ros.recording.conventions import doubtful_conventions
+from tactile_dynamics_ros.recording.frames import Frames, in_world_axes
 from tactile_dynamics_ros.recording.namespaces import RecordedNames
 from tactile_dynamics_ros.recording.static_poses import held_poses
 
@@ -47,17 +48,19 @@ class Recording:
         cls,
         path: str | Path,
         *,
-        remap: Mapping[str, str] | None = None,
+        remap: Mapping[str, str | Sequence[str]] | None = None,
         namespace: str | None = None,
+        world_frame: str | None = None,
         contacts_required: bool = True,
     ) -> Recording:
         """Read a rosbag2 recording; contacts are discovered from its topics.
 
         Args:
-            path: the recording's directory, or an .mcap or .db3 file.
-            remap: recorded topic names and the names that they stand for.
+            path: the recording's directory, or an .mcap, .db3 or ROS 1 .bag file.
+            remap: recorded topic names and the name, or names, that they stand for.
             namespace: namespace of the hand whose topics are read; root if None, or, where nothing
                 was recorded at root, the only one there is.
+            world_frame: frame of the poses, z up, if it is not `world` or a robot's base.
             contacts_required: whether a recording without any contact is refused.
 
         Raises:
@@ -71,8 +74,10 @@ class Recording:
         if chosen:
             source += f" (namespace {chosen})"
         topics.check_types(bag.types, source)
+        frames = Frames.of(bag, world_frame, source)
+        frames.place_contacts(bag)
         topics.require_topics(bag.types, source, contacts_required)
-        return _BagAssembly(bag, source).recording()
+        return _BagAssembly(bag, source, frames).recording()
 
     @classmethod
     def from_arrays(
@@ -206,8 +211,9 @@ class Recording:
 class _BagAssembly:
     """Builds the streams of one recording from its decoded topics."""
 
-    def __init__(self, bag: BagTables, source: str) -> None:
+    def __init__(self, bag: BagTables, source: str, frames: Frames) -> None:
         self._bag = bag
+        self._frames = frames
         self._source = source
         self._log = ProblemLog(bag.problems)
         motion = topics.OBJECT_POSE if topics.OBJECT_POSE in bag.tables else topics.OBJECT_IMU
@@ -217,6 +223,8 @@ class _BagAssembly:
         """Return the recording with all streams that are in the bag."""
         for topic, table in self._bag.tables.items():
             topics.check_messages(topic, table, self._log)
+        for line in self._frames.notes:
+            self._log[line] += 1
         self._note_poses_without_forces()
         streams = Streams(self._pose(), self._contacts(), self._imu())
         hand = self._hand_pose()
@@ -248,7 +256,7 @@ class _BagAssembly:
             return None
 
     def _pose_of(self, topic: str) -> PoseStream:
-        table = topics.in_world(topic, self._bag.tables[topic], self._source, self._log)
+        table = self._frames.in_world(topic, self._bag.tables[topic], self._log)
         return assemble_pose(topics.pose_columns(topic, table, self._clock), self._log)
 
     def _contacts(self) -> dict[str, ContactStream]:
@@ -260,10 +268,14 @@ class _BagAssembly:
         """Return one contact, or None if it never touches."""
         force, pose, std = (topics.contact_topic(name, k) for k in ("force", "pose", "force_std"))
         std_table = self._bag.tables.get(std)
+        where = topics.pose_columns(pose, self._world_table(pose, 7), self._clock)
+        own = self._frames.sensor_of(force)
+        read = self._bag.tables.get(force, empty_table(6)) if own else self._world_table(force, 6)
+        wrench = topics.wrench_columns(force, read, self._clock)
         return assemble_contact(
             name,
-            topics.wrench_columns(force, self._world_table(force, 6), self._clock),
-            topics.pose_columns(pose, self._world_table(pose, 7), self._clock),
+            in_world_axes(wrench, where) if own else wrench,
+            where,
             None if std_table is None else topics.std_columns(std, std_table, self._clock),
             self._log,
         )
@@ -271,7 +283,7 @@ class _BagAssembly:
     def _world_table(self, topic: str, doubles: int) -> Any:
         """Return a topic's messages in the world frame; none if it is empty."""
         table = self._bag.tables.get(topic, empty_table(doubles))
-        return topics.in_world(topic, table, self._source, self._log) if len(table) else table
+        return self._frames.in_world(topic, table, self._log) if len(table) else table
 
     def _imu(self) -> Any:
         """Return the IMU, or None if there is none."""

@@ -163,25 +163,7 @@ def check_messages(topic: str, table: MessageTable, log: ProblemLog) -> None:
         log.note(topic, "topic without messages", 1)
 
 
-def in_world(topic: str, table: MessageTable, source: str, log: ProblemLog) -> MessageTable:
-    """Return the messages in the world frame; some in another frame are dropped and counted.
-
-    Raises:
-        BadInputError: most messages are in another frame.
-    """
-    stated = table.frame_id != b""
-    foreign = stated & (table.frame_id != WORLD.encode()) & (table.frame_id != b"/world")
-    log.note(topic, "frame_id empty (taken as world)", int(np.count_nonzero(~stated)))
-    if 2 * np.count_nonzero(foreign) > len(table):
-        frame = table.frame_id[foreign][0].decode("utf-8", "replace")
-        raise BadInputError(
-            f"{topic} in {source}: frame_id '{frame}' in {np.count_nonzero(foreign)} of "
-            f"{len(table)} messages; expected '{WORLD}' (z up): transform before recording"
-        )
-    return _rows(table, log.drop(topic, "frame_id is not world", foreign))
-
-
-def _rows(table: MessageTable, mask: Mask) -> MessageTable:
+def rows_of(table: MessageTable, mask: Mask) -> MessageTable:
     """Return some of the messages."""
     return MessageTable(
         table.stamp_ns[mask], table.receive_ns[mask], table.frame_id[mask], table.values[mask]
