@@ -83,6 +83,11 @@ ROOMS = {
         ("core/contact", "core/discrepancy", "core/effects", _INERTIA + "residuals")
         + ("core/numerics", "core/rigid_body", "core/streams"),
     ),
+    _INERTIA + "conventions": Room(
+        "other readings of a recording: units, signs, axes and orders that people mistake",
+        ("core/contact", "core/discrepancy", _INERTIA + "batch", _INERTIA + "residuals")
+        + ("core/numerics", "core/rigid_body", "core/streams"),
+    ),
     _INERTIA + "excitation": Room(
         "motions that tell most",
         ("core/contact", _INERTIA + "batch", "core/manipulation", "core/rigid_body", "core/robot"),
@@ -90,8 +95,8 @@ ROOMS = {
     _INERTIA + "diagnosis": Room(
         "the held object as a model that the search for effects questions",
         ("core/contact", "core/discrepancy", "core/effects", _INERTIA + "batch")
-        + (_INERTIA + "excitation", _INERTIA + "residuals", "core/numerics", "core/rigid_body")
-        + ("core/streams",),
+        + (_INERTIA + "conventions", _INERTIA + "excitation", _INERTIA + "residuals")
+        + ("core/numerics", "core/rigid_body", "core/streams"),
     ),
     "core/inertia": Room(
         "`estimate.py`, the door to an estimate",
@@ -106,8 +111,8 @@ ROOMS = {
     ),
     "recording": Room(
         "rosbag2, arrays and foreign formats to streams and back",
-        ("core/friction", "core/numerics", "core/rigid_body", "core/streams", "core/tactile")
-        + ("core/tracking",),
+        ("core/friction", "core/numerics", "core/rigid_body", "core/robot", "core/streams")
+        + ("core/tactile", "core/tracking"),
     ),
     "synthetic": Room(
         "recordings with known truth from closed forms; knows no effect of the catalogue",
@@ -139,7 +144,8 @@ ROOMS = {
     "cli": Room(
         "the command",
         ("core/discrepancy", "core/effects", "core/friction", "core/inertia")
-        + (_INERTIA + "batch", _INERTIA + "diagnosis", _INERTIA + "excitation")
+        + (_INERTIA + "batch", _INERTIA + "conventions", _INERTIA + "diagnosis")
+        + (_INERTIA + "excitation",)
         + (
             _INERTIA + "residuals",
             "core/manipulation",

@@ -13,8 +13,15 @@ import yaml
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.recording.importers.bag_tables import (
+    TF,
+    is_bag,
+    read_frame,
+    read_topic,
+)
 from tactile_dynamics_ros.recording.importers.fields import constant_rotation, read_stream
 from tactile_dynamics_ros.recording.importers.importer import Importer
+from tactile_dynamics_ros.recording.importers.joint_angles import KEYS, read_link
 from tactile_dynamics_ros.recording.importers.tables import Table, read_table
 from tactile_dynamics_ros.recording.recording import Recording
 
@@ -66,11 +73,11 @@ def read_mapping(mapping: Mapping[str, Any], folder: Path, source: str) -> Recor
 
 
 class _Tables:
-    """Tables by file, each read once."""
+    """Tables of files and of topics, each read once."""
 
     def __init__(self, folder: Path) -> None:
-        self._folder = folder
-        self._read: dict[str, Table] = {}
+        self.folder = folder
+        self._read: dict[tuple[str, ...], Table] = {}
 
     def of(self, where: str, section: Any) -> Table:
         """Return the table of a section.
@@ -80,10 +87,32 @@ class _Tables:
         """
         if not isinstance(section, Mapping) or "file" not in section:
             raise BadInputError(f"{where}: expected a mapping with 'file' and fields")
-        name = str(section["file"])
-        if name not in self._read:
-            self._read[name] = read_table(self._folder / name)
-        return self._read[name]
+        key = tuple(str(section.get(part, "")) for part in ("file", "topic", "frame", "base"))
+        if key not in self._read:
+            self._read[key] = self._table(where, *key)
+        return self._read[key]
+
+    def _table(self, where: str, file: str, topic: str, frame: str, base: str) -> Table:
+        """Read a file, a topic, or a frame of /tf."""
+        path = self.folder / file
+        if not is_bag(path):
+            return read_table(path)
+        if not topic:
+            raise BadInputError(f"{where}: {file} is a recording; expected its topic too")
+        if topic == TF:
+            return read_frame(path, frame, base or None)
+        return read_topic(path, topic)
+
+    def stream(
+        self, where: str, section: Any, extra: frozenset[str] = frozenset()
+    ) -> dict[str, Any]:
+        """Return the arrays of a section; joint angles become a pose."""
+        table = self.of(where, section)
+        own = frozenset(["topic"]) | KEYS | extra
+        arrays = read_stream(where, section, table, own)
+        if "urdf" in section:
+            arrays |= read_link(where, section, table, self.folder)
+        return arrays
 
     def problems(self) -> dict[str, int]:
         """Rows that could not be read, one line each."""
@@ -100,14 +129,12 @@ def _streams(mapping: Mapping[str, Any], source: str, tables: _Tables, world: Ar
     contacts = {}
     for name, section in dict(mapping.get("contacts") or {}).items():
         where = f"{source}: contacts.{name}"
-        arrays = read_stream(where, section, tables.of(where, section), frozenset(["pose"]))
+        arrays = tables.stream(where, section, frozenset(["pose"]))
         if "pose" in section:
             arrays |= _place(f"{where}.pose", section["pose"], tables)
         contacts[str(name)] = _turned(arrays, world) if frame == "world" else arrays
     pose, imu = (
-        read_stream(f"{source}: {key}", mapping[key], tables.of(f"{source}: {key}", mapping[key]))
-        if mapping.get(key)
-        else None
+        tables.stream(f"{source}: {key}", mapping[key]) if mapping.get(key) else None
         for key in ("object_pose", "object_imu")
     )
     if pose is not None:
@@ -119,7 +146,7 @@ def _streams(mapping: Mapping[str, Any], source: str, tables: _Tables, world: Ar
 
 def _place(where: str, section: Any, tables: _Tables) -> dict[str, Any]:
     """Return the arrays of where a contact is, with stamps and perhaps a table of their own."""
-    arrays = read_stream(where, section, tables.of(where, section))
+    arrays = tables.stream(where, section)
     if "time" in arrays:
         arrays["pose_time"] = arrays.pop("time")
     return arrays
@@ -140,8 +167,7 @@ def _turned(arrays: dict[str, Any], world: Array) -> dict[str, Any]:
 
 def _static(where: str, section: Any, tables: _Tables, world: Array) -> Recording:
     """Return the recording of a table of static poses."""
-    table = tables.of(where, section)
-    arrays = read_stream(where, section, table, frozenset(["contact"]))
+    arrays = tables.stream(where, section, frozenset(["contact"]))
     missing = [key for key in ("force", "rotation") if key not in arrays]
     if missing:
         raise BadInputError(f"{where}: no {missing[0]}; expected force and an orientation")

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from tactile_dynamics_ros.synthetic.layouts import arms, laboratory, others
+from tactile_dynamics_ros.synthetic.layouts import arms, bags, laboratory, others
 from tactile_dynamics_ros.synthetic.layouts.wrist_log import WristLog
 
 Layout = Callable[[WristLog, Path], list[Path]]
@@ -19,6 +19,9 @@ LAYOUTS: dict[str, Layout] = {
         arms.plotjuggler,
         arms.sec_nanosec,
         arms.fingers,
+        bags.panda_poses,
+        bags.ur_frames,
+        bags.kuka_ros1,
         laboratory.ati_and_pose,
         laboratory.optitrack,
         laboratory.vicon,

@@ -90,7 +90,7 @@ def held_mapping(
         "forces", f"of {', '.join(f.name for f in fingers)} in N, axes of the {frame}; they {reads}"
     )
     pose = {
-        "file": source.file,
+        **source.place,
         "time": source.time.entry,
         "position": {"columns": list(place.columns), "unit": unit},
         judged.reading.key: judged.reading.entry,
@@ -104,7 +104,7 @@ def _contact(source: Source, finger: Finger, sign: float, answers: Answers) -> d
     assert source.time is not None
     unit = source.length_unit(finger.position, answers)
     section: dict[str, Any] = {
-        "file": source.file,
+        **source.place,
         "time": dict(source.time.entry),
         "force": {
             "columns": list(finger.force.columns),

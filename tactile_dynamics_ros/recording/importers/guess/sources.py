@@ -36,13 +36,13 @@ class Source:
     """One table.
 
     Attributes:
-        file: its name, as mappings have it.
+        place: file, and topic or frame of a recording, as mappings have them.
         table: rows and columns.
         groups: columns that belong together.
         time: None where no column is one.
     """
 
-    file: str
+    place: dict[str, str]
     table: Table
     groups: Groups
     time: TimeColumn | None
@@ -65,7 +65,18 @@ class Source:
         time = find_time(table, names, answers)
         named = table.has_header
         groups = find_groups(names) if named else groups_of_numbers(table, time, alone)
-        return cls(path.name, table, groups, time)
+        return cls({"file": path.name}, table, groups, time)
+
+    @classmethod
+    def of_topic(cls, place: dict[str, str], table: Table, answers: Answers) -> Source:
+        """Take the table of a topic, whose columns have plain names."""
+        names = read_names(table.names, {"time": "s"})
+        return cls(place, table, find_groups(names), find_time(table, names, answers))
+
+    @property
+    def label(self) -> str:
+        """Name for people."""
+        return " ".join(self.place[key] for key in ("file", "topic", "frame") if key in self.place)
 
     def turn(self, answers: Answers) -> Group:
         """Return the columns of the orientation.

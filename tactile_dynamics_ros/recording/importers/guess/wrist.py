@@ -156,7 +156,7 @@ class WristGuess:
         """Return the mapping of samples with stamps."""
         assert self.forces.time is not None
         pose = self._pose(position, judged)
-        contact = {"file": self.forces.file, "time": self.forces.time.entry}
+        contact = {**self.forces.place, "time": self.forces.time.entry}
         contact |= self._wrench(judged, force, torque)
         if judged.weighing.axes == "sensor":
             frame = "object"
@@ -179,7 +179,7 @@ class WristGuess:
     def _pose(self, position: Group | None, judged: Judged) -> dict[str, Any]:
         """Return the section of the object's pose."""
         assert self.poses.time is not None
-        section: dict[str, Any] = {"file": self.poses.file, "time": self.poses.time.entry}
+        section: dict[str, Any] = {**self.poses.place, "time": self.poses.time.entry}
         if position is None:
             section["position"] = {"constant": [0.0, 0.0, 0.0]}
             self.note("position", "none: taken to stay at one place")
@@ -280,7 +280,7 @@ class WristGuess:
             )
         rows = len(self.poses.table.values)
         self.note("rows", f"{rows} static poses, one per row, whatever their times")
-        section: dict[str, Any] = {"file": self.poses.file}
+        section: dict[str, Any] = dict(self.poses.place)
         section |= self._orientation(judged)
         section |= self._wrench(judged, force, torque)
         return {"static_poses": section} | self._world(judged)

@@ -1,0 +1,110 @@
+"""Pose of a link of an arm from the angles of its joints and its URDF."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
+from tactile_dynamics_ros.core.robot.kinematic_tree import chain, read_tree
+from tactile_dynamics_ros.core.robot.robot import Joint
+from tactile_dynamics_ros.recording.importers.fields import UNITS
+from tactile_dynamics_ros.recording.importers.tables import Table
+
+Array = NDArray[np.float64]
+
+KEYS = frozenset(["joints", "urdf", "frame", "base"])
+"""Keys of a section whose pose comes from joint angles."""
+
+
+def read_link(where: str, section: Mapping[str, Any], table: Table, folder: Path) -> dict[str, Any]:
+    """Return position (N, 3) and rotation (N, 3, 3) of a link in the base of the arm.
+
+    Args:
+        where: for messages to the user.
+        section: `urdf`: file; `frame`: link; `base`: link (the root by default); `joints`: columns
+            of all joints from base to link in order, with their unit, or by name of the joint;
+            left out where columns bear the names of the joints.
+        table: with the columns.
+        folder: of the URDF.
+
+    Raises:
+        BadInputError: a link or a column is missing, or there are more or fewer than joints.
+    """
+    path = folder / str(section["urdf"])
+    try:
+        tree = read_tree(path.read_text(), str(path))
+    except OSError as error:
+        raise BadInputError(f"{path} cannot be read: {error.strerror}") from error
+    base = str(section.get("base") or _root(tree))
+    if "frame" not in section:
+        raise BadInputError(f"{where}: no frame; expected the link that carries the sensor")
+    joints = chain(tree, base, str(section["frame"]))
+    moving = [joint for joint in joints if joint.axis is not None]
+    angles = _angles(f"{where}.joints", section.get("joints"), moving, table)
+    position, rotation = link_pose(joints, angles)
+    return {"position": position, "rotation": rotation}
+
+
+def link_pose(joints: Sequence[Joint], angles: Mapping[str, Array]) -> tuple[Array, Array]:
+    """Return position (N, 3) and rotation (N, 3, 3) at the end of a chain.
+
+    X = prod_j X_j exp(axis_j q_j).
+
+    Args:
+        joints: from the base on.
+        angles: (N,) rad, or m of joints that slide, by name of each that moves.
+    """
+    count = len(next(iter(angles.values()))) if angles else 1
+    position, rotation = np.zeros((count, 3)), np.tile(np.eye(3), (count, 1, 1))
+    for joint in joints:
+        position = position + rotation @ joint.origin[:3, 3]
+        rotation = rotation @ joint.origin[:3, :3]
+        if joint.axis is None:
+            continue
+        moved = angles[joint.name][:, None] * joint.axis
+        if joint.slides:
+            position = position + np.einsum("nij,nj->ni", rotation, moved)
+        else:
+            rotation = rotation @ exp_so3(moved)
+    return position, rotation
+
+
+def _root(tree: Sequence[Joint]) -> str:
+    """Return the link that no joint carries."""
+    children = {joint.child for joint in tree}
+    return next(joint.parent for joint in tree if joint.parent not in children)
+
+
+def _angles(where: str, given: Any, moving: Sequence[Joint], table: Table) -> dict[str, Array]:
+    """Return the angles (N,) of each moving joint, in rad or m."""
+    names = [joint.name for joint in moving]
+    if given is None:
+        missing = [name for name in names if name not in table.names]
+        if missing:
+            raise BadInputError(
+                f"{where}: no column '{missing[0]}'; name columns for {', '.join(names)}"
+            )
+        return {name: table.column(name) for name in names}
+    if not isinstance(given, Mapping) or "columns" not in given:
+        raise BadInputError(f"{where}: expected columns: [...] in the order of {', '.join(names)}")
+    columns = given["columns"]
+    if isinstance(columns, Mapping):
+        columns = [columns.get(name) for name in names]
+    if len(columns) != len(names) or None in columns:
+        raise BadInputError(
+            f"{where}: {len(columns)} columns; expected one for each of {', '.join(names)}"
+        )
+    unit = str(given.get("unit", "rad"))
+    if unit not in UNITS["angle"]:
+        raise BadInputError(f"{where}: unit '{unit}'; expected one of {', '.join(UNITS['angle'])}")
+    factor = UNITS["angle"][unit]
+    return {
+        joint.name: (1.0 if joint.slides else factor) * table.column(str(name))
+        for joint, name in zip(moving, columns, strict=True)
+    }
