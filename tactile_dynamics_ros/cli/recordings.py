@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 def add_recording_arguments(parser: ArgumentParser, optional: bool = False) -> None:
     """Add the recording, its remappings and the effects of the model."""
     count = "?" if optional else "+"
-    bag_help = "rosbag2 directory, .mcap or .db3 file"
+    bag_help = "rosbag2 directory, .mcap, .db3 or ROS 1 .bag file"
     several = "" if optional else "; several of one object are asked together: biases are of each"
     parser.add_argument("bag", metavar="BAG", nargs=count, help=bag_help + several)
     parser.add_argument(
@@ -31,7 +31,13 @@ def add_recording_arguments(parser: ArgumentParser, optional: bool = False) -> N
         action="append",
         default=[],
         metavar="RECORDED:=MEANT",
-        help="read a recorded topic under the name that it stands for; repeatable",
+        help="read a recorded topic under the name that it stands for; repeatable, also for one "
+        "topic that stands for several",
+    )
+    parser.add_argument(
+        "--world-frame",
+        metavar="FRAME",
+        help="frame of the poses, z up, if it is neither `world` nor the base of a robot",
     )
     add_namespace(parser)
     parser.add_argument(
@@ -91,7 +97,12 @@ def _read(bag: str, args: Namespace) -> Recording:
     from tactile_dynamics_ros.recording import Recording
 
     remap = _parse_remappings(args.remap)
-    recording = Recording.from_bag(bag, remap=remap, namespace=args.namespace)
+    recording = Recording.from_bag(
+        bag,
+        remap=remap,
+        namespace=args.namespace,
+        world_frame=getattr(args, "world_frame", None),
+    )
     lines = recording.problem_lines()
     if not recording.streams.contacts:
         known = next((f", as in {line}" for line in lines if "force" in line), "")
@@ -131,14 +142,14 @@ def _parse_span(argument: str | None) -> tuple[float, float] | None:
     return start, stop
 
 
-def _parse_remappings(arguments: list[str]) -> dict[str, str]:
-    """Return recorded and meant topic names."""
-    remap = {}
+def _parse_remappings(arguments: list[str]) -> dict[str, list[str]]:
+    """Return the names that each recorded topic stands for."""
+    remap: dict[str, list[str]] = {}
     for argument in arguments:
         recorded, separator, meant = argument.partition(":=")
         if not separator or not recorded.startswith("/") or not meant.startswith("/"):
             raise BadInputError(f"--remap {argument}: expected /recorded/topic:=/meant/topic")
-        remap[recorded] = meant
+        remap.setdefault(recorded, []).append(meant)
     return remap
 
 
