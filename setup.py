@@ -52,6 +52,7 @@ setup(
         "matplotlib",
         "numpy",
         "pillow",
+        "pypcd4",
         "pyyaml",
         "rich",
         "rosbags",

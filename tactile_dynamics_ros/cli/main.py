@@ -22,6 +22,7 @@ VERB_MODULES: tuple[str, ...] = (
     "tactile_dynamics_ros.cli.effects",
     "tactile_dynamics_ros.cli.excite",
     "tactile_dynamics_ros.cli.import_",
+    "tactile_dynamics_ros.cli.shape",
     "tactile_dynamics_ros.cli.synthetic",
     "tactile_dynamics_ros.cli.train",
     "tactile_dynamics_ros.cli.calibrate",

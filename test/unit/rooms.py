@@ -151,6 +151,7 @@ ROOMS = {
             "core/manipulation",
             "core/rigid_body",
             "core/robot",
+            "core/shape",
             "core/tactile",
         )
         + ("recording", "report", "ros", "sim", "synthetic"),

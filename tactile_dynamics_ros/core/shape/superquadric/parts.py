@@ -1,0 +1,340 @@
+"""Parts of an object from its points: clusters, then strays that have a shape, then fewer parts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import ConvexHull, cKDTree
+
+from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.shape.superquadric.mixture import Mixture, maximise
+from tactile_dynamics_ros.core.shape.superquadric.recovery import (
+    LEAST_POINTS,
+    Recovery,
+    check_points,
+    finished,
+    recover,
+    simplified,
+    sketches,
+    spread_choice,
+)
+
+Array = NDArray[np.float64]
+
+_NEIGHBOURS = 8
+"""Neighbours that tell the spacing of a cloud: enough to jump over strays."""
+_REACH = 3.0
+"""Distance, in spacings to the eighth neighbour, within which points belong together. At 2 a sparse
+side falls off, at 5 objects that stand 1 cm apart run together."""
+_LEAST_SHARE = 0.02
+"""Share of all points that a cluster needs to be an object and no strays: with a tenth of strays in
+the box around an object few clusters of strays have so many."""
+_PATCH = 12
+"""Neighbours of a patch whose distances from its plane tell the noise of the camera."""
+_PATCHES = 300
+"""Patches that are looked at: their median is then known to some percent."""
+_MATERIAL = 0.01
+"""Misfit of one surface, as a share of the cloud's size, from which it may be no description of an
+object: 1 mm on 10 cm. Hexagons leave more (1.3 to 1.7 %), and so do two boxes side by side; those
+have a dent or a step. Higher takes narrow parts for a taper, lower looks for parts in vain."""
+_DENT = 0.08
+"""Share of the outline's convex hull that no point lies over, from which the outline has a dent:
+hexagons show 5 % by the raster's edges, a part of half the width beside another 11 %, a T 20 %."""
+_FEWEST_CELLS = 40
+"""Cells of the raster of an outline below which it shows no dent: six by seven."""
+_STEP = 0.2
+"""Range of the tops of columns, as a share of the height, from which an object has a step."""
+_HALVED = 0.7
+"""Misfit with another part, over that before, from which the part is not worth having."""
+_STRAY_SHARE = 0.2
+"""Share of strays in a cluster from which some of them may be another part: twice what a camera
+has. Lower looks for parts among noise, higher overlooks small parts."""
+_MOST_PARTS = 4
+"""Parts of one object that are looked for; each costs fits of all pairs."""
+_DECISIVE = 1200
+"""Points on which the number of parts is decided; all of them only place the parts. Decisions take
+time in proportion; with half as many, narrow parts are overlooked."""
+_STEPS = 40
+"""Steps of a joint fit of parts that begin near their end."""
+_BEST = 2
+"""Divisions that are followed to their end."""
+_SKETCHED = 4
+"""Starts of the sketch of a side: box, cylinder, wedges. All ten take 2.5 times as long."""
+_SAMPLES = 500
+"""Samples of a part's surface that are looked for in other parts: shares are known to 2 %."""
+_INSIDE = 0.35
+"""Share of a part's surface inside another from which both are one body that no superquadric fits:
+a face that touches is a quarter of a surface at most, two halves of a hexagon lie half in each
+other."""
+_PRICE = 30.0
+"""Log likelihood that a further part must gain: ten parameters at 3 each, for points whose errors
+go together."""
+
+
+@dataclass(frozen=True)
+class TableObject:
+    """An object on a table.
+
+    Attributes:
+        parts: fitted parts, the largest first.
+        points: (N, 3) of its cluster, m.
+        floor: noise of the camera as neighbouring points show it, m.
+        misfit: RMS distance from the surfaces beyond that noise, m.
+        strays: share of its points that lie on no part.
+    """
+
+    parts: tuple[Recovery, ...]
+    points: Array
+    floor: float
+    misfit: float
+    strays: float
+
+
+def find_objects(
+    points: Array, support: float | None = None, scale: Array | None = None
+) -> list[TableObject]:
+    """Find the objects in a cloud without table, and their parts.
+
+    Args:
+        points: (N, 3) world, z up, m.
+        support: height of the table, m; None if objects may lie in any way.
+        scale: (N,) noise of the points over that of the first.
+
+    Returns:
+        Objects, the one with the most points first.
+
+    Raises:
+        BadInputError: there are too few points, or none belong together.
+    """
+    points = np.asarray(points, dtype=float)
+    check_points(points)
+    scale = np.ones(len(points)) if scale is None else scale
+    found = [find_parts(points[members], support, scale[members]) for members in clusters(points)]
+    if not found:
+        raise BadInputError(
+            f"points: none of the {len(points)} belong together; expected the surface of an object"
+        )
+    return found
+
+
+def find_parts(points: Array, support: float | None, scale: Array) -> TableObject:
+    """Fit as many superquadrics to one object as its points speak for.
+
+    One is fitted first. Where it leaves a material misfit or many strays, a part is added where
+    they are; parts that one surface describes as well are merged again.
+    """
+    floor = camera_noise(points)
+    every, all_scale = points, scale
+    chosen = spread_choice(points, _DECISIVE)
+    points, scale = points[chosen], scale[chosen]
+    mixture = recover(points, support, scale).mixture
+    while len(mixture.shapes) < _MOST_PARTS and not _describes(mixture, points, floor):
+        more = _with_another(mixture, points, floor)
+        if more is None or not _is_better(more, mixture, points, floor):
+            break
+        mixture = more
+    mixture = _merged(mixture, points, support, floor)
+    points = every
+    mixture = simplified(maximise(replace(mixture, scale=all_scale), points, _STEPS), points)
+    order = np.argsort(-mixture.shares)
+    member = mixture.memberships(points)
+    return TableObject(
+        tuple(finished(mixture, points, int(k)) for k in order),
+        points,
+        floor,
+        _misfit(mixture, floor),
+        float(member[:, -1].mean()),
+    )
+
+
+def clusters(points: Array) -> list[NDArray[np.intp]]:
+    """Return indices of the points of each object, the largest first."""
+    tree = cKDTree(points)
+    count = min(_NEIGHBOURS + 1, len(points))
+    spacing = float(np.median(tree.query(points, count)[0][:, -1]))
+    pairs = tree.query_pairs(_REACH * spacing, output_type="ndarray")
+    graph = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(points),) * 2)
+    _, label = connected_components(graph, directed=False)
+    sizes = np.bincount(label)
+    least = max(LEAST_POINTS, _LEAST_SHARE * len(points))
+    order = np.argsort(-sizes, kind="stable")
+    return [np.flatnonzero(label == k) for k in order if sizes[k] >= least]
+
+
+def camera_noise(points: Array) -> float:
+    """Return the noise across the surface, m: distances from the planes of small patches."""
+    chosen = points[spread_choice(points, _PATCHES)]
+    count = min(_PATCH, len(points))
+    patch = points[cKDTree(points).query(chosen, count)[1]]
+    values = np.linalg.svd(patch - patch.mean(axis=1, keepdims=True), compute_uv=False)
+    return float(np.median(values[:, 2]) / np.sqrt(max(count - 3, 1)))
+
+
+def _misfit(mixture: Mixture, floor: float) -> float:
+    return float(np.sqrt(max(mixture.noise**2 - floor**2, 0.0)))
+
+
+def _is_better(more: Mixture, fewer: Mixture, points: Array, floor: float) -> bool:
+    """Whether one part more is worth it: likelier by its price, and a much smaller misfit."""
+    strays = [float(m.memberships(points)[:, -1].mean()) for m in (more, fewer)]
+    less = _misfit(more, floor) < _HALVED * _misfit(fewer, floor) or strays[0] < 0.5 * strays[1]
+    return less and not _overlap(more) and more.cost(points) < fewer.cost(points) - _PRICE
+
+
+def _overlap(mixture: Mixture) -> bool:
+    """Whether a part lies within another one to a large share: then they are one body."""
+    surfaces = [shape.sample(_SAMPLES)[0] for shape in mixture.shapes]
+    return any(
+        np.mean(other.gauge(other.to_body(surface)) < 1.0) > _INSIDE
+        for k, surface in enumerate(surfaces)
+        for n, other in enumerate(mixture.shapes)
+        if n != k
+    )
+
+
+def _describes(mixture: Mixture, points: Array, floor: float) -> bool:
+    """Whether surfaces leave no material misfit where there is a dent or a step, and few strays."""
+    size = float(np.ptp(points, axis=0).max())
+    member = mixture.memberships(points)
+    if float(member[:, -1].mean()) > _STRAY_SHARE:
+        return False
+    if _misfit(mixture, floor) < _MATERIAL * size:
+        return True
+    held = points[member[:, -1] < 0.5]
+    return _dent(held[:, :2]) < _DENT and _step(held) < _STEP
+
+
+def _dent(outline: Array) -> float:
+    """Share of the convex hull of points (N, 2) that none of them lies in.
+
+    Cells of a raster are counted against those that fill their hull, A + B / 2 + 1 (Pick).
+    """
+    if len(outline) < LEAST_POINTS:
+        return 0.0
+    cell = 4.0 * float(np.sqrt(np.prod(np.ptp(outline, axis=0)) / len(outline)))
+    cells, counts = np.unique(np.floor(outline / cell), axis=0, return_counts=True)
+    cells = cells[counts > 1]
+    if len(cells) < _FEWEST_CELLS:
+        return 0.0
+    hull = ConvexHull(cells)
+    return float(1.0 - len(cells) / (hull.volume + 0.5 * hull.area + 1.0))
+
+
+def _step(points: Array) -> float:
+    """Range of the tops of columns, as a share of the height."""
+    low, high = np.quantile(_tops(points[spread_choice(points, 400)]), [0.1, 0.9])
+    return float((high - low) / max(np.ptp(np.quantile(points[:, 2], [0.01, 0.99])), 1e-9))
+
+
+def _with_another(mixture: Mixture, points: Array, floor: float) -> Mixture | None:
+    """Return the best fit with one part more, or None if there is none."""
+    drafts = [
+        draft
+        for division in _divisions(mixture, points)
+        for draft in [_drafted(mixture, points, division, floor)]
+        if draft is not None
+    ]
+    drafts.sort(key=lambda draft: draft.cost(points))
+    ends = [maximise(draft, points, _STEPS) for draft in drafts[:_BEST]]
+    return min(ends, key=lambda found: found.cost(points), default=None)
+
+
+def _divisions(
+    mixture: Mixture, points: Array
+) -> list[tuple[NDArray[np.bool_], NDArray[np.bool_]]]:
+    """Divisions (N,), (N,) of the points: strays and the rest, halves by place and by height."""
+    member = mixture.memberships(points)
+    found = []
+    for cluster in _clusters_of(points, member[:, -1] > 0.5):
+        found.append((~cluster, cluster))
+    worst = int(np.argmax([np.sum(member[:, k]) for k in range(len(mixture.shapes))]))
+    own = member[:, worst] + member[:, -1] > 0.5
+    flat = points[:, :2] - np.median(points[own, :2], axis=0)
+    _, _, axes = np.linalg.svd(flat[own], full_matrices=False)
+    along = flat @ axes.T
+    for values in (along[:, 0], along[:, 1], _tops(points)):
+        for cut in _cuts(values[own]):
+            found.append((own & (values <= cut), own & (values > cut)))
+    return found
+
+
+def _clusters_of(points: Array, chosen: NDArray[np.bool_]) -> list[NDArray[np.bool_]]:
+    """Clusters (N,) among chosen points; none where there are too few."""
+    indices = np.flatnonzero(chosen)
+    if len(indices) < 2 * LEAST_POINTS:
+        return []
+    found = []
+    for members in clusters(points[indices])[:2]:
+        mask = np.zeros(len(points), dtype=bool)
+        mask[indices[members]] = True
+        found.append(mask)
+    return found
+
+
+def _tops(points: Array) -> Array:
+    """Height (N,) of the highest point in the column of each point."""
+    size = float(np.ptp(points[:, :2], axis=0).max())
+    near = cKDTree(points[:, :2]).query_ball_point(points[:, :2], 0.04 * size)
+    return np.array([np.quantile(points[index, 2], 0.9) for index in near])
+
+
+def _cuts(values: Array) -> list[float]:
+    """Values at a third, half and two thirds of the range."""
+    low, high = np.quantile(values, [0.02, 0.98])
+    return [float(low + share * (high - low)) for share in (1 / 3, 1 / 2, 2 / 3)]
+
+
+def _drafted(
+    mixture: Mixture,
+    points: Array,
+    division: tuple[NDArray[np.bool_], NDArray[np.bool_]],
+    floor: float,
+) -> Mixture | None:
+    """Sketch both sides of a division, beside the parts that are not divided."""
+    if min(int(side.sum()) for side in division) < LEAST_POINTS:
+        return None
+    member = mixture.memberships(points)
+    divided = int(np.argmax(member[division[0] | division[1]].sum(axis=0)[:-1]))
+    kept = [shape for k, shape in enumerate(mixture.shapes) if k != divided]
+    chart = replace(mixture.chart, plain=False)
+    sides = [
+        sketches(points[side], chart, mixture.scale[side], floor, _SKETCHED)[0] for side in division
+    ]
+    shapes = (*kept, *(side.shapes[0] for side in sides))
+    return Mixture.around(shapes, points, mixture.scale, chart, max(side.noise for side in sides))
+
+
+def _merged(mixture: Mixture, points: Array, support: float | None, floor: float) -> Mixture:
+    """Return a fit with fewer parts while one surface describes two of them as well."""
+    while len(mixture.shapes) > 1:
+        member = mixture.memberships(points)
+        fewer = [
+            found
+            for a in range(len(mixture.shapes))
+            for b in range(a)
+            for found in [_union(mixture, points, member, (a, b), support)]
+            if found is not None and _describes(found, points, floor)
+        ]
+        if not fewer:
+            return mixture
+        mixture = min(fewer, key=lambda found: found.cost(points))
+    return mixture
+
+
+def _union(
+    mixture: Mixture, points: Array, member: Array, pair: tuple[int, int], support: float | None
+) -> Mixture | None:
+    """Fit one surface to the points of two parts, beside the others."""
+    own = member[:, list(pair)].sum(axis=1) > 0.5
+    if own.sum() < LEAST_POINTS:
+        return None
+    one = recover(points[own], support, mixture.scale[own])
+    others = [s for k, s in enumerate(mixture.shapes) if k not in pair]
+    start = Mixture.around(
+        (*others, one.shape), points, mixture.scale, mixture.chart, one.mixture.noise
+    )
+    return maximise(start, points, _STEPS)

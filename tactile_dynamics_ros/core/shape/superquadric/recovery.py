@@ -1,0 +1,230 @@
+"""A superquadric from the points of one object or of one of its parts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import islice
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
+from tactile_dynamics_ros.core.shape.superquadric.chart import Chart
+from tactile_dynamics_ros.core.shape.superquadric.mixture import Mixture, maximise
+from tactile_dynamics_ros.core.shape.superquadric.superquadric import Superquadric
+
+Array = NDArray[np.float64]
+
+LEAST_POINTS = 30
+"""Points below which nothing is fitted: three per parameter."""
+_FEW = 300
+"""Points that starts are compared on: their optima are then found to some tenths of the noise. All
+points would cost in proportion, fewer confuse similar starts."""
+_TURNS = np.deg2rad(np.arange(0.0, 90.0, 5.0))
+"""Turns about the vertical at which the bounding rectangle is measured. Between two of them the
+rectangle of a long box is wider by a twentieth of its length, which fits find."""
+_QUANTILE = 0.02
+"""Share of points beyond each side of the bounding rectangle: strays are cut off. With a tenth of
+strays around an object as large as their box, a fifth of them lie beyond each side, which leaves
+the start a little large."""
+_FIRST_NOISE = 0.1
+"""Noise of the first step, as a share of the cloud's size: all of the object lies within it."""
+_SHORT, _LONG = 12, 60
+"""Steps of starts on few points, and of the best ones on all. Fits end earlier where they
+settle."""
+_BEST = 2
+"""Starts that are followed to their end: the best may be beaten by the second on all points."""
+_TAPER_PRICE = 15.0
+"""Log likelihood that tapers must gain to be believed: two parameters at ln N each, for points
+whose errors go together. Lower, cylinders come out as waisted boxes that fit as well; higher, blunt
+wedges come out straight."""
+_SECTIONS = (0.3, 1.0)
+"""Exponents e2 of starts: a box and a cylinder; a diamond is a box turned by 45 deg."""
+
+
+@dataclass(frozen=True)
+class Recovery:
+    """A superquadric that was fitted, and how well.
+
+    Attributes:
+        mixture: the fit, of one part.
+        covariance: (P, P) of the chart's coordinates; axes as logarithms.
+        points: number of points.
+    """
+
+    mixture: Mixture
+    covariance: Array
+    points: int
+
+    @property
+    def shape(self) -> Superquadric:
+        """The surface."""
+        return self.mixture.shapes[0]
+
+    @property
+    def std(self) -> dict[str, float]:
+        """Standard deviations by coordinate; those of the semi-axes in m."""
+        root = np.sqrt(np.diag(self.covariance))
+        found = dict(zip(self.mixture.chart.names, map(float, root), strict=True))
+        for name, axis in zip("xyz", self.shape.semi_axes, strict=True):
+            found[f"a{name}"] = found.pop(f"ln_a{name}") * float(axis)
+        return found
+
+
+def recover(
+    points: Array, support: float | None = None, scale: Array | None = None, least: float = 0.0
+) -> Recovery:
+    """Fit one superquadric to points, some of which may be strays.
+
+    Expectation maximisation over noise, strays and shape (`Mixture`), from several starts: boxes
+    and cylinders along the sides of the tightest upright rectangle and across it, plain and
+    tapered either way. Source: paper B, Eq. 3 to 9.
+
+    Args:
+        points: (N, 3) world, z up, m.
+        support: height of the table on which the object stands, m; None if it may lie in any way.
+        scale: (N,) noise of the points over that of the first; equal by default.
+        least: standard deviation of points below which none is believed, m.
+
+    Raises:
+        BadInputError: there are fewer than 30 points, or they do not span a volume.
+    """
+    points = np.asarray(points, dtype=float)
+    check_points(points)
+    scale = np.ones(len(points)) if scale is None else scale
+    chart = Chart(support)
+    starts = sketches(points, chart, scale, least)
+    ends = [
+        maximise(replace(start, scale=scale), points, _LONG, least=least)
+        for start in starts[:_BEST]
+    ]
+    best = min(ends, key=lambda mixture: mixture.cost(points))
+    return finished(simplified(best, points, least), points)
+
+
+def sketches(
+    points: Array, chart: Chart, scale: Array, least: float = 0.0, most: int | None = None
+) -> list[Mixture]:
+    """Return short fits to some of the points from several starts, the best first.
+
+    Args:
+        points: (N, 3) world, m.
+        chart: coordinates.
+        scale: (N,) noise of the points over that of the first.
+        least: standard deviation of points below which none is believed, m.
+        most: starts that are tried; all by default.
+    """
+    few = spread_choice(points, _FEW)
+    chosen, noise = points[few], _FIRST_NOISE * float(np.ptp(points, axis=0).max())
+    found = [
+        maximise(
+            Mixture.around([chart.settled(start)], chosen, scale[few], chart, noise),
+            chosen,
+            _SHORT,
+            least=least,
+        )
+        for start in islice(starts_around(chosen, chart.support), most)
+    ]
+    return sorted(found, key=lambda mixture: mixture.cost(chosen))
+
+
+def simplified(mixture: Mixture, points: Array, least: float = 0.0) -> Mixture:
+    """Return a fit without tapers if points hardly speak for them."""
+    straight = tuple(replace(shape, taper=np.zeros(2)) for shape in mixture.shapes)
+    chart = replace(mixture.chart, plain=True)
+    plain = maximise(replace(mixture, shapes=straight, chart=chart), points, _LONG, least=least)
+    gain = plain.cost(points) - mixture.cost(points)
+    return plain if gain < _TAPER_PRICE * len(mixture.shapes) else mixture
+
+
+def finished(mixture: Mixture, points: Array, part: int = 0) -> Recovery:
+    """Return one part of a fit with its covariance."""
+    alone = replace(mixture, shapes=mixture.shapes[part : part + 1], shares=np.ones(1))
+    member = mixture.memberships(points)[:, part]
+    covariance = alone.covariance(points, member)
+    return Recovery(alone, covariance, len(points))
+
+
+def check_points(points: Array) -> None:
+    """Refuse points that cannot be fitted.
+
+    Raises:
+        BadInputError: there are too few, or they do not span a volume.
+    """
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise BadInputError(f"points: shape {points.shape}, expected (N, 3) in metres")
+    if len(points) < LEAST_POINTS:
+        raise BadInputError(f"points: {len(points)}, expected at least {LEAST_POINTS} of an object")
+    if not np.all(np.isfinite(points)):
+        raise BadInputError("points: some are not finite; leave invalid pixels out")
+    singular = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    if singular[1] < 1e-6 * singular[0] or singular[0] == 0.0:
+        raise BadInputError("points: they lie on a line; expected the surface of an object")
+
+
+def spread_choice(points: Array, count: int) -> NDArray[np.intp]:
+    """Return indices of about `count` points, the same whatever the order of the points.
+
+    Points are taken at even steps of their distance from the middle.
+    """
+    if len(points) <= count:
+        return np.arange(len(points))
+    order = np.argsort(np.linalg.norm(points - np.median(points, axis=0), axis=1), kind="stable")
+    return order[np.linspace(0, len(points) - 1, count).round().astype(np.intp)]
+
+
+def starts_around(points: Array, support: float | None) -> Iterator[Superquadric]:
+    """Yield shapes from which a fit may start."""
+    frames = [np.eye(3)] if support is not None else _principal_frames(points)
+    for frame in frames:
+        turned = points @ frame
+        low, high = _reach(turned[:, 2])
+        if support is not None:
+            low = min(support, high - 1e-3)
+        yaw = _tightest(turned[:, :2])
+        for turn in (yaw, yaw + 0.5 * np.pi):
+            pose, half = _box(turned, turn)
+            half[2] = max(0.5 * (high - low), 0.05 * half[:2].min())
+            pose[2, 3] = 0.5 * (high + low)
+            pose[:3, :3], pose[:3, 3] = frame @ pose[:3, :3], frame @ pose[:3, 3]
+            plain = [(e2, 0.0) for e2 in _SECTIONS] if turn == yaw else []
+            for e2, k1 in [*plain, (_SECTIONS[0], 0.5), (_SECTIONS[0], -0.5)]:
+                yield Superquadric(half, np.array([0.3, e2]), np.array([k1, 0.0]), pose)
+        pose, half = _box(turned, yaw + 0.25 * np.pi)
+        half[2], pose[2, 3] = max(0.5 * (high - low), 1e-3), 0.5 * (high + low)
+        pose[:3, :3], pose[:3, 3] = frame @ pose[:3, :3], frame @ pose[:3, 3]
+        yield Superquadric(half, np.array([0.3, 0.5]), np.zeros(2), pose)
+
+
+def _principal_frames(points: Array) -> list[Array]:
+    """Right-handed frames with each principal axis as z."""
+    _, _, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
+    frames = [np.roll(axes, k, axis=0).T for k in range(3)]
+    return [frame * [1.0, 1.0, np.sign(np.linalg.det(frame))] for frame in frames]
+
+
+def _tightest(points: Array) -> float:
+    """Turn about z, rad, of the rectangle of least area around points (N, 2)."""
+    areas = [np.prod(np.diff(_reach(points @ _plane(turn)), axis=0)) for turn in _TURNS]
+    return float(_TURNS[int(np.argmin(areas))])
+
+
+def _box(points: Array, turn: float) -> tuple[Array, Array]:
+    """Pose (4, 4) and half edges (3,) of the rectangle around points at a turn; z is left open."""
+    low, high = _reach(points[:, :2] @ _plane(turn))
+    pose = np.eye(4)
+    pose[:3, :3] = exp_so3(np.array([0.0, 0.0, turn]))
+    pose[:2, 3] = _plane(turn) @ (0.5 * (low + high))
+    return pose, np.array([*np.maximum(0.5 * (high - low), 1e-4), 1e-4])
+
+
+def _plane(turn: float) -> Array:
+    c, s = np.cos(turn), np.sin(turn)
+    return np.array([[c, -s], [s, c]])
+
+
+def _reach(values: Array) -> Array:
+    """Lowest and highest values but for strays, along the first axis."""
+    return np.asarray(np.quantile(values, [_QUANTILE, 1.0 - _QUANTILE], axis=0))
