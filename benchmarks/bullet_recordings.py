@@ -12,17 +12,19 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tactile_dynamics_ros.core.manipulation.grasp_controller import GraspController, Phase
+from tactile_dynamics_ros.core.manipulation.grasp_controller import (
+    GraspConfig,
+    GraspController,
+    Phase,
+)
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
-from tactile_dynamics_ros.core.robot.robot_file import load_robot
+from tactile_dynamics_ros.core.robot.robot_file import DEFAULT_ROBOT, load_robot
 from tactile_dynamics_ros.core.streams.streams import ContactStream, PoseStream, Streams
 from tactile_dynamics_ros.sim.contacts import ContactReading
 from tactile_dynamics_ros.sim.hidden_effects import HiddenEffect, SensorView, create_hidden_effect
 from tactile_dynamics_ros.sim.world import HandWorld, WorldConfig
 from tactile_dynamics_ros.synthetic import randomness
 from tactile_dynamics_ros.synthetic.sensors import SensorOptions
-
-ROBOT = load_robot()
 
 PERIOD_S = 0.01
 
@@ -51,6 +53,8 @@ def record_in_bullet(
     object_name: str = "potted_meat_can",
     sensors: SensorOptions | None = None,
     time_limit: float = 90.0,
+    robot_name: str = DEFAULT_ROBOT,
+    behaviour: GraspConfig | None = None,
 ) -> SimulatedRecording:
     """Grasp, lift and shake the object with the hidden effect; keep the shaking.
 
@@ -60,10 +64,11 @@ def record_in_bullet(
     sensors = sensors or SensorOptions()
     hidden = create_hidden_effect(effect, magnitude, seed)
     log = _Log()
-    with HandWorld(WorldConfig(object_name=object_name)) as world:
-        world.reset(ROBOT.start)
+    robot = load_robot(robot_name)
+    with HandWorld(WorldConfig(object_name=object_name), machine=robot) as world:
+        world.reset(robot.start)
         hidden.attach(world)
-        controller = GraspController(HandKinematics(), world.model.grasp)
+        controller = GraspController(HandKinematics(robot), world.model.grasp, behaviour)
         steps = round(PERIOD_S / world.config.time_step)
         readings = world.contacts()
         while not controller.done and world.time < time_limit:
@@ -92,7 +97,9 @@ def _note(
     log: _Log, world: HandWorld, effect: HiddenEffect, readings: dict[str, ContactReading]
 ) -> None:
     pose = world.object_pose()
-    frames = {name: world.link_pose(ROBOT.sensor_frame(name))[:3, :3] for name in world.fingers}
+    frames = {
+        name: world.link_pose(world.machine.sensor_frame(name))[:3, :3] for name in world.fingers
+    }
     tips = {name: readings[name] for name in world.fingers}
     felt = effect.feel(SensorView(world.time, tips, frames, pose))
     log.pose_time.append(world.time + effect.delay("pose"))

@@ -23,8 +23,8 @@ from tactile_dynamics_ros.core.streams.streams import ContactStream, PoseStream,
 from tactile_dynamics_ros.core.tracking.kinematic_tracker import KinematicTracker
 from tactile_dynamics_ros.core.tracking.pose_average import average_poses
 from tactile_dynamics_ros.core.tracking.pose_fusion import PoseFusion
-from tactile_dynamics_ros.sim.simulated_robot import SimulatedRobot, SimulatedRobotConfig
 from tactile_dynamics_ros.sim.sensors.pads import ForceTorquePads
+from tactile_dynamics_ros.sim.simulated_robot import SimulatedRobot, SimulatedRobotConfig
 from tactile_dynamics_ros.sim.world import WorldConfig
 
 _SIGHTINGS = 15
