@@ -23,13 +23,15 @@ _ANGLE, _PLACE_M, _FORCE_N, _TORQUE_NM = 0.01, 1e-3, 0.05, 5e-3
 stamps. A wrong unit, sign, order or frame is off by a hundred times as much."""
 
 
-def judge_layout(name: str, layout: Layout, seed: int, folder: Path) -> tuple[str, str]:
+def judge_layout(
+    name: str, layout: Layout, seed: int, folder: Path, seconds: float = 20.0
+) -> tuple[str, str]:
     """Write a log in a layout, guess its mapping, and compare what is read with the truth.
 
     Returns:
         One of "right", "asks", "wrong", and a line that says why.
     """
-    log = WristLog.draw_static(seed) if name in STATIC else WristLog.draw(seed)
+    log = WristLog.draw_static(seed) if name in STATIC else WristLog.draw(seed, seconds)
     paths = layout(log, folder)
     guess = guess_tables(paths)
     if guess.question:

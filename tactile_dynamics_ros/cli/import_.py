@@ -38,6 +38,7 @@ class _FormOrFile(argparse._SubParsersAction):  # type: ignore[type-arg]
         words = list(values)
         if words[0] not in self._name_parser_map:
             words.insert(0, GUESS)
+            namespace.without_form = True
         super().__call__(parser, namespace, words, option_string)
 
 
@@ -194,7 +195,7 @@ def _require_question(args: Namespace, paths: Sequence[Path]) -> None:
     Raises:
         BadInputError: a file was named as if it were a form.
     """
-    if args.form == GUESS or args.guess:
+    if args.guess or not getattr(args, "without_form", False):
         return
     forms = ", ".join(importer.name for importer in IMPORTERS)
     raise BadInputError(

@@ -12,7 +12,8 @@ import apsw
 from rosbags.rosbag1 import Reader as Ros1Reader
 from rosbags.rosbag1 import ReaderError as Ros1ReaderError
 from rosbags.rosbag2 import Reader, ReaderError
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.serde import SerdeError
+from rosbags.typesys import Stores, get_typestore
 
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.recording.cdr import (
@@ -29,6 +30,7 @@ BLOCK = 20_000
 DAMAGE = (
     ReaderError,
     Ros1ReaderError,
+    SerdeError,
     apsw.Error,
     ZSTD_ERROR,
     struct.error,
@@ -160,19 +162,16 @@ def _regular_messages(
 def _ros1_messages(
     file: Path, types: dict[str, str], wanted: Callable[[str], bool]
 ) -> Iterator[RawMessage]:
-    """Yield the wanted messages of a bag of ROS 1, serialised as ROS 2 does."""
-    store = get_typestore(Stores.ROS1_NOETIC)
+    """Yield the wanted messages of a bag of ROS 1, serialised as ROS 2 does.
+
+    Those of types that ROS 2 does not bring are left out.
+    """
+    store = get_typestore(Stores.ROS2_JAZZY)
     with Ros1Reader(file) as reader:
         types.update({c.topic: c.msgtype for c in reader.connections})
-        connections = [c for c in reader.connections if wanted(c.topic)]
-        for connection in connections:
-            if connection.msgtype not in store.types:
-                own = get_types_from_msg(connection.msgdef.data, connection.msgtype)
-                store.register(
-                    {name: kind for name, kind in own.items() if name not in store.types}
-                )
-        if connections:
-            for connection, received, data in reader.messages(connections=connections):
+        known = [c for c in reader.connections if wanted(c.topic) and c.msgtype in store.types]
+        if known:
+            for connection, received, data in reader.messages(connections=known):
                 message = store.ros1_to_cdr(data, connection.msgtype)
                 yield connection.topic, connection.msgtype, received, bytes(message)
 

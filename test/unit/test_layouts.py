@@ -1,0 +1,134 @@
+"""Tables of other people's programs: read right, or asked about, never read wrong."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+import yaml
+
+from benchmarks.layouts import ASKS, RIGHT, WRONG, judge_layout
+from tactile_dynamics_ros.cli.main import main
+from tactile_dynamics_ros.recording.importers.guess import Answers, guess_tables
+from tactile_dynamics_ros.synthetic.layouts import LAYOUTS, UNSEEN, WristLog
+from tactile_dynamics_ros.synthetic.layouts.writing import axes, write_table
+
+UNTOLD = frozenset(["no_time", "compensated"])
+"""Layouts that lack what no guess can know."""
+SECONDS = 6.0
+
+
+@pytest.mark.parametrize("name", [*LAYOUTS, *UNSEEN])
+def test_a_layout_is_read_right_or_asked_about(name, tmp_path):
+    layout = LAYOUTS.get(name) or UNSEEN[name]
+    verdict, why = judge_layout(name, layout, 31, tmp_path, SECONDS)
+    assert verdict == (ASKS if name in UNTOLD else RIGHT), why
+
+
+def test_the_judge_sees_what_is_wrong(tmp_path):
+    def swapped(log, folder):
+        names = ["t", *axes("p"), *axes("q", "xyzw"), *axes("f"), *axes("m")]
+        mixed = log.torque[:, [1, 0, 2]]
+        columns = [log.time, log.position, log.quaternion, log.force, mixed]
+        return [write_table(folder / "swapped.csv", names, columns)]
+
+    assert judge_layout("swapped", swapped, 3, tmp_path, SECONDS) == (WRONG, "torque")
+
+
+@pytest.fixture
+def table(tmp_path):
+    """Write a log as a table whose names say nothing of time and angles."""
+    log = WristLog.draw(5, SECONDS)
+
+    def write(**changes):
+        columns = {"time": log.time, "position": log.position, "force": -log.force} | changes
+        names = ["time", *axes("p"), *axes("q", "xyzw"), *axes("f"), *axes("m")]
+        parts = [columns["time"], columns["position"], log.quaternion, columns["force"]]
+        path = write_table(tmp_path / "table.csv", names, [*parts, -log.torque])
+        path.with_suffix(".mapping.yaml").unlink(missing_ok=True)
+        return path
+
+    return log, write
+
+
+def test_import_guess_shows_units_rates_frames_and_writes_a_mapping(table, capsys):
+    log, write = table
+    path = write()
+    assert main(["import", str(path), "--guess"]) == 0
+    text = capsys.readouterr().out
+    for part in ("time in s: 100 Hz, 5.99 s", "px .. pz in m", "qx .. qw: quaternion"):
+        assert part in text
+    assert "fx .. fz in N, axes of the sensor; it is the load on the sensor" in text
+    assert "first row" in text and "N in world axes" in text
+    mapping = path.with_suffix(".mapping.yaml")
+    assert yaml.safe_load(mapping.read_text())["contacts"]["wrist"]["force"]["scale"] == -1.0
+    bag = str(path.with_name("bag.mcap"))
+    assert main(["import", "csv", str(mapping), bag]) == 0
+    capsys.readouterr()
+    assert main(["estimate", bag, "--effects", "force_bias", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert abs(found["mass"]["value"] - log.mass) < 4.0 * found["mass"]["std"]
+    error = np.abs(np.array(found["com"]["value"]) - log.com)
+    assert np.all(error < 4.0 * np.array(found["com"]["std"]))
+
+
+def test_a_mapping_is_not_overwritten_and_a_file_alone_is_no_form(table, capsys):
+    path = table[1]()
+    assert main(["import", str(path), "--guess", "--json"]) == 0
+    assert set(json.loads(capsys.readouterr().out)) >= {"mapping", "understood", "first_row"}
+    assert main(["import", str(path), "--guess"]) == 2
+    assert "exists already" in capsys.readouterr().err
+    assert main(["import", str(path)]) == 2
+    assert "add --guess" in capsys.readouterr().err
+    assert main(["import", "misspelt", "a", "b"]) == 2
+    assert "invalid choice: 'misspelt'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("column", "factor", "question"),
+    [
+        ("position", 10.0, "the position is"),
+        ("position", 1e-3, "tell masses that differ by a factor"),
+        ("time", 500.0, "tell masses that differ by a factor"),
+        ("time", 0.1, "rises by 0.001 per row: which unit has it"),
+        ("force", 0.0, "show no weight under any reading"),
+    ],
+)
+def test_what_cannot_be_told_is_asked_in_a_line(table, capsys, column, factor, question):
+    log, write = table
+    path = write(**{column: factor * getattr(log, column)})
+    assert main(["import", str(path), "--guess"]) == 2
+    [line] = [x for x in capsys.readouterr().err.splitlines() if x.startswith("error: ")]
+    assert question in line
+    assert not path.with_suffix(".mapping.yaml").exists()
+
+
+def test_an_answer_settles_the_question(table):
+    log, write = table
+    path = write(time=500.0 * log.time)
+    guess = guess_tables([path], Answers({"time_unit": "ms", "position_unit": "m"}))
+    assert "differ by a factor" in guess.question
+    path = write(position=100.0 * log.position)
+    assert "the position is" not in guess_tables([path], Answers({"position_unit": "cm"})).question
+    mapping = guess_tables([path], Answers({"position_unit": "cm"})).mapping
+    assert mapping["object_pose"]["position"]["unit"] == "cm"
+
+
+def test_unknown_answers_are_refused(table, capsys):
+    path = str(table[1]())
+    for word, message in (
+        ("speed=3", "unknown; expected one of"),
+        ("speed", "expected KEY=VALUE"),
+        ("orientation=sideways", "expected one of quaternion"),
+    ):
+        assert main(["import", path, "--guess", "--say", word]) == 2
+        assert message in capsys.readouterr().err
+
+
+def test_rows_without_time_take_a_rate(tmp_path):
+    log = WristLog.draw(6, SECONDS)
+    paths = UNSEEN["no_time"](log, tmp_path)
+    assert "how many are there per second" in guess_tables(paths).question
+    found = guess_tables(paths, Answers({"rate_hz": "100"}))
+    assert found.mapping["object_pose"]["time"] == {"rate_hz": 100.0}
