@@ -89,8 +89,8 @@ def _outcome(case: Case, hidden: str) -> Outcome | None:
 def table(found: Sequence[Outcome]) -> list[str]:
     """Rows of the table, one for each hidden effect."""
     lines = [
-        "| hidden | recordings with a group and a motion | right name alone | and nothing else that "
-        "could do the same | otherwise called |",
+        "| hidden | recordings with a group and a motion | right name alone | and no other name in "
+        "`group` | otherwise called |",
         "|---|---|---|---|---|",
     ]
     for name in [*dict.fromkeys(outcome.hidden for outcome in found), ""]:
@@ -112,7 +112,7 @@ def section(found: Sequence[Outcome], command: str) -> str:
             "## Two recordings of one object",
             "",
             "Calm recordings (a few degrees and centimetres in one grasp, error 2) whose diagnosis",
-            "leaves a group and proposes a motion or a re-grasp; that is recorded, and both are asked",
+            "leaves a group and proposes a motion or re-grasp; it is recorded, and both are asked",
             f"together (`diagnose A B`). {kinds.count('motion')} motions, {kinds.count('regrasp')} "
             "re-grasps. Wanted: the right name alone in 90 %.",
             "",

@@ -22,10 +22,14 @@ leave up to 2 %, the middle one alone up to 20 %."""
 _SLOWEST_SPIN = 0.01
 """Smallest w_0 that a fit can tell from a step, rad/s: the spin is slower in 0.5 % of the samples
 of a motion at 1 rad/s. Smaller ones are evaluated as this one, with no derivative by w_0."""
-_SCREENED_TWISTS = (0.03, 0.3)
+_SCREENED_TWISTS = (0.03, 0.3, 3.0)
 """Twists, rad, up to which a finger sticks, of which the screening family of each finger holds a
-column: 2 and 17 deg about enclose what soft tips show. Three instead of two cost a parameter of
-each finger and move no start by more than the fit does."""
+column: 2 and 17 deg about enclose what soft tips show, 172 deg is a finger that never slips.
+Without the last, fingers that only stick were not found; more cost a parameter of each finger."""
+_HARDLY = 0.95
+"""Limit from which a fit of fingers that only stick starts, over the torque of their largest twist:
+they slip a little then, so that the fit sees what a limit does. Starts that slip more end beside
+the solution, starts that never slip do not see the limit."""
 _LEAST_TWIST = 0.02
 """Turn of a contact frame in the body from which spins relative to the fingers are read too, rad.
 Frames of fingers that do not roll err by up to 0.007 in synthetic recordings; fingers that roll
@@ -164,7 +168,7 @@ class ContactTorsion(Effect):
         return self._about_normals(samples, each.reshape(*force.shape, -1))
 
     def _shapes(self, samples: WrenchSamples, spin: Array, force: Array) -> list[Array]:
-        """Two torques (N, C) of a coefficient of 1 m."""
+        """Torques (N, C) of a coefficient of 1 m, of several spins or twists."""
         if self._law_name == "fingers":
             return [-force * np.tanh(spin / scale) for scale in _SCREENED_SPINS[:2]]
         twists, unit = _twists(samples, spin), np.ones(force.shape[1])
@@ -184,13 +188,32 @@ class ContactTorsion(Effect):
             gain = share**2 / np.where(power > 0, power, 1.0)
             best = int(np.argmax(gain))
             return np.array([share[best] / max(power[best], 1e-30), _SCREENED_SPINS[best]])
-        by_law = np.reshape(coefficients, (-1, 2))
-        own, best = by_law.sum(axis=1), int(np.argmax(np.abs(by_law).sum(axis=0)))
+        by_law = np.reshape(coefficients, (len(samples.contact_names), -1))
         if self._law_name == "fingers":
-            return np.append(own, _SCREENED_SPINS[best])
-        force = _normal_force(samples).mean(axis=0)
-        stiffness = float(np.abs(own) @ force) / len(own) / _SCREENED_TWISTS[best]
-        return np.append(own, max(stiffness, 1e-3))
+            best = int(np.argmax(np.abs(by_law).sum(axis=0)))
+            return np.append(by_law.sum(axis=1), _SCREENED_SPINS[best])
+        return self._guess_sticking(samples, by_law)
+
+    def _guess_sticking(self, samples: WrenchSamples, by_law: Array) -> Array:
+        """Start from the screened twist whose torques are largest.
+
+        Args:
+            samples: motion and contacts.
+            by_law: (C, 3) coefficients of the torques of `_shapes`.
+        """
+        shapes = self._shapes(samples, self._spin(samples), _normal_force(samples))
+        power = [np.sum((shape * by_law[:, k]) ** 2) for k, shape in enumerate(shapes)]
+        best = int(np.argmax(power))
+        force = _normal_force(samples)
+        usual = float(force[force > 0.0].mean()) if np.any(force > 0.0) else 1.0
+        own = np.maximum(by_law[:, best], 0.3 * np.abs(by_law[:, best]).mean())
+        stiffness = max(usual * float(own.mean()) / _SCREENED_TWISTS[best], 1e-3)
+        if best < len(_SCREENED_TWISTS) - 1:
+            return np.append(own, stiffness)
+        twists = np.nan_to_num(_twists(samples, self._spin(samples)))
+        furthest = np.abs(np.cumsum(twists, axis=0)).max(axis=0)
+        pressing = np.maximum(force.mean(axis=0), 1e-3)
+        return np.append(_HARDLY * stiffness * furthest / pressing, stiffness)
 
     def _spin(self, samples: WrenchSamples) -> Array:
         """Spin of the object about each normal, rad/s, (N, C)."""

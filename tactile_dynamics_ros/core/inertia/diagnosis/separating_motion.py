@@ -99,23 +99,21 @@ class Rival:
     def readings_of(cls, model: WhitenedModel) -> tuple[Rival, ...]:
         """A fitted model, and the same with what its last effect could be in another recording.
 
-        There it may need other fingers than here, and axes that look alike here may differ.
+        There it may need other fingers than here, and axes that look alike here may differ. What
+        the present recording tells of the body, it tells beside the fitted reading only.
         """
         *others, last = model.effects
         *thetas, fitted = model.theta
         names = [p.name for p in last.parameters(model.samples)]
         known = dict(zip(names, fitted, strict=True))
         rivals = [cls.from_model(model)]
-        learned = _learned(model, [*(effect.per_session for effect in others), True])
         for reading in last.freest():
             if reading.label == last.label:
                 continue
             theta = [known.get(p.name, 0.0) for p in reading.parameters(model.samples)]
-            same = learned[: len(learned) - len(fitted)]
-            beside = np.zeros((len(same) + len(theta),) * 2)
-            beside[: len(same), : len(same)] = same[:, : len(same)]
             effects, values = (*others, reading), (*thetas, np.array(theta))
-            rivals.append(cls._of(model, effects, values, beside))
+            unknown = np.zeros((10 + sum(len(value) for value in values),) * 2)
+            rivals.append(cls._of(model, effects, values, unknown))
         return tuple(rivals)
 
     @classmethod
