@@ -227,7 +227,7 @@ def _with_sensors(urdf: str, fingers: Sequence[Mapping[str, Any]]) -> str:
     """Return a URDF with the sensor frames that the fingers' entries place on links."""
     added = []
     for entry in fingers:
-        if "link" not in entry:
+        if "link" not in entry or f'<link name="{entry["sensor"]}"' in urdf:
             continue
         xyz = " ".join(map(repr, map(float, entry.get("xyz", (0, 0, 0)))))
         rpy = " ".join(map(repr, np.deg2rad(entry.get("rpy_deg", (0, 0, 0))).tolist()))
