@@ -9,7 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.biotac_press_rig import calibrate_units
-from tactile_dynamics_ros.core.contact.contact_state import Contact, ContactState, ContactStateConfig
+from tactile_dynamics_ros.core.contact.contact_state import (
+    Contact,
+    ContactState,
+    ContactStateConfig,
+)
 from tactile_dynamics_ros.core.manipulation.grasp_controller import GraspController, Phase
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
 from tactile_dynamics_ros.core.robot.robot_file import load_robot
