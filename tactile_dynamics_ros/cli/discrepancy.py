@@ -93,7 +93,7 @@ def _ask(args: Namespace) -> Question:
     """Fit the model that suits the recording."""
     if is_probe_recording(args):
         return question_friction(args)
-    from tactile_dynamics_ros.core.inertia.diagnosis.discrepancy_model import HeldObjectModel
+    from tactile_dynamics_ros.core.inertia.diagnosis.misreading import question
     from tactile_dynamics_ros.core.inertia.diagnosis.readings import (
         fit_with_readings,
         model_with_seen_noise,
@@ -103,7 +103,7 @@ def _ask(args: Namespace) -> Question:
     fitted = fit_with_readings(recording.streams, effects)
     _note(fitted)
 
-    model = HeldObjectModel.from_fit(fitted)
+    model = question(recording.streams, effects, fitted)
     return Question(
         model,
         recording.source,
@@ -173,7 +173,7 @@ def _diagnose_lines(document: dict[str, Any]) -> list[str]:
         f"held-out error {error['before']:.3f} -> {error['after']:.3f}, "
         f"noise floor {error['noise_floor']:.3f}",
     ]
-    if document["verdict"] != "adequate":
+    if document["verdict"] not in ("adequate", "convention"):
         lines.append("candidates, best first (error expected before refitting):")
         lines += [
             f"  {c['name']:<18} {c['predicted_whitened_rms']:.3f}  p = {c['p_value']:.2g}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from argparse import ArgumentParser, Namespace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from tactile_dynamics_ros.core.errors import BadInputError
@@ -45,6 +46,14 @@ def add_recording_arguments(parser: ArgumentParser, optional: bool = False) -> N
         metavar="START,STOP",
         help="use only this part, in seconds from the first pose",
     )
+    parser.add_argument(
+        "--assume",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="read the recording as this convention says, in the form that fits best, as "
+        "torque_unit (`diagnose` names them); repeatable",
+    )
 
 
 def add_namespace(parser: ArgumentParser, default: str | None = None) -> None:
@@ -85,7 +94,23 @@ def read_recording(args: Namespace) -> Recording:
     if span and len(bags) > 1:
         raise BadInputError(f"--between cuts one recording; {len(bags)} are given")
     recordings = [_read(bag, args) for bag in bags]
-    return _part(recordings[0], *span) if span else Recording.join(recordings)
+    recording = _part(recordings[0], *span) if span else Recording.join(recordings)
+    for name in getattr(args, "assume", []):
+        recording = _assume(recording, name)
+    return recording
+
+
+def _assume(recording: Recording, name: str) -> Recording:
+    """Return a recording as it reads by a convention; say on stderr what that is.
+
+    Raises:
+        BadInputError: there is no such convention, or this recording cannot be read so.
+    """
+    from tactile_dynamics_ros.core.inertia.conventions.finder import assumed
+
+    streams, reading = assumed(recording.streams, name)
+    print(f"note: read as {name}: {reading.change}", file=sys.stderr)
+    return replace(recording, streams=streams)
 
 
 def _read(bag: str, args: Namespace) -> Recording:

@@ -66,6 +66,9 @@ class SlidingBlock:
     terms: tuple[str, ...] = ("v^3",)
     unreadable: str = ""
 
+    def convention(self) -> None:
+        return None
+
     @cached_property
     def jacobian(self) -> np.ndarray:
         columns = [self.block.regressor, *(LAWS[name](self.block) for name in self.effects)]

@@ -8,7 +8,7 @@ from typing import Any
 
 from tactile_dynamics_ros.core.discrepancy.assessment import Assessment, assess
 from tactile_dynamics_ros.core.discrepancy.challenges import follows_other_law, is_outdone, temper
-from tactile_dynamics_ros.core.discrepancy.model.residual_model import ResidualModel
+from tactile_dynamics_ros.core.discrepancy.model.residual_model import Convention, ResidualModel
 from tactile_dynamics_ros.core.discrepancy.search import (
     DiagnosisConfig,
     Step,
@@ -36,7 +36,7 @@ class Diagnosis:
     """Outcome of `diagnose`.
 
     Attributes:
-        verdict: adequate, missing_effect, ambiguous or unexplained.
+        verdict: adequate, convention, missing_effect, ambiguous or unexplained.
         effect: the missing effect, or None.
         group: effects that the data cannot tell from it, itself first; empty where there is none.
         model: the model that was diagnosed.
@@ -47,6 +47,7 @@ class Diagnosis:
         floor: white RMS of the noise alone.
         signature: of what no effect explains, or None.
         trace: what is significant and does not matter, where the verdict is adequate; or None.
+        convention: other reading of the recording, where the verdict is convention; or None.
     """
 
     verdict: str
@@ -60,6 +61,7 @@ class Diagnosis:
     floor: float
     signature: Signature | None = None
     trace: Trace | None = None
+    convention: Convention | None = None
 
     @property
     def remaining(self) -> float:
@@ -94,7 +96,8 @@ def diagnose(
     """Find out whether an effect is missing from a fitted model, and which.
 
     The residual is tested; what is significant and does not matter is a trace beside an adequate
-    model. If something is missing, effects are added until nothing is. One effect
+    model. If something is missing, other readings of the recording are tried first; then effects
+    are added until nothing is. One effect
     that leaves nothing, or dominates all else, is the answer. If several are needed, the first is
     the answer provided that together they explain the residual. Otherwise the cause is none of the
     known effects, unless the residual is within the uncertainty that the sensors report: then
@@ -119,6 +122,9 @@ def diagnose(
     trace = find_trace(first)
     if trace is not None:
         return replace(unnamed("adequate", (), first.structure.floor), trace=trace)
+    convention = model.convention()
+    if convention is not None:
+        return _misread(model, first, before, convention)
     if model.unreadable:
         return unnamed("unexplained", (), first.structure.floor)
     steps = find_effects(model, first, config)
@@ -154,6 +160,25 @@ def diagnose(
         after=after,
         floor=floor,
         signature=None if settled else describe_residual(remains),
+    )
+
+
+def _misread(
+    model: ResidualModel, first: Assessment, before: HeldOut, convention: Convention
+) -> Diagnosis:
+    """Diagnosis of a recording whose numbers fit once they are read another way."""
+    floor = assess(convention.model, first.significance).structure.floor
+    return Diagnosis(
+        verdict="convention",
+        effect=None,
+        group=(),
+        model=model,
+        assessment=first,
+        steps=(),
+        before=before,
+        after=held_out(convention.model),
+        floor=floor,
+        convention=convention,
     )
 
 

@@ -9,7 +9,11 @@ import numpy as np
 
 from tactile_dynamics_ros.core.discrepancy.diagnosis import Diagnosis
 from tactile_dynamics_ros.core.discrepancy.explanation import Explanation
-from tactile_dynamics_ros.core.discrepancy.model.residual_model import ParameterTable, ResidualModel
+from tactile_dynamics_ros.core.discrepancy.model.residual_model import (
+    Convention,
+    ParameterTable,
+    ResidualModel,
+)
 from tactile_dynamics_ros.core.discrepancy.screening import Score, best_by_effect
 from tactile_dynamics_ros.core.discrepancy.search import explained_share
 from tactile_dynamics_ros.core.discrepancy.selection import Choice
@@ -50,6 +54,7 @@ def diagnosis_document(diagnosis: Diagnosis) -> Document:
         "unexplained": signature.to_json() if signature else None,
         "p_value": diagnosis.assessment.p_value,
         "trace": diagnosis.trace.to_json() if diagnosis.trace else None,
+        "convention": _convention(diagnosis.convention),
         "sentence": diagnosis_sentence(diagnosis),
     }
 
@@ -57,8 +62,11 @@ def diagnosis_document(diagnosis: Diagnosis) -> Document:
 def explanation_document(explanation: Explanation) -> Document:
     """The document of `explain`."""
     names = explanation.effects
-    errors = [explanation.before.rms, *(step.error for step in explanation.steps)]
-    added = [None, *(step.name for step in explanation.steps)]
+    read = explanation.conventions
+    errors = [explanation.before.rms, *(c.error_after for c in read)]
+    errors += [step.error for step in explanation.steps]
+    added = [None, *(f"read as {c.name} ({c.change})" for c in read)]
+    added += [step.name for step in explanation.steps]
     signature = explanation.signature
     return {
         "steps": [{"added": a, "error": e} for a, e in zip(added, errors, strict=True)],
@@ -72,7 +80,20 @@ def explanation_document(explanation: Explanation) -> Document:
         "parameters": explanation.model.parameters(),
         "groups": {step.name: list(step.group) for step in explanation.steps if step.group},
         "unexplained": signature.to_json() if signature else None,
+        "convention": _convention(read[0] if read else None),
         "sentence": explanation_sentence(explanation),
+    }
+
+
+def _convention(convention: Convention | None) -> Document | None:
+    """The entry of a convention."""
+    if convention is None:
+        return None
+    return {
+        "name": convention.name,
+        "change": convention.change,
+        "error_after": convention.error_after,
+        "others": list(convention.others),
     }
 
 
@@ -132,6 +153,8 @@ def _scored(score: Score, tests: int) -> Document:
 
 def diagnosis_sentence(diagnosis: Diagnosis) -> str:
     """The verdict for people."""
+    if diagnosis.convention is not None:
+        return _convention_sentence(diagnosis, diagnosis.convention)
     if diagnosis.trace is not None:
         return _trace_sentence(diagnosis.trace)
     if diagnosis.verdict == "adequate" and not diagnosis.assessment.white:
@@ -182,6 +205,19 @@ def _trace_sentence(trace: Trace) -> str:
 
 def _effect_sentence(model: ResidualModel, parameters: ParameterTable, name: str) -> str:
     return f"{capitalise(model.sentence(name))}: {write_parameters(parameters.get(name, {}))}"
+
+
+def _convention_sentence(diagnosis: Diagnosis, convention: Convention) -> str:
+    before, after = diagnosis.before.rms, convention.error_after
+    text = (
+        f"The recording means something else than it says ({convention.name}): "
+        f"{convention.change}. The error falls from {before:.2f} to {after:.2f}"
+    )
+    if convention.others:
+        text += f"; this recording cannot tell it from {join_names(convention.others)}"
+    if diagnosis.remaining > _REMAINS:
+        text += f"; what remains is {diagnosis.remaining:.1f} times the noise: explain goes on"
+    return f"{text}. Correct the recording, or read it so with --assume {convention.name}."
 
 
 def _unexplained_sentence(diagnosis: Diagnosis) -> str:
@@ -246,6 +282,11 @@ def _channels(names: Sequence[str]) -> str:
 
 def explanation_sentence(explanation: Explanation) -> str:
     """The outcome of all steps for people."""
+    read = "".join(f"Read as {c.name}: {c.change}. " for c in explanation.conventions)
+    return read + _outcome(explanation)
+
+
+def _outcome(explanation: Explanation) -> str:
     before, after = explanation.before.rms, explanation.after.rms
     if not explanation.steps:
         return diagnosis_sentence(explanation.first)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol, TypeVar
 
 from tactile_dynamics_ros.core.discrepancy.diagnosis import Diagnosis, diagnose, find_group
-from tactile_dynamics_ros.core.discrepancy.model.residual_model import ResidualModel
+from tactile_dynamics_ros.core.discrepancy.model.residual_model import Convention, ResidualModel
 from tactile_dynamics_ros.core.discrepancy.search import DiagnosisConfig, Step, reconsider_steps
 from tactile_dynamics_ros.core.discrepancy.signature import Signature, describe_residual
 from tactile_dynamics_ros.core.discrepancy.validation import HeldOut, held_out
@@ -37,12 +37,13 @@ class Explanation:
         effects: of the final model that the first one lacked.
         steps: in the order in which they were added.
         model: the final model.
-        first: diagnosis of the first model.
+        first: diagnosis of the first model, of the recording as it was read.
         last: diagnosis of the model with the effects that were named.
         before: held-out error of the first model.
         after: held-out error of the final model.
         floor: white RMS of the noise alone.
         signature: of what remains, if something does.
+        conventions: as which the recording was read first, one after the other.
     """
 
     verdict: str
@@ -55,6 +56,7 @@ class Explanation:
     after: HeldOut
     floor: float
     signature: Signature | None
+    conventions: tuple[Convention, ...] = ()
 
     @property
     def leaves_noise(self) -> bool:
@@ -65,8 +67,9 @@ class Explanation:
 def explain(model: ResidualModel, config: DiagnosisConfig | None = None) -> Explanation:
     """Diagnose, add, refit and repeat until the model is adequate or nothing helps.
 
-    Effects that lose their evidence when others are added are removed again, and those that
-    another then betters are replaced.
+    A recording that fits once it is read another way is read so first. Effects that lose their
+    evidence when others are added are removed again, and those that another then betters are
+    replaced.
 
     Args:
         model: fitted.
@@ -74,6 +77,8 @@ def explain(model: ResidualModel, config: DiagnosisConfig | None = None) -> Expl
     """
     config = config or DiagnosisConfig()
     first = diagnosis = diagnose(model, config)
+    if first.convention is not None:
+        return _read_first(first, first.convention, config)
     steps = first.steps if first.effect else ()
     for _ in range(config.depth):
         if not diagnosis.effect or steps[-1].after.adequate:
@@ -82,6 +87,14 @@ def explain(model: ResidualModel, config: DiagnosisConfig | None = None) -> Expl
         if diagnosis.effect:
             steps = reconsider_steps((*steps, *diagnosis.steps), config)
     return _summarise(first, diagnosis, steps, config)
+
+
+def _read_first(
+    recorded: Diagnosis, convention: Convention, config: DiagnosisConfig
+) -> Explanation:
+    """Explanation of a recording that is read another way before anything is added."""
+    found = explain(convention.model, config)
+    return replace(found, before=recorded.before, conventions=(convention, *found.conventions))
 
 
 def _summarise(
@@ -126,7 +139,7 @@ class Outcome(Protocol):
 
     @property
     def verdict(self) -> str:
-        """One of adequate, missing_effect, ambiguous and unexplained."""
+        """One of adequate, convention, missing_effect, ambiguous and unexplained."""
 
     @property
     def leaves_noise(self) -> bool:

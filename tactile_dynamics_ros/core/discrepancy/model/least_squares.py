@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.contract import central_differences
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import (
+    Convention,
     Family,
     ParameterTable,
     ResidualModel,
@@ -171,6 +172,10 @@ class LeastSquaresModel(ABC, Generic[EffectT]):
     def noise_level(self) -> float:
         """Mean log standard deviation of the noise; 0 where no effect changes the noise."""
         return 0.0
+
+    def convention(self) -> Convention | None:
+        """None: a model knows no other reading of its recording."""
+        return None
 
     @property
     def unreadable(self) -> str:

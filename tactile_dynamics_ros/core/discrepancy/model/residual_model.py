@@ -111,6 +111,25 @@ class Residuals:
     about: str = ""
 
 
+@dataclass(frozen=True)
+class Convention:
+    """Another reading of a recording, under which the numbers fit.
+
+    Attributes:
+        name: of the convention that was mistaken.
+        change: what is done to read the recording right, in a few words.
+        model: of the recording read right.
+        error_after: its held-out white RMS.
+        others: names of conventions that fit this recording as well.
+    """
+
+    name: str
+    change: str
+    model: ResidualModel
+    error_after: float
+    others: tuple[str, ...] = ()
+
+
 class ResidualModel(Protocol):
     """A fitted model with the effects that it has and could have."""
 
@@ -141,6 +160,9 @@ class ResidualModel(Protocol):
     @property
     def lasting_freedom(self) -> float:
         """Number of independent errors that last and that the sensors report of themselves."""
+
+    def convention(self) -> Convention | None:
+        """Another reading of the recording that fits where this one does not, or None."""
 
     @property
     def unreadable(self) -> str:

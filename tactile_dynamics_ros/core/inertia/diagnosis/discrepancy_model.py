@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -15,8 +15,14 @@ from tactile_dynamics_ros.core.discrepancy.model.least_squares import (
     LeastSquaresModel,
     split_parameters,
 )
-from tactile_dynamics_ros.core.discrepancy.model.residual_model import Family, Misfit, Residuals
+from tactile_dynamics_ros.core.discrepancy.model.residual_model import (
+    Convention,
+    Family,
+    Misfit,
+    Residuals,
+)
 from tactile_dynamics_ros.core.discrepancy.trials import square
+from tactile_dynamics_ros.core.discrepancy.validation import held_out
 from tactile_dynamics_ros.core.effects.effect import Effect
 from tactile_dynamics_ros.core.effects.parameter import EffectParameter, ParameterSum
 from tactile_dynamics_ros.core.effects.present import PresentEffects
@@ -70,6 +76,8 @@ class HeldObjectModel(LeastSquaresModel[Effect]):
         effects: the effects of the model.
         theta: their parameters.
         catalogue: labels or names of the effects that may be tried.
+        misread: looks for another reading of the recording, given the held-out error of this one;
+            None where the recording is not at hand.
     """
 
     whitening: Whitening
@@ -77,6 +85,7 @@ class HeldObjectModel(LeastSquaresModel[Effect]):
     effects: tuple[Effect, ...]
     theta: tuple[Array, ...]
     catalogue: tuple[str, ...]
+    misread: Callable[[float], Convention | None] | None = None
 
     tolerance = _QUICK_TOLERANCE
 
@@ -159,6 +168,14 @@ class HeldObjectModel(LeastSquaresModel[Effect]):
         """Parameters of an effect for the contacts of this recording."""
         return effect.parameters(self.samples)
 
+    def is_possible(self, name: str) -> bool:
+        """Whether an effect of the model can exist as it is fitted."""
+        return all(
+            effect.is_possible(self.samples, self.phi, theta)
+            for effect, theta in zip(self.effects, self.theta, strict=True)
+            if effect.name == name
+        )
+
     def sums_of(self, effect: Effect) -> tuple[ParameterSum, ...]:
         """Biases of several fingers are known as their sum."""
         return effect.sums(self.samples)
@@ -167,7 +184,7 @@ class HeldObjectModel(LeastSquaresModel[Effect]):
         self, own: Array, effects: tuple[Effect, ...], theta: tuple[Array, ...]
     ) -> HeldObjectModel:
         """The model at other parameters, at the same whitening."""
-        return replace(self, phi=own, effects=effects, theta=theta)
+        return replace(self, phi=own, effects=effects, theta=theta, misread=None)
 
     def effect_named(self, name: str) -> Effect:
         """An effect of the catalogue, or a reading of it."""
@@ -191,6 +208,10 @@ class HeldObjectModel(LeastSquaresModel[Effect]):
     def lasting_freedom(self) -> float:
         """Three for each contact, the axes in which its force may be off for good."""
         return 3.0 * len(self.samples.contact_names)
+
+    def convention(self) -> Convention | None:
+        """Another reading of the recording that fits where this one does not."""
+        return None if self.misread is None else self.misread(held_out(self).rms)
 
     @property
     def unreadable(self) -> str:

@@ -14,11 +14,8 @@ from tactile_dynamics_ros.core.discrepancy.documents import Document, diagnosis_
 from tactile_dynamics_ros.core.discrepancy.explanation import ask_twice
 from tactile_dynamics_ros.core.effects.registry import create_effects
 from tactile_dynamics_ros.core.inertia.batch.batch import BatchConfig, fit_recording
-from tactile_dynamics_ros.core.inertia.diagnosis.discrepancy_model import HeldObjectModel
-from tactile_dynamics_ros.core.inertia.diagnosis.readings import (
-    fit_with_readings,
-    model_with_seen_noise,
-)
+from tactile_dynamics_ros.core.inertia.diagnosis.misreading import question
+from tactile_dynamics_ros.core.inertia.diagnosis.readings import model_with_seen_noise
 from tactile_dynamics_ros.core.streams.measurement_window import MeasurementWindow
 from tactile_dynamics_ros.core.streams.streams import Streams
 
@@ -122,6 +119,6 @@ def diagnose_streams(streams: Streams, effects: Sequence[str]) -> Document:
         BadInputError: contacts and motion are missing or do not overlap.
     """
     known = create_effects(effects)
-    model = HeldObjectModel.from_fit(fit_with_readings(streams, known))
+    model = question(streams, known)
     answer, _ = ask_twice(diagnose, model, lambda: model_with_seen_noise(model, streams, known))
     return diagnosis_document(answer)

@@ -1,0 +1,1 @@
+"""Other readings of a recording: units, signs, axes and orders that people mistake."""

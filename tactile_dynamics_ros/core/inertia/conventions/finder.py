@@ -1,0 +1,150 @@
+"""Which convention was mistaken: readings are ranked, the best are fitted, and one is believed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactile_dynamics_ros.core.discrepancy.assessment import noise_floor
+from tactile_dynamics_ros.core.discrepancy.model.residual_model import Convention, ResidualModel
+from tactile_dynamics_ros.core.discrepancy.validation import held_out
+from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError
+from tactile_dynamics_ros.core.inertia.conventions.ranking import Ranked, Ranking, rank
+from tactile_dynamics_ros.core.inertia.conventions.reading import CONVENTIONS, Reading
+from tactile_dynamics_ros.core.streams.streams import Streams
+
+Fit = Callable[[Streams], ResidualModel]
+
+_CERTAIN = 60.0
+"""-2 log likelihood by which the best reading must be better than the recording as it is: chance
+among 250 readings makes 11 (2 log 250), errors that last for ten samples ten times as much of what
+is left per sample. At 20 a motion that tells nothing may be read otherwise, at 200 short recordings
+of slow loggers are not."""
+_LARGE = 0.9
+"""Fall of what is left, summed over force and torque in logarithms, from which a reading is
+believed although something else remains: a factor of 2.5. Of 76 recordings with one effect of up to
+four times the noise one has a reading that gains 0.5, and the others none."""
+_WORSE = 0.1
+"""Rise of what is left in one channel, in logarithms, up to which such a reading is believed: what
+is meant improves them all, what imitates an effect takes from the forces what it gives to the
+torques. At 0.8 turned axes imitate a strong drag."""
+_NEAR_FLOOR = 1.12
+"""Held-out error over the noise floor up to which nothing else remains, as of effects."""
+_EXPLAINED = 0.9
+"""Share of the excess error that such a reading explains at least, as an effect does."""
+_ALIKE = 0.08
+"""Difference of scores up to which readings are fitted thoroughly to be told apart."""
+_FITTED = 5
+"""Readings that are fitted thoroughly, at most."""
+_AS_WELL = 1.02
+"""Held-out errors whose ratio is below this are equal: what is immaterial of an effect."""
+
+
+@dataclass(frozen=True)
+class _Fitted:
+    ranked: Ranked
+    model: ResidualModel
+    error: float
+
+    @property
+    def reading(self) -> Reading:
+        return self.ranked.reading
+
+
+def find_convention(streams: Streams, recorded: float, fit: Fit) -> Convention | None:
+    """Find out whether a recording means something else than it says.
+
+    Args:
+        streams: as recorded.
+        recorded: held-out error of the model of the recording as it is.
+        fit: makes the model of streams.
+
+    Returns:
+        The convention, with the model of the recording read right; None where no reading is
+        clearly better.
+    """
+    ranking = rank(streams)
+    if not _is_certain(ranking):
+        return None
+    fitted = _fit_best(ranking, streams, fit)
+    if not fitted:
+        return None
+    least = min(one.error for one in fitted)
+    equal = [one for one in fitted if one.error <= _AS_WELL * least]
+    best = equal[0]
+    if not _is_believed(ranking, best, recorded):
+        return None
+    others = dict.fromkeys(one.reading.name for one in equal[1:])
+    names = tuple(name for name in others if name != best.reading.name)
+    return Convention(best.reading.name, _change(best, equal), best.model, best.error, names)
+
+
+def assumed(streams: Streams, name: str) -> tuple[Streams, Reading]:
+    """The recording read as a named convention says, in the form that fits it best.
+
+    Args:
+        streams: as recorded.
+        name: one of `CONVENTIONS`.
+
+    Raises:
+        BadInputError: there is no such convention, or this recording cannot be read so.
+    """
+    if name not in CONVENTIONS:
+        raise BadInputError(f"--assume {name}: expected one of {', '.join(CONVENTIONS)}")
+    ranked = rank(streams, (name,)).ranked
+    if not ranked:
+        raise BadInputError(
+            f"--assume {name}: nothing in this recording can be read so; see docs/diagnosis.md"
+        )
+    reading = _commonest(ranked)[0].reading
+    return reading.apply(streams), reading
+
+
+def _is_certain(ranking: Ranking) -> bool:
+    """Whether the best reading is better than the recording as it is by more than chance."""
+    if not ranking.ranked:
+        return False
+    return ranking.gain * 2.0 * ranking.ranked[0].balance.rows > _CERTAIN
+
+
+def _commonest(ranked: Sequence[Ranked]) -> list[Ranked]:
+    """Readings that leave as little as the best, in the order in which they are common."""
+    near = [one for one in ranked if one.score <= ranked[0].score + _ALIKE]
+    return sorted(near, key=lambda one: one.rarity)
+
+
+def _fit_best(ranking: Ranking, streams: Streams, fit: Fit) -> list[_Fitted]:
+    """The best readings, fitted thoroughly, the commonest first."""
+    near = _commonest(ranking.ranked)
+    closest = sorted(near, key=lambda one: one.score)[:_FITTED]
+    found = []
+    for one in near:
+        if one not in closest:
+            continue
+        try:
+            model = fit(one.reading.apply(streams))
+        except (TactileDynamicsError, np.linalg.LinAlgError):
+            continue
+        found.append(_Fitted(one, model, held_out(model).rms))
+    return found
+
+
+def _is_believed(ranking: Ranking, best: _Fitted, recorded: float) -> bool:
+    """Whether a reading leaves noise and explains the error, or leaves a fraction of what was."""
+    floor = noise_floor(best.model)
+    excess = recorded**2 - floor**2
+    left = best.error**2 - floor**2
+    if best.error <= _NEAR_FLOOR * floor and left <= (1.0 - _EXPLAINED) * excess:
+        return True
+    return ranking.gain >= _LARGE and ranking.loss <= _WORSE
+
+
+def _change(best: _Fitted, equal: Sequence[_Fitted]) -> str:
+    """What is done to read the recording right, and what would do as well under the same name."""
+    same = [one for one in equal if one.reading.name == best.reading.name and one is not best]
+    texts = dict.fromkeys(one.reading.change for one in same)
+    if not texts:
+        return best.reading.change
+    return f"{best.reading.change} (as well: {'; '.join(texts)})"

@@ -1,0 +1,118 @@
+"""Motion of the object at a few instants, read quickly from many readings of one recording."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from tactile_dynamics_ros.core.contact.wrench_samples import GRAVITY_W
+from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.inertia.residuals.motion import Motion
+from tactile_dynamics_ros.core.inertia.residuals.wrench_problem import ProblemConfig
+from tactile_dynamics_ros.core.numerics.local_polynomial import (
+    LocalFunctional,
+    Window,
+    local_polynomial,
+    typical_period,
+)
+from tactile_dynamics_ros.core.streams.streams import ImuStream, Streams
+
+Array = NDArray[np.float64]
+
+_IMU_HALF_WIDTH = 0.01
+"""Half width of the windows over which accelerations of an IMU are averaged, s, as the fit does."""
+
+
+@dataclass
+class Motions:
+    """Reads motions of streams; what only the stamps decide is computed once."""
+
+    _functionals: dict[tuple[int, int, Window, int], tuple[object, LocalFunctional]] = field(
+        default_factory=dict
+    )
+    _motions: dict[tuple[int, int, int], tuple[object, Motion, NDArray[np.bool_]]] = field(
+        default_factory=dict
+    )
+
+    def read(self, streams: Streams, stamps: Array) -> tuple[Motion, NDArray[np.bool_]]:
+        """Motion at the stamps (N,) and where it is known (N,).
+
+        Derivatives are those of polynomials through unit quaternions and positions; where there is
+        an IMU, accelerations and angular velocities are its own.
+
+        Raises:
+            BadInputError: nothing says how the object is turned.
+        """
+        key = (id(streams.pose), id(streams.imu), id(stamps))
+        if key not in self._motions:
+            kept = (streams.pose, streams.imu, stamps)
+            self._motions[key] = (kept, *self._compute(streams, stamps))
+        _, motion, valid = self._motions[key]
+        return motion, valid
+
+    def _compute(self, streams: Streams, stamps: Array) -> tuple[Motion, NDArray[np.bool_]]:
+        source = streams.pose or streams.imu
+        if source is None or source.rotation is None:
+            raise BadInputError("no orientation of the object")
+        window = ProblemConfig().windows(typical_period(source.time))[1]
+        functional = self._functional(source.time, stamps, window, 3)
+        rotation, omega, alpha = _turning(source.rotation, functional)
+        position = np.zeros((3, len(stamps), 3))
+        if streams.pose is not None:
+            position = functional.apply_all(streams.pose.position)
+        motion = Motion(rotation, position[0], position[1], position[2], omega, alpha)
+        valid = functional.valid
+        if streams.imu is not None:
+            motion, also = self._with_imu(motion, streams.imu, stamps, window)
+            valid = valid & also
+        return motion, valid
+
+    def _with_imu(
+        self, motion: Motion, imu: ImuStream, stamps: Array, window: Window
+    ) -> tuple[Motion, NDArray[np.bool_]]:
+        mean = self._functional(imu.time, stamps, Window(_IMU_HALF_WIDTH, 2), 1)
+        felt = mean.apply(imu.specific_force, 0)
+        world = np.einsum("nij,nj->ni", motion.rotation, felt) + GRAVITY_W
+        changed, valid = replace(motion, acceleration=world), mean.valid
+        if imu.angular_velocity is not None:
+            rate = self._functional(imu.time, stamps, window, 2)
+            changed = replace(
+                changed,
+                angular_velocity_B=rate.apply(imu.angular_velocity, 0),
+                angular_acceleration_B=rate.apply(imu.angular_velocity, 1),
+            )
+            valid = valid & rate.valid
+        return changed, valid
+
+    def _functional(
+        self, time: Array, stamps: Array, window: Window, orders: int
+    ) -> LocalFunctional:
+        key = (id(time), id(stamps), window, orders)
+        if key not in self._functionals:
+            found = local_polynomial(time, stamps, window, orders=orders)
+            self._functionals[key] = ((time, stamps), found)
+        return self._functionals[key][1]
+
+
+def _turning(rotation: Array, functional: LocalFunctional) -> tuple[Array, Array, Array]:
+    """R (N, 3, 3), and angular velocity and acceleration (N, 3) in body axes.
+
+    With a unit quaternion q, omega = 2 conj(q) q' and alpha = 2 (conj(q) q'' + conj(q') q').
+    """
+    quaternion = Rotation.from_matrix(rotation).as_quat()
+    same = np.sign(np.sum(quaternion[1:] * quaternion[:-1], axis=1))
+    quaternion[1:] *= np.cumprod(np.where(same < 0.0, -1.0, 1.0))[:, None]
+    value, rate, change = functional.apply_all(quaternion)
+    length = np.maximum(np.linalg.norm(value, axis=1, keepdims=True), 1e-12)
+    value, rate, change = value / length, rate / length, change / length
+    omega = 2.0 * _conjugate_times(value, rate)
+    alpha = 2.0 * (_conjugate_times(value, change) + _conjugate_times(rate, rate))
+    return Rotation.from_quat(value).as_matrix(), omega, alpha
+
+
+def _conjugate_times(p: Array, q: Array) -> Array:
+    """Vector part (N, 3) of conj(p) q of quaternions (N, 4), x y z w."""
+    return np.asarray(p[:, 3:] * q[:, :3] - q[:, 3:] * p[:, :3] - np.cross(p[:, :3], q[:, :3]))

@@ -1,0 +1,171 @@
+"""Readings of poses and stamps: order, inverse, angles, units, the direction of gravity."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from tactile_dynamics_ros.core.inertia.conventions.angles import angle_readings
+from tactile_dynamics_ros.core.inertia.conventions.reading import (
+    Reading,
+    of_contacts,
+    turned_world,
+    with_pose,
+)
+from tactile_dynamics_ros.core.streams.streams import ContactStream, PoseStream, Streams
+
+Array = NDArray[np.float64]
+Turn = Callable[[Array], Array]
+
+_LENGTHS = {"mm": 1e-3, "cm": 1e-2, "inches": 0.0254}
+"""Metres per unit that trackers report, the commonest first."""
+_TIMES = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+"""Seconds per unit of stamps."""
+_GRAVITY = {
+    "up": (0.0, 0.0, 1.0),
+    "along x": (1.0, 0.0, 0.0),
+    "along -x": (-1.0, 0.0, 0.0),
+    "along y": (0.0, 1.0, 0.0),
+    "along -y": (0.0, -1.0, 0.0),
+}
+"""Directions of gravity in a world whose z is not up."""
+_WHERE = {True: "of contacts too", False: "contacts are right as they are"}
+
+
+def pose_readings(streams: Streams) -> list[Reading]:
+    """Readings of the pose of the object and of all stamps."""
+    found = [_falling(where, direction) for where, direction in _GRAVITY.items()]
+    found += [
+        Reading("time_unit", f"stamps are in {unit}, not s", partial(slower, scale=scale))
+        for unit, scale in _TIMES.items()
+    ]
+    if streams.pose is None:
+        return found
+    for carried in (True, False):
+        found += [
+            _turned("quaternion_order", "quaternions are w, x, y, z", _from_wxyz, carried),
+            _turned("quaternion_order", "quaternions are x, y, z, w", _from_xyzw, carried),
+            _turned("inverse_rotation", "rotations are those of the world in the object", _inverse,
+                    carried),
+            _inverted(carried),
+            *[_mirrored(axis, carried) for axis in range(3)],
+        ]  # fmt: skip
+        found += angle_readings(carried)
+    return found + _lengths()
+
+
+def slower(streams: Streams, scale: float) -> Streams:
+    """Streams with all stamps multiplied, from the first on."""
+
+    def timed(contact: ContactStream) -> ContactStream:
+        return replace(contact, time=scale * contact.time, pose_time=scale * contact.pose_time)
+
+    found = of_contacts(streams, timed)
+    pose = found.pose and replace(found.pose, time=scale * found.pose.time)
+    imu = found.imu and replace(found.imu, time=scale * found.imu.time)
+    return replace(found, pose=pose, imu=imu)
+
+
+def _falling(where: str, direction: tuple[float, float, float]) -> Reading:
+    turn = _to_down(np.array(direction))
+    text = f"gravity acts {where} in the recorded world, whose z is not up"
+    return Reading("gravity_direction", text, partial(turned_world, turn=turn))
+
+
+def _to_down(direction: Array) -> Array:
+    """A rotation (3, 3) by right angles that takes a direction to -z."""
+    down = np.array([0.0, 0.0, -1.0])
+    axis = np.cross(direction, down)
+    if not axis.any():
+        return np.diag([1.0, -1.0, -1.0]) if direction @ down < 0.0 else np.eye(3)
+    return np.asarray(np.round(Rotation.from_rotvec(0.5 * np.pi * axis).as_matrix()))
+
+
+def _turned(name: str, text: str, turn: Turn, carried: bool) -> Reading:
+    def apply(streams: Streams) -> Streams:
+        assert streams.pose is not None
+        pose = replace(streams.pose, rotation=turn(streams.pose.rotation))
+        return with_pose(streams, pose, carried)
+
+    return Reading(name, f"{text} ({_WHERE[carried]})", apply)
+
+
+def _inverted(carried: bool) -> Reading:
+    """The whole pose is that of the world in the object."""
+
+    def apply(streams: Streams) -> Streams:
+        pose = streams.pose
+        assert pose is not None
+        rotation = np.swapaxes(pose.rotation, 1, 2)
+        position = -np.einsum("nij,nj->ni", rotation, pose.position)
+        return with_pose(streams, replace(pose, rotation=rotation, position=position), carried)
+
+    text = f"poses are those of the world in the object ({_WHERE[carried]})"
+    return Reading("inverse_rotation", text, apply)
+
+
+def _mirrored(axis: int, carried: bool) -> Reading:
+    """A left-handed world."""
+    mirror = np.eye(3)
+    mirror[axis, axis] = -1.0
+
+    def apply(streams: Streams) -> Streams:
+        pose = streams.pose
+        assert pose is not None
+        turned = replace(
+            pose, position=pose.position @ mirror, rotation=mirror @ pose.rotation @ mirror
+        )
+        return with_pose(streams, turned, carried)
+
+    text = f"poses are in a left-handed world: mirror {'xyz'[axis]} ({_WHERE[carried]})"
+    return Reading("mirrored_axes", text, apply)
+
+
+def _inverse(rotation: Array) -> Array:
+    return np.swapaxes(rotation, 1, 2)
+
+
+def _from_wxyz(rotation: Array) -> Array:
+    """Rotations whose quaternions w, x, y, z were taken as x, y, z, w."""
+    w, x, y, z = Rotation.from_matrix(rotation).as_quat().T
+    return np.asarray(Rotation.from_quat(np.stack([x, y, z, w], axis=1)).as_matrix())
+
+
+def _from_xyzw(rotation: Array) -> Array:
+    """Rotations whose quaternions x, y, z, w were taken as w, x, y, z."""
+    x, y, z, w = Rotation.from_matrix(rotation).as_quat().T
+    return np.asarray(Rotation.from_quat(np.stack([w, x, y, z], axis=1)).as_matrix())
+
+
+def _lengths() -> list[Reading]:
+    found = []
+    for unit, scale in _LENGTHS.items():
+        for pose, contacts in ((True, True), (True, False), (False, True)):
+            what = {(True, True): "positions", (True, False): "positions of the object"}
+            text = f"{what.get((pose, contacts), 'positions of contacts')} are in {unit}, not m"
+            apply = partial(shorter, scale=scale, of_pose=pose, of_contacts_too=contacts)
+            found.append(Reading("position_unit", text, apply))
+    return found
+
+
+def shorter(streams: Streams, scale: float, of_pose: bool, of_contacts_too: bool) -> Streams:
+    """Streams with positions of the object, of contacts or of both multiplied."""
+    found = streams
+    if of_contacts_too:
+        found = of_contacts(found, lambda c: replace(c, position=scale * c.position))
+    if of_pose and found.pose is not None:
+        found = replace(found, pose=_shorter_pose(found.pose, scale))
+    return found
+
+
+def _shorter_pose(pose: PoseStream, scale: float) -> PoseStream:
+    covariance = pose.covariance
+    if covariance is not None:
+        factors = np.repeat([1.0, scale], 3)
+        covariance = covariance * np.outer(factors, factors)
+    return replace(pose, position=scale * pose.position, covariance=covariance)
