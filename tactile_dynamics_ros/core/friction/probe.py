@@ -81,6 +81,7 @@ class FrictionProbe:
         self._fingers, self._arm_dof = kinematics.fingers, kinematics.robot.arm_dof
         self._holders = holding_fingers(kinematics.robot, self.config.finger)
         self._own = kinematics.robot.owned[self.config.finger]
+        self._opposed = kinematics.robot.reference
         self._impedance = FingertipImpedance(kinematics, self.config.finger, self.config.impedance)
         self._hold = Hold(kinematics, self._holders, self.config.impedance.stiffness_scale)
 
@@ -370,7 +371,7 @@ class FrictionProbe:
         """Wanted normal forces of the holding fingers; the thumb opposes all others."""
         thumb = max(self.config.grip, 1.3 * press)
         rest = 0.5 * max(thumb - press, 0.4)
-        return np.array([thumb if f == "thumb" else rest for f in self._holders])
+        return np.array([thumb if f == self._opposed else rest for f in self._holders])
 
     def _kinematics_point(self, positions: Array) -> Array:
         pose = self._kinematics.sensor_pose(self.config.finger, positions)
