@@ -35,7 +35,9 @@ _INERTIA = "core/inertia/"
 
 ROOMS = {
     "core/rigid_body": Room("rotations, inertial parameters, Newton-Euler"),
-    "core/streams": Room("what was measured, with stamps; order and clock of what comes"),
+    "core/streams": Room(
+        "what was measured, with stamps; order and clock of what comes", ("core/rigid_body",)
+    ),
     "core/robot": Room(
         "arm, hand and fingertips as data, kinematics, what errors of joints do",
         ("core/rigid_body",),

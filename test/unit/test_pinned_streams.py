@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, log_so3
 from tactile_dynamics_ros.core.streams.measurement_window import MeasurementWindow
 from tactile_dynamics_ros.core.streams.stamps import Reordered, SharedClock
 from tactile_dynamics_ros.core.streams.streams import (
@@ -145,7 +146,10 @@ def test_samples_around_a_time_and_places_on_the_line_between_them():
     assert left.tolist() == [0, 0, 0, 1, 1, 1, 1]
     assert step.tolist() == [1.0, 1.0, 1.0, 2.0, 2.0, 2.0, 2.0]
     places = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 1.0], [5.0, 2.0, 1.0]])
-    turns = np.stack([k * np.eye(3) for k in range(3)])
-    found, frames = places_at(stamps, places, turns, np.array([0.25, 1.5, 2.5]))
-    np.testing.assert_allclose(found, [[0.25, 0.0, 1.0], [2.0, 0.5, 1.0], [4.0, 1.5, 1.0]])
-    assert frames[:, 0, 0].tolist() == [0.0, 1.0, 2.0]
+    turns = exp_so3(np.array([[0.0, 0.0, 0.2], [0.0, 0.0, 0.6], [0.0, 0.4, 0.0]]))
+    found, frames = places_at(stamps, places, turns, np.array([0.25, 1.5, 2.5, 9.0]))
+    np.testing.assert_allclose(found[:3], [[0.25, 0.0, 1.0], [2.0, 0.5, 1.0], [4.0, 1.5, 1.0]])
+    np.testing.assert_allclose(frames[0], exp_so3(np.array([0.0, 0.0, 0.3])), atol=1e-12)
+    quarter = log_so3(turns[1].T @ frames[1]), log_so3(turns[1].T @ turns[2])
+    np.testing.assert_allclose(quarter[0], 0.25 * quarter[1], atol=1e-12)
+    np.testing.assert_allclose(frames[3], turns[2], atol=1e-12)

@@ -11,6 +11,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, log_so3
+
 Array = NDArray[np.float64]
 
 
@@ -166,10 +168,26 @@ def on_lines(stamps: Array, values: Array, time: Array) -> Array:
     return np.stack([np.interp(time, stamps, column) for column in values.T], axis=1)
 
 
+def between_turns(stamps: Array, rotation: Array, time: Array) -> Array:
+    """Rotations (N, 3, 3) on the shortest turns between samples, those of the ends beyond them.
+
+    Args:
+        stamps: (K,) s, increasing.
+        rotation: (K, 3, 3).
+        time: (N,) s.
+    """
+    if len(stamps) < 2:
+        return np.asarray(rotation[np.zeros(len(time), dtype=np.int64)])
+    left, step = enclosing_steps(stamps, time)
+    share = np.clip((time - stamps[left]) / step, 0.0, 1.0)
+    turn = log_so3(np.swapaxes(rotation[left], 1, 2) @ rotation[left + 1])
+    return np.asarray(rotation[left] @ exp_so3(share[:, None] * turn))
+
+
 def places_at(
     pose_time: Array, position: Array, rotation: Array, time: Array
 ) -> tuple[Array, Array]:
-    """Contact points (N, 3), on lines between poses, and rotations (N, 3, 3) of the nearest poses.
+    """Contact points (N, 3), on lines between poses, and rotations (N, 3, 3) between theirs.
 
     Args:
         pose_time: (M,) s, increasing.
@@ -177,4 +195,4 @@ def places_at(
         rotation: (M, 3, 3).
         time: (N,) s.
     """
-    return on_lines(pose_time, position, time), rotation[nearest_samples(pose_time, time)]
+    return on_lines(pose_time, position, time), between_turns(pose_time, rotation, time)

@@ -21,6 +21,7 @@ from tactile_dynamics_ros.core.numerics.noise import noise_along_axes, white_noi
 from tactile_dynamics_ros.core.streams.streams import (
     ContactStream,
     Streams,
+    between_turns,
     enclosing_steps,
     nearest_samples,
 )
@@ -207,7 +208,7 @@ def contact_signals(
         force=contact.force,
         torque=contact.torque,
         point=shown.position,
-        rotation=shown.rotation[nearest_samples(contact.pose_time, grid)],
+        rotation=between_turns(contact.pose_time, shown.rotation, grid),
         in_contact=in_contact,
         valid=~_dropped(contact.time, magnitude, period, grid)
         & ~(doubtful & ~present)
