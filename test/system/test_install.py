@@ -333,7 +333,7 @@ def test_all_that_ros2_looks_for_is_where_it_looks(robot):
     done = robot.run(robot.python, "-c", program)
     prefix, share = (Path(line) for line in done.stdout.split())
     assert prefix == robot.prefix
-    configuration = [p.relative_to(ROOT) for p in (ROOT / "config").rglob("*.yaml")]
+    configuration = [p.relative_to(ROOT) for p in (ROOT / "config").rglob("*") if p.is_file()]
     for name in ("package.xml", "launch/bringup.launch.py", *configuration):
         assert (share / name).is_file(), name
 
