@@ -42,7 +42,7 @@ class Group:
 
     Attributes:
         kind: force, torque, position, quaternion, quad (a quaternion in unknown order), euler, abc,
-            turn3 (three numbers of an orientation), matrix9, matrix16.
+            turn3 (three numbers of an orientation), matrix9, matrix12, matrix16.
         columns: their names.
         stem: words that they share.
         unit: in the words of mappings; "" if none is written.
@@ -155,10 +155,11 @@ def _of_numbers(
 ) -> list[Group]:
     """Groups of numbered columns."""
     words = set(stem)
-    if list(numbers) == [11, 12, 13, 21, 22, 23, 31, 32, 33]:
-        return [_group("matrix9", names, stem)]
-    if list(numbers) == [11, 12, 13, 14, 21, 22, 23, 24, 31, 32, 33, 34, 41, 42, 43, 44]:
-        return [_group("matrix16", names, stem)]
+    for rows, columns, kind in ((4, 4, "matrix16"), (3, 4, "matrix12"), (3, 3, "matrix9")):
+        for first in (0, 1):
+            each = [10 * (i + first) + j + first for i in range(rows) for j in range(columns)]
+            if list(numbers) == each:
+                return [_group(kind, names, stem)]
     if not numbers or list(numbers) != list(range(numbers[0], numbers[0] + len(numbers))):
         return []
     count = len(numbers)
@@ -171,7 +172,9 @@ def _of_numbers(
     if count == 3:
         kind = _kind_of_three(stem, names)
         return [_group(kind, names, stem)] if kind and stem else []
-    if count == 6 and words & WRENCH:
+    if count == 12 and words & (POSE | TURN):
+        return [_group("matrix12", names, stem)]
+    if count == 6 and words & (WRENCH | FORCE):
         return [_group("force", names[:3], stem), _group("torque", names[3:], stem)]
     if count == 6 and words & POSE:
         return [_group("position", names[:3], stem), _group("turn3", names[3:], stem)]

@@ -138,9 +138,14 @@ def _component(words: list[str]) -> tuple[list[str], str]:
     if not words:
         return [], ""
     last = words[-1]
+    if len(words) > 2 and last.isdigit() and words[-2].isdigit() and len(last + words[-2]) == 2:
+        return words[:-2], words[-2] + last
     if last in _PARTS or last.isdigit():
         return words[:-1], last
-    stuck = _STUCK.fullmatch(last)
-    if stuck:
-        return [*words[:-1], stuck[1]], stuck[2]
+    for k in reversed(range(len(words))):
+        stuck = _STUCK.fullmatch(words[k])
+        if stuck:
+            return [*words[:k], stuck[1], *words[k + 1 :]], stuck[2]
+        if words[k] in ("x", "y", "z") and len(words) > 1:
+            return [*words[:k], *words[k + 1 :]], words[k]
     return words, ""

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from tactile_dynamics_ros.core.rigid_body.rotation import log_so3
 from tactile_dynamics_ros.recording.importers.fields import read_field
-from tactile_dynamics_ros.recording.importers.guess.answers import Answers
+from tactile_dynamics_ros.recording.importers.guess.answers import Answers, Question
 from tactile_dynamics_ros.recording.importers.guess.groups import Group
 from tactile_dynamics_ros.recording.importers.guess.weight import Measured, Scene, Weighing
 from tactile_dynamics_ros.recording.importers.tables import Table
@@ -93,6 +93,7 @@ def readings_of(group: Group, table: Table) -> list[Reading]:
         "abc": _kuka_angles,
         "turn3": _three_numbers,
         "matrix9": _nine,
+        "matrix12": _twelve,
         "matrix16": _sixteen,
     }[group.kind](columns, values, group)
     return [*found, *(reading.inverted() for reading in found)]
@@ -160,6 +161,11 @@ def _nine(columns: list[str], values: Array, group: Group) -> list[Reading]:
     return [Reading("rotation matrix by rows", "rotation", {"columns": columns}, True)]
 
 
+def _twelve(columns: list[str], values: Array, group: Group) -> list[Reading]:
+    rows = [columns[4 * i + j] for i in range(3) for j in range(3)]
+    return [Reading("matrix 3x4 by rows", "rotation", {"columns": rows}, True)]
+
+
 def _sixteen(columns: list[str], values: Array, group: Group) -> list[Reading]:
     rows = [columns[4 * i + j] for i in range(3) for j in range(3)]
     if is_by_rows(values):
@@ -199,6 +205,7 @@ def choose_reading(
     if not good:
         if wanted is not None and axes is not None:
             return judged[0]
+        _ask_for_mounting(judged, what)
         answers.choose(
             "orientation",
             [reading.label for reading in readings],
@@ -211,6 +218,30 @@ def choose_reading(
     upright = [item for item in agreeing if item.up == "z"] or agreeing
     natural = [item for item in upright if item.reading.natural]
     return _only_one(natural or upright, answers, what)
+
+
+def _ask_for_mounting(judged: Sequence[Judged], what: str) -> None:
+    """Say how the sensor seems to be turned against the frame of the pose, if that would fit.
+
+    Raises:
+        Question: a constant rotation makes the forces agree.
+    """
+    found = [
+        (*mounting, item)
+        for item in judged
+        if item.reading.natural and item.weighing.axes == "sensor" and item.up == "z"
+        if (mounting := item.scene.mounting()) is not None
+    ]
+    if not found:
+        return
+    _, turn, item = min(found, key=lambda entry: entry[0])
+    angles = Rotation.from_matrix(turn).as_euler("xyz", degrees=True)
+    shown = ", ".join(f"{angle + 0.0:.1f}" for angle in angles)
+    raise Question(
+        f"the forces of {what} agree with gravity only if the sensor is turned against the frame "
+        f"of the pose ({item.reading.label}): is it mounted so? Then write a yaml file with "
+        f"sensor_rotation: {{euler: [{shown}], order: xyz, unit: deg}} (docs/recordings.md)"
+    )
 
 
 def _judge(

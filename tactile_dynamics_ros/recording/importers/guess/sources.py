@@ -84,7 +84,7 @@ class Source:
         Raises:
             Question: there are several, of different bodies.
         """
-        order = ("quaternion", "matrix9", "matrix16", "quad", "turn3", "abc", "euler")
+        order = ("quaternion", "matrix9", "matrix12", "matrix16", "quad", "turn3", "abc", "euler")
         groups = sorted(self.groups.turn, key=lambda g: order.index(g.kind))
         if len({group.body for group in groups}) == 1:
             return groups[0]
@@ -96,8 +96,8 @@ class Source:
         Raises:
             Question: there are several.
         """
-        if turn.kind == "matrix16":
-            by_rows = is_by_rows(self.table.columns(*turn.columns))
+        if turn.kind in ("matrix12", "matrix16"):
+            by_rows = turn.kind == "matrix12" or is_by_rows(self.table.columns(*turn.columns))
             at = (3, 7, 11) if by_rows else (12, 13, 14)
             columns = tuple(turn.columns[k] for k in at)
             return Group("position", columns, turn.stem, turn.unit)

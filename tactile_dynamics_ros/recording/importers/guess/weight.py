@@ -37,6 +37,9 @@ _CLEAR = 10.0
 _EXPLAINED = 0.2
 """Misfit over the size of the forces up to which a load explains them. Logs with noise, bias and
 taps stay below 0.1; under wrong axes the part that gravity turns stays, a half and more."""
+_EVEN = 0.8
+"""Smallest over largest scale of an affine map up to which it is no rotation: with a turned sensor
+they agree but for noise and accelerations, under a wrong reading of angles they do not."""
 
 
 @dataclass(frozen=True)
@@ -178,6 +181,27 @@ class Scene:
             inertial=float(solution[1]) if seen else None,
             bias=float(np.linalg.norm(solution[5:8])),
         )
+
+    def mounting(self) -> tuple[float, Array] | None:
+        """Misfit share and constant rotation (3, 3) from sensor to pose axes that would explain it.
+
+        f = m Q' R' (a + g e_z) + b: the affine map that fits best is close to a rotation times a
+        mass, or there is no such rotation and None is returned. It may be negative: readings of
+        the load on the sensor.
+        """
+        force = self._measured.force[self.rows]
+        if not np.any(force):
+            return None
+        carried = self._specific(self._in_axes("sensor"))
+        rows = np.concatenate([carried, np.ones((len(carried), 1))], axis=1)
+        affine = np.linalg.lstsq(rows, force, rcond=None)[0]
+        share = float(np.sqrt(np.mean((rows @ affine - force) ** 2)) / np.sqrt(np.mean(force**2)))
+        left, scales, right = np.linalg.svd(affine[:3])
+        even = scales[2] > _EVEN * scales[0]
+        if share > _EXPLAINED / 2.0 or not even:
+            return None
+        turn = left @ right
+        return share, np.asarray(turn * np.sign(np.linalg.det(turn)))
 
     def lever(self, weighing: Weighing) -> tuple[Array, float] | None:
         """Centre of mass (3,) as torques in their own unit tell it, and what is left of them.
