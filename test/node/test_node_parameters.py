@@ -13,7 +13,8 @@ from tactile_dynamics_ros.ros import shell
 from tactile_dynamics_ros.ros.parameters import refuse_unknown
 
 CONFIG = Path(tactile_dynamics_ros.__file__).parents[1] / "config"
-ROBOTS = [file for file in sorted(CONFIG.glob("*.yaml")) if ".simulated" not in file.name]
+SUFFIX = ".simulated.yaml"
+ROBOTS = [CONFIG / file.name.replace(SUFFIX, ".yaml") for file in sorted(CONFIG.glob(f"*{SUFFIX}"))]
 
 
 def node_class(name):
