@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.contact.wrench_samples import GRAVITY_W
 from tactile_dynamics_ros.core.inertia.batch.prior import body_prior
+from tactile_dynamics_ros.core.inertia.conventions.disturbances import disturbance_columns
 from tactile_dynamics_ros.core.inertia.conventions.motions import Motions
 from tactile_dynamics_ros.core.inertia.residuals.motion import Motion
 from tactile_dynamics_ros.core.numerics.least_squares import levenberg_marquardt
@@ -120,8 +121,13 @@ def _thinned(contact: ContactStream, stamps: Array) -> ContactStream:
 
 @dataclass
 class Bench:
-    """Holds readings of thinned streams against Newton and Euler; motions are computed once."""
+    """Holds readings of thinned streams against Newton and Euler; motions are computed once.
 
+    Attributes:
+        disturbed: whether other forces and torques than the load's are admitted.
+    """
+
+    disturbed: bool = False
     _motions: Motions = field(default_factory=Motions)
 
     def weigh(self, streams: Streams, enough: float = np.inf) -> Balance | None:
@@ -140,7 +146,8 @@ class Bench:
         felt = np.einsum("nji,nj->ni", motion.rotation, motion.acceleration - GRAVITY_W)
         rows = regressor(felt, motion.angular_velocity_B, motion.angular_acceleration_B)[valid]
         of_imu = self._of_imu(streams, stamps)
-        system = System.of(rows, wrench[valid], levers[valid])
+        beside = disturbance_columns(motion)[valid] if self.disturbed else rows[..., :0]
+        system = System.of(rows, beside, wrench[valid], levers[valid])
         if system is None or system.least() + sum(of_imu.values()) > enough:
             return None
         left, implausible = system.fit()
@@ -188,10 +195,10 @@ def _wrench(streams: Streams, motion: Motion) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class System:
-    """Equations w = Y phi + b of forces and torques about the middle of the contacts.
+    """Equations w = Y phi + D d + b of forces and torques about the middle of the contacts.
 
     Attributes:
-        squares: (2, 17, 17) products of the columns [Y, 1, w] summed over torques and over forces.
+        squares: (2, n, n) products of the columns [Y, D, 1, w] summed over torques and over forces.
         signal: (2,) RMS of torques, N m, and of forces, N.
         rows: numbers behind each.
         lever: (3,) middle of the contacts, body frame, m.
@@ -205,8 +212,15 @@ class System:
     load: float
 
     @classmethod
-    def of(cls, rows: Array, wrench: Array, levers: Array) -> System | None:
-        """The system of regressors (N, 6, 10) and wrenches (N, 6); None of forces that are zero."""
+    def of(cls, rows: Array, beside: Array, wrench: Array, levers: Array) -> System | None:
+        """The system of a body; None of forces that are zero.
+
+        Args:
+            rows: (N, 6, 10) regressors Y of the body.
+            beside: (N, 6, m) columns D of what else may act.
+            wrench: (N, 6) w.
+            levers: (N, 3) middle of the contacts, body frame, m.
+        """
         lever = levers.mean(axis=0)
         shift = np.eye(6)
         shift[:3, 3:] = -skew(lever)
@@ -215,8 +229,9 @@ class System:
         if not np.all(np.isfinite(signal)) or not np.all(signal > 0.0):
             return None
         bias = np.broadcast_to(np.eye(6), (len(rows), 6, 6))
-        columns = np.concatenate([shift @ rows, bias, seen[..., None]], axis=2)
-        parts = (columns[:, :3].reshape(-1, 17), columns[:, 3:].reshape(-1, 17))
+        columns = np.concatenate([shift @ rows, shift @ beside, bias, seen[..., None]], axis=2)
+        size = columns.shape[2]
+        parts = (columns[:, :3].reshape(-1, size), columns[:, 3:].reshape(-1, size))
         squares = np.stack([part.T @ part for part in parts])
         load = float(np.median(np.linalg.norm(seen[:, 3:], axis=1)))
         return cls(squares, signal, 3 * len(rows), lever, load)
@@ -234,7 +249,7 @@ class System:
 
     def _rounds(self, possible: bool) -> tuple[Array, Array]:
         left = self.signal.copy()
-        x = np.zeros(17)
+        x = np.zeros(len(self.squares[0]))
         for _ in range(_ROUNDS):
             joined = np.tensordot(
                 np.maximum(left, _LEAST_LEFT * self.signal) ** -2.0, self.squares, 1
@@ -245,10 +260,10 @@ class System:
         return np.log(np.maximum(left / self.signal, _LEAST_LEFT)), -x[:10]
 
     def _solve(self, joined: Array, possible: bool) -> Array:
-        """The combination (17,) of the columns, one of the last, with the least square."""
-        information, aim = joined[:16, :16], joined[:16, 16]
+        """The combination (n,) of the columns, one of the last, with the least square."""
+        information, aim = joined[:-1, :-1], joined[:-1, -1]
         scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
-        alike = information / np.outer(scale, scale) + _ROUNDING * np.eye(16)
+        alike = information / np.outer(scale, scale) + _ROUNDING * np.eye(len(aim))
         if not possible:
             return np.append(-np.linalg.solve(alike, aim / scale) / scale, 1.0)
         across = np.linalg.solve(alike[10:, 10:], alike[10:])

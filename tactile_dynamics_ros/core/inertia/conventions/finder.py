@@ -30,6 +30,9 @@ _WORSE = 0.1
 """Rise of what is left in one channel, in logarithms, up to which such a reading is believed: what
 is meant improves them all, what imitates an effect takes from the forces what it gives to the
 torques. At 0.8 turned axes imitate a strong drag."""
+_HOPELESS = 1.0
+"""Loss of the best reading, in logarithms, beyond which effects are not admitted to look again:
+what fits so much worse than the recording as it is owes it to no effect."""
 _NEAR_FLOOR = 1.12
 """Held-out error over the noise floor up to which nothing else remains, as of effects."""
 _EXPLAINED = 0.9
@@ -65,9 +68,18 @@ def find_convention(streams: Streams, recorded: float, fit: Fit) -> Convention |
         The convention, with the model of the recording read right; None where no reading is
         clearly better.
     """
-    ranking = rank(streams)
-    if not _is_certain(ranking):
-        return None
+    for disturbed in (False, True):
+        ranking = rank(streams, disturbed=disturbed)
+        if ranking.gain < -_HOPELESS:
+            return None
+        found = _believe(ranking, streams, recorded, fit) if _is_certain(ranking) else None
+        if found is not None:
+            return found
+    return None
+
+
+def _believe(ranking: Ranking, streams: Streams, recorded: float, fit: Fit) -> Convention | None:
+    """The best of the readings, if it is to be believed."""
     fitted = _fit_best(ranking, streams, fit)
     if not fitted:
         return None

@@ -66,14 +66,15 @@ class Ranking:
         return max(after[name] - before[name] for name in after if name in before)
 
 
-def rank(streams: Streams, names: Sequence[str] = ()) -> Ranking:
+def rank(streams: Streams, names: Sequence[str] = (), disturbed: bool = False) -> Ranking:
     """Hold all readings of a recording against Newton and Euler.
 
     Args:
         streams: as recorded.
         names: of the conventions that are tried; all by default.
+        disturbed: whether other forces and torques than the load's are admitted.
     """
-    few, bench = thinned(streams), Bench()
+    few, bench = thinned(streams), Bench(disturbed)
     if len(next(iter(few.contacts.values())).time) < 2:
         return Ranking(None, ())
     found: list[Ranked] = []
