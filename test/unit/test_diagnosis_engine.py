@@ -64,6 +64,7 @@ class SlidingBlock:
     effects: tuple[str, ...] = ()
     known: tuple[str, ...] = ("viscous_friction", "dry_friction", "zero_error", "spring")
     terms: tuple[str, ...] = ("v^3",)
+    impossible: tuple[str, ...] = ()
     unreadable: str = ""
 
     def convention(self) -> None:
@@ -112,6 +113,9 @@ class SlidingBlock:
     @property
     def lasting_freedom(self) -> float:
         return 12.0
+
+    def is_possible(self, name: str) -> bool:
+        return name not in self.impossible
 
     def moved_by(self, other: SlidingBlock) -> float:
         spread = np.sqrt(np.diag(np.linalg.inv(self.jacobian.T @ self.jacobian)))
@@ -188,6 +192,15 @@ def test_each_law_is_named_with_its_size(name: str) -> None:
     found = diagnosis.explained_model.parameters()[name]["c"]
     assert found["value"] == pytest.approx(0.1, abs=4 * found["std"])
     assert diagnosis.after.rms < 1.05 < diagnosis.before.rms
+
+
+def test_what_cannot_be_is_no_explanation() -> None:
+    block = slide(6, spring=0.1)
+    possible = diagnose(SlidingBlock(block, known=("spring", "stretched_spring", "dry_friction")))
+    assert possible.effect in ("spring", "stretched_spring")
+    known = ("spring", "dry_friction")
+    diagnosis = diagnose(SlidingBlock(block, known=known, impossible=("spring",)))
+    assert (diagnosis.verdict, diagnosis.effect) == ("unexplained", None)
 
 
 def test_two_laws_are_added_one_after_the_other() -> None:

@@ -125,6 +125,7 @@ def choose_effect(
     compared with it; should one of them win there, it is refitted in turn. Where the best leaves so
     much that it cannot be the answer, that is the end of it. An effect that explains the residual
     by noise that it makes much larger, as a long lever does with that of a force, is passed over.
+    So is one whose parameters cannot be, such as a spring that pushes.
 
     Args:
         model: to be extended.
@@ -148,8 +149,11 @@ def choose_effect(
         return choose_effect(model, others, floor, needed)
     if square(refined) > needed**2 * len(refined.residual):
         return _given_up(in_place(best, refined, floor), trials[1:], present)
-    choice = _compete(best, refined, names, floor, before)
-    return simplest(_sparser(choice, names, floor))
+    choice = simplest(_sparser(_compete(best, refined, names, floor, before), names, floor))
+    if choice.model.is_possible(choice.best.name):
+        return choice
+    others = [score for score in scores if score.family.name != choice.best.name]
+    return choose_effect(model, others, floor, needed)
 
 
 def _given_up(best: Trial, rivals: Sequence[Trial], without: float) -> Choice:
@@ -322,7 +326,8 @@ def exchange(
         own, without = in_place(present[place], model, floor), evidence(bare, floor)
         margin = max(indifference, decisive(model, floor))
         scores = screen(bare, bare.families(), floor)
-        trials = try_effects(bare, scores, floor, _REACH, own.criterion)
+        tried = try_effects(bare, scores, floor, _REACH, own.criterion)
+        trials = [trial for trial in tried if trial.model.is_possible(trial.name)]
         if changes and len(present) > 1 and without < own.criterion + indifference:
             model = bare.refined()
             del present[place]

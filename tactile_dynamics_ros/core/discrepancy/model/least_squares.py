@@ -305,6 +305,10 @@ class LeastSquaresModel(ABC, Generic[EffectT]):
                 table[effect.name][total.name] = entry | {"sum_of": list(total.members)}
         return table
 
+    def is_possible(self, name: str) -> bool:
+        """All parameters are possible by default."""
+        return True
+
     def moved_by(self, other: ResidualModel) -> float:
         """Largest change of the parameters that both fits have, in standard deviations of this."""
         if not isinstance(other, type(self)):

@@ -168,6 +168,9 @@ class ResidualModel(Protocol):
     def unreadable(self) -> str:
         """Why a misfit of this recording says nothing of the model, in a sentence; empty mostly."""
 
+    def is_possible(self, name: str) -> bool:
+        """Whether the parameters of an effect that the model has are such as can exist."""
+
     def moved_by(self, other: ResidualModel) -> float:
         """Largest change of an estimate if this fit is exchanged for another with more effects.
 

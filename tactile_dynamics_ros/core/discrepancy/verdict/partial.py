@@ -77,6 +77,8 @@ def _by_terms(
             return ()
         trial = try_effect(model, scores, name, floor)
         model = trial.model.refined()
+        if not model.is_possible(name):
+            return ()
         own = in_place(trial, model, floor)
         choice = at_home(own, *rematch(model, name, [name], floor), floor)
         steps.append(Step(choice, assess(model, first.significance)))
