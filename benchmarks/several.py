@@ -27,6 +27,8 @@ FIRST_SEED = 22000
 """Seeds from here on were not used for tuning (300 and 301 were)."""
 EFFECTS = ("unsensed_contact", "force_bias", "added_mass", "gravity_tilt", "sensor_lag")
 """Effects that a calm recording often cannot tell from others."""
+DURATION, SENSORS = 20.0, "all_50"
+"""Length of the first recording, s, and its sensors: 50 Hz, as in the second, 20 s as well."""
 LEVEL = 2.0
 """White RMS to which the effect raises the error."""
 
@@ -65,7 +67,8 @@ def outcomes(start: int, wanted: int, effects: Sequence[str] = EFFECTS) -> Itera
     found, seed = 0, start
     while found < wanted:
         for name in effects:
-            outcome = _outcome(Case("calm", (name,), LEVEL, seed), name)
+            case = Case("calm", (name,), LEVEL, seed, DURATION, SENSORS)
+            outcome = _outcome(case, name)
             if outcome is not None and found < wanted:
                 found += 1
                 yield outcome
@@ -111,9 +114,9 @@ def section(found: Sequence[Outcome], command: str) -> str:
             "<!-- several: begin -->",
             "## Two recordings of one object",
             "",
-            "Calm recordings (a few degrees and centimetres in one grasp, error 2) whose diagnosis",
-            "leaves a group and proposes a motion or re-grasp; it is recorded, and both are asked",
-            f"together (`diagnose A B`). {kinds.count('motion')} motions, {kinds.count('regrasp')} "
+            "Calm recordings of 20 s at 50 Hz (a few degrees and centimetres in one grasp, error",
+            "2) whose diagnosis leaves a group and proposes a motion or re-grasp; it is recorded,",
+            f"and both are asked together (`diagnose A B`). {kinds.count('motion')} motions, {kinds.count('regrasp')} "
             "re-grasps. Wanted: the right name alone in 90 %.",
             "",
             "```bash",
