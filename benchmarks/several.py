@@ -116,8 +116,8 @@ def section(found: Sequence[Outcome], command: str) -> str:
             "",
             "Calm recordings of 20 s at 50 Hz (a few degrees and centimetres in one grasp, error",
             "2) whose diagnosis leaves a group and proposes a motion or re-grasp; it is recorded,",
-            f"and both are asked together (`diagnose A B`). {kinds.count('motion')} motions, {kinds.count('regrasp')} "
-            "re-grasps. Wanted: the right name alone in 90 %.",
+            f"and both are asked together (`diagnose A B`). {kinds.count('motion')} motions,",
+            f"{kinds.count('regrasp')} re-grasps. Wanted: the right name alone in 90 %.",
             "",
             "```bash",
             command,

@@ -116,6 +116,7 @@ def record_in_hand(
     behaviour: GraspConfig | None = None,
     hidden: str = "none",
     robot_name: str = DEFAULT_ROBOT,
+    skin_torsion: float = 0.0,
 ) -> tuple[Streams, InertialParameters, str]:
     """Grasp, lift and move a box; return what was published, the truth and the outcome.
 
@@ -127,8 +128,9 @@ def record_in_hand(
         behaviour: of the grasp.
         hidden: effect of the simulated robot that nobody is told.
         robot_name: file in config/robots.
+        skin_torsion: largest torque of the skin about its normal over its normal force, m.
     """
-    world = WorldConfig(object_name=box)
+    world = WorldConfig(object_name=box, skin_torsion=skin_torsion)
     config = SimulatedRobotConfig(
         robot=robot_name, seed=seed, unit_seed=seed, world=world, hidden_effect=hidden
     )
