@@ -11,18 +11,18 @@ import yaml
 from benchmarks.layouts import ASKS, RIGHT, WRONG, judge_layout
 from tactile_dynamics_ros.cli.main import main
 from tactile_dynamics_ros.recording.importers.guess import Answers, guess_tables
-from tactile_dynamics_ros.synthetic.layouts import LAYOUTS, UNSEEN, WristLog
+from tactile_dynamics_ros.synthetic.layouts import LAYOUTS, UNSEEN, UNTOLD, WristLog
 from tactile_dynamics_ros.synthetic.layouts.writing import axes, write_table
 
-UNTOLD = frozenset(["no_time", "compensated"])
-"""Layouts that lack what no guess can know."""
 SECONDS = 6.0
 
 
-@pytest.mark.parametrize("name", [*LAYOUTS, *UNSEEN])
+EVERY = LAYOUTS | UNSEEN | UNTOLD
+
+
+@pytest.mark.parametrize("name", list(EVERY))
 def test_a_layout_is_read_right_or_asked_about(name, tmp_path):
-    layout = LAYOUTS.get(name) or UNSEEN[name]
-    verdict, why = judge_layout(name, layout, 31, tmp_path, SECONDS)
+    verdict, why = judge_layout(name, EVERY[name], 31, tmp_path, SECONDS)
     assert verdict == (ASKS if name in UNTOLD else RIGHT), why
 
 
@@ -128,7 +128,7 @@ def test_unknown_answers_are_refused(table, capsys):
 
 def test_rows_without_time_take_a_rate(tmp_path):
     log = WristLog.draw(6, SECONDS)
-    paths = UNSEEN["no_time"](log, tmp_path)
+    paths = UNTOLD["no_time"](log, tmp_path)
     assert "how many are there per second" in guess_tables(paths).question
     found = guess_tables(paths, Answers({"rate_hz": "100"}))
     assert found.mapping["object_pose"]["time"] == {"rate_hz": 100.0}

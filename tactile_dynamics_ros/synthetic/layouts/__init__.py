@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from tactile_dynamics_ros.synthetic.layouts import arms, bags, laboratory, others
+from tactile_dynamics_ros.synthetic.layouts import arms, bags, fresh, laboratory, others
 from tactile_dynamics_ros.synthetic.layouts.wrist_log import WristLog
 
 Layout = Callable[[WristLog, Path], list[Path]]
@@ -34,12 +34,6 @@ LAYOUTS: dict[str, Layout] = {
         laboratory.unlabelled_turn,
         laboratory.static_angles,
         laboratory.static_without_names,
-    )
-}
-"""Layouts by name, on which the guess was made."""
-UNSEEN: dict[str, Layout] = {
-    layout.__name__: layout
-    for layout in (
         others.robotiq_and_pose,
         others.bota,
         others.matlab_table,
@@ -56,14 +50,51 @@ UNSEEN: dict[str, Layout] = {
         others.pounds,
         others.static_vectors,
         others.static_kuka,
-        others.no_time,
-        others.compensated,
         others.ros2_echo,
         others.milliseconds_unsaid,
     )
 }
+"""Layouts by name, on which the guess was made."""
+UNSEEN: dict[str, Layout] = {
+    layout.__name__: layout
+    for layout in (
+        fresh.fri,
+        fresh.netbox_and_trajectory,
+        fresh.two_without_names,
+        fresh.panda_py,
+        fresh.polyscope,
+        fresh.flattened,
+        fresh.link_names,
+        fresh.onrobot,
+        fresh.denso,
+        fresh.millinewtons,
+        fresh.microseconds,
+        fresh.german_export,
+        fresh.bare_numbers,
+        fresh.lost_markers,
+        fresh.two_rates,
+        fresh.numbered_quaternion,
+        fresh.static_named_rows,
+        fresh.static_matrices,
+        fresh.simulator,
+        fresh.tags,
+    )
+}
 """Layouts that were written after it."""
-STATIC = frozenset(["static_angles", "static_without_names", "static_vectors", "static_kuka"])
+UNTOLD: dict[str, Layout] = {
+    layout.__name__: layout
+    for layout in (
+        others.no_time,
+        others.compensated,
+        fresh.turned_sensor,
+        fresh.left_handed,
+    )
+}
+"""Layouts that lack what no guess can know: it has to ask."""
+STATIC = frozenset(
+    ["static_angles", "static_without_names", "static_vectors", "static_kuka"]
+    + ["static_named_rows", "static_matrices"]
+)
 """Layouts of static poses, which take a log from `WristLog.draw_static`."""
 
-__all__ = ["LAYOUTS", "STATIC", "UNSEEN", "Layout", "WristLog"]
+__all__ = ["LAYOUTS", "STATIC", "UNSEEN", "UNTOLD", "Layout", "WristLog"]

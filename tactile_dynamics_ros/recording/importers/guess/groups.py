@@ -14,11 +14,15 @@ TORQUE = frozenset(["t", "m", "n", "tau", "torque", "torques", "moment", "moment
 """Words for a torque, or for a translation ("t")."""
 WRENCH = frozenset(["wrench", "ft", "fts", "force", "forces", "ext", "load"])
 """Words for six numbers of a wrench."""
-POSITION = frozenset(["p", "pos", "position", "translation", "xyz", "location", "point"])
+POSITION = frozenset(
+    ["p", "pos", "position", "translation", "trans", "xyz", "location", "loc", "point", "tvec"]
+    + ["coord", "coords", "origin", "cart"]
+)
 """Words for a position; so are x, y and z alone."""
 TURN = frozenset(
     ["q", "quat", "quaternion", "orientation", "ori", "o", "r", "rot", "rotation", "rotvec", "rv"]
     + ["angle", "angles", "euler", "rpy", "axis", "theta", "wpr"]
+    + ["rvec", "eul", "ypr", "attitude", "att", "rotation", "winkel", "deg"]
 )
 """Words for an orientation."""
 POSE = frozenset(["pose", "tcp", "cartesian", "transform", "tool", "ee", "flange"])
@@ -32,6 +36,13 @@ OTHER = frozenset(
 """Words of what is wanted, derived or measured elsewhere."""
 PLAIN = frozenset(["actual", "measured", "field", "data", "value", "raw", "tcp", "tool", "pose"])
 """Words that say nothing of which body or sensor is meant."""
+_LONE = (
+    ("abc", ("a", "b", "c")),
+    ("abc", ("o", "a", "t")),
+    ("euler", ("phi", "theta", "psi")),
+    ("turn3", ("alpha", "beta", "gamma")),
+)
+"""Angles that some makers write without any word of what they are."""
 _EULER = ("roll", "pitch", "yaw")
 _AXES = ("x", "y", "z")
 
@@ -95,8 +106,10 @@ def find_groups(names: Sequence[ColumnName]) -> Groups:
         if name.part:
             by_stem[name.stem].setdefault(name.part, name)
     lone = {n.stem[-1]: n for n in names if not n.part and len(n.stem) == 1}
-    if {"a", "b", "c"} <= set(lone):
-        found.add(_group("abc", [lone[k] for k in "abc"], ()))
+    for kind, words in _LONE:
+        if set(words) <= set(lone):
+            found.add(_group(kind, [lone[word] for word in words], ()))
+            break
     bare = by_stem.get((), {})
     if "w" in bare and {"p", "r"} <= set(lone):
         found.add(_group("euler", [bare.pop("w"), lone["p"], lone["r"]], ()))
@@ -176,9 +189,9 @@ def _of_numbers(
         return [_group("matrix12", names, stem)]
     if count == 6 and words & (WRENCH | FORCE):
         return [_group("force", names[:3], stem), _group("torque", names[3:], stem)]
-    if count == 6 and words & POSE:
+    if count == 6 and words & (POSE | POSITION):
         return [_group("position", names[:3], stem), _group("turn3", names[3:], stem)]
-    if count == 7 and words & POSE:
+    if count == 7 and words & (POSE | POSITION):
         return [_group("position", names[:3], stem), _group("quad", names[3:], stem)]
     return []
 

@@ -31,6 +31,7 @@ _UNITS = {
     "n": ("force", "N"),
     "newton": ("force", "N"),
     "kn": ("force", "kN"),
+    "mn": ("force", "mN"),
     "kgf": ("force", "kgf"),
     "lbf": ("force", "lbf"),
     "lb": ("force", "lbf"),
@@ -57,6 +58,8 @@ _STUCK = re.compile(
     r"(f|t|m|n|tau|p|r|q|a|w|g|o|v|acc|gyr|gyro|pos|force|torque|moment|quat|rot|mom|trq)([xyzw])"
 )
 """A quantity and its component in one word, as fx, qw, posx."""
+_CASED = re.compile(r"(.+[^A-Za-z])(mN|mNm|kN|Nm|Nmm|Ncm|mm|cm)_?")
+"""A unit at the end whose letters would be parted as if they were words."""
 _PARTS = frozenset(["x", "y", "z", "w", "roll", "pitch", "yaw"])
 """Words that are components."""
 
@@ -94,6 +97,9 @@ def read_name(column: str, written_unit: str = "") -> ColumnName:
     if bracketed and _known(bracketed[1] or bracketed[2]):
         text = column[: bracketed.start()] + column[bracketed.end() :]
         unit = unit or bracketed[1] or bracketed[2]
+    cased = _CASED.fullmatch(text)
+    if cased and not unit:
+        text, unit = cased[1], cased[2]
     words = _words(text)
     if len(words) > 1 and not unit and _may_be_unit(words):
         unit = words.pop()

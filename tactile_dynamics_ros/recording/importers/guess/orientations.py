@@ -29,6 +29,10 @@ _FLOOR = 0.005
 """Misfit over the size of the forces below which readings agree perfectly: exports round."""
 _TURN_IN_RADIANS = 6.4
 """Largest angle that is written in radians: a full turn, and rounding."""
+_CLEARLY_LESS, _TURNED = 0.5, 0.05
+"""Misfit with a turned sensor over that without, and angle, rad, from which it is asked whether the
+sensor is turned. Noise lowers the misfit by 1 %; by 3 degrees sensors are screwed on, and the effect
+`sensor_rotation` finds them."""
 _OWN_WEIGHT = 0.2
 """Weight over constant part of the forces below which the constant part may be the weight, seen in
 other axes."""
@@ -143,7 +147,7 @@ def _kuka_angles(columns: list[str], values: Array, group: Group) -> list[Readin
 def _three_numbers(columns: list[str], values: Array, group: Group) -> list[Reading]:
     units = _angle_units(values, group)
     words = set(group.stem)
-    vector = bool(words & {"rotvec", "rv", "axis"} or {"actual", "tcp"} <= words)
+    vector = bool(words & {"rotvec", "rv", "rvec", "axis"} or {"actual", "tcp"} <= words)
     angles = bool(words & {"euler", "rpy"})
     found = []
     for unit in units:
@@ -217,7 +221,18 @@ def choose_reading(
     agreeing = [item for item in good if item.weighing.rms <= bound]
     upright = [item for item in agreeing if item.up == "z"] or agreeing
     natural = [item for item in upright if item.reading.natural]
-    return _only_one(natural or upright, answers, what)
+    best = _only_one(natural or upright, answers, what)
+    if axes is None and _seems_turned(best):
+        _ask_for_mounting([best], what)
+    return best
+
+
+def _seems_turned(best: Judged) -> bool:
+    """Whether a turned sensor would explain the forces much better than one that is not."""
+    mounting = best.scene.mounting() if best.weighing.axes == "sensor" else None
+    if mounting is None or mounting[0] > _CLEARLY_LESS * best.weighing.rms:
+        return False
+    return float(np.linalg.norm(log_so3(mounting[1][None])[0])) > _TURNED
 
 
 def _ask_for_mounting(judged: Sequence[Judged], what: str) -> None:
@@ -229,7 +244,7 @@ def _ask_for_mounting(judged: Sequence[Judged], what: str) -> None:
     found = [
         (*mounting, item)
         for item in judged
-        if item.reading.natural and item.weighing.axes == "sensor" and item.up == "z"
+        if item.weighing.axes == "sensor" and item.up == "z"
         if (mounting := item.scene.mounting()) is not None
     ]
     if not found:

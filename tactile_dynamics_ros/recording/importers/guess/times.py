@@ -19,7 +19,8 @@ from tactile_dynamics_ros.recording.importers.tables import Table
 Array = NDArray[np.float64]
 
 _WORDS = frozenset(
-    ["time", "t", "timestamp", "timestamps", "stamp", "zeit", "elapsed", "clock", "ts"]
+    ["utime", "epoch", "utc", "datetime", "date"]
+    + ["time", "t", "timestamp", "timestamps", "stamp", "zeit", "elapsed", "clock", "ts"]
 )
 """Words for a time."""
 _WHOLE = frozenset(["sec", "secs", "second", "seconds"])
@@ -101,7 +102,7 @@ def _pair(names: Sequence[ColumnName]) -> tuple[str, str] | None:
     last = {n: (n.stem[-1] if n.stem else "") for n in names}
     rests = [n for n in names if last[n] in _REST or re.search(r"nano_?sec|nsec", n.column.lower())]
     for rest in rests:
-        shared = set(rest.stem[:-1])
+        shared = set(rest.stem[:-1]) - {"nano"}
         for whole in names:
             word = re.search(r"(?<!nano)(?<!nano_)(?<!n)secs?(onds)?$", whole.column.lower())
             if whole is not rest and word and shared <= set(whole.stem):

@@ -34,9 +34,9 @@ _FEWEST_IN_WINDOW = 7
 """Samples that such a window needs; slower poses tell orientation only."""
 _CLEAR = 10.0
 """Size of a fitted mass over its standard deviation from which it counts as seen."""
-_EXPLAINED = 0.2
-"""Misfit over the size of the forces up to which a load explains them. Logs with noise, bias and
-taps stay below 0.1; under wrong axes the part that gravity turns stays, a half and more."""
+_EXPLAINED = 0.15
+"""Misfit over the weight up to which a load explains the forces. Logs with noise and taps stay
+below 0.05; under wrong axes a fifth and more is left, however large the bias beside it."""
 _EVEN = 0.8
 """Smallest over largest scale of an affine map up to which it is no rotation: with a turned sensor
 they agree but for noise and accelerations, under a wrong reading of angles they do not."""
@@ -101,7 +101,8 @@ class Weighing:
     @property
     def seen(self) -> bool:
         """Whether the weight shows in the forces."""
-        return abs(self.mass) > _CLEAR * self.mass_std and self.rms < _EXPLAINED * self.size
+        weight = abs(self.mass) * GRAVITY
+        return abs(self.mass) > _CLEAR * self.mass_std and self.rms < _EXPLAINED * weight
 
     @property
     def agreement(self) -> float | None:
@@ -183,7 +184,7 @@ class Scene:
         )
 
     def mounting(self) -> tuple[float, Array] | None:
-        """Misfit share and constant rotation (3, 3) from sensor to pose axes that would explain it.
+        """Misfit and constant rotation (3, 3) from sensor to pose axes that would explain it.
 
         f = m Q' R' (a + g e_z) + b: the affine map that fits best is close to a rotation times a
         mass, or there is no such rotation and None is returned. It may be negative: readings of
@@ -198,10 +199,11 @@ class Scene:
         share = float(np.sqrt(np.mean((rows @ affine - force) ** 2)) / np.sqrt(np.mean(force**2)))
         left, scales, right = np.linalg.svd(affine[:3])
         even = scales[2] > _EVEN * scales[0]
-        if share > _EXPLAINED / 2.0 or not even:
+        rms = share * float(np.sqrt(np.mean(force**2)))
+        if rms > _EXPLAINED * GRAVITY * float(scales.mean()) or not even:
             return None
         turn = left @ right
-        return share, np.asarray(turn * np.sign(np.linalg.det(turn)))
+        return rms, np.asarray(turn * np.sign(np.linalg.det(turn)))
 
     def lever(self, weighing: Weighing) -> tuple[Array, float] | None:
         """Centre of mass (3,) as torques in their own unit tell it, and what is left of them.
