@@ -144,9 +144,9 @@ class ContactState:
         covariance += lever @ frame[:, :3, :3] @ np.swapaxes(lever, -1, -2)
         std = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
         axes = rotation @ frames
-        turning = _turn(
-            rotation, torque if self.kinematics.robot.tips.carries_torque else 0 * torque
-        )
+        turning = np.zeros_like(force)
+        if self.kinematics.robot.tips.carries_torque:
+            turning = _turn(rotation, torque)
         touching = np.linalg.norm(force, axis=-1) > self.config.touch_force
         places = frame[:, 3:, 3:]
         columns = (fingers, point, axes, world_force, turning, std, covariance, places)

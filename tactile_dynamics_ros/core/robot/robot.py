@@ -158,6 +158,10 @@ class Robot:
         return tuple(finger.name for finger in self.hand)
 
     @cached_property
+    def _rows(self) -> Mapping[str, int]:
+        return {name: row for row, name in enumerate(self.fingers)}
+
+    @cached_property
     def hand_joints(self) -> tuple[Joint, ...]:
         """Joints of all fingers, finger by finger."""
         return tuple(joint for finger in self.hand for joint in finger.joints)
@@ -217,10 +221,11 @@ class Robot:
         Raises:
             BadInputError: there is no such finger.
         """
-        if finger not in self.fingers:
+        row = self._rows.get(finger)
+        if row is None:
             known = ", ".join(self.fingers)
             raise BadInputError(f"finger '{finger}': expected one of {known} ({self.name})")
-        return self.fingers.index(finger)
+        return row
 
     def sensor_frame(self, finger: str) -> str:
         """Return the name of a finger's sensor frame (a link)."""

@@ -68,6 +68,9 @@ class KinematicTracker:
     ) -> None:
         self.kinematics = kinematics
         self.config = config or KinematicTrackerConfig()
+        joints = self.config.joints
+        self._constant_variance = joints.constant_variance(kinematics.robot)
+        self._varying_variance = joints.varying_variance(kinematics.robot)
         self._grasp: _Grasp | None = None
 
     @property
@@ -147,10 +150,8 @@ class KinematicTracker:
         grasp, config = self._grasp, self.config
         hold = grasp.roll(joint_positions, contacts or {self.anchor: np.zeros(3)}, config.patch)
         constant, varying = grasp.sensitivities(joint_positions, hold)
-        covariance = (
-            constant * config.joints.constant_variance(self.kinematics.robot)
-        ) @ constant.T
-        covariance += (varying * config.joints.varying_variance(self.kinematics.robot)) @ varying.T
+        covariance = (constant * self._constant_variance) @ constant.T
+        covariance += (varying * self._varying_variance) @ varying.T
         covariance += grasp.initial_covariance() + self._give(grasp.age(time))
         return grasp.pose.copy(), covariance
 
