@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.conventions.reading import Reading, rotation_at, with_pose
-from tactile_dynamics_ros.core.streams.streams import Streams
+from tactile_dynamics_ros.core.streams.streams import Streams, nearest_samples, on_lines
 
 Array = NDArray[np.float64]
 
@@ -21,10 +22,11 @@ _TURN = 2.0 * np.pi
 """A full turn, rad."""
 _MOST_TURNS = 29
 """Full turns by which a degree that was taken as a radian may be off: 180 over 2 pi."""
+_HEADINGS = (0, 1, -1, 2, -2, 3, -3)
+"""Turns of the heading, 6.3 deg each, that are tried about the one that forces and accelerations
+show: their angle is known to some 10 deg, since the centre of mass is accelerated otherwise."""
 _SPARSE = 24
 """Instants at which the turns of roll and pitch are tried against the direction of the forces."""
-_CANDIDATES = 6
-"""Pairs of turns of roll and pitch that are tried with all turns of the yaw."""
 
 
 def angle_readings(carried: bool) -> list[Reading]:
@@ -37,29 +39,67 @@ def angle_readings(carried: bool) -> list[Reading]:
     where = "of contacts too" if carried else "contacts are right as they are"
     for order, words in _ORDERS.items():
         text = f"{words} are in radians, and were taken as degrees ({where})"
-        small = partial(_read, carried=carried, order=order, degrees=False)
+        small = partial(_larger, carried=carried, order=order)
         found.append(Reading("angle_unit", text, small))
     text = f"rotation vectors are in radians, and were taken as degrees ({where})"
     found.append(Reading("angle_unit", text, partial(_larger_vectors, carried=carried)))
     if carried:
-        for order, words in _ORDERS.items():
-            text = f"{words} are in degrees, and were taken as radians ({where})"
-            large = partial(_read, carried=carried, order=order, degrees=True)
-            found.append(Reading("angle_unit", text, large))
+        text = f"{_ORDERS['xyz']} are in degrees, and were taken as radians ({where})"
+        paths = _Paths("xyz")
+        found += [
+            Reading("angle_unit", text, partial(_smaller, paths=paths, heading=heading))
+            for heading in _HEADINGS
+        ]
         text = f"rotation vectors are in degrees, and were taken as radians ({where})"
         found.append(Reading("angle_unit", text, _smaller_vectors))
     return found
 
 
-def _read(streams: Streams, carried: bool, order: str, degrees: bool) -> Streams:
+def _larger(streams: Streams, carried: bool, order: str) -> Streams:
     pose = streams.pose
     assert pose is not None
-    if degrees:
-        angles = np.radians(_with_turns(streams, continuous(pose.rotation, order), order))
-    else:
-        angles = np.degrees(Rotation.from_matrix(pose.rotation).as_euler(order))
+    angles = np.degrees(Rotation.from_matrix(pose.rotation).as_euler(order))
     rotation = Rotation.from_euler(order, angles).as_matrix()
     return with_pose(streams, replace(pose, rotation=rotation), carried)
+
+
+class _Paths:
+    """Angles in degrees behind rotations that took them as radians, found once per pose."""
+
+    def __init__(self, order: str) -> None:
+        self._order = order
+        self._known: tuple[object, Array, float] | None = None
+
+    def rotation(self, streams: Streams, heading: int) -> Array:
+        """Rotations (N, 3, 3), the heading off by so many turns from that of the acceleration."""
+        if self._known is None or self._known[0] is not streams.pose:
+            assert streams.pose is not None
+            angles = continuous(streams.pose.rotation, self._order)
+            angles = _with_turns(streams, angles, self._order)
+            upright = Rotation.from_euler(self._order, np.radians(angles)).as_matrix()
+            self._known = streams.pose, upright, _heading(streams, upright)
+        _, upright, found = self._known
+        turn = np.radians(_TURN) * (np.round(found / np.radians(_TURN)) + heading)
+        return np.asarray(Rotation.from_rotvec([0.0, 0.0, turn]).as_matrix() @ upright)
+
+
+def _smaller(streams: Streams, paths: _Paths, heading: int) -> Streams:
+    pose = streams.pose
+    assert pose is not None
+    return with_pose(streams, replace(pose, rotation=paths.rotation(streams, heading)), True)
+
+
+def _heading(streams: Streams, rotation: Array) -> float:
+    """Angle, rad, about the vertical by which horizontal forces lag behind the accelerations."""
+    pose = streams.pose
+    assert pose is not None
+    force, time = net_body_force(streams)
+    turned = Rotation.from_matrix(rotation)[nearest_samples(pose.time, time)].apply(force)
+    position = on_lines(pose.time, pose.position, time)
+    rate = np.gradient(position, time, axis=0)
+    change = np.gradient(rate, time, axis=0)
+    pushed, moved = (v[:, 0] + 1j * v[:, 1] for v in (turned, change))
+    return float(np.angle(np.sum((moved - moved.mean()) * np.conj(pushed - pushed.mean()))))
 
 
 def _larger_vectors(streams: Streams, carried: bool) -> Streams:
@@ -73,7 +113,9 @@ def _larger_vectors(streams: Streams, carried: bool) -> Streams:
 def continuous(rotation: Array, order: str) -> Array:
     """Angles (N, 3) of rotations (N, 3, 3), each the nearest to the path of the two before.
 
-    Every rotation has two triples of angles in (-pi, pi], and whole turns are free.
+    Every rotation has two triples of angles in (-pi, pi], and whole turns are free. Turns by more
+    than half of one from sample to sample would show as a turn of the other sense each time: on
+    the whole angles go as far as they come, so that the drift that this makes is taken out.
     """
     first: Array = Rotation.from_matrix(rotation).as_euler(order)
     other = first * np.array([1.0, -1.0, 1.0]) + np.pi
@@ -84,38 +126,61 @@ def continuous(rotation: Array, order: str) -> Array:
             triple + _TURN * np.round((ahead - triple) / _TURN) for triple in (first[k], other[k])
         ]
         angles[k] = min(nearest, key=lambda triple: float(np.sum((triple - ahead) ** 2)))
-    return angles
+    steps = np.arange(len(angles))[:, None]
+    per_step = np.round((angles[-1] - angles[0]) / (_TURN * max(len(angles) - 1, 1)))
+    return np.asarray(angles - _TURN * per_step * steps)
 
 
 def _with_turns(streams: Streams, angles: Array, order: str) -> Array:
     """Angles (N, 3) in degrees plus the whole turns, taken as radians, that the forces ask for.
 
-    Roll and pitch decide where gravity points in the body, the yaw which way the world's
-    acceleration does: the turns of the first two are those whose gravity is most like the sum of
-    the forces, that of the third is the one with the least rotation on the whole.
+    Roll and pitch decide where gravity points in the body: their turns, and which of the two
+    triples of angles it was, are those whose gravity is most like the sum of the forces. The turn
+    of the yaw, of which gravity says nothing, is the one nearest to none.
+
+    Raises:
+        BadInputError: no turns bring the angles to where degrees are.
     """
+    other = angles * np.array([1.0, -1.0, 1.0]) + np.pi
+    found = [_turns_of_gravity(streams, path, order) for path in (angles, other)]
+    return min(found, key=lambda pair: pair[1])[0]
+
+
+def _turns_of_gravity(streams: Streams, angles: Array, order: str) -> tuple[Array, float]:
+    """Angles (N, 3) with the best turns, and what of the forces their gravity leaves."""
     pose = streams.pose
     assert pose is not None
-    force, time = net_body_force(streams)
-    at = np.linspace(0, len(time) - 1, _SPARSE).astype(int)
-    rows = np.clip(np.searchsorted(pose.time, time[at]), 0, len(pose.time) - 1)
-    wanted = force[at] / max(float(np.linalg.norm(force[at])), 1e-12)
+    aim, rows = _sparse_forces(streams, pose.time)
     turns = np.arange(-_MOST_TURNS, _MOST_TURNS + 1)
     middle = np.median(angles, axis=0)
     first = [k for k in turns if abs(middle[0] + _TURN * k) < 200.0]
     second = [k for k in turns if abs(middle[1] + _TURN * k) < 100.0]
+    if not first or not second:
+        raise BadInputError("angles do not follow each other as degrees would")
     grid = np.array(list(product(first, second)), dtype=float)
     shifted = np.radians(angles[rows][None] + _TURN * np.pad(grid, ((0, 0), (0, 1)))[:, None])
     turned = Rotation.from_euler(order, shifted.reshape(-1, 3)).as_matrix()
-    up = turned.reshape(len(grid), len(rows), 3, 3)[..., 2, :]
-    centred = up - up.mean(axis=1, keepdims=True)
-    aim = wanted - wanted.mean(axis=0)
-    slope = np.einsum("gnk,nk->g", centred, aim) / np.sum(centred**2, axis=(1, 2))
-    left = np.sum((aim - slope[:, None, None] * centred) ** 2, axis=(1, 2))
-    left = np.where(slope > 0.0, left, np.inf)
-    best = grid[int(np.argmin(left))]
+    left = _unlike(turned.reshape(len(grid), len(rows), 3, 3)[..., 2, :], aim)
+    best = int(np.argmin(left))
     yaw = -np.round(middle[2] / _TURN)
-    return np.asarray(angles + _TURN * np.array([*best, yaw]))
+    return np.asarray(angles + _TURN * np.array([*grid[best], yaw])), float(left[best])
+
+
+def _sparse_forces(streams: Streams, stamps: Array) -> tuple[Array, NDArray[np.intp]]:
+    """Changes (n, 3) of the sum of the forces in body axes at a few instants, and their poses."""
+    force, time = net_body_force(streams)
+    at = np.linspace(0, len(time) - 1, _SPARSE).astype(int)
+    rows = np.clip(np.searchsorted(stamps, time[at]), 0, len(stamps) - 1)
+    return force[at] - force[at].mean(axis=0), rows
+
+
+def _unlike(up: Array, aim: Array) -> Array:
+    """Square (g,) that a positive multiple of directions (g, n, 3) leaves of forces (n, 3)."""
+    centred = up - up.mean(axis=1, keepdims=True)
+    size = np.maximum(np.sum(centred**2, axis=(1, 2)), 1e-12)
+    slope = np.einsum("gnk,nk->g", centred, aim) / size
+    left = np.sum((aim - slope[:, None, None] * centred) ** 2, axis=(1, 2))
+    return np.asarray(np.where(slope > 0.0, left, np.inf))
 
 
 def net_body_force(streams: Streams) -> tuple[Array, Array]:
@@ -137,20 +202,11 @@ def _smaller_vectors(streams: Streams) -> Streams:
     """
     pose = streams.pose
     assert pose is not None
-    path = _continuous_vectors(Rotation.from_matrix(pose.rotation).as_rotvec())
-    force, time = net_body_force(streams)
-    at = np.linspace(0, len(time) - 1, _SPARSE).astype(int)
-    rows = np.clip(np.searchsorted(pose.time, time[at]), 0, len(pose.time) - 1)
-    aim = force[at] - force[at].mean(axis=0)
-    best, least = path, np.inf
-    for turns in range(-_MOST_TURNS, _MOST_TURNS + 1):
-        moved = _continuous_vectors(Rotation.from_matrix(pose.rotation).as_rotvec(), turns)
-        up = Rotation.from_rotvec(np.radians(moved[rows])).as_matrix()[:, 2, :]
-        centred = up - up.mean(axis=0)
-        slope = float(np.sum(centred * aim) / max(np.sum(centred**2), 1e-12))
-        left = float(np.sum((aim - slope * centred) ** 2)) if slope > 0.0 else np.inf
-        if left < least:
-            best, least = moved, left
+    aim, rows = _sparse_forces(streams, pose.time)
+    vectors = Rotation.from_matrix(pose.rotation).as_rotvec()
+    paths = [_continuous_vectors(vectors, k) for k in range(-_MOST_TURNS, _MOST_TURNS + 1)]
+    turned = [Rotation.from_rotvec(np.radians(path[rows])).as_matrix() for path in paths]
+    best = paths[int(np.argmin(_unlike(np.array(turned)[..., 2, :], aim)))]
     rotation = Rotation.from_rotvec(np.radians(best)).as_matrix()
     return with_pose(streams, replace(pose, rotation=rotation), True)
 

@@ -38,6 +38,8 @@ INSTANTS = 400
 many leave the ranking as it is; more cost time in proportion, for each of some 250 readings."""
 _TOUCHING = 0.75
 """Periods of a contact's samples within which one must lie for it to count at an instant."""
+_ONLY_LEVER = 0.05
+"""Lever, m, by which torques of one contact without torque are taken to be large: a hand's."""
 _ROUNDS = 2
 """Fits in which forces and torques count by what the last one left of them."""
 _LEAST_LEFT = 1e-6
@@ -142,12 +144,13 @@ class Bench:
         motion, valid = self._motions.read(streams, stamps)
         if valid.sum() < len(stamps) // 4:
             return None
-        wrench, levers = _wrench(streams, motion)
+        wrench, levers, squares = _wrench(streams, motion)
         felt = np.einsum("nji,nj->ni", motion.rotation, motion.acceleration - GRAVITY_W)
         rows = regressor(felt, motion.angular_velocity_B, motion.angular_acceleration_B)[valid]
         of_imu = self._of_imu(streams, stamps)
         beside = disturbance_columns(motion)[valid] if self.disturbed else rows[..., :0]
-        system = System.of(rows, beside, wrench[valid], levers[valid])
+        signal = np.sqrt(squares[valid].mean(axis=0) / 3.0)
+        system = System.of(rows, beside, wrench[valid], levers[valid], signal)
         if system is None or system.least() + sum(of_imu.values()) > enough:
             return None
         left, implausible = system.fit()
@@ -178,10 +181,17 @@ def _share_left(left: Array, signal: Array) -> float:
     return float(np.log(max(np.sqrt(np.mean(centred**2)) / max(size, 1e-300), _LEAST_LEFT)))
 
 
-def _wrench(streams: Streams, motion: Motion) -> tuple[Array, Array]:
-    """Wrench (N, 6) of the contacts about the origin, and middle (N, 3) of them, body axes."""
+def _wrench(streams: Streams, motion: Motion) -> tuple[Array, Array, Array]:
+    """What the contacts transmit, body axes.
+
+    Returns:
+        Wrench (N, 6) about the origin, middle (N, 3) of the contacts, and (N, 2) the squares of
+        what single contacts transmit: torques, those of forces about the middle included, and
+        forces. Turning the forces of a hand changes neither; their sum would grow by its squeeze.
+    """
     to_body = np.swapaxes(motion.rotation, 1, 2)
-    wrench, middle = np.zeros((len(to_body), 6)), np.zeros((len(to_body), 3))
+    wrench, count = np.zeros((len(to_body), 6)), len(streams.contacts)
+    forces, torques, levers = [], [], []
     for contact in streams.contacts.values():
         force, torque, lever = (
             (to_body @ v[..., None])[..., 0]
@@ -189,8 +199,15 @@ def _wrench(streams: Streams, motion: Motion) -> tuple[Array, Array]:
         )
         wrench[:, :3] += np.cross(lever, force) + torque
         wrench[:, 3:] += force
-        middle += lever / len(streams.contacts)
-    return wrench, middle
+        forces.append(np.sum(force**2, axis=1))
+        torques.append(np.sum(torque**2, axis=1))
+        levers.append(lever)
+    middle = np.mean(levers, axis=0)
+    spread = np.sum((np.array(levers) - middle) ** 2, axis=2)
+    if count == 1 and not np.any(torques):
+        spread = spread + _ONLY_LEVER**2
+    squares = np.stack([np.sum(torques + spread * forces, axis=0), np.sum(forces, axis=0)], axis=1)
+    return wrench, middle, squares
 
 
 @dataclass(frozen=True)
@@ -199,7 +216,7 @@ class System:
 
     Attributes:
         squares: (2, n, n) products of the columns [Y, D, 1, w] summed over torques and over forces.
-        signal: (2,) RMS of torques, N m, and of forces, N.
+        signal: (2,) RMS of the torques, N m, and of the forces, N, of single contacts.
         rows: numbers behind each.
         lever: (3,) middle of the contacts, body frame, m.
         load: median force, N.
@@ -212,7 +229,9 @@ class System:
     load: float
 
     @classmethod
-    def of(cls, rows: Array, beside: Array, wrench: Array, levers: Array) -> System | None:
+    def of(
+        cls, rows: Array, beside: Array, wrench: Array, levers: Array, signal: Array
+    ) -> System | None:
         """The system of a body; None of forces that are zero.
 
         Args:
@@ -220,12 +239,12 @@ class System:
             beside: (N, 6, m) columns D of what else may act.
             wrench: (N, 6) w.
             levers: (N, 3) middle of the contacts, body frame, m.
+            signal: (2,) RMS of the torques and forces of single contacts.
         """
         lever = levers.mean(axis=0)
         shift = np.eye(6)
         shift[:3, 3:] = -skew(lever)
         seen = wrench @ shift.T
-        signal = np.sqrt([np.mean(seen[:, :3] ** 2), np.mean(seen[:, 3:] ** 2)])
         if not np.all(np.isfinite(signal)) or not np.all(signal > 0.0):
             return None
         bias = np.broadcast_to(np.eye(6), (len(rows), 6, 6))

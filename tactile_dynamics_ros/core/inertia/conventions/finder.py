@@ -9,7 +9,7 @@ import numpy as np
 
 from tactile_dynamics_ros.core.discrepancy.assessment import noise_floor
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import Convention, ResidualModel
-from tactile_dynamics_ros.core.discrepancy.validation import held_out
+from tactile_dynamics_ros.core.discrepancy.validation import HeldOut, fits_equally, held_out
 from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError
 from tactile_dynamics_ros.core.inertia.conventions.ranking import Ranked, Ranking, rank
 from tactile_dynamics_ros.core.inertia.conventions.reading import CONVENTIONS, Reading
@@ -49,7 +49,11 @@ _AS_WELL = 1.02
 class _Fitted:
     ranked: Ranked
     model: ResidualModel
-    error: float
+    held_out: HeldOut
+
+    @property
+    def error(self) -> float:
+        return self.held_out.rms
 
     @property
     def reading(self) -> Reading:
@@ -83,8 +87,8 @@ def _believe(ranking: Ranking, streams: Streams, recorded: float, fit: Fit) -> C
     fitted = _fit_best(ranking, streams, fit)
     if not fitted:
         return None
-    least = min(one.error for one in fitted)
-    equal = [one for one in fitted if one.error <= _AS_WELL * least]
+    least = min(fitted, key=lambda one: one.error)
+    equal = [one for one in fitted if _is_equal(least, one)]
     best = equal[0]
     if not _is_believed(ranking, best, recorded):
         return None
@@ -139,8 +143,14 @@ def _fit_best(ranking: Ranking, streams: Streams, fit: Fit) -> list[_Fitted]:
             model = fit(one.reading.apply(streams))
         except (TactileDynamicsError, np.linalg.LinAlgError):
             continue
-        found.append(_Fitted(one, model, held_out(model).rms))
+        found.append(_Fitted(one, model, held_out(model)))
     return found
+
+
+def _is_equal(best: _Fitted, other: _Fitted) -> bool:
+    """Whether a reading predicts held-out blocks as well as the best does."""
+    close = other.error <= _AS_WELL * best.error
+    return close and fits_equally(best.held_out, other.held_out)
 
 
 def _is_believed(ranking: Ranking, best: _Fitted, recorded: float) -> bool:
