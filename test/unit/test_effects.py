@@ -352,3 +352,17 @@ def test_whole_numbers_are_parameters_as_well():
     found = create_effect("sloshing_mass").wrench(SAMPLES, INERTIA, whole)
     assert np.abs(expected).max() > 0.0
     np.testing.assert_array_equal(found, expected)
+
+
+@pytest.mark.parametrize(
+    ("label", "theta"),
+    [
+        ("contact_offset:common", [0.4, 0.0, 0.0]),
+        ("sloshing_mass", [-0.05, 2.0, 0.1, 0.0, 0.0, 0.0]),
+        ("force_scale", [-1.1, 0.0, 0.0, 0.0]),
+    ],
+)
+def test_offsets_of_metres_and_the_like_cannot_be(label, theta):
+    effect, possible = create_effect(label), 0.05 * np.abs(theta)
+    assert not effect.is_possible(SAMPLES, INERTIA, np.array(theta))
+    assert effect.is_possible(SAMPLES, INERTIA, possible)

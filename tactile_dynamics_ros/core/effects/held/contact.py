@@ -26,6 +26,9 @@ _WORST_OFFSET = 0.5
 """Displacement of a contact against the others, over its distance from their middle, beyond which
 it is no calibration error: half a grasp. Offsets of whole distances explain clean data by taking
 the noise of the forces out of the torque; those of fingertips are some millimetres."""
+_FARTHEST_OFFSET = 0.3
+"""Displacement of a contact, m, beyond which it is no calibration error: a hand's length and more.
+A mounting may be off by the length of a flange (5 cm); torques in N mm look like metres."""
 _LEAST_REACH = 0.02
 """Distance from the middle, m, that is presumed at least, so that contacts close together may be
 off by a centimetre."""
@@ -101,10 +104,10 @@ class ContactOffset(FingerEffect):
     allows_common = True
 
     def is_possible(self, samples: WrenchSamples, inertia: Array, theta: Array) -> bool:
-        """Whether no contact is off, against the others, by half its distance from their middle.
+        """Whether no contact is off by a hand's length, nor against the others by half its reach.
 
-        Offsets that take all points to their middle take the noise of the forces out of the torque,
-        which explains anything.
+        Offsets of metres stand in for torques in another unit; those that take all points to their
+        middle take the noise of the forces out of the torque, which explains anything.
         """
         touching = samples.in_contact[..., None]
         count = np.maximum(touching.sum(axis=0), 1)
@@ -114,7 +117,8 @@ class ContactOffset(FingerEffect):
             offset[contact] = part
         reach = np.linalg.norm(point - point.mean(axis=0), axis=1)
         astray = np.linalg.norm(offset - offset.mean(axis=0), axis=1)
-        return bool(np.all(astray <= _WORST_OFFSET * np.maximum(reach, _LEAST_REACH)))
+        near = np.all(np.linalg.norm(offset, axis=1) <= _FARTHEST_OFFSET)
+        return bool(near and np.all(astray <= _WORST_OFFSET * np.maximum(reach, _LEAST_REACH)))
 
     def axis_parameters(self) -> tuple[EffectParameter, ...]:
         """Displacement d (3)."""

@@ -189,7 +189,7 @@ class ForceScale(FingerEffect):
 
     def axis_parameters(self) -> tuple[EffectParameter, ...]:
         """The gain error."""
-        return (EffectParameter("gain", "", 0.5, "gain error", 0.15),)
+        return (EffectParameter("gain", "", 0.5, "gain error", 0.15, least=-1.0),)
 
     def screening_basis(self, samples: WrenchSamples, inertia: Array) -> Array:
         """Wrench of every finger, so that some fingers can be picked."""
