@@ -1,0 +1,1 @@
+"""Superquadrics of simulated objects on a table: accuracy, views, parts, honesty, time."""
