@@ -40,10 +40,10 @@ def judge_layout(
     """
     log = WristLog.draw_static(seed) if name in STATIC else WristLog.draw(seed, seconds)
     paths = layout(log, folder)
-    guess = guess_tables(paths)
-    if guess.question:
-        return ASKS, guess.question
     try:
+        guess = guess_tables(paths)
+        if guess.question:
+            return ASKS, guess.question
         recording = read_mapping(guess.mapping, folder, name)
     except BadInputError as error:
         return ASKS, str(error)

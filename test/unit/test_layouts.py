@@ -18,12 +18,15 @@ SECONDS = 6.0
 
 
 EVERY = LAYOUTS | UNSEEN | UNTOLD
+MAYBE = "vectors_without_names"
+"""A layout that may be asked about: an angle of three numbers beside a place of three, unnamed."""
 
 
 @pytest.mark.parametrize("name", list(EVERY))
 def test_a_layout_is_read_right_or_asked_about(name, tmp_path):
     verdict, why = judge_layout(name, EVERY[name], 31, tmp_path, SECONDS)
-    assert verdict == (ASKS if name in UNTOLD else RIGHT), why
+    expected = (ASKS,) if name in UNTOLD else (RIGHT, ASKS) if name == MAYBE else (RIGHT,)
+    assert verdict in expected, why
 
 
 def test_the_judge_sees_what_is_wrong(tmp_path):

@@ -19,6 +19,11 @@ _DAY = 86400.0
 """Seconds of a day."""
 
 
+def is_time_of_day(word: str) -> bool:
+    """Whether a word holds a time of day."""
+    return _TIME_OF_DAY.search(word) is not None
+
+
 def seconds_of_words(where: str, words: Sequence[str]) -> Array:
     """Return (N,) s since midnight of the first row's day; NaN where a cell is empty.
 

@@ -3,7 +3,14 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from tactile_dynamics_ros.synthetic.layouts import arms, bags, fresh, laboratory, others
+from tactile_dynamics_ros.synthetic.layouts import (
+    arms,
+    bags,
+    fresh,
+    laboratory,
+    late,
+    others,
+)
 from tactile_dynamics_ros.synthetic.layouts.wrist_log import WristLog
 
 Layout = Callable[[WristLog, Path], list[Path]]
@@ -52,12 +59,6 @@ LAYOUTS: dict[str, Layout] = {
         others.static_kuka,
         others.ros2_echo,
         others.milliseconds_unsaid,
-    )
-}
-"""Layouts by name, on which the guess was made."""
-UNSEEN: dict[str, Layout] = {
-    layout.__name__: layout
-    for layout in (
         fresh.fri,
         fresh.netbox_and_trajectory,
         fresh.two_without_names,
@@ -80,6 +81,32 @@ UNSEEN: dict[str, Layout] = {
         fresh.tags,
     )
 }
+"""Layouts by name, on which the guess was made."""
+UNSEEN: dict[str, Layout] = {
+    layout.__name__: layout
+    for layout in (
+        late.mujoco,
+        late.date_and_time,
+        late.kawasaki,
+        late.dotted,
+        late.influx,
+        late.nanoseconds,
+        late.quoted,
+        late.bars,
+        late.aligned,
+        late.greek,
+        late.short_names,
+        late.raw_with_units,
+        late.transform_rows,
+        late.xarm,
+        late.vectors_without_names,
+        late.forces_first_without_names,
+        late.static_angles_without_names,
+        late.static_with_stamps,
+        late.two_styles,
+        late.yaw_first,
+    )
+}
 """Layouts that were written after it."""
 UNTOLD: dict[str, Layout] = {
     layout.__name__: layout
@@ -93,7 +120,7 @@ UNTOLD: dict[str, Layout] = {
 """Layouts that lack what no guess can know: it has to ask."""
 STATIC = frozenset(
     ["static_angles", "static_without_names", "static_vectors", "static_kuka"]
-    + ["static_named_rows", "static_matrices"]
+    + ["static_named_rows", "static_matrices", "static_angles_without_names", "static_with_stamps"]
 )
 """Layouts of static poses, which take a log from `WristLog.draw_static`."""
 

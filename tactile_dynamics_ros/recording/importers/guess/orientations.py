@@ -30,9 +30,9 @@ _FLOOR = 0.005
 _TURN_IN_RADIANS = 6.4
 """Largest angle that is written in radians: a full turn, and rounding."""
 _CLEARLY_LESS, _TURNED = 0.5, 0.05
-"""Misfit with a turned sensor over that without, and angle, rad, from which it is asked whether the
-sensor is turned. Noise lowers the misfit by 1 %; by 3 degrees sensors are screwed on, and the effect
-`sensor_rotation` finds them."""
+"""Misfit with a turned sensor over that without, and angle, rad, from which it is asked if the
+sensor is turned. Noise lowers the misfit by 1 %; sensors are screwed on to 3 degrees, which the
+effect `sensor_rotation` finds."""
 _OWN_WEIGHT = 0.2
 """Weight over constant part of the forces below which the constant part may be the weight, seen in
 other axes."""

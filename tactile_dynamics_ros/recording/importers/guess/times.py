@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.recording.importers.clock import is_time_of_day
 from tactile_dynamics_ros.recording.importers.fields import UNITS, read_field
 from tactile_dynamics_ros.recording.importers.guess.answers import Answers, Question
 from tactile_dynamics_ros.recording.importers.guess.names import ColumnName
@@ -77,7 +78,7 @@ def find_time(table: Table, names: Sequence[ColumnName], answers: Answers) -> Ti
         entry = {"columns": list(pair)}
         return TimeColumn(entry, ("s",), read_field(table.source, "time", entry, table), pair)
     found = [name for name in names if _named_time(name)]
-    usable = [name for name in found if name.column in table.texts or _runs(table, name.column)]
+    usable = [name for name in found if _may_be_time(table, name.column)]
     if not usable:
         return None if table.has_header else _first_that_runs(table, names, answers)
     usable.sort(key=lambda name: _rank(name))
@@ -108,6 +109,13 @@ def _pair(names: Sequence[ColumnName]) -> tuple[str, str] | None:
             if whole is not rest and word and shared <= set(whole.stem):
                 return whole.column, rest.column
     return None
+
+
+def _may_be_time(table: Table, column: str) -> bool:
+    """Whether a column rises, or holds times of day in words."""
+    if column in table.texts:
+        return is_time_of_day(table.texts[column][0])
+    return _runs(table, column)
 
 
 def _runs(table: Table, column: str) -> bool:
