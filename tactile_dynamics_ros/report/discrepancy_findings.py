@@ -11,7 +11,7 @@ from tactile_dynamics_ros.core.discrepancy.comparison import Comparison, compare
 from tactile_dynamics_ros.core.discrepancy.diagnosis import Diagnosis
 from tactile_dynamics_ros.core.discrepancy.documents import diagnosis_document
 from tactile_dynamics_ros.core.discrepancy.explanation import Explanation
-from tactile_dynamics_ros.core.discrepancy.model.residual_model import ResidualModel
+from tactile_dynamics_ros.core.discrepancy.model.residual_model import Convention, ResidualModel
 from tactile_dynamics_ros.core.discrepancy.structure import periodogram
 from tactile_dynamics_ros.report.discrepancy_report import DiscrepancyFindings
 
@@ -50,9 +50,20 @@ def findings_of_diagnosis(
     source: str, document: Mapping[str, Any], diagnosis: Diagnosis
 ) -> DiscrepancyFindings:
     """What the report of `diagnose` shows."""
+    if diagnosis.convention is not None:
+        return _findings_of_convention(source, document, diagnosis.model, diagnosis.convention)
     after = diagnosis.explained_model if diagnosis.effect else None
     added = [diagnosis.effect] if diagnosis.effect else []
     return _findings(source, diagnosis.model, after, added, document["sentence"], document, {})
+
+
+def _findings_of_convention(
+    source: str, document: Mapping[str, Any], model: ResidualModel, convention: Convention
+) -> DiscrepancyFindings:
+    """A recording as it was read and as it is read right, where their instants are the same."""
+    alike = len(convention.model.residual) == len(model.residual)
+    after, added = (convention.model, [f"read as {convention.name}"]) if alike else (None, [])
+    return _findings(source, model, after, added, document["sentence"], document, {})
 
 
 def findings_of_explanation(

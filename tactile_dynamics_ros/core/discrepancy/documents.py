@@ -45,7 +45,7 @@ def diagnosis_document(diagnosis: Diagnosis) -> Document:
         "effect": diagnosis.effect,
         "group": list(diagnosis.group),
         "separating_motion": diagnosis.separating_motion,
-        "candidates": _candidates(diagnosis),
+        "candidates": [] if diagnosis.convention else _candidates(diagnosis),
         "error": {
             "before": diagnosis.before.rms,
             "after": diagnosis.after.rms,

@@ -132,19 +132,22 @@ def _commonest(ranked: Sequence[Ranked]) -> list[Ranked]:
 
 
 def _fit_best(ranking: Ranking, streams: Streams, fit: Fit) -> list[_Fitted]:
-    """The best readings, fitted thoroughly, the commonest first."""
-    near = _commonest(ranking.ranked)
-    closest = sorted(near, key=lambda one: one.score)[:_FITTED]
-    found = []
-    for one in near:
-        if one not in closest:
-            continue
+    """The best readings, fitted thoroughly, the commonest first.
+
+    None where the best leaves more than noise and is not better by enough for that.
+    """
+    closest = sorted(_commonest(ranking.ranked), key=lambda one: one.score)[:_FITTED]
+    found: list[_Fitted] = []
+    for one in closest:
         try:
             model = fit(one.reading.apply(streams))
         except (TactileDynamicsError, np.linalg.LinAlgError):
             continue
-        found.append(_Fitted(one, model, held_out(model)))
-    return found
+        fitted = _Fitted(one, model, held_out(model))
+        if not found and not _is_large(ranking) and not _leaves_noise(fitted):
+            return []
+        found.append(fitted)
+    return sorted(found, key=lambda fitted: fitted.ranked.rarity)
 
 
 def _is_equal(best: _Fitted, other: _Fitted) -> bool:
@@ -155,12 +158,20 @@ def _is_equal(best: _Fitted, other: _Fitted) -> bool:
 
 def _is_believed(ranking: Ranking, best: _Fitted, recorded: float) -> bool:
     """Whether a reading leaves noise and explains the error, or leaves a fraction of what was."""
-    floor = noise_floor(best.model)
-    excess = recorded**2 - floor**2
-    left = best.error**2 - floor**2
-    if best.error <= _NEAR_FLOOR * floor and left <= (1.0 - _EXPLAINED) * excess:
+    if _is_large(ranking):
         return True
+    floor = noise_floor(best.model)
+    left, excess = best.error**2 - floor**2, recorded**2 - floor**2
+    return _leaves_noise(best) and left <= (1.0 - _EXPLAINED) * excess
+
+
+def _is_large(ranking: Ranking) -> bool:
+    """Whether the best reading leaves a fraction of what was, in no channel more."""
     return ranking.gain >= _LARGE and ranking.loss <= _WORSE
+
+
+def _leaves_noise(fitted: _Fitted) -> bool:
+    return fitted.error <= _NEAR_FLOOR * noise_floor(fitted.model)
 
 
 def _change(best: _Fitted, equal: Sequence[_Fitted]) -> str:

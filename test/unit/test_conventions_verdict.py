@@ -1,0 +1,98 @@
+"""The verdict `convention`: in documents, on the command line, never where nothing is mistaken."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from tactile_dynamics_ros.cli.main import main
+from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
+from tactile_dynamics_ros.core.discrepancy.documents import (
+    diagnosis_document,
+    explanation_document,
+)
+from tactile_dynamics_ros.core.discrepancy.explanation import explain
+from tactile_dynamics_ros.core.inertia.diagnosis.misreading import question
+from tactile_dynamics_ros.recording import Recording
+from tactile_dynamics_ros.synthetic import ScenarioOptions, generate
+from tactile_dynamics_ros.synthetic.conventions import OF_IMU, mistaken
+from tactile_dynamics_ros.synthetic.tables import WristOptions, wrist_table
+
+
+def wrist(seed, mistake="", form=0, **options):
+    table, body = wrist_table(seed, WristOptions(imu=mistake in OF_IMU, **options))
+    return (mistaken(table, mistake, form) if mistake else table).streams(), body
+
+
+def as_bag(streams, path):
+    return str(Recording(streams, "test", {}, 1_700_000_000_000_000_000).to_bag(path))
+
+
+@pytest.mark.parametrize("mistake", ["torque_unit", "time_unit"])
+def test_a_mistaken_convention_is_the_verdict(mistake):
+    streams, _ = wrist(21, mistake, duration=12.0)
+    document = diagnosis_document(diagnose(question(streams)))
+    assert document["verdict"] == "convention"
+    assert document["effect"] is None and document["candidates"] == []
+    found = document["convention"]
+    assert found["name"] == mistake and mistake not in found["others"]
+    assert found["error_after"] < 1.1 < document["error"]["before"]
+    assert f"--assume {mistake}" in document["sentence"]
+
+
+def test_equal_readings_are_told_beside_the_first():
+    """Torques in kgf cm are as many times too large as forces in kgf are too small, nearly."""
+    streams, body = wrist(22, "torque_unit", 2, duration=12.0)
+    found = diagnosis_document(diagnose(question(streams)))["convention"]
+    assert {found["name"], *found["others"]} == {"torque_unit", "force_unit"}
+
+
+def test_nothing_is_read_otherwise_that_fits():
+    streams, _ = wrist(23, duration=12.0)
+    model = question(streams)
+    document = diagnosis_document(diagnose(model))
+    assert (document["verdict"], document["convention"]) == ("adequate", None)
+    assert model.convention() is None
+
+
+@pytest.mark.parametrize(("effect", "size"), [("viscous_drag", 3.0), ("force_bias", 3.0)])
+def test_an_effect_is_no_convention(effect, size):
+    made = generate(24, {effect: size}, ScenarioOptions(duration=12.0, physics_rate_hz=100.0))
+    assert question(made.streams).convention() is None
+
+
+def test_explain_reads_right_first_and_then_names_the_effect():
+    streams, _ = wrist(25, "gravity_direction", 0, effects=(("viscous_drag", 3.0),))
+    document = explanation_document(explain(question(streams)))
+    assert document["steps"][1]["added"].startswith("read as gravity_direction (gravity acts up")
+    assert document["effects"] == ["viscous_drag"]
+    assert document["convention"]["name"] == "gravity_direction"
+    assert document["verdict"] == "adequate"
+    assert document["sentence"].startswith("Read as gravity_direction: ")
+    errors = [step["error"] for step in document["steps"]]
+    assert errors[0] > errors[1] > errors[2]
+
+
+def test_a_recording_is_read_as_assumed(tmp_path, capsys):
+    streams, body = wrist(26, "torque_unit", 0, duration=12.0)
+    bag = as_bag(streams, tmp_path / "bag")
+    assert main(["estimate", bag, "--assume", "torque_unit", "--json"]) == 0
+    printed = capsys.readouterr()
+    found = json.loads(printed.out)
+    assert "read as torque_unit: torques are in N mm, not N m" in printed.err
+    assert found["mass"]["value"] == pytest.approx(body.mass, abs=4.0 * found["mass"]["std"])
+    deviation = (np.array(found["com"]["value"]) - body.com) / found["com"]["std"]
+    assert np.all(np.abs(deviation) < 4.0)
+    assert main(["compare", bag, "--assume", "nothing"]) == 2
+    assert "--assume nothing: expected one of force_sign" in capsys.readouterr().err
+
+
+def test_the_report_tells_the_convention(tmp_path, capsys):
+    streams, _ = wrist(27, "torque_unit", 0, duration=12.0)
+    bag = as_bag(streams, tmp_path / "bag")
+    assert main(["diagnose", bag, "--out", str(tmp_path / "report")]) == 0
+    assert "(torque_unit): torques are in N mm, not N m" in capsys.readouterr().out
+    page = (tmp_path / "report" / "report.html").read_text()
+    assert "torques are in N mm, not N m" in page
