@@ -37,10 +37,10 @@ _PATCH = 12
 """Neighbours of a patch whose distances from its plane tell the noise of the camera."""
 _PATCHES = 300
 """Patches that are looked at: their median is then known to some percent."""
-_MATERIAL = 0.01
+_MATERIAL = 0.004
 """Misfit of one surface, as a share of the cloud's size, from which it may be no description of an
-object: 1 mm on 10 cm. Hexagons leave more (1.3 to 1.7 %), and so do two boxes side by side; those
-have a dent or a step. Higher takes narrow parts for a taper, lower looks for parts in vain."""
+object with a dent or a step. Butterflies leave 0.2 to 0.4 % (numbers 5 to 35 of the planar objects),
+two ellipses side by side 0.5 to 1 %. Higher takes two of them for one waisted body."""
 _DENT = 0.08
 """Share of the outline's convex hull that no point lies over, from which the outline has a dent:
 hexagons show 5 % by the raster's edges, a part of half the width beside another 11 %, a T 20 %."""
@@ -50,9 +50,9 @@ _STEP = 0.2
 """Range of the tops of columns, as a share of the height, from which an object has a step."""
 _HALVED = 0.7
 """Misfit with another part, over that before, from which the part is not worth having."""
-_STRAY_SHARE = 0.2
-"""Share of strays in a cluster from which some of them may be another part: twice what a camera
-has. Lower looks for parts among noise, higher overlooks small parts."""
+_STRAY_SHARE = 0.04
+"""Share of an object's points that lie together and off its surfaces, from which they may be a part.
+Strays of a camera lie apart. Lower looks for parts at corners that a superquadric rounds."""
 _MOST_PARTS = 4
 """Parts of one object that are looked for; each costs fits of all pairs."""
 _DECISIVE = 1200
@@ -151,12 +151,21 @@ def find_parts(points: Array, support: float | None, scale: Array) -> TableObjec
     )
 
 
-def clusters(points: Array) -> list[NDArray[np.intp]]:
-    """Return indices of the points of each object, the largest first."""
-    tree = cKDTree(points)
+def reach_of(points: Array) -> float:
+    """Return the distance within which points belong together, m."""
     count = min(_NEIGHBOURS + 1, len(points))
-    spacing = float(np.median(tree.query(points, count)[0][:, -1]))
-    pairs = tree.query_pairs(_REACH * spacing, output_type="ndarray")
+    return _REACH * float(np.median(cKDTree(points).query(points, count)[0][:, -1]))
+
+
+def clusters(points: Array, reach: float | None = None) -> list[NDArray[np.intp]]:
+    """Return indices of the points of each object, the largest first.
+
+    Args:
+        points: (N, 3) m.
+        reach: distance within which points belong together, m; by their spacing if None.
+    """
+    reach = reach_of(points) if reach is None else reach
+    pairs = cKDTree(points).query_pairs(reach, output_type="ndarray")
     graph = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(points),) * 2)
     _, label = connected_components(graph, directed=False)
     sizes = np.bincount(label)
@@ -181,7 +190,7 @@ def _misfit(mixture: Mixture, floor: float) -> float:
 def _is_better(more: Mixture, fewer: Mixture, points: Array, floor: float) -> bool:
     """Whether one part more is worth it: likelier by its price, and a much smaller misfit."""
     strays = [float(m.memberships(points)[:, -1].mean()) for m in (more, fewer)]
-    less = _misfit(more, floor) < _HALVED * _misfit(fewer, floor) or strays[0] < 0.5 * strays[1]
+    less = _misfit(more, floor) < _HALVED * _misfit(fewer, floor) or strays[0] < 0.7 * strays[1]
     return less and not _overlap(more) and more.cost(points) < fewer.cost(points) - _PRICE
 
 
@@ -200,9 +209,10 @@ def _describes(mixture: Mixture, points: Array, floor: float) -> bool:
     """Whether surfaces leave no material misfit where there is a dent or a step, and few strays."""
     size = float(np.ptp(points, axis=0).max())
     member = mixture.memberships(points)
-    if float(member[:, -1].mean()) > _STRAY_SHARE:
+    together = _clusters_of(points, member[:, -1] > 0.5)
+    if any(cluster.mean() > _STRAY_SHARE for cluster in together):
         return False
-    if _misfit(mixture, floor) < _MATERIAL * size:
+    if _misfit(mixture, floor) < max(_MATERIAL * size, floor):
         return True
     held = points[member[:, -1] < 0.5]
     return _dent(held[:, :2]) < _DENT and _step(held) < _STEP
@@ -268,7 +278,7 @@ def _clusters_of(points: Array, chosen: NDArray[np.bool_]) -> list[NDArray[np.bo
     if len(indices) < 2 * LEAST_POINTS:
         return []
     found = []
-    for members in clusters(points[indices])[:2]:
+    for members in clusters(points[indices], reach_of(points))[:2]:
         mask = np.zeros(len(points), dtype=bool)
         mask[indices[members]] = True
         found.append(mask)
