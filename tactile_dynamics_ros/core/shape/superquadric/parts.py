@@ -39,8 +39,8 @@ _PATCHES = 300
 """Patches that are looked at: their median is then known to some percent."""
 _MATERIAL = 0.004
 """Misfit of one surface, as a share of the cloud's size, from which it may be no description of an
-object with a dent or a step. Butterflies leave 0.2 to 0.4 % (numbers 5 to 35 of the planar objects),
-two ellipses side by side 0.5 to 1 %. Higher takes two of them for one waisted body."""
+object with a dent or a step. Butterflies leave 0.2 to 0.4 % (numbers 5 to 35 of the planar
+objects), two ellipses side by side 0.5 to 1 %. Higher takes two of them for one waisted body."""
 _DENT = 0.08
 """Share of the outline's convex hull that no point lies over, from which the outline has a dent:
 hexagons show 5 % by the raster's edges, a part of half the width beside another 11 %, a T 20 %."""
@@ -51,8 +51,8 @@ _STEP = 0.2
 _HALVED = 0.7
 """Misfit with another part, over that before, from which the part is not worth having."""
 _STRAY_SHARE = 0.04
-"""Share of an object's points that lie together and off its surfaces, from which they may be a part.
-Strays of a camera lie apart. Lower looks for parts at corners that a superquadric rounds."""
+"""Share of an object's points that lie together and off its surfaces, from which they may be a
+part. Strays of a camera lie apart. Lower looks for parts at corners that a superquadric rounds."""
 _MOST_PARTS = 4
 """Parts of one object that are looked for; each costs fits of all pairs."""
 _DECISIVE = 1200
