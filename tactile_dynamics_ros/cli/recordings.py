@@ -14,6 +14,10 @@ if TYPE_CHECKING:
     from tactile_dynamics_ros.recording import Recording
 
 
+_QUESTIONS = ("diagnose", "explain")
+"""Verbs that find out units for themselves, so that a recording is not refused for them."""
+
+
 def add_recording_arguments(parser: ArgumentParser, optional: bool = False) -> None:
     """Add the recording, its remappings and the effects of the model."""
     count = "?" if optional else "+"
@@ -122,11 +126,13 @@ def _read(bag: str, args: Namespace) -> Recording:
     from tactile_dynamics_ros.recording import Recording
 
     remap = _parse_remappings(args.remap)
+    assumed = getattr(args, "assume", [])
     recording = Recording.from_bag(
         bag,
         remap=remap,
         namespace=args.namespace,
         world_frame=getattr(args, "world_frame", None),
+        any_unit=getattr(args, "verb", "") in _QUESTIONS or "acceleration_unit" in assumed,
     )
     lines = recording.problem_lines()
     if not recording.streams.contacts:

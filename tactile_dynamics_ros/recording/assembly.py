@@ -263,8 +263,13 @@ class ImuColumns:
     specific_force_std: float | None = None
 
 
-def assemble_imu(columns: ImuColumns, log: ProblemLog) -> ImuStream | None:
+def assemble_imu(columns: ImuColumns, log: ProblemLog, any_unit: bool = False) -> ImuStream | None:
     """Return the IMU stream without faulty samples, or None if nothing usable remains.
+
+    Args:
+        columns: readings.
+        log: of what had to be cleaned.
+        any_unit: whether accelerations that look like units of g are taken as they are.
 
     Raises:
         BadInputError: the accelerometer reads in units of g.
@@ -292,7 +297,8 @@ def assemble_imu(columns: ImuColumns, log: ProblemLog) -> ImuStream | None:
     if len(fields[0]) < 2:
         log.note(label, "too few usable samples (IMU left out)", 1)
         return None
-    _refuse_units_of_g(label, fields[1])
+    if not any_unit:
+        _refuse_units_of_g(label, fields[1])
     log.note(label, "gap in the stream", count_gaps(fields[0]))
     unit = fields[3] / np.linalg.norm(fields[3], axis=1, keepdims=True)
     return ImuStream(
@@ -310,7 +316,8 @@ def _refuse_units_of_g(label: str, specific_force: Array) -> None:
     if 0.5 < typical < 2.0:
         raise BadInputError(
             f"{label}: linear_acceleration has a typical size of {typical:.2f}; expected about "
-            f"{STANDARD_GRAVITY} m/s^2 at rest. It seems to be in units of g: multiply by 9.80665"
+            f"{STANDARD_GRAVITY} m/s^2 at rest. It seems to be in units of g: multiply by 9.80665, "
+            "or read it with --assume acceleration_unit"
         )
 
 

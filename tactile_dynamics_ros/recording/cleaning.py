@@ -17,6 +17,7 @@ TORQUE_LIMIT = 1e3
 POSITION_LIMIT = 1e4
 ANGULAR_VELOCITY_LIMIT = 1e3
 SPECIFIC_FORCE_LIMIT = 1e4
+_STRAY = 50.0
 
 QUATERNION_TOLERANCE = 1e-3
 QUATERNION_SHORTEST = 0.5
@@ -54,8 +55,14 @@ def find_not_finite(*columns: Array) -> Mask:
 
 
 def find_absurd(values: Array, limit: float) -> Mask:
-    """Return which samples exceed what any hand, arm or sensor of this kind can show."""
-    return np.asarray(np.abs(values).max(axis=1, initial=0.0) > limit)
+    """Return which samples exceed what any hand, arm or sensor of this kind can show.
+
+    Values that are large all along are in another unit, such as mN, and not absurd: what is far
+    larger than most of them is.
+    """
+    size = np.abs(values).max(axis=1, initial=0.0)
+    typical = float(np.median(size)) if len(size) else 0.0
+    return np.asarray(size > max(limit, _STRAY * typical))
 
 
 def find_not_increasing(time: Array) -> Mask:

@@ -52,6 +52,7 @@ class Recording:
         namespace: str | None = None,
         world_frame: str | None = None,
         contacts_required: bool = True,
+        any_unit: bool = False,
     ) -> Recording:
         """Read a rosbag2 recording; contacts are discovered from its topics.
 
@@ -62,6 +63,7 @@ class Recording:
                 was recorded at root, the only one there is.
             world_frame: frame of the poses, z up, if it is not `world` or a robot's base.
             contacts_required: whether a recording without any contact is refused.
+            any_unit: whether accelerations that look like units of g are taken as they are.
 
         Raises:
             BadInputError: the files cannot be read, a topic is missing or of another type or
@@ -77,7 +79,7 @@ class Recording:
         frames = Frames.of(bag, world_frame, source)
         frames.place_contacts(bag)
         topics.require_topics(bag.types, source, contacts_required)
-        return _BagAssembly(bag, source, frames).recording()
+        return _BagAssembly(bag, source, frames, any_unit).recording()
 
     @classmethod
     def from_arrays(
@@ -211,8 +213,8 @@ class Recording:
 class _BagAssembly:
     """Builds the streams of one recording from its decoded topics."""
 
-    def __init__(self, bag: BagTables, source: str, frames: Frames) -> None:
-        self._bag = bag
+    def __init__(self, bag: BagTables, source: str, frames: Frames, any_unit: bool = False) -> None:
+        self._bag, self._any_unit = bag, any_unit
         self._frames = frames
         self._source = source
         self._log = ProblemLog(bag.problems)
@@ -289,7 +291,7 @@ class _BagAssembly:
         """Return the IMU, or None if there is none."""
         table = self._bag.tables.get(topics.OBJECT_IMU)
         columns = topics.imu_columns(topics.OBJECT_IMU, table, self._clock) if table else None
-        return None if columns is None else assemble_imu(columns, self._log)
+        return None if columns is None else assemble_imu(columns, self._log, self._any_unit)
 
     def _note_poses_without_forces(self) -> None:
         """Count contact poses that have no force beside them."""

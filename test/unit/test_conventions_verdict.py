@@ -96,3 +96,22 @@ def test_the_report_tells_the_convention(tmp_path, capsys):
     assert "(torque_unit): torques are in N mm, not N m" in capsys.readouterr().out
     page = (tmp_path / "report" / "report.html").read_text()
     assert "torques are in N mm, not N m" in page
+
+
+def test_accelerations_in_g_are_refused_by_estimate_and_read_if_assumed(tmp_path, capsys):
+    streams, body = wrist(28, "acceleration_unit", 0, duration=12.0)
+    bag = as_bag(streams, tmp_path / "bag")
+    assert main(["estimate", bag]) == 2
+    assert "--assume acceleration_unit" in capsys.readouterr().err
+    assert main(["diagnose", bag, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["convention"]["name"] == "acceleration_unit"
+    assert main(["estimate", bag, "--assume", "acceleration_unit", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)["mass"]
+    assert found["value"] == pytest.approx(body.mass, abs=4.0 * found["std"])
+
+
+def test_forces_in_millinewton_are_not_dropped_as_absurd(tmp_path):
+    streams, _ = wrist(29, "force_unit", 1, duration=6.0)
+    assert np.abs(streams.contacts["wrist"].force).max() > 1.1e4
+    bag = as_bag(streams, tmp_path / "bag")
+    assert len(Recording.from_bag(bag).streams.contacts["wrist"].time) == len(streams.pose.time)
