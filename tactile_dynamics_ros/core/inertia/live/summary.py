@@ -72,7 +72,8 @@ class Summariser:
             self._presumed = model.presume_lasting_errors()
             self._corrected_at = np.full(10, np.inf)
         if excitation:
-            self._not_excited = undetermined_parameters(solver.xi, data, prior, covariance)
+            widened = covariance * np.outer(self._widen, self._widen)
+            self._not_excited = undetermined_parameters(solver.xi, data, prior, widened)
         xi = self._corrected(model, self._presumed.errors)
         if self._hull is not None:
             xi = keep_in_hull(xi, data + prior, self._hull)
