@@ -25,7 +25,7 @@ from tactile_dynamics_ros.synthetic.planned import record_plan
 
 FIRST_SEED = 22000
 """Seeds from here on were not used for tuning (300 and 301 were)."""
-EFFECTS = ("unsensed_contact", "force_bias", "added_mass", "gravity_tilt", "sensor_lag")
+EFFECTS = ("unsensed_contact", "force_bias", "added_mass")
 """Effects that a calm recording often cannot tell from others."""
 DURATION, SENSORS = 20.0, "all_50"
 """Length of the first recording, s, and its sensors: 50 Hz, as in the second, 20 s as well."""
