@@ -6,7 +6,8 @@ Here the "measurements" come from a small simulation of two fingers that swing a
 units and frames that a logger might use. Replace `load_my_measurements` by your own reading, for
 instance `numpy.loadtxt` for CSV or `h5py.File(...)["force"][:]` for HDF5.
 
-From the shell, with a yaml file that names the columns: tactile-dynamics import csv MAP.yaml OUT
+From the shell `tactile-dynamics import LOG.csv --guess` finds out what the columns of a table mean
+and writes a yaml file, with which `tactile-dynamics import csv LOG.mapping.yaml OUT` reads it.
 """
 
 import argparse
@@ -35,14 +36,14 @@ def load_my_measurements(seconds: float) -> dict[str, np.ndarray]:
     squeeze = np.array([1.5, 0.0, 0.0])
     forces = [0.5 * weight + pair - squeeze, 0.5 * weight - pair + squeeze]
     torque = np.outer(moment[:, 0], [1.0, 0.0, 0.0])  # about the line between the fingers
-    noise = random.normal(size=(2, len(time), 3))
+    noise = random.normal(size=(3, len(time), 3))
     return {
         "stamp_ms": 1e3 * time + 12_000.0,
         "orientation_xyzw": rotation.as_quat(),
         "position_mm": np.tile([400.0, 0.0, 300.0], (len(time), 1)),
         "left_gf": (forces[0] + 0.02 * noise[0]) / 9.80665e-3,
         "right_gf": (forces[1] + 0.02 * noise[1]) / 9.80665e-3,
-        "left_torque_nmm": 1e3 * torque,
+        "left_torque_nmm": 1e3 * torque + 1.0 * noise[2],
         "points_mm": 1e3 * points,
     }
 

@@ -3,6 +3,9 @@
     tactile-dynamics import kuka-ft-imu ../shared/data/kuka_ft_imu/1-baseline payload.mcap
     python examples/03_wrist_force_torque_sensor.py payload.mcap
 
+    tactile-dynamics import my_arm.csv --guess            # the same with a log of your own arm
+    tactile-dynamics import static-poses poses.csv payload.mcap    # or with a table of static poses
+
 A wrist sensor is one contact that carries torque. Such sensors read several newtons without any
 load; an arm that turns its wrist tells this bias from the weight, because the bias stays with the
 sensor while gravity does not. Here the bias is an effect of the model: added, it is estimated
