@@ -11,7 +11,7 @@ from tactile_dynamics_ros.core.inertia.conventions.reading import Reading, rotat
 from tactile_dynamics_ros.core.streams.streams import Streams
 
 _STANDARD_GRAVITY = 9.80665
-"""m/s^2 in a unit g, by definition."""
+"""Standard gravity, m/s^2 in a unit g, by definition (CGPM 1901): no tuned number."""
 _ACCELERATIONS = {"g": _STANDARD_GRAVITY, "mg": 1e-3 * _STANDARD_GRAVITY, "cm/s^2": 1e-2}
 """m/s^2 per unit that accelerometers report."""
 _RATES = {"deg/s": np.pi / 180.0, "rpm": np.pi / 30.0}

@@ -35,6 +35,7 @@ _GRAVITY = {
 }
 """Directions of gravity in a world whose z is not up."""
 _WHERE = {True: "of contacts too", False: "contacts are right as they are"}
+"""How a reading of the pose says whether contacts were put into the world by it."""
 
 
 def pose_readings(streams: Streams) -> list[Reading]:

@@ -21,11 +21,11 @@ from tactile_dynamics_ros.core.streams.streams import Streams
 Array = NDArray[np.float64]
 
 _KILOPOND = 9.80665
-"""Newton per kilogram-force, by definition."""
+"""Newton per kilogram-force, by definition that of standard gravity: no tuned number."""
 _POUND = 4.4482216
-"""Newton per pound-force."""
+"""Newton per pound-force, 0.45359237 kg at standard gravity, by definition: no tuned number."""
 _INCH = 0.0254
-"""Metres per inch, by definition."""
+"""Metres per inch, by definition since 1959: no tuned number."""
 _FORCE_UNITS = {
     "kgf": _KILOPOND,
     "mN": 1e-3,
