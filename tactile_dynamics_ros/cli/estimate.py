@@ -14,7 +14,7 @@ from tactile_dynamics_ros.cli.recordings import (
     read_recording,
 )
 from tactile_dynamics_ros.cli.text_table import align_rows
-from tactile_dynamics_ros.core.discrepancy.wording import write_interval
+from tactile_dynamics_ros.core.discrepancy.verdict.wording import write_interval
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.report.numbers import parameter_rows
 

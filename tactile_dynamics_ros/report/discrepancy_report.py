@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.discrepancy.documents import group_clause
-from tactile_dynamics_ros.core.discrepancy.wording import capitalise
+from tactile_dynamics_ros.core.discrepancy.verdict.wording import capitalise
 from tactile_dynamics_ros.report.discrepancies import (
     Channels,
     draw_before_after,

@@ -7,7 +7,7 @@ import pytest
 
 from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
 from tactile_dynamics_ros.core.discrepancy.documents import diagnosis_document
-from tactile_dynamics_ros.core.discrepancy.wording import write_interval, write_parameters
+from tactile_dynamics_ros.core.discrepancy.verdict.wording import write_interval, write_parameters
 from tactile_dynamics_ros.core.effects.registry import create_effect
 from tactile_dynamics_ros.core.inertia.batch.batch import fit_recording
 from tactile_dynamics_ros.core.inertia.diagnosis.discrepancy_model import HeldObjectModel

@@ -20,7 +20,7 @@ from tactile_dynamics_ros.core.discrepancy.selection import Choice
 from tactile_dynamics_ros.core.discrepancy.signature import Signature
 from tactile_dynamics_ros.core.discrepancy.trials import Trial
 from tactile_dynamics_ros.core.discrepancy.verdict.materiality import Trace
-from tactile_dynamics_ros.core.discrepancy.wording import (
+from tactile_dynamics_ros.core.discrepancy.verdict.wording import (
     capitalise,
     join_names,
     write_parameters,

@@ -19,7 +19,7 @@ from tactile_dynamics_ros.core.discrepancy.model.residual_model import (
 from tactile_dynamics_ros.core.discrepancy.screening import Score, best_by_effect, screen
 from tactile_dynamics_ros.core.discrepancy.structure import Structure, find_line, in_frame
 from tactile_dynamics_ros.core.discrepancy.trials import square
-from tactile_dynamics_ros.core.discrepancy.wording import write_interval
+from tactile_dynamics_ros.core.discrepancy.verdict.wording import write_interval
 
 Array = NDArray[np.float64]
 

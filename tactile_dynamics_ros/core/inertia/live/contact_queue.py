@@ -10,6 +10,12 @@ from math import inf
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.inertia.residuals.contact_grid import (
+    EMPTY,
+    LOADED,
+    SILENCE_PERIODS,
+    SYNCHRONOUS,
+)
 from tactile_dynamics_ros.core.numerics.local_polynomial import (
     centred_weights,
     lagrange_weights,
@@ -22,12 +28,6 @@ Array = NDArray[np.float64]
 _LIMIT = 1024
 """Readings kept at least, and at most twice as many: 10 s at 100 Hz, 1 s at 1 kHz, far longer than
 a pose is late. Fewer could lose what a pose still needs."""
-_SILENCE_PERIODS = 2.5
-"""Step between readings, in periods, from which a contact was silent; see
-`residuals/contact_grid.py`, which reads recordings the same."""
-_LOADED = 0.3
-"""Share of the newest load that a contact must bear before and after a silence for readings to
-count as lost, not as a break of contact; as in `residuals/contact_grid.py`."""
 _LOADED_NEWTON = 0.3
 """Load from which the sudden absence of a contact is suspicious, N: ten times the noise of a sensor
 of 0.03 N; what presses less moves no estimate of a body that a hand lifts."""
@@ -35,11 +35,6 @@ _DOUBT_DURATION = 10.0
 """How long the absence of a contact that pressed is suspicious, s: a sensor that drops out comes
 back or is seen to by then, a finger that was lifted stays away. Shorter believes a sensor that is
 silent for longer, longer withholds estimates after a finger was lifted."""
-_EMPTY = 1e-9
-"""|force| + |torque|, N and N m, up to which nothing is transmitted: zero and rounding."""
-_SAME = 1e-4
-"""Difference of stamps, s, that are the same: as `contact_grid.SYNCHRONOUS`. A force of 10 N at 4
-Hz changes by 25 mN within it at most, less than its noise."""
 _FAST = 0.6
 """Period over that of the grid below which readings are averaged: there are at least 1.7 per step
 of the grid then. Nearer to 1 jitter of a rate that equals the grid's would switch between averages
@@ -84,7 +79,7 @@ class ContactReading:
     @cached_property
     def in_contact(self) -> bool:
         """Whether anything is transmitted."""
-        return bool(np.abs(self.force).sum() + np.abs(self.torque).sum() > _EMPTY)
+        return bool(np.abs(self.force).sum() + np.abs(self.torque).sum() > EMPTY)
 
 
 class ContactQueue:
@@ -142,7 +137,9 @@ class ContactQueue:
         if self._is_fast(grid_period):
             came = self.newest >= time + _AVERAGED * grid_period
         else:
-            came = abs(self.newest - time) <= _SAME or time <= max(self._times[-2:-1], default=-inf)
+            came = abs(self.newest - time) <= SYNCHRONOUS or time <= max(
+                self._times[-2:-1], default=-inf
+            )
         return came or now - max(time, self.newest) > self._timeout
 
     def _is_fast(self, grid_period: float) -> bool:
@@ -158,18 +155,18 @@ class ContactQueue:
         Returns:
             None where the contact is absent.
         """
-        right = bisect_left(self._times, time - _SAME)
-        if right < len(self._times) and abs(self._times[right] - time) <= _SAME:
+        right = bisect_left(self._times, time - SYNCHRONOUS)
+        if right < len(self._times) and abs(self._times[right] - time) <= SYNCHRONOUS:
             return self._scaled(self._exact(right, grid_period), grid_period)
         if right == 0 or right == len(self._times):
             return None
         gap = self._times[right] - self._times[right - 1]
         before, after = self._readings[right - 1], self._readings[right]
-        if gap > _SILENCE_PERIODS * max(self._period, 1e-6) and gap > grid_period:
+        if gap > SILENCE_PERIODS * max(self._period, 1e-6) and gap > grid_period:
             loaded = min(
                 np.linalg.norm(r.force) + np.linalg.norm(r.torque) for r in (before, after)
             )
-            return _missing(before) if loaded > _LOADED * self.last_load > 0 else None
+            return _missing(before) if loaded > LOADED * self.last_load > 0 else None
         if not (before.in_contact and after.in_contact):
             nearer = before if time - self._times[right - 1] < 0.5 * gap else after
             return nearer if nearer.in_contact else None
@@ -181,7 +178,7 @@ class ContactQueue:
         """Interpolation: cubic through four readings in a row, else linear."""
         chosen = slice(right - 2, right + 2)
         times, readings = self._times[chosen], self._readings[chosen]
-        even = len(times) == 4 and times[-1] - times[0] < 3 * _SILENCE_PERIODS * self._period
+        even = len(times) == 4 and times[-1] - times[0] < 3 * SILENCE_PERIODS * self._period
         if not (even and all(reading.in_contact for reading in readings)):
             chosen = slice(right - 1, right + 1)
             times, readings = self._times[chosen], self._readings[chosen]

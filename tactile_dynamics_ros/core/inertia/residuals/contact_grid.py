@@ -34,13 +34,13 @@ most; more would read one sample for another's time."""
 MISSED_PERIODS = 1.5
 """Step, in periods, from which a sample is missing: midway between none and one. Jitter beyond half
 a period reads as a loss."""
-_SILENCE_PERIODS = 2.5
+SILENCE_PERIODS = 2.5
 """Step between samples, in periods, from which a contact was silent: one lost sample makes a step
 of 2, jitter included 2.5. Two lost samples make 3, which is no longer interpolated."""
 _BRIDGED = 0.025
 """Longest step (s) across a lost sample that is interpolated: a cubic is 0.2 % off at 4 Hz. Longer
 bends forces that a hand makes, shorter loses the samples around each lost message."""
-_LOADED = 0.3
+LOADED = 0.3
 """Share of the median load that a contact must bear before and after a silence for samples to count
 as lost, not as a break of contact: fingers that let go unload first. At zero a grasp that opens
 leaves false forces; at 1 half of all lost samples count as breaks."""
@@ -65,7 +65,7 @@ Hz poses take two minutes at 20; at 2 a lag or an offset of clocks is read from 
 _CUBIC = 4
 """Samples that an interpolating polynomial goes through: a cubic. A line would cut the peaks of a
 force of 4 Hz at 100 Hz by 0.5 %."""
-_EMPTY = 1e-9
+EMPTY = 1e-9
 """|force| + |torque|, N and N m, up to which nothing is transmitted: zero and rounding. Fingertips
 send exactly zero while untouched."""
 _FALLBACK_FORCE_STD = 0.03
@@ -185,7 +185,7 @@ def contact_signals(
     distance = np.abs(contact.time[nearest] - grid)
     present = distance < max(0.75 * period, 0.75 * _grid_period(grid))
     magnitude = np.linalg.norm(contact.force, axis=1) + np.linalg.norm(contact.torque, axis=1)
-    loaded = magnitude > _EMPTY
+    loaded = magnitude > EMPTY
     functional = _force_functional(contact.time, grid, period, loaded)
     bridged, doubtful = _short_silences(contact.time, grid, period, loaded)
     in_contact = (present & loaded[nearest]) | bridged
@@ -243,7 +243,7 @@ def _misses_samples(time: Array) -> bool:
     if len(time) < 2:
         return False
     steps, period = np.diff(time), typical_period(time)
-    return bool(np.any((steps > MISSED_PERIODS * period) & (steps < _SILENCE_PERIODS * period)))
+    return bool(np.any((steps > MISSED_PERIODS * period) & (steps < SILENCE_PERIODS * period)))
 
 
 def _short_silences(
@@ -251,7 +251,7 @@ def _short_silences(
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Grid times (N,) between neighbouring samples: both loaded, and one of them only."""
     left, step = enclosing_steps(time, grid)
-    near = step < _SILENCE_PERIODS * period
+    near = step < SILENCE_PERIODS * period
     near &= (grid >= time[left]) & (grid <= time[left + 1])
     before, after = loaded[left], loaded[left + 1]
     return near & before & after, near & (before != after)
@@ -290,7 +290,7 @@ def _interpolation(
     share = (grid - time[left]) / step
     reach = _EXTRAPOLATED * period / step
     inside = (share > -reach) & (share < 1.0 + reach)
-    near = step < np.clip(_BRIDGED, MISSED_PERIODS * period, _SILENCE_PERIODS * period)
+    near = step < np.clip(_BRIDGED, MISSED_PERIODS * period, SILENCE_PERIODS * period)
     bridged = near | (np.minimum(share, 1.0 - share) < reach)
     clipped = np.clip(share, 0.0, 1.0)
     clipped = np.where(near, clipped, np.round(clipped))
@@ -301,7 +301,7 @@ def _interpolation(
     rows = np.arange(len(grid))
     weights[rows, left - start] = 1.0 - clipped
     weights[rows, left - start + 1] = clipped
-    even = (np.diff(time[index], axis=1) < _SILENCE_PERIODS * period).all(axis=1)
+    even = (np.diff(time[index], axis=1) < SILENCE_PERIODS * period).all(axis=1)
     smooth = even & loaded[index].all(axis=1) & (share >= 0.0) & (share <= 1.0)
     weights[smooth] = lagrange_weights(time[index[smooth]], grid[smooth])
     return LocalFunctional(start.astype(np.int64), weights[:, None], inside & bridged)
@@ -342,8 +342,8 @@ def _dropped(time: Array, magnitude: Array, period: float, grid: Array) -> NDArr
     are still under way, do not end together.
     """
     dropped = np.zeros(len(grid), dtype=bool)
-    gaps = np.flatnonzero(np.diff(time) > _SILENCE_PERIODS * period)
-    threshold = _LOADED * float(np.median(magnitude))
+    gaps = np.flatnonzero(np.diff(time) > SILENCE_PERIODS * period)
+    threshold = LOADED * float(np.median(magnitude))
     for k in gaps:
         if min(magnitude[k], magnitude[k + 1]) > threshold > 0:
             dropped |= (grid > time[k] + 0.5 * period) & (grid < time[k + 1] - 0.5 * period)
