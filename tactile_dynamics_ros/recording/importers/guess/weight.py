@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.numerics.local_polynomial import (
+    LocalFunctional,
     Window,
     local_polynomial,
     typical_period,
@@ -42,6 +43,20 @@ _EVEN = 0.8
 they agree but for noise and accelerations, under a wrong reading of angles they do not."""
 
 
+class Windows:
+    """Polynomials through samples around given times, found once for all readings of a table."""
+
+    def __init__(self) -> None:
+        self._known: dict[tuple[bytes, bytes], LocalFunctional] = {}
+
+    def around(self, samples: Array, at: Array) -> LocalFunctional:
+        """Return the functionals at times (n,) of samples (N,), s."""
+        key = samples.tobytes(), at.tobytes()
+        if key not in self._known:
+            self._known[key] = local_polynomial(samples, at, Window(_HALF_WIDTH, _DEGREE))
+        return self._known[key]
+
+
 @dataclass(frozen=True)
 class Measured:
     """What a table says, whatever its units and axes mean.
@@ -54,6 +69,7 @@ class Measured:
         position: (M, 3) m, or None.
         torque: (N, 3), or None.
         world: (3, 3) from the file's world to one whose z points up.
+        windows: polynomials by which the motion is read, kept from reading to reading.
     """
 
     force: Array
@@ -63,6 +79,7 @@ class Measured:
     position: Array | None = None
     torque: Array | None = None
     world: Array = field(default_factory=lambda: np.eye(3))
+    windows: Windows = field(default_factory=lambda: Windows())
 
     def upright(self, world: Array) -> Measured:
         """Return the same in another world; forces turn along where they are in its axes."""
@@ -149,7 +166,7 @@ class Scene:
         if not np.isfinite(m.rotation).all():
             return None
         at = m.force_time[self.rows]
-        functional = local_polynomial(m.time, at, Window(_HALF_WIDTH, _DEGREE))
+        functional = m.windows.around(m.time, at)
         turns = accumulated_rotation(m.rotation)
         rate, change = functional.apply(turns, 1), functional.apply(turns, 2)
         still = np.zeros_like(rate)

@@ -27,7 +27,7 @@ from tactile_dynamics_ros.recording.importers.guess.sources import (
     rows_jump,
 )
 from tactile_dynamics_ros.recording.importers.guess.times import TimeColumn
-from tactile_dynamics_ros.recording.importers.guess.weight import Measured
+from tactile_dynamics_ros.recording.importers.guess.weight import Measured, Windows
 
 Array = NDArray[np.float64]
 
@@ -144,8 +144,10 @@ class WristGuess:
             place = factor * self.poses.table.columns(*position.columns)
         clock = [None if s.time is None else s.time.values for s in (self.poses, self.forces)]
 
+        windows = Windows()
+
         def measured_under(rotation: Array) -> Measured:
-            return Measured(read, clock[1], rotation, clock[0], place, about)
+            return Measured(read, clock[1], rotation, clock[0], place, about, windows=windows)
 
         readings = readings_of(turn, self.poses.table)
         return choose_reading(readings, self.poses.table, measured_under, self.answers, force.label)
