@@ -40,7 +40,8 @@ Array = NDArray[np.float64]
 
 ALONG = np.array([3.8e-3, 3.4e-3, 3.8e-3, 4.0e-3])
 AROUND = np.deg2rad([8.0, 0.0, -8.0, -44.0])
-"""Where this hand's grasps touch the skin: along the finger (m) and around it."""
+"""Where grasps of the right hand touch the skin: along the finger (m) and around it; those of the
+left hand mirror them."""
 
 REST, REFERENCE_STD = 3000, 0.01
 WARM_UP, WARM_UP_PERIOD = 600.0, 0.1
@@ -60,7 +61,11 @@ def warm_up(unit_seed: int, seed: int) -> NDArray[np.uint16]:
 
 
 def press_fingertips(
-    unit_seed: int, seed: int, seconds: float = 60.0, tips: Sequence[FingertipConfig] | None = None
+    unit_seed: int,
+    seed: int,
+    seconds: float = 60.0,
+    tips: Sequence[FingertipConfig] | None = None,
+    left: bool = False,
 ) -> tuple[Array, Array]:
     """Return estimated and known forces (4, N, 3) of the hand's fingertips, sensor frames, N.
 
@@ -69,11 +74,12 @@ def press_fingertips(
         seed: of presses and noise.
         seconds: of pressing, after half a minute of rest.
         tips: configurations of the four fingertips.
+        left: whether they are pressed where a left hand's touch.
     """
     tips = tips or [FingertipConfig()] * len(ROBOT.fingers)
     array = BioTacArray(len(ROBOT.fingers), seed=seed + 50_000, unit_seed=unit_seed)
     rng = np.random.default_rng([seed, 11])
-    force, point = _presses(REST + round(100 * seconds), rng)
+    force, point = _presses(REST + round(100 * seconds), rng, -1.0 if left else 1.0)
     raw = np.stack([array.measure(force[:, k], point[:, k]) for k in range(force.shape[1])])
     estimator = create_force_estimator(config=tips)
     estimator.tare(raw[:_TARE])
@@ -93,10 +99,10 @@ def calibrate_units(unit_seed: int) -> tuple[FingertipConfig, ...]:
     return tuple(tip.with_gain(tuple(gain.ravel())) for tip, gain in zip(tips, gains, strict=True))
 
 
-def _presses(frames: int, rng: np.random.Generator) -> tuple[Array, Array]:
+def _presses(frames: int, rng: np.random.Generator, side: float) -> tuple[Array, Array]:
     """Return forces (4, T, 3) N and contact points (4, T, 3) m: rolling, pressing, dragging."""
     along = np.clip(ALONG[:, None] + 1.0e-3 * _waves(frames, 0.25, rng), -14e-3, 6.6e-3)
-    around = AROUND[:, None] + 0.2 * _waves(frames, 0.25, rng)
+    around = side * AROUND[:, None] + 0.2 * _waves(frames, 0.25, rng)
     ring = OUTER_RADIUS * np.sqrt(1.0 - (along / OUTER_RADIUS) ** 2)
     point = np.stack([along, ring * np.sin(around), -ring * np.cos(around)], axis=-1)
     normal = outward_normal(point)
@@ -165,6 +171,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0, help="of presses and noise (0)")
     parser.add_argument("--seconds", type=float, default=60.0, help="of pressing (60)")
     parser.add_argument("--out", type=Path, default=Path("out/rig"), help="folder of recordings")
+    parser.add_argument("--left", action="store_true", help="pressed as those of a left hand")
     arguments = parser.parse_args()
     warming, presses = arguments.out / "warm_up", arguments.out / "presses"
     arguments.out.mkdir(parents=True, exist_ok=True)
@@ -172,7 +179,9 @@ def main() -> int:
     found = _calibrate(str(warming), "--drift")
     drifts = [found[finger]["drift"] for finger in ROBOT.fingers]
     tips = [FingertipConfig(drift=tuple(drift)) for drift in drifts]
-    pressed = press_fingertips(arguments.unit_seed, arguments.seed, arguments.seconds, tips)
+    pressed = press_fingertips(
+        arguments.unit_seed, arguments.seed, arguments.seconds, tips, arguments.left
+    )
     write_presses(presses, *pressed)
     gains = []
     for finger in ROBOT.fingers:
