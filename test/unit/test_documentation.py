@@ -11,7 +11,7 @@ import pytest
 
 from tactile_dynamics_ros.recording import topics
 from tactile_dynamics_ros.recording.importers import IMPORTERS
-from tactile_dynamics_ros.recording.importers.csv_mapping import FIELDS, UNITS
+from tactile_dynamics_ros.recording.importers.fields import FIELDS, UNITS
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "recordings.md").read_text()

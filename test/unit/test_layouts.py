@@ -12,6 +12,7 @@ from benchmarks.layouts import ASKS, RIGHT, WRONG, judge_layout
 from tactile_dynamics_ros.cli.main import main
 from tactile_dynamics_ros.recording.importers.guess import Answers, guess_tables
 from tactile_dynamics_ros.synthetic.layouts import LAYOUTS, UNSEEN, UNTOLD, WristLog
+from tactile_dynamics_ros.synthetic.layouts.wrist_log import INERTIA_PER_MASS
 from tactile_dynamics_ros.synthetic.layouts.writing import axes, write_table
 
 SECONDS = 6.0
@@ -72,8 +73,10 @@ def test_import_guess_shows_units_rates_frames_and_writes_a_mapping(table, capsy
     assert main(["estimate", bag, "--effects", "force_bias", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert abs(found["mass"]["value"] - log.mass) < 4.0 * found["mass"]["std"]
-    error = np.abs(np.array(found["com"]["value"]) - log.com)
-    assert np.all(error < 4.0 * np.array(found["com"]["std"]))
+    truth = {"com": log.com, "inertia_com": log.mass * INERTIA_PER_MASS}
+    for name, value in truth.items():
+        error = np.abs(np.array(found[name]["value"]) - value)
+        assert np.all(error < 4.0 * np.array(found[name]["std"])), name
 
 
 def test_a_mapping_is_not_overwritten_and_a_file_alone_is_no_form(table, capsys):

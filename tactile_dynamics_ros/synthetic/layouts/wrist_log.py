@@ -9,6 +9,8 @@ from scipy.spatial.transform import Rotation
 
 GRAVITY_W = np.array([0.0, 0.0, -9.81])
 """m/s^2, as in every recording of this package."""
+INERTIA_PER_MASS = np.diag([0.03**2 + 0.02**2, 0.04**2 + 0.02**2, 0.04**2 + 0.03**2])
+"""m^2: a load that is spread by 4, 3 and 2 cm along its axes, about its centre of mass."""
 _STEP_S = 1e-4
 """Step of the differences by which the motion is differentiated: errors of 1e-7 m/s^2."""
 
@@ -127,6 +129,6 @@ class _Motion:
         before = (r0.inv() * r1).as_rotvec() / _STEP_S
         after = (r1.inv() * r2).as_rotvec() / _STEP_S
         rate, change = 0.5 * (before + after), (after - before) / _STEP_S
-        spread = mass * np.diag([0.04, 0.03, 0.02]) ** 2
-        about_centre = change @ spread + np.cross(rate, rate @ spread)
+        inertia = mass * INERTIA_PER_MASS
+        about_centre = change @ inertia + np.cross(rate, rate @ inertia)
         return force, about_centre + np.cross(com, force)
