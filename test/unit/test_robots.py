@@ -227,3 +227,16 @@ def test_robots_are_told_apart_by_identity():
     robot = load_robot()
     assert load_robot() is robot
     assert replace(robot, reference="index") != robot
+
+
+def test_a_hand_without_an_arm(write):
+    """Its palm stands in the world."""
+    robot = load_robot(write(base="palm", arm=FILE["arm"] | {"home": [], "carry": []}))
+    assert robot.arm_dof == 0
+    check_jacobians(robot)
+    where = HandKinematics(robot).locate(robot.start)
+    assert_allclose(where.palm, np.eye(4))
+    contact = ContactState(HandKinematics(robot)).update(
+        "two", robot.start, np.array([0.0, 0.0, 1.0]), np.full(3, 0.1)
+    )
+    assert_allclose(contact.point, where.sensors[1, :3, 3])
