@@ -1,4 +1,4 @@
-"""What a logger writes before anybody gives it a meaning: poses, readings in sensor axes, an IMU."""
+"""What a logger writes before it gets a meaning: poses, readings in sensor axes, an IMU."""
 
 from __future__ import annotations
 
@@ -103,6 +103,7 @@ class WristOptions:
         imu: whether an IMU is recorded.
         force_std: N, torque_std: N m, position_std: m, rotation_std: rad, white noise per axis.
         acceleration_std: m/s^2, gyro_std: rad/s, of the IMU.
+        band_hz: lowest and highest frequency of the motion.
     """
 
     duration: float = 20.0
@@ -117,6 +118,7 @@ class WristOptions:
     rotation_std: float = 5e-4
     acceleration_std: float = 0.03
     gyro_std: float = 0.003
+    band_hz: tuple[float, float] = (0.1, 0.6)
 
 
 def wrist_load(seed: int) -> HeldObject:
@@ -134,7 +136,7 @@ def wrist_truth(seed: int, options: WristOptions) -> tuple[Truth, HeldObject]:
     asked = ScenarioOptions(
         duration=options.duration,
         physics_rate_hz=options.rate_hz,
-        band_hz=(0.1, 0.6),
+        band_hz=options.band_hz,
         position_peak=(0.05, 0.15),
         angle_peak_deg=(30.0, 60.0),
         finger_roll=False,

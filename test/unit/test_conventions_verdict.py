@@ -49,6 +49,15 @@ def test_equal_readings_are_told_beside_the_first():
     assert {found["name"], *found["others"]} == {"torque_unit", "force_unit"}
 
 
+def test_noise_of_a_slow_motion_does_not_choose_the_unit():
+    """Positions in cm leave more noise of accelerations than if they were in mm."""
+    slow = {"band_hz": (0.08, 0.3), "position_std": 3e-4, "duration": 12.0}
+    streams, _ = wrist(30, "position_unit", 1, **slow)
+    found = diagnose(question(streams)).convention
+    assert found.change == "positions are in cm, not m"
+    assert found.error_after < 1.1
+
+
 def test_nothing_is_read_otherwise_that_fits():
     streams, _ = wrist(23, duration=12.0)
     model = question(streams)

@@ -127,10 +127,11 @@ class Bench:
 
     Attributes:
         disturbed: whether other forces and torques than the load's are admitted.
+        motions: reads the motion of the object.
     """
 
     disturbed: bool = False
-    _motions: Motions = field(default_factory=Motions)
+    motions: Motions = field(default_factory=Motions)
 
     def weigh(self, streams: Streams, enough: float = np.inf) -> Balance | None:
         """Balance of streams whose contacts share their stamps; None where they show none.
@@ -141,7 +142,7 @@ class Bench:
                 leave as much, None is returned without a search for one that can exist.
         """
         stamps = next(iter(streams.contacts.values())).time
-        motion, valid = self._motions.read(streams, stamps)
+        motion, valid = self.motions.read(streams, stamps)
         if valid.sum() < len(stamps) // 4:
             return None
         wrench, levers, squares = _wrench(streams, motion)
@@ -161,8 +162,8 @@ class Bench:
         imu = streams.imu
         if imu is None or streams.pose is None:
             return {}
-        by_pose, valid = self._motions.read(replace(streams, imu=None), stamps)
-        by_imu, also = self._motions.read(streams, stamps)
+        by_pose, valid = self.motions.read(replace(streams, imu=None), stamps)
+        by_imu, also = self.motions.read(streams, stamps)
         used = valid & also
         to_body = np.swapaxes(by_pose.rotation, 1, 2)
         felt = (to_body @ (by_pose.acceleration - GRAVITY_W)[..., None])[used, :, 0]

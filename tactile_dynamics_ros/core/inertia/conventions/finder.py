@@ -42,6 +42,11 @@ _ALIKE = 0.08
 """Difference of scores up to which readings are fitted thoroughly to be told apart: 4 % of what is
 left of forces and of torques. At 0.02 units that a slow motion hardly tells are taken for told; at
 0.3 time is spent on readings that no fit makes up for."""
+_OTHER_FORM = 0.5
+"""Difference of scores up to which other forms of the best reading are fitted: a factor of 1.6, by
+which noise of accelerations may flatter one. At 0.1 positions in cm are read in mm."""
+_FORMS = 2
+"""Other forms of the best reading that are fitted at least, where there are any."""
 _FITTED = 5
 """Readings that are fitted thoroughly, at most: the best and the commonest of those that leave
 about as little. More cost a fit each; with the best alone a rare unit hides a common one that a
@@ -143,18 +148,32 @@ def _fit_best(ranking: Ranking, streams: Streams, fit: Fit) -> list[_Fitted]:
     None where the best leaves more than noise and is not better by enough for that.
     """
     found: list[_Fitted] = []
-    first = ranking.ranked[0]
-    others = [one for one in _commonest(ranking.ranked) if one is not first]
-    for one in [first, *others[: _FITTED - 1]]:
+    for one in _worth_fitting(ranking.ranked):
         try:
             model = fit(one.reading.apply(streams))
         except (TactileDynamicsError, np.linalg.LinAlgError):
             continue
         fitted = _Fitted(one, model, held_out(model))
-        if not found and not _is_large(ranking) and not _leaves_noise(fitted):
-            return []
         found.append(fitted)
+        if not _is_large(ranking) and not any(map(_leaves_noise, found)) and len(found) > 1:
+            return []
     return sorted(found, key=lambda fitted: fitted.ranked.rarity)
+
+
+def _worth_fitting(ranked: Sequence[Ranked]) -> list[Ranked]:
+    """The best reading, the best of other forms of it, and the commonest that leave as little.
+
+    Noise of accelerations that a reading makes smaller flatters it where the motion is slow: mm
+    look better than the cm that are meant, until they are fitted thoroughly.
+    """
+    first = ranked[0]
+    forms: dict[float, Ranked] = {}
+    for one in ranked[1:]:
+        if one.reading.name == first.reading.name and one.score <= first.score + _OTHER_FORM:
+            forms.setdefault(round(one.score, 6), one)
+    common = [one for one in _commonest(ranked) if one is not first]
+    found = [first, *list(forms.values())[:_FORMS], *common]
+    return list({id(one): one for one in found}.values())[:_FITTED]
 
 
 def _is_equal(best: _Fitted, other: _Fitted) -> bool:

@@ -18,6 +18,7 @@ from tactile_dynamics_ros.core.numerics.local_polynomial import (
     local_polynomial,
     typical_period,
 )
+from tactile_dynamics_ros.core.numerics.noise import white_noise_std
 from tactile_dynamics_ros.core.streams.streams import ImuStream, Streams
 
 Array = NDArray[np.float64]
@@ -26,10 +27,63 @@ _IMU_HALF_WIDTH = 0.01
 """Half width of the windows over which accelerations of an IMU are averaged, s, as the fit does."""
 
 
+_WIDER = (1.5, 2.2, 3.3)
+"""Widths of windows that are tried, over that of the fit's regressors: noise of accelerations falls
+with the power 2.5 of the width, twentyfold at 3.3. Slow motions need it, or readings that make
+accelerations smaller look better than the right one."""
+_FOLLOWED = 1.15
+"""RMS of what polynomials leave of the poses, over what noise leaves there, up to which they follow
+the motion. It scatters by 4 % over the poses that are looked at; at 1.5 quick motions are cut."""
+_PROBED = 100
+"""Poses at which that is looked at."""
+_DEGREE = 6
+"""Degree of the polynomials, as in the fit."""
+
+
+def followed_width(streams: Streams) -> float:
+    """Half width, in samples of the pose, of the widest polynomials that follow the motion."""
+    source = streams.pose or streams.imu
+    if source is None or source.rotation is None:
+        return 0.0
+    period = typical_period(source.time)
+    least = ProblemConfig().windows(period)[1].half_width / period
+    paths = [_continuous_quaternion(source.rotation)]
+    if streams.pose is not None:
+        paths.append(streams.pose.position)
+    width = least
+    for factor in _WIDER:
+        wider = factor * least
+        if 8.0 * wider > len(source.time):
+            break
+        window = Window(wider * period, _DEGREE)
+        if not all(_is_followed(source.time, path, window) for path in paths):
+            break
+        width = wider
+    return width
+
+
+def _is_followed(time: Array, values: Array, window: Window) -> bool:
+    """Whether polynomials leave no more of samples than their noise."""
+    std = white_noise_std(time, values)
+    at = np.unique(np.linspace(0, len(time) - 1, _PROBED).astype(int))
+    functional = local_polynomial(time, time[at], window, orders=1)
+    weights = functional.weights[:, 0]
+    own = weights[np.arange(len(at)), at - functional.start]
+    expected = 1.0 - 2.0 * own + np.sum(weights**2, axis=1)
+    square = np.mean((values[at] - functional.apply(values, 0)) ** 2, axis=1)
+    kept = functional.valid
+    return bool(np.sum(square[kept]) <= (_FOLLOWED * std) ** 2 * np.sum(expected[kept]))
+
+
 @dataclass
 class Motions:
-    """Reads motions of streams; what only the stamps decide is computed once."""
+    """Reads motions of streams; what only the stamps decide is computed once.
 
+    Attributes:
+        half_width: of the polynomials, in samples of the pose; 0 for that of the fit.
+    """
+
+    half_width: float = 0.0
     _functionals: dict[tuple[int, int, Window, int], tuple[object, LocalFunctional]] = field(
         default_factory=dict
     )
@@ -57,7 +111,10 @@ class Motions:
         source = streams.pose or streams.imu
         if source is None or source.rotation is None:
             raise BadInputError("no orientation of the object")
-        window = ProblemConfig().windows(typical_period(source.time))[1]
+        period = typical_period(source.time)
+        window = ProblemConfig().windows(period)[1]
+        if self.half_width:
+            window = Window(self.half_width * period, _DEGREE)
         functional = self._functional(source.time, stamps, window, 3)
         rotation, omega, alpha = _turning(source.rotation, functional)
         position = np.zeros((3, len(stamps), 3))
@@ -102,15 +159,20 @@ def _turning(rotation: Array, functional: LocalFunctional) -> tuple[Array, Array
 
     With a unit quaternion q, omega = 2 conj(q) q' and alpha = 2 (conj(q) q'' + conj(q') q').
     """
-    quaternion = Rotation.from_matrix(rotation).as_quat()
-    same = np.sign(np.sum(quaternion[1:] * quaternion[:-1], axis=1))
-    quaternion[1:] *= np.cumprod(np.where(same < 0.0, -1.0, 1.0))[:, None]
-    value, rate, change = functional.apply_all(quaternion)
+    value, rate, change = functional.apply_all(_continuous_quaternion(rotation))
     length = np.maximum(np.linalg.norm(value, axis=1, keepdims=True), 1e-12)
     value, rate, change = value / length, rate / length, change / length
     omega = 2.0 * _conjugate_times(value, rate)
     alpha = 2.0 * (_conjugate_times(value, change) + _conjugate_times(rate, rate))
     return Rotation.from_quat(value).as_matrix(), omega, alpha
+
+
+def _continuous_quaternion(rotation: Array) -> Array:
+    """Unit quaternions (N, 4) whose signs do not jump."""
+    quaternion = Rotation.from_matrix(rotation).as_quat()
+    same = np.sum(quaternion[1:] * quaternion[:-1], axis=1)
+    quaternion[1:] *= np.cumprod(np.where(same < 0.0, -1.0, 1.0))[:, None]
+    return np.asarray(quaternion)
 
 
 def _conjugate_times(p: Array, q: Array) -> Array:

@@ -10,6 +10,7 @@ import numpy as np
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
 from tactile_dynamics_ros.core.inertia.conventions.balance import Balance, Bench, thinned
 from tactile_dynamics_ros.core.inertia.conventions.catalogue import readings_of
+from tactile_dynamics_ros.core.inertia.conventions.motions import Motions, followed_width
 from tactile_dynamics_ros.core.inertia.conventions.reading import Reading
 from tactile_dynamics_ros.core.streams.streams import Streams
 
@@ -74,7 +75,7 @@ def rank(streams: Streams, names: Sequence[str] = (), disturbed: bool = False) -
         names: of the conventions that are tried; all by default.
         disturbed: whether other forces and torques than the load's are admitted.
     """
-    few, bench = thinned(streams), Bench(disturbed)
+    few, bench = thinned(streams), Bench(disturbed, Motions(followed_width(streams)))
     if len(next(iter(few.contacts.values())).time) < 2:
         return Ranking(None, ())
     found: list[Ranked] = []
