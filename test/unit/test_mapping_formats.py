@@ -6,6 +6,8 @@ from argparse import Namespace
 
 import numpy as np
 import pytest
+from rosbags.rosbag2 import Writer
+from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
 from tactile_dynamics_ros.core.errors import BadInputError
@@ -337,3 +339,44 @@ contacts:
     (tmp_path / "mapping.yaml").write_text(text.replace("tool0", "tool9"))
     with pytest.raises(BadInputError, match="no frame 'tool9' on /tf; there are "):
         CsvMappingImporter().read(tmp_path / "mapping.yaml", Namespace())
+
+
+def test_joint_states_of_a_bag_with_a_urdf(tmp_path):
+    store = get_typestore(Stores.ROS2_JAZZY)
+    kinds = ("sensor_msgs/msg/JointState", "geometry_msgs/msg/WrenchStamped")
+    joint_state, wrench_stamped = (store.types[kind] for kind in kinds)
+    vector = store.types["geometry_msgs/msg/Vector3"]
+    angles = np.stack([np.linspace(0.0, 1.0, 200), np.linspace(0.5, -0.5, 200)], axis=1)
+    with Writer(tmp_path / "arm", version=9) as writer:
+        joints, wrenches = (
+            writer.add_connection(topic, kind, typestore=store)
+            for topic, kind in zip(("/joint_states", "/ft"), kinds, strict=True)
+        )
+        for k, (turn, bend) in enumerate(angles.tolist()):
+            stamp = store.types["builtin_interfaces/msg/Time"](sec=7, nanosec=k * 4_000_000)
+            header = store.types["std_msgs/msg/Header"](stamp=stamp, frame_id="")
+            none = np.zeros(0)
+            state = joint_state(header, ["bend", "turn"], np.array([bend, turn]), none, none)
+            pull = store.types["geometry_msgs/msg/Wrench"](vector(0.0, 0.0, 5.0), vector(0, 0, 0))
+            time = 7 * 10**9 + k * 4_000_000
+            writer.write(joints, time, store.serialize_cdr(state, kinds[0]))
+            message = wrench_stamped(header, pull)
+            writer.write(wrenches, time, store.serialize_cdr(message, kinds[1]))
+    (tmp_path / "arm.urdf").write_text(URDF)
+    (tmp_path / "mapping.yaml").write_text(
+        """
+contact_frame: object
+object_pose:
+  {file: arm, topic: /joint_states, time: {columns: time}, urdf: arm.urdf, frame: two, base: base}
+contacts:
+  wrist: {file: arm, topic: /ft, time: {columns: time}, position: [0, 0, 0],
+    force: {columns: [force.x, force.y, force.z]}}
+"""
+    )
+    streams = CsvMappingImporter().read(tmp_path / "mapping.yaml", Namespace()).streams
+    expected = Rotation.from_euler("ZY", angles)
+    turned = Rotation.from_matrix(streams.pose.rotation)
+    assert (turned.inv() * expected).magnitude().max() < 1e-6
+    np.testing.assert_allclose(
+        streams.contacts["wrist"].force, expected.apply([0.0, 0.0, 5.0]), atol=1e-6
+    )

@@ -70,6 +70,12 @@ def test_estimate_reads_remapped_topics(bag, tmp_path, capsys):
     assert "expected /recorded/topic:=/meant/topic" in capsys.readouterr().err
 
 
+def test_one_topic_may_stand_for_several(bag, capsys):
+    twice = ["--remap", "/object/pose:=/object/pose", "--remap", "/object/pose:=/contact/box/pose"]
+    assert main(["estimate", bag, *twice, "--json"]) == 0
+    assert "/contact/box/pose: no force topic beside it" in capsys.readouterr().err
+
+
 def test_estimate_uses_only_a_part_where_asked(bag, capsys):
     assert main(["estimate", bag, "--between", "2,8", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["duration_s"] == pytest.approx(6.0, abs=0.1)
