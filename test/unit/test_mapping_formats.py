@@ -206,9 +206,8 @@ URDF = """<robot name="arm">
   <joint name="turn" type="revolute"><parent link="base"/><child link="one"/>
     <origin xyz="0 0 0.3"/><axis xyz="0 0 1"/>
     <limit lower="-3" upper="3" effort="1" velocity="1"/></joint>
-  <joint name="bend" type="revolute"><parent link="one"/><child link="two"/>
-    <origin xyz="0.1 0 0"/><axis xyz="0 1 0"/>
-    <limit lower="-3" upper="3" effort="1" velocity="1"/></joint>
+  <joint name="bend" type="continuous"><parent link="one"/><child link="two"/>
+    <origin xyz="0.1 0 0"/><axis xyz="0 1 0"/></joint>
   <joint name="mount" type="fixed"><parent link="two"/><child link="tool"/>
     <origin xyz="0.2 0 0" rpy="0 0 1.5707963267948966"/></joint>
 </robot>"""

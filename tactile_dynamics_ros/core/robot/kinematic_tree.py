@@ -89,8 +89,8 @@ def _joint(given: Any) -> Joint:
         sliding,
         -_FULL_TURN if endless else float(limit.lower or 0.0),
         _FULL_TURN if endless else float(limit.upper or 0.0),
-        effort=float(limit.effort),
-        velocity=float(limit.velocity),
+        effort=0.0 if limit is None else float(limit.effort),
+        velocity=0.0 if limit is None else float(limit.velocity),
     )
 
 
