@@ -16,6 +16,7 @@ from tactile_dynamics_ros.core.shape.superquadric.recovery import (
     LEAST_POINTS,
     Recovery,
     check_points,
+    closer,
     finished,
     recover,
     simplified,
@@ -41,9 +42,12 @@ _MATERIAL = 0.004
 """Misfit of one surface, as a share of the cloud's size, from which it may be no description of an
 object with a dent or a step. Butterflies leave 0.2 to 0.4 % (numbers 5 to 35 of the planar
 objects), two ellipses side by side 0.5 to 1 %. Higher takes two of them for one waisted body."""
-_DENT = 0.08
+_DENT = 0.11
 """Share of the outline's convex hull that no point lies over, from which the outline has a dent:
-hexagons show 5 % by the raster's edges, a part of half the width beside another 11 %, a T 20 %."""
+hexagons show 5 to 10 % by the raster's edges, two ellipses side by side 12 to 14 %, a T 20 %."""
+_SLIGHT_DENT, _LARGE = 0.08, 0.0075
+"""As `_DENT`, and the misfit over the size, that together speak for parts: an ellipse beside a box
+leaves 0.8 to 1 %, hexagons up to 0.7 % where they seem to have a dent."""
 _FEWEST_CELLS = 40
 """Cells of the raster of an outline below which it shows no dent: six by seven."""
 _STEP = 0.2
@@ -53,6 +57,9 @@ _HALVED = 0.7
 _STRAY_SHARE = 0.04
 """Share of an object's points that lie together and off its surfaces, from which they may be a
 part. Strays of a camera lie apart. Lower looks for parts at corners that a superquadric rounds."""
+_PART_SHARE = 0.15
+"""As `_STRAY_SHARE`, from which they are a part whatever the outline: sides of a hexagon that are
+given up are a tenth of its points at most."""
 _MOST_PARTS = 4
 """Parts of one object that are looked for; each costs fits of all pairs."""
 _DECISIVE = 1200
@@ -139,7 +146,8 @@ def find_parts(points: Array, support: float | None, scale: Array) -> TableObjec
         mixture = more
     mixture = _merged(mixture, points, support, floor)
     points = every
-    mixture = simplified(maximise(replace(mixture, scale=all_scale), points, _STEPS), points)
+    mixture = replace(mixture, scale=all_scale)
+    mixture = simplified(closer(mixture, points), points)
     order = np.argsort(-mixture.shares)
     member = mixture.memberships(points)
     return TableObject(
@@ -209,13 +217,33 @@ def _describes(mixture: Mixture, points: Array, floor: float) -> bool:
     """Whether surfaces leave no material misfit where there is a dent or a step, and few strays."""
     size = float(np.ptp(points, axis=0).max())
     member = mixture.memberships(points)
-    together = _clusters_of(points, member[:, -1] > 0.5)
-    if any(cluster.mean() > _STRAY_SHARE for cluster in together):
+    close = _misfit(mixture, floor) < max(_MATERIAL * size, floor)
+    left = _left_together(mixture, points)
+    if left > _PART_SHARE:
         return False
-    if _misfit(mixture, floor) < max(_MATERIAL * size, floor):
+    if close and left < _STRAY_SHARE:
         return True
-    held = points[member[:, -1] < 0.5]
-    return _dent(held[:, :2]) < _DENT and _step(held) < _STEP
+    large = _misfit(mixture, floor) > _LARGE * size
+    owner = np.argmax(member, axis=1)
+    return not any(_is_composed(points[owner == k], large) for k in range(len(mixture.shapes)))
+
+
+def _is_composed(points: Array, large: bool) -> bool:
+    """Whether points of a part have a dent in their outline or a step in their top.
+
+    Args:
+        points: (N, 3) of one part.
+        large: whether the misfit is large, so that a slight dent counts.
+    """
+    if len(points) < LEAST_POINTS:
+        return False
+    return _dent(points[:, :2]) > (_SLIGHT_DENT if large else _DENT) or _step(points) > _STEP
+
+
+def _left_together(mixture: Mixture, points: Array) -> float:
+    """Largest share of the points that lie together and on no surface."""
+    strays = mixture.memberships(points)[:, -1] > 0.5
+    return max((float(c.mean()) for c in _clusters_of(points, strays)), default=0.0)
 
 
 def _dent(outline: Array) -> float:
