@@ -71,9 +71,7 @@ def _split(
     """Return the numbers of each finger."""
     count = len(values)
     if count not in (1, fingers, each * fingers):
-        raise BadInputError(
-            f"{name}: {count} values, expected 1, {fingers} or {each * fingers}"
-        )
+        raise BadInputError(f"{name}: {count} values, expected 1, {fingers} or {each * fingers}")
     if count == 1:
         return [values] * fingers
     return [tuple(map(float, part)) for part in np.split(np.array(values), fingers)]
