@@ -10,7 +10,8 @@ from tactile_dynamics_ros.cli.bringup import node_names, nodes_of, read_configur
 from tactile_dynamics_ros.sim.objects import list_objects, load_object
 
 CONFIG = Path(tactile_dynamics_ros.__file__).parents[1] / "config"
-ROBOTS = sorted(CONFIG.glob("*.yaml"))
+TABLE_OBJECTS = "planar_objects"
+ROBOTS = sorted(path for path in CONFIG.glob("*.yaml") if path.stem != TABLE_OBJECTS)
 
 
 def test_there_are_robots_and_objects():
