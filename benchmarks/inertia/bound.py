@@ -16,7 +16,7 @@ import dataclasses
 import numpy as np
 
 from benchmarks.inertia.scenarios import Case
-from tactile_dynamics_ros.core.inertia.residuals.wrench_problem import WrenchProblem
+from tactile_dynamics_ros.core.inertia.residuals.newton_euler_residual import WrenchProblem
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     InertialParameters,
     affine_invariant_distance,

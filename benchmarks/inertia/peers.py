@@ -14,7 +14,10 @@ from benchmarks.inertia.mujoco_peer import identify_with_mujoco, mujoco_is_there
 from benchmarks.inertia.scenarios import Case
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
 from tactile_dynamics_ros.core.inertia.batch.prior import contact_prior
-from tactile_dynamics_ros.core.inertia.residuals.wrench_problem import ProblemConfig, WrenchProblem
+from tactile_dynamics_ros.core.inertia.residuals.newton_euler_residual import (
+    ProblemConfig,
+    WrenchProblem,
+)
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     dynamic_parameters_from_log_cholesky,
     log_cholesky_jacobian,

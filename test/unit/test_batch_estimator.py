@@ -17,7 +17,7 @@ from tactile_dynamics_ros.core.inertia.estimate import estimate as estimate_body
 from tactile_dynamics_ros.core.inertia.live.replay import replay_streams
 from tactile_dynamics_ros.core.inertia.residuals.contact_grid import choose_grid
 from tactile_dynamics_ros.core.inertia.residuals.latent import LatentSignal, isotropic_factor
-from tactile_dynamics_ros.core.inertia.residuals.wrench_problem import WrenchProblem
+from tactile_dynamics_ros.core.inertia.residuals.newton_euler_residual import WrenchProblem
 from tactile_dynamics_ros.core.numerics.banded import BandedWhitener
 from tactile_dynamics_ros.core.numerics.least_squares import levenberg_marquardt
 from tactile_dynamics_ros.core.numerics.local_polynomial import Window, local_polynomial

@@ -8,10 +8,10 @@ import pytest
 from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
 from tactile_dynamics_ros.core.inertia.diagnosis.discrepancy_model import HeldObjectModel
 from tactile_dynamics_ros.core.inertia.diagnosis.readings import fit_with_readings
-from tactile_dynamics_ros.core.inertia.residuals import wrench_problem
+from tactile_dynamics_ros.core.inertia.residuals import newton_euler_residual
 from tactile_dynamics_ros.core.inertia.residuals.carried import carried_places
+from tactile_dynamics_ros.core.inertia.residuals.newton_euler_residual import WrenchProblem
 from tactile_dynamics_ros.core.inertia.residuals.sensitivity import motion_sensitivity
-from tactile_dynamics_ros.core.inertia.residuals.wrench_problem import WrenchProblem
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 from tactile_dynamics_ros.synthetic.carried import CarriedOptions, generate_carried
@@ -74,7 +74,7 @@ def test_residuals_of_carried_contacts_are_white_and_are_not_if_the_lever_counts
 ):
     recording = generate_carried(33, CarriedOptions(position_std=1e-3, rotation_std=5e-3))
     assert white_rms_of_torque(recording) == pytest.approx(1.0, abs=0.05)
-    monkeypatch.setattr(wrench_problem, "carried_places", lambda streams: {})
+    monkeypatch.setattr(newton_euler_residual, "carried_places", lambda streams: {})
     assert white_rms_of_torque(recording) < 0.9
 
 

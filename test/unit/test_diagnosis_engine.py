@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tactile_dynamics_ros.core.discrepancy.assessment import assess
 from tactile_dynamics_ros.core.discrepancy.comparison import compare
 from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
 from tactile_dynamics_ros.core.discrepancy.documents import diagnosis_document, group_clause
@@ -24,6 +23,7 @@ from tactile_dynamics_ros.core.discrepancy.search import DiagnosisConfig, explai
 from tactile_dynamics_ros.core.discrepancy.selection import exchange
 from tactile_dynamics_ros.core.discrepancy.structure import find_line
 from tactile_dynamics_ros.core.discrepancy.trials import try_effect
+from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import assess
 
 NOISE = 0.05
 LAWS = {

@@ -9,9 +9,9 @@ import pytest
 
 from benchmarks.effects.cases import Case
 from benchmarks.inertia.boxes import wrist_recording
-from tactile_dynamics_ros.core.discrepancy.assessment import assess
 from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
 from tactile_dynamics_ros.core.discrepancy.explanation import ask_twice
+from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import assess
 from tactile_dynamics_ros.core.effects.registry import create_effect
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.batch.fitting import fit_further
@@ -27,7 +27,7 @@ from tactile_dynamics_ros.core.inertia.live.contact_queue import (
 )
 from tactile_dynamics_ros.core.inertia.live.replay import replay_streams
 from tactile_dynamics_ros.core.inertia.residuals.contact_grid import contact_signals
-from tactile_dynamics_ros.core.inertia.residuals.wrench_problem import ProblemConfig
+from tactile_dynamics_ros.core.inertia.residuals.newton_euler_residual import ProblemConfig
 from tactile_dynamics_ros.core.numerics.local_polynomial import (
     Window,
     centred_weights,

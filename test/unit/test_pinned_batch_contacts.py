@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from tactile_dynamics_ros.core.inertia.residuals.contact_grid import contact_signals
-from tactile_dynamics_ros.core.inertia.residuals.wrench_problem import WrenchProblem
+from tactile_dynamics_ros.core.inertia.residuals.newton_euler_residual import WrenchProblem
 from tactile_dynamics_ros.core.rigid_body.newton_euler import regressor
 from tactile_dynamics_ros.core.streams.streams import ContactStream, PoseStream, Streams
 

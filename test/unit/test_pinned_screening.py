@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from tactile_dynamics_ros.core.discrepancy.assessment import assess
 from tactile_dynamics_ros.core.discrepancy.screening import Family, adjusted_p_value, screen
 from tactile_dynamics_ros.core.discrepancy.structure import examine
 from tactile_dynamics_ros.core.discrepancy.trials import evidence, in_place, try_effect
+from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import assess
 
 DRAWS = 200
 RARE = 20

@@ -11,7 +11,7 @@ from tactile_dynamics_ros.core.effects.check import example_samples
 from tactile_dynamics_ros.core.effects.registry import create_effect
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.batch.batch import fit_recording
-from tactile_dynamics_ros.core.inertia.residuals.wrench_problem import WrenchProblem
+from tactile_dynamics_ros.core.inertia.residuals.newton_euler_residual import WrenchProblem
 from tactile_dynamics_ros.core.streams.joining import PAUSE, join_streams
 from tactile_dynamics_ros.recording import Recording
 from tactile_dynamics_ros.synthetic.bag import write_bag

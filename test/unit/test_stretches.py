@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tactile_dynamics_ros.core.discrepancy.assessment import assess
+from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import assess
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.batch import stretches
 from tactile_dynamics_ros.core.inertia.batch.stretches import fit_representative

@@ -12,7 +12,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from tactile_dynamics_ros.core.discrepancy.assessment import assess
 from tactile_dynamics_ros.core.discrepancy.change import find_change
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import ResidualModel, instants
 from tactile_dynamics_ros.core.discrepancy.screening import Score, best_by_effect, screen
@@ -20,6 +19,7 @@ from tactile_dynamics_ros.core.discrepancy.search import Step
 from tactile_dynamics_ros.core.discrepancy.structure import window_index
 from tactile_dynamics_ros.core.discrepancy.trials import Trial, evidence, square, try_effect
 from tactile_dynamics_ros.core.discrepancy.validation import fits_equally
+from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import assess
 
 _CLEARLY = 3.0
 """Multiple of `indifference` by which a law must do better than effects to outdo them: 30 of -2 log

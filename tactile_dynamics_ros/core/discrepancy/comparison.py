@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.discrepancy.assessment import Assessment, assess
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import (
     Condition,
     ResidualModel,
     Residuals,
 )
 from tactile_dynamics_ros.core.discrepancy.structure import window_index
+from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import Assessment, assess
 from tactile_dynamics_ros.core.discrepancy.verdict.materiality import Trace, find_trace
 
 Array = NDArray[np.float64]

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
-from tactile_dynamics_ros.core.discrepancy.assessment import Assessment, assess
 from tactile_dynamics_ros.core.discrepancy.challenges import follows_other_law, is_outdone, temper
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import Convention, ResidualModel
 from tactile_dynamics_ros.core.discrepancy.search import (
@@ -23,6 +22,7 @@ from tactile_dynamics_ros.core.discrepancy.selection import Choice, contains, wi
 from tactile_dynamics_ros.core.discrepancy.signature import Signature, describe_residual
 from tactile_dynamics_ros.core.discrepancy.trials import Trial
 from tactile_dynamics_ros.core.discrepancy.validation import HeldOut, fits_equally, held_out
+from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import Assessment, assess
 from tactile_dynamics_ros.core.discrepancy.verdict.materiality import Trace, find_trace
 from tactile_dynamics_ros.core.discrepancy.verdict.partial import explain_most
 

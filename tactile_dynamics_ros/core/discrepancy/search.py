@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
-from tactile_dynamics_ros.core.discrepancy.assessment import Assessment, assess
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import ResidualModel
 from tactile_dynamics_ros.core.discrepancy.selection import Choice, choose_effect, exchange
 from tactile_dynamics_ros.core.discrepancy.structure import Line, find_line
+from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import Assessment, assess
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.discrepancy.assessment import Assessment
 from tactile_dynamics_ros.core.discrepancy.change import Change, clear_change
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import (
     Family,
@@ -19,6 +18,7 @@ from tactile_dynamics_ros.core.discrepancy.model.residual_model import (
 from tactile_dynamics_ros.core.discrepancy.screening import Score, best_by_effect, screen
 from tactile_dynamics_ros.core.discrepancy.structure import Structure, find_line, in_frame
 from tactile_dynamics_ros.core.discrepancy.trials import square
+from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import Assessment
 from tactile_dynamics_ros.core.discrepancy.verdict.wording import write_interval
 
 Array = NDArray[np.float64]

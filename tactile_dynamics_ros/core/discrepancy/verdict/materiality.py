@@ -9,10 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from tactile_dynamics_ros.core.discrepancy.assessment import Assessment
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import Misfit
 from tactile_dynamics_ros.core.discrepancy.screening import best_by_effect
 from tactile_dynamics_ros.core.discrepancy.trials import Trial, evidence, try_effects
+from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import Assessment
 
 _NEAR_FLOOR = 1.02
 """White RMS over its floor up to which a finding may be a trace: 4 % of the noise's variance. The

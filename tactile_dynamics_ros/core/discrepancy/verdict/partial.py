@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from tactile_dynamics_ros.core.discrepancy.assessment import Assessment, assess
 from tactile_dynamics_ros.core.discrepancy.challenges import is_outdone_by_law
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import ResidualModel
 from tactile_dynamics_ros.core.discrepancy.screening import screen
@@ -12,6 +11,7 @@ from tactile_dynamics_ros.core.discrepancy.search import DiagnosisConfig, Step, 
 from tactile_dynamics_ros.core.discrepancy.selection import at_home, rematch
 from tactile_dynamics_ros.core.discrepancy.signature import find_formula
 from tactile_dynamics_ros.core.discrepancy.trials import in_place, try_effect
+from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import Assessment, assess
 
 
 def explain_most(

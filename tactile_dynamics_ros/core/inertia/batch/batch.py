@@ -14,8 +14,11 @@ from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
 from tactile_dynamics_ros.core.inertia.batch.fitting import fit_corrected, fit_model
 from tactile_dynamics_ros.core.inertia.residuals.contact_grid import choose_grid
+from tactile_dynamics_ros.core.inertia.residuals.newton_euler_residual import (
+    ProblemConfig,
+    WrenchProblem,
+)
 from tactile_dynamics_ros.core.inertia.residuals.rigid_grasp import sharpen_poses
-from tactile_dynamics_ros.core.inertia.residuals.wrench_problem import ProblemConfig, WrenchProblem
 from tactile_dynamics_ros.core.streams.streams import Streams
 
 if TYPE_CHECKING:

@@ -24,6 +24,10 @@ from tactile_dynamics_ros.core.inertia.batch.uncertainty import (
     misfit_inflation,
     undetermined_parameters,
 )
+from tactile_dynamics_ros.core.inertia.residuals.newton_euler_residual import (
+    Linearisation,
+    WrenchProblem,
+)
 from tactile_dynamics_ros.core.inertia.residuals.rigid_grasp import displacement_jacobian
 from tactile_dynamics_ros.core.inertia.residuals.systematic import (
     PresumedErrors,
@@ -31,7 +35,6 @@ from tactile_dynamics_ros.core.inertia.residuals.systematic import (
     systematic_basis,
     systematic_lever,
 )
-from tactile_dynamics_ros.core.inertia.residuals.wrench_problem import Linearisation, WrenchProblem
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     InertialParameters,
     dynamic_parameters_from_log_cholesky,

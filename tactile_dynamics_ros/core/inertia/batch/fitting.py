@@ -18,7 +18,7 @@ from tactile_dynamics_ros.core.inertia.batch.fitted_model import (
 from tactile_dynamics_ros.core.inertia.batch.prior import LogCholeskyPrior, contact_prior
 from tactile_dynamics_ros.core.inertia.batch.systems import FactoredSystem, FullSystem
 from tactile_dynamics_ros.core.inertia.batch.uncertainty import HOLD, unexcited_directions
-from tactile_dynamics_ros.core.inertia.residuals.wrench_problem import WrenchProblem
+from tactile_dynamics_ros.core.inertia.residuals.newton_euler_residual import WrenchProblem
 from tactile_dynamics_ros.core.numerics.least_squares import levenberg_marquardt
 from tactile_dynamics_ros.core.numerics.outliers import isolated_outlier_variance
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.core.inertia.batch.batch import BatchConfig
 from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
 from tactile_dynamics_ros.core.inertia.batch.fitting import fit_model
-from tactile_dynamics_ros.core.inertia.residuals.wrench_problem import WrenchProblem
+from tactile_dynamics_ros.core.inertia.residuals.newton_euler_residual import WrenchProblem
 from tactile_dynamics_ros.core.numerics.noise import white_pose_noise_std
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 from tactile_dynamics_ros.core.streams.streams import PoseStream, Streams

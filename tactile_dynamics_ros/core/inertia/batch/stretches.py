@@ -13,7 +13,7 @@ from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.batch.batch import BatchConfig, fit_problems, fit_recording
 from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel, Survey
 from tactile_dynamics_ros.core.inertia.residuals.contact_grid import choose_grid
-from tactile_dynamics_ros.core.inertia.residuals.wrench_problem import WrenchProblem
+from tactile_dynamics_ros.core.inertia.residuals.newton_euler_residual import WrenchProblem
 from tactile_dynamics_ros.core.streams.cutting import cut_streams
 from tactile_dynamics_ros.core.streams.streams import Streams
 

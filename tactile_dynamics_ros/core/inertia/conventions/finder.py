@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tactile_dynamics_ros.core.discrepancy.assessment import noise_floor
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import Convention, ResidualModel
 from tactile_dynamics_ros.core.discrepancy.validation import HeldOut, fits_equally, held_out
+from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import noise_floor
 from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError
 from tactile_dynamics_ros.core.inertia.conventions.ranking import Ranked, Ranking, rank
 from tactile_dynamics_ros.core.inertia.conventions.reading import CONVENTIONS, Reading

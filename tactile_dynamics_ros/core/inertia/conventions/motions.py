@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from tactile_dynamics_ros.core.contact.wrench_samples import GRAVITY_W
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.residuals.motion import Motion
-from tactile_dynamics_ros.core.inertia.residuals.wrench_problem import ProblemConfig
+from tactile_dynamics_ros.core.inertia.residuals.newton_euler_residual import ProblemConfig
 from tactile_dynamics_ros.core.numerics.local_polynomial import (
     LocalFunctional,
     Window,

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from tactile_dynamics_ros.core.discrepancy.assessment import (
+from tactile_dynamics_ros.core.discrepancy.screening import screen
+from tactile_dynamics_ros.core.discrepancy.trials import try_effect
+from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import (
     assess,
     noise_floor,
     noise_is_as_stated,
 )
-from tactile_dynamics_ros.core.discrepancy.screening import screen
-from tactile_dynamics_ros.core.discrepancy.trials import try_effect
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.batch.batch import BatchConfig
 from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel

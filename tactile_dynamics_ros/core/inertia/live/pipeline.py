@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 
 _FLOOR = 1e-14 * np.eye(6)
 """Variance added to the noise of each contact wrench before it is factored, N^2 and (N m)^2, as
-`wrench_problem._VARIANCE_FLOOR`: contacts without noise keep a factor."""
+`newton_euler_residual._VARIANCE_FLOOR`: contacts without noise keep a factor."""
 _SIZE = 10
 """Number of dynamic parameters."""
 _COLUMNS = 2 * _SIZE + SYSTEMATIC_SIZE + 1

@@ -25,7 +25,7 @@ from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.contact.wrench_samples import GRAVITY_W, WrenchSamples
 from tactile_dynamics_ros.core.effects.present import PresentEffects
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.inertia.residuals.balance import balance_contacts
+from tactile_dynamics_ros.core.inertia.residuals.balanced_forces import balance_contacts
 from tactile_dynamics_ros.core.inertia.residuals.carried import carried_places
 from tactile_dynamics_ros.core.inertia.residuals.contact_grid import (
     ContactSignals,
