@@ -154,6 +154,19 @@ def test_noise_that_is_not_stated_is_what_the_samples_show():
         np.testing.assert_allclose(factor.noise_factor, expected, rtol=0.15)
 
 
+def test_torques_that_were_computed_do_not_get_all_the_weight():
+    time = np.arange(0.0, 4.0, 0.01)
+    turn = np.broadcast_to(np.eye(3), (len(time), 3, 3))
+    load = np.stack([np.sin(1.3 * time), np.cos(0.7 * time), np.ones_like(time)], axis=1)
+    stream = ContactStream(
+        "wrist", time, load, 0.05 * load, None, time, np.zeros((len(time), 3)), turn,
+        carries_torque=True,
+    )  # fmt: skip
+    signals = contact_signals(stream, time).signals
+    np.testing.assert_allclose(signals["force"].noise_factor[9], 0.03 * np.eye(3))
+    np.testing.assert_allclose(signals["torque"].noise_factor[9], 1e-3 * np.eye(3))
+
+
 def test_residuals_of_the_true_body_are_white_along_every_axis():
     """Of 12 recordings with unlike noise of forces, poses and points."""
     rng = np.random.default_rng(4)

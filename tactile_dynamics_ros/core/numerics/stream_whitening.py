@@ -11,7 +11,7 @@ Array = NDArray[np.float64]
 _BLOCK = 6
 """Numbers of one sample: the six of a wrench residual."""
 _FLOOR = 1e-14
-"""Variance added to each residual, N^2 and (N m)^2, as `newton_euler_residual._VARIANCE_FLOOR`: data
+"""Variance added to each residual, N^2 and (N m)^2, as in `newton_euler_residual`: data
 without noise keep a factor."""
 
 

@@ -75,6 +75,10 @@ only scales how forces weigh against the motion."""
 _FALLBACK_TORQUE_STD = 1e-3
 """Standard deviation of a torque axis, N m, in the same case: about that of `_FALLBACK_FORCE_STD`
 at a lever of 3 cm."""
+_NOISELESS = 0.01
+"""Scatter, over the fallback, up to which samples show no noise: 0.3 mN and 0.01 N mm, a tenth of
+what the finest force/torque sensors resolve. Computed forces and torques scatter less, by rounding
+and by their motion; believed, they would have all the weight."""
 _POINT_STD_FLOOR = 1e-5
 """Scatter of contact points, m, up to which they count as exact: one step of a hand's encoder (89
 urad) at 0.1 m. Points that are noisier become unknowns of the fit, which costs time; a higher floor
@@ -327,12 +331,14 @@ def _force_noise(contact: ContactStream) -> Array:
 
 def _seen_noise(contact: ContactStream, values: Array, fallback: float) -> Array:
     """Noise factors (K, 3, 3) of forces or torques from their scatter."""
+    least = _NOISELESS * fallback
     if not contact.own_axes:
-        std = white_noise_std(contact.time, values) or fallback
+        seen = white_noise_std(contact.time, values)
+        std = seen if seen > least else fallback
         return np.broadcast_to(std * np.eye(3), (len(contact.time), 3, 3))
     axes = contact.rotation[nearest_samples(contact.pose_time, contact.time)]
     stds = noise_along_axes(contact, values)
-    return np.asarray(axes * np.where(stds > 0.0, stds, fallback))
+    return np.asarray(axes * np.where(stds > least, stds, fallback))
 
 
 def _dropped(time: Array, magnitude: Array, period: float, grid: Array) -> NDArray[np.bool_]:
