@@ -27,6 +27,7 @@ def recording() -> HiddenRecording:
 @pytest.fixture(autouse=True)
 def short_stretches(monkeypatch):
     monkeypatch.setattr(stretches, "STRETCH", LENGTH)
+    monkeypatch.setattr(stretches, "FEWEST", 10)
 
 
 def disturbed(streams: Streams, start: float, stop: float) -> Streams:

@@ -127,6 +127,25 @@ def is_outdone_by_law(step: Step, floor: float, indifference: float, of_any_size
     return _has_law(bare, floor, reached - _CLEARLY * indifference, most)
 
 
+def is_outdone_by_change(step: Step, floor: float, indifference: float) -> bool:
+    """Whether what begins or ends at one time does better than an effect of many parameters.
+
+    Compared at the whitening with the effect.
+
+    Args:
+        step: the effect.
+        floor: white RMS of the noise alone.
+        indifference: difference of -2 log evidence that does not decide.
+    """
+    full = step.choice.model
+    bare = full.without_effect(step.name)
+    if full.freedom < bare.freedom + _MANY:
+        return False
+    price = _price(bare, full, [step.choice.best.source])
+    change = find_change(bare, full.residual, price, floor)
+    return change is not None and change.criterion < -_CLEARLY * indifference
+
+
 def follows_other_law(step: Step, floor: float, indifference: float) -> bool:
     """Whether a law of named quantities explains most of what is left, better than any effect.
 

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from tactile_dynamics_ros.core.discrepancy.challenges import is_outdone_by_law
+from tactile_dynamics_ros.core.discrepancy.challenges import (
+    is_outdone_by_change,
+    is_outdone_by_law,
+)
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import ResidualModel
 from tactile_dynamics_ros.core.discrepancy.screening import screen
 from tactile_dynamics_ros.core.discrepancy.search import DiagnosisConfig, Step, explained_share
@@ -23,8 +26,8 @@ def explain_most(
 ) -> tuple[Step, ...]:
     """Effects that explain nine tenths of the excess error; none if there are no such.
 
-    One effect alone, unless a law of named quantities does better: it would only imitate what is
-    unknown. Or several that are the terms of the shortest such law.
+    One effect alone, unless a law of named quantities or a change at one time does better: it would
+    only imitate what is unknown. Or several that are the terms of the shortest such law.
 
     Args:
         model: without them.
@@ -51,6 +54,7 @@ def _alone(
         return ()
     of_any_size = share < config.dominating
     outdone = is_outdone_by_law(step, floor, config.indifference, of_any_size)
+    outdone = outdone or is_outdone_by_change(step, floor, config.indifference)
     return () if outdone else (step,)
 
 

@@ -23,9 +23,9 @@ Array = NDArray[np.float64]
 
 
 _WORST_OFFSET = 0.5
-"""Displacement of a contact against the others, over its distance from their middle, beyond which
-it is no calibration error: half a grasp. Offsets of whole distances explain clean data by taking
-the noise of the forces out of the torque; those of fingertips are some millimetres."""
+"""Displacement of a contact against the others, over the contacts' RMS distance from their middle,
+beyond which it is no calibration error: half a grasp. Offsets of whole distances explain clean data
+by taking the noise of the forces out of the torque; those of fingertips are some millimetres."""
 _FARTHEST_OFFSET = 0.3
 """Displacement of a contact, m, beyond which it is no calibration error: a hand's length and more.
 A mounting may be off by the length of a flange (5 cm); torques in N mm look like metres."""
@@ -115,10 +115,11 @@ class ContactOffset(FingerEffect):
         offset = np.zeros_like(point)
         for contact, part in self._split(samples, theta):
             offset[contact] = part
-        reach = np.linalg.norm(point - point.mean(axis=0), axis=1)
+        apart = np.linalg.norm(point - point.mean(axis=0), axis=1)
+        reach = max(float(np.sqrt(np.mean(apart**2))), _LEAST_REACH)
         astray = np.linalg.norm(offset - offset.mean(axis=0), axis=1)
         near = np.all(np.linalg.norm(offset, axis=1) <= _FARTHEST_OFFSET)
-        return bool(near and np.all(astray <= _WORST_OFFSET * np.maximum(reach, _LEAST_REACH)))
+        return bool(near and np.all(astray <= _WORST_OFFSET * reach))
 
     def axis_parameters(self) -> tuple[EffectParameter, ...]:
         """Displacement d (3)."""
