@@ -75,7 +75,8 @@ class TableCamera:
         row, column = row[chosen], column[chosen]
         z = depth[row, column]
         z = z + self.random.normal(size=len(z)) * z**2 * DISPARITY_STD / (FOCAL * BASELINE)
-        x, y = (column - 0.5 * (WIDTH - 1)) / focal, (row - 0.5 * (HEIGHT - 1)) / focal
+        # TinyRenderer draws what lies at whole pixels from the lower left corner.
+        x, y = (column - 0.5 * WIDTH) / focal, (row - 0.5 * HEIGHT + 1.0) / focal
         points = (np.stack([x, y, np.ones_like(x)], axis=1) * z[:, None]) @ pose[:3, :3].T + eye
         low, high = points.min(axis=0) - 0.02, points.max(axis=0) + 0.02
         strays = self.random.uniform(low, high, size=(int(STRAYS * len(points)), 3))
