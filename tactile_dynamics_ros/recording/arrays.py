@@ -11,12 +11,10 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.rotation import (
-    exp_so3,
-    log_so3,
     matrix_to_quaternion,
     skew,
 )
-from tactile_dynamics_ros.core.streams.streams import ContactStream, Streams
+from tactile_dynamics_ros.core.streams.streams import ContactStream, Streams, between_turns
 from tactile_dynamics_ros.recording.assembly import (
     ImuColumns,
     PoseColumns,
@@ -219,8 +217,8 @@ def _imu(group: _Group) -> ImuColumns:
 
 def _in_world(contact: ContactStream, motion: Any) -> ContactStream:
     """Turn a contact that was measured in object axes to world axes."""
-    wrench_R = interpolate_rotation(motion.time, motion.rotation, contact.time)
-    pose_R = interpolate_rotation(motion.time, motion.rotation, contact.pose_time)
+    wrench_R = between_turns(motion.time, motion.rotation, contact.time)
+    pose_R = between_turns(motion.time, motion.rotation, contact.pose_time)
     origin = getattr(motion, "position", np.zeros((len(motion.time), 3)))
     moved = [np.interp(contact.pose_time, motion.time, axis) for axis in origin.T]
     return ContactStream(
@@ -248,23 +246,3 @@ def start_at_zero(streams: Streams) -> tuple[Streams, float]:
     pose = pose and replace(pose, time=pose.time - start)
     imu = imu and replace(imu, time=imu.time - start)
     return Streams(pose, contacts, imu), start
-
-
-def interpolate_rotation(time: Array, rotation: Array, query: Array) -> Array:
-    """Interpolate rotations along the shortest arc; held constant outside the samples.
-
-    Args:
-        time: (N,) s, increasing.
-        rotation: (N, 3, 3).
-        query: (M,) s.
-
-    Returns:
-        (M, 3, 3).
-    """
-    if len(time) == 1:
-        return np.repeat(rotation, len(query), axis=0)
-    after = np.clip(np.searchsorted(time, query), 1, len(time) - 1)
-    before = after - 1
-    share = np.clip((query - time[before]) / (time[after] - time[before]), 0.0, 1.0)
-    turn = log_so3(np.swapaxes(rotation[before], 1, 2) @ rotation[after])
-    return np.asarray(rotation[before] @ exp_so3(share[:, None] * turn))

@@ -9,8 +9,8 @@ import numpy as np
 
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.rotation import quaternion_to_matrix
+from tactile_dynamics_ros.core.streams.streams import between_turns
 from tactile_dynamics_ros.recording import topics
-from tactile_dynamics_ros.recording.arrays import interpolate_rotation
 from tactile_dynamics_ros.recording.assembly import PoseColumns, WrenchColumns
 from tactile_dynamics_ros.recording.bag_files import BagTables
 from tactile_dynamics_ros.recording.cdr import MessageTable
@@ -120,7 +120,7 @@ def in_world_axes(wrench: WrenchColumns, pose: PoseColumns) -> WrenchColumns:
     order = np.flatnonzero(known)[first]
     turned = quaternion_to_matrix(pose.quaternion[order] / length[order, None])
     time = np.where(np.isfinite(wrench.time), wrench.time, stamps[0])
-    rotation = interpolate_rotation(stamps, turned, time)
+    rotation = between_turns(stamps, turned, time)
     return replace(
         wrench,
         force=np.einsum("nij,nj->ni", rotation, wrench.force),

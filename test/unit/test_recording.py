@@ -17,8 +17,9 @@ from rosbags.typesys import Stores, get_typestore
 from synthetic_recording import held_box
 
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.streams.streams import between_turns
 from tactile_dynamics_ros.recording import Recording
-from tactile_dynamics_ros.recording.arrays import frame_of_normal, interpolate_rotation
+from tactile_dynamics_ros.recording.arrays import frame_of_normal
 from tactile_dynamics_ros.recording.cdr import DOUBLES, decode_messages, encode_messages
 
 SAMPLE = Path(__file__).resolve().parents[3] / "shared" / "data" / "inhand_sample"
@@ -210,7 +211,7 @@ def test_rotations_interpolate_along_the_arc():
     from scipy.spatial.transform import Rotation
 
     ends = Rotation.from_rotvec([[0, 0, 0], [0, 0, 1.0]]).as_matrix()
-    middle = interpolate_rotation(np.array([0.0, 2.0]), ends, np.array([-1.0, 0.5, 9.0]))
+    middle = between_turns(np.array([0.0, 2.0]), ends, np.array([-1.0, 0.5, 9.0]))
     expected = Rotation.from_rotvec([[0, 0, 0], [0, 0, 0.25], [0, 0, 1.0]]).as_matrix()
     np.testing.assert_allclose(middle, expected, atol=1e-12)
 

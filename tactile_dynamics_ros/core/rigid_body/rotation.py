@@ -181,3 +181,15 @@ def accumulated_rotation(rotation: Array) -> Array:
     """Rotation vectors (N, 3) from sample to sample, summed: a signal with the same noise."""
     steps = log_so3(rotation[1:] @ np.swapaxes(rotation[:-1], 1, 2))
     return np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
+
+
+def turned_between(first: Array, then: Array, share: Array) -> Array:
+    """Return rotations (..., 3, 3) on the shortest turn from one to another.
+
+    Args:
+        first: (..., 3, 3), where the share is 0.
+        then: (..., 3, 3), where it is 1.
+        share: (...) of the turn that is made, 0 to 1.
+    """
+    turn = log_so3(np.swapaxes(first, -1, -2) @ then)
+    return np.asarray(first @ exp_so3(share[..., None] * turn))

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, log_so3
+from tactile_dynamics_ros.core.rigid_body.rotation import turned_between
 
 Array = NDArray[np.float64]
 
@@ -180,8 +180,7 @@ def between_turns(stamps: Array, rotation: Array, time: Array) -> Array:
         return np.asarray(rotation[np.zeros(len(time), dtype=np.int64)])
     left, step = enclosing_steps(stamps, time)
     share = np.clip((time - stamps[left]) / step, 0.0, 1.0)
-    turn = log_so3(np.swapaxes(rotation[left], 1, 2) @ rotation[left + 1])
-    return np.asarray(rotation[left] @ exp_so3(share[:, None] * turn))
+    return turned_between(rotation[left], rotation[left + 1], share)
 
 
 def places_at(

@@ -15,7 +15,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.rotation import matrix_to_quaternion, quaternion_to_matrix
-from tactile_dynamics_ros.recording.arrays import interpolate_rotation
+from tactile_dynamics_ros.core.streams.streams import between_turns
 from tactile_dynamics_ros.recording.bag_files import DAMAGE, ROS1_SUFFIX, STORAGE_SUFFIXES
 from tactile_dynamics_ros.recording.importers.tables import Table
 
@@ -102,7 +102,7 @@ class Edge:
             count = len(time)
             return np.repeat(self.position[:1], count, 0), np.repeat(self.rotation[:1], count, 0)
         place = np.stack([np.interp(time, self.time, axis) for axis in self.position.T], axis=1)
-        turn = interpolate_rotation(self.time, self.rotation, time)
+        turn = between_turns(self.time, self.rotation, time)
         usual = float(np.median(np.diff(self.time)))
         after = np.clip(np.searchsorted(self.time, time), 1, len(self.time) - 1)
         lost = self.time[after] - self.time[after - 1] > _PAUSE * usual

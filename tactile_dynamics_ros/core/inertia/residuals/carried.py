@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.numerics.noise import white_noise_std, white_pose_noise_std
-from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, log_so3
+from tactile_dynamics_ros.core.rigid_body.rotation import turned_between
 from tactile_dynamics_ros.core.streams.streams import (
     ContactStream,
     PoseStream,
@@ -148,8 +148,7 @@ def _on_object(
         weight: (M,) share of the pose after it.
     """
     share = weight[:, None]
-    first, then = pose.rotation[left], pose.rotation[left + 1]
-    rotation = first @ exp_so3(share * log_so3(np.swapaxes(first, 1, 2) @ then))
+    rotation = turned_between(pose.rotation[left], pose.rotation[left + 1], weight)
     position = (1.0 - share) * pose.position[left] + share * pose.position[left + 1]
     to_body = np.swapaxes(rotation, 1, 2)
     point = np.einsum("nij,nj->ni", to_body, contact.position - position)

@@ -107,7 +107,11 @@ class Mixture:
 
     def memberships(self, points: Array) -> Array:
         """Return the probabilities (N, K + 1) that points belong to each part, strays last."""
-        logs = self.log_densities(self.distances(points))
+        return self._shared(self.distances(points))
+
+    def _shared(self, distances: Sequence[Array]) -> Array:
+        """Return `memberships` of points at distances (N,) from each part."""
+        logs = self.log_densities(distances)
         return np.asarray(np.exp(logs - logsumexp(logs, axis=1, keepdims=True)))
 
     def cost(self, points: Array) -> float:
@@ -148,22 +152,22 @@ def maximise(
     size = float(np.ptp(points, axis=0).max())
     floor = max(least, _LEAST_NOISE * size)
     damping = [_DAMPING] * len(mixture.shapes)
+    at = [_Linear(shape, *mixture.chart.linearise(shape, points)) for shape in mixture.shapes]
     for _ in range(steps):
-        member = mixture.memberships(points)
+        member = mixture._shared([linear.distance for linear in at])
         precision = 1.0 / (mixture.noise * mixture.scale) ** 2
-        shapes, squares, change = [], 0.0, 0.0
-        for k, shape in enumerate(mixture.shapes):
+        squares, change = 0.0, 0.0
+        for k, linear in enumerate(at):
             part = _Part(mixture.chart, points, member[:, k], precision)
-            better, damping[k], moved = part.step(shape, damping[k])
-            shapes.append(better)
-            squares += part.square(better) / precision[0] / mixture.scale[0] ** 2
+            at[k], damping[k], moved = part.step(linear, damping[k])
+            squares += part.square(at[k]) / precision[0] / mixture.scale[0] ** 2
             change = max(change, moved / size)
         inliers = member[:, :-1].sum(axis=0)
         noise = max(float(np.sqrt(squares / max(inliers.sum(), 1.0))), floor)
         settled = abs(np.log(noise / mixture.noise)) < _SETTLED
         mixture = replace(
             mixture,
-            shapes=tuple(shapes),
+            shapes=tuple(linear.shape for linear in at),
             shares=np.maximum(inliers, 1.0) / np.maximum(inliers, 1.0).sum(),
             strays=float(np.clip(member[:, -1].mean(), _LEAST_STRAYS, _MOST_STRAYS)),
             noise=noise,
@@ -171,6 +175,15 @@ def maximise(
         if change < tolerance and settled:
             break
     return mixture
+
+
+@dataclass(frozen=True)
+class _Linear:
+    """A shape with the distances (N,) of all points and their Jacobian (N, P)."""
+
+    shape: Superquadric
+    distance: Array
+    jacobian: Array
 
 
 @dataclass(frozen=True)
@@ -189,22 +202,21 @@ class _Part:
     member: Array
     precision: Array
 
-    def square(self, shape: Superquadric) -> float:
+    def square(self, at: _Linear) -> float:
         """Sum of squared distances over their variances, by membership."""
-        distance, _ = self.chart.linearise(shape, self.points)
-        return float(np.sum(self.member * self.precision * distance**2))
+        return float(np.sum(self.member * self.precision * at.distance**2))
 
-    def objective(self, shape: Superquadric) -> float:
+    def objective(self, at: _Linear) -> float:
         """What a step lowers: squares, the logarithm of the area, the prior."""
-        apart = _coordinates(shape) - _USUAL
+        apart = _coordinates(at.shape) - _USUAL
         prior = 0.5 * float(np.sum((apart[3:] / _PRIOR_STD[3:]) ** 2))
-        size = float(self.member.sum() * np.log(shape.area))
-        return 0.5 * self.square(shape) + size + prior
+        size = float(self.member.sum() * np.log(at.shape.area))
+        return 0.5 * self.square(at) + size + prior
 
-    def step(self, shape: Superquadric, damping: float) -> tuple[Superquadric, float, float]:
+    def step(self, at: _Linear, damping: float) -> tuple[_Linear, float, float]:
         """Return a better shape (or the same), the damping, and how far the surface moved, m."""
         count = len(SHAPE_NAMES)
-        distance, jacobian = self.chart.linearise(shape, self.points)
+        shape, distance, jacobian = at.shape, at.distance, at.jacobian
         weighted = jacobian * (self.member * self.precision)[:, None]
         curvature, slope = weighted.T @ jacobian, weighted.T @ distance
         slope[:count] += self.member.sum() * _log_area_slope(shape)
@@ -212,16 +224,17 @@ class _Part:
         curvature[np.arange(count), np.arange(count)] += 1.0 / _PRIOR_STD**2
         free = ~self.chart.held(shape, slope)
         curvature, slope = curvature[np.ix_(free, free)], slope[free]
-        before = self.objective(shape)
+        before = self.objective(at)
         for _ in range(_TRIES):
             move = np.zeros(len(free))
             move[free] = -np.linalg.solve(curvature + damping * np.diag(np.diag(curvature)), slope)
-            tried = self.chart.moved(shape, move)
+            moved_shape = self.chart.moved(shape, move)
+            tried = _Linear(moved_shape, *self.chart.linearise(moved_shape, self.points))
             if self.objective(tried) <= before:
                 moved = float(np.max(np.abs(jacobian @ move), initial=0.0))
                 return tried, max(0.2 * damping, 1e-9), moved
             damping = min(10.0 * damping, 1e6)
-        return shape, damping, 0.0
+        return at, damping, 0.0
 
 
 def _coordinates(shape: Superquadric) -> Array:

@@ -194,10 +194,15 @@ def spread_choice(points: Array, count: int) -> NDArray[np.intp]:
 
     Points are taken at even steps of their distance from the middle.
     """
-    if len(points) <= count:
-        return np.arange(len(points))
-    order = np.argsort(np.linalg.norm(points - np.median(points, axis=0), axis=1), kind="stable")
-    return order[np.linspace(0, len(points) - 1, count).round().astype(np.intp)]
+    return even_choice(np.linalg.norm(points - np.median(points, axis=0), axis=1), count)
+
+
+def even_choice(values: Array, count: int) -> NDArray[np.intp]:
+    """Return indices of `count` of N values, or all: at even steps of their order."""
+    if len(values) <= count:
+        return np.arange(len(values))
+    order = np.argsort(values, kind="stable")
+    return order[np.linspace(0, len(values) - 1, count).round().astype(np.intp)]
 
 
 def starts_around(points: Array, support: float | None) -> Iterator[Superquadric]:

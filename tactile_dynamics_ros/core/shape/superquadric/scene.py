@@ -14,7 +14,11 @@ from tactile_dynamics_ros.core.shape.superquadric.parts import (
     clusters,
     find_objects,
 )
-from tactile_dynamics_ros.core.shape.superquadric.recovery import Recovery, check_points
+from tactile_dynamics_ros.core.shape.superquadric.recovery import (
+    Recovery,
+    check_points,
+    even_choice,
+)
 from tactile_dynamics_ros.core.shape.superquadric.superquadric import Superquadric
 from tactile_dynamics_ros.core.shape.superquadric.views import SurfaceEntropy, View, ViewConfig
 
@@ -118,10 +122,7 @@ def without_table(points: Array, support: float | None) -> tuple[Array, float]:
 
 def _thinned(points: Array, count: int) -> NDArray[np.intp]:
     """Return indices of about `count` points, spread evenly in order along a diagonal."""
-    if len(points) <= count:
-        return np.arange(len(points))
-    order = np.argsort(points @ np.array([0.61, 0.37, 0.70]), kind="stable")
-    return order[np.linspace(0, len(points) - 1, count).round().astype(np.intp)]
+    return even_choice(points @ np.array([0.61, 0.37, 0.70]), count)
 
 
 def part_json(part: Recovery) -> dict[str, Any]:
