@@ -18,6 +18,11 @@ OBJECT_POSE = "object/pose"
 HAND_POSE = "object/pose/kinematic"
 VISION_POSE = "object/pose/vision"
 OBJECT_HELD = "object/held"
+OBJECT_SHAPE = "object/shape"
+OBJECT_MARKERS = "object/markers"
+SUPPORT_POSE = "support/pose"
+CAMERA_POSE = "camera/pose"
+CAMERA_TARGET = "camera/target"
 
 CONTACTS = ("index", "middle", "ring", "thumb")
 """Contacts that estimators hear unless they are told others: the fingers of an Allegro hand."""
@@ -37,6 +42,7 @@ PROBE_ACTIVE = "friction_probe/active"
 PROBE_ESTIMATE = "friction_probe/estimate"
 PROBE_PROGRESS = "friction_probe/progress"
 PROBE_SLIP = "friction_probe/slip"
+SHAPE_START = "shape_estimator/start"
 REVEAL = "robot_sim/reveal"
 VISION_SCORE = "vision_tracker/score"
 VISION_RESET = "vision_tracker/reset"
@@ -50,6 +56,16 @@ TF = "/tf"
 def contact_topic(name: str, kind: str) -> str:
     """Return the topic of a contact's force, force_std or pose in the world."""
     return f"contact/{name}/{kind}"
+
+
+def link_topic(link: str, kind: str) -> str:
+    """Return the topic of the pose or footprint of a part of the object.
+
+    Args:
+        link: link_1, whose topics are the object's, link_2 and so on.
+        kind: pose or footprint.
+    """
+    return f"object/{kind}" if link == "link_1" else f"object/{link}/{kind}"
 
 
 def fingertip_topic(finger: str, kind: str, sensor: str = "biotac") -> str:

@@ -133,7 +133,8 @@ ROOMS = {
     "ros": Room(
         "what nodes share: shell, wire, conversions, parameters, diagnostics",
         ("core/friction", _INERTIA + "batch", _INERTIA + "diagnosis", _INERTIA + "live")
-        + ("core/rigid_body", "core/robot", "core/streams", "core/tracking", "recording"),
+        + ("core/rigid_body", "core/robot", "core/shape", "core/streams", "core/tracking")
+        + ("recording",),
         ("rclpy",),
     ),
     "nodes": Room(
