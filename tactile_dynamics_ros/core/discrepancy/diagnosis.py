@@ -23,12 +23,12 @@ from tactile_dynamics_ros.core.discrepancy.signature import Signature, describe_
 from tactile_dynamics_ros.core.discrepancy.trials import Trial
 from tactile_dynamics_ros.core.discrepancy.validation import HeldOut, fits_equally, held_out
 from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import Assessment, assess
-from tactile_dynamics_ros.core.discrepancy.verdict.materiality import Trace, find_trace
+from tactile_dynamics_ros.core.discrepancy.verdict.materiality import (
+    NEAR_FLOOR,
+    Trace,
+    find_trace,
+)
 from tactile_dynamics_ros.core.discrepancy.verdict.partial import explain_most
-
-_TRIFLE = 1.02
-"""White RMS over its floor up to which what a named effect leaves is not described: within it the
-rest could not matter by itself (`materiality`)."""
 
 
 @dataclass(frozen=True)
@@ -148,7 +148,7 @@ def diagnose(
         return unnamed("adequate", steps, floor)
     after = held_out(step.choice.model)
     remains = steps[-1].after
-    settled = is_noise(first, steps, config) or remains.rms <= _TRIFLE * floor
+    settled = is_noise(first, steps, config) or remains.rms <= NEAR_FLOOR * floor
     return Diagnosis(
         verdict="ambiguous" if ambiguous else "missing_effect",
         effect=step.name,

@@ -31,7 +31,8 @@ Document = dict[str, Any]
 
 _REMAINS = 1.15
 """Held-out error over the noise floor from which a sentence says how much remains: a third of the
-noise's variance. It changes no verdict."""
+noise's variance. It changes no verdict. Lower says so where next to nothing is left, higher keeps
+silent where a further cause is."""
 _NOTABLE = 0.1
 """Share of an unexplained error from which the known effect that explains most of it is told: less
 would send people after effects that are not there. It changes no verdict."""

@@ -13,8 +13,8 @@ from tactile_dynamics_ros.core.effects.fingers import FingerEffect
 from tactile_dynamics_ros.core.effects.parameter import EffectParameter
 
 _SAMPLES = 50
-"""Samples of the example that readings and parameters are listed for, half a second: which they are
-depends on the number of contacts only, not on the motion."""
+"""Samples of the example that readings and parameters are listed for, half a second. Which they are
+depends on the number of contacts, not on the motion: 25 and 100 list the same, 6 miss some."""
 
 
 @dataclass(frozen=True)

@@ -22,10 +22,12 @@ Array = NDArray[np.float64]
 
 _TOLERANCE = 5e-3
 """Difference between a derivative and its finite difference, as a share of the largest entry of the
-column: rounding and curvature leave below 1e-4 in our effects, a wrong sign or factor far more."""
+column: rounding and curvature leave below 1e-4 in our effects, a wrong sign or factor far more.
+Lower reports bends as faults, higher passes a small term that is left out."""
 _SPAN_TOLERANCE = 0.05
 """Share of the energy of a screening basis that may change with the choice of frames. Bases that
-are right change by rounding only; those of a fixed axis of the world by tens of per cent."""
+are right change by rounding only; those of a fixed axis of the world by tens of per cent. Lower
+reports what finite differences round, higher passes a weak dependence."""
 
 
 def example_samples(
@@ -313,4 +315,5 @@ _TESTS = (
     _check_screening,
     _check_frames,
 )
-"""Tests in the order in which they make sense: what has no shape has no derivative."""
+"""Tests in the order in which they make sense: what has no shape has no derivative. In another
+order the report would begin with consequences of a fault."""

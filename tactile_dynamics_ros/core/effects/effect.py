@@ -15,7 +15,8 @@ from tactile_dynamics_ros.core.errors import BadInputError
 Array = NDArray[np.float64]
 
 _NO_LOAD = np.zeros(10)
-"""Dynamic parameters of no body, for laws that do not depend on them."""
+"""Dynamic parameters of no body, for laws that do not depend on them and for effects that add none.
+Another body would only matter to the latter: it would count as part of the load."""
 
 
 class Effect(ABC):

@@ -13,13 +13,15 @@ Array = NDArray[np.float64]
 
 _GAP = 1.8
 """Steps longer than so many periods are gaps if they are longer than `_SHORT`: one lost sample
-makes a step of 2. It counts for recordings slower than 3.6 Hz only."""
+makes a step of 2. It counts for recordings slower than 3.6 Hz only. Nearer to 1 jitter makes gaps
+there, above 2 filters carry on across lost samples."""
 _SHORT = 0.5
 """Gap, s, over which filters carry on: motion that was smooth before is read across it by cubics.
-After a longer one they start settled again, as at the beginning."""
+After a longer one they start settled again, as at the beginning. Longer reads motion across pauses
+that nobody saw, shorter starts filters at every hiccup as settled, which they are not."""
 _SERIES = 8
 """Terms of the exponential of a step beyond those of its input. With `_LONGEST_STEP` it is exact to
-1e-10; with 6, to 1e-8."""
+1e-10; with 6, to 1e-8. More only cost time."""
 _LONGEST_STEP = 1.0
 """Step times the fastest rate of a spring-damper up to which the series of `discretise` is summed;
 of longer steps it is summed for a part and doubled. At 6 a series of 8 terms diverges within a

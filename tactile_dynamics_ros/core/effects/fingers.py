@@ -23,14 +23,17 @@ _COMMON = "common"
 """Reading in which all contacts share one set of parameters; names are API."""
 _MOST_SUBSETS = 6
 """Contacts up to which every subset is a restriction: 62 of them. Of more, single ones and all but
-one are tried: their number would grow as 2^n, and each pays 2 log n evidence for being searched."""
+one are tried: their number would grow as 2^n, and each pays 2 log n evidence for being searched.
+Lower would not try pairs of fingers that share a fault."""
 _LEAST_TURN = 0.04
 """Turn of contact frames in the body, rad, from which axes of the sensor differ from those of the
 body. `_MOSTLY` of the samples of a finger that does not roll turn by less than 0.004 (noise) in
-synthetic recordings; re-grasps turn by 0.07 to 0.3, fingers that roll by 0.4 to 0.6."""
+synthetic recordings; re-grasps turn by 0.07 to 0.3, fingers that roll by 0.4 to 0.6. Lower offers
+both axes where only noise tells them apart, which costs evidence; higher misses re-grasps."""
 _MOSTLY = 0.9
 """Quantile of the samples whose turn counts, so that few bad frames are no turn, and a re-grasp
-that lasts a tenth of the recording is one."""
+that lasts a tenth of the recording is one. Higher lets bad frames decide, lower misses such a
+re-grasp."""
 
 
 class FingerEffect(Effect):

@@ -11,7 +11,8 @@ from tactile_dynamics_ros.core.effects.effect import Effect
 from tactile_dynamics_ros.core.errors import BadInputError
 
 ENTRY_POINT_GROUP = "tactile_dynamics_ros.effects"
-"""Group of entry points under which installed packages name their effects of a held object."""
+"""Group of entry points under which installed packages name their effects of a held object. It is
+API: installed packages are not found under another one."""
 
 EFFECT_NAMES = (
     "viscous_drag",
@@ -126,7 +127,8 @@ class EffectRegistry(Generic[EffectT]):
 
 
 _KINDS = ("drag", "elastic", "internal", "gravity", "contact", "torsion", "sensor", "timing")
-"""Modules of `held`, one for each kind of effect."""
+"""Modules of `held`, one for each kind of effect. Effects of a module that is not named here do not
+exist for anybody."""
 
 HELD: EffectRegistry[Effect] = EffectRegistry(
     "held",

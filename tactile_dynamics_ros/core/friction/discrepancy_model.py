@@ -27,7 +27,8 @@ suffices), eight change nothing more."""
 _LARGEST_GUESS = 0.4
 """Largest start of an effect's parameter, in its unit. Linear forms overshoot where an effect is
 large; a lean of 1 rad, or a grain above 1, would start a fit where forces are infinite or negative.
-No parameter of a known surface exceeds it (a soft sphere has a power of 1/3)."""
+No parameter of a known surface exceeds it (a soft sphere has a power of 1/3). Smaller starts need
+more steps to large effects."""
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,8 @@ REFERENCE_SPEED = 5e-3
 """Speed of sliding at which `velocity_weakening` leaves the kinetic coefficient as it is, m/s; the
 slides of a probe have 3 to 14 mm/s. Another one only shifts the coefficient that is reported."""
 STATIC, KINETIC = 0, 1
-"""Columns of the forces of a slip: just before it began, and while it went on."""
+"""Columns of the forces of a slip: just before it began, and while it went on. They number the
+arrays of a `SlipTable` and mean nothing elsewhere."""
 
 
 FRICTION: EffectRegistry[FrictionEffect] = EffectRegistry("friction")

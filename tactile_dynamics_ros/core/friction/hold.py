@@ -11,12 +11,10 @@ from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.alignment import align_points
 from tactile_dynamics_ros.core.rigid_body.rotation import log_so3, skew
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
-from tactile_dynamics_ros.core.robot.robot import Robot, column
+from tactile_dynamics_ros.core.robot.robot import LEAST_HOLDING, Robot, column
 
 Array = NDArray[np.float64]
 
-_LEAST_HOLDERS = 3
-"""Fingers that hold while one probes: points of contact bear any wrench from three on."""
 _SLIDING_COST = 3.0
 """Weight of a holding finger's tangential over its normal force, beyond one: forces along the
 surface, which may slip, count four times in the sum that is made least. At zero they share what the
@@ -27,10 +25,10 @@ object impedance for this hand; 150 N/m is about the stiffness of its fingers at
 (80 N/m there). Softer lets the object wander while it is probed, stiffer rocks it."""
 _INTEGRAL = np.array([4.0] * 3 + [300.0] * 3)
 """Gain of the integral part, N m/(rad s) and N/(m s): twice the stiffness, so that it takes over
-after half a second."""
+after half a second. Less leaves the object off its place for longer, more rocks it."""
 _MOST = np.array([0.06] * 3 + [1.2] * 3)
 """Largest pull of spring and integral, N m and N: what holding fingers have to spare beside the
-grip. A larger one can make them slip."""
+grip. A larger one can make them slip. A smaller one lets the probe push the object away."""
 
 
 def holding_fingers(robot: Robot, probing: str) -> tuple[str, ...]:
@@ -41,10 +39,10 @@ def holding_fingers(robot: Robot, probing: str) -> tuple[str, ...]:
     """
     allowed = [finger for finger in robot.fingers if finger != robot.reference]
     holders = tuple(finger for finger in robot.fingers if finger != probing)
-    if probing not in allowed or len(holders) < _LEAST_HOLDERS:
+    if probing not in allowed or len(holders) < LEAST_HOLDING:
         raise BadInputError(
             f"finger = '{probing}': expected one of {', '.join(allowed)}, of a hand in which "
-            f"{_LEAST_HOLDERS} others hold the object"
+            f"{LEAST_HOLDING} others hold the object"
         )
     return holders
 

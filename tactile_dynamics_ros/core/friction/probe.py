@@ -25,7 +25,8 @@ from tactile_dynamics_ros.core.shape.friction_regions import ObjectSurface, Surf
 Array = NDArray[np.float64]
 
 _RAMPS = (ProbePhase.LOAD, ProbePhase.UNLOAD, ProbePhase.DRAG)
-"""Phases in which a slip is waited for."""
+"""Phases in which a slip is waited for: the force changes in them as asked. An alarm in any other
+phase is ignored."""
 _FORCE_FLOOR = 0.2
 """Normal force, N, at which unloading ends without a slip: the least force that fingertips are
 tested at. Lower, contact may be lost; higher, slips of rough surfaces do not come."""
@@ -35,11 +36,12 @@ _LEAST_PRESS = 0.05
 light touch."""
 _STEEPEST = 1.4
 """Ratio of the wanted tangential to normal force at which a dragging ramp gives up: skin friction
-is hardly larger (0.4 to 1.2 on household objects), and the network has learnt traction up to
-1.25."""
+is hardly larger (0.4 to 1.2 on household objects), and the network has learnt traction up to 1.25.
+Lower: rough surfaces never slip; higher: holding fingers may slip before."""
 _REACHED = 0.5
 """Share of the wanted tangential force that must be pushed at the end of loading; with less the
-direction counts as unreachable, and the next one is tried."""
+direction counts as unreachable, and the next one is tried. Lower probes with a force that was
+hardly there, higher gives up directions that can be probed."""
 _MEMORY_TIME = 2.0
 """Time constant, s, of the force that the skin remembers, which goes with each slip: between the
 two times of skin creep (0.2 and 4 s). Slips after a rest are then told from those that follow each

@@ -28,8 +28,8 @@ class ProbePhase(Enum):
 
 
 VARIANTS = ("unload", "drag", "both")
-"""How a slip is brought about: the normal force falls, the tangential force grows, or both in
-turn."""
+"""How a slip is brought about: the normal force falls, the tangential force grows, or both in turn.
+Names are API (a parameter of the node)."""
 
 
 @dataclass(frozen=True)

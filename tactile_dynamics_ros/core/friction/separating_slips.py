@@ -9,22 +9,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.friction.slip_table import SlipTable
+from tactile_dynamics_ros.core.friction.slip_table import LEAST_SPEED, SlipTable
 
 Array = NDArray[np.float64]
 OfSlips = Callable[[SlipTable], Array]
 """Forces (N, 2) of slips, N: static and kinetic."""
 
 _FORCES = (0.3, 0.5, 0.8, 1.2, 1.8)
-"""Normal forces of the slips that are compared, N: what a probe presses with (up to 1.7 N)."""
-_SPEEDS = (2e-3, 1e-2, 4e-2)
+"""Normal forces of the slips that are compared, N: what a probe presses with (up to 1.7 N). Values
+beyond would propose slips that no probe makes, finer ones cost time."""
+_SPEEDS = (LEAST_SPEED, 1e-2, 4e-2)
 """Speeds of sliding that are compared, m/s: from where a fingertip creeps (`LEAST_SPEED`) to three
-times those of a probe's slides."""
+times those of a probe's slides. Faster ones would propose slides that no probe makes."""
 _TURNS = 8
-"""Directions that are compared: every 45 deg, half a period of the second harmonic of a grain."""
+"""Directions that are compared: every 45 deg, half a period of the second harmonic of a grain.
+Fewer miss where an effect shows most, more propose nearly the same direction."""
 _LEAST_SEPARATION = 0.1
 """Difference of predictions from which a slip is proposed, in standard deviations of a single one:
-nine hundred slips would then make three of them. Less is no proposal to anybody."""
+nine hundred slips would then make three of them. Less is no proposal to anybody. More would
+withhold proposals that some hundred slips can carry out."""
 
 
 def plan_slips(

@@ -23,9 +23,10 @@ peak off by about as much as the greatest of noisy ones is too high. More make f
 fewer too high."""
 _FEWEST = 6
 """Instants that a part of a slip needs to be looked at; the window needs twice as many. At 100 Hz
-it is 60 ms."""
+it is 60 ms. Fewer give means and slopes of noise, more leave slips out that were quick."""
 _LEAST_PATH = 6e-4
-"""Way of a slide, m, from which its force counts as kinetic: less is within what the skin gives."""
+"""Way of a slide, m, from which its force counts as kinetic: less is within what the skin gives.
+Less takes the skin's give for sliding, more leaves short slides without a kinetic coefficient."""
 _LEAST_TILT_PATH = 1e-3
 """Way of a slide, m, from which its slope against the mesh is told: 0.1 mm of error are 6 deg of
 slope then. Shorter slides give slopes of noise, longer are rare (a slide takes 0.15 s)."""

@@ -15,10 +15,12 @@ Array = NDArray[np.float64]
 
 FEWEST = 12
 """Slips that a model of friction needs: two numbers each, for two coefficients, an error of
-direction and a rival effect. Fewer leave no scatter to judge by."""
+direction and a rival effect. Fewer leave no scatter to judge by. More refuse probes that would
+do."""
 LEAST_SPEED = 2e-3
 """Speed, m/s, below which a fingertip creeps with nearly static friction, so that its force is not
-kinetic. Facts on practice call less than 1 mm/s incipient."""
+kinetic. Facts on practice call less than 1 mm/s incipient. Lower takes static friction for kinetic,
+higher leaves slow slides out."""
 
 
 @dataclass(frozen=True)

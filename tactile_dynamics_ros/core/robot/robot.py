@@ -14,8 +14,9 @@ from tactile_dynamics_ros.core.errors import BadInputError
 Array = NDArray[np.float64]
 
 LEAST_HOLDING = 3
-"""Fingers that hold an object where there are so many; of fewer, all: three points of contact
-resist every wrench, two only if they carry torque."""
+"""Fingers that hold an object where there are so many (of fewer, all): three points of contact
+resist every wrench, two only if they carry torque. Fewer would let it turn about a line; more would
+leave a hand of four no finger that probes."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,26 +22,32 @@ Test = tuple[str, Callable[[], list[str]]]
 
 _STEP = 1e-4
 """Step of finite differences in units of each parameter's scale. Where the model takes differences
-itself (of 1e-5) the two must not be the same numbers; curvature changes them by 1e-8."""
+itself (of 1e-5) the two must not be the same numbers; curvature changes them by 1e-8. Larger steps
+take the bend of a law for a wrong derivative, far smaller ones rounding."""
 _TOLERANCE = 1e-3
 """Difference between a derivative and its finite difference, as a share of the column's length. The
-derivatives of our models agree to 1e-5; a term left out or a wrong sign makes more than 1e-2."""
+derivatives of our models agree to 1e-5; a term left out or a wrong sign makes more than 1e-2. Lower
+reports bends, higher passes wrong terms."""
 _DRAWS = 200
 """Draws of the noise. A variance of M rows is then known to sqrt(2 / (200 M)): with a hundred rows,
-to one per cent."""
+to one per cent. More find smaller faults of a whitening, at time in proportion."""
 _LEVEL = 1e-6
 """Probability that a test of the noise fails by chance. Of the millions of checks that people make,
-a few fail wrongly; a standard deviation that is off by 5 % fails with a hundred rows."""
+a few fail wrongly; a standard deviation that is off by 5 % fails with a hundred rows. Larger: sound
+models fail now and then; smaller: larger faults pass."""
 _OUTSIDE = 0.3
 """Share of what a typical effect does to the residual, in energy, that its family may leave. Those
 of linear effects leave nothing; others hold samples of the effect only: of ours that of the
-sloshing mass leaves most, 0.18. A family of something else leaves nearly all."""
+sloshing mass leaves most, 0.18. A family of something else leaves nearly all. Lower refuses bent
+effects that fits do find, higher passes families of something else."""
 _SAME = 1e-9
 """Difference of numbers that are computed twice in one process, as a share: threads of linear
-algebra may sum in another order."""
+algebra may sum in another order. Zero would report rounding, far more would pass a fit that draws
+small random numbers."""
 _BACK = 0.02
 """Rise of the white RMS, as a share, when an effect is added and removed again: both are quick fits
-that end where little is left to gain."""
+that end where little is left to gain. Lower reports fits that ended early, higher passes effects
+that do harm."""
 
 
 def check_residual_model(

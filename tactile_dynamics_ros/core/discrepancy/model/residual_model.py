@@ -18,11 +18,13 @@ ParameterTable = dict[str, dict[str, dict[str, Any]]]
 
 _LOUDER = 0.2
 """Growth of the mean log standard deviation from which an effect makes noise larger: by 22 %. Those
-that do it honestly, as a lag or an offset of clocks that moves noise elsewhere, stay below."""
+that do it honestly, as a lag or an offset of clocks that moves noise elsewhere, stay below. Lower
+passes over these, higher lets effects win that call an error noise."""
 _TAKEN_BACK = 0.5
 """Share of the fall of the squares that larger noise must take back for an effect to be passed
-over. Before that was asked, a spinning rotor was passed over that made noise somewhat larger and
-the error far smaller."""
+over: half, so that one whose fall is mostly real stays (a spinning rotor makes noise somewhat
+larger and the error far smaller). Lower passes over such ones, higher keeps what mostly buys
+noise."""
 
 
 @dataclass(frozen=True)

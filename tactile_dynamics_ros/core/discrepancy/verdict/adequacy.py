@@ -56,9 +56,13 @@ a dozen hertz where the motion is quick, a hum of the size of the reported noise
 (both in `test_lasting_errors`). Half and twice the share changed no verdict of 16."""
 _FLOOR_TOLERANCE = 0.04
 """Difference of the floor from 1 up to which the noise is as reported, so that no other noise need
-be tried: nearly four standard deviations of the floor of 15 s at 100 Hz and six channels."""
+be tried: nearly four standard deviations of the floor of 15 s at 100 Hz and six channels. Lower
+tries other noise where none is needed, which costs fits; higher keeps intervals that are off by as
+much."""
 _CHANNEL_TOLERANCE = 0.15
-"""The same of one channel: nearly six standard deviations of its own floor."""
+"""Difference of one channel's floor from 1 up to which its noise is as reported: nearly six
+standard deviations, since a channel has a sixth of the numbers. Lower costs fits where chance moved
+one channel, higher overlooks an axis whose noise is reported wrongly."""
 
 
 @dataclass(frozen=True)

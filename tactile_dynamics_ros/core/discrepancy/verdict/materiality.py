@@ -14,16 +14,19 @@ from tactile_dynamics_ros.core.discrepancy.screening import best_by_effect
 from tactile_dynamics_ros.core.discrepancy.trials import Trial, evidence, try_effects
 from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import Assessment
 
-_NEAR_FLOOR = 1.02
-"""White RMS over its floor up to which a finding may be a trace: 4 % of the noise's variance. The
-floor is known to 1 % from 15 s at 100 Hz; less calls clean recordings of such length back, more
-hides effects that double the intervals of what they move."""
+NEAR_FLOOR = 1.02
+"""White RMS over its floor up to which a finding may be a trace, and what a named effect leaves is
+not described: 4 % of the noise's variance. The floor is known to 1 % from 15 s at 100 Hz; less
+calls clean recordings of such length back, more hides effects that double the intervals of what
+they move."""
 _MOVED = 0.5
 """Change of an estimate, in its standard deviations, from which an effect matters: its bias then
 takes the share of true values within 95 % intervals to 92 %. Twice as much takes it to 83 %."""
 _AS_LIKELY = 10.0
 """Difference of -2 log evidence to the best within which another effect may be the cause as well,
-as `indifference` of the diagnosis: all of them must leave the estimates where they are."""
+as `indifference` of the diagnosis: all of them must leave the estimates where they are. Lower calls
+a finding a trace though a likely rival moves the estimates; higher asks of so many rivals that
+traces are told as missing effects."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +66,7 @@ def find_trace(assessment: Assessment) -> Trace | None:
     """
     model, floor = assessment.model, assessment.structure.floor
     error = Misfit.of(model).rms / floor
-    if error > _NEAR_FLOOR or not assessment.noise_stated_well:
+    if error > NEAR_FLOOR or not assessment.noise_stated_well:
         return None
     without = evidence(model, floor)
     trials = [t for t in _suspects(assessment) if t.criterion < without]

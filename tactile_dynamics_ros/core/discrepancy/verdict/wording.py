@@ -9,9 +9,11 @@ from typing import Any
 Table = Mapping[str, Mapping[str, Any]]
 
 _AXES = ("x", "y", "z")
-"""Components whose parameters are told as one vector."""
+"""Endings of parameters that are told as one vector, `force_x` to `force_z`; with others the
+components would be told one by one."""
 _MOST_PARAMETERS = 3
-"""Parameters that a sentence names at most; the document and the report have all."""
+"""Parameters that a sentence names at most: three (a vector counts as one) are still read at a
+glance. More make sentences longer; the document and the report have all."""
 _UNDETERMINED = 3.0
 """Standard deviation of a share, over that of the sum, from which only the sum is told: the data
 then say nine times more of the sum than of the share. At 1.5 shares of two fingers that are known

@@ -19,15 +19,19 @@ Array = NDArray[np.float64]
 
 _SCREENED = (0.3, 1.0, 3.0)
 """Multiples of typical values at which parameters are tried in which a law is no polynomial: a
-decade about what the author of the formula holds for typical."""
+decade about what the author of the formula holds for typical. A wider span finds values farther
+from it; more multiples cost a column, and so evidence, each."""
 _TORQUE_WEIGHT = 20.0
 """Weight of torques against forces in the start of a fit, 1/m: a force of 1 N at 5 cm from the body
-origin, half the width of what a hand holds, counts as much as its torque."""
+origin, half the width of what a hand holds, counts as much as its torque. It moves the start only:
+with more torques decide, with less forces."""
 _PRIOR_WEIGHT = 1e-2
 """Weight of the priors in the start of a fit, against a misfit of 1 where nothing is explained: it
-only settles parameters that the wrench does not determine."""
+only settles parameters that the wrench does not determine. Far more would start fits too near to
+zero, none would leave such parameters to chance."""
 _MOST_STEPS = 40
-"""Evaluations of each of the four starts at most; a fit at the whitening of the data follows."""
+"""Evaluations of each of the four starts at most; a fit at the whitening of the data follows. Fewer
+leave it to begin farther off, more cost time."""
 
 
 class FormulaEffect(Effect):

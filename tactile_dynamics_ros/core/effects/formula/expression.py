@@ -22,10 +22,11 @@ _PLAIN: dict[str, Any] = {
 FUNCTIONS = (*_PLAIN, "sqrt", "abs", "sign", "min", "max", "atan2", "norm", "dot", "cross")
 """Names of all functions, in the order in which they are listed; they are API."""
 _ARGUMENTS = {"min": 2, "max": 2, "atan2": 2, "dot": 2, "cross": 2}
-"""Numbers of arguments; all other functions have one."""
+"""Numbers of arguments; all other functions have one. A call with another number is refused."""
 _FINEST_POWER = 12
 """Largest denominator of powers of quantities with a unit: 0.333333 is taken for 1/3, so that units
-come out exactly. More would take digits that were typed as they are for fractions."""
+come out exactly. More would take digits that were typed as they are for fractions. With fewer, 1/12
+would be rounded to another fraction and a right unit refused."""
 
 
 @dataclass(frozen=True)

@@ -34,18 +34,19 @@ from tactile_dynamics_ros.core.effects.units import format_dimension, parse_unit
 from tactile_dynamics_ros.core.errors import BadInputError
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*$")
-"""Names of parameters and definitions, as formulas can spell them."""
+"""Names of parameters and definitions, as formulas can spell them; any other is refused."""
 _EFFECT_NAME = re.compile(r"[a-z][a-z0-9_]*$")
-"""Names of effects, as those of the catalogue are spelt: they stand in `--effects a,b`."""
+"""Names of effects, as those of the catalogue are spelt: they stand in `--effects a,b`. Capitals
+are refused, so that no two differ by them alone."""
 _EFFECT_FIELDS = (
     "formula", "sentence", "looks_like", "remedy", "parameters", "constants", "definitions",
     "wrench", "external",
 )  # fmt: skip
 """Fields of an effect in a file; any other is refused with this list."""
 _PARAMETER_FIELDS = ("unit", "prior_std", "typical", "description", "vector")
-"""Fields of a parameter."""
+"""Fields of a parameter; any other is refused, so that a misspelt one is not ignored."""
 _WRENCH_FIELDS = ("axes", "at", "force", "torque")
-"""Fields of a wrench."""
+"""Fields of a wrench; any other is refused, so that a misspelt one is not ignored."""
 _TEXTS = {
     "sentence": "the effect '{}' acts on the object",
     "looks_like": "A residual that follows the formula.",

@@ -23,7 +23,8 @@ Array = NDArray[np.float64]
 Exponents = tuple[int, ...]
 
 _LOAD = (MASS, *COM)
-"""Symbols of the load by which laws are derived too."""
+"""Symbols of the load, kg and m, by which laws are differentiated too; in the order in which the
+compiled laws take them."""
 
 
 @dataclass(frozen=True)

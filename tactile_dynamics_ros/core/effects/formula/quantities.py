@@ -36,21 +36,21 @@ VECTORS = {
     "alpha": ("rad/s^2", "angular acceleration"),
     "com": ("m", "centre of mass from the body origin"),
 }
-"""The same of vectors."""
+"""Unit and meaning of the vectors that formulas can name; names are API."""
 CONTACT_SCALARS = {
     "grip": ("N", "normal force of a contact, never negative"),
     "spin": ("rad/s", "angular velocity of the object about the contact normal"),
 }
-"""The same of scalars that every contact has."""
+"""Unit and meaning of the scalars that every contact has; names are API."""
 CONTACT_VECTORS = {
     "f": ("N", "force of a contact on the object"),
     "couple": ("N m", "torque of a contact about its point"),
     "r": ("m", "contact point from the body origin"),
     "n": ("1", "normal of a contact, into the object"),
 }
-"""The same of vectors that every contact has."""
+"""Unit and meaning of the vectors that every contact has; names are API."""
 FRAMES = ("world", "body", "contact")
-"""Axes in which a law can be written."""
+"""Axes in which a law can be written; names are API."""
 
 _VECTOR = re.compile(rf"({'|'.join(VECTORS)})(?:_([xyz]))?(?:_(world|body|contact))?$")
 """A vector or its component, in axes that may be named: ``v_x_world``."""
@@ -58,7 +58,7 @@ _CONTACT_VECTOR = re.compile(
     rf"({'|'.join(CONTACT_VECTORS)})(?:_([xyz]))?(?:_(?!(?:world|body|contact)$)(\w+?))?"
     r"(?:_(world|body|contact))?$"
 )
-"""The same of a contact that may be named: ``f_x_thumb_body``."""
+"""A vector of a contact that may be named, or its component: ``f_x_thumb_body``."""
 _CONTACT_SCALAR = re.compile(rf"({'|'.join(CONTACT_SCALARS)})(?:_(\w+))?$")
 """A scalar of a contact that may be named: ``grip_thumb``."""
 

@@ -25,13 +25,16 @@ Array = NDArray[np.float64]
 _WORST_OFFSET = 0.5
 """Displacement of a contact against the others, over the contacts' RMS distance from their middle,
 beyond which it is no calibration error: half a grasp. Offsets of whole distances explain clean data
-by taking the noise of the forces out of the torque; those of fingertips are some millimetres."""
+by taking the noise of the forces out of the torque; those of fingertips are some millimetres. Lower
+refuses true offsets of small grasps, higher admits such explanations."""
 _FARTHEST_OFFSET = 0.3
 """Displacement of a contact, m, beyond which it is no calibration error: a hand's length and more.
-A mounting may be off by the length of a flange (5 cm); torques in N mm look like metres."""
+A mounting may be off by the length of a flange (5 cm); torques in N mm look like metres. Lower
+refuses flanges, higher admits wrong units of torque as offsets."""
 _LEAST_REACH = 0.02
 """Distance from the middle, m, that is presumed at least, so that contacts close together may be
-off by a centimetre."""
+off by a centimetre. Less would refuse a true offset in a pinch, more admits offsets of whole
+distances there."""
 
 
 @register_effect

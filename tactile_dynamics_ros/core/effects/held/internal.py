@@ -44,18 +44,23 @@ _SCREENED_DAMPING = 0.1
 7 % of the energy more or less, of weakly and strongly damped masses alike."""
 _SLOWEST_HZ = 0.2
 """Lowest natural frequency that is evaluated, Hz, so that a fit that goes astray stays finite: a
-mass hangs g / w_n^2 below its rest point, 6 m at 0.2 Hz. The lowest that is tried is 0.5."""
+mass hangs g / w_n^2 below its rest point, 6 m at 0.2 Hz. The lowest that is tried is 0.5. Above 0.5
+it would cut what is tried; lower lets such a fit go farther astray."""
 _FASTEST_HZ = 15.0
 """Highest natural frequency that is evaluated, Hz, so that a fit that goes astray stays within what
-100 Hz show. The highest that is tried is 6.5."""
+100 Hz show. The highest that is tried is 6.5. Below 6.5 it would cut what is tried; higher lets a
+fit follow noise from sample to sample."""
 _LEAST_DAMPING = 0.003
 """Smallest damping ratio that is evaluated: it rings for a minute at 1 Hz, longer than recordings
-last; at zero and below it would ring for ever or grow."""
+last; at zero and below it would ring for ever or grow. Larger: a mass that rings freely is given
+too much damping."""
 _MOST_DAMPING = 2.0
-"""Largest damping ratio that is evaluated: far beyond critical, where mass and damper are a lag."""
+"""Largest damping ratio that is evaluated: far beyond critical, where mass and damper are a lag.
+Lower cuts heavily damped masses short; higher lets fits wander where nothing changes."""
 _STEP_DIGITS = 12
 """Decimals of steps in s by which they are told apart: those that differ by less than a picosecond
-are the same but for rounding, and share a transition."""
+are the same but for rounding, and share a transition. More would make a transition of each
+rounding, which costs time; six would move the motion by microseconds."""
 
 
 @register_effect

@@ -25,10 +25,12 @@ Array = NDArray[np.float64]
 
 _SEEN = 4.0
 """Standard deviations from which a gain is seen: one in ten thousand by chance. It only decides
-what the gain that all sensors may share is uncertain by."""
+what the gain that all sensors may share is uncertain by. Lower: one gain by chance makes the others
+pass for right; higher: a true one leaves all as uncertain as the prior."""
 _LEAST_GAIN = -0.9
 """Lowest gain that is evaluated: at -1 a sensor reads nothing, and its force would be divided by
-zero. No sensor that is worth a model reads a tenth of the force."""
+zero. No sensor that is worth a model reads a tenth of the force. Closer to -1 a fit may leave for
+huge forces, higher cuts gains that sensors do have."""
 
 
 def carries_torque(samples: WrenchSamples) -> bool:

@@ -30,7 +30,8 @@ _SHORTEST_LAG = 2e-3
 There the law is linear to 1e-4, at half and twice the value as well."""
 _LONGEST_SHIFT = 0.5
 """Largest offset of clocks that is evaluated, s; delays beyond a quarter of a second are not found,
-since the motion is another by then. It bounds how much of a recording's ends is lost."""
+since the motion is another by then. It bounds how much of a recording's ends is lost. Longer loses
+more of them, below a quarter of a second offsets that are found would be cut."""
 _SHIFTS_KEPT = 3
 """Shifted motions that are kept: those of the present offset and of the two last tries of a fit,
 which all readings share. Fewer are computed again for each reading; more only take memory."""

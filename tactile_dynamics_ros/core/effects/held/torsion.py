@@ -21,7 +21,8 @@ within 0.5 % (energy) of any w_0 from 0.01 to 10 on a motion that spins at 1 rad
 leave up to 2 %, the middle one alone up to 20 %."""
 _SLOWEST_SPIN = 0.01
 """Smallest w_0 that a fit can tell from a step, rad/s: the spin is slower in 0.5 % of the samples
-of a motion at 1 rad/s. Smaller ones are evaluated as this one, with no derivative by w_0."""
+of a motion at 1 rad/s. Smaller ones are evaluated as this one, with no derivative by w_0. Larger
+hides values of w_0 that slower motions do show."""
 _SCREENED_TWISTS = (0.03, 0.3, 3.0)
 """Twists, rad, up to which a finger sticks, of which the screening family of each finger holds a
 column: 2 and 17 deg about enclose what soft tips show, 172 deg is a finger that never slips.
@@ -33,13 +34,16 @@ the solution, starts that never slip do not see the limit."""
 _LEAST_TWIST = 0.02
 """Turn of a contact frame in the body from which spins relative to the fingers are read too, rad.
 Frames of fingers that do not roll err by up to 0.007 in synthetic recordings; fingers that roll
-turn by 0.6, a re-grasp by 0.3. Readings that cannot be told apart would only cost evidence."""
+turn by 0.6, a re-grasp by 0.3. Readings that cannot be told apart would only cost evidence. Lower
+offers them for noise, far higher withholds them from fingers that roll."""
 _PAUSE = 0.25
 """Step between samples, s, beyond which a twist is forgotten: nobody knows what happened within it,
-and a finger that slips has its torque again after some tenths of a radian."""
+and a finger that slips has its torque again after some tenths of a radian. Longer invents twist
+across pauses, shorter forgets it at every lost message."""
 _LEAST = 1e-6
 """Coefficient, m, and stiffness, N m/rad, that are evaluated at least: at zero their derivatives
-vanish, and a fit would stay there. They make torques of 1e-5 N m at 10 N."""
+vanish, and a fit would stay there. They make torques of 1e-5 N m at 10 N. Larger would hide weak
+torsion, far smaller leave fits where they start."""
 
 
 @register_effect
