@@ -1,0 +1,86 @@
+"""Time-stamped measurements of links that are pushed or pulled on a support.
+
+Support frame S: origin and axes of `/support/pose` (default: the world), z the normal of the
+support, upwards. Planar poses are (x, y, yaw) of a link's frame in S; yaw is continuous (unwrapped).
+Contact forces are those that the pusher applies **on the object**.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def _gravity() -> Array:
+    return np.array([0.0, 0.0, -9.81])
+
+
+@dataclass(frozen=True)
+class LinkStream:
+    """Planar pose of one link and its outline on the support.
+
+    Attributes:
+        time: (N,) s, strictly increasing; may have gaps, or only samples before and after a push.
+        pose: (N, 3) x, y in m, yaw in rad, frame S.
+        pose_std: (3,) m, m, rad of white noise, or None if not stated.
+        footprint: (V, 2) m, vertices of the outline in the link's frame, counter-clockwise.
+    """
+
+    time: Array
+    pose: Array
+    pose_std: Array | None
+    footprint: Array
+
+
+@dataclass(frozen=True)
+class PushContact:
+    """Force of a tip or a pad, and where it acts.
+
+    Attributes:
+        name: such as "pusher", "pad_left".
+        time: (M,) s of the force, strictly increasing; silent or zero where untouched.
+        force: (M, 3) N on the object, axes of S.
+        force_std: (3,) N of white noise along axes of S, or None if not stated.
+        pose_time: (K,) s, strictly increasing, of point and normal.
+        point: (K, 3) m, in S; its z is the height of the push above the support.
+        normal: (K, 3) unit vectors into the object, axes of S.
+        point_std: m of white noise per axis, or None if not stated.
+        torque: (M, 3) N m about the point, axes of S, or None for a contact that carries none.
+        link: index of the link that it touches, or None if not known (the nearest outline).
+    """
+
+    name: str
+    time: Array
+    force: Array
+    force_std: Array | None
+    pose_time: Array
+    point: Array
+    normal: Array
+    point_std: float | None = None
+    torque: Array | None = None
+    link: int | None = None
+
+
+@dataclass(frozen=True)
+class PushedStreams:
+    """All that was measured of one object on a support.
+
+    Attributes:
+        links: link_1, then link_2 where there are two.
+        contacts: by name.
+        gravity: (3,) m/s^2, axes of S; horizontal components where the support leans.
+        com_height: m, height of the centre of mass of each link above the support, or None.
+        com_height_std: m, of each.
+        session_starts: s, when each of several recordings begins that are joined; empty for one.
+    """
+
+    links: tuple[LinkStream, ...]
+    contacts: dict[str, PushContact]
+    gravity: Array = field(default_factory=_gravity)
+    com_height: tuple[float, ...] | None = None
+    com_height_std: tuple[float, ...] | None = None
+    session_starts: tuple[float, ...] = ()
