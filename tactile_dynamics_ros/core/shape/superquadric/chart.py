@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.rigid_body.rotation import cross, exp_so3
+from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
+from tactile_dynamics_ros.core.shape.superquadric.gauge import (
+    NARROWEST,
+    TINY,
+    LogGauge,
+    Parameters,
+)
 from tactile_dynamics_ros.core.shape.superquadric.superquadric import EXPONENT_RANGE, Superquadric
 
 Array = NDArray[np.float64]
@@ -22,6 +30,64 @@ _LARGEST_TURN = 0.3
 TAPER_RANGE = np.array([[-1.0, 1.0], [-0.9, 1.5]])
 """Range of k1 and k2: a triangle has k1 = +-1, a hexagon k2 = -0.5, a butterfly k2 = 1. Source:
 paper B, which has k2 from 0 to 1; hexagons need less, and steep butterflies more."""
+
+
+@dataclass(frozen=True)
+class Placed:
+    """Superquadrics with any leading shape (...), each at its pose.
+
+    Attributes:
+        shape: axes, exponents and tapers.
+        rotation: (..., 3, 3) of the body frame in the world.
+        origin: (..., 3) of the body frame, m.
+    """
+
+    shape: Parameters
+    rotation: Array
+    origin: Array
+
+    @classmethod
+    def of(cls, shapes: Sequence[Sequence[Superquadric]]) -> Placed:
+        """Stack rows of shapes, equally many in each."""
+        axes = np.array([[shape.semi_axes for shape in row] for row in shapes])
+        exponents = np.array([[shape.exponents for shape in row] for row in shapes])
+        taper = np.array([[shape.taper for shape in row] for row in shapes])
+        pose = np.array([[shape.pose for shape in row] for row in shapes])
+        return cls(Parameters(axes, exponents, taper), pose[..., :3, :3], pose[..., :3, 3])
+
+    def __getitem__(self, index: Any) -> Placed:
+        """Return some of them."""
+        shape = self.shape
+        return Placed(
+            Parameters(shape.semi_axes[index], shape.exponents[index], shape.taper[index]),
+            self.rotation[index],
+            self.origin[index],
+        )
+
+    def where(self, chosen: NDArray[np.bool_], other: Placed) -> Placed:
+        """Return these where `chosen` (...), and others elsewhere."""
+
+        def either(a: Array, b: Array) -> Array:
+            return np.where(chosen.reshape(chosen.shape + (1,) * (a.ndim - chosen.ndim)), a, b)
+
+        mine, its = self.shape, other.shape
+        shape = Parameters(
+            either(mine.semi_axes, its.semi_axes),
+            either(mine.exponents, its.exponents),
+            either(mine.taper, its.taper),
+        )
+        rotation = either(self.rotation, other.rotation)
+        return Placed(shape, rotation, either(self.origin, other.origin))
+
+    def unstacked(self) -> tuple[Superquadric, ...]:
+        """Return the shapes of one row."""
+        found = []
+        for k in range(len(self.origin)):
+            pose = np.eye(4)
+            pose[:3, :3], pose[:3, 3] = self.rotation[k], self.origin[k]
+            one = self.shape
+            found.append(Superquadric(one.semi_axes[k], one.exponents[k], one.taper[k], pose))
+        return tuple(found)
 
 
 @dataclass(frozen=True)
@@ -54,59 +120,99 @@ class Chart:
         pose[2, 3] = self.support + shape.semi_axes[2]
         return replace(shape, pose=pose)
 
-    def linearise(self, shape: Superquadric, points: Array) -> tuple[Array, Array]:
-        """Return the distance to the surface and its Jacobian.
+    def linearise(self, shapes: Placed, points: Array) -> tuple[Array, Array]:
+        """Return distances to surfaces and their Jacobians.
 
         The distance is that along the normal where the ray from the axis meets the surface.
 
         Args:
-            shape: at which it is linearised.
-            points: (N, 3) world, m.
+            shapes: (...) at which it is linearised.
+            points: (..., 3, N) world, m.
 
         Returns:
-            (N,) m, positive outside, and (N, P) by the coordinates.
+            (..., N) m, positive outside, and (..., P, N) by the coordinates.
         """
-        local = shape.to_body(points)
-        foot = shape.project(local)
-        found = shape.differentiate(foot)
-        length = np.maximum(np.linalg.norm(found.point, axis=1, keepdims=True), 1e-9)
-        normal = found.point / length
-        distance = np.einsum("ij,ij->i", local - foot, normal)
-        by_axes = found.axes * shape.semi_axes / length
-        by_shape = [by_axes, found.exponents / length, found.taper / length]
-        world = -normal @ shape.pose[:3, :3].T
-        turn = -cross(foot, normal)
+        shape, turned = shapes.shape, np.swapaxes(shapes.rotation, -1, -2)
+        local = turned @ (points - shapes.origin[..., None])
+        axes = shape.semi_axes[..., None]
+        eta = local[..., 1, :] / axes[..., 1, :]
+        f, _, _ = shape.width(eta)
+        u, w = local[..., 0, :] / (axes[..., 0, :] * f), local[..., 2, :] / axes[..., 2, :]
+        at = LogGauge.of(u, eta, w, shape.exponents)
+        foot = local * np.exp(-at.log)[..., None, :]
+        g, slope, inside = shape.width(foot[..., 1, :] / axes[..., 1, :])
+        foot[..., 0, :] *= g / f
+        by_f = at.by_u / g
+        by_eta = by_f * slope
+        steep = np.empty_like(local)
+        x, y, z = (_apart_from_zero(foot[..., k, :]) for k in range(3))
+        steep[..., 0, :] = at.by_u / x
+        steep[..., 1, :] = at.by_v / y - by_eta / axes[..., 1, :]
+        steep[..., 2, :] = at.by_w / z
+        length = np.maximum(np.sqrt(np.sum(steep**2, axis=-2)), 1e-9)
+        normal = steep / length[..., None, :]
+        distance = np.sum((local - foot) * normal, axis=-2)
+        by_f = by_f * (g > NARROWEST)
+        jacobian = np.empty((*local.shape[:-2], len(self.names), local.shape[-1]))
+        by_y = at.by_v - by_eta * foot[..., 1, :] / axes[..., 1, :]
+        by_shape = (
+            *(-at.by_u, -by_y, -at.by_w, at.by_e1, at.by_e2),
+            *(-by_f * inside, -by_f * inside**2),
+        )
+        for k, row in enumerate(by_shape):
+            np.divide(row, length, out=jacobian[..., k, :])
+        world = -(shapes.rotation @ normal)
         if self.support is None:
-            return distance, np.hstack([*by_shape, world, turn])
-        by_axes[:, 2] += world[:, 2] * shape.semi_axes[2]
-        return distance, np.hstack([*by_shape, world[:, :2], turn[:, 2:]])
+            jacobian[..., 7:10, :] = world
+            jacobian[..., 10:, :] = np.cross(normal, foot, axis=-2)
+            return distance, jacobian
+        jacobian[..., 2, :] += world[..., 2, :] * axes[..., 2, :]
+        jacobian[..., 7:9, :] = world[..., :2, :]
+        jacobian[..., 9, :] = (
+            normal[..., 0, :] * foot[..., 1, :] - normal[..., 1, :] * foot[..., 0, :]
+        )
+        return distance, jacobian
 
-    def held(self, shape: Superquadric, slope: Array) -> NDArray[np.bool_]:
-        """Return which coordinates (P,) stay: at a bound that a cost's slope (P,) pushes at."""
+    def distance(self, shape: Superquadric, points: Array) -> Array:
+        """Return the distances (N,), m, of points (N, 3) of the world that a fit lowers."""
+        return self.linearise(Placed.of([[shape]])[0, 0], points.T)[0]
+
+    def held(self, shapes: Parameters, slope: Array) -> NDArray[np.bool_]:
+        """Return which coordinates (..., P) stay: at a bound that a cost's slope pushes at."""
         low = np.array([EXPONENT_RANGE[0]] * 2 + [*TAPER_RANGE[:, 0]])
         high = np.array([EXPONENT_RANGE[1]] * 2 + [*TAPER_RANGE[:, 1]])
-        here = np.concatenate([shape.exponents, shape.taper])
-        held = np.zeros(len(slope), dtype=bool)
-        held[3:7] = ((here <= low) & (slope[3:7] > 0.0)) | ((here >= high) & (slope[3:7] < 0.0))
-        held[5:7] |= self.plain
+        here = np.concatenate([shapes.exponents, shapes.taper], axis=-1)
+        held = np.zeros(slope.shape, dtype=bool)
+        by = slope[..., 3:7]
+        held[..., 3:7] = ((here <= low) & (by > 0.0)) | ((here >= high) & (by < 0.0))
+        held[..., 5:7] |= self.plain
         return held
 
-    def moved(self, shape: Superquadric, step: Array) -> Superquadric:
-        """Return a shape further by a step (P,), kept within the ranges."""
-        count = len(SHAPE_NAMES)
-        step = step * min(1.0, _LARGEST_STEP / np.max(np.abs(step[:count]), initial=1e-9))
-        axes = shape.semi_axes * np.exp(step[:3])
-        exponents = np.clip(shape.exponents + step[3:5], *EXPONENT_RANGE)
-        taper = np.clip(shape.taper + step[5:7], TAPER_RANGE[:, 0], TAPER_RANGE[:, 1])
-        pose = shape.pose.copy()
-        shift, turn = step[count:], np.zeros(3)
+    def moved(self, shapes: Placed, step: Array) -> Placed:
+        """Return shapes (...) further by steps (..., P), kept within the ranges."""
+        count, old = len(SHAPE_NAMES), shapes.shape
+        step = _shortened(step, step[..., :count], _LARGEST_STEP)
+        axes = old.semi_axes * np.exp(step[..., :3])
+        exponents = np.clip(old.exponents + step[..., 3:5], *EXPONENT_RANGE)
+        taper = np.clip(old.taper + step[..., 5:7], TAPER_RANGE[:, 0], TAPER_RANGE[:, 1])
+        origin, turn = shapes.origin.copy(), np.zeros_like(shapes.origin)
         if self.support is None:
-            pose[:3, 3] += shift[:3]
-            turn = shift[3:]
+            origin += step[..., count : count + 3]
+            turn = step[..., count + 3 :]
         else:
-            pose[:2, 3] += shift[:2]
-            turn[2] = shift[2]
-            pose[2, 3] = self.support + axes[2]
-        turn *= min(1.0, _LARGEST_TURN / max(float(np.abs(turn).max()), 1e-9))
-        pose[:3, :3] = pose[:3, :3] @ exp_so3(turn)
-        return Superquadric(axes, exponents, taper, pose)
+            origin[..., :2] += step[..., count : count + 2]
+            origin[..., 2] = self.support + axes[..., 2]
+            turn[..., 2] = step[..., count + 2]
+        turn = _shortened(turn, turn, _LARGEST_TURN)
+        rotation = shapes.rotation @ exp_so3(turn)
+        return Placed(Parameters(axes, exponents, taper), rotation, origin)
+
+
+def _shortened(step: Array, measured: Array, most: float) -> Array:
+    """Return steps (..., P) scaled down where the largest of what is measured exceeds `most`."""
+    largest = np.max(np.abs(measured), axis=-1, keepdims=True)
+    return np.asarray(step * np.minimum(1.0, most / np.maximum(largest, 1e-9)))
+
+
+def _apart_from_zero(values: Array) -> Array:
+    return np.where(np.abs(values) < TINY, TINY, values)

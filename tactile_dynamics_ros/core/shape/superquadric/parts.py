@@ -11,7 +11,8 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, cKDTree
 
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.shape.superquadric.mixture import Mixture, maximise
+from tactile_dynamics_ros.core.shape.superquadric.ascent import maximise, maximise_all
+from tactile_dynamics_ros.core.shape.superquadric.mixture import Mixture
 from tactile_dynamics_ros.core.shape.superquadric.recovery import (
     LEAST_POINTS,
     Recovery,
@@ -20,7 +21,7 @@ from tactile_dynamics_ros.core.shape.superquadric.recovery import (
     finished,
     recover,
     simplified,
-    sketches,
+    sketches_of_all,
     spread_choice,
 )
 
@@ -52,6 +53,9 @@ _FEWEST_CELLS = 40
 """Cells of the raster of an outline below which it shows no dent: six by seven."""
 _STEP = 0.2
 """Range of the tops of columns, as a share of the height, from which an object has a step."""
+_COLUMN = 16
+"""Points nearest in plan that make a column: their 90 % quantile is its top, whatever one stray
+above it. Fewer follow strays, more blur a step."""
 _HALVED = 0.7
 """Misfit with another part, over that before, from which the part is not worth having."""
 _STRAY_SHARE = 0.04
@@ -144,10 +148,12 @@ def find_parts(points: Array, support: float | None, scale: Array) -> TableObjec
         if more is None or not _is_better(more, mixture, points, floor):
             break
         mixture = more
-    mixture = _merged(mixture, points, support, floor)
+    if len(mixture.shapes) > 1:
+        if len(mixture.shapes) > 2:
+            mixture = _merged(mixture, points, support, floor)
+        mixture = simplified(closer(mixture, points), points)
     points = every
-    mixture = replace(mixture, scale=all_scale)
-    mixture = simplified(closer(mixture, points), points)
+    mixture = maximise(replace(mixture, scale=all_scale), points, _STEPS)
     order = np.argsort(-mixture.shares)
     member = mixture.memberships(points)
     return TableObject(
@@ -270,15 +276,11 @@ def _step(points: Array) -> float:
 
 def _with_another(mixture: Mixture, points: Array, floor: float) -> Mixture | None:
     """Return the best fit with one part more, or None if there is none."""
-    drafts = [
-        draft
-        for division in _divisions(mixture, points)
-        for draft in [_drafted(mixture, points, division, floor)]
-        if draft is not None
-    ]
-    drafts.sort(key=lambda draft: draft.cost(points))
-    ends = [maximise(draft, points, _STEPS) for draft in drafts[:_BEST]]
-    return min(ends, key=lambda found: found.cost(points), default=None)
+    drafts = _drafted(mixture, points, _divisions(mixture, points), floor)[:_BEST]
+    if not drafts:
+        return None
+    ends = maximise_all(drafts, points[None], _STEPS)
+    return min(ends, key=lambda found: found.cost(points))
 
 
 def _divisions(
@@ -315,9 +317,8 @@ def _clusters_of(points: Array, chosen: NDArray[np.bool_]) -> list[NDArray[np.bo
 
 def _tops(points: Array) -> Array:
     """Height (N,) of the highest point in the column of each point."""
-    size = float(np.ptp(points[:, :2], axis=0).max())
-    near = cKDTree(points[:, :2]).query_ball_point(points[:, :2], 0.04 * size)
-    return np.array([np.quantile(points[index, 2], 0.9) for index in near])
+    near = cKDTree(points[:, :2]).query(points[:, :2], min(_COLUMN, len(points)))[1]
+    return np.asarray(np.quantile(points[near, 2], 0.9, axis=1))
 
 
 def _cuts(values: Array) -> list[float]:
@@ -329,21 +330,26 @@ def _cuts(values: Array) -> list[float]:
 def _drafted(
     mixture: Mixture,
     points: Array,
-    division: tuple[NDArray[np.bool_], NDArray[np.bool_]],
+    divisions: list[tuple[NDArray[np.bool_], NDArray[np.bool_]]],
     floor: float,
-) -> Mixture | None:
-    """Sketch both sides of a division, beside the parts that are not divided."""
-    if min(int(side.sum()) for side in division) < LEAST_POINTS:
-        return None
+) -> list[Mixture]:
+    """Sketch both sides of divisions beside the parts that are not divided, the best first."""
+    divisions = [d for d in divisions if min(int(side.sum()) for side in d) >= LEAST_POINTS]
+    if not divisions:
+        return []
     member = mixture.memberships(points)
-    divided = int(np.argmax(member[division[0] | division[1]].sum(axis=0)[:-1]))
-    kept = [shape for k, shape in enumerate(mixture.shapes) if k != divided]
     chart = replace(mixture.chart, plain=False)
-    sides = [
-        sketches(points[side], chart, mixture.scale[side], floor, _SKETCHED)[0] for side in division
-    ]
-    shapes = (*kept, *(side.shapes[0] for side in sides))
-    return Mixture.around(shapes, points, mixture.scale, chart, max(side.noise for side in sides))
+    sets = [(points[side], mixture.scale[side]) for division in divisions for side in division]
+    sides = [found[0] for found in sketches_of_all(sets, chart, floor, _SKETCHED)]
+    drafts = []
+    for n, (one, other) in enumerate(divisions):
+        divided = int(np.argmax(member[one | other].sum(axis=0)[:-1]))
+        kept = [shape for k, shape in enumerate(mixture.shapes) if k != divided]
+        pair = sides[2 * n : 2 * n + 2]
+        shapes = (*kept, *(side.shapes[0] for side in pair))
+        noise = max(side.noise for side in pair)
+        drafts.append(Mixture.around(shapes, points, mixture.scale, chart, noise))
+    return sorted(drafts, key=lambda draft: draft.cost(points))
 
 
 def _merged(mixture: Mixture, points: Array, support: float | None, floor: float) -> Mixture:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 
@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
+from tactile_dynamics_ros.core.shape.superquadric.ascent import maximise, maximise_all
 from tactile_dynamics_ros.core.shape.superquadric.chart import Chart
-from tactile_dynamics_ros.core.shape.superquadric.mixture import Mixture, maximise
+from tactile_dynamics_ros.core.shape.superquadric.mixture import Mixture
 from tactile_dynamics_ros.core.shape.superquadric.superquadric import Superquadric
 
 Array = NDArray[np.float64]
@@ -22,6 +23,11 @@ LEAST_POINTS = 30
 _FEW = 300
 """Points that starts are compared on: their optima are then found to some tenths of the noise. All
 points would cost in proportion, fewer confuse similar starts."""
+_SOME = 800
+"""Points on which the best starts are followed to their end and compared; all points only polish
+the best, which takes few steps. Fewer let similar starts change places."""
+_SKETCHED_TO = 1e-4
+"""Move of a surface over the cloud's size at which a sketch ends: 10 um of 10 cm."""
 _TURNS = np.deg2rad(np.arange(0.0, 90.0, 5.0))
 """Turns about the vertical at which the bounding rectangle is measured. Between two of them the
 rectangle of a long box is wider by a twentieth of its length, which fits find."""
@@ -40,15 +46,18 @@ _ROUNDED = 7e-4
 """Standard deviation of ln a_x, ln a_y and ln a_z beside that by noise: even the least exponents
 round edges that are sharp, which costs axes 0.02 to 0.07 mm of 3 to 7 cm (ten boxes, ellipses and
 cylinders among the planar objects up to 19). Without it, intervals of many points are too small."""
-_SHORT, _LONG = 12, 60
-"""Steps of starts on few points, and of the best ones on all. Fits end earlier where they
-settle."""
+_SHORT, _LONG, _POLISH = 12, 40, 40
+"""Steps at most of starts on few points, of the best ones on some, and of the end on all. Fits end
+earlier where they settle, most after 10 to 20 steps."""
+_NEARLY = 1e-5
+"""Move of a surface over the cloud's size at which a fit to some of the points ends: 1 um of 10 cm;
+what is decided by its likelihood does not hang on that."""
 _BEST = 2
 """Starts that are followed to their end: the best may be beaten by the second on all points."""
-_TAPER_PRICE = 15.0
-"""Log likelihood that tapers must gain to be believed: two parameters at ln N each, for points
-whose errors go together. Lower, cylinders come out as waisted boxes that fit as well; higher, blunt
-wedges come out straight."""
+_TAPER_PRICE = 0.0075
+"""Log likelihood per point that tapers must gain to be believed: 15 of 2000 points, two parameters
+at ln N each, for points whose errors go together. Lower, cylinders come out as waisted boxes that
+fit as well; higher, blunt wedges come out straight."""
 _SECTIONS = (0.3, 1.0)
 """Exponents e2 of starts: a box and a cylinder; a diamond is a box turned by 45 deg."""
 _TAPERED = ((0.3, 0.5, 0.0), (0.3, -0.5, 0.0), (0.1, 0.0, -0.5))
@@ -108,11 +117,14 @@ def recover(
     scale = np.ones(len(points)) if scale is None else scale
     chart = Chart(support)
     granted = max(least, _GRANTED * float(np.ptp(points, axis=0).max()))
-    starts = sketches(points, chart, scale, granted)
-    whole = [replace(start, scale=scale) for start in starts[:_BEST]]
-    ends = [maximise(start, points, _LONG, least=granted) for start in whole]
-    best = min(ends, key=lambda mixture: mixture.cost(points))
-    return finished(simplified(closer(best, points, least), points, least), points)
+    starts = sketches(points, chart, scale, granted)[:_BEST]
+    chosen = spread_choice(points, _SOME)
+    some = points[chosen]
+    within = [replace(start, scale=scale[chosen]) for start in starts]
+    ends = maximise_all(within, some[None], _LONG, _NEARLY)
+    best = min(ends, key=lambda mixture: mixture.cost(some))
+    fine = replace(closer(best, some, least), scale=scale)
+    return finished(simplified(maximise(fine, points, _POLISH, _NEARLY), points), points)
 
 
 def closer(mixture: Mixture, points: Array, least: float = 0.0) -> Mixture:
@@ -122,8 +134,9 @@ def closer(mixture: Mixture, points: Array, least: float = 0.0) -> Mixture:
     its sides and calls the others strays; a compromise between all of them is kept instead.
     """
     size = float(np.ptp(points, axis=0).max())
-    coarse = maximise(mixture, points, _LONG, least=max(least, _GRANTED * size))
-    fine = maximise(coarse, points, _LONG, least=least)
+    granted = replace(mixture, least=max(least, _GRANTED * size))
+    coarse = maximise(granted, points, _LONG, _NEARLY)
+    fine = maximise(replace(coarse, least=least), points, _LONG, _NEARLY)
     strays = [float(m.memberships(points)[:, -1].mean()) for m in (fine, coarse)]
     return fine if strays[0] < strays[1] + _GIVEN_UP else coarse
 
@@ -140,27 +153,43 @@ def sketches(
         least: standard deviation of points below which none is believed, m.
         most: starts that are tried; all by default.
     """
-    few = spread_choice(points, _FEW)
-    chosen, noise = points[few], _FIRST_NOISE * float(np.ptp(points, axis=0).max())
-    found = [
-        maximise(
-            Mixture.around([chart.settled(start)], chosen, scale[few], chart, noise),
-            chosen,
-            _SHORT,
-            least=least,
-        )
-        for start in islice(starts_around(chosen, chart.support), most)
-    ]
-    return sorted(found, key=lambda mixture: mixture.cost(chosen))
+    return sketches_of_all([(points, scale)], chart, least, most)[0]
 
 
-def simplified(mixture: Mixture, points: Array, least: float = 0.0) -> Mixture:
+def sketches_of_all(
+    sets: Sequence[tuple[Array, Array]], chart: Chart, least: float, most: int | None = None
+) -> list[list[Mixture]]:
+    """Return `sketches` of several sets of points, each with its scale of the noise, at once."""
+    chosen = [spread_choice(points, _FEW) for points, _ in sets]
+    width = max(len(few) for few in chosen)
+    starts: list[Mixture] = []
+    rows: list[int] = []
+    clouds, weights = np.zeros((len(sets), width, 3)), np.zeros((len(sets), width))
+    for row, ((points, scale), few) in enumerate(zip(sets, chosen, strict=True)):
+        cloud = points[few]
+        padded = np.ones(width)
+        padded[: len(few)] = scale[few]
+        clouds[row], weights[row, : len(few)] = cloud[0], 1.0
+        clouds[row, : len(few)] = cloud
+        noise = _FIRST_NOISE * float(np.ptp(points, axis=0).max())
+        for start in islice(starts_around(cloud, chart.support), most):
+            starts.append(
+                Mixture.around([chart.settled(start)], cloud, padded, chart, noise, least)
+            )
+            rows.append(row)
+    ends = maximise_all(starts, clouds[rows], _SHORT, tolerance=_SKETCHED_TO, weights=weights[rows])
+    costs = [end.cost(clouds[row], weights[row]) for end, row in zip(ends, rows, strict=True)]
+    order = np.argsort(costs, kind="stable")
+    return [[ends[k] for k in order if rows[k] == row] for row in range(len(sets))]
+
+
+def simplified(mixture: Mixture, points: Array) -> Mixture:
     """Return a fit without tapers if points hardly speak for them."""
     straight = tuple(replace(shape, taper=np.zeros(2)) for shape in mixture.shapes)
     chart = replace(mixture.chart, plain=True)
-    plain = maximise(replace(mixture, shapes=straight, chart=chart), points, _LONG, least=least)
+    plain = maximise(replace(mixture, shapes=straight, chart=chart), points, _LONG)
     gain = plain.cost(points) - mixture.cost(points)
-    return plain if gain < _TAPER_PRICE * len(mixture.shapes) else mixture
+    return plain if gain < _TAPER_PRICE * len(points) * len(mixture.shapes) else mixture
 
 
 def finished(mixture: Mixture, points: Array, part: int = 0) -> Recovery:

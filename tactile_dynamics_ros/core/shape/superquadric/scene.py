@@ -204,6 +204,6 @@ def share_inside(found: TableObject) -> float:
     """Return the share of points that lie deep inside of a part, not on any surface."""
     deep = np.zeros(len(found.points), dtype=bool)
     for part in found.parts:
-        distance = part.mixture.chart.linearise(part.shape, found.points)[0]
+        distance = part.mixture.chart.distance(part.shape, found.points)
         deep |= distance < -5.0 * part.mixture.noise
     return float(deep.mean())
