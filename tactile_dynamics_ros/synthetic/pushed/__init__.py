@@ -1,0 +1,20 @@
+"""Recordings of pushed and pulled objects, with hidden physical effects."""
+
+from tactile_dynamics_ros.synthetic.pushed.actions import ActionOptions
+from tactile_dynamics_ros.synthetic.pushed.effects import CATALOGUE, OUTSIDE
+from tactile_dynamics_ros.synthetic.pushed.recordings import (
+    PushedRecording,
+    PushOptions,
+    generate,
+)
+from tactile_dynamics_ros.synthetic.pushed.sensors import SensorOptions
+
+__all__ = [
+    "CATALOGUE",
+    "OUTSIDE",
+    "ActionOptions",
+    "PushOptions",
+    "PushedRecording",
+    "SensorOptions",
+    "generate",
+]

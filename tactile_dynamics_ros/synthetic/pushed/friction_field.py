@@ -1,0 +1,62 @@
+"""A table whose friction varies from place to place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+_TILE = 0.64
+"""Side of the square after which the pattern repeats, m: pushes of one recording cover less."""
+_CELLS = 64
+_LENGTH = 0.025
+"""Distance over which friction stays alike, m (std of the smoothing): about a quarter of an object,
+so that neither all feet feel the same nor all differences average out."""
+
+
+@dataclass(frozen=True)
+class FrictionField:
+    """Relative friction over the table.
+
+    Attributes:
+        cells: (C, C) relative change on a periodic grid.
+        gradient: (2,) relative change per m.
+    """
+
+    cells: np.ndarray
+    gradient: np.ndarray
+
+    @classmethod
+    def even(cls) -> FrictionField:
+        """Return a table that is the same everywhere."""
+        return cls(np.zeros((_CELLS, _CELLS)), np.zeros(2))
+
+    @classmethod
+    def draw(cls, rng: np.random.Generator, size: float) -> FrictionField:
+        """Draw a smooth Gaussian field with the given relative std."""
+        frequency = np.fft.fftfreq(_CELLS, d=_TILE / _CELLS)
+        squared = frequency[:, None] ** 2 + frequency[None, :] ** 2
+        smooth = np.exp(-2.0 * (np.pi * _LENGTH) ** 2 * squared)
+        field = np.fft.ifft2(np.fft.fft2(rng.normal(size=(_CELLS, _CELLS))) * smooth).real
+        field = (field - field.mean()) / field.std()
+        return cls(size * field, np.zeros(2))
+
+
+def friction_factor(cells: np.ndarray, gradient: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """Return the relative friction (B, P) at places on several tables, never below a tenth.
+
+    Args:
+        cells: (B, C, C).
+        gradient: (B, 2) per m.
+        place: (B, P, 2) m.
+    """
+    scaled = np.mod(place * (_CELLS / _TILE), _CELLS)
+    corner = scaled.astype(int) % _CELLS
+    after = (corner + 1) % _CELLS
+    a, b = np.moveaxis(scaled - np.floor(scaled), -1, 0)
+    table = np.arange(len(cells))[:, None]
+    (i, j), (k, m) = np.moveaxis(corner, -1, 0), np.moveaxis(after, -1, 0)
+    low = (1.0 - b) * cells[table, i, j] + b * cells[table, i, m]
+    high = (1.0 - b) * cells[table, k, j] + b * cells[table, k, m]
+    value = 1.0 + (1.0 - a) * low + a * high + np.einsum("bpk,bk->bp", place, gradient)
+    return np.maximum(value, 0.1)
