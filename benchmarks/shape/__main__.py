@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from benchmarks.shape.real import CLOUDS, real_clouds
 from benchmarks.shape.trial import Trial, run_trial
 
 STRATEGIES = ("active", "uniform", "random")
@@ -22,12 +23,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--objects", nargs=2, type=int, default=[1, 120], metavar=("A", "B"))
     parser.add_argument("--step", type=int, default=1, help="every STEP-th object")
     parser.add_argument("--views", type=int, default=0, metavar="N", help="compare strategies on N")
+    parser.add_argument("--only", choices=("real",), help="only the real clouds")
     parser.add_argument("--quick", action="store_true", help="three objects")
     parser.add_argument("--json", action="store_true", help="print only JSON on stdout")
     options = parser.parse_args(arguments)
     numbers = list(range(options.objects[0], options.objects[1] + 1, options.step))
     if options.quick:
         numbers = [121, 133, 145]
+    if options.only == "real":
+        return show_real(options.json)
     trials = []
     for number in numbers:
         trials.append(run_trial(number))
@@ -35,9 +39,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(describe(trials[-1]), flush=True)
     found = {"objects": summarise(trials), "trials": [vars(trial) for trial in trials]}
     if options.views:
-        found["views"] = compare_strategies(numbers[:: max(len(numbers) // options.views, 1)])
+        places = np.linspace(0, len(numbers) - 1, min(options.views, len(numbers)))
+        found["views"] = compare_strategies([numbers[k] for k in places.round().astype(int)])
     print(json.dumps(found if options.json else {**found, "trials": len(trials)}))
     return int(any(trial.failure for trial in trials))
+
+
+def show_real(as_json: bool) -> int:
+    """Print what real clouds come to; 1 if they are not here."""
+    found = real_clouds()
+    if as_json:
+        print(json.dumps(found))
+    elif not found:
+        print(f"no clouds in {CLOUDS}")
+    else:
+        for name, one in found.items():
+            size = " x ".join(f"{1e3 * value:.1f}" for value in one["extents_m"])
+            changes = ", ".join(
+                f"{how} {'other parts' if change is None else f'{change:.1e}'}"
+                for how, change in one["changes"].items()
+            )
+            print(f"{name}: {one['parts']} parts, {size} mm, {one['seconds']:.2f} s; {changes}")
+    return int(not found)
 
 
 def describe(trial: Trial) -> str:

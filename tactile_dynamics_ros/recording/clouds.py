@@ -29,10 +29,14 @@ class Cloud:
 
     Attributes:
         points: (N, 3) world, z up, m.
+        look: (N,) number of the file that each is from, from 0.
+        depth: (N,) m along the axis of the camera; None where a file does not tell it.
         remarks: what was presumed in reading them.
     """
 
     points: Array
+    look: NDArray[np.intp]
+    depth: Array | None = None
     remarks: tuple[str, ...] = ()
 
 
@@ -47,8 +51,13 @@ def read_clouds(paths: Sequence[Path], unit: str | None = None) -> Cloud:
     Raises:
         BadInputError: a file cannot be read, names the file and what was expected.
     """
-    points = np.concatenate([_read(path) for path in paths])
-    points = points[np.isfinite(points).all(axis=1)]
+    read = [_read(path) for path in paths]
+    points = np.concatenate([points for points, _ in read])
+    look = np.repeat(np.arange(len(read)), [len(points) for points, _ in read])
+    depths = [depth for _, depth in read if depth is not None]
+    depth = np.concatenate(depths) if len(depths) == len(read) else None
+    finite = np.isfinite(points).all(axis=1)
+    points, look = points[finite], look[finite]
     if len(points) == 0:
         raise BadInputError(f"{paths[0]}: no finite points")
     remarks = []
@@ -57,10 +66,13 @@ def read_clouds(paths: Sequence[Path], unit: str | None = None) -> Cloud:
         unit = "mm" if extent > _LARGEST else "m"
         if unit == "mm":
             remarks.append(f"read as mm, since the points reach over {extent:.4g}; --unit says so")
-    return Cloud(points * UNITS[unit], tuple(remarks))
+    if depth is not None:
+        depth = depth[finite] * UNITS[unit]
+    return Cloud(points * UNITS[unit], look, depth, tuple(remarks))
 
 
-def _read(path: Path) -> Array:
+def _read(path: Path) -> tuple[Array, Array | None]:
+    """Return points (N, 3), and their depths (N,) where the file has an image of them."""
     if not path.is_file():
         raise BadInputError(f"{path}: no such file; expected PLY, PCD, text or npz")
     suffix = path.suffix.lower()
@@ -70,10 +82,11 @@ def _read(path: Path) -> Array:
         if suffix == ".pcd":
             from pypcd4 import PointCloud
 
-            return np.asarray(PointCloud.from_path(path).numpy(("x", "y", "z")), dtype=float)
+            points = PointCloud.from_path(path).numpy(("x", "y", "z"))
+            return np.asarray(points, dtype=float), None
         if suffix in MESH_SUFFIXES:
-            return np.asarray(trimesh.load(path, process=False).vertices, dtype=float)
-        return _from_text(path)
+            return np.asarray(trimesh.load(path, process=False).vertices, dtype=float), None
+        return _from_text(path), None
     except BadInputError:
         raise
     except Exception as error:
@@ -105,10 +118,10 @@ def _from_text(path: Path) -> Array:
     return np.array(rows)
 
 
-def _from_arrays(path: Path) -> Array:
+def _from_arrays(path: Path) -> tuple[Array, Array | None]:
     with np.load(path, allow_pickle=False) as arrays:
         if "points" in arrays:
-            return np.asarray(arrays["points"], dtype=float).reshape(-1, 3)
+            return np.asarray(arrays["points"], dtype=float).reshape(-1, 3), None
         if "depth" not in arrays or "intrinsics" not in arrays:
             raise BadInputError(
                 f"{path}: has {', '.join(arrays) or 'nothing'}; expected points, or depth and "
@@ -127,4 +140,4 @@ def _from_arrays(path: Path) -> Array:
     )
     valid = np.isfinite(depth) & (depth > 0.0)
     local = rays[valid] * depth[valid][:, None]
-    return np.asarray(local @ pose[:3, :3].T + pose[:3, 3])
+    return np.asarray(local @ pose[:3, :3].T + pose[:3, 3]), depth[valid]

@@ -8,6 +8,8 @@ import pytest
 import trimesh
 
 from tactile_dynamics_ros.cli.main import main
+from tactile_dynamics_ros.core.shape.superquadric.registration import registered
+from tactile_dynamics_ros.core.shape.superquadric.scene import read_scene
 
 KRYLON = Path(__file__).resolve().parents[3] / "shared/data/clouds_tabletop/gpd_krylon.pcd"
 
@@ -80,6 +82,43 @@ def test_a_depth_image_with_its_camera(capsys, tmp_path):
         np.sort(said["parts"][0]["semi_axes_m"]), [0.02, 0.03, 0.05], atol=2e-3
     )
     assert said["next_view"] is not None
+
+
+def test_noise_that_grows_with_depth_is_weighed(capsys, tmp_path, box_on_table):
+    rng = np.random.default_rng(2)
+    box = box_on_table[box_on_table[:, 2] > 0.304]
+    far = box + 0.004 * rng.normal(size=box.shape)  # as of a camera at twice the distance
+    both, depth = np.concatenate([box, far]), np.repeat([0.5, 1.1], len(box))
+    told = read_scene(both, 0.3, depth=depth).objects[0].parts[0]
+    untold = read_scene(both, 0.3).objects[0].parts[0]
+    scale = told.mixture.noise * np.unique(told.mixture.scale)
+    assert scale[1] / scale[0] == pytest.approx((1.1 / 0.5) ** 2)
+    assert scale[0] == pytest.approx(0.0009, rel=0.25)
+    off = [
+        np.abs(np.sort(part.shape.semi_axes) - [0.02, 0.03, 0.05]).max() for part in (told, untold)
+    ]
+    assert off[0] < 0.6 * off[1]
+
+
+def test_looks_whose_camera_was_off_are_aligned(capsys, tmp_path, box_on_table):
+    left = box_on_table[box_on_table[:, 0] < 0.53]
+    right = box_on_table[box_on_table[:, 0] > 0.47]
+    turn = np.deg2rad(0.5)
+    motion = np.array(
+        [[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]]
+    )
+    off = (right - [0.5, 0, 0.3]) @ motion.T + [0.503, 0.002, 0.302]
+    above = right[:, 2] > 0.304
+    first, second = registered([left[left[:, 2] > 0.304], off[above]])
+    np.testing.assert_array_equal(first, left[left[:, 2] > 0.304])
+    assert np.sqrt(np.mean((off - right)[above] ** 2)) > 0.002
+    assert np.sqrt(np.mean((second - right[above]) ** 2)) < 5e-4
+    paths = [write(left, tmp_path / "a.npz"), write(off, tmp_path / "b.npz")]
+    np.testing.assert_allclose(
+        np.sort(ask(capsys, *paths)["parts"][0]["semi_axes_m"]), [0.02, 0.03, 0.05], atol=1e-3
+    )
+    far = right[above] + [0.3, 0.0, 0.0]  # nothing in common: left where it is
+    np.testing.assert_array_equal(registered([first, far])[1], far)
 
 
 @pytest.mark.parametrize(

@@ -19,6 +19,7 @@ from tactile_dynamics_ros.core.shape.superquadric.recovery import (
     check_points,
     even_choice,
 )
+from tactile_dynamics_ros.core.shape.superquadric.registration import registered
 from tactile_dynamics_ros.core.shape.superquadric.superquadric import Superquadric
 from tactile_dynamics_ros.core.shape.superquadric.views import SurfaceEntropy, View, ViewConfig
 
@@ -72,7 +73,11 @@ class Scene:
 
 
 def read_scene(
-    points: Array, support: float | str | None = "auto", config: ViewConfig | None = None
+    points: Array,
+    support: float | str | None = "auto",
+    config: ViewConfig | None = None,
+    depth: Array | None = None,
+    look: NDArray[np.intp] | None = None,
 ) -> Scene:
     """Find what stands on a table.
 
@@ -80,18 +85,28 @@ def read_scene(
         points: (N, 3) world, z up, m.
         support: height of the table, m; "auto" takes it from the points, None knows nothing of it.
         config: of the next view.
+        depth: (N,) m, of the points along the axis of the camera that saw them; their noise then
+            grows with its square, as that of stereo does. None where it is not known.
+        look: (N,) number of the look that each point is from; looks are aligned to each other. None
+            where the camera's poses are exact.
 
     Raises:
         BadInputError: there is no object.
     """
     remarks: list[str] = []
     check_points(points)
+    scale = np.ones(len(points)) if depth is None else (depth / np.median(depth)) ** 2
     if support is not None:
-        points, support = without_table(points, None if support == "auto" else float(support))
+        above, support = above_table(points, None if support == "auto" else float(support))
+        points, scale = points[above], scale[above]
+        look = None if look is None else look[above]
+    if look is not None:
+        points = _aligned(points, look)
     if len(points) > _MANY:
-        points = points[_thinned(points, _MANY)]
+        some = _thinned(points, _MANY)
+        points, scale = points[some], scale[some]
         remarks.append(f"{_MANY} of the points are used")
-    objects = find_objects(points, support)
+    objects = find_objects(points, support, scale)
     entropies = tuple(
         SurfaceEntropy.of_parts([part.shape for part in found.parts], found.points)
         for found in objects
@@ -100,8 +115,18 @@ def read_scene(
     return Scene(tuple(objects), support, entropies, views, tuple(remarks))
 
 
-def without_table(points: Array, support: float | None) -> tuple[Array, float]:
-    """Return the points above the table and its height, m.
+def _aligned(points: Array, look: NDArray[np.intp]) -> Array:
+    """Return points (N, 3) with the looks (N,) aligned."""
+    numbers = np.unique(look)
+    moved = points.copy()
+    clouds = registered([points[look == number] for number in numbers])
+    for number, cloud in zip(numbers, clouds, strict=True):
+        moved[look == number] = cloud
+    return moved
+
+
+def above_table(points: Array, support: float | None) -> tuple[NDArray[np.bool_], float]:
+    """Return which points (N,) are above the table, and its height, m.
 
     A height that is not known is that of the lowest level layer if many points lie in it, else that
     of the foot of the largest cluster.
@@ -109,15 +134,15 @@ def without_table(points: Array, support: float | None) -> tuple[Array, float]:
     thin = points[_thinned(points, _MANY)]
     noise = camera_noise(thin)
     if support is not None:
-        return points[points[:, 2] > support + _LAYER * noise], support
+        return points[:, 2] > support + _LAYER * noise, support
     low = float(np.quantile(points[:, 2], 0.01))
     layer = np.abs(points[:, 2] - low) < 2.0 * _LAYER * noise
     if layer.mean() > _TABLE_SHARE:
         level = float(np.median(points[layer, 2]))
-        return points[points[:, 2] > level + _LAYER * noise], level
+        return points[:, 2] > level + _LAYER * noise, level
     found = clusters(thin)
     body = thin[found[0]] if found else thin
-    return points, float(np.quantile(body[:, 2], 0.01))
+    return np.ones(len(points), dtype=bool), float(np.quantile(body[:, 2], 0.01))
 
 
 def _thinned(points: Array, count: int) -> NDArray[np.intp]:
