@@ -36,8 +36,16 @@ def write_bag(streams: Streams, path: Path, epoch_ns: int = 0) -> Path:
     Raises:
         BadInputError: the path exists already or its parent cannot be written.
     """
+    return write_tables(_tables(streams, epoch_ns), path)
+
+
+def write_tables(tables: list[Table], path: Path) -> Path:
+    """Write serialised topics to a new rosbag2 directory, or a single file that ends in .mcap.
+
+    Raises:
+        BadInputError: the path exists already or its parent cannot be written.
+    """
     refuse_existing(path)
-    tables = _tables(streams, epoch_ns)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         if path.suffix != ".mcap":
@@ -78,7 +86,9 @@ def _tables(streams: Streams, epoch_ns: int) -> list[Table]:
     return tables
 
 
-def _table(topic: str, kind: str, time: Array, epoch_ns: int, frame: str, values: Array) -> Table:
+def encode_table(
+    topic: str, kind: str, time: Array, epoch_ns: int, frame: str, values: Array
+) -> Table:
     """Serialise one topic."""
     stamps = np.rint(time * 1e9).astype(np.int64) + epoch_ns
     return topic, kind, stamps, encode_messages(kind, stamps, frame, values)
@@ -92,7 +102,7 @@ def _pose_table(pose: PoseStream, epoch_ns: int) -> Table:
         covariance = pose.covariance[:, order][:, :, order].reshape(-1, 36)
     values = np.concatenate([_pose_values(pose.position, pose.rotation), covariance], axis=1)
     kind = topics.POSE_WITH_COVARIANCE
-    return _table(topics.OBJECT_POSE, kind, pose.time, epoch_ns, topics.WORLD, values)
+    return encode_table(topics.OBJECT_POSE, kind, pose.time, epoch_ns, topics.WORLD, values)
 
 
 def _pose_values(position: Array, rotation: Array) -> Array:
@@ -109,12 +119,12 @@ def _contact_tables(contact: ContactStream, epoch_ns: int) -> list[Table]:
     where = _pose_values(contact.position, contact.rotation)
     frame = topics.WORLD
     tables = [
-        _table(force, topics.WRENCH_STAMPED, contact.time, epoch_ns, frame, wrench),
-        _table(pose, topics.POSE_STAMPED, contact.pose_time, epoch_ns, frame, where),
+        encode_table(force, topics.WRENCH_STAMPED, contact.time, epoch_ns, frame, wrench),
+        encode_table(pose, topics.POSE_STAMPED, contact.pose_time, epoch_ns, frame, where),
     ]
     if contact.force_std is not None:
         kind = topics.VECTOR_STAMPED
-        tables.append(_table(std, kind, contact.time, epoch_ns, frame, contact.force_std))
+        tables.append(encode_table(std, kind, contact.time, epoch_ns, frame, contact.force_std))
     return tables
 
 
@@ -132,4 +142,4 @@ def _imu_table(imu: ImuStream, epoch_ns: int) -> Table:
         values[:, 13:16] = imu.angular_velocity
     values[:, 25:28] = imu.specific_force
     values[:, [28, 32, 36]] = (imu.specific_force_std or 0.0) ** 2
-    return _table(topics.OBJECT_IMU, topics.IMU, imu.time, epoch_ns, BODY, values)
+    return encode_table(topics.OBJECT_IMU, topics.IMU, imu.time, epoch_ns, BODY, values)

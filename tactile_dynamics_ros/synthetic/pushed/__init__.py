@@ -3,7 +3,7 @@
 from tactile_dynamics_ros.synthetic.pushed.actions import ActionOptions
 from tactile_dynamics_ros.synthetic.pushed.effects import CATALOGUE, OUTSIDE
 from tactile_dynamics_ros.synthetic.pushed.recordings import (
-    PushedRecording,
+    HiddenPush,
     PushOptions,
     generate,
 )
@@ -14,7 +14,7 @@ __all__ = [
     "OUTSIDE",
     "ActionOptions",
     "PushOptions",
-    "PushedRecording",
+    "HiddenPush",
     "SensorOptions",
     "generate",
 ]

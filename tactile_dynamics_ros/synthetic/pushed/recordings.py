@@ -46,7 +46,7 @@ class PushOptions:
 
 
 @dataclass(frozen=True)
-class PushedRecording:
+class HiddenPush:
     """What was recorded, and the truth that the estimation side never sees.
 
     Attributes:
@@ -95,7 +95,7 @@ def generate(
     seeds: Sequence[int],
     effects: Mapping[str, float] | None = None,
     options: PushOptions | None = None,
-) -> list[PushedRecording]:
+) -> list[HiddenPush]:
     """Generate recordings, all at once: many cost hardly more than one.
 
     Args:
@@ -148,7 +148,7 @@ def _recorded(
     found: dict[str, dict[str, Any]],
     motion: Motion,
     options: PushOptions,
-) -> PushedRecording:
+) -> HiddenPush:
     rng = randomness.stream(seed, "noise")
     streams = read_sensors(motion, hidden.scene, hidden.faults or Faults(), options.sensors, rng)
-    return PushedRecording(streams, hidden.scene, found, motion)
+    return HiddenPush(streams, hidden.scene, found, motion)

@@ -1,0 +1,5 @@
+"""Recordings of objects that are pushed or pulled on a support."""
+
+from tactile_dynamics_ros.recording.pushed.recording import PushedRecording, recorded_model
+
+__all__ = ["PushedRecording", "recorded_model"]

@@ -1,0 +1,200 @@
+"""A recording of one pushed object: from a rosbag2 and back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from rosbags.typesys import Stores, get_typestore
+
+from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.planar.streams import LinkStream, PushContact, PushedStreams
+from tactile_dynamics_ros.core.rigid_body.rotation import quaternion_to_matrix
+from tactile_dynamics_ros.core.streams.streams import ContactStream, PoseStream
+from tactile_dynamics_ros.recording import topics
+from tactile_dynamics_ros.recording.assembly import assemble_contact, assemble_pose
+from tactile_dynamics_ros.recording.bag_files import BagTables, read_messages, read_tables
+from tactile_dynamics_ros.recording.cdr import MessageTable
+from tactile_dynamics_ros.recording.cleaning import ProblemLog
+from tactile_dynamics_ros.recording.pushed import names
+from tactile_dynamics_ros.recording.pushed.writer import write_pushed
+
+Array = NDArray[np.float64]
+
+GRAVITY_W = np.array([0.0, 0.0, -9.81])
+
+
+@dataclass(frozen=True)
+class PushedRecording:
+    """Measurements of one object on a support, cleaned, with what had to be cleaned.
+
+    Attributes:
+        streams: poses and footprints of links, contacts; time zero is the object's first pose.
+        source: where the recording comes from, for messages to the user.
+        problems: one line of text per kind of fault met, and how often it was met.
+        epoch_ns: stamp of time zero in nanoseconds.
+    """
+
+    streams: PushedStreams
+    source: str
+    problems: dict[str, int] = field(default_factory=dict)
+    epoch_ns: int = 0
+
+    @classmethod
+    def from_bag(cls, path: str | Path) -> PushedRecording:
+        """Read a rosbag2 recording; links and contacts are discovered from its topics.
+
+        Raises:
+            BadInputError: the files cannot be read, or pose or footprint of a link is missing.
+        """
+        bag = read_tables(Path(path), names.is_needed)
+        topics.check_types(bag.types, str(path))
+        return _Assembly(bag, Path(path)).recording()
+
+    @property
+    def duration(self) -> float:
+        """Seconds from the first to the last pose of the object."""
+        time = self.streams.links[0].time
+        return float(time[-1] - time[0])
+
+    def to_bag(self, path: str | Path) -> Path:
+        """Write a rosbag2 recording that `from_bag` reads.
+
+        Raises:
+            BadInputError: the path exists already or cannot be written.
+        """
+        return write_pushed(self.streams, Path(path), self.epoch_ns)
+
+    def problem_lines(self) -> list[str]:
+        """Return one line per kind of fault by frequency."""
+        ranked = sorted(self.problems.items(), key=lambda item: -item[1])
+        return [f"{text}: {count}" for text, count in ranked]
+
+
+def recorded_model(path: str | Path) -> str:
+    """Return "pushed" for a recording with footprint, support or pusher, else "held".
+
+    Raises:
+        BadInputError: there is no recording at the path.
+    """
+    return "pushed" if names.marks_a_push(read_tables(Path(path), _nothing).types) else "held"
+
+
+def _nothing(topic: str) -> bool:
+    return False
+
+
+class _Assembly:
+    """Builds the streams of one recording from its decoded topics."""
+
+    def __init__(self, bag: BagTables, path: Path) -> None:
+        self._bag, self._path, self._log = bag, path, ProblemLog(bag.problems)
+        self._links = names.links_of(bag.tables)
+        if not self._links:
+            raise BadInputError(
+                f"{path}: {topics.OBJECT_POSE} is missing; record the object's pose"
+            )
+        self._clock = topics.Clock.starting_at(bag.tables[topics.OBJECT_POSE])
+        self._place, self._R_WS = np.zeros(3), np.eye(3)
+        support = bag.tables.get(names.SUPPORT_POSE)
+        if support is not None and len(support):
+            self._place = support.values[-1, :3]
+            self._R_WS = quaternion_to_matrix(support.values[-1:, 3:7])[0]
+
+    def recording(self) -> PushedRecording:
+        """Return the recording with everything on the support."""
+        links = tuple(self._link(k) for k in range(self._links))
+        streams = PushedStreams(links, self._contacts(), self._R_WS.T @ GRAVITY_W)
+        return PushedRecording(streams, str(self._path), dict(self._log), self._clock.epoch_ns)
+
+    def _link(self, k: int) -> LinkStream:
+        topic = names.link_topic(k, "pose")
+        pose = assemble_pose(
+            topics.pose_columns(topic, self._bag.tables[topic], self._clock), self._log
+        )
+        turn = self._R_WS.T @ pose.rotation
+        yaw = np.unwrap(np.arctan2(turn[:, 1, 0], turn[:, 0, 0]))
+        place = (pose.position - self._place) @ self._R_WS
+        planar = np.column_stack([place[:, :2], yaw])
+        return LinkStream(pose.time, planar, _planar_std(pose, self._R_WS), self._footprint(k))
+
+    def _footprint(self, k: int) -> Array:
+        """Return the corners of the last footprint, anticlockwise."""
+        topic = names.link_topic(k, "footprint")
+        if self._bag.types.get(topic) != names.POLYGON_STAMPED:
+            raise BadInputError(
+                f"{self._path}: {topic} is missing; expected a {names.POLYGON_STAMPED} with the "
+                "outline on the support (`tactile-dynamics shape` finds it from point clouds)"
+            )
+        store = get_typestore(Stores.ROS2_JAZZY)
+        data = [raw for _, _, _, raw in read_messages(self._path, topic)][-1]
+        points = store.deserialize_cdr(data, names.POLYGON_STAMPED).polygon.points  # type: ignore
+        corners = np.array([[p.x, p.y] for p in points], dtype=np.float64)
+        if len(corners) < 3 or not np.isfinite(corners).all():
+            raise BadInputError(f"{self._path}: {topic} has {len(corners)} corners; expected three")
+        after = np.roll(corners, -1, axis=0)
+        area = np.sum(corners[:, 0] * after[:, 1] - corners[:, 1] * after[:, 0])
+        return corners if area > 0.0 else corners[::-1]
+
+    def _contacts(self) -> dict[str, PushContact]:
+        found = {}
+        for topic, table in self._bag.tables.items():
+            match = topics.CONTACT_TOPIC.match(topic)
+            if match and match["kind"] == "pose" and len(table):
+                contact = self._contact(match["name"], table)
+                if contact is not None:
+                    found[match["name"]] = contact
+        return dict(sorted(found.items()))
+
+    def _contact(self, name: str, where: MessageTable) -> PushContact | None:
+        force, pose, std = (topics.contact_topic(name, k) for k in ("force", "pose", "force_std"))
+        placed = topics.pose_columns(pose, where, self._clock)
+        variance = where.values[:, 7:].reshape(len(where), -1)[:, :1]
+        point_std = float(np.sqrt(np.median(variance))) if variance.any() else None
+        if not len(self._bag.tables.get(force, ())):
+            path = assemble_pose(placed, self._log)
+            return self._on_support(name, path, point_std, None)
+        stated = self._bag.tables.get(std)
+        stream = assemble_contact(
+            name,
+            topics.wrench_columns(force, self._bag.tables[force], self._clock),
+            placed,
+            None if stated is None else topics.std_columns(std, stated, self._clock),
+            self._log,
+        )
+        if stream is None:
+            return None
+        path = PoseStream(stream.pose_time, stream.position, stream.rotation)
+        return self._on_support(name, path, point_std, stream)
+
+    def _on_support(
+        self, name: str, path: PoseStream, point_std: float | None, stream: ContactStream | None
+    ) -> PushContact:
+        """Return a contact in axes of the support."""
+        none = np.zeros((0, 3))
+        std = None if stream is None else stream.force_std
+        torque = stream.torque if stream is not None and stream.carries_torque else None
+        return PushContact(
+            name=name,
+            time=np.zeros(0) if stream is None else stream.time,
+            force=none if stream is None else stream.force @ self._R_WS,
+            force_std=None if std is None else np.sqrt(np.median(std**2, axis=0)),
+            pose_time=path.time,
+            point=(path.position - self._place) @ self._R_WS,
+            normal=path.rotation[:, :, 2] @ self._R_WS,
+            point_std=point_std,
+            torque=None if torque is None else torque @ self._R_WS,
+        )
+
+
+def _planar_std(pose: PoseStream, R_WS: Array) -> Array | None:
+    """Return stated std of x, y and yaw on the support, or None."""
+    if pose.covariance is None:
+        return None
+    turn, shift = pose.covariance[:, :3, :3], pose.covariance[:, 3:, 3:]
+    variances = np.einsum("ia,nij,ja->na", R_WS, shift, R_WS)[:, :2]
+    about = np.einsum("i,nij,j->n", R_WS[:, 2], turn, R_WS[:, 2])
+    found = np.sqrt(np.median(np.column_stack([variances, about]), axis=0))
+    return np.asarray(found) if np.all(found > 0.0) else None

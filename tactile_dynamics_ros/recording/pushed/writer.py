@@ -1,0 +1,94 @@
+"""Writes streams of a pushed object as a rosbag2 recording in MCAP."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from rosbags.typesys import Stores, get_typestore
+
+from tactile_dynamics_ros.core.planar.streams import LinkStream, PushContact, PushedStreams
+from tactile_dynamics_ros.core.rigid_body.rotation import matrix_to_quaternion
+from tactile_dynamics_ros.recording import topics
+from tactile_dynamics_ros.recording.arrays import frame_of_normal
+from tactile_dynamics_ros.recording.bag_writer import Table, encode_table, write_tables
+from tactile_dynamics_ros.recording.pushed import names
+
+Array = NDArray[np.float64]
+
+
+def write_pushed(streams: PushedStreams, path: Path, epoch_ns: int = 0) -> Path:
+    """Write streams to a new rosbag2 directory, or to a single file that ends in .mcap.
+
+    The world of the messages is upright: its z axis is against gravity.
+
+    Raises:
+        BadInputError: the path exists already or cannot be written.
+    """
+    up = -streams.gravity / np.linalg.norm(streams.gravity)
+    R_WS = frame_of_normal(up[None])[0].T
+    start = min(float(link.time[0]) for link in streams.links)
+    still = np.concatenate([np.zeros((1, 3)), matrix_to_quaternion(R_WS[None])], axis=1)
+    tables = [_encode(names.SUPPORT_POSE, topics.POSE_STAMPED, np.array([start]), still, epoch_ns)]
+    for k, link in enumerate(streams.links):
+        tables += [_link(k, link, R_WS, epoch_ns), _footprint(k, link.footprint, start, epoch_ns)]
+    for contact in streams.contacts.values():
+        tables += _contact(contact, R_WS, epoch_ns)
+    return write_tables(tables, path)
+
+
+def _encode(topic: str, kind: str, time: Array, values: Array, epoch_ns: int) -> Table:
+    return encode_table(topic, kind, time, epoch_ns, topics.WORLD, values)
+
+
+def _link(k: int, link: LinkStream, R_WS: Array, epoch_ns: int) -> Table:
+    x, y, yaw = link.pose.T
+    c, s, zero = np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)
+    turn = np.stack([c, -s, zero, s, c, zero, zero, zero, zero + 1.0], axis=1).reshape(-1, 3, 3)
+    position = np.stack([x, y, zero], axis=1) @ R_WS.T
+    values = np.zeros((len(yaw), 43))
+    values[:, :3], values[:, 3:7] = position, matrix_to_quaternion(R_WS @ turn)
+    if link.pose_std is not None:
+        across, _, about = link.pose_std
+        values[:, 7:] = np.diag(np.repeat([across**2, about**2], 3)).reshape(-1)
+    topic, kind = names.link_topic(k, "pose"), topics.POSE_WITH_COVARIANCE
+    return _encode(topic, kind, link.time, values, epoch_ns)
+
+
+def _footprint(k: int, corners: Array, start: float, epoch_ns: int) -> Table:
+    store = get_typestore(Stores.ROS2_JAZZY)
+    types, stamp = store.types, epoch_ns + round(start * 1e9)
+    points = [types["geometry_msgs/msg/Point32"](x=float(x), y=float(y), z=0.0) for x, y in corners]
+    time = types["builtin_interfaces/msg/Time"](sec=stamp // 10**9, nanosec=stamp % 10**9)
+    message = types[names.POLYGON_STAMPED](
+        header=types["std_msgs/msg/Header"](stamp=time, frame_id=names.link_frame(k)),
+        polygon=types["geometry_msgs/msg/Polygon"](points=points),
+    )
+    data = bytes(store.serialize_cdr(message, names.POLYGON_STAMPED))
+    topic = names.link_topic(k, "footprint")
+    return topic, names.POLYGON_STAMPED, np.array([stamp], dtype=np.int64), [data]
+
+
+def _contact(contact: PushContact, R_WS: Array, epoch_ns: int) -> list[Table]:
+    turn = R_WS @ frame_of_normal(contact.normal)
+    where = np.concatenate([contact.point @ R_WS.T, matrix_to_quaternion(turn)], axis=1)
+    if contact.point_std is None:
+        kind = topics.POSE_STAMPED
+    else:
+        kind = topics.POSE_WITH_COVARIANCE
+        covariance = np.diag([contact.point_std**2] * 3 + [0.0] * 3).reshape(-1)
+        where = np.concatenate([where, np.tile(covariance, (len(where), 1))], axis=1)
+    pose = topics.contact_topic(contact.name, "pose")
+    tables = [_encode(pose, kind, contact.pose_time, where, epoch_ns)]
+    if not len(contact.time):
+        return tables
+    torque = np.zeros_like(contact.force) if contact.torque is None else contact.torque
+    wrench = np.concatenate([contact.force @ R_WS.T, torque @ R_WS.T], axis=1)
+    topic = topics.contact_topic(contact.name, "force")
+    tables.append(_encode(topic, topics.WRENCH_STAMPED, contact.time, wrench, epoch_ns))
+    if contact.force_std is not None:
+        std = np.tile(contact.force_std, (len(contact.time), 1))
+        topic = topics.contact_topic(contact.name, "force_std")
+        tables.append(_encode(topic, topics.VECTOR_STAMPED, contact.time, std, epoch_ns))
+    return tables
