@@ -60,7 +60,7 @@ def parameter_errors(
         said = name if name in found else name.partition("_")[2]
         if said in found and found[said]["std"]:
             errors[said] = (found[said]["value"] - value, found[said]["std"])
-    in_axes = truth["effects"][effect].get("variant") == "contact" or effect == "sensor_rotation"
+    in_axes = truth["effects"][effect].get("reading") == "contact" or effect == "sensor_rotation"
     return errors if axes_told or not in_axes else _length_errors(errors, found)
 
 

@@ -77,7 +77,7 @@ def _record(
 def _describe(effect: HiddenEffect) -> dict[str, Any]:
     return {
         "magnitude": effect.magnitude,
-        "variant": effect.variant,
+        "reading": effect.reading,
         "parameters": {
             name: {"value": np.asarray(quantity.value).tolist(), "unit": quantity.unit}
             for name, quantity in effect.parameters.items()

@@ -75,7 +75,7 @@ def test_readings_that_are_screened_alike_have_the_same_basis(tethered):
     shared = 0
     for name in registered_names():
         seen: dict[str, np.ndarray] = {}
-        for reading in create_effect(name).variants(tethered.samples):
+        for reading in create_effect(name).readings(tethered.samples):
             basis = reading.screening_basis(tethered.samples, tethered.phi)
             known = seen.setdefault(reading.screened_as, basis)
             np.testing.assert_array_equal(basis, known)

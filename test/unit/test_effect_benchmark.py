@@ -225,7 +225,7 @@ def test_quick_benchmark_asks_the_real_command(tmp_path, capsys):
 
 def test_vectors_in_axes_that_nobody_tells_are_compared_by_length():
     bias = {"middle.bias": {"value": [0.03, 0.04, 0.0], "unit": "N"}}
-    truth = {"effects": {"force_bias": {"variant": "contact", "parameters": bias}}}
+    truth = {"effects": {"force_bias": {"reading": "contact", "parameters": bias}}}
     values = {"middle_b_x": 0.0, "middle_b_y": 0.0, "middle_b_z": 0.051}
     said = {name: {"value": value, "std": 0.001} for name, value in values.items()}
     estimate = {"effects": {"force_bias": said}}

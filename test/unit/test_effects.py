@@ -263,8 +263,8 @@ def test_one_finger_that_was_put_elsewhere_shows_the_axes_of_its_sensor():
     rotation[len(rotation) // 2 :, 1] = rotation[0, 1] @ exp_so3(np.array([0.0, 0.0, 0.8]))
     put_elsewhere = replace(SAMPLES, contact_rotation=rotation)
     bias = create_effect("force_bias")
-    assert [effect.variant for effect in bias.variants(still)] == [""]
-    assert [effect.variant for effect in bias.variants(put_elsewhere)] == ["", "@sensor"]
+    assert [effect.reading for effect in bias.readings(still)] == [""]
+    assert [effect.reading for effect in bias.readings(put_elsewhere)] == ["", "@sensor"]
 
 
 def test_unknown_names_and_readings_are_refused():

@@ -131,7 +131,7 @@ def test_sensor_options_change_stamps_and_statements():
 
 
 def test_time_offset_moves_stamps_only():
-    seed = next(s for s in range(20) if _offset_variant(s) == "forces")
+    seed = next(s for s in range(20) if _offset_reading(s) == "forces")
     clean, late = generate(seed, {}, SHORT), generate(seed, {"time_offset": 1.0}, SHORT)
     offset = late.effects[0].parameters["offset"].value
     shift = late.streams.contacts["index"].time - clean.streams.contacts["index"].time
@@ -150,8 +150,8 @@ def test_size_for_a_whitened_error_grows_with_the_target():
     assert sizes[3] / sizes[2] == pytest.approx(np.sqrt(5.0), rel=0.05)
 
 
-def _offset_variant(seed):
-    return create_hidden_effect("time_offset", 1.0, seed, Scenario.draw(seed, SHORT)).variant
+def _offset_reading(seed):
+    return create_hidden_effect("time_offset", 1.0, seed, Scenario.draw(seed, SHORT)).reading
 
 
 def _numbers(recording):

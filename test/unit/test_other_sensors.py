@@ -212,7 +212,7 @@ def test_a_gain_is_named_although_the_grip_alone_vibrates():
 def test_a_weakly_determined_parameter_is_followed_to_its_end():
     """One step of the alternation goes a third of the way there; 7 mm were reported for 0 +- 1."""
     streams = Case("clean", (), 1.0, 352).record().streams
-    effect = create_effect("contact_offset").with_variant("middle")
+    effect = create_effect("contact_offset").with_reading("middle")
     fitted = fit_with_readings(streams, [effect])
     offset = HeldObjectModel.from_fit(fitted).parameters()["contact_offset"]
     for entry in offset.values():

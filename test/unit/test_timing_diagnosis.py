@@ -28,7 +28,7 @@ def diagnose_late(seed, magnitude):
 @pytest.mark.parametrize(("seed", "late"), [(320, "sensor"), (322, "forces")])
 def test_an_offset_of_many_samples_is_named_and_leaves_noise(seed, late):
     diagnosis, offset, truth = diagnose_late(seed, 6.4)
-    assert truth["variant"] == late
+    assert truth["reading"] == late
     assert diagnosis.effect == "time_offset"
     assert diagnosis.remaining < 1.05
     model = diagnosis.explained_model
@@ -39,7 +39,7 @@ def test_an_offset_of_many_samples_is_named_and_leaves_noise(seed, late):
 
 def test_a_small_delay_is_named_or_grouped_with_a_lag():
     diagnosis, offset, truth = diagnose_late(327, 0.7)
-    assert truth["variant"] == "forces"
+    assert truth["reading"] == "forces"
     assert offset > 0.0
     assert "time_offset" in (diagnosis.effect, *diagnosis.group)
 

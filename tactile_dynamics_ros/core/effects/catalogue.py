@@ -101,7 +101,7 @@ def describe_effect(effect: Effect) -> CatalogueEntry:
     parameters = (
         effect.axis_parameters() if isinstance(effect, FingerEffect) else effect.parameters(samples)
     )
-    readings = tuple(reading.label for reading in effect.variants(samples))
+    readings = tuple(reading.label for reading in effect.readings(samples))
     return entry_of(effect, "held", parameters, readings, per_finger)
 
 

@@ -124,7 +124,7 @@ def check_effect(effect: Effect, samples: WrenchSamples | None = None) -> CheckR
     """
     samples = samples or example_samples()
     failures: list[str] = []
-    for reading in effect.variants(samples):
+    for reading in effect.readings(samples):
         inertia = example_inertia()
         for test in _TESTS:
             try:

@@ -24,7 +24,7 @@ class Effect(ABC):
 
     External wrenches on the object: Delta is that wrench. Errors of measurement: Delta is the
     corrected minus the measured wrench. [torque, force], body frame about the origin;
-    theta = 0 is absent. An instance is one reading of the name; `variants` lists the others.
+    theta = 0 is absent. An instance is one reading of the name; `readings` lists the others.
 
     Attributes:
         name: API name.
@@ -40,6 +40,7 @@ class Effect(ABC):
         delays: whether it makes sensors late; `delayed` says how.
         linear: whether it is linear in theta, with columns that the load does not change.
         per_session: whether each of several recordings has its own parameters.
+        reading: which reading of the name this instance is; empty for the default.
     """
 
     name: ClassVar[str] = ""
@@ -54,33 +55,29 @@ class Effect(ABC):
     delays: ClassVar[bool] = False
     linear: ClassVar[bool] = False
     per_session: ClassVar[bool] = False
-
-    @property
-    def variant(self) -> str:
-        """Which reading of the name this instance is; empty for the default."""
-        return ""
+    reading: str = ""
 
     @property
     def label(self) -> str:
         """Name with the reading, for example ``sensor_lag:world``."""
-        return f"{self.name}:{self.variant}" if self.variant else self.name
+        return f"{self.name}:{self.reading}" if self.reading else self.name
 
     @property
     def screened_as(self) -> str:
         """What readings with the same `screening_basis` have in common; the label by default."""
         return self.label
 
-    def with_variant(self, variant: str) -> Effect:
+    def with_reading(self, reading: str) -> Effect:
         """Return the reading of that name.
 
         Raises:
             BadInputError: the effect has no such reading.
         """
-        if variant:
-            raise BadInputError(f"effect '{self.name}' has no variant '{variant}'")
+        if reading:
+            raise BadInputError(f"effect '{self.name}' has no reading '{reading}'")
         return self
 
-    def variants(self, samples: WrenchSamples) -> tuple[Effect, ...]:
+    def readings(self, samples: WrenchSamples) -> tuple[Effect, ...]:
         """All readings of the name that these samples can tell apart, the default first."""
         return (self,)
 

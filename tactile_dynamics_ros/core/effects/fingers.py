@@ -58,19 +58,15 @@ class FingerEffect(Effect):
         """
         self.contacts = contacts
         self.common = common
+        self.reading = _COMMON if common else "+".join(contacts)
 
-    @property
-    def variant(self) -> str:
-        """`common`, contacts joined by `+`, or empty."""
-        return _COMMON if self.common else "+".join(self.contacts)
-
-    def with_variant(self, variant: str) -> Effect:
+    def with_reading(self, reading: str) -> Effect:
         """`common` or contact names joined by `+`."""
-        if variant == _COMMON and self.allows_common:
+        if reading == _COMMON and self.allows_common:
             return type(self)(common=True)
-        return type(self)(tuple(variant.split("+")) if variant else ())
+        return type(self)(tuple(reading.split("+")) if reading else ())
 
-    def variants(self, samples: WrenchSamples) -> tuple[Effect, ...]:
+    def readings(self, samples: WrenchSamples) -> tuple[Effect, ...]:
         """Every contact for itself, and all in common where that makes sense."""
         own = type(self)()
         if self.allows_common and len(samples.contact_names) > 1:
@@ -180,23 +176,19 @@ class FramedFingerEffect(FingerEffect):
         """
         super().__init__(contacts, common)
         self.frame = frame or self.frames[0]
-
-    @property
-    def variant(self) -> str:
-        """Contacts, and the frame if it is not the default."""
         suffix = "" if self.frame == self.frames[0] else f"@{self.frame}"
-        return "+".join(self.contacts) + suffix
+        self.reading = "+".join(contacts) + suffix
 
-    def with_variant(self, variant: str) -> Effect:
+    def with_reading(self, reading: str) -> Effect:
         """`index+thumb`, `@sensor` or both."""
-        contacts, _, frame = variant.partition("@")
+        contacts, _, frame = reading.partition("@")
         if frame not in ("", *self.frames):
             raise BadInputError(
                 f"effect '{self.name}' has no frame '{frame}': expected {', '.join(self.frames)}"
             )
         return type(self)(tuple(contacts.split("+")) if contacts else (), False, frame)
 
-    def variants(self, samples: WrenchSamples) -> tuple[Effect, ...]:
+    def readings(self, samples: WrenchSamples) -> tuple[Effect, ...]:
         """Every frame; body and sensor frame are told apart only if contact frames turn."""
         frames = self.frames
         if not frames_turn(samples):

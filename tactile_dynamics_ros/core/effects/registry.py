@@ -82,24 +82,24 @@ class EffectRegistry(Generic[EffectT]):
         return self._first + tuple(name for name in self._known if name not in self._first)
 
     def create(self, label: str) -> EffectT:
-        """Effect of a name, or of a reading of it, ``name:variant``.
+        """Effect of a name, or of a reading of it, ``name:reading``.
 
         Raises:
             BadInputError: no effect of that name, or the effect has no such reading.
         """
         self._load()
-        name, _, variant = label.partition(":")
+        name, _, reading = label.partition(":")
         if name not in self._known:
             known = ", ".join(self.names())
             raise BadInputError(
                 f"effect '{name}' is unknown of model {self.model}: expected one of {known}"
             )
         effect = self._known[name]()
-        if not variant:
+        if not reading:
             return effect
         if not isinstance(effect, Effect):
-            raise BadInputError(f"effect '{name}' has no variant '{variant}'")
-        return effect.with_variant(variant)  # type: ignore[return-value]
+            raise BadInputError(f"effect '{name}' has no reading '{reading}'")
+        return effect.with_reading(reading)  # type: ignore[return-value]
 
     def create_all(self, labels: Sequence[str]) -> tuple[EffectT, ...]:
         """Effects of a model, in the order of their labels; each may be there once.
@@ -154,7 +154,7 @@ def registered_names() -> tuple[str, ...]:
 
 
 def create_effect(label: str) -> Effect:
-    """Effect of a held object by its name, or a reading of it, ``name:variant``.
+    """Effect of a held object by its name, or a reading of it, ``name:reading``.
 
     Raises:
         BadInputError: no effect of that name, or the effect has no such reading.

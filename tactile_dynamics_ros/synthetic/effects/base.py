@@ -36,7 +36,7 @@ class HiddenEffect:
         return {}
 
     @property
-    def variant(self) -> str:
+    def reading(self) -> str:
         """Which of several meanings of the name was drawn, or nothing."""
         return ""
 

@@ -64,7 +64,7 @@ class ContactTorsion(HiddenEffect):
     regularisation: float = 0.05
 
     @property
-    def variant(self) -> str:
+    def reading(self) -> str:
         """What the object spins against."""
         return "finger" if self.fingers_roll else "world"
 
@@ -143,7 +143,7 @@ class ForceBias(HiddenEffect):
     frame: str = "contact"
 
     @property
-    def variant(self) -> str:
+    def reading(self) -> str:
         """Frame in which the bias is constant."""
         return self.frame
 
@@ -176,7 +176,7 @@ class ForceDrift(HiddenEffect):
     frame: str = "contact"
 
     @property
-    def variant(self) -> str:
+    def reading(self) -> str:
         """Frame in which the rate is constant."""
         return self.frame
 
@@ -275,7 +275,7 @@ class SensorLag(HiddenEffect):
     frame: str = "contact"
 
     @property
-    def variant(self) -> str:
+    def reading(self) -> str:
         """Frame in which the force lags."""
         return self.frame
 
@@ -311,7 +311,7 @@ class TimeOffset(HiddenEffect):
     late: str
 
     @property
-    def variant(self) -> str:
+    def reading(self) -> str:
         """What is on the other clock."""
         return self.late
 

@@ -103,24 +103,20 @@ class TetherSpring(Effect):
             rest: estimate a rest length; otherwise it is zero.
         """
         self.rest = rest
-
-    @property
-    def variant(self) -> str:
-        """Empty, or `rest_length`."""
-        return "rest_length" if self.rest else ""
+        self.reading = "rest_length" if rest else ""
 
     @property
     def screened_as(self) -> str:
         """The basis does not depend on the rest length."""
         return self.name
 
-    def with_variant(self, variant: str) -> Effect:
+    def with_reading(self, reading: str) -> Effect:
         """`rest_length`."""
-        if variant != "rest_length":
-            raise BadInputError(f"effect '{self.name}' has no variant '{variant}': rest_length")
+        if reading != "rest_length":
+            raise BadInputError(f"effect '{self.name}' has no reading '{reading}': rest_length")
         return TetherSpring(rest=True)
 
-    def variants(self, samples: WrenchSamples) -> tuple[Effect, ...]:
+    def readings(self, samples: WrenchSamples) -> tuple[Effect, ...]:
         """Without and with rest length."""
         return (TetherSpring(), TetherSpring(rest=True))
 

@@ -31,21 +31,16 @@ class ChoiceEffect(Effect):
         """
         self.reading = "" if reading == self.default else reading
 
-    @property
-    def variant(self) -> str:
-        """Empty for the default."""
-        return self.reading
-
-    def with_variant(self, variant: str) -> Effect:
+    def with_reading(self, reading: str) -> Effect:
         """Return the reading of that name."""
-        if variant not in ("", self.default, self.alternative):
+        if reading not in ("", self.default, self.alternative):
             raise BadInputError(
-                f"effect '{self.name}' has no variant '{variant}': "
+                f"effect '{self.name}' has no reading '{reading}': "
                 f"expected {self.default} or {self.alternative}"
             )
-        return type(self)(variant)
+        return type(self)(reading)
 
-    def variants(self, samples: WrenchSamples) -> tuple[Effect, ...]:
+    def readings(self, samples: WrenchSamples) -> tuple[Effect, ...]:
         """Both readings."""
         return (type(self)(), type(self)(self.alternative))
 

@@ -126,7 +126,7 @@ class SloshingMass(Effect):
     remedy = "Fill or empty the container, fix the loose part, or move more smoothly."
     rings = True
 
-    readings = ("", "unsettled", "anchored", "anchored_unsettled")
+    reading_names = ("", "unsettled", "anchored", "anchored_unsettled")
 
     def __init__(self, reading: str = "", screened_hz: tuple[float, ...] = _SCREENED_HZ) -> None:
         """Choose the start and where the force acts.
@@ -140,11 +140,6 @@ class SloshingMass(Effect):
         self.screened_hz = screened_hz
 
     @property
-    def variant(self) -> str:
-        """The reading."""
-        return self.reading
-
-    @property
     def screened_as(self) -> str:
         """The basis depends on the start only, and on the frequencies."""
         return f"{self.name}:{self._unsettled}:{self.screened_hz}"
@@ -153,17 +148,18 @@ class SloshingMass(Effect):
     def _unsettled(self) -> bool:
         return self.reading.endswith("unsettled")
 
-    def with_variant(self, variant: str) -> Effect:
+    def with_reading(self, reading: str) -> Effect:
         """Return the reading of that name."""
-        if variant not in self.readings:
+        if reading not in self.reading_names:
             raise BadInputError(
-                f"effect '{self.name}' has no variant '{variant}': {', '.join(self.readings[1:])}"
+                f"effect '{self.name}' has no reading '{reading}': "
+                f"{', '.join(self.reading_names[1:])}"
             )
-        return SloshingMass(variant)
+        return SloshingMass(reading)
 
-    def variants(self, samples: WrenchSamples) -> tuple[Effect, ...]:
+    def readings(self, samples: WrenchSamples) -> tuple[Effect, ...]:
         """All readings."""
-        return tuple(SloshingMass(reading) for reading in self.readings)
+        return tuple(SloshingMass(reading) for reading in self.reading_names)
 
     def restrictions(self, samples: WrenchSamples) -> tuple[tuple[Effect, tuple[int, ...]], ...]:
         """One screened frequency each."""

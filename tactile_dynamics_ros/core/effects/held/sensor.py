@@ -185,9 +185,9 @@ class ForceScale(FingerEffect):
     sentence = "a force sensor reports its force too large or too small"
     remedy = "Recalibrate the sensor, or add the gain to the model."
 
-    def variants(self, samples: WrenchSamples) -> tuple[Effect, ...]:
+    def readings(self, samples: WrenchSamples) -> tuple[Effect, ...]:
         """None of a single contact, whose gain is a larger load."""
-        return super().variants(samples) if len(samples.contact_names) > 1 else ()
+        return super().readings(samples) if len(samples.contact_names) > 1 else ()
 
     def axis_parameters(self) -> tuple[EffectParameter, ...]:
         """The gain error."""

@@ -41,40 +41,36 @@ class _ReadingEffect(Effect):
     """An effect of one parameter whose name leaves open in which frame it happens.
 
     Attributes:
-        readings: names of the frames.
+        reading_names: the frames, the default first.
         nodes: values theta_k whose Delta(theta_k) / theta_k make the screening basis with the
             slope at zero: far from zero Delta is not linear, but near a mixture of them.
     """
 
     external = False
     delays = True
-    readings: ClassVar[tuple[str, ...]] = ()
+    reading_names: ClassVar[tuple[str, ...]] = ()
     nodes: ClassVar[tuple[float, ...]] = ()
 
     def __init__(self, reading: str = "") -> None:
         """Choose the reading.
 
         Args:
-            reading: one of `readings`; the first by default.
+            reading: one of `reading_names`; the first by default.
         """
-        self.reading = reading or self.readings[0]
+        self.frame = reading or self.reading_names[0]
+        self.reading = "" if self.frame == self.reading_names[0] else self.frame
 
-    @property
-    def variant(self) -> str:
-        """The reading, empty for the default."""
-        return "" if self.reading == self.readings[0] else self.reading
-
-    def with_variant(self, variant: str) -> Effect:
+    def with_reading(self, reading: str) -> Effect:
         """Return the reading of that name."""
-        if variant not in self.readings:
+        if reading not in self.reading_names:
             raise BadInputError(
-                f"effect '{self.name}' has no variant '{variant}': {', '.join(self.readings)}"
+                f"effect '{self.name}' has no reading '{reading}': {', '.join(self.reading_names)}"
             )
-        return type(self)(variant)
+        return type(self)(reading)
 
-    def variants(self, samples: WrenchSamples) -> tuple[Effect, ...]:
+    def readings(self, samples: WrenchSamples) -> tuple[Effect, ...]:
         """All readings."""
-        return tuple(type(self)(reading) for reading in self.readings)
+        return tuple(type(self)(reading) for reading in self.reading_names)
 
     def screening_basis(self, samples: WrenchSamples, inertia: Array) -> Array:
         """Slope at zero and secants to the nodes."""
@@ -105,7 +101,7 @@ class SensorLag(_ReadingEffect):
     looks_like = "A residual that follows the change of the forces: sensors answer late."
     sentence = "the force sensors answer with a lag"
     remedy = "Reduce the filtering of the sensors, move more slowly, or add the lag to the model."
-    readings = ("body", "sensor", "world")
+    reading_names = ("body", "sensor", "world")
     nodes = (0.05, 0.2)
 
     def parameters(self, samples: WrenchSamples) -> tuple[EffectParameter, ...]:
@@ -115,13 +111,13 @@ class SensorLag(_ReadingEffect):
     def wrench(self, samples: WrenchSamples, inertia: Array, theta: Array) -> Array:
         """Delta; linear below a lag of 2 ms."""
         used, share = _usable_lag(float(theta[0]))
-        signal, lag = _late_signals(samples, self.reading, inertia.tobytes(), used)
+        signal, lag = _late_signals(samples, self.frame, inertia.tobytes(), used)
         return np.asarray(share * (signal - lag.response[..., 0] + used * lag.response[..., 1]))
 
     def jacobian(self, samples: WrenchSamples, inertia: Array, theta: Array) -> Array:
         """By tau."""
         used, share = _usable_lag(float(theta[0]))
-        signal, lag = _late_signals(samples, self.reading, inertia.tobytes(), used)
+        signal, lag = _late_signals(samples, self.frame, inertia.tobytes(), used)
         late = lag.response
         if share != 1.0:
             return np.asarray((signal - late[..., 0]) / used + late[..., 1])[..., None]
@@ -152,17 +148,17 @@ class SensorLag(_ReadingEffect):
     def _turning(self, samples: WrenchSamples) -> Array:
         """Angular velocity of the body relative to the frame of the lag, (N, C, 3)."""
         spin = np.broadcast_to(samples.angular_velocity[:, None], samples.contact_force.shape)
-        if self.reading == "body":
+        if self.frame == "body":
             return np.zeros_like(spin)
-        return spin - contact_rate(samples) if self.reading == "sensor" else np.asarray(spin)
+        return spin - contact_rate(samples) if self.frame == "sensor" else np.asarray(spin)
 
 
 @latest_per_samples
 def _late_signals(
-    samples: WrenchSamples, reading: str, parameters: bytes, tau: float
+    samples: WrenchSamples, frame: str, parameters: bytes, tau: float
 ) -> tuple[Array, FirstOrderLag]:
     """S (N, 6), and the lag of [S, Q] (N, 6, 2), for phi given as bytes."""
-    signal, turned = SensorLag(reading).signals(samples, np.frombuffer(parameters))
+    signal, turned = SensorLag(frame).signals(samples, np.frombuffer(parameters))
     return signal, FirstOrderLag(samples.time, np.stack([signal, turned], -1), tau)
 
 
@@ -194,7 +190,7 @@ class TimeOffset(_ReadingEffect):
     looks_like = "A residual that follows the rate of change of the predicted wrench, like a delay."
     sentence = "forces and poses are stamped by clocks that differ"
     remedy = "Synchronise the clocks, or add the offset to the model."
-    readings = ("force", "contact", "body", "sensor")
+    reading_names = ("force", "contact", "body", "sensor")
     nodes = (-0.05, 0.05)
 
     def parameters(self, samples: WrenchSamples) -> tuple[EffectParameter, ...]:
@@ -242,14 +238,14 @@ class TimeOffset(_ReadingEffect):
 
     def _measured(self, samples: WrenchSamples, then: _Shifted) -> Array:
         """Contact wrench (N, 6) with the forces of now in the body frame of then."""
-        place = then.place(samples, self.reading)
+        place = then.place(samples, self.frame)
         force, torque = place.turned(samples)
         moment = np.cross(place.point, force) + torque
         return np.concatenate([moment.sum(axis=1), force.sum(axis=1)], axis=1)
 
     def _measured_change(self, samples: WrenchSamples, then: _Shifted) -> Array:
         """Derivative of `_measured` by the offset."""
-        place = then.place(samples, self.reading)
+        place = then.place(samples, self.frame)
         force, _ = place.turned(samples)
         force_change, torque_change = place.turned_change(samples)
         moment = np.cross(place.point_change, force) + np.cross(place.point, force_change)
@@ -367,22 +363,22 @@ class _Shifted:
         """Values (N, ...) of every instant, or their derivative in time, at t - offset."""
         return np.asarray(CubicSpline(samples.time, values)(self._time, order))
 
-    def place(self, samples: WrenchSamples, reading: str) -> _Place:
+    def place(self, samples: WrenchSamples, frame: str) -> _Place:
         """Where the readings of a time offset act; `samples` of the same motion."""
-        if reading not in self._places:
-            turn, change = self._turn(samples, reading)
+        if frame not in self._places:
+            turn, change = self._turn(samples, frame)
             point, point_change = self.point, self.point_change
-            if reading == "contact":
+            if frame == "contact":
                 assert turn is not None and change is not None
                 point, point_change = self._points(samples, turn, change)
-            self._places[reading] = _Place(turn, change, point, point_change)
-        return self._places[reading]
+            self._places[frame] = _Place(turn, change, point, point_change)
+        return self._places[frame]
 
-    def _turn(self, samples: WrenchSamples, reading: str) -> tuple[Array | None, Array | None]:
+    def _turn(self, samples: WrenchSamples, frame: str) -> tuple[Array | None, Array | None]:
         """Rotation of readings into the body frame of then, and its derivative."""
-        if reading == "body":
+        if frame == "body":
             return None, None
-        if reading == "sensor":
+        if frame == "sensor":
             back = np.swapaxes(samples.contact_rotation, 2, 3)
             return self.contact_rotation @ back, self.contact_rotation_change @ back
         turn, change = self.to_body @ samples.rotation, self.to_body_change @ samples.rotation

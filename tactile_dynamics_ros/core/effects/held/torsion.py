@@ -81,25 +81,20 @@ class ContactTorsion(Effect):
         self.reading = reading
         self._law_name = reading.removeprefix(self._relative).removeprefix("_")
 
-    @property
-    def variant(self) -> str:
-        """The reading."""
-        return self.reading
-
-    def with_variant(self, variant: str) -> Effect:
+    def with_reading(self, reading: str) -> Effect:
         """Return the reading of that name."""
         known = [*self._laws, *self._of_fingers()]
-        if variant not in known:
+        if reading not in known:
             names = ", ".join(known[1:])
-            raise BadInputError(f"effect '{self.name}' has no variant '{variant}': {names}")
-        return ContactTorsion(variant)
+            raise BadInputError(f"effect '{self.name}' has no reading '{reading}': {names}")
+        return ContactTorsion(reading)
 
     @classmethod
     def _of_fingers(cls) -> list[str]:
         """Readings with the spin relative to the fingers."""
         return ["_".join(filter(None, (cls._relative, law))) for law in cls._laws]
 
-    def variants(self, samples: WrenchSamples) -> tuple[Effect, ...]:
+    def readings(self, samples: WrenchSamples) -> tuple[Effect, ...]:
         """Spin relative to the fingers only where the contact frames turn in the body.
 
         With one contact, its own coefficient is the common one.

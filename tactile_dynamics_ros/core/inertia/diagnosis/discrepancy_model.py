@@ -229,7 +229,7 @@ class HeldObjectModel(LeastSquaresModel[Effect]):
         """Every reading of an effect that the model lacks, and every restriction of it."""
         samples, present = self.samples, PresentEffects(self.effects, self.theta)
         found: list[tuple[Effect, str, Array, tuple[int, ...]]] = []
-        for reading in create_effect(name).variants(samples):
+        for reading in create_effect(name).readings(samples):
             columns = self.whitening.family_columns(reading, present)
             found.append((reading, reading.label, columns, tuple(range(columns.shape[1]))))
             for restricted, kept in reading.restrictions(samples):

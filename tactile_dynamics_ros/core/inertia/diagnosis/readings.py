@@ -75,8 +75,8 @@ def _is_white(fitted: FittedModel) -> bool:
 
 
 def _fit(streams: Streams, effects: Sequence[Effect], config: BatchConfig | None) -> FittedModel:
-    open_names = [effect.name for effect in effects if not effect.variant]
-    fitted = fit_representative(streams, [e for e in effects if e.variant], config)
+    open_names = [effect.name for effect in effects if not effect.reading]
+    fitted = fit_representative(streams, [e for e in effects if e.reading], config)
     model = HeldObjectModel.from_fit(fitted)
     if fitted.effects:
         model = model.refined()
