@@ -63,7 +63,8 @@ ROOMS = {
         "pose of the object", ("core/rigid_body", "core/robot", "core/shape", "core/streams")
     ),
     "core/effects": Room(
-        "the catalogue of effects that a model may lack", ("core/contact", "core/rigid_body")
+        "the catalogue of effects that a model may lack",
+        ("core/contact", "core/rigid_body", "core/streams"),
     ),
     "core/discrepancy": Room(
         "which effect is missing; knows nothing of hands or objects", ("core/numerics",)

@@ -15,6 +15,7 @@ from tactile_dynamics_ros.core.streams.streams import ContactStream, PoseStream,
 from tactile_dynamics_ros.synthetic.objects import HeldObject
 from tactile_dynamics_ros.synthetic.recordings import generate
 from tactile_dynamics_ros.synthetic.scenario import GRAVITY, Scenario, ScenarioOptions
+from tactile_dynamics_ros.synthetic.slow import with_pauses
 
 
 def diagnose_late(seed, magnitude):
@@ -42,6 +43,20 @@ def test_a_small_delay_is_named_or_grouped_with_a_lag():
     assert truth["reading"] == "forces"
     assert offset > 0.0
     assert "time_offset" in (diagnosis.effect, *diagnosis.group)
+
+
+@pytest.mark.parametrize(("seed", "magnitude"), [(321, 2.0), (322, 10.0)])
+def test_an_offset_borrows_nothing_across_pauses(seed, magnitude):
+    recording = generate(seed, {"time_offset": magnitude}, ScenarioOptions(duration=16.0))
+    paused = with_pauses(recording.streams, [(3.0, 5.0), (7.0, 9.0), (11.0, 13.0)])
+    reading = {"sensor": "sensor", "forces": "force", "contacts": "contact"}
+    truth = recording.truth()["effects"]["time_offset"]
+    effect = create_effect(f"time_offset:{reading[truth['reading']]}")
+    fitted = fit_with_readings(paused, [effect])
+    std = fitted.to_estimate().to_json()["effects"]["time_offset"]["offset"]["std"]
+    assert fitted.theta[0][0] == pytest.approx(truth["parameters"]["offset"]["value"], abs=4 * std)
+    assert std < 2e-3
+    assert fitted.whitened_rms < 1.05
 
 
 def late_wrist_sensor(lag, seed=5):

@@ -22,6 +22,7 @@ from tactile_dynamics_ros.core.effects.held.gravity import load_regressor
 from tactile_dynamics_ros.core.effects.parameter import EffectParameter
 from tactile_dynamics_ros.core.effects.registry import register_effect
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.streams.streams import nearest_samples
 
 Array = NDArray[np.float64]
 
@@ -205,7 +206,7 @@ class TimeOffset(_ReadingEffect):
     def wrench(self, samples: WrenchSamples, inertia: Array, theta: Array) -> Array:
         """Change of Y phi and of the body-frame measured wrench when motion is read earlier.
 
-        Readings of a motion before or after the recording tell nothing: they count as right.
+        Readings of a motion that is not recorded, as in gaps, tell nothing: they count as right.
         """
         then = _shifted(samples, float(theta[0]))
         now = _borne(samples, inertia) - samples.measured_wrench
@@ -323,8 +324,8 @@ class _Shifted:
     """Motion of the object at t - offset on a spline, with derivatives by the offset.
 
     Attributes:
-        share: (N,) 1 where t - offset is recorded or at most one sample beyond, fading to 0
-            within one sample more; its derivative share_change.
+        share: (N,) 1 where a sample at most one period from t - offset is recorded, fading to 0
+            within one period more; its derivative share_change.
     """
 
     def __init__(self, samples: WrenchSamples, offset: float) -> None:
@@ -332,7 +333,7 @@ class _Shifted:
         spline, then = _motion_spline(samples), samples.time - offset
         self._time = then
         slope = 1.0 / float(np.median(np.diff(samples.time)))
-        beyond = slope * (then - np.clip(then, *samples.time[[0, -1]]))
+        beyond = slope * (then - samples.time[nearest_samples(samples.time, then)])
         fade = np.clip(2.0 - np.abs(beyond), 0.0, 1.0)
         self.share = fade**2 * (3.0 - 2.0 * fade)
         self.share_change = 6.0 * fade * (1.0 - fade) * np.sign(beyond) * slope

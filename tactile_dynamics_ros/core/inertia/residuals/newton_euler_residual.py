@@ -44,7 +44,7 @@ from tactile_dynamics_ros.core.numerics.banded import BandedWhitener
 from tactile_dynamics_ros.core.numerics.local_polynomial import Window
 from tactile_dynamics_ros.core.numerics.outliers import expected_noise
 from tactile_dynamics_ros.core.rigid_body.newton_euler import regressor
-from tactile_dynamics_ros.core.streams.streams import Streams
+from tactile_dynamics_ros.core.streams.streams import Streams, nearest_samples
 
 if TYPE_CHECKING:
     from tactile_dynamics_ros.core.effects.effect import Effect
@@ -55,8 +55,12 @@ _VARIANCE_FLOOR = 1e-14
 """Variance added to each residual, N^2 and (N m)^2: 0.1 uN. Recordings without any noise (generated
 ones) keep a covariance that is positive definite; those of sensors have at least 1e-8."""
 _UNREAD_VARIANCE = 1e6
-"""Variance that removes samples whose time-shifted motion lies outside the recording, N^2 and (N
-m)^2: 1 kN. Any number far above those of loads has the same effect."""
+"""Variance that removes samples whose time-shifted motion is not recorded, N^2 and (N m)^2: 1 kN.
+Any number far above those of loads has the same effect."""
+_READ_NEAR = 0.75
+"""Distance from a sample, in periods, up to which time-shifted motion counts as recorded: half of a
+step of one and a half periods. At 1 the motion a period before a recording counts as recorded;
+below 0.5 motion between two samples does not."""
 _MINIMUM_SAMPLES = 10
 """Samples with motion and contact that a recording needs: sixty equations for ten unknowns. Fewer
 are refused with a message, since their noise could not be read either."""
@@ -285,8 +289,9 @@ class WrenchProblem:
             for effect, value in zip(effects, theta, strict=True)
         )
         now, places = np.arange(self.count), np.flatnonzero(self.valid)
-        then = np.clip(now - late, 0, self.count - 1)
-        unread = then != now - late
+        wanted = self.samples.time - late * self._period
+        then = nearest_samples(self.samples.time, wanted)
+        unread = np.abs(wanted - self.samples.time[then]) > _READ_NEAR * self._period
         names, matrices, factors = [], [], []
         for name, signal, sensitivity in self._signals(moved):
             if name in by_force:
