@@ -7,12 +7,14 @@ import json
 import numpy as np
 import pytest
 import yaml
+from scipy.signal import savgol_filter
 
 from benchmarks.layouts import ASKS, RIGHT, WRONG, judge_layout
 from tactile_dynamics_ros.cli.main import main
+from tactile_dynamics_ros.recording.importers.csv_mapping import read_mapping
 from tactile_dynamics_ros.recording.importers.guess import Answers, guess_tables
 from tactile_dynamics_ros.synthetic.layouts import LAYOUTS, UNSEEN, UNTOLD, WristLog
-from tactile_dynamics_ros.synthetic.layouts.wrist_log import INERTIA_PER_MASS
+from tactile_dynamics_ros.synthetic.layouts.wrist_log import GRAVITY_W, INERTIA_PER_MASS
 from tactile_dynamics_ros.synthetic.layouts.writing import axes, write_table
 
 SECONDS = 6.0
@@ -138,3 +140,47 @@ def test_rows_without_time_take_a_rate(tmp_path):
     assert "how many are there per second" in guess_tables(paths).question
     found = guess_tables(paths, Answers({"rate_hz": "100"}))
     assert found.mapping["object_pose"]["time"] == {"rate_hz": 100.0}
+
+
+def imu_table(folder, signs=(1.0, 1.0, 1.0), unit=1.0):
+    """A log without positions, and what an accelerometer reads whose axes have other signs."""
+    log = WristLog.draw(7, SECONDS)
+    moved = savgol_filter(log.position, 25, 5, deriv=2, delta=log.time[1], axis=0)
+    felt = log.rotation.inv().apply(moved - GRAVITY_W) * signs / unit
+    names = ["t", *axes("q", "xyzw"), *axes("imu_acc_"), *axes("gyro_"), *axes("f"), *axes("m")]
+    columns = [log.time, log.quaternion, felt, 0.0 * felt, -log.force, -log.torque]
+    return log, write_table(folder / "imu.csv", names, columns)
+
+
+@pytest.mark.parametrize(("name", "unit"), [("m/s^2", 1.0), ("g", 9.80665)])
+def test_accelerations_of_an_imu_stand_for_positions(tmp_path, name, unit):
+    log, path = imu_table(tmp_path, unit=unit)
+    guess = guess_tables([path])
+    assert guess.question == ""
+    assert guess.mapping["object_imu"]["specific_force"]["unit"] == name
+    assert "object_pose" not in guess.mapping
+    streams = read_mapping(guess.mapping, tmp_path, "imu.csv").streams
+    assert streams.pose is None
+    felt = streams.contacts["wrist"].force - log.mass * np.einsum(
+        "nij,nj->ni", streams.imu.rotation, streams.imu.specific_force
+    )
+    in_sensor = np.einsum("nji,nj->ni", streams.imu.rotation, felt)
+    assert np.all(np.std(in_sensor, axis=0) < 0.05 * log.mass * 9.81)
+
+
+def test_an_imu_in_other_axes_is_asked_about(tmp_path):
+    _, path = imu_table(tmp_path, signs=(1.0, -1.0, -1.0))
+    assert "do not read gravity in the axes of the orientation" in guess_tables([path]).question
+
+
+def test_joint_angles_are_no_orientation(tmp_path):
+    log = WristLog.draw(8, SECONDS)
+    angles = 0.3 * np.sin(log.time[:, None] + np.arange(6))
+    columns = [log.time, angles, -log.force, -log.torque]
+    for names, question in (
+        ([f"q_{k}" for k in range(6)], "joint angles with the URDF of an arm make one"),
+        ([f"position[{k}]" for k in range(6)], "joint angles need a yaml file with a URDF"),
+    ):
+        header = ["t", *names, *axes("f"), *axes("m")]
+        path = write_table(tmp_path / "joints.csv", header, columns)
+        assert question in guess_tables([path]).question

@@ -11,6 +11,7 @@ KNOWN = {
     "time_unit": "s, ms, us or ns",
     "rate_hz": "rows per second, where no column is time",
     "pose": "which columns are the pose",
+    "acceleration": "which columns an IMU's accelerations are, where there is no position",
     "position_unit": "m, cm or mm",
     "orientation": "how the orientation is written",
     "wrench": "which columns are the force",
@@ -20,6 +21,9 @@ KNOWN = {
     "reads": "load (the sensor reads the load's weight) or object (forces on the object)",
 }
 """Keys of answers and what they mean."""
+_SHOWN = 6
+"""Answers that a question shows: three numbers of an orientation have 24 readings. More make no
+line that anybody reads."""
 
 
 class Question(Exception):  # noqa: N818 - it is no error
@@ -58,4 +62,6 @@ class Answers:
 
 
 def _others(options: list[str]) -> str:
-    return ", ".join(options[1:]) or "another value"
+    shown = ", ".join(options[1:_SHOWN]) or "another value"
+    left = len(options) - _SHOWN
+    return f"{shown} and {left} more; any other word lists them" if left > 0 else shown

@@ -19,17 +19,17 @@ def describe_understood(understood: Sequence[tuple[str, str]]) -> str:
 
 def describe_first_row(recording: Recording) -> str:
     """Return where the object was at the first sample and what pushed it, in SI units."""
-    pose = recording.streams.pose
-    if pose is None or not recording.streams.contacts:
-        return "no pose or no force"
-    turn = log_so3(pose.rotation[:1])[0]
+    pose, imu = recording.streams.pose, recording.streams.imu
+    motion = pose or imu
+    if motion is None or motion.rotation is None or not recording.streams.contacts:
+        return "no orientation or no force"
+    turn = log_so3(motion.rotation[:1])[0]
     angle = float(np.degrees(np.linalg.norm(turn)))
     axis = turn / max(float(np.linalg.norm(turn)), 1e-12)
-    parts = [
-        f"at ({_numbers(pose.position[0])}) m, turned {angle:.0f} deg about ({_numbers(axis)})"
-    ]
+    place = "" if pose is None else f"at ({_numbers(pose.position[0])}) m, "
+    parts = [f"{place}turned {angle:.0f} deg about ({_numbers(axis)})"]
     for name, contact in recording.streams.contacts.items():
-        k = int(nearest_samples(contact.time, pose.time[:1])[0])
+        k = int(nearest_samples(contact.time, motion.time[:1])[0])
         parts.append(f"{name} pushes it with ({_numbers(contact.force[k])}) N in world axes")
     return "; ".join(parts)
 

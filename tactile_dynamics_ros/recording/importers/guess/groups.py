@@ -34,6 +34,8 @@ OTHER = frozenset(
     + ["joints", "temperature", "elbow", "dtau", "nullspace"]
 )
 """Words of what is wanted, derived or measured elsewhere."""
+ACCELERATION = frozenset(["acc", "accel", "acceleration", "a"])
+"""Words for what an accelerometer reads."""
 PLAIN = frozenset(["actual", "measured", "field", "data", "value", "raw", "tcp", "tool", "pose"])
 """Words that say nothing of which body or sensor is meant."""
 _LONE = (
@@ -52,8 +54,9 @@ class Group:
     """Columns of one quantity, in order.
 
     Attributes:
-        kind: force, torque, position, quaternion, quad (a quaternion in unknown order), euler, abc,
-            turn3 (three numbers of an orientation), matrix9, matrix12, matrix16.
+        kind: force, torque, position, acceleration, normal, quaternion, quad (a quaternion in
+            unknown order), euler, abc, turn3 (three numbers of an orientation), matrix9, matrix12,
+            matrix16.
         columns: their names.
         stem: words that they share.
         unit: in the words of mappings; "" if none is written.
@@ -85,17 +88,11 @@ class Groups:
     position: list[Group] = field(default_factory=list)
     turn: list[Group] = field(default_factory=list)
     normal: list[Group] = field(default_factory=list)
+    acceleration: list[Group] = field(default_factory=list)
 
     def add(self, group: Group) -> None:
         """Sort a group in."""
-        place = group.kind if group.kind in ("force", "torque", "position", "normal") else "turn"
-        getattr(self, place).append(group)
-
-    @property
-    def used(self) -> set[str]:
-        """Columns in any group."""
-        every = [*self.force, *self.torque, *self.position, *self.turn, *self.normal]
-        return {column for group in every for column in group.columns}
+        getattr(self, group.kind if hasattr(self, group.kind) else "turn").append(group)
 
 
 def find_groups(names: Sequence[ColumnName]) -> Groups:
@@ -117,6 +114,8 @@ def find_groups(names: Sequence[ColumnName]) -> Groups:
         if not OTHER & set(stem) or stem[-1:] == ("r",):
             for group in _of_stem(stem, parts):
                 found.add(group)
+        elif stem[-1] in ACCELERATION and set(_AXES) <= set(parts):
+            found.add(_group("acceleration", [parts[k] for k in _AXES], stem))
     _settle_t(found)
     return found
 

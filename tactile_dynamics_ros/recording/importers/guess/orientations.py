@@ -214,7 +214,8 @@ def choose_reading(
             "orientation",
             [reading.label for reading in readings],
             f"the forces of {what} show no weight under any reading of the orientation, so that "
-            "axes and signs cannot be tested (say frame=sensor or world too)",
+            "axes and signs cannot be tested (say frame=sensor or world too; joint angles "
+            "need a yaml file with a URDF)",
         )
     least = min(item.weighing.rms for item in good)
     bound = _ALIKE * max(least, _FLOOR * good[0].weighing.size)

@@ -15,6 +15,9 @@ from tactile_dynamics_ros.recording.importers.guess.fingers import find_fingers,
 from tactile_dynamics_ros.recording.importers.guess.sources import Source
 from tactile_dynamics_ros.recording.importers.guess.wrist import WristGuess
 
+_ORIENTATION = "an orientation (joint angles with the URDF of an arm make one)"
+"""What a question calls an orientation."""
+
 
 @dataclass(frozen=True)
 class Guess:
@@ -94,7 +97,7 @@ def _mapping(
 
 def _require_columns(sources: Sequence[Source]) -> None:
     columns = ", ".join(name for s in sources for name in s.table.names[:12])
-    for kind, text in (("force", "a force (fx, fy, fz or so)"), ("turn", "an orientation")):
+    for kind, text in (("force", "a force (fx, fy, fz or so)"), ("turn", _ORIENTATION)):
         if not any(getattr(s.groups, kind) for s in sources):
             raise Question(
                 f"no columns look like {text}; there are {columns}: name them in a yaml file "

@@ -38,6 +38,10 @@ _CLEAR = 10.0
 _EXPLAINED = 0.15
 """Misfit over the weight up to which a load explains the forces. Logs with noise and taps stay
 below 0.05; under wrong axes a fifth and more is left, however large the bias beside it."""
+_FOLLOWED, _STEADY = 0.3, 0.05
+"""Misfit over the change of the forces up to which a load follows it, and over their size up to
+which there is hardly any. A weight and a bias that nearly cancel leave half of the change, as under
+joint angles that are read as Euler angles; 40 layouts that are right leave 0.13 at most."""
 _EVEN = 0.8
 """Smallest over largest scale of an affine map up to which it is no rotation: with a turned sensor
 they agree but for noise and accelerations, under a wrong reading of angles they do not."""
@@ -119,7 +123,8 @@ class Weighing:
     def seen(self) -> bool:
         """Whether the weight shows in the forces."""
         weight = abs(self.mass) * GRAVITY
-        return abs(self.mass) > _CLEAR * self.mass_std and self.rms < _EXPLAINED * weight
+        little = min(_EXPLAINED * weight, max(_FOLLOWED * self.spread, _STEADY * self.size))
+        return abs(self.mass) > _CLEAR * self.mass_std and self.rms < little
 
     @property
     def agreement(self) -> float | None:

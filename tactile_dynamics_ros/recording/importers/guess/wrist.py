@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.recording.importers.fields import UNITS
+from tactile_dynamics_ros.recording.importers.guess.accelerations import read_acceleration
 from tactile_dynamics_ros.recording.importers.guess.answers import Answers, Question
 from tactile_dynamics_ros.recording.importers.guess.groups import Group
 from tactile_dynamics_ros.recording.importers.guess.orientations import (
@@ -157,7 +158,7 @@ class WristGuess:
     ) -> dict[str, Any]:
         """Return the mapping of samples with stamps."""
         assert self.forces.time is not None
-        pose = self._pose(position, judged)
+        motion = self._motion(position, judged)
         contact = {**self.forces.place, "time": self.forces.time.entry}
         contact |= self._wrench(judged, force, torque)
         if judged.weighing.axes == "sensor":
@@ -166,9 +167,38 @@ class WristGuess:
             contact["rotation"] = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
         else:
             frame = "world"
-            contact["pose"] = copy.deepcopy(pose)
-        found = {"contact_frame": frame, "object_pose": pose, "contacts": {"wrist": contact}}
+            contact["pose"] = self._place(motion)
+        found = {"contact_frame": frame, **motion, "contacts": {"wrist": contact}}
         return found | self._world(judged)
+
+    def _place(self, motion: dict[str, Any]) -> dict[str, Any]:
+        """Return where a sensor is whose forces are in axes of the world.
+
+        Raises:
+            Question: no position is known.
+        """
+        if "object_pose" not in motion:
+            raise Question(
+                "the forces fit in the axes of the world only, and no position is in the table: "
+                "name both in a yaml file (docs/recordings.md)"
+            )
+        return copy.deepcopy(dict(motion["object_pose"]))
+
+    def _motion(self, position: Group | None, judged: Judged) -> dict[str, Any]:
+        """Return the section of the object's pose, or of its IMU where no position is known."""
+        groups = self.poses.groups.acceleration
+        if position is not None or not groups:
+            return {"object_pose": self._pose(position, judged)}
+        group = groups[0]
+        if len(groups) > 1:
+            lacking = "no position is in the table"
+            group = choose_group(groups, "acceleration", lacking, self.answers)
+        entry = read_acceleration(group, self.poses.table, judged.rotation)
+        self.note("position", "none")
+        self.note("acceleration", f"{group.label} in {entry['unit']}, of an IMU in these axes")
+        assert self.poses.time is not None
+        section: dict[str, Any] = {**self.poses.place, "time": self.poses.time.entry}
+        return {"object_imu": section | self._orientation(judged) | {"specific_force": entry}}
 
     def _world(self, judged: Judged) -> dict[str, Any]:
         """Return what makes the world stand upright, if it does not."""
