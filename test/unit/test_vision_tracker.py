@@ -15,8 +15,8 @@ from tactile_dynamics_ros.core.tracking.depth_image import (
     PinholeCamera,
     cut_window,
 )
+from tactile_dynamics_ros.core.tracking.fit import judge
 from tactile_dynamics_ros.core.tracking.kinematic_tracker import pose_error
-from tactile_dynamics_ros.core.tracking.registration import Registration
 from tactile_dynamics_ros.core.tracking.robot_volume import RobotVolume
 from tactile_dynamics_ros.core.tracking.scene import label_scene
 from tactile_dynamics_ros.core.tracking.vision_tracker import TrackingState, VisionTracker
@@ -172,14 +172,14 @@ def test_a_pose_through_which_the_table_is_seen_is_refuted(studio):
     depth = studio.picture(truth)
     view = cut_window(studio.camera, depth, slice(0, 240), slice(0, 320))
     scene = label_scene(studio.camera, view, None, None, DepthNoiseConfig(), 0.0)
-    registration = Registration(studio.shape)
 
-    def judge(shift):
-        return registration.judge(scene, np.linalg.inv(PLACE) @ displaced(truth, shift, [0, 0, 0]))
+    def judged(shift):
+        pose = np.linalg.inv(PLACE) @ displaced(truth, shift, [0, 0, 0])
+        return judge(studio.shape, scene, pose)
 
-    assert judge([0.0, 0.0, 0.0]).score > 0.95
-    assert judge([0.03, 0.0, 0.0]).refuted > 0.3 * judge([0.03, 0.0, 0.0]).facing
-    assert judge([0.0, 0.0, -0.03]).score == 0.0
+    assert judged([0.0, 0.0, 0.0]).score > 0.95
+    assert judged([0.03, 0.0, 0.0]).refuted > 0.3 * judged([0.03, 0.0, 0.0]).facing
+    assert judged([0.0, 0.0, -0.03]).score == 0.0
 
 
 @pytest.mark.parametrize("studio", ["gelatin_box"], indirect=True)

@@ -37,11 +37,24 @@ def enclosing_boxes(robot: Robot) -> list[Box]:
     return [box for link in parse_urdf(robot.urdf).links for box in _boxes(link, robot.folder)]
 
 
-def _boxes(link: Any, folder: str) -> Iterator[Box]:
+def boxes_around(urdf: str, folder: str) -> list[Box]:
+    """Return a box for each collision shape of a URDF, cylinders and spheres too.
+
+    Args:
+        urdf: its text.
+        folder: where its relative files lie, or "".
+    """
+    links = parse_urdf(urdf).links
+    return [box for link in links for box in _boxes(link, folder, round_too=True)]
+
+
+def _boxes(link: Any, folder: str, round_too: bool = False) -> Iterator[Box]:
     for shape in link.collisions:
         pose = shape.origin
         place = np.eye(4) if pose is None else pose_of(pose.xyz or (0, 0, 0), pose.rpy or (0, 0, 0))
         found = _extent(shape.geometry, folder)
+        if found is None and round_too:
+            found = _round_extent(shape.geometry)
         if found is not None:
             place[:3, 3] += place[:3, :3] @ found[0]
             yield Box(link.name, place, found[1])
@@ -59,3 +72,13 @@ def _extent(geometry: Any, folder: str) -> tuple[Array, Array] | None:
     scale = np.array(geometry.scale or (1.0, 1.0, 1.0), dtype=float)
     low, high = scale * trimesh.load_mesh(path).bounds
     return 0.5 * (low + high), np.abs(high - low)
+
+
+def _round_extent(geometry: Any) -> tuple[Array, Array] | None:
+    """Return centre (3,) and size (3,) of the box around a cylinder or sphere, m, or None."""
+    if isinstance(geometry, parser.Sphere):
+        return np.zeros(3), np.full(3, 2.0 * geometry.radius)
+    if isinstance(geometry, parser.Cylinder):
+        width = 2.0 * geometry.radius
+        return np.zeros(3), np.array([width, width, geometry.length])
+    return None

@@ -13,6 +13,7 @@ from urdf_parser_py.xml_reflection import core as reflection
 
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.poses import pose_of
+from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 from tactile_dynamics_ros.core.robot.robot import Joint
 
 Array = NDArray[np.float64]
@@ -65,6 +66,38 @@ def chain(tree: Sequence[Joint], base: str, link: str) -> list[Joint]:
         found.insert(0, by_child[link])
         link = by_child[link].parent
     return found
+
+
+def placed(joint: Joint, position: float) -> Array:
+    """Return the pose (4, 4) of a joint's child in its parent.
+
+    Args:
+        joint: that moves or is fixed.
+        position: rad, or m if it slides.
+    """
+    if joint.axis is None:
+        return joint.origin
+    moved = np.eye(4)
+    if joint.slides:
+        moved[:3, 3] = position * joint.axis
+    else:
+        moved[:3, :3] = exp_so3(position * joint.axis)
+    return np.asarray(joint.origin @ moved)
+
+
+def mimicked(urdf: str) -> dict[str, tuple[str, float, float]]:
+    """Return, for each joint that follows another one, its name, factor and offset."""
+    return {
+        joint.name: (joint.mimic.joint, *_line(joint.mimic))
+        for joint in parse_urdf(urdf).joints
+        if joint.mimic is not None
+    }
+
+
+def _line(mimic: Any) -> tuple[float, float]:
+    """Return factor and offset of a mimic tag, 1 and 0 where it says nothing."""
+    factor = 1.0 if mimic.multiplier is None else float(mimic.multiplier)
+    return factor, float(mimic.offset or 0.0)
 
 
 def _joint(given: Any) -> Joint:

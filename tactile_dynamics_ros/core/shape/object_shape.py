@@ -27,7 +27,7 @@ MESH_SUFFIXES = (".obj", ".stl", ".ply", ".off", ".glb")
 libraries."""
 _SAMPLES = 8000
 """Samples of an object's surface; on a box of 10 cm one per 2.7 mm. An image is compared with the
-first 2000 of them (`registration.JUDGED`), a mesh's distance is that to the nearest of four times
+first 2000 of them (`fit.JUDGED`), a mesh's distance is that to the nearest of four times
 as many. Fewer make the distance to curved meshes coarse, more take longer to load."""
 _EDGE_SPACING = 2.5e-3
 """Distance, m, between samples of an edge: about a pixel of a 320 x 240 image at 0.8 m. Closer ones
@@ -167,9 +167,11 @@ class ObjectShape:
 
     Attributes:
         centre: (3,) centre of the bounding sphere, m. radius: its radius, m.
+        half: (3,) half extents, m.
         points, normals: (N, 3) samples of the surface in random order.
         edge_points, edge_tangents, edge_normals: (E, 3), (E, 3), (E, 2, 3) samples of the edges
             between triangles, their directions and the normals of the two.
+        edge_planes: (E, 2) distances of the two triangles' planes from the origin, m.
         symmetries: (S, 3, 3) rotations about the centre that leave the surface as it is.
         symmetry_axes: (A, 3) axes about which every turn does.
     """
@@ -180,10 +182,12 @@ class ObjectShape:
         meshes = [surface.mesh() for surface in self._surfaces]
         corners = np.vstack([np.asarray(mesh.vertices) for mesh in meshes])
         self.centre = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
+        self.half = 0.5 * np.ptp(corners, axis=0)
         self.radius = float(np.linalg.norm(corners - self.centre, axis=1).max())
         self.points, self.normals = self._sample(meshes)
         self.planes = np.einsum("ij,ij->i", self.normals, self.points)
         self.edge_points, self.edge_tangents, self.edge_normals = _sample_edges(meshes)
+        self.edge_planes = np.einsum("ejk,ek->ej", self.edge_normals, self.edge_points)
         self.symmetries, self.symmetry_axes = self._find_symmetries()
 
     def distance(self, points: Array) -> tuple[Array, Array]:

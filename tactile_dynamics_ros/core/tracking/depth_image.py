@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,14 @@ from tactile_dynamics_ros.core.errors import BadInputError
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
+
+SPECK_STEP = 0.01
+"""Difference in depth, m, within which neighbouring pixels support each other: six standard
+deviations of a stereo camera at 0.7 m, and what a surface at 70 deg changes from pixel to pixel.
+Less tears steep faces to pieces, more keeps stray pixels in front of an object."""
+SPECK_NEIGHBOURS = 3
+"""Neighbours of eight that a pixel needs: one at the corner of an object has three. With one
+less, pairs of strays support each other; with one more, corners are lost."""
 
 
 @dataclass(frozen=True)
@@ -110,6 +119,24 @@ class Window:
         row = np.rint(pixels[:, 1]).astype(np.intp) - self.origin[0]
         inside = (row >= 0) & (row < self.shape[0]) & (column >= 0) & (column < self.shape[1])
         return np.where(inside, row * self.shape[1] + column, -1)
+
+
+def without_specks(window: Window) -> Window:
+    """Return a window whose lonely depths are NaN.
+
+    A depth stays if at least `SPECK_NEIGHBOURS` of the eight around it differ by less than
+    `SPECK_STEP`.
+    """
+    depth = window.depth.reshape(window.shape)
+    padded = np.pad(depth, 1, constant_values=np.nan)
+    rows, columns = window.shape
+    alike = np.zeros(window.shape, dtype=np.int8)
+    for row, column in product(range(3), range(3)):
+        if (row, column) != (1, 1):
+            beside = padded[row : row + rows, column : column + columns]
+            alike += np.abs(beside - depth) < SPECK_STEP
+    kept = np.where(alike >= SPECK_NEIGHBOURS, depth, np.nan)
+    return replace(window, depth=kept.ravel())
 
 
 def cut_window(camera: PinholeCamera, depth: Image, rows: slice, columns: slice) -> Window:

@@ -110,11 +110,11 @@ def trace(shape: ObjectShape, rays: Array, depth: Array, pose: Array) -> tuple[A
 
 def draw_outline(shape: ObjectShape, scene: Scene, pose: Array, drawing: Drawing) -> Outline | None:
     """Return the outline of a shape at X_CO (4, 4), or None where it is out of sight."""
-    rotation = pose[:3, :3]
-    points = shape.edge_points @ rotation.T + pose[:3, 3]
-    facing = -np.einsum("ejk,ek->ej", shape.edge_normals @ rotation.T, points)
+    eye = -pose[:3, :3].T @ pose[:3, 3]
+    facing = shape.edge_normals @ eye - shape.edge_planes
     rim = (facing[:, 0] > 0.0) != (facing[:, 1] > 0.0)
-    points, facing = points[rim], np.abs(facing[rim])
+    points = shape.edge_points[rim] @ pose[:3, :3].T + pose[:3, 3]
+    facing = np.abs(facing[rim])
     if len(points) < 4 or points[:, 2].min() < 0.05:
         return None
     pixels, normals = _image_normals(shape, scene, pose, points, rim, facing)

@@ -26,7 +26,7 @@ from scipy.spatial import cKDTree
 from scipy.special import ndtr
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
-from tactile_dynamics_ros.core.rigid_body.rotation import cross, exp_so3
+from tactile_dynamics_ros.core.rigid_body.rotation import cross, exp_so3, twice
 from tactile_dynamics_ros.core.shape.object_shape import ObjectShape
 from tactile_dynamics_ros.core.tracking.depth_image import DepthNoiseConfig
 from tactile_dynamics_ros.core.tracking.drawing import (
@@ -37,22 +37,17 @@ from tactile_dynamics_ros.core.tracking.drawing import (
     keep_contested,
     trace,
 )
+from tactile_dynamics_ros.core.tracking.fit import GRAZING, Fit, judge, pivot_of
 from tactile_dynamics_ros.core.tracking.scene import Scene
 
 Array = NDArray[np.float64]
 Selection = TypeVar("Selection", NDArray[np.float64], NDArray[np.intp])
 
-JUDGED = 2000
-"""Samples of the surface that are compared with an image: shares are known to 1 % (1 / sqrt(2000) =
-2 % of one half). More cost time."""
+PLANAR = (2, 3, 4)
+"""Of [rotation, position] in world axes, what is left on a level support: yaw, x, y."""
 BLUR = (4.0, 2.0, 1.0)
 """Blur of the outline in the first fine steps, over `outline_std`: a border that is pixels away is
 still felt. Without it fits end where edges do not meet yet."""
-GRAZING = 0.25
-"""Cosine between view and normal, below which a surface is seen too flatly (75 deg) to be compared
-in depth: a pixel then spans four times its width in depth. Higher loses the sides of round objects;
-lower lets in what the camera's noise makes of edges. Tests of the tracker pass at half and twice as
-much."""
 OBJECT_TOLERANCE = 0.012
 """Difference in depth, m, within which a pixel beside the outline shows the object: eight standard
 deviations of the camera at 0.8 m (1.5 mm). At half of it a box seen from its end is taken for one
@@ -62,14 +57,6 @@ EMPTY_TOLERANCE = 0.02
 """Depth behind the object, m, from which a pixel beside the outline sees past it. Between the two
 it counts as neither, since an edge mixes both. At twice as much a box seen from its end is taken
 for one that sinks into the table (test_vision_tracker.py)."""
-STRANGE = 0.01
-"""Distance from the surface, m, beyond which a pixel near the object is not explained by it: more
-than the camera's noise and the error of a pose that is followed. Less lowers the score of good
-poses; more lets a shape that is a centimetre too small pass."""
-SUNK = 0.03
-"""Depth inside the support, m, at which a pose is impossible: a model error or a wrong height of
-the support accounts for a few mm. Less refuses objects on a support whose height is off, more lets
-poses in that are turned and sunk (a box seen from its end was, in one of nine searches)."""
 
 
 @dataclass(frozen=True)
@@ -93,59 +80,13 @@ class RegistrationConfig:
         check_ranges(self)
 
 
-@dataclass(frozen=True)
-class Fit:
-    """A pose with what the image says about it.
-
-    Attributes:
-        pose: (4, 4) X_CO, camera frame.
-        information: (6, 6) [rotation, position], camera axes, about ``pivot`` (3,) in the camera
-            frame.
-        pivot: point about which rotations are counted.
-        matched: model samples that are seen where they should be. refuted: whose place shows
-            something else, or nothing. facing: that face the camera.
-        strange: share of the pixels near the object that its surface does not explain.
-        sunk: how far the model reaches into the support, m.
-        misfit: root of the mean squared whitened distance of the pixels used.
-    """
-
-    pose: Array
-    information: Array
-    pivot: Array
-    matched: int
-    refuted: int
-    facing: int
-    strange: float
-    sunk: float
-    misfit: float
-
-    @property
-    def score(self) -> float:
-        """Share of the visible model that is seen, times that of the pixels that it explains.
-
-        Less, by (sunk / SUNK)^2, where the support would have to be in its place.
-        """
-        seen = self.matched + self.refuted
-        possible = 1.0 - min(1.0, self.sunk / SUNK) ** 2
-        return possible * (1.0 - self.strange) * self.matched / seen if seen else 0.0
-
-    @property
-    def agreement(self) -> float:
-        """Matched less refuted samples, as a share of the near side."""
-        return (self.matched - self.refuted) / max(self.facing, 1)
-
-    @property
-    def visible(self) -> float:
-        """Share of the model's near side that nothing hides, 0 to 1."""
-        return (self.matched + self.refuted) / max(self.facing, 1)
-
-
 class Registration:
     """Finds the pose of one shape in depth images.
 
     Args:
         shape: shape of the object.
         config: weights. noise: of the camera.
+        planar: whether the object only slides and turns on a level support.
     """
 
     def __init__(
@@ -153,8 +94,10 @@ class Registration:
         shape: ObjectShape,
         config: RegistrationConfig | None = None,
         noise: DepthNoiseConfig | None = None,
+        planar: bool = False,
     ) -> None:
         self.shape = shape
+        self.planar = planar
         self.config = config or RegistrationConfig()
         self.noise = noise or DepthNoiseConfig()
 
@@ -170,39 +113,53 @@ class Registration:
         for k in range(0 if near else config.shift_steps + config.coarse_steps):
             system = self._nearest_terms(scene, pose)
             turns = 0.0 if k < config.shift_steps else 1.0
-            pose = self._step(pose, system.information, system.gradient, turns)
+            pose = self._step(scene, pose, system.information, system.gradient, turns)
         for k in range(1 if near else 0, config.fine_steps):
             blur = BLUR[min(k, len(BLUR) - 1)]
             if k < len(BLUR):
                 drawing = draw(self.shape, scene, pose, blur * config.outline_band)
-                surface, label = self._facing_pixels(scene, drawing), _label_border(scene, drawing)
+                surface, label = (
+                    self._facing_pixels(scene, drawing),
+                    _label_border(scene, drawing, self.planar),
+                )
             system = self._ray_terms(scene, pose, drawing, surface)
-            added, pull = self._outline_terms(scene, pose, drawing, label, blur)
-            information = system.information + added
-            pose = self._step(pose, information, system.gradient + pull)
-        return self.judge(scene, pose, information, system.misfit)
+            outline = self._outline_terms(scene, pose, drawing, label, blur)
+            information = system.information + outline.information
+            pose = self._step(scene, pose, information, system.gradient + outline.gradient)
+        stretch = system.stretch + outline.stretch
+        return judge(self.shape, scene, pose, information, stretch, system.misfit)
 
-    def _step(self, pose: Array, information: Array, gradient: Array, turns: float = 1.0) -> Array:
+    def _step(
+        self, scene: Scene, pose: Array, information: Array, gradient: Array, turns: float = 1.0
+    ) -> Array:
         """Return the pose after a damped Newton step; turns is 0 where it may only shift."""
         turn, shift = np.deg2rad(self.config.damping_rotation_deg), self.config.damping_position
         damping = np.diag([turn**-2.0] * 3 + [shift**-2.0] * 3)
         free = np.diag([turns] * 3 + [1.0] * 3)
-        step = np.linalg.solve(free @ information @ free + damping, free @ gradient)
-        pivot = self._pivot(pose)
+        basis = self._freedom(scene)
+        system = basis.T @ (free @ information @ free + damping) @ basis
+        step = basis @ np.linalg.solve(system, basis.T @ free @ gradient)
+        pivot = pivot_of(self.shape, pose)
         moved = pose.copy()
         turned = exp_so3(np.asarray(step[:3], dtype=float))
         moved[:3, :3] = turned @ pose[:3, :3]
         moved[:3, 3] = turned @ (pose[:3, 3] - pivot) + pivot + step[3:]
         return moved
 
-    def _pivot(self, pose: Array) -> Array:
-        return np.asarray(pose[:3, :3] @ self.shape.centre + pose[:3, 3])
+    def _freedom(self, scene: Scene) -> Array:
+        """Return the motions (6, K) that are sought, camera axes."""
+        if not self.planar:
+            return np.eye(6)
+        return twice(scene.camera.pose[:3, :3]).T[:, PLANAR]
 
     def _nearest_terms(self, scene: Scene, pose: Array) -> _System:
         """Return the normal equations of pixels drawn to the nearest surface, from afar."""
         window, reach = scene.window, self.config.coarse_reach
         index, points = np.flatnonzero(scene.free), scene.free_points
-        near = np.sum((points - self._pivot(pose)) ** 2, axis=1) < (self.shape.radius + reach) ** 2
+        near = (
+            np.sum((points - pivot_of(self.shape, pose)) ** 2, axis=1)
+            < (self.shape.radius + reach) ** 2
+        )
         index, points = self._thin(index[near]), self._thin(points[near])
         distance, normal = self.shape.distance((points - pose[:3, 3]) @ pose[:3, :3])
         normal = normal @ pose[:3, :3].T
@@ -239,17 +196,34 @@ class Registration:
         self, scene: Scene, pose: Array, pixels: _Pixels, reach: float
     ) -> _System:
         if len(pixels.index) < 6:
-            return _System(np.zeros((6, 6)), np.zeros(6), np.inf)
+            return _NOTHING
         distance = pixels.distance
         std = self._distance_std(scene, pixels)
         limit = 3.0 * np.maximum(3.0 * std, reach / 3.0)
         weight = np.maximum(0.0, 1.0 - (distance / limit) ** 2) ** 2 / std**2
-        arm = pixels.foot - self._pivot(pose)
+        arm = pixels.foot - pivot_of(self.shape, pose)
         jacobian = np.hstack([cross(arm, pixels.normal), pixels.normal])
         weighted = jacobian * weight[:, None]
         used = np.abs(distance) < 3.0 * std
         misfit = np.sqrt(np.mean((distance[used] / std[used]) ** 2)) if used.any() else np.inf
-        return _System(weighted.T @ jacobian, weighted.T @ distance, float(misfit))
+        stretch = self._stretched(pose, pixels.foot, pixels.normal)
+        return _System(
+            weighted.T @ jacobian, weighted.T @ distance, weighted.T @ stretch, float(misfit)
+        )
+
+    def _stretched(self, pose: Array, points: Array, across: Array) -> Array:
+        """Return how far points move along given directions as the half extents grow.
+
+        Args:
+            pose: (4, 4) X_CO.
+            points: (N, 3) camera frame, m.
+            across: (N, 3) directions, camera frame.
+
+        Returns:
+            (N, 3) by the half extents along the object's axes.
+        """
+        arm = (points - pivot_of(self.shape, pose)) @ pose[:3, :3]
+        return np.asarray(arm / self.shape.half * (across @ pose[:3, :3]))
 
     def _distance_std(self, scene: Scene, pixels: _Pixels) -> Array:
         """Return the noise of distances along the normal (N,), m."""
@@ -269,8 +243,8 @@ class Registration:
         drawing: Drawing,
         label: NDArray[np.int8],
         blur: float,
-    ) -> tuple[Array, Array]:
-        """Return information and gradient of the probit model of the border's pixels.
+    ) -> _System:
+        """Return the normal equations of the probit model of the border's pixels.
 
         Args:
             scene: labelled pixels.
@@ -282,11 +256,13 @@ class Registration:
         outline = draw_outline(self.shape, scene, pose, drawing)
         index = np.flatnonzero(label)
         if outline is None or len(index) < 4:
-            return np.zeros((6, 6)), np.zeros(6)
+            return _NOTHING
         distance, nearest = _distance_to(outline, scene.window.pixels[index])
         band = np.abs(distance) < blur * self.config.outline_band
         index, distance, nearest = index[band], distance[band], nearest[band]
-        jacobian = self._outline_jacobian(scene, outline, pose)[nearest]
+        across = _outline_slope(scene, outline)[nearest]
+        points = outline.points[nearest]
+        jacobian = np.hstack([cross(points - pivot_of(self.shape, pose), across), across])
         sign, sigma = label[index].astype(float), blur * self.config.outline_std
         outliers = self.config.outline_outliers
         level = -sign * distance / sigma
@@ -295,78 +271,28 @@ class Registration:
         fisher = density**2 / (chance * (1.0 - chance)) / sigma**2
         pull = sign * density / chance / sigma
         weighted = jacobian * fisher[:, None]
-        return weighted.T @ jacobian, jacobian.T @ pull
-
-    def _outline_jacobian(self, scene: Scene, outline: Outline, pose: Array) -> Array:
-        """Return by how many px each point of the outline moves outwards per unit of motion."""
-        x, y, z = outline.points.T
-        f = scene.camera.intrinsics
-        across = np.zeros((len(x), 3))
-        across[:, 0] = outline.normals[:, 0] * f[0, 0] / z
-        across[:, 1] = outline.normals[:, 1] * f[1, 1] / z
-        across[:, 2] = -(across[:, 0] * x + across[:, 1] * y) / z
-        arm = outline.points - self._pivot(pose)
-        return np.hstack([cross(arm, across), across])
-
-    def judge(
-        self,
-        scene: Scene,
-        pose: Array,
-        information: Array | None = None,
-        misfit: float = np.inf,
-    ) -> Fit:
-        """Compare the model's near side with the image, sample by sample.
-
-        Args:
-            scene: labelled pixels.
-            pose: (4, 4) X_CO.
-            information: (6, 6) that is handed on.
-            misfit: that is handed on.
-        """
-        points = self.shape.points[:JUDGED] @ pose[:3, :3].T + pose[:3, 3]
-        normals = self.shape.normals[:JUDGED] @ pose[:3, :3].T
-        cosine = -np.einsum("ij,ij->i", normals, points) / np.linalg.norm(points, axis=1)
-        sunk = scene.sunk(points)
-        points, near = points[cosine > GRAZING], cosine[cosine > GRAZING]
-        place = scene.window.lookup(scene.camera.project(points))
-        seen = place >= 0
-        place, depth, near = place[seen], points[seen, 2], near[seen]
-        measured = scene.window.depth[place]
-        pixel = depth / scene.camera.focal_length
-        slope = np.sqrt(1.0 - near**2) / near
-        tolerance = 3.0 * np.hypot(scene.noise[place], 0.7 * pixel * slope) + 1e-3
-        known = scene.free[place] & (measured > depth - np.maximum(0.015, tolerance))
-        matched = known & (np.abs(measured - depth) < tolerance)
-        passed = scene.nearest[place] > depth + tolerance
-        return Fit(
-            pose,
-            np.zeros((6, 6)) if information is None else information,
-            self._pivot(pose),
-            int(matched.sum()),
-            int((known & ~matched | passed).sum()),
-            len(points),
-            self._strange(scene, pose),
-            sunk,
-            misfit,
-        )
-
-    def _strange(self, scene: Scene, pose: Array) -> float:
-        """Return the share of pixels near the object that its surface does not explain."""
-        arm = scene.free_points - self._pivot(pose)
-        points = scene.free_points[np.einsum("ij,ij->i", arm, arm) < self.shape.radius**2]
-        if not len(points):
-            return 0.0
-        distance, _ = self.shape.distance((points - pose[:3, 3]) @ pose[:3, :3])
-        return float(np.mean(distance > STRANGE))
+        stretch = weighted.T @ self._stretched(pose, points, across)
+        return _System(weighted.T @ jacobian, jacobian.T @ pull, stretch, np.inf)
 
 
 @dataclass(frozen=True)
 class _System:
-    """Normal equations of one step."""
+    """Normal equations of one step.
+
+    Attributes:
+        information: (6, 6) [rotation, position]. gradient: (6,) pull on the pose.
+        stretch: (6, 3) pull on it per metre by which the half extents are larger.
+        misfit: root of the mean squared whitened distance.
+    """
 
     information: Array
     gradient: Array
+    stretch: Array
     misfit: float
+
+
+_NOTHING = _System(np.zeros((6, 6)), np.zeros(6), np.zeros((6, 3)), np.inf)
+"""What too few pixels tell."""
 
 
 @dataclass(frozen=True)
@@ -385,17 +311,30 @@ def _cosine(normal: Array, rays: Array) -> Array:
     return np.asarray(-np.einsum("ij,ij->i", normal, rays) / np.linalg.norm(rays, axis=1))
 
 
-def _label_border(scene: Scene, drawing: Drawing) -> NDArray[np.int8]:
+def _label_border(scene: Scene, drawing: Drawing, standing: bool) -> NDArray[np.int8]:
     """Return +1 where a pixel shows the object, -1 where it sees past it, 0 where unknown.
 
-    Only pixels near both kinds count: elsewhere one side of the border is hidden.
+    Only pixels near both kinds count: elsewhere one side of the border is hidden. Beside an object
+    that stands on the support, the support is what is seen past it.
     """
     depth = scene.window.depth
     label = np.zeros(len(depth), dtype=np.int8)
     near = scene.free & drawing.band
     label[near & (np.abs(depth - drawing.depth) < OBJECT_TOLERANCE)] = 1
-    label[near & (depth > drawing.depth + EMPTY_TOLERANCE)] = -1
+    past = (scene.bare if standing else scene.free) & drawing.band
+    label[past & (depth > drawing.depth + EMPTY_TOLERANCE)] = -1
     return keep_contested(label.reshape(scene.window.shape), drawing.reach).ravel()
+
+
+def _outline_slope(scene: Scene, outline: Outline) -> Array:
+    """Return by how many px (K, 3) each point of the outline moves outwards per metre of shift."""
+    x, y, z = outline.points.T
+    f = scene.camera.intrinsics
+    across = np.zeros((len(x), 3))
+    across[:, 0] = outline.normals[:, 0] * f[0, 0] / z
+    across[:, 1] = outline.normals[:, 1] * f[1, 1] / z
+    across[:, 2] = -(across[:, 0] * x + across[:, 1] * y) / z
+    return across
 
 
 def _distance_to(outline: Outline, pixels: Array) -> tuple[Array, NDArray[np.intp]]:

@@ -23,7 +23,8 @@ from tactile_dynamics_ros.core.rigid_body.rotation import (
 )
 from tactile_dynamics_ros.core.shape.object_shape import ObjectShape
 from tactile_dynamics_ros.core.tracking.depth_image import DepthNoiseConfig
-from tactile_dynamics_ros.core.tracking.registration import Fit, Registration, RegistrationConfig
+from tactile_dynamics_ros.core.tracking.fit import Fit
+from tactile_dynamics_ros.core.tracking.registration import Registration, RegistrationConfig
 from tactile_dynamics_ros.core.tracking.scene import Scene, crop_scene
 
 Array = NDArray[np.float64]
@@ -80,11 +81,15 @@ class Relocalisation:
     ) -> None:
         self.config = config or RelocalisationConfig()
         self._fine = registration
-        self._rough = Registration(registration.shape, ROUGH, noise)
+        self._rough = Registration(registration.shape, ROUGH, noise, registration.planar)
         self._spread = _spread_orientations(self.config.orientations)
 
     def search(
-        self, scene: Scene, expected: Sequence[Array], grasp_centre: Array | None
+        self,
+        scene: Scene,
+        expected: Sequence[Array],
+        grasp_centre: Array | None,
+        height: float | None = None,
     ) -> Fit | None:
         """Return the best pose of the object in an image, or None if nothing looks like it.
 
@@ -92,8 +97,10 @@ class Relocalisation:
             scene: scene of the whole image.
             expected: (3, 3) R_WO, likely orientations, the likeliest first.
             grasp_centre: (3,) midst of the fingertips, world, m; None without a hand.
+            height: z of the object's origin in the world, m; None where it is not known.
         """
-        turn = scene.camera.pose[:3, :3].T
+        pose = scene.camera.pose
+        turn = pose[:3, :3].T
         rotations = [turn @ rotation for rotation in [*expected, *self._spread]]
         found: list[_Candidate] = []
         for points in self._group(scene, grasp_centre):
@@ -102,6 +109,8 @@ class Relocalisation:
                 continue
             for rotation in rotations:
                 seed = _place(self._fine.shape, rotation, points)
+                if height is not None:
+                    seed[:3, 3] += (height - (pose @ seed)[2, 3]) * turn[:, 2]
                 fit = self._rough.align(part, seed)
                 found.append(_Candidate(self._quality(fit, points), fit, points, part))
         found.sort(key=lambda candidate: -candidate.quality)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.robot.enclosure import Box, enclosing_boxes
+from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.robot.enclosure import Box, boxes_around, enclosing_boxes
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandConfiguration, HandKinematics
-from tactile_dynamics_ros.core.robot.kinematic_tree import chain
+from tactile_dynamics_ros.core.robot.kinematic_tree import chain, mimicked, placed, read_tree
 
 Array = NDArray[np.float64]
 
@@ -17,6 +20,13 @@ of a BioTac's core behind it (14 mm), half that apart."""
 _ARM_SPHERES = 4
 """Spheres per link of the arm; at 54 mm between them (the longest link has 0.216 m) neighbours
 overlap."""
+
+
+class Volume(Protocol):
+    """Something that moves with joints and hides what is behind it."""
+
+    def depth(self, positions: Array, camera: Array, rays: Array) -> Array:
+        """Return at which depth rays (H, W, 3) meet it: (H, W) m, infinite where they do not."""
 
 
 class RobotVolume:
@@ -72,22 +82,7 @@ class RobotVolume:
             (H, W) m, infinite where a ray meets nothing.
         """
         where = self._kinematics.locate(positions)
-        to_camera = np.linalg.inv(camera)
-        height, width = rays.shape[:2]
-        nearest = np.full(height * width, np.inf)
-        across = rays[0, :, 0].copy(), rays[:, 0, 1].copy()
-        rays = rays.reshape(-1, 3)
-        poses, halves = to_camera @ self._boxes(where), self._halves
-        reach = np.linalg.norm(halves, axis=1)
-        for k in _in_sight(poses[:, :3, 3], reach, across):
-            index = _near(poses[k, :3, 3], reach[k], across)
-            _meet_box(poses[k], halves[k], rays, index, nearest)
-        centres, radii = self._spheres(where)
-        centres = centres @ to_camera[:3, :3].T + to_camera[:3, 3]
-        for k in _in_sight(centres, radii, across):
-            index = _near(centres[k], radii[k], across)
-            _meet_sphere(centres[k], radii[k], rays, index, nearest)
-        return nearest.reshape(height, width)
+        return _depth_of(self._boxes(where), self._halves, *self._spheres(where), camera, rays)
 
     def _boxes(self, where: HandConfiguration) -> Array:
         """Return the poses (B, 4, 4) of the boxes in the world."""
@@ -110,6 +105,87 @@ class RobotVolume:
             centres.append(arm)
             radii.append(np.full(len(arm), robot.arm_radius))
         return np.vstack(centres), np.concatenate(radii)
+
+
+class TreeVolume:
+    """Boxes that enclose the links of any robot, moved by the joints of its URDF.
+
+    Args:
+        urdf: text of the URDF. folder: where its relative files lie, or "".
+        base_pose: (4, 4) pose of the root link in the world.
+        margin: by which every shape is larger than the link, m.
+
+    Attributes:
+        joint_names: joints that move, parents first; those that mimic others are not among them.
+
+    Raises:
+        BadInputError: it is no URDF, or none of its links has a shape.
+    """
+
+    def __init__(
+        self, urdf: str, folder: str = "", base_pose: Array | None = None, margin: float = 0.003
+    ) -> None:
+        self._tree, self._mimics = read_tree(urdf, "robot"), mimicked(urdf)
+        children = {joint.child for joint in self._tree}
+        boxes = boxes_around(urdf, folder)
+        if not boxes:
+            raise BadInputError("robot: no link has a shape with which it collides")
+        self._base = np.eye(4) if base_pose is None else np.asarray(base_pose, dtype=float)
+        roots = {joint.parent for joint in self._tree} - children or {boxes[0].link}
+        self._frames = dict.fromkeys(roots, self._base)
+        self._boxes = boxes
+        self._halves = 0.5 * np.array([box.size for box in boxes]) + margin
+        moving = [joint.name for joint in self._tree if joint.axis is not None]
+        self.joint_names = tuple(name for name in moving if name not in self._mimics)
+
+    def depth(self, positions: Array, camera: Array, rays: Array) -> Array:
+        """Return at which depth rays meet the robot.
+
+        Args:
+            positions: (J,) of `joint_names`, rad or m.
+            camera: (4, 4) X_WC.
+            rays: (H, W, 3) with z = 1 of a rectangle of pixels, camera frame.
+
+        Returns:
+            (H, W) m, infinite where a ray meets nothing.
+        """
+        value = dict(zip(self.joint_names, positions, strict=True))
+        for name, (other, factor, offset) in self._mimics.items():
+            value[name] = factor * value[other] + offset
+        frames = dict(self._frames)
+        for joint in self._tree:
+            frames[joint.child] = frames[joint.parent] @ placed(joint, value.get(joint.name, 0.0))
+        poses = np.array([frames[box.link] @ box.pose for box in self._boxes])
+        return _depth_of(poses, self._halves, np.empty((0, 3)), np.empty(0), camera, rays)
+
+
+def _depth_of(
+    boxes: Array, halves: Array, centres: Array, radii: Array, camera: Array, rays: Array
+) -> Array:
+    """Return at which depth rays meet boxes and spheres of the world.
+
+    Args:
+        boxes: (B, 4, 4) poses.
+        halves: (B, 3) half edges, m.
+        centres: (S, 3) of spheres, m.
+        radii: (S,) m.
+        camera: (4, 4) X_WC.
+        rays: (H, W, 3) with z = 1, camera frame.
+    """
+    to_camera = np.linalg.inv(camera)
+    height, width = rays.shape[:2]
+    nearest = np.full(height * width, np.inf)
+    across = rays[0, :, 0].copy(), rays[:, 0, 1].copy()
+    rays = rays.reshape(-1, 3)
+    poses, reach = to_camera @ boxes, np.linalg.norm(halves, axis=1)
+    for k in _in_sight(poses[:, :3, 3], reach, across):
+        index = _near(poses[k, :3, 3], reach[k], across)
+        _meet_box(poses[k], halves[k], rays, index, nearest)
+    centres = centres @ to_camera[:3, :3].T + to_camera[:3, 3]
+    for k in _in_sight(centres, radii, across):
+        index = _near(centres[k], radii[k], across)
+        _meet_sphere(centres[k], radii[k], rays, index, nearest)
+    return nearest.reshape(height, width)
 
 
 def _cone(centre: Array, radius: Array) -> Array:

@@ -17,7 +17,7 @@ from tactile_dynamics_ros.core.tracking.depth_image import (
     window_around,
 )
 from tactile_dynamics_ros.core.tracking.morphology import grow_cross
-from tactile_dynamics_ros.core.tracking.robot_volume import RobotVolume
+from tactile_dynamics_ros.core.tracking.robot_volume import Volume
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -40,6 +40,7 @@ class Scene:
     Attributes:
         camera: that took it. window: the pixels. noise: their axial standard deviation (P,), m.
         free: (P,) pixels that show neither robot nor support and have a depth.
+        bare: (P,) pixels that do not show the robot and have a depth.
         support: z of the horizontal plane on which objects stand, world, m; None if there is none.
     """
 
@@ -47,6 +48,7 @@ class Scene:
     window: Window
     noise: Array
     free: Mask
+    bare: Mask
     support: float | None
 
     @cached_property
@@ -75,7 +77,7 @@ class Scene:
 def label_scene(
     camera: PinholeCamera,
     window: Window,
-    volume: RobotVolume | None,
+    volume: Volume | None,
     positions: Array | None,
     noise: DepthNoiseConfig,
     support_height: float | None,
@@ -101,11 +103,12 @@ def label_scene(
         robot = volume.depth(positions, camera.pose, grid).ravel()
     shows_robot = np.isfinite(robot) & (safe > robot - ROBOT_TOLERANCE)
     shows_robot = grow_cross(shows_robot.reshape(window.shape)).ravel()
-    free = valid & ~shows_robot
+    bare = valid & ~shows_robot
+    free = bare.copy()
     if support_height is not None:
         height = (window.rays * safe[:, None]) @ camera.pose[2, :3] + camera.pose[2, 3]
         free &= height > support_height + SUPPORT_TOLERANCE
-    return Scene(camera, window, noise.axial_std(safe), free, support_height)
+    return Scene(camera, window, noise.axial_std(safe), free, bare, support_height)
 
 
 def view_sphere(
@@ -113,7 +116,7 @@ def view_sphere(
     depth: Image,
     centre: Array,
     radius: float,
-    volume: RobotVolume | None,
+    volume: Volume | None,
     positions: Array | None,
     noise: DepthNoiseConfig,
     support_height: float | None,
@@ -135,5 +138,6 @@ def crop_scene(scene: Scene, centre: Array, radius: float) -> Scene | None:
     if window is None:
         return None
     chosen = scene.window.lookup(window.pixels)
-    free = scene.free[chosen] & (chosen >= 0)
-    return Scene(scene.camera, window, scene.noise[chosen], free, scene.support)
+    inside = chosen >= 0
+    free, bare = scene.free[chosen] & inside, scene.bare[chosen] & inside
+    return Scene(scene.camera, window, scene.noise[chosen], free, bare, scene.support)

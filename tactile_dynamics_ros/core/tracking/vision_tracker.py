@@ -10,103 +10,29 @@ images before it is told.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.rigid_body.rotation import skew, twice
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
 from tactile_dynamics_ros.core.shape.object_shape import ObjectShape
-from tactile_dynamics_ros.core.tracking.depth_image import (
-    DepthNoiseConfig,
-    Image,
-    PinholeCamera,
-    cut_window,
-)
-from tactile_dynamics_ros.core.tracking.registration import (
-    Fit,
-    Registration,
-    RegistrationConfig,
-)
-from tactile_dynamics_ros.core.tracking.relocalisation import (
-    Relocalisation,
-    RelocalisationConfig,
-    turned_about_vertical,
-)
+from tactile_dynamics_ros.core.tracking.depth_image import Image, PinholeCamera, cut_window
+from tactile_dynamics_ros.core.tracking.fit import Fit, judge
+from tactile_dynamics_ros.core.tracking.registration import Registration
+from tactile_dynamics_ros.core.tracking.relocalisation import Relocalisation, turned_about_vertical
 from tactile_dynamics_ros.core.tracking.robot_volume import RobotVolume
 from tactile_dynamics_ros.core.tracking.scene import Scene, label_scene, view_sphere
+from tactile_dynamics_ros.core.tracking.watch import (
+    NEAR,
+    SYMMETRIC_STD,
+    Sighting,
+    TrackingState,
+    VisionTrackerConfig,
+    Watch,
+)
 
 Array = NDArray[np.float64]
-
-NEAR = 0.9
-"""Score of a prediction from which on it needs only the last steps of the alignment. Higher repeats
-the steps from afar for nothing, lower lets a pose creep along with its error."""
-
-
-SYMMETRIC_STD = 10.0
-"""Standard deviation of turns about an axis of symmetry, rad: more than a whole turn, and so large
-that many images do not add up to knowledge (ten minutes of 15 images a second would leave 0.1
-rad)."""
-
-
-class TrackingState(Enum):
-    """States of a tracker.
-
-    `HIDDEN`: the image shows too little of the object, its pose is predicted but not told.
-    """
-
-    SEARCHING = "searching"
-    CHECKING = "checking"
-    TRACKING = "tracking"
-    HIDDEN = "hidden"
-
-
-@dataclass(frozen=True)
-class VisionTrackerConfig:
-    """When a pose is believed, and how well."""
-
-    least_score: float = parameter(0.9, "share of the visible model that must match", "", 0, 1)
-    least_visible: float = parameter(0.12, "share of the near side that must be visible", "", 0, 1)
-    most_misfit: float = parameter(1.5, "whitened distance of a good alignment", "", 1.0, 10.0)
-    patience: float = parameter(0.5, "time without a good image before a search", "s", 0.0, 60.0)
-    search_period: float = parameter(0.4, "time between searches", "s", 0.0, 60.0)
-    confirmations: int = parameter(3, "good images before a found pose is told", "", 1, 100)
-    information_share: float = parameter(
-        0.5, "share of the pixels' information that is independent", "", 0.01, 1.0
-    )
-    blind_std: float = parameter(
-        4e-3, "a direction known worse than this is not known at all", "m", 1e-4, 0.1
-    )
-    bias_position: float = parameter(3e-4, "error of calibration and model", "m", 0.0, 0.05)
-    bias_rotation_deg: float = parameter(0.15, "error of calibration and model", "deg", 0.0, 45.0)
-    support: bool = parameter(True, "objects stand on a horizontal plane")
-    support_height: float = parameter(0.0, "height of that plane in the world", "m", -10.0, 10.0)
-    robot_margin: float = parameter(3e-3, "by which the robot's shapes are enlarged", "m", 0, 0.1)
-    registration: RegistrationConfig = field(default_factory=RegistrationConfig)
-    relocalisation: RelocalisationConfig = field(default_factory=RelocalisationConfig)
-    noise: DepthNoiseConfig = field(default_factory=DepthNoiseConfig)
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
-
-
-@dataclass(frozen=True)
-class Sighting:
-    """Pose of the object in one image.
-
-    Attributes:
-        pose: (4, 4) X_WO. covariance: (6, 6) [rotation, position], world axes.
-        score: share of the visible model that is where it should be.
-        visible: share of the near side that nothing hides.
-    """
-
-    pose: Array
-    covariance: Array
-    score: float
-    visible: float
 
 
 class VisionTracker:
@@ -115,9 +41,6 @@ class VisionTracker:
     Args:
         shape: shape of the object. kinematics: kinematic model of the robot in front of the camera.
         config: thresholds, weights, camera noise.
-
-    Attributes:
-        state: what is known now. score: of the last image, 0 where nothing was seen.
     """
 
     def __init__(
@@ -134,18 +57,29 @@ class VisionTracker:
         self._search = Relocalisation(
             self._registration, self.config.relocalisation, self.config.noise
         )
+        self._watch = Watch(self.config)
         self.reset()
+
+    @property
+    def state(self) -> TrackingState:
+        """What is known now."""
+        return self._watch.state
+
+    @property
+    def score(self) -> float:
+        """Score of the last image, 0 where nothing was seen."""
+        return self._watch.score
+
+    @property
+    def visible(self) -> float:
+        """Share of the near side that nothing hides in the last image."""
+        return self._watch.visible
 
     def reset(self, pose: Array | None = None) -> None:
         """Forget where the object is, or start from X_WO (4, 4)."""
-        self.state = TrackingState.SEARCHING if pose is None else TrackingState.CHECKING
-        self.score = 0.0
-        self.visible = 0.0
-        self._good = 0
+        self._watch.reset(known=pose is not None)
         self._pose = None if pose is None else np.array(pose, dtype=float)
         self._palm: Array | None = None
-        self._last_good = -np.inf
-        self._last_search = -np.inf
 
     def update(
         self,
@@ -171,8 +105,8 @@ class VisionTracker:
         palm = self._kinematics.locate(positions).palm
         seeds = [*self._own_predictions(palm), *predictions]
         fit = self._align_best(depth, camera, positions, seeds) if seeds else None
-        self._note(fit)
-        if fit is None or not self._believable(fit):
+        self._watch.note(fit)
+        if fit is None or not self._watch.believes(fit):
             fit = self._recover(depth, camera, positions, time, seeds)
         if fit is None:
             self._carry(palm)
@@ -216,21 +150,9 @@ class VisionTracker:
         scene = self._scene(depth, camera, positions, poses)
         if scene is None:
             return None
-        judged = [self._registration.judge(scene, pose) for pose in poses]
+        judged = [judge(self.shape, scene, pose) for pose in poses]
         best = max(judged, key=lambda fit: fit.agreement)
         return self._registration.align(scene, best.pose, near=best.score > NEAR)
-
-    def _note(self, fit: Fit | None) -> None:
-        self.score = 0.0 if fit is None else fit.score
-        self.visible = 0.0 if fit is None else fit.visible
-
-    def _believable(self, fit: Fit) -> bool:
-        config = self.config
-        return (
-            fit.score >= config.least_score
-            and fit.visible >= config.least_visible
-            and fit.misfit <= config.most_misfit
-        )
 
     def _recover(
         self,
@@ -241,15 +163,8 @@ class VisionTracker:
         seeds: Sequence[Array],
     ) -> Fit | None:
         """Wait for a better image, or search; return a pose that is to be checked."""
-        self._good = 0
-        known = self.state in (TrackingState.TRACKING, TrackingState.HIDDEN)
-        if known and time - self._last_good < self.config.patience:
-            self.state = TrackingState.HIDDEN
+        if not self._watch.miss(time):
             return None
-        self.state = TrackingState.SEARCHING
-        if time - self._last_search < self.config.search_period:
-            return None
-        self._last_search = time
         window = cut_window(camera, depth, slice(0, camera.height), slice(0, camera.width))
         scene = label_scene(
             camera, window, self._volume, positions, self.config.noise, self._support
@@ -258,20 +173,14 @@ class VisionTracker:
         expected += turned_about_vertical(self.shape.expected, 8)
         tips = self._kinematics.locate(positions).sensors[:, :3, 3].mean(axis=0)
         fit = self._search.search(scene, expected, tips)
-        self._note(fit)
-        if fit is None or not self._believable(fit):
+        self._watch.note(fit)
+        if fit is None or not self._watch.believes(fit):
             return None
-        self.state = TrackingState.CHECKING
         return fit
 
     def _accept(self, fit: Fit, camera: PinholeCamera, palm: Array, time: float) -> None:
         self._pose, self._palm = camera.pose @ fit.pose, palm
-        self._last_good = time
-        self._good += 1
-        if self._good >= self.config.confirmations or self.state is TrackingState.HIDDEN:
-            self.state = TrackingState.TRACKING
-        elif self.state is TrackingState.SEARCHING:
-            self.state = TrackingState.CHECKING
+        self._watch.accept(time)
 
     def _carry(self, palm: Array) -> None:
         """Let the unseen object move with the palm."""

@@ -1,0 +1,1 @@
+"""Parts of pushed objects followed in depth images: errors, honesty, occlusion, loss, time."""

@@ -1,0 +1,1 @@
+"""Links of an object on a table, followed while they are pushed."""
