@@ -174,3 +174,14 @@ def test_noise_of_faster_readings_is_that_of_a_grid_of_the_same_power():
         force = np.array([1.0, -2.0, 3.0])
         own.append(1e-3 * k, ContactReading(force, np.eye(3), force, np.zeros(3), std))
     np.testing.assert_allclose(own.read(0.05, 0.01).std, std * np.sqrt(0.1), rtol=1e-6)
+
+
+@pytest.mark.parametrize(("offset", "counts"), [(0.011, True), (0.0135, False)])
+def test_a_mean_reaches_over_a_period_and_a_quarter_of_the_grid(offset, counts):
+    own = ContactQueue(0.1)
+    for k in range(200):
+        time = 5e-4 * k
+        force = np.array([0.0, 0.0, 5.0 + 1.0 * (abs(abs(time - 0.05) - offset) < 1e-6)])
+        own.append(time, ContactReading(force, np.eye(3), force, np.zeros(3), np.full(3, 0.03)))
+    moved = own.read(0.05, 0.01).force[2] != pytest.approx(5.0, abs=1e-9)
+    assert moved == counts
