@@ -79,13 +79,21 @@ def planar_object(number: int) -> PlanarObject:
     Raises:
         BadInputError: there is no such number.
     """
-    ranges = yaml.safe_load(share_file("config/planar_objects.yaml").read_text())
+    ranges = _ranges()
     for kind, spans in ranges["kinds"].items():
         if any(low <= number <= high for low, high in spans):
             return _draw(number, kind, ranges)
-    spans = ranges["kinds"].values()
-    last = max(high for each in spans for _, high in each)
-    raise BadInputError(f"planar object {number}: expected a number from 1 to {last}")
+    raise BadInputError(f"planar object {number}: expected a number from 1 to {last_number()}")
+
+
+def last_number() -> int:
+    """Return the highest number that an object has."""
+    return max(high for spans in _ranges()["kinds"].values() for _, high in spans)
+
+
+def _ranges() -> dict[str, Any]:
+    found: dict[str, Any] = yaml.safe_load(share_file("config/planar_objects.yaml").read_text())
+    return found
 
 
 def _draw(number: int, kind: str, ranges: Mapping[str, Any]) -> PlanarObject:

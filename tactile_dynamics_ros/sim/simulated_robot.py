@@ -31,7 +31,7 @@ from tactile_dynamics_ros.sim.world import HandWorld, WorldConfig
 Array = NDArray[np.float64]
 Config = TypeVar("Config")
 
-ERROR_WORDS = ("noise", "drift", "offset", "bias", "wander", "play", "loss", "variation")
+ERROR_WORDS = ("noise", "drift", "offset", "bias", "wander", "play", "loss", "variation", "stray")
 
 
 @dataclass(frozen=True)
@@ -188,17 +188,17 @@ class SimulatedRobot:
         return self.tips.read(felt, sensors, pose, twist, self.period), None
 
     def _look(self, pose: Array, before: float, time: float) -> Array | None:
-        if not _is_due(before, time, self.config.vision_rate_hz):
+        if not is_due(before, time, self.config.vision_rate_hz):
             return None
         return self.marker.read(self.effect.see(pose, time))
 
     def _photograph(self, before: float, time: float) -> NDArray[np.float32] | None:
-        if not _is_due(before, time, self.config.depth_rate_hz):
+        if not is_due(before, time, self.config.depth_rate_hz):
             return None
         return self.camera.measure(self.world.client, self.camera_pose)
 
 
-def _is_due(before: float, now: float, rate: float) -> bool:
+def is_due(before: float, now: float, rate: float) -> bool:
     """Whether a multiple of 1/rate lies in (before, now]."""
     return rate > 0.0 and int(now * rate + 1e-6) > int(before * rate + 1e-6)
 
@@ -219,11 +219,11 @@ def _placed(config: SimulatedRobotConfig) -> WorldConfig:
 
 def _without_errors(config: SimulatedRobotConfig) -> SimulatedRobotConfig:
     sensors = ("biotac", "pad", "encoders", "wrist", "marker", "camera")
-    silent = {name: _silenced(getattr(config, name)) for name in sensors}
+    silent = {name: silenced(getattr(config, name)) for name in sensors}
     return dataclasses.replace(config, **silent)
 
 
-def _silenced(sensor: Config) -> Config:
+def silenced(sensor: Config) -> Config:
     """Return a sensor's configuration with all its errors zero."""
     names = [f.name for f in dataclasses.fields(sensor)]  # type: ignore[arg-type]
     errors = {name: 0.0 for name in names if any(word in name for word in ERROR_WORDS)}

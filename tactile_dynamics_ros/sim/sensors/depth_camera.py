@@ -1,4 +1,4 @@
-"""Depth camera of the Xtion class: rendering by Bullet and a structured-light noise model."""
+"""Depth cameras, structured light or stereo: rendering by Bullet and their errors."""
 
 from __future__ import annotations
 
@@ -11,12 +11,18 @@ import pybullet
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
+from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 
-BASELINE = 0.075
+BASELINES = {"xtion": 0.075, "zed2i": 0.12}
+"""Distance between projector or second camera and camera, m, by model."""
+STEREO_FOCAL = 530.0
+"""Focal length of a Zed2i at 1280 columns, px, to which its `disparity_noise` belongs."""
+MISMATCH = 0.1
+"""Largest error of a stray pixel over its depth: windows are matched within some pixels."""
 DISPARITY_STEPS = 8.0
 NATIVE_WIDTH = 640
 NEAR, FAR = 0.05, 10.0
@@ -27,23 +33,40 @@ NEAR, FAR = 0.05, 10.0
 class DepthCameraConfig:
     """Optics, range and noise.
 
-    Source: Nguyen, Izadi and Lovell, 2012 (axial and lateral noise); disparity in eighths of a
-    pixel and a baseline of 75 mm as in public structured-light simulators.
+    Source of xtion: Nguyen, Izadi and Lovell, 2012 (axial and lateral noise); disparity in eighths
+    of a pixel and a baseline of 75 mm as in public structured-light simulators. A zed2i's noise
+    grows with the square of the distance; users report 0.1 to 0.25 pixels of disparity.
     """
 
+    model: str = parameter("xtion", "xtion (structured light) or zed2i (stereo)")
     width: int = parameter(320, "columns", "px", 16, 1280)
     height: int = parameter(240, "rows", "px", 16, 1024)
     horizontal_view_deg: float = parameter(58.0, "horizontal field of view", "deg", 10.0, 120.0)
     nearest: float = parameter(0.45, "shortest range", "m", 0.05, 2.0)
     farthest: float = parameter(3.5, "longest range", "m", 0.5, 20.0)
     noise_scale: float = parameter(1.0, "factor on axial and lateral noise", "", 0.0, 10.0)
-    shadows: bool = parameter(True, "leave out what the projector cannot see")
+    disparity_noise: float = parameter(
+        0.15, "of zed2i: standard deviation of disparity, of 1280 columns", "px", 0.0, 5.0
+    )
+    stray_share: float = parameter(
+        0.1, "of zed2i: share of pixels that are matched wrongly", "", 0.0, 0.9
+    )
+    shadows: bool = parameter(True, "leave out what projector or second camera cannot see")
     edge_loss: float = parameter(0.5, "share of pixels lost at depth edges", "", 0.0, 1.0)
     pose_bias: float = parameter(2e-4, "std of the calibrated position's error", "m", 0.0, 0.1)
     pose_bias_deg: float = parameter(0.02, "std of the calibrated rotation's error", "deg", 0, 45)
 
     def __post_init__(self) -> None:
         check_ranges(self)
+        if self.model not in BASELINES:
+            raise BadInputError(
+                f"camera model '{self.model}': expected one of {', '.join(BASELINES)}"
+            )
+
+    @property
+    def baseline(self) -> float:
+        """Distance between projector or second camera and camera, m."""
+        return BASELINES[self.model]
 
     @property
     def focal_length(self) -> float:
@@ -67,7 +90,7 @@ class _Backdrop(NamedTuple):
 
 
 class DepthCamera:
-    """Renders depth images and gives them the errors of structured light.
+    """Renders depth images and gives them the errors of structured light or stereo.
 
     Camera frame: z forward, x right, y down. Invalid pixels are NaN.
 
@@ -153,28 +176,52 @@ class DepthCamera:
         return np.asarray(buffer, dtype=np.float32).reshape(config.height, config.width)
 
     def degrade(self, depth: Image) -> Image:
-        """Return a measured depth image (H, W) for a true one: noise, quantisation, holes.
-
-        sigma_z = 1.2 mm + 1.9 mm/m^2 (z - 0.4 m)^2, more at grazing angles; depth edges wander by
-        about a pixel; disparity is rounded to an eighth of a pixel.
-        """
+        """Return a measured depth image (H, W) for a true one: noise, holes, what is lost."""
         config = self.config
         depth = np.asarray(depth, dtype=np.float32)
-        depth = self._jitter(depth, self._tilt(depth))
-        sigma = self._axial_noise(depth, self._tilt(depth))
-        measured = self._rng.standard_normal(depth.shape, dtype=np.float32)
-        sigma *= config.noise_scale
-        measured *= sigma
-        measured += depth
-        scale = DISPARITY_STEPS * BASELINE * config.focal_length * NATIVE_WIDTH / config.width
-        np.maximum(measured, 0.05, out=measured)
-        np.rint(np.divide(scale, measured, out=measured), out=measured)
-        np.divide(scale, np.maximum(measured, 1.0, out=measured), out=measured)
+        if config.model == "zed2i":
+            measured = self._stereo(depth)
+        else:
+            depth = self._jitter(depth, self._tilt(depth))
+            measured = self._structured(depth)
         lost = (measured < config.nearest) | (measured > config.farthest)
         lost |= self._edges(depth)
         if config.shadows:
             lost |= self._shadowed(depth)
         measured[lost] = np.nan
+        return measured
+
+    def _stereo(self, depth: Image) -> Image:
+        """Return depth as matched windows tell it.
+
+        sigma_z = z^2 sigma_d / (f b); some windows are matched wrongly.
+        """
+        config = self.config
+        noise = config.disparity_noise / (STEREO_FOCAL * config.baseline)
+        error = self._rng.standard_normal(depth.shape, dtype=np.float32)
+        measured = depth + depth * depth * np.float32(noise) * error
+        stray = self._rng.random(depth.shape, dtype=np.float32) < config.stray_share
+        wrong = self._rng.uniform(1.0 - MISMATCH, 1.0 + MISMATCH, int(stray.sum()))
+        measured[stray] *= wrong.astype(np.float32)
+        return np.asarray(measured)
+
+    def _structured(self, depth: Image) -> Image:
+        """Return depth as structured light tells it, whose edges wander by about a pixel.
+
+        sigma_z = 1.2 mm + 1.9 mm/m^2 (z - 0.4 m)^2, more at grazing angles; disparity is rounded to
+        an eighth of a pixel.
+        """
+        config = self.config
+        sigma = self._axial_noise(depth, self._tilt(depth))
+        measured = self._rng.standard_normal(depth.shape, dtype=np.float32)
+        sigma *= config.noise_scale
+        measured *= sigma
+        measured += depth
+        scale = DISPARITY_STEPS * config.baseline * config.focal_length
+        scale *= NATIVE_WIDTH / config.width
+        np.maximum(measured, 0.05, out=measured)
+        np.rint(np.divide(scale, measured, out=measured), out=measured)
+        np.divide(scale, np.maximum(measured, 1.0, out=measured), out=measured)
         return measured
 
     def _axial_noise(self, depth: Image, tilt: Image) -> Image:
@@ -233,11 +280,12 @@ class DepthCamera:
         return jump & (self._rng.random(depth.shape, dtype=np.float32) < self.config.edge_loss)
 
     def _shadowed(self, depth: Image) -> NDArray[np.bool_]:
-        """Return pixels whose line to the projector, 75 mm to the right, is blocked."""
+        """Return pixels whose line to the projector or second camera, to the right, is blocked."""
         config = self.config
-        reach = int(BASELINE * config.focal_length / config.nearest) + 2
+        reach = int(config.baseline * config.focal_length / config.nearest) + 2
         wide = config.width + reach
-        seen = np.arange(config.width, dtype=np.float32) - BASELINE * config.focal_length / depth
+        shift = config.baseline * config.focal_length
+        seen = np.arange(config.width, dtype=np.float32) - shift / depth
         place = np.clip(np.rint(seen).astype(np.int32) + reach, 0, wide - 1)
         place += wide * np.arange(config.height, dtype=np.int32)[:, None]
         nearest = np.full(config.height * wide, np.inf, dtype=np.float32)

@@ -1,0 +1,1 @@
+"""A table with objects that can be pushed, and a depth camera that moves around it."""

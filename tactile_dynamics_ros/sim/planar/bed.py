@@ -1,0 +1,187 @@
+"""The face on which a body rests: springs that carry it and bristles that resist its sliding."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.rigid_body.rotation import cross
+
+Array = NDArray[np.float64]
+FrictionMap = Callable[[Array], Array]
+"""Factor on the coefficient of friction at places (K, 2) of the table."""
+
+GRAVITY = 9.81
+SINK = 1e-4
+"""Depth to which the bed gives way under a body at rest, m: a vertical period of 20 ms, twenty
+simulation steps. At 0.03 mm flat wide bodies rock from step to step for ever (three of 32 planar
+objects at 1 ms), ten times as deep lets a body lean visibly when it is pushed."""
+DAMPING = 0.4
+"""Share of the critical damping of the springs: bounces die within two periods."""
+AROUND, RINGS = 24, 4
+"""Feet around and from the middle of each part: its friction radius is right to 1 %."""
+
+
+def feet_of(corners: Array) -> tuple[Array, Array]:
+    """Return places (K, 2), m, and shares (K,) of the area of feet that fill an outline.
+
+    Args:
+        corners: (N, 2) m, anticlockwise, star shaped about its centroid.
+    """
+    edge, centre = _resampled(corners), _centroid(corners)
+    after = np.roll(edge, -1, axis=0)
+    sector = 0.5 * np.abs(_wedge(edge - centre, after - centre))
+    bounds = np.sqrt(np.linspace(0.0, 1.0, RINGS + 1))
+    ring = np.diff(bounds**2)
+    reach = np.diff(bounds**3) / (1.5 * ring)  # centroid of a slice of a triangle
+    middle = 0.5 * (edge + after) - centre
+    places = centre + reach[:, None, None] * middle
+    area = ring[:, None] * sector
+    return places.reshape(-1, 2), (area / area.sum()).ravel()
+
+
+def _resampled(corners: Array) -> Array:
+    """Return the corners and points between them, about `AROUND`, evenly spaced."""
+    after = np.roll(corners, -1, axis=0)
+    lengths = np.linalg.norm(after - corners, axis=1)
+    counts = np.maximum(1, np.rint(AROUND * lengths / lengths.sum()).astype(int))
+    rows = [
+        start + (end - start) * np.linspace(0.0, 1.0, count, endpoint=False)[:, None]
+        for start, end, count in zip(corners, after, counts, strict=True)
+    ]
+    return np.concatenate(rows)
+
+
+def _wedge(a: Array, b: Array) -> Array:
+    return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+
+
+def _centroid(corners: Array) -> Array:
+    after = np.roll(corners, -1, axis=0)
+    area = _wedge(corners, after)
+    return np.asarray(((corners + after) * area[:, None]).sum(axis=0) / (3.0 * area.sum()))
+
+
+@dataclass(frozen=True)
+class Support:
+    """What the table does to a body during a step.
+
+    Attributes:
+        force: (3,) N, world.
+        point: (3,) m, world, where it acts: the centre of pressure.
+        torque: N m about the vertical there.
+    """
+
+    force: Array
+    point: Array
+    torque: float
+
+
+class Bed:
+    """Table under one rigid body, as feet of their own: pressure, stick and slip at each.
+
+    Each foot stands on a spring (Winkler's foundation), so that the pressure is linear over the
+    face, follows tipping moments and vanishes where the body lifts off. A bristle at each foot
+    stretches by micrometres before it slips, and then pulls back with coefficient times pressure
+    (Coulomb). Engines keep about four contacts of a face, which makes it too hard to turn.
+
+    Args:
+        feet: (K, 3) m, body frame.
+        shares: (K,) of the body's area.
+        friction: (K,) coefficients.
+        mass: kg that rests on it.
+        height: of the table, m.
+        variation: factor on the coefficient by place.
+    """
+
+    def __init__(
+        self,
+        feet: Array,
+        shares: Array,
+        friction: Array,
+        mass: float,
+        height: float,
+        variation: FrictionMap,
+    ) -> None:
+        self._feet, self._friction, self._height = feet, friction, height
+        self._stiffness = mass * GRAVITY / SINK * shares
+        self._damping = 2.0 * DAMPING * mass * np.sqrt(GRAVITY / SINK) * shares
+        self._stretch = np.zeros((len(feet), 2))
+        self._variation = variation
+        self._pressure = np.zeros(len(feet))
+
+    @property
+    def pressure(self) -> Array:
+        """Force (K,) that each foot carried in the last step, N."""
+        return self._pressure
+
+    def press(self, pose: Array, angular: Array, linear: Array, step: float) -> Support | None:
+        """Return what the table does to the body; None where it does not touch.
+
+        Args:
+            pose: (4, 4) of the body frame in the world.
+            angular: (3,) rad/s, world axes.
+            linear: (3,) m/s of the body frame's origin, world axes.
+            step: s since the last call.
+        """
+        arm = self._feet @ pose[:3, :3].T
+        place = arm + pose[:3, 3]
+        velocity = linear + cross(np.broadcast_to(angular, arm.shape), arm)
+        depth = self._height - place[:, 2]
+        carried = self._stiffness * depth - self._damping * velocity[:, 2]
+        pressure = np.where(depth > 0.0, np.maximum(carried, 0.0), 0.0)
+        self._pressure = pressure
+        total = float(pressure.sum())
+        if total <= 0.0:
+            self._stretch[:] = 0.0
+            return None
+        drag = self._drag(place[:, :2], velocity[:, :2], step)
+        centre = pressure @ place[:, :2] / total
+        force = np.array([*drag.sum(axis=0), total])
+        torque = float(_wedge(place[:, :2] - centre, drag).sum())
+        return Support(force, np.array([*centre, self._height]), torque)
+
+    def _drag(self, place: Array, velocity: Array, step: float) -> Array:
+        """Stretch the bristles and return the friction (K, 2) of each foot, N."""
+        stiffness, damping = self._stiffness[:, None], self._damping[:, None]
+        self._stretch += step * velocity
+        force = -stiffness * self._stretch - damping * velocity
+        limit = self._friction * self._variation(place) * self._pressure
+        size = np.linalg.norm(force, axis=1)
+        slips = size > limit
+        force[slips] *= (limit[slips] / size[slips])[:, None]
+        held = -(force + damping * velocity) / stiffness
+        self._stretch[slips] = held[slips]
+        return np.asarray(force)
+
+
+def uneven_friction(spread: float, seed: int) -> FrictionMap:
+    """Return a smooth map of factors around 1 whose standard deviation is `spread`.
+
+    Sources of real pushes find 8 to 13 % from place to place. Waves are 3 to 15 cm long.
+
+    Args:
+        spread: standard deviation of the factor.
+        seed: of the draw.
+    """
+    rng = np.random.default_rng([seed, 31])
+    count = 24
+    number = 2.0 * np.pi / rng.uniform(0.03, 0.15, count)
+    turn, phase = rng.uniform(0.0, 2.0 * np.pi, (2, count))
+    waves = number * np.stack([np.cos(turn), np.sin(turn)])
+
+    def factor(place: Array) -> Array:
+        ripple = np.cos(place @ waves + phase).sum(axis=1)
+        return np.asarray(np.maximum(1.0 + spread * ripple * np.sqrt(2.0 / count), 0.1))
+
+    return factor if spread > 0.0 else lambda place: np.ones(len(place))
+
+
+def gathered(feet: Sequence[tuple[Array, Array]], areas: Sequence[float]) -> tuple[Array, Array]:
+    """Return the feet of parts that are one body, each with its share of the whole area."""
+    whole = sum(areas)
+    shares = [share * area / whole for (_, share), area in zip(feet, areas, strict=True)]
+    return np.concatenate([place for place, _ in feet]), np.concatenate(shares)

@@ -1,0 +1,161 @@
+"""A table with planar objects in Bullet."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from types import TracebackType
+
+import numpy as np
+import pybullet
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
+from tactile_dynamics_ros.sim.bodies import TABLE_CENTRE, TABLE_HALF_SIZE
+from tactile_dynamics_ros.sim.planar.bed import GRAVITY, FrictionMap
+from tactile_dynamics_ros.sim.planar.body import PlanarBody
+from tactile_dynamics_ros.sim.planar_objects import PlanarObject
+
+Array = NDArray[np.float64]
+
+STILL = 1e-5
+"""Speed, m/s and rad/s, below which objects that nothing pushes are not simulated: in an hour they
+would move by what a bristle stretches at most."""
+APART = 0.03
+"""Least gap between objects that are placed at random, m: cameras see that they are two."""
+TRIES = 1000
+"""Places that are tried for an object; a table of 0.8 m by 1.2 m has room for a dozen."""
+
+
+class TableWorld:
+    """Objects that rest on a table, with whatever pushes them; a context manager.
+
+    `step` advances; `add_pre_step` registers what acts before each step, such as a robot that
+    pushes. While nothing is registered and all is still, time passes without work.
+
+    Args:
+        things: what stands there.
+        places: (K, 3) x, y (m) of their middle and turn (rad) of each.
+        height: of the table, m.
+        friction: factor on coefficients by place.
+        time_step: s.
+
+    Attributes:
+        client: Bullet client. bodies: the objects. time: simulated seconds. height: of the table.
+    """
+
+    def __init__(
+        self,
+        things: Sequence[PlanarObject],
+        places: Array,
+        height: float,
+        friction: FrictionMap,
+        time_step: float,
+    ) -> None:
+        self.time, self.time_step, self.height = 0.0, time_step, height
+        self.client: int = pybullet.connect(pybullet.DIRECT)
+        pybullet.setGravity(0.0, 0.0, -GRAVITY, physicsClientId=self.client)
+        pybullet.setTimeStep(time_step, physicsClientId=self.client)
+        self._draw_table()
+        self.bodies = [
+            PlanarBody(self.client, thing, standing(thing, place, height), friction)
+            for thing, place in zip(things, places, strict=True)
+        ]
+        self._pre_step: list[Callable[[TableWorld], None]] = []
+
+    def __enter__(self) -> TableWorld:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Free the engine; the world cannot be used afterwards."""
+        if self.client >= 0:
+            pybullet.disconnect(self.client)
+            self.client = -1
+
+    def add_pre_step(self, callback: Callable[[TableWorld], None]) -> None:
+        """Call `callback(world)` before each simulation step, in the order of registration."""
+        self._pre_step.append(callback)
+
+    def step(self, count: int = 1) -> None:
+        """Advance by `count` simulation steps."""
+        for _ in range(count):
+            self.time += self.time_step
+            if not self._pre_step and self._is_still():
+                continue
+            for callback in self._pre_step:
+                callback(self)
+            for body in self.bodies:
+                body.rest_on_table(self.time_step)
+            pybullet.stepSimulation(self.client)
+
+    def _is_still(self) -> bool:
+        """Whether no object moves; those that were just placed still settle."""
+        speeds = [
+            np.abs(part).max()
+            for body in self.bodies
+            for k in range(len(body.links))
+            for part in body.velocity(k)
+        ]
+        return self.time > 0.2 and max(speeds, default=0.0) < STILL
+
+    def _draw_table(self) -> None:
+        """Draw the table; objects rest on beds of their own and never collide with it."""
+        visual = pybullet.createVisualShape(
+            pybullet.GEOM_BOX,
+            halfExtents=TABLE_HALF_SIZE,
+            rgbaColor=(0.6, 0.6, 0.6, 1.0),
+            physicsClientId=self.client,
+        )
+        centre = (*TABLE_CENTRE, self.height - TABLE_HALF_SIZE[2])
+        pybullet.createMultiBody(0.0, -1, visual, centre, physicsClientId=self.client)
+
+
+def standing(thing: PlanarObject, place: Array, height: float) -> Array:
+    """Return the pose (4, 4) of an object's frame when its middle is at x, y and it is turned."""
+    pose = np.eye(4)
+    pose[:3, :3] = exp_so3(np.array([0.0, 0.0, place[2]]))
+    pose[:3, 3] = [*place[:2], height]
+    pose[:2, 3] -= pose[:2, :2] @ middle_of(thing)
+    return pose
+
+
+def middle_of(thing: PlanarObject) -> Array:
+    """Return the middle (2,) of the box around an object's outline, m, in its frame."""
+    corners = np.concatenate([part.corners for part in thing.parts])
+    return np.asarray(0.5 * (corners.min(axis=0) + corners.max(axis=0)))
+
+
+def scattered(things: Sequence[PlanarObject], first: Array, rng: np.random.Generator) -> Array:
+    """Return places (K, 3): the first as given, others on the table without touching.
+
+    Args:
+        things: objects.
+        first: (3,) x, y (m) and turn (rad) of the first.
+        rng: of the draw.
+    """
+    reach = [0.5 * float(np.linalg.norm(_size(thing))) for thing in things]
+    places = [first]
+    half = np.array(TABLE_HALF_SIZE[:2]) - 0.1
+    for k in range(1, len(things)):
+        for _ in range(TRIES):
+            place = TABLE_CENTRE + half * rng.uniform(-1.0, 1.0, 2)
+            gaps = [
+                np.linalg.norm(place - other[:2]) - reach[k] - reach[n] - APART
+                for n, other in enumerate(places)
+            ]
+            if min(gaps) > 0.0:
+                break
+        places.append(np.array([*place, rng.uniform(-np.pi, np.pi)]))
+    return np.stack(places)
+
+
+def _size(thing: PlanarObject) -> Array:
+    corners = np.concatenate([part.corners for part in thing.parts])
+    return np.asarray(np.ptp(corners, axis=0))
