@@ -1,4 +1,4 @@
-"""`tactile-dynamics synthetic`: a recording with known truth, made from closed forms."""
+"""`tactile-dynamics synthetic`: a recording with known truth."""
 
 from __future__ import annotations
 
@@ -36,6 +36,32 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
         "--json", action="store_true", default=SUPPRESS, help="print only JSON on stdout"
     )
     held.set_defaults(run=run)
+    _add_pushed(forms)
+
+
+def _add_pushed(forms: _SubParsersAction[Any]) -> None:
+    pushed = forms.add_parser(
+        "pushed", help="an object that is pushed or pulled over a table, with hidden effects"
+    )
+    pushed.add_argument("out", metavar="OUT", help="directory of the recording to create")
+    pushed.add_argument("--effect", default="", metavar="NAME[,..]", help="none: a clean recording")
+    pushed.add_argument("--seed", type=int, default=0)
+    pushed.add_argument("--magnitude", type=float, default=1.0, help="multiple of a typical size")
+    pushed.add_argument(
+        "--object", choices=["single", "rigid_pair", "jointed"], default="single", dest="kind"
+    )
+    pushed.add_argument("--action", choices=["push", "pull", "shake", "mixed"], default="push")
+    pushed.add_argument("--count", type=int, default=6, help="of actions (default 6)")
+    pushed.add_argument(
+        "--speed", type=float, nargs=2, default=[0.03, 0.2], metavar=("LOW", "HIGH"), help="m/s"
+    )
+    pushed.add_argument(
+        "--variation", type=float, default=0.0, help="relative std of friction over the table"
+    )
+    pushed.add_argument(
+        "--json", action="store_true", default=SUPPRESS, help="print only JSON on stdout"
+    )
+    pushed.set_defaults(run=run)
 
 
 def _add_circumstances(held: ArgumentParser) -> None:
@@ -55,18 +81,54 @@ def _add_circumstances(held: ArgumentParser) -> None:
 
 def run(args: Namespace) -> int:
     """Write the recording and, beside it, the truth as `OUT.truth.json`."""
-    from tactile_dynamics_ros.synthetic.bag import write_bag
-
     out = Path(args.out)
     truth = out.with_name(out.name + ".truth.json")
     refuse_existing(out)
     refuse_existing(truth)
-    recording = _generate(args)
-    write_bag(recording.streams, out)
-    truth.write_text(json.dumps(recording.truth(), indent=1))
+    make = _write_pushed if args.form == "pushed" else _write_held
+    truth.write_text(json.dumps(make(args, out), indent=1))
     written = {"recording": str(out), "truth": str(truth)}
     print(json.dumps(written) if args.json else f"{out}, truth in {truth}")
     return 0
+
+
+def _write_held(args: Namespace, out: Path) -> dict[str, Any]:
+    """Write a recording of a held object and return its truth."""
+    from tactile_dynamics_ros.synthetic.bag import write_bag
+
+    recording = _generate(args)
+    write_bag(recording.streams, out)
+    return recording.truth()
+
+
+def _write_pushed(args: Namespace, out: Path) -> dict[str, Any]:
+    """Write a recording of a pushed object and return its truth.
+
+    Raises:
+        BadInputError: an effect is unknown.
+    """
+    from tactile_dynamics_ros.recording.pushed import PushedRecording
+    from tactile_dynamics_ros.synthetic import pushed
+
+    names = _known_names(args.effect, (*pushed.CATALOGUE, *pushed.OUTSIDE))
+    actions = pushed.ActionOptions(args.count, args.action, tuple(args.speed))
+    options = pushed.PushOptions(args.kind, actions, variation=args.variation)
+    made = pushed.generate([args.seed], dict.fromkeys(names, args.magnitude), options)[0]
+    PushedRecording(made.streams, str(out)).to_bag(out)
+    return made.truth()
+
+
+def _known_names(given: str, known: tuple[str, ...]) -> list[str]:
+    """Return the names in a list with commas.
+
+    Raises:
+        BadInputError: one is unknown.
+    """
+    names = [name.strip() for name in given.split(",") if name.strip()]
+    unknown = [name for name in names if name not in known]
+    if unknown:
+        raise BadInputError(f"--effect {given}: no '{unknown[0]}'; there are {', '.join(known)}")
+    return names
 
 
 def _generate(args: Namespace) -> HiddenRecording:
@@ -77,13 +139,7 @@ def _generate(args: Namespace) -> HiddenRecording:
     """
     from tactile_dynamics_ros import synthetic
 
-    names = [name.strip() for name in args.effect.split(",") if name.strip()]
-    known = (*synthetic.CATALOGUE, *synthetic.OUTSIDE)
-    unknown = [name for name in names if name not in known]
-    if unknown:
-        raise BadInputError(
-            f"--effect {args.effect}: no '{unknown[0]}'; there are {', '.join(known)}"
-        )
+    names = _known_names(args.effect, (*synthetic.CATALOGUE, *synthetic.OUTSIDE))
     scenario = synthetic.ScenarioOptions(
         duration=args.duration,
         finger_roll=args.frames == "finger",

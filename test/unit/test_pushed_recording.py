@@ -1,10 +1,13 @@
 """Recordings of pushed objects: written, read, told from held ones."""
 
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from tactile_dynamics_ros.cli.main import main
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.recording import Recording
 from tactile_dynamics_ros.recording.pushed import PushedRecording, recorded_model
@@ -65,3 +68,14 @@ def test_a_path_without_forces_and_sparse_poses_are_kept(streams, tmp_path):
     assert len(read.streams.links[0].time) == 3
     assert len(read.streams.contacts["pusher"].time) == 0
     assert len(read.streams.contacts["pusher"].point) == len(contact.point)
+
+
+def test_the_command_writes_a_recording_and_its_truth(tmp_path, capsys):
+    out = tmp_path / "push"
+    words = ["synthetic", "pushed", "--effect", "support_tilt", "--count", "1", "--speed"]
+    assert main([*words, "0.1", "0.2", "--json", str(out)]) == 0
+    written = json.loads(capsys.readouterr().out)
+    truth = json.loads(Path(written["truth"]).read_text())
+    assert truth["effects"]["support_tilt"]["parameters"]["angle"] == pytest.approx(np.radians(2))
+    assert PushedRecording.from_bag(out).streams.contacts["pusher"].force.any()
+    assert main(["synthetic", "pushed", "--effect", "ghost", str(tmp_path / "none")]) == 2
