@@ -14,8 +14,13 @@ from tactile_dynamics_ros.core.errors import NotIdentifiableError
 
 Array = NDArray[np.float64]
 
-_BLOCK = 6
-"""Numbers of one sample: the six of a wrench residual."""
+BLOCK = 6
+"""Numbers of one sample: the six of a wrench residual, torque and force. With another number blocks
+of the covariance would mix samples."""
+VARIANCE_FLOOR = 1e-14
+"""Variance added to each residual, N^2 and (N m)^2: 0.1 uN. Data without any noise (generated ones)
+keep a covariance that is positive definite; those of sensors have at least 1e-8, so that it widens
+nothing. Below 1e-16 of the squares of loads it would be lost in rounding."""
 _SAFEGUARDS = (0.0, 1e-9, 1e-6)
 """Shares by which the diagonal of a covariance is raised, tried in turn until it has a Cholesky
 factor: none first, so that covariances that rounding leaves positive definite are taken exactly.
@@ -98,11 +103,11 @@ class _Windows:
     @classmethod
     def _joined(cls, width: int, matrices: Sequence[bsr_array]) -> _Windows:
         start = matrices[0].indices[::width].astype(np.intp)
-        rows = np.empty((len(start), _BLOCK, width, 3 * len(matrices)))
+        rows = np.empty((len(start), BLOCK, width, 3 * len(matrices)))
         for k, matrix in enumerate(matrices):
-            blocks = matrix.data.reshape(len(start), width, _BLOCK, 3)
+            blocks = matrix.data.reshape(len(start), width, BLOCK, 3)
             rows[..., 3 * k : 3 * k + 3] = blocks.swapaxes(1, 2)
-        return cls(start, width, rows.reshape(len(start), _BLOCK, -1))
+        return cls(start, width, rows.reshape(len(start), BLOCK, -1))
 
     @property
     def reach(self) -> int:
@@ -135,12 +140,12 @@ def _band_of_products(signals: list[_Windows]) -> Array:
     """
     count = len(signals[0].start)
     reaches = [signal.reach for signal in signals]
-    height = _BLOCK * (1 + max(reaches))
-    columns = np.zeros((count, _BLOCK, height))
+    height = BLOCK * (1 + max(reaches))
+    columns = np.zeros((count, BLOCK, height))
     for signal, reach in zip(signals, reaches, strict=True):
         for lag in range(reach + 1):
-            below = slice(_BLOCK * lag, _BLOCK * (lag + 1))
+            below = slice(BLOCK * lag, BLOCK * (lag + 1))
             signal.add_products(columns[: count - lag, :, below], lag)
-    for j in range(1, _BLOCK):
+    for j in range(1, BLOCK):
         columns[:, j, :-j], columns[:, j, -j:] = columns[:, j, j:], 0.0
-    return columns.reshape(count * _BLOCK, height).T
+    return columns.reshape(count * BLOCK, height).T

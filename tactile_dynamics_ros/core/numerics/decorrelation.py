@@ -14,13 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
+from tactile_dynamics_ros.core.numerics.banded import BLOCK
 from tactile_dynamics_ros.core.numerics.rolling_table import sliding_rows
 
 Array = NDArray[np.float64]
 Record = TypeVar("Record")
-
-_BLOCK = 6
-"""Numbers of one sample: the six of a wrench residual."""
 
 
 class Decorrelator(Generic[Record]):
@@ -35,15 +33,15 @@ class Decorrelator(Generic[Record]):
         """
         self.lag = short + long
         self._rows = 2 * self.lag + 1
-        self._width = (2 * short + 1) * _BLOCK
+        self._width = (2 * short + 1) * BLOCK
         self._padding = 2 * short
-        self._noise = np.zeros((self._rows, _BLOCK, self._width))
-        self._white = np.zeros((self._rows, _BLOCK, 2))
-        self._band = np.zeros((self._width, self._rows * _BLOCK), order="F")
+        self._noise = np.zeros((self._rows, BLOCK, self._width))
+        self._white = np.zeros((self._rows, BLOCK, 2))
+        self._band = np.zeros((self._width, self._rows * BLOCK), order="F")
         self._band[0] = 1.0
         self._records: list[Record | None] = [None] * self._rows
-        row, column = np.mgrid[:_BLOCK, : self._width]
-        offset = self._width - _BLOCK + row - column
+        row, column = np.mgrid[:BLOCK, : self._width]
+        offset = self._width - BLOCK + row - column
         self._kept = offset >= 0
         self._offset = offset[self._kept]
         self._column = self._band.shape[1] - self._width + column[self._kept]
@@ -64,16 +62,16 @@ class Decorrelator(Generic[Record]):
         """
         self._noise[:-1], self._white[:-1] = self._noise[1:].copy(), self._white[1:].copy()
         self._noise[-1], self._white[-1] = noise, white
-        self._band[:, :-_BLOCK] = self._band[:, _BLOCK:].copy()
-        self._band[:, -_BLOCK:] = 0.0
+        self._band[:, :-BLOCK] = self._band[:, BLOCK:].copy()
+        self._band[:, -BLOCK:] = 0.0
         self._band[self._offset, self._column] = factor_row[self._kept]
         self._records = [*self._records[1:], record]
 
     def skip(self) -> None:
         """Add a row without residual."""
-        row = np.zeros((_BLOCK, self._width))
-        row[:, -_BLOCK:] = np.eye(_BLOCK)
-        self.push(np.zeros_like(row), row, np.zeros((_BLOCK, 2)), None)
+        row = np.zeros((BLOCK, self._width))
+        row[:, -BLOCK:] = np.eye(BLOCK)
+        self.push(np.zeros_like(row), row, np.zeros((BLOCK, 2)), None)
 
     def correction(self, response: Array) -> Array:
         """Corrections of m readings x at the centre, -Cov(x, r) C^-1 r, for r and for the draw.
@@ -86,9 +84,9 @@ class Decorrelator(Generic[Record]):
             (2, m).
         """
         readings = response.shape[2]
-        padded = np.zeros((len(response) + 2 * self._padding, _BLOCK, readings))
+        padded = np.zeros((len(response) + 2 * self._padding, BLOCK, readings))
         padded[self._padding : self._padding + len(response)] = response
-        size = self._width // _BLOCK
+        size = self._width // BLOCK
         flat = sliding_rows(padded, size).reshape(self._rows, self._width, readings)
         covariance = (self._noise @ flat).reshape(-1, readings)
         solved, _ = lapack.dtbtrs(self._band, covariance, uplo="L")

@@ -6,13 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
-Array = NDArray[np.float64]
+from tactile_dynamics_ros.core.numerics.banded import BLOCK, VARIANCE_FLOOR
 
-_BLOCK = 6
-"""Numbers of one sample: the six of a wrench residual."""
-_FLOOR = 1e-14
-"""Variance added to each residual, N^2 and (N m)^2, as in `newton_euler_residual`: data
-without noise keep a factor."""
+Array = NDArray[np.float64]
 
 
 class StreamWhitener:
@@ -30,14 +26,14 @@ class StreamWhitener:
             bandwidth: b, block rows back to which the noise is correlated.
             columns: number of columns to whiten beside the residual.
         """
-        self._band = bandwidth * _BLOCK
+        self._band = bandwidth * BLOCK
         self._columns = columns + 1
         self.reset()
 
     def reset(self) -> None:
         """Forget the past: the next residual shares no noise with earlier ones."""
         size = self._band
-        self._noise = np.zeros((size, size + _BLOCK))
+        self._noise = np.zeros((size, size + BLOCK))
         self._factor = np.eye(size)
         self._white = np.zeros((size, self._columns))
 
@@ -60,7 +56,7 @@ class StreamWhitener:
         past = pose_noise @ self._noise.T
         row, _ = lapack.dtrtrs(self._factor, past.T, lower=1)
         own = pose_noise @ pose_noise.T + contact_covariance - row.T @ row
-        own.flat[:: _BLOCK + 1] += _FLOOR
+        own.flat[:: BLOCK + 1] += VARIANCE_FLOOR
         diagonal, info = lapack.dpotrf(own, lower=1, clean=1)
         if info != 0:
             raise np.linalg.LinAlgError("covariance of a residual is not positive definite")
@@ -70,24 +66,24 @@ class StreamWhitener:
     def commit(self, pose_noise: Array, factor_row: Array, white: Array) -> None:
         """Make a block row part of the memory, its whitened columns as they shall be remembered."""
         self._shift()
-        tail = slice(self._band - _BLOCK, None)
-        self._noise[tail, : self._band] = pose_noise[:, _BLOCK:]
-        self._factor[tail] = factor_row[:, _BLOCK:]
+        tail = slice(self._band - BLOCK, None)
+        self._noise[tail, : self._band] = pose_noise[:, BLOCK:]
+        self._factor[tail] = factor_row[:, BLOCK:]
         self._white[tail] = white
 
     def skip(self) -> None:
         """Move on by one sample that gives no residual."""
         self._shift()
-        tail = slice(self._band - _BLOCK, None)
+        tail = slice(self._band - BLOCK, None)
         self._noise[tail] = 0.0
         self._factor[tail] = 0.0
-        self._factor[tail, tail] = np.eye(_BLOCK)
+        self._factor[tail, tail] = np.eye(BLOCK)
         self._white[tail] = 0.0
 
     def _shift(self) -> None:
-        self._noise[:-_BLOCK, :-_BLOCK] = self._noise[_BLOCK:, _BLOCK:].copy()
-        self._factor[:-_BLOCK, :-_BLOCK] = self._factor[_BLOCK:, _BLOCK:].copy()
-        self._white[:-_BLOCK] = self._white[_BLOCK:].copy()
+        self._noise[:-BLOCK, :-BLOCK] = self._noise[BLOCK:, BLOCK:].copy()
+        self._factor[:-BLOCK, :-BLOCK] = self._factor[BLOCK:, BLOCK:].copy()
+        self._white[:-BLOCK] = self._white[BLOCK:].copy()
 
 
 class DelayedSubstitution:
@@ -95,15 +91,15 @@ class DelayedSubstitution:
 
     def __init__(self, bandwidth: int, columns: int) -> None:
         """Start without memory; see `StreamWhitener`."""
-        self._white = np.zeros((bandwidth * _BLOCK, columns))
+        self._white = np.zeros((bandwidth * BLOCK, columns))
 
     def whiten(self, factor_row: Array, values: Array) -> Array:
         """Whiten the next block row, (6, m), without remembering it."""
-        known = values - factor_row[:, :-_BLOCK] @ self._white
-        white, _ = lapack.dtrtrs(factor_row[:, -_BLOCK:], known, lower=1)
+        known = values - factor_row[:, :-BLOCK] @ self._white
+        white, _ = lapack.dtrtrs(factor_row[:, -BLOCK:], known, lower=1)
         return np.asarray(white)
 
     def remember(self, white: Array) -> None:
         """Make whitened columns (6, m) part of the memory."""
-        self._white[:-_BLOCK] = self._white[_BLOCK:].copy()
-        self._white[-_BLOCK:] = white
+        self._white[:-BLOCK] = self._white[BLOCK:].copy()
+        self._white[-BLOCK:] = white

@@ -17,7 +17,7 @@ from tactile_dynamics_ros.core.inertia.batch.fitted_model import (
 )
 from tactile_dynamics_ros.core.inertia.batch.prior import LogCholeskyPrior, contact_prior
 from tactile_dynamics_ros.core.inertia.batch.systems import FactoredSystem, FullSystem
-from tactile_dynamics_ros.core.inertia.batch.uncertainty import HOLD, unexcited_directions
+from tactile_dynamics_ros.core.inertia.batch.uncertainty import HOLD, SCATTER, unexcited_directions
 from tactile_dynamics_ros.core.inertia.residuals.newton_euler_residual import WrenchProblem
 from tactile_dynamics_ros.core.numerics.least_squares import levenberg_marquardt
 from tactile_dynamics_ros.core.numerics.outliers import isolated_outlier_variance
@@ -56,10 +56,6 @@ _SETTLED = 2
 """Steps of the alternation after which it is asked anew what the motion excites. After the first,
 signals are moved by residuals of a start that may be far off: of poses at rest the ratio to noise
 then reached 2.05 once and 1.5 later."""
-_SCATTER = 10.0
-"""What the ratio that tells excitation must exceed its bound by, times the root of the number of
-samples, as live: 0.5 for 7 poses held for 1 s at 50 Hz, 0.18 for 30 s at 100 Hz. At rest the
-largest of ten such ratios exceeds the bound by chance otherwise."""
 
 
 def fit_model(
@@ -214,7 +210,7 @@ def _unexcited(blocks: Sequence[Block], prior: LogCholeskyPrior) -> Array:
     total = sum((b.jacobian.T @ b.jacobian for b in blocks), start=np.zeros((10, 10)))
     samples = sum(block.problem.count for block in blocks)
     noise = regressor_noise_information(blocks)
-    return unexcited_directions(total, noise, prior, _SCATTER / np.sqrt(samples))
+    return unexcited_directions(total, noise, prior, SCATTER / np.sqrt(samples))
 
 
 def _start(problems: Sequence[WrenchProblem], prior: LogCholeskyPrior) -> Array:

@@ -40,6 +40,11 @@ _NOISE_RATIO = 1.5
 direction is not excited: at 1.5 a third of what is seen is motion. Where nothing moves it scatters
 about 1, so that a bound of 1 takes noise of the poses for excitation; a bound of 3 would ask for
 twice as much motion as noise and call gentle motion untold."""
+SCATTER = 10.0
+"""What the ratio that tells excitation must exceed `_NOISE_RATIO` by, times the root of the number
+of samples: 1 at 100 samples, 0.5 for 7 poses held for 1 s at 50 Hz, 0.18 for 30 s at 100 Hz. At
+rest the largest of ten such ratios exceeds the bound by chance otherwise; far more calls the first
+seconds of a motion untold."""
 HOLD = 100.0
 """Weight, over that of the prior, with which unexcited directions are held at it: in the fit they
 keep a hundredth of its standard deviation. Less lets noise of the poses move them. Half and twice

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import Convention, ResidualModel
+from tactile_dynamics_ros.core.discrepancy.search import DiagnosisConfig
 from tactile_dynamics_ros.core.discrepancy.validation import HeldOut, fits_equally, held_out
 from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import noise_floor
 from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError
@@ -33,11 +34,10 @@ torques. At 0.8 turned axes imitate a strong drag."""
 _HOPELESS = 1.0
 """Loss of the best reading, in logarithms, beyond which effects are not admitted to look again:
 what fits so much worse than the recording as it is owes it to no effect."""
-_NEAR_FLOOR = 1.12
-"""Held-out error over the noise floor up to which nothing else remains, as of effects."""
-_EXPLAINED = 0.9
-"""Share of the excess error that such a reading explains at least, as an effect does
-(`DiagnosisConfig.mostly`). At 0.99 a delay of clocks beside a mistaken sign hides it."""
+_LEVELS = DiagnosisConfig()
+"""Levels as for effects: a reading is believed that leaves at most `near_floor` over the noise
+floor and explains `mostly` of the excess error. At mostly = 0.99 a delay of clocks beside a
+mistaken sign hides it; lower, readings are believed that only imitate an effect."""
 _ALIKE = 0.08
 """Difference of scores up to which readings are fitted thoroughly to be told apart: 4 % of what is
 left of forces and of torques. At 0.02 units that a slow motion hardly tells are taken for told; at
@@ -188,7 +188,7 @@ def _is_believed(ranking: Ranking, best: _Fitted, recorded: float) -> bool:
         return True
     floor = noise_floor(best.model)
     left, excess = best.error**2 - floor**2, recorded**2 - floor**2
-    return _leaves_noise(best) and left <= (1.0 - _EXPLAINED) * excess
+    return _leaves_noise(best) and left <= (1.0 - _LEVELS.mostly) * excess
 
 
 def _is_large(ranking: Ranking) -> bool:
@@ -197,7 +197,7 @@ def _is_large(ranking: Ranking) -> bool:
 
 
 def _leaves_noise(fitted: _Fitted) -> bool:
-    return fitted.error <= _NEAR_FLOOR * noise_floor(fitted.model)
+    return fitted.error <= _LEVELS.near_floor * noise_floor(fitted.model)
 
 
 def _change(best: _Fitted, equal: Sequence[_Fitted]) -> str:

@@ -6,18 +6,16 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
+from scipy.constants import g
 
+from tactile_dynamics_ros.core.contact.wrench_samples import GRAVITY_W
 from tactile_dynamics_ros.core.inertia.conventions.reading import Reading, rotation_at
 from tactile_dynamics_ros.core.streams.streams import Streams
 
-_STANDARD_GRAVITY = 9.80665
-"""Standard gravity, m/s^2 in a unit g, by definition (CGPM 1901): no tuned number."""
-_ACCELERATIONS = {"g": _STANDARD_GRAVITY, "mg": 1e-3 * _STANDARD_GRAVITY, "cm/s^2": 1e-2}
+_ACCELERATIONS = {"g": g, "mg": 1e-3 * g, "cm/s^2": 1e-2}
 """m/s^2 per unit that accelerometers report."""
 _RATES = {"deg/s": np.pi / 180.0, "rpm": np.pi / 30.0}
 """rad/s per unit that gyroscopes report."""
-_UP = np.array([0.0, 0.0, 9.81])
-"""What an accelerometer feels at rest, world axes, m/s^2."""
 
 
 def imu_readings(streams: Streams) -> list[Reading]:
@@ -72,5 +70,5 @@ def with_gravity(streams: Streams) -> Streams:
     """Streams with accelerations of the IMU as an accelerometer at rest feels them."""
     imu = streams.imu
     assert imu is not None
-    felt = np.einsum("nji,j->ni", rotation_at(streams, imu.time), _UP)
+    felt = np.einsum("nji,j->ni", rotation_at(streams, imu.time), -GRAVITY_W)
     return replace(streams, imu=replace(imu, specific_force=imu.specific_force + felt))

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from tactile_dynamics_ros.core.contact.wrench_samples import GRAVITY_W
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.inertia.residuals.motion import Motion
+from tactile_dynamics_ros.core.inertia.residuals.motion import IMU_HALF_WIDTH, Motion
 from tactile_dynamics_ros.core.inertia.residuals.newton_euler_residual import ProblemConfig
 from tactile_dynamics_ros.core.numerics.local_polynomial import (
     LocalFunctional,
@@ -23,10 +23,6 @@ from tactile_dynamics_ros.core.streams.streams import ImuStream, Streams
 
 Array = NDArray[np.float64]
 
-_IMU_HALF_WIDTH = 0.01
-"""Half width of the windows over which accelerations of an IMU are averaged, s, as the fit does."""
-
-
 _WIDER = (1.5, 2.2, 3.3)
 """Widths of windows that are tried, over that of the fit's regressors: noise of accelerations falls
 with the power 2.5 of the width, twentyfold at 3.3. Slow motions need it, or readings that make
@@ -36,8 +32,9 @@ _FOLLOWED = 1.15
 the motion. It scatters by 4 % over the poses that are looked at; at 1.5 quick motions are cut."""
 _PROBED = 100
 """Poses at which that is looked at."""
-_DEGREE = 6
-"""Degree of the polynomials, as in the fit."""
+_DEGREE = ProblemConfig().regressor_degree
+"""Degree of the polynomials, that of the fit: a lower one ranks readings by forces that the fit
+does not see, a higher one lets more noise pass."""
 
 
 def followed_width(streams: Streams) -> float:
@@ -130,7 +127,7 @@ class Motions:
     def _with_imu(
         self, motion: Motion, imu: ImuStream, stamps: Array, window: Window
     ) -> tuple[Motion, NDArray[np.bool_]]:
-        mean = self._functional(imu.time, stamps, Window(_IMU_HALF_WIDTH, 2), 1)
+        mean = self._functional(imu.time, stamps, Window(IMU_HALF_WIDTH, 2), 1)
         felt = mean.apply(imu.specific_force, 0)
         world = np.einsum("nij,nj->ni", motion.rotation, felt) + GRAVITY_W
         changed, valid = replace(motion, acceleration=world), mean.valid

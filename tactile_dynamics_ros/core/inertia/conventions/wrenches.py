@@ -7,6 +7,7 @@ from itertools import permutations, product, zip_longest
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.constants import inch, kgf, lbf
 
 from tactile_dynamics_ros.core.inertia.conventions.reading import (
     Reading,
@@ -20,32 +21,26 @@ from tactile_dynamics_ros.core.streams.streams import Streams
 
 Array = NDArray[np.float64]
 
-_KILOPOND = 9.80665
-"""Newton per kilogram-force, by definition that of standard gravity: no tuned number."""
-_POUND = 4.4482216
-"""Newton per pound-force, 0.45359237 kg at standard gravity, by definition: no tuned number."""
-_INCH = 0.0254
-"""Metres per inch, by definition since 1959: no tuned number."""
 _FORCE_UNITS = {
-    "kgf": _KILOPOND,
+    "kgf": kgf,
     "mN": 1e-3,
-    "gf": 1e-3 * _KILOPOND,
-    "lbf": _POUND,
+    "gf": 1e-3 * kgf,
+    "lbf": lbf,
     "kN": 1e3,
     "cN": 1e-2,
-    "ozf": _POUND / 16.0,
+    "ozf": lbf / 16.0,
 }
 """Newton per unit that force sensors report, the commonest first."""
 _TORQUE_UNITS = {
     "N mm": 1e-3,
     "N cm": 1e-2,
-    "kgf cm": 1e-2 * _KILOPOND,
-    "kgf m": _KILOPOND,
-    "kgf mm": 1e-3 * _KILOPOND,
-    "lbf in": _POUND * _INCH,
-    "lbf ft": 12.0 * _POUND * _INCH,
-    "ozf in": _POUND / 16.0 * _INCH,
-    "gf cm": 1e-5 * _KILOPOND,
+    "kgf cm": 1e-2 * kgf,
+    "kgf m": kgf,
+    "kgf mm": 1e-3 * kgf,
+    "lbf in": lbf * inch,
+    "lbf ft": 12.0 * lbf * inch,
+    "ozf in": lbf / 16.0 * inch,
+    "gf cm": 1e-5 * kgf,
 }
 """Newton metres per unit that torque sensors report, the commonest first."""
 _ALIKE = 1e-6

@@ -22,6 +22,7 @@ from tactile_dynamics_ros.core.inertia.excitation.design import (
 )
 from tactile_dynamics_ros.core.inertia.excitation.grip import Grip
 from tactile_dynamics_ros.core.inertia.excitation.limits import MotionLimits
+from tactile_dynamics_ros.core.inertia.excitation.plan import RECORDED_HZ
 from tactile_dynamics_ros.core.inertia.excitation.trajectory import FourierOffsets, HeldPose
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 
@@ -41,11 +42,8 @@ nearly none (standard deviations of 30000 kg, m, ...), since the new recording m
 Above zero so that unexcited directions leave a matrix that can be inverted."""
 _RATE_HZ = 20.0
 """Rate at which candidate motions are evaluated, Hz: eight samples per period of the fastest sine
-(2.5 Hz). The chosen one is evaluated again at `_RECORDED_HZ`, since lags and delays look different
+(2.5 Hz). The chosen one is evaluated again at `RECORDED_HZ`, since lags and delays look different
 between coarse samples. Time is in proportion; at 5 Hz the fastest sine would not be seen at all."""
-_RECORDED_HZ = 100.0
-"""Rate of the recording that is promised, Hz, as the nodes publish poses. What the motion is said
-to tell (chi^2) is in proportion to it."""
 _FRICTION = 0.8
 """Coefficient of friction that is presumed of a grip, at least; what the recording shows to hold
 raises it (`Grip.from_samples`). BioTac skin on an indenter has 0.78 in published calibrations. Less
@@ -187,7 +185,7 @@ class SeparationCriterion:
                 differs = wrench - other.wrench(samples)
                 both = np.concatenate([differs[..., None], other.columns(samples)], axis=2)
                 rows.append(np.linalg.solve(factor, both).reshape(-1, both.shape[2]))
-            white = np.sqrt(_RECORDED_HZ / self.rate_hz) * np.concatenate(rows)
+            white = np.sqrt(RECORDED_HZ / self.rate_hz) * np.concatenate(rows)
             return _chi_square(white[:, 0], white[:, 1:], other.prior)
 
         return np.array([min(map(gap, readings)) for readings in self.others])
@@ -252,8 +250,8 @@ def plan_separation(best: WhitenedModel, others: Sequence[WhitenedModel]) -> dic
         motion = design_motion(criterion, start, grip, best.phi, _LIMITS, None, _EFFORT)
     except TactileDynamicsError:
         return None
-    times, names = _times(_RECORDED_HZ), [model.effects[-1].name for model in others]
-    recorded = replace(criterion, rate_hz=_RECORDED_HZ)
+    times, names = _times(RECORDED_HZ), [model.effects[-1].name for model in others]
+    recorded = replace(criterion, rate_hz=RECORDED_HZ)
     held = grip.load(start.follow(motion.offsets, times), best.phi)
     kind, (gap, told) = "motion", _told(names, recorded.gaps(held))
     if len(told) < len(names):

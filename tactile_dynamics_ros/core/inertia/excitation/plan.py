@@ -29,7 +29,7 @@ from tactile_dynamics_ros.core.robot.robot import Robot
 
 Array = NDArray[np.float64]
 
-_SAMPLE_RATE_HZ = 100.0
+RECORDED_HZ = 100.0
 """Rate of the recording that is foreseen, Hz, as the nodes publish poses; expected deviations fall
 with its root."""
 _TABLE_RATE_HZ = 100.0
@@ -161,7 +161,7 @@ def plan_motion(
     phi, before = known.phi, known.covariance
     information = np.linalg.inv(before)
     information = 0.5 * (information + information.T)
-    ratio = _SAMPLE_RATE_HZ / config.grid_rate_hz
+    ratio = RECORDED_HZ / config.grid_rate_hz
     criterion = InertiaCriterion(phi, information, known.force_std, ratio, kind)
     designed = design_motion(criterion, start, grip, phi, limits, reach, config)
     time = np.arange(0.0, config.duration, 1.0 / config.grid_rate_hz)

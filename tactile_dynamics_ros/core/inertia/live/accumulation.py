@@ -12,6 +12,7 @@ from tactile_dynamics_ros.core.contact.wrench_samples import GRAVITY_W
 from tactile_dynamics_ros.core.inertia.batch.prior import contact_prior
 from tactile_dynamics_ros.core.inertia.batch.uncertainty import (
     HOLD,
+    SCATTER,
     excited_projection,
     unexcited_directions,
 )
@@ -49,10 +50,6 @@ many would warn by chance, twice as many for twice as long."""
 _LOOK_SHARE = 0.1
 """Share of new samples after which it is looked again at which directions are excited: the cost per
 sample falls as 1 / n, and an interval is at most a tenth of the data late."""
-_SCATTER = 10.0
-"""What the ratio that tells excitation must exceed `_NOISE_RATIO` by, times the root of the number
-of samples: 1 at 100 samples, 0.1 at 10000. With none, few samples of a grasp at rest were taken for
-excitation by chance."""
 
 
 @dataclass(frozen=True)
@@ -141,7 +138,7 @@ class Accumulation:
             return
         self._next_look = self.samples + max(1, int(_LOOK_SHARE * self.samples))
         factor, noise = self.information.factor, self.noise_information
-        scatter = _SCATTER / np.sqrt(self.samples)
+        scatter = SCATTER / np.sqrt(self.samples)
         found = unexcited_directions(factor.T @ factor, noise, self._prior, scatter)
         if found.shape[1] == self._unexcited.shape[1] == 0:
             return

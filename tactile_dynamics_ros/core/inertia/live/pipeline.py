@@ -17,6 +17,7 @@ from tactile_dynamics_ros.core.inertia.live.residuals import (
 )
 from tactile_dynamics_ros.core.inertia.live.sample_stream import Layout, SampleStream
 from tactile_dynamics_ros.core.inertia.residuals.systematic import SYSTEMATIC_SIZE, systematic_basis
+from tactile_dynamics_ros.core.numerics.banded import VARIANCE_FLOOR
 from tactile_dynamics_ros.core.numerics.decorrelation import Decorrelator
 from tactile_dynamics_ros.core.numerics.stream_whitening import (
     DelayedSubstitution,
@@ -25,9 +26,6 @@ from tactile_dynamics_ros.core.numerics.stream_whitening import (
 
 Array = NDArray[np.float64]
 
-_FLOOR = 1e-14 * np.eye(6)
-"""Variance added to the noise of each contact wrench before it is factored, N^2 and (N m)^2, as
-`newton_euler_residual._VARIANCE_FLOOR`: contacts without noise keep a factor."""
 _SIZE = 10
 """Number of dynamic parameters."""
 _COLUMNS = 2 * _SIZE + SYSTEMATIC_SIZE + 1
@@ -126,7 +124,9 @@ class WhiteningPipeline:
         self, batch: ResidualBatch, k: int, phi: Array, covariance: Array, doubtful: bool
     ) -> None:
         own, noise = batch.contact_covariance[k], batch.pose_noise[k]
-        drawn = batch.draw[k] + np.linalg.cholesky(own + _FLOOR) @ self._rng.normal(size=6)
+        drawn = batch.draw[k] + np.linalg.cholesky(
+            own + VARIANCE_FLOOR * np.eye(6)
+        ) @ self._rng.normal(size=6)
         values = np.column_stack([batch.jacobian[k], drawn, batch.residual[k]])
         white, row = self._whitener.predict(noise, own, values)
         jacobian, innovation = white[:, :-2], white[:, -1]

@@ -16,6 +16,8 @@ from tactile_dynamics_ros.core.inertia.live.contact_queue import (
     ContactReading,
 )
 from tactile_dynamics_ros.core.inertia.live.residuals import ContactRows, PoseWindows
+from tactile_dynamics_ros.core.inertia.residuals.contact_grid import POINT_STD_FLOOR
+from tactile_dynamics_ros.core.inertia.residuals.motion import OVERSTATED
 from tactile_dynamics_ros.core.numerics.noise import white_noise_std, white_pose_noise_std
 from tactile_dynamics_ros.core.numerics.rolling_table import RollingTable, sliding_rows
 
@@ -36,18 +38,12 @@ time, more seldom follows a change of noise late."""
 _FORCE_STD_FLOOR, _TORQUE_STD_FLOOR = 1e-4, 1e-6
 """Scatter of a force, N, and of a torque, N m, from which it is taken for the sensor's noise; of
 less what is configured stays. Below the resolution of tactile sensors (0.01 N), above rounding."""
-_OVERSTATED = 0.7
-"""Seen over stated noise of poses below which the stated one is scaled down; as in
-`residuals/motion.py`, which says why."""
 _DRAWS = 4099
 """Fixed standard normal draws, used in a ring: at 100 Hz they come again after 41 s. Fixed, so that
 a recording gives the same estimate each time."""
 _NOISE_FLOOR = (1e-5, 1e-6)
 """Noise of poses, rad and m, that is presumed at least: what is smoother than this was filtered or
 generated, and would get unlimited weight. 0.6 mdeg and 1 um are far below any tracker."""
-_POINT_STD_FLOOR = 1e-5
-"""Scatter of contact points, m, up to which they count as exact; as in
-`residuals/contact_grid.py`."""
 _STUCK = 10
 """Equal forces in a row, all three axes to the last bit, that are no chance: a sensor whose noise
 is a fifth of its step still repeats itself so often once in ten million rows. Fewer call coarse
@@ -416,7 +412,7 @@ class SampleStream:
         noise = self._poses.rows("noise", first, end)
         power = np.median(np.einsum("nsij,nsij->ns", noise, noise), axis=0)
         ratio = np.maximum(seen, _NOISE_FLOOR) / np.sqrt(power / 3.0)
-        self._noise_scale = np.where(ratio < _OVERSTATED, ratio, 1.0)
+        self._noise_scale = np.where(ratio < OVERSTATED, ratio, 1.0)
         self._measure_contact_noise()
 
     def _measure_contact_noise(self) -> None:
@@ -433,7 +429,7 @@ class SampleStream:
                 white_noise_std(time[held], self._contacts.rows(name, first, end)[held, slot])
                 for name in ("point", "force", "torque")
             )
-            if point > _POINT_STD_FLOOR:
+            if point > POINT_STD_FLOOR:
                 self._point_std[slot] = max(point, self._config.point_std)
             if force > _FORCE_STD_FLOOR:
                 self._force_std[slot], self._measured[slot] = force, True

@@ -79,7 +79,7 @@ _NOISELESS = 0.01
 """Scatter, over the fallback, up to which samples show no noise: 0.3 mN and 0.01 N mm, a tenth of
 what the finest force/torque sensors resolve. Computed forces and torques scatter less, by rounding
 and by their motion; believed, they would have all the weight."""
-_POINT_STD_FLOOR = 1e-5
+POINT_STD_FLOOR = 1e-5
 """Scatter of contact points, m, up to which they count as exact: one step of a hand's encoder (89
 urad) at 0.1 m. Points that are noisier become unknowns of the fit, which costs time; a higher floor
 leaves noise of points out of the intervals."""
@@ -201,7 +201,7 @@ def contact_signals(
         signals["torque"] = LatentSignal(functional, factor)
     point_std = white_noise_std(contact.pose_time, shown.position)
     point_functional = _point_functional(contact.pose_time, grid, point_std)
-    if point_std > _POINT_STD_FLOOR:
+    if point_std > POINT_STD_FLOOR:
         loaded = replace(
             point_functional, weights=point_functional.weights * in_contact[:, None, None]
         )
@@ -317,7 +317,7 @@ def _point_functional(time: Array, grid: Array, std: float) -> LocalFunctional:
     if same is not None:
         return same
     period = typical_period(time)
-    if std <= _POINT_STD_FLOOR or _coincide(time, grid):
+    if std <= POINT_STD_FLOOR or _coincide(time, grid):
         return _interpolation(time, grid, period, np.ones(len(time), dtype=bool))
     return local_polynomial(time, grid, Window(1.5 * period, 2), orders=1)
 

@@ -37,12 +37,12 @@ _FALLBACK_POSITION_STD = 1e-4
 _FALLBACK_SPECIFIC_FORCE_STD = 0.05
 """Standard deviation of an accelerometer's axis, m/s^2, in the same case: 5 mg. More would let the
 forces count for more than the motion."""
-_OVERSTATED = 0.7
+OVERSTATED = 0.7
 """Seen over stated noise of poses below which the stated one is scaled down to what is seen.
 Trackers state slow errors too, which differentiation does not see. The seen one scatters by 7 %
 over 200 poses, so that 0.7 is out of reach by chance (least of 200 draws: 0.81); nearer to 1 honest
 covariances are replaced by noisy ones."""
-_IMU_HALF_WIDTH = 0.01
+IMU_HALF_WIDTH = 0.01
 """Half width, s, of the parabola through which accelerations of an IMU are read. No derivative is
 taken, so that it only averages: of 10 Hz it leaves out 0.06 %, of 20 Hz 0.9 %. Wider averages more
 noise away and cuts quick motion."""
@@ -216,7 +216,7 @@ def _imu_signals(imu: ImuStream, grid: Array, window: Window) -> dict[str, Laten
     count = len(imu.time)
     std = imu.specific_force_std or white_noise_std(imu.time, imu.specific_force)
     factor = isotropic_factor(count, std or _FALLBACK_SPECIFIC_FORCE_STD)
-    functional = local_polynomial(imu.time, grid, Window(_IMU_HALF_WIDTH, 2), orders=1)
+    functional = local_polynomial(imu.time, grid, Window(IMU_HALF_WIDTH, 2), orders=1)
     signals = {"specific_force": LatentSignal(functional, factor)}
     if imu.angular_velocity is not None:
         gyro_std = white_noise_std(imu.time, imu.angular_velocity) or _FALLBACK_ROTATION_STD
@@ -258,7 +258,7 @@ def _white_pose_noise(pose: PoseStream) -> tuple[Array, Array]:
             factors.append(isotropic_factor(count, level or fallback))
             continue
         stated_level = float(np.sqrt(np.median(np.einsum("nii->ni", stated))))
-        overstated = not pose.white and 0 < level < _OVERSTATED * stated_level
+        overstated = not pose.white and 0 < level < OVERSTATED * stated_level
         scale = level / stated_level if overstated else 1.0
         factors.append(np.asarray(scale * np.linalg.cholesky(stated)))
     return factors[0], factors[1]
