@@ -107,13 +107,20 @@ def run(args: Namespace) -> int:
     summary = {
         "recording": str(path),
         "duration_s": recording.duration,
-        "poses": 0 if streams.pose is None else len(streams.pose.time),
-        "imu_samples": 0 if streams.imu is None else len(streams.imu.time),
+        "poses": sum(len(stream.time) for stream in _poses(streams)),
+        "imu_samples": len(streams.imu.time) if getattr(streams, "imu", None) else 0,
         "contacts": {name: len(contact.time) for name, contact in streams.contacts.items()},
         "problems": recording.problems,
     }
     print(json.dumps(summary) if args.json else _describe(summary, recording.problem_lines()))
     return 0
+
+
+def _poses(streams: Any) -> Sequence[Any]:
+    """Return the pose streams of a held object, or of the links of a pushed one."""
+    if hasattr(streams, "links"):
+        return tuple(streams.links)
+    return () if streams.pose is None else (streams.pose,)
 
 
 def run_guess(args: Namespace) -> int:

@@ -79,3 +79,23 @@ def test_the_command_writes_a_recording_and_its_truth(tmp_path, capsys):
     assert truth["effects"]["support_tilt"]["parameters"]["angle"] == pytest.approx(np.radians(2))
     assert PushedRecording.from_bag(out).streams.contacts["pusher"].force.any()
     assert main(["synthetic", "pushed", "--effect", "ghost", str(tmp_path / "none")]) == 2
+
+
+def test_slow_pushes_of_others_press_into_the_block_along_their_way(tmp_path, capsys):
+    folder = Path(__file__).resolve().parents[3] / "shared" / "data" / "pushes_zhou2016"
+    if not folder.exists():
+        pytest.skip("../shared/data/pushes_zhou2016 is not on this machine")
+    out, source = tmp_path / "zhou", folder / "hardboard_3pts_30_90.npz"
+    assert main(["import", "pushes-zhou2016", str(source), str(out), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["poses"] == 100
+    contact = PushedRecording.from_bag(out).streams.contacts["pusher"]
+    along = np.sum(
+        contact.force[::50]
+        * contact.normal[
+            np.searchsorted(contact.pose_time, contact.time[::50]).clip(
+                max=len(contact.pose_time) - 1
+            )
+        ],
+        axis=1,
+    )
+    assert 1.5 < np.median(along) < 5.0

@@ -5,6 +5,7 @@ from tactile_dynamics_ros.recording.importers.contactnets_cube import Contactnet
 from tactile_dynamics_ros.recording.importers.csv_mapping import CsvMappingImporter
 from tactile_dynamics_ros.recording.importers.importer import Importer
 from tactile_dynamics_ros.recording.importers.kuka_ft_imu import KukaFtImuImporter
+from tactile_dynamics_ros.recording.importers.pushes_zhou2016 import PushesZhou2016Importer
 from tactile_dynamics_ros.recording.importers.static_poses import StaticPosesImporter
 
 IMPORTERS: tuple[Importer, ...] = (
@@ -13,6 +14,7 @@ IMPORTERS: tuple[Importer, ...] = (
     KukaFtImuImporter(),
     ContactnetsCubeImporter(),
     BiotacSlideImporter(),
+    PushesZhou2016Importer(),
 )
 
 __all__ = ["IMPORTERS", "Importer"]
