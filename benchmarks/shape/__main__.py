@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from benchmarks.shape.peers import PEERS, compare_peers
 from benchmarks.shape.real import CLOUDS, real_clouds
 from benchmarks.shape.trial import Trial, run_trial
 
@@ -23,6 +24,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--objects", nargs=2, type=int, default=[1, 120], metavar=("A", "B"))
     parser.add_argument("--step", type=int, default=1, help="every STEP-th object")
     parser.add_argument("--views", type=int, default=0, metavar="N", help="compare strategies on N")
+    parser.add_argument("--peers", action="store_true", help="others on the points of all looks")
     parser.add_argument("--only", choices=("real",), help="only the real clouds")
     parser.add_argument("--quick", action="store_true", help="three objects")
     parser.add_argument("--json", action="store_true", help="print only JSON on stdout")
@@ -34,10 +36,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return show_real(options.json)
     trials = []
     for number in numbers:
-        trials.append(run_trial(number))
+        trials.append(run_trial(number, peers=compare_peers if options.peers else None))
         if not options.json:
             print(describe(trials[-1]), flush=True)
     found = {"objects": summarise(trials), "trials": [vars(trial) for trial in trials]}
+    if options.peers:
+        found["peers_median_m"] = {
+            name: float(np.median([trial.peers[name] for trial in trials if trial.peers]))
+            for name in PEERS
+        }
     if options.views:
         places = np.linspace(0, len(numbers) - 1, min(options.views, len(numbers)))
         found["views"] = compare_strategies([numbers[k] for k in places.round().astype(int)])

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import trimesh
@@ -23,6 +24,7 @@ from tactile_dynamics_ros.core.shape.superquadric.views import (
 from tactile_dynamics_ros.sim.planar_objects import PlanarObject, planar_object
 
 Array = NDArray[np.float64]
+Peers: TypeAlias = Callable[[Array, Array], dict[str, float]]
 
 SAMPLES = 60_000
 COMPARED = 3000
@@ -43,7 +45,8 @@ class Trial:
         stopped: looks after which another promised too little.
         axes_error: m, of the sorted half extents of a homogeneous object, after the last look.
         z: errors of half extents and pose over their std, after the last look.
-        fit_s, view_s: s.
+        peers: chamfer distances, m, of others on the points of all looks.
+        fit_s: s.
     """
 
     number: int
@@ -58,16 +61,20 @@ class Trial:
     axes_error: list[float] = field(default_factory=list)
     z: list[float] = field(default_factory=list)
     fit_s: list[float] = field(default_factory=list)
+    peers: dict[str, float] = field(default_factory=dict)
     failure: str = ""
 
 
-def run_trial(number: int, strategy: str = "active", looks: int = MOST_VIEWS) -> Trial:
+def run_trial(
+    number: int, strategy: str = "active", looks: int = MOST_VIEWS, peers: Peers | None = None
+) -> Trial:
     """Look at an object until it is known, or as often as asked for.
 
     Args:
         number: of the object.
         strategy: "active", "random" or "uniform".
         looks: at most; active stops by itself where another look promises too little.
+        peers: gives chamfer distances of others from points and truth.
     """
     thing = planar_object(number)
     trial = Trial(number, thing.kind, thing.parts[0].outline, thing.parts_differ, len(thing.parts))
@@ -94,6 +101,8 @@ def run_trial(number: int, strategy: str = "active", looks: int = MOST_VIEWS) ->
                     break
             pose = next_pose(strategy, k, view, rng)
         grade(trial, thing, scene, turn)
+        if peers is not None:
+            trial.peers = peers(np.concatenate(clouds), truth)
     except TactileDynamicsError as error:
         trial.failure = str(error)
     finally:
