@@ -55,7 +55,8 @@ _FEWEST_CYCLES = 6.0
 0.34 Hz in 30 s was not told any more, at 3 nothing changed."""
 _DRIVEN_SHARE = 0.01
 """Share of the motion's power near a line from which the motion has driven it. 0.005 and 0.02
-changed nothing in the 16."""
+changed nothing in the 16. Much lower, noise of the motion excuses a line that vibrates by itself;
+much higher, lines that a gentle motion drives count as vibration of their own."""
 _PHYSICAL = 5.0
 """Power over the surroundings that a line must have before the residual is made white. Lines that
 only whitening makes have none there; others are weaker than in white units, where the worst samples

@@ -11,6 +11,7 @@ from typing import Any
 
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import Misfit
 from tactile_dynamics_ros.core.discrepancy.screening import best_by_effect
+from tactile_dynamics_ros.core.discrepancy.search import DiagnosisConfig
 from tactile_dynamics_ros.core.discrepancy.trials import Trial, evidence, try_effects
 from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import Assessment
 
@@ -22,11 +23,11 @@ they move."""
 _MOVED = 0.5
 """Change of an estimate, in its standard deviations, from which an effect matters: its bias then
 takes the share of true values within 95 % intervals to 92 %. Twice as much takes it to 83 %."""
-_AS_LIKELY = 10.0
+_AS_LIKELY = DiagnosisConfig().indifference
 """Difference of -2 log evidence to the best within which another effect may be the cause as well,
-as `indifference` of the diagnosis: all of them must leave the estimates where they are. Lower calls
-a finding a trace though a likely rival moves the estimates; higher asks of so many rivals that
-traces are told as missing effects."""
+that which does not decide for the diagnosis either: all of them must leave the estimates where they
+are. Lower calls a finding a trace though a likely rival moves the estimates; higher asks of so many
+rivals that traces are told as missing effects."""
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,8 @@ from tactile_dynamics_ros.core.streams.streams import PoseStream, Streams
 Array = NDArray[np.float64]
 
 _SEED = 7
-"""Of the noise that is added: the same recording gives the same interval."""
+"""Seed of the noise that is added, so that the same recording gives the same interval. Another one
+makes another draw, by which widths differ as single draws of noise do."""
 
 
 def widen_by_pose_noise(

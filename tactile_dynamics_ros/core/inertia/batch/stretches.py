@@ -35,7 +35,8 @@ of a quarter of a second and gaps between samples fit in. It costs 13 % of readi
 EVEN, WORST = 5, 3
 """How many stretches are fitted: evenly spread ones, and those with the largest error. Eight of 30
 s are the four minutes up to which a recording is fitted whole, which bounds memory (1.1 GB for half
-an hour of recording)."""
+an hour of recording). More read and fit more of a long recording, in proportion of time and memory;
+fewer leave what happens briefly, or slowly over hours, out of the fit."""
 NOTABLE = 1.1
 """Error of a stretch, over the median of all, from which it is taken in for its error. Clean
 stretches of 3000 samples scatter by 0.5 %, so that 10 % is something that happened there; higher,

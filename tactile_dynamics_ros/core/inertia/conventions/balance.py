@@ -37,29 +37,52 @@ INSTANTS = 400
 """Instants at which readings are held against each other: 2400 equations for 16 numbers. Half as
 many leave the ranking as it is; more cost time in proportion, for each of some 250 readings."""
 _TOUCHING = 0.75
-"""Periods of a contact's samples within which one must lie for it to count at an instant."""
+"""Periods of a contact's samples within which one must lie for it to count at an instant: half a
+period is as far as an even stream is away, the rest is for jitter. Below half instants of touch are
+lost; at 1 a contact counts for a period after it has let go."""
 _ONLY_LEVER = 0.05
-"""Lever, m, by which torques of one contact without torque are taken to be large: a hand's."""
+"""Lever, m, by which torques of one contact without torque are taken to be large, since its own are
+zero: 5 cm, from a fingertip or palm to the middle of a hand's object. Readings are compared by the
+same lever, so that it only decides what torques count in the first round: shorter trusts them more
+than forces, longer less."""
 _ROUNDS = 2
-"""Fits in which forces and torques count by what the last one left of them."""
+"""Fits in which forces and torques count by what the last one left of them. The first takes their
+size for their error, the second what it left; each further one costs a search for each reading and
+changes weights little. With one round torques that fit badly would bend the body as much as forces
+that fit well."""
 _LEAST_LEFT = 1e-6
-"""Share of a signal that a reading leaves at least, so that exact data have a logarithm."""
+"""Share of a signal that a reading leaves at least, so that exact data have a logarithm: a
+hundredth of what the best sensors leave (1e-4). Smaller lets generated data without noise win by
+rounding; above 1e-4 readings of good sensors would all look alike."""
 _REACH = 12.0
 """Standard deviations of the prior to which the search is bounded: masses from 1e-20 to 1e20 of the
-load, so that steps that go astray stay finite."""
+load, so that steps that go astray stay finite. At 3 a centre of mass could lie 1.5 m from the
+contacts at most, nearer than readings of lengths in mm may ask for; at 200 exponentials
+overflow."""
 _ROUNDING = 1e-12
-"""Added to information of unit diagonal, so that columns that say the same can be solved for."""
+"""Added to information of unit diagonal, so that columns that say the same can be solved for: ten
+thousand times the rounding of a number. Smaller leaves singular matrices of motions about one axis;
+above 1e-6 it would act as a prior beside `_PRIOR_WEIGHT`."""
 _STEPS = 25
-"""Steps of the search for a body that can exist, at most."""
+"""Steps of the search for a body that can exist, at most. The search ends by itself where the error
+falls no more (1e-6 of it). Fewer rank readings by unfinished searches; more cost time only for
+readings whose search does not end."""
 _PRIOR_WEIGHT = 1e-6
 """Share of the information of the data by which the body is held at a common one, so that what the
-motion does not show stays finite."""
+motion does not show stays finite. Much larger it bends bodies that data do show; at zero `_REACH`
+alone would bound them, and such bodies look implausible."""
 _LIGHTEST, _HEAVIEST = 0.01, 30.0
-"""Masses between which nothing speaks against a reading, kg: what hands and arms carry."""
+"""Masses between which nothing speaks against a reading, kg: what hands and arms carry. Wider
+bounds no longer tell a kilogram from a gram in recordings that both fit, narrower ones speak
+against true readings of light or heavy objects, by `_IMPLAUSIBLE` for each factor of e."""
 _FARTHEST = 0.5
-"""Distance of the centre of mass from the contacts up to which nothing speaks against it, m."""
+"""Distance of the centre of mass from the contacts up to which nothing speaks against it, m: half
+of a rod of 1 m that is held at its end. Shorter speaks against long tools, longer lets positions in
+cm or mm pass that place the centre metres away."""
 _THINNEST, _WIDEST = 2e-3, 0.5
-"""Radii of gyration between which nothing speaks against a reading, m."""
+"""Radii of gyration between which nothing speaks against a reading, m: those of a bead of 6 mm and
+of a rod of 1.7 m. Wider bounds tell fewer units of length apart, narrower ones speak against true
+readings of small or long objects."""
 _IMPLAUSIBLE = 0.1
 """What a factor of e beyond these bounds counts, in logarithms of what is left: readings that fit
 as well are told apart by it, ones that fit worse by 10 % are not."""

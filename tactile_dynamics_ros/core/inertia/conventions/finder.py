@@ -32,8 +32,10 @@ _WORSE = 0.1
 is meant improves them all, what imitates an effect takes from the forces what it gives to the
 torques. At 0.8 turned axes imitate a strong drag."""
 _HOPELESS = 1.0
-"""Loss of the best reading, in logarithms, beyond which effects are not admitted to look again:
-what fits so much worse than the recording as it is owes it to no effect."""
+"""Loss of the best reading, in logarithms (a factor of e of what is left), beyond which effects are
+not admitted to look again: what fits so much worse than the recording as it is owes it to no
+effect. At 0 mistakes that an effect hides stay unnoticed; larger spends the time of a second
+ranking on recordings that say what they mean."""
 _LEVELS = DiagnosisConfig()
 """Levels as for effects: a reading is believed that leaves at most `near_floor` over the noise
 floor and explains `mostly` of the excess error. At mostly = 0.99 a delay of clocks beside a
@@ -46,7 +48,9 @@ _OTHER_FORM = 0.5
 """Difference of scores up to which other forms of the best reading are fitted: a factor of 1.6, by
 which noise of accelerations may flatter one. At 0.1 positions in cm are read in mm."""
 _FORMS = 2
-"""Other forms of the best reading that are fitted at least, where there are any."""
+"""Other forms of the best reading (as other units of one quantity) that are fitted at least, where
+there are any: those next to it, which noise may have put behind it. With none the first form stands
+unchecked; each more takes a fit from the five (`_FITTED`) that readings of other names need too."""
 _FITTED = 5
 """Readings that are fitted thoroughly, at most: the best and the commonest of those that leave
 about as little. More cost a fit each; with the best alone a rare unit hides a common one that a

@@ -23,9 +23,11 @@ Array = NDArray[np.float64]
 Turn = Callable[[Array], Array]
 
 _LENGTHS = {"mm": 1e-3, "cm": 1e-2, "inches": 0.0254}
-"""Metres per unit that trackers report, the commonest first."""
+"""Metres per unit that trackers report, the commonest first. Definitions; a unit that is missing
+here is not found, each costs three readings to be weighed."""
 _TIMES = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-"""Seconds per unit of stamps."""
+"""Seconds per unit of stamps. Definitions: those of ROS headers and of loggers; a unit that is
+missing here is not found."""
 _GRAVITY = {
     "up": (0.0, 0.0, 1.0),
     "along x": (1.0, 0.0, 0.0),
@@ -33,7 +35,8 @@ _GRAVITY = {
     "along y": (0.0, 1.0, 0.0),
     "along -y": (0.0, -1.0, 0.0),
 }
-"""Directions of gravity in a world whose z is not up."""
+"""Directions of gravity in a world whose z is not up. The axes are all that people choose; a world
+that is tilted otherwise is not found, each direction more costs a reading to be weighed."""
 _WHERE = {True: "of contacts too", False: "contacts are right as they are"}
 """How a reading of the pose says whether contacts were put into the world by it."""
 

@@ -30,7 +30,8 @@ _FORCE_UNITS = {
     "cN": 1e-2,
     "ozf": lbf / 16.0,
 }
-"""Newton per unit that force sensors report, the commonest first."""
+"""Newton per unit that force sensors report, the commonest first. They are definitions; a unit that
+is missing here is not found, each costs one reading to be weighed."""
 _TORQUE_UNITS = {
     "N mm": 1e-3,
     "N cm": 1e-2,
@@ -42,9 +43,12 @@ _TORQUE_UNITS = {
     "ozf in": lbf / 16.0 * inch,
     "gf cm": 1e-5 * kgf,
 }
-"""Newton metres per unit that torque sensors report, the commonest first."""
+"""Newton metres per unit that torque sensors report, the commonest first. They are definitions; a
+unit that is missing here is not found, each costs one reading to be weighed."""
 _ALIKE = 1e-6
-"""Difference of rotation matrices up to which two frames are the same: rounding."""
+"""Difference of the entries of rotation matrices up to which two frames are the same: rounding. An
+axis that is put on another one changes entries by 1; at 1e-2 and more frames that differ by half a
+degree count as one, at 0 equal frames are read twice, at twice the time."""
 
 
 def signed_permutations(determinant: float) -> list[Array]:

@@ -50,8 +50,8 @@ raises it (`Grip.from_samples`). BioTac skin on an indenter has 0.78 in publishe
 scales motions down, more lets a grip slip."""
 _REGRASP_ANGLE = 0.8
 """Turn, rad, of the contacts about the object's z axis in the re-grasp that is tried: 46 deg moves
-a contact at 3 cm by 2 cm, far more than it is uncertain by. The sentence of the proposal names
-it."""
+a contact at 3 cm by 2 cm, far more than it is uncertain by. The sentence of the proposal names it.
+Smaller turns separate fewer rivals, larger ones ask a hand for places that it may not reach."""
 _BETWEEN_FINGERS = 1.0
 """Time, s, between the moves of two fingers in a re-grasp: one finger after the other, so that the
 others hold. The criterion hardly depends on it."""
@@ -65,7 +65,8 @@ _LIMITS = MotionLimits(rotation=0.7, translation=0.08)
 """Size of the proposed motion, rad and m: +-40 deg and +-8 cm. Larger motions tell rivals apart
 better, but fewer arms and cells have room for them."""
 _TOGETHER = ", and ask about both recordings together"
-"""End of the proposal's sentence: the motion completes what is there."""
+"""End of the proposal's sentence: the motion completes what is there. A text: it changes what
+people do, no number."""
 _AXES = ("x", "y", "z")
 """Names of the world's axes in the proposal's sentence."""
 

@@ -27,7 +27,9 @@ creeps, its time constant is not estimated: far from it, creep is described less
 to another law."""
 _SLOWEST = 0.02
 """Speed, m/s or rad/s, below which a direction of motion fades to zero, so that terms of dry
-friction do not turn with noise at rest. More takes slow motion out of them."""
+friction do not turn with noise at rest. More takes slow motion out of them. Here 2 cm/s, above the
+noise of velocities from poses and below that of a hand; less lets terms flip with noise at each
+turning point."""
 
 
 @dataclass(frozen=True)

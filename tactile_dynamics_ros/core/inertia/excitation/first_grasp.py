@@ -37,7 +37,8 @@ _FORCE_STD = 0.03
 estimator's default. It scales what the motion is expected to bring; the best motion is the same."""
 _IN_FRONT = np.array([0.55, 0.0, 0.1])
 """Where the grasp is presumed to be, m from the arm's base: 55 cm before it, in reach of the iiwa.
-Only the grasp of hand and object is kept of it, not the place."""
+Only the grasp of hand and object is kept of it, not the place. Farther out fewer motions are within
+the joints' limits, nearer the arm folds; a plan for a known place does not use it."""
 
 
 def plan_first_excitation(

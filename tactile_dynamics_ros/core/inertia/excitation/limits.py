@@ -20,7 +20,9 @@ from tactile_dynamics_ros.core.robot.robot import column
 Array = NDArray[np.float64]
 
 _BISECTIONS = 12
-"""Halvings of the interval in which the largest allowed amplitude lies: to 1 / 4096 of it."""
+"""Halvings of the interval in which the largest allowed amplitude lies: to 1 / 4096 of it, 0.02 mm
+of 8 cm. Fewer leave part of the allowed motion unused (the lower end is taken), more cost an
+evaluation of the motion each."""
 _MORE_THAN_REST = 1.1
 """What a motion may take of the grip over what holding still takes, where that is more than the
 share allowed. At 1 an object that a hand just holds could not be moved at all; more risks slip."""

@@ -15,7 +15,8 @@ Array = NDArray[np.float64]
 CHANNELS = 6
 """Axes of a motion: rotation vector, then translation."""
 _STENCIL = np.array([-2.0, -1.0, 0.0, 1.0, 2.0])
-"""Places of the five-point central difference, in steps."""
+"""Places of the five-point central difference, in steps. Three would be exact to second order only,
+seven read farther for digits that rounding takes."""
 _FIRST = np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / 12.0
 """Weights of its first derivative, over the step; exact for polynomials of degree four."""
 _SECOND = np.array([-1.0, 16.0, -30.0, 16.0, -1.0]) / 12.0

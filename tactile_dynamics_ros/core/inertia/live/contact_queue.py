@@ -30,7 +30,9 @@ _LIMIT = 1024
 a pose is late. Fewer could lose what a pose still needs."""
 _LOADED_NEWTON = 0.3
 """Load from which the sudden absence of a contact is suspicious, N: ten times the noise of a sensor
-of 0.03 N; what presses less moves no estimate of a body that a hand lifts."""
+of 0.03 N; what presses less moves no estimate of a body that a hand lifts. Lower, fingers that only
+brushed the object withhold estimates for `_DOUBT_DURATION`; higher, a sensor that drops out in a
+gentle grasp goes unnoticed."""
 _DOUBT_DURATION = 10.0
 """How long the absence of a contact that pressed is suspicious, s: a sensor that drops out comes
 back or is seen to by then, a finger that was lifted stays away. Shorter believes a sensor that is

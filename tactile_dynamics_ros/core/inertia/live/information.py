@@ -19,7 +19,9 @@ noise lies between 0.3 and 1.9 in nine of ten cases, and 2.5 is tolerated. Fewer
 leave misfit of the first seconds unseen."""
 _CONFIDENCE = 0.99
 """Quantile of chi squared that the scatter must exceed to widen intervals: chance does in one of a
-hundred. The batch estimator tolerates a fixed ratio (`uncertainty._TOLERATED_RATIO`)."""
+hundred. The batch estimator tolerates a fixed ratio (`uncertainty._TOLERATED_RATIO`). At 0.95 clean
+data get wider intervals five times as often, by chance; at 0.999 correlated errors must be stronger
+or last longer until they show."""
 
 
 @lru_cache(maxsize=256)

@@ -20,9 +20,10 @@ _DOUBT_SAMPLES = 25
 """Doubtful samples over which the share of those that do not fit is learnt, a quarter of a second
 at 100 Hz. Fewer decide by chance, more believe the first of a fault."""
 _VETO = 0.1
-"""Share of doubtful samples that do not fit from which none is believed: of true ones far less
-than one in a hundred exceeds the threshold, and those of a fault that happen to fit are a choice
-that biases the estimate."""
+"""Share of doubtful samples that do not fit from which none is believed: of true ones far less than
+one in a hundred exceeds the threshold, and those of a fault that happen to fit are a choice that
+biases the estimate. At a quarter the first samples of a fault pass into the estimate; at a few
+percent a single outlier (1 / 25 of the average) keeps doubtful samples out."""
 
 
 @dataclass

@@ -18,7 +18,8 @@ from tactile_dynamics_ros.core.streams.streams import Streams
 
 LEAST_SPAN = 2.0
 """Span of measurements before the first fit, s: windows of the motion alone take a quarter of one,
-and the fit of a single turn would not tell an effect from the load."""
+and the fit of a single turn would not tell an effect from the load. A shorter span starts with fits
+that are thrown away, a longer one delays the first reading of effects by as much."""
 
 
 @dataclass(frozen=True)

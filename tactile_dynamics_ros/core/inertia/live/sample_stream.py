@@ -37,13 +37,19 @@ _NOISE_EVERY = 50
 time, more seldom follows a change of noise late."""
 _FORCE_STD_FLOOR, _TORQUE_STD_FLOOR = 1e-4, 1e-6
 """Scatter of a force, N, and of a torque, N m, from which it is taken for the sensor's noise; of
-less what is configured stays. Below the resolution of tactile sensors (0.01 N), above rounding."""
+less what is configured stays. Below the resolution of tactile sensors (0.01 N), above rounding.
+Higher, good sensors keep the configured noise, which makes their intervals too wide; at rounding a
+simulation without noise gets unlimited weight."""
 _DRAWS = 4099
 """Fixed standard normal draws, used in a ring: at 100 Hz they come again after 41 s. Fixed, so that
-a recording gives the same estimate each time."""
+a recording gives the same estimate each time; a prime, so that no period of the motion meets the
+same draws. Fewer repeat within a motion and feign excitation, more hold memory only (200 kB
+now)."""
 _NOISE_FLOOR = (1e-5, 1e-6)
 """Noise of poses, rad and m, that is presumed at least: what is smoother than this was filtered or
-generated, and would get unlimited weight. 0.6 mdeg and 1 um are far below any tracker."""
+generated, and would get unlimited weight. 0.6 mdeg and 1 um are far below any tracker. Higher
+overstates the noise of good trackers in simulation and widens intervals; at zero poses without
+noise make the weights overflow."""
 _STUCK = 10
 """Equal forces in a row, all three axes to the last bit, that are no chance: a sensor whose noise
 is a fifth of its step still repeats itself so often once in ten million rows. Fewer call coarse

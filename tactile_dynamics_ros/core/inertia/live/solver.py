@@ -32,10 +32,12 @@ _COLUMNS = np.concatenate([np.arange(4), _UPPER_COLUMNS])
 """Columns of these ten entries."""
 _NEAR_ONE = 1e-4
 """Distance from 1 within which sqrt(x^2 - 2 log x - 1) is taken from its series: it leaves out a
-term of 1e-12, where the formula itself has lost eight of sixteen digits."""
+term of 1e-12, where the formula itself has lost eight of sixteen digits. At 1e-2 the series is off
+by 1e-6; below 1e-8 the formula has lost all its digits."""
 _SMALLEST_RATIO = 1e-150
 """Ratio of Cholesky entries that is taken at least, so that its square and logarithm exist (the
-least double is 2e-308)."""
+least double is 2e-308). Any number between the rounding of 1 and there has the same effect: such
+bodies are far from every optimum."""
 _MAXIMUM_ROUNDS = 8
 """Undamped steps after one exchange of the data, at most. What is then left is done in the next
 update, or by the damped search if steps do not shrink. The bound limits the time of an update;
@@ -52,13 +54,16 @@ _ENOUGH = 1e-4
 so that more digits only cost time."""
 _MANY_STEPS, _FEW_STEPS = 15, 8
 """Damped steps at most: from a start far away, and to an optimum nearby. They end earlier by
-`_ENOUGH`; the bound limits the time of an update."""
+`_ENOUGH`; the bound limits the time of an update. Fewer publish unfinished searches after a jump,
+more make single updates late."""
 _LARGEST_LOGARITHM = 40.0
 """Logarithm beyond which a body is out of all scales and the search has diverged: e^40 = 2e17,
 whose square a double still holds with room for products."""
 _ROUNDING = 1e-10
 """Share of the sum of second moments that is added to each of them, so that rounding cannot make a
-published body impossible: a thickness of 1e-5 of its size."""
+published body impossible: a thickness of 1e-5 of its size. A hundred times less is within rounding
+of large bodies and lets impossible ones out; from 1e-6 on thin plates would be reported too
+thick."""
 
 
 class _Diverged(Exception):

@@ -25,7 +25,9 @@ regardless, it could throw inertia far off for a moment."""
 
 _FITS, _MISFITS = 1.2, 1.5
 """Error over the noise up to which blocks of scores tell how far off the estimate may be, and from
-which they do not: of what lasts as long as the recording there are few blocks."""
+which they do not: of what lasts as long as the recording there are few blocks. The upper one is
+that from which the status warns (`live_estimate.MISFIT`); nearer to 1 intervals of clean data grow
+by chance, higher ones leave those of hidden effects too small."""
 _LASTING_FACTOR = 9.0
 """Factor by which variances grow at such a misfit: with 1, truths of hidden effects were up to 9
 standard deviations off in the first ten seconds (`benchmarks.inertia`, recordings with one effect).

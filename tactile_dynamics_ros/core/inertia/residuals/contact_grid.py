@@ -71,10 +71,12 @@ send exactly zero while untouched."""
 _FALLBACK_FORCE_STD = 0.03
 """Standard deviation of a force axis, N, where none is stated and the samples show none (fewer than
 20, or without noise): the white noise at 100 Hz that the hardware facts suggest for a BioTac. It
-only scales how forces weigh against the motion."""
+only scales how forces weigh against the motion. Larger trusts forces less and poses more, and the
+other way round; intervals without stated noise grow in proportion."""
 _FALLBACK_TORQUE_STD = 1e-3
 """Standard deviation of a torque axis, N m, in the same case: about that of `_FALLBACK_FORCE_STD`
-at a lever of 3 cm."""
+at a lever of 3 cm. Larger lets forces at their points decide the centre of mass, smaller the
+torques of the sensors."""
 _NOISELESS = 0.01
 """Scatter, over the fallback, up to which samples show no noise: 0.3 mN and 0.01 N mm, a tenth of
 what the finest force/torque sensors resolve. Computed forces and torques scatter less, by rounding

@@ -22,7 +22,9 @@ _BY_CHANCE = 1.5
 up to which they follow it. Of the 11 poses with three degrees of freedom a window has, white noise
 exceeds it in one of a thousand; at 2 motion of four samples per period still passes."""
 _AROUND = 5
-"""Poses at either side over which the deviation is averaged: those that share the polynomial."""
+"""Poses at either side over which the deviation is averaged: those that share the polynomial. Fewer
+scatter more than `_BY_CHANCE` allows, more smear a short jolt over poses that do follow the
+motion."""
 
 
 def unfollowed_scale(time: Array, values: Array, std: float, window: Window) -> Array:

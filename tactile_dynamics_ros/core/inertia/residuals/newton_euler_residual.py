@@ -40,7 +40,7 @@ from tactile_dynamics_ros.core.inertia.residuals.sensitivity import (
     force_sensitivity_of_effects,
     motion_sensitivity,
 )
-from tactile_dynamics_ros.core.numerics.banded import BandedWhitener
+from tactile_dynamics_ros.core.numerics.banded import VARIANCE_FLOOR, BandedWhitener
 from tactile_dynamics_ros.core.numerics.local_polynomial import Window
 from tactile_dynamics_ros.core.numerics.outliers import expected_noise
 from tactile_dynamics_ros.core.rigid_body.newton_euler import regressor
@@ -51,9 +51,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_VARIANCE_FLOOR = 1e-14
-"""Variance added to each residual, N^2 and (N m)^2: 0.1 uN. Recordings without any noise (generated
-ones) keep a covariance that is positive definite; those of sensors have at least 1e-8."""
 _UNREAD_VARIANCE = 1e6
 """Variance that removes samples whose time-shifted motion is not recorded, N^2 and (N m)^2: 1 kN.
 Any number far above those of loads has the same effect."""
@@ -300,9 +297,7 @@ class WrenchProblem:
             names.append(name)
             matrices.append(signal.scaled_sensitivity(sensitivity[rows], places[rows]))
             factors.append(signal.noise_factor)
-        extra = np.where(
-            unread, _UNREAD_VARIANCE, self.extra_variance[self.valid] + _VARIANCE_FLOOR
-        )
+        extra = np.where(unread, _UNREAD_VARIANCE, self.extra_variance[self.valid] + VARIANCE_FLOOR)
         whitener = BandedWhitener.from_sensitivities(matrices, np.repeat(extra, 6))
         return Linearisation(tuple(names), tuple(matrices), tuple(factors), whitener)
 

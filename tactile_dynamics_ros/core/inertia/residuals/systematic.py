@@ -48,14 +48,16 @@ _DECADES = np.geomspace(1e-10, 1e6, 161)
 ten values each. The best lies within 12 % of one of them, in standard deviation 6 %."""
 _SMALLEST_LEVER = 0.01
 """Lever, m, that presumed torques have at least: contacts that all lie at the body's origin would
-leave none. Contacts around an object are farther apart, so that it hardly acts."""
+leave none. Contacts around an object are farther apart, so that it hardly acts. Larger presumes too
+large errors of torque for a small grasp; at zero a sensor at the origin has a basis of zeros."""
 _ROUNDS = 2
 """Times that the variances of all kinds of errors are sought in turn. The second sees what the
 others explain: with one round intervals of a recording with a hidden drag were as little as a third
 as wide, with four they were the same as with two."""
 _QUANTILE = 0.95
 """Quantile of Student's t at which few gains are made up for: that of two-sided 90 % intervals, as
-the product states them."""
+the product states them. A higher one widens intervals of few gains more: Student's tails differ the
+more from the normal's, the farther out one looks."""
 _LEAST_SHARE = 1e-4
 """Share of a unit error that must be left beside the body's parameters to be shown by data; of less
 the rest is rounding and what noise of the regressors leaves of it. With none, the gain of an only

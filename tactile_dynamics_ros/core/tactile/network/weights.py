@@ -20,20 +20,25 @@ Single = NDArray[np.float32]
 
 SHIPPED_NETWORK = Path(__file__).parent.parent / "data" / "force_network.npz"
 """File of the weights that come with the package; `tactile-dynamics train biotac --seed 0` makes
-them again."""
+them again. Another file is another sensor model; `train --out` writes one."""
 
 SMALLEST_STD = 0.3
 """Lower bound of the force's standard deviation in hundredths of a newton per unit of size: without
 one the likelihood rewards single frames that are met exactly. The calibration on other units scales
-what comes out."""
+what comes out. Higher overstates the error of light touches, which calibration then scales down for
+all; lower lets training run after single frames."""
 
 PLACE_SCALE = 1e-3
-"""Unit of the network's contact point, m: millimetres, so that all outputs are of the order of
-one."""
+"""Unit of the network's contact point, m: millimetres, so that all outputs are of the order of one.
+Another unit needs another network; with metres its spread would be a thousandth of the other
+outputs and hardly be learnt."""
 _MIRROR_OUTPUTS = np.concatenate([MIRROR_AXES, np.ones(3), MIRROR_AXES, np.ones(1)])
 """Signs of force (3), std (3), contact point (3) and its std on a sensor mirrored in y."""
 STRENGTH_KNOTS = np.array([0.0, 0.2, 0.5, 1.0, 2.0, 3.0, 5.0])
-"""Forces (N) at which the calibration of standard deviations is stated, linear in between."""
+"""Forces (N) at which the calibration of standard deviations is stated, linear in between and
+constant beyond: dense below 1 N, where touches begin and errors change most, up to 5 N, near the
+strongest press of training (6 N). More knots are calibrated by fewer frames each and follow their
+chance, fewer average light and firm touches; the shipped network has seven."""
 _KNOT_GAPS = np.diff(STRENGTH_KNOTS)
 """Distances between neighbouring knots, N."""
 
