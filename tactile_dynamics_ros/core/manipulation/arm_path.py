@@ -20,10 +20,12 @@ Array = NDArray[np.float64]
 
 SPEED_SHARE = 0.9
 """Share of each arm joint's speed limit that paths may use, so that following a path never
-saturates a drive."""
+saturates a drive. The tenth that is left is for the controller's corrections; less makes motions
+slower and excites less, 1 lets a drive that corrects itself saturate and the arm leave its path."""
 NODE_RATE_HZ = 20.0
 """Nodes of a path per second, between which it is a cubic spline. A spline of 20 Hz follows the
-motions (up to 2.5 Hz) to a thousandth; more nodes take longer to solve."""
+motions (up to 2.5 Hz) to a thousandth; more nodes take longer to solve. At 5 Hz there are two nodes
+per period of the fastest motion, which cut its peaks."""
 
 
 @dataclass(frozen=True)

@@ -17,10 +17,12 @@ Array = NDArray[np.float64]
 
 LIMIT_MARGIN = 0.02
 """Distance from the limits of joints that turn, rad, that solutions keep: 1.1 deg, more than the
-offsets of an encoder (0.2 deg) and the error of a drive."""
+offsets of an encoder (0.2 deg) and the error of a drive. Less lets joints meet their stops, whose
+forces the hand takes for the object's; more gives up poses that are in reach."""
 SLIDE_MARGIN = 5e-4
 """Distance from the limits of joints that slide, m: half a millimetre, as the jaws of a gripper are
-known to; it is lost from their opening."""
+known to; it is lost from their opening. Less lets jaws meet their stops, more gives up wide
+objects."""
 
 
 def joint_limits(joints: Sequence[Joint]) -> tuple[Array, Array]:

@@ -19,17 +19,22 @@ from tactile_dynamics_ros.core.rigid_body.rotation import skew
 Array = NDArray[np.float64]
 
 _AXES = np.arange(3)
-"""Numbers of the three axes."""
+"""Numbers of the three axes, by which entries of a diagonal are addressed; fixed by space."""
 _LOGARITHMS = 1 + _AXES
-"""Places of the logarithms of the radii among the log-Cholesky coordinates."""
+"""Places of the logarithms of the radii among the log-Cholesky coordinates. Fixed by the order of
+these coordinates ([scale, radii, shears, centre]); elsewhere derivatives would be those of other
+coordinates."""
 _SHEAR_BASIS = np.zeros((10, 4, 4))
 """Derivative (10, 4, 4) of the Cholesky factor by the shears and the centre of mass, over the
-factor's last entry."""
+factor's last entry. Fixed by the order of the coordinates; an entry elsewhere makes derivatives
+that do not fit `log_cholesky_factor`, and fits that do not converge."""
 _SHEAR_BASIS[range(4, 10), [0, 1, 0, 0, 1, 2], [1, 2, 2, 3, 3, 3]] = 1.0
 _INERTIA_ROWS = np.array([0, 0, 1, 0, 1, 2])
-"""Rows of the six numbers of an inertia matrix, [I_xx, I_xy, I_yy, I_xz, I_yz, I_zz]."""
+"""Rows of the six numbers of an inertia matrix, [I_xx, I_xy, I_yy, I_xz, I_yz, I_zz]. The order is
+that of `PARAMETER_NAMES` and of `newton_euler._INERTIA_MAP`; another one here alone would mix up
+moments and products."""
 _INERTIA_COLUMNS = np.array([0, 1, 1, 2, 2, 2])
-"""Columns of these six numbers."""
+"""Columns of these six numbers. Fixed with the rows."""
 
 
 def _pseudo_inertia_basis() -> Array:
@@ -48,7 +53,8 @@ def _pseudo_inertia_basis() -> Array:
 
 
 _PSEUDO_BASIS = _pseudo_inertia_basis()
-"""Tensor B (10, 4, 4) with the pseudo-inertia P = sum_k phi_k B_k."""
+"""Tensor B (10, 4, 4) with the pseudo-inertia P = sum_k phi_k B_k. Computed once from the
+definition (paper A, Eq. 17) since it is needed at each step of a fit; nothing in it is a choice."""
 
 
 def _pseudo_inertia_inverse() -> Array:
@@ -61,7 +67,7 @@ def _pseudo_inertia_inverse() -> Array:
 
 
 _FROM_PSEUDO = _pseudo_inertia_inverse()
-"""Matrix A (16, 10) of the inverse, phi = vec(P) A."""
+"""Matrix A (16, 10) of the inverse, phi = vec(P) A. Computed once, for the same reason."""
 
 
 def inertia_matrix(six: Array) -> Array:

@@ -10,7 +10,8 @@ from tactile_dynamics_ros.core.rigid_body.rotation import skew
 Array = NDArray[np.float64]
 
 _INERTIA_MAP = np.zeros((3, 18))
-"""Where each component of v stands in K(v), I v = K(v) [I_xx, ..., I_zz]; (3, 18)."""
+"""Where each component of v stands in K(v), I v = K(v) [I_xx, ..., I_zz]; (3, 18). Fixed by the
+order of the six numbers; another one here alone gives torques of another body."""
 _INERTIA_MAP[[0, 1, 2, 0, 1, 2, 0, 1, 2], [0, 1, 3, 7, 8, 10, 15, 16, 17]] = 1.0
 
 

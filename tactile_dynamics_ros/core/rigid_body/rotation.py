@@ -11,18 +11,24 @@ Array = NDArray[np.float64]
 
 _SMALL_ANGLE = 1e-6
 """Sine of an angle (rad) below which the logarithm is its first-order form; that is off by a sixth
-of the cube, 2e-19, less than rounding."""
+of the cube, 2e-19, less than rounding. Below 1e-8 the ratio of two vanishing numbers loses its
+digits, above 1e-5 the form is off by more than rounding."""
 _NO_ANGLE = 1e-100
-"""Angle, rad, that takes the place of zero in sin(h) / h, which then is 1 exactly."""
+"""Angle, rad, that takes the place of zero in sin(h) / h, which then is 1 exactly. Any number whose
+sine is itself and that is not zero has the same effect; zero makes 0 / 0."""
 _IDENTITY = np.eye(3)
-"""The rotation by nothing."""
+"""The rotation by nothing, made once since every exponential adds it; it is not to be written
+to."""
 _NEXT, _LAST = [1, 2, 0], [2, 0, 1]
-"""Axes after and before each axis, in turn."""
+"""Axes after and before each axis, in turn. Fixed by right-handed axes; exchanged they give -a x
+b."""
 _SKEW = np.zeros((3, 9))
-"""Matrix (3, 9) with vec([v]) = v S: the entries of a cross-product matrix."""
+"""Matrix (3, 9) with vec([v]) = v S: the entries of a cross-product matrix. Fixed by [v] w = v x w;
+with other signs every rotation turns the other way."""
 _SKEW[[2, 1, 2, 0, 1, 0], [1, 2, 3, 5, 6, 7]] = [-1.0, 1.0, 1.0, -1.0, -1.0, 1.0]
 _HALF_DIFFERENCE = 0.5 * _SKEW.T
-"""Matrix (9, 3) that takes the vector of the antisymmetric part out of a matrix."""
+"""Matrix (9, 3) that takes the vector of the antisymmetric part out of a matrix. Fixed by `_SKEW`,
+whose inverse on antisymmetric matrices it is."""
 
 
 def skew(vector: Array) -> Array:

@@ -59,13 +59,15 @@ def join_streams(parts: Sequence[Streams]) -> Streams:
 
 
 _POSE = ("time", "position", "rotation")
-"""Rows of poses."""
+"""Fields of poses that are rows, one per sample, and are put one after the other; a field that is
+missing here would keep the length of the first recording alone."""
 _CONTACT = ("time", "force", "torque", "pose_time", "position", "rotation")
-"""Rows of contacts."""
+"""Fields of contacts that are rows, one per sample; as `_POSE`."""
 _IMU = ("time", "specific_force")
-"""Rows of an IMU."""
+"""Fields of an IMU that are rows, one per sample; as `_POSE`."""
 _IMU_OPTIONAL = ("rotation", "angular_velocity")
-"""Rows of an IMU that need not be there."""
+"""Fields of an IMU that are rows where all recordings have them, and are left out where one has
+not; as `_POSE`."""
 
 
 def _span(part: Streams) -> tuple[float, float]:

@@ -21,7 +21,8 @@ Array = NDArray[np.float64]
 
 _RESTARTED = 1.0
 """Age, s, of a stamp against the newest from which its stream begins anew: clocks restart, samples
-come late by far less. As `stamps._TOLERANCE`; less would forget a window for a late sample."""
+come late by far less. As `stamps._TOLERANCE`; less would forget a window for a late sample, more
+would keep samples of a clock that was set back by less, out of order."""
 
 
 @dataclass

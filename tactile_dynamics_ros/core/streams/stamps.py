@@ -10,15 +10,17 @@ Item = TypeVar("Item")
 
 _TOLERANCE = 1.0
 """How far a stamp may be from the newest that is believed, s: latencies of the streams are less,
-and a clock that restarts jumps by more. Twice as much would let clocks in that are 2 s off."""
+and a clock that restarts jumps by more. Twice as much would let clocks in that are 2 s off. At a
+tenth the latency of a camera is taken for another clock."""
 _PACE = 20.0
 """Recorded seconds that may pass per second of waiting: a pause of the streams is no jump, also
 where a recording is replayed that much faster than real time. Lower takes fast replays for jumps of
 the clock, higher believes stamps that are further ahead."""
 _CONFIRMED = 10
 """Successive messages on another clock after which it is the clock: two frames of a hand with four
-fingers. Single frames with a wrong stamp, and one finger that lives on another clock, never have
-so many without a message of the others in between."""
+fingers. Single frames with a wrong stamp, and one finger that lives on another clock, never have so
+many without a message of the others in between. Fewer let single wrong stamps move the clock, more
+ignore a clock that did restart for longer."""
 
 
 class SharedClock:

@@ -19,18 +19,23 @@ Array = NDArray[np.float64]
 
 SHIPPED_CALIBRATION = Path(__file__).parent / "data" / "analytic_force.json"
 """File of the constants of the analytic estimator that comes with the package; made by the module
-`sim.sensors.biotac.calibrate`."""
+`sim.sensors.biotac.calibrate`. Another file gives other forces; one of a unit of one's own is given
+to the node instead."""
 CREEP_TIMES = np.array([0.2, 4.0])
 """Time constants of the skin's creep, s. Source: facts on skin relaxation (0.1 to 0.3 s, and
-several s). The amplitudes that go with them are fitted."""
+several s). The amplitudes that go with them are fitted. Far from them forces drift in a hold or lag
+after a touch, since amplitudes alone cannot follow."""
 
 NORMAL_90 = 1.6449
-"""Standard deviations of a normal variable within which 90 % lie (0.95 quantile, 1.64485,
-rounded)."""
+"""Standard deviations of a normal variable within which 90 % lie (0.95 quantile, 1.64485, rounded).
+Another share (1.96 for 95 %) would let rarer errors, of which there are fewer samples, set standard
+deviations."""
 MIRROR_AXES = np.array([1.0, -1.0, 1.0])
-"""Signs of a vector's components in the mirror image of the sensor, which is symmetric in y."""
+"""Signs of a vector's components in the mirror image of the sensor, which is symmetric in y. Fixed
+by the sensor's axes; with another sign mirrored presses teach forces that no finger feels."""
 _FIELDS = ("force_weights", "place_weights", "force_std", "place_std", "creep")
-"""Arrays that the file holds."""
+"""Arrays that the file holds. Names in files that exist: another one is a file that cannot be
+read."""
 
 
 @dataclass(frozen=True)

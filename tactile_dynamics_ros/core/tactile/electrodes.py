@@ -13,19 +13,22 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 CHANNELS = 44
-"""Numbers of a frame: E1 to E19, PDC, TDC, TAC, PAC0 to PAC21."""
+"""Numbers of a frame: E1 to E19, PDC, TDC, TAC, PAC0 to PAC21. Fixed by the sensor; messages of
+another length are refused."""
 ELECTRODES = slice(0, 19)
-"""Place of the 19 electrodes in a frame."""
+"""Place of the 19 electrodes in a frame. Fixed, as the places below, by the order in which drivers
+publish a frame: another place would read one signal for another."""
 PDC = 19
-"""Place of the static fluid pressure."""
+"""Place of the static fluid pressure. Fixed by the frame's order."""
 TDC = 20
-"""Place of the absolute temperature."""
+"""Place of the absolute temperature. Fixed by the frame's order."""
 TAC = 21
-"""Place of the heat flux."""
+"""Place of the heat flux. Fixed by the frame's order."""
 PAC = slice(22, 44)
-"""Place of the 22 samples of the dynamic pressure, 2200 Hz."""
+"""Place of the 22 samples of the dynamic pressure, 2200 Hz. Fixed by the frame's order."""
 FULL_SCALE = 4095
-"""Largest count of a 12-bit channel."""
+"""Largest count of a 12-bit channel. Fixed by the converter; counts beyond it are refused as no
+counts, so that less would refuse strong presses."""
 
 _LEFT_SIDE = {
     1: ((0.993, -4.855, -1.116), (0.196, -0.956, -0.220)),
@@ -37,9 +40,11 @@ _LEFT_SIDE = {
     8: ((3.031, -1.950, -3.330), (0.500, 0.0, -0.866)),
 }
 """Centre (mm, sensor frame) and normal of each electrode with y < 0. Source: positions in
-biotac_force_net and biotac_gazebo_plugin, which agree."""
+biotac_force_net and biotac_gazebo_plugin, which agree. A millimetre more moves contact points and
+tilts forces of the analytic model; both models would have to be fitted again."""
 _MIRROR = {1: 11, 2: 12, 3: 13, 4: 14, 5: 15, 6: 16, 8: 9}
-"""Electrode with y > 0 that mirrors each of those."""
+"""Electrode with y > 0 that mirrors each of those. Fixed by the sensor's symmetry; a wrong pair
+puts an electrode on the other side of the finger."""
 _MIDDLE = {
     7: ((4.763, 0.0, -2.330), (0.500, 0.0, -0.866)),
     10: ((1.299, 0.0, -4.330), (0.500, 0.0, -0.866)),
@@ -47,7 +52,8 @@ _MIDDLE = {
     18: ((-9.800, 0.0, -5.080), (0.0, 0.0, -1.0)),
     19: ((-13.600, 0.0, -5.080), (0.0, 0.0, -1.0)),
 }
-"""Centre and normal of electrodes in the plane of symmetry, from the same source."""
+"""Centre and normal of electrodes in the plane of symmetry, from the same source. What is said of
+`_LEFT_SIDE` holds for them."""
 
 
 def _electrode_table() -> tuple[Array, Array]:
@@ -64,4 +70,5 @@ def _electrode_table() -> tuple[Array, Array]:
 
 
 ELECTRODE_POSITION, ELECTRODE_NORMAL = _electrode_table()
-"""(19, 3) metres and unit vectors in the sensor frame, electrode E1 first."""
+"""(19, 3) metres and unit vectors in the sensor frame, electrode E1 first. Made of the tables
+above, with which they move."""

@@ -8,7 +8,8 @@ from tactile_dynamics_ros.core.tactile.fingertip import FingertipConfigs, Finger
 from tactile_dynamics_ros.core.tactile.network.estimator import NetworkForceEstimator
 
 FORCE_MODELS = ("network", "analytic")
-"""Names of the force models, the default first; they are API (`biotac_force` parameter `model`)."""
+"""Names of the force models, the default first; they are API (`biotac_force` parameter `model`).
+Another order makes another model the default."""
 
 
 def create_force_estimator(

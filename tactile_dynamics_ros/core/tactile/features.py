@@ -23,10 +23,12 @@ electrodes' amplitude, PDC in full. Only the scale of features changes with them
 network have been trained with these."""
 
 _ROW, _COLUMN = np.triu_indices(19)
-"""Places of the products of two electrodes among the features."""
+"""Places of the products of two electrodes among the features. Each pair once, squares included
+(190): as many weights are fitted, so that another order or set needs another calibration."""
 
 MIRROR = np.array([10, 11, 12, 13, 14, 15, 6, 8, 7, 9, 0, 1, 2, 3, 4, 5, 16, 17, 18, 19])
-"""Order of the 20 changes when the finger is mirrored, y -> -y."""
+"""Order of the 20 changes when the finger is mirrored, y -> -y. Fixed by the electrodes' places
+(`electrodes._MIRROR`); a wrong pair teaches both models a sensor that is not symmetric."""
 
 
 def signal_size(change: Array) -> Array:

@@ -14,10 +14,13 @@ Array = NDArray[np.float64]
 
 COUNTS_PER_KELVIN = 31.7
 """Mean drift of an electrode with temperature. Source: fits of one sensor, 25.7 to 35.3 degC, whose
-electrodes drift by 27 to 38 counts per kelvin each."""
+electrodes drift by 27 to 38 counts per kelvin each. It is where an unmeasured unit begins: 5
+counts/K off are 50 counts after 10 K of warming, which the tare at rest takes out only once; the
+command that learns drift replaces it."""
 
 _SIGNALS = slice(0, PDC + 1)
-"""Place of electrodes and PDC in a frame, which the rest state is kept of."""
+"""Place of electrodes and PDC in a frame, which the rest state is kept of. Fixed by the frame's
+order; other signals are no forces."""
 
 
 def temperature(tdc: ArrayLike) -> Array:

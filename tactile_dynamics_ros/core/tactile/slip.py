@@ -16,7 +16,8 @@ from tactile_dynamics_ros.core.tactile.signal_change import check_frame
 Array = NDArray[np.float64]
 
 PAC_RATE = 2200.0
-"""Rate of the dynamic pressure, Hz: 22 samples per frame of 100 Hz. Source: SynTouch, BioTac."""
+"""Rate of the dynamic pressure, Hz: 22 samples per frame of 100 Hz. Source: SynTouch, BioTac. Fixed
+by the sensor; another one moves the band of the filter in proportion."""
 
 
 @dataclass(frozen=True)

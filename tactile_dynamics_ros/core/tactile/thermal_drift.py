@@ -18,18 +18,23 @@ from tactile_dynamics_ros.core.tactile.signal_change import (
 Array = NDArray[np.float64]
 
 USUAL_SPREAD = 3.0
-"""How far electrodes differ, counts/K. Source: fits of one sensor, 27 to 38 counts/K."""
+"""How far electrodes differ, counts/K. Source: fits of one sensor, 27 to 38 counts/K. It is the
+prior's standard deviation: larger believes short warm-ups more, smaller keeps electrodes at the
+mean."""
 LEAST_SPAN = 1.0
 """Warming below which nothing is learnt, K: the prior's 3 counts/K then are 3 counts, no more than
-electrodes wander. A core warms by some 10 K after switching on."""
+electrodes wander. A core warms by some 10 K after switching on. Lower learns slopes of noise,
+higher refuses warm-ups that tell something."""
 
 _TOUCH = 10.0
 """Deviation of PDC from its median, counts, from which a frame shows a touch and is left out: that
-from which the LL4MA driver calls it a contact too, and twenty times the noise of PDC."""
+from which the LL4MA driver calls it a contact too, and twenty times the noise of PDC. Lower throws
+away frames at rest whose pressure drifts, higher takes light touches for warmth."""
 _STRETCHES = 60
 """Means to which frames are averaged before lines are fitted. In a warm-up of ten minutes each is
 of 10 s, longer than the seconds within which electrodes wander; their scatter then tells the
-standard deviation. Ten frames each are asked for."""
+standard deviation. Ten frames each are asked for. More stretches are shorter than what is common to
+neighbours, and standard deviations become too small; fewer scatter."""
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,8 @@ Array = NDArray[np.float64]
 _STRETCHES = 10
 """Parts of a recording whose spread tells the standard deviation of the gain, since errors of
 neighbouring frames are alike: it is known to a quarter then (nine degrees of freedom). More parts
-are shorter than a press."""
+are shorter than a press and their errors alike, so that the standard deviation becomes too small;
+fewer make it chance."""
 _RIDGE = 10.0
 """Weight that holds the gain matrix at the identity, a quarter of what one frame of 1 N weighs.
 Directions that presses contain have thousands of frames and ignore it; others stay at one. With

@@ -21,7 +21,8 @@ count as outline: more than rounding to pixels (0.7), less than the band of the 
 larger one drops the rim of thin parts, a smaller one takes inner edges for outline."""
 _NEWTON_STEPS = 3
 """Steps from the drawn depth to the surface along a ray. A step is exact on a plane and limited to
-1 cm; rays that have not met the surface after them (see `_HIT`) are left out."""
+1 cm; rays that have not met the surface after them (see `_HIT`) are left out. With one curved
+surfaces lose points, more cost an evaluation of all rays each."""
 _HIT = 3e-4
 """Distance to the surface, m, from which a ray has met it: the model's own error
 (`RegistrationConfig.model_std`). Less leaves out curved parts, more takes grazing rays in."""

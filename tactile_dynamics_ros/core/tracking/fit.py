@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 
 JUDGED = 2000
 """Samples of the surface that are compared with an image: shares are known to 1 % (1 / sqrt(2000) =
-2 % of one half). More cost time."""
+2 % of one half). More cost time. Fewer let scores scatter about their thresholds."""
 GRAZING = 0.25
 """Cosine between view and normal, below which a surface is seen too flatly (75 deg) to be compared
 in depth: a pixel then spans four times its width in depth. Higher loses the sides of round objects;

@@ -32,10 +32,13 @@ Offsets of 0.2 deg and play of 0.1 deg in eleven joints make about so much. Smal
 the hand in the contacts, larger moves contacts with an object that slipped."""
 SAME_TIME = 1e-6
 """Poses whose stamps differ by less belong together, s: stamps are nanoseconds in messages and
-doubles here, which round by less."""
+doubles here, which round by less. Less misses pairs by rounding; from the period of the poses (10
+ms) on poses of different times are compared, and motion shows as slip."""
 LASTING = 0.1
 """For how long the motion found at one time holds, s: joints' errors change with the posture,
-slowly, and poses come at 100 Hz. Beyond it contacts are not moved."""
+slowly, and poses come at 100 Hz. Beyond it contacts are not moved. Shorter leaves contacts where
+the joints have them during gaps of vision, longer carries an error along that the posture has
+changed."""
 
 
 def hand_motions(fused: Array, hand: Array) -> Array:

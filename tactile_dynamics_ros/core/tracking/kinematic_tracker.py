@@ -32,7 +32,8 @@ in the hand. It only replaces what the covariance leaves open; any value far abo
 millimetres has the same effect."""
 _PATCH = np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
 """Points of a contact's patch in units of its size: its middle and six around it, so that it
-resists turns about all axes alike."""
+resists turns about all axes alike. Fewer points leave a turn free, more cost time; their weights,
+not their places, set how stiff a patch is."""
 
 
 @dataclass(frozen=True)

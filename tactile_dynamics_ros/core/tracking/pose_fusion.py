@@ -35,9 +35,11 @@ CHI2_6_9999 = 27.86
 """0.9999 quantile of chi squared with six degrees of freedom: of fifteen honest images a second one
 is refused in eleven minutes. Lower refuses more, higher lets a wrong pose in."""
 _SLIP, _WANDER = slice(0, 6), slice(6, 12)
-"""Places of slip and wander in the state."""
+"""Places of slip and wander in the state. Fixed by the order of the state; `_BOTH` needs both to
+have six numbers."""
 _BOTH = np.hstack([np.eye(6), np.eye(6)])
-"""Derivative (6, 12) of vision's disagreement by [slip, wander]: it is their sum."""
+"""Derivative (6, 12) of vision's disagreement by [slip, wander]: it is their sum. A factor other
+than one on either side would let it take more of the disagreement than there is."""
 
 
 @dataclass(frozen=True)

@@ -44,10 +44,12 @@ Array = NDArray[np.float64]
 Selection = TypeVar("Selection", NDArray[np.float64], NDArray[np.intp])
 
 PLANAR = (2, 3, 4)
-"""Of [rotation, position] in world axes, what is left on a level support: yaw, x, y."""
+"""Of [rotation, position] in world axes, what is left on a level support: yaw, x, y. Fixed by that
+order and by z being up; more coordinates let noise tilt an object off its support."""
 BLUR = (4.0, 2.0, 1.0)
 """Blur of the outline in the first fine steps, over `outline_std`: a border that is pixels away is
-still felt. Without it fits end where edges do not meet yet."""
+still felt. Without it fits end where edges do not meet yet. Larger or more of them blur borders of
+other things in, and each costs a step."""
 OBJECT_TOLERANCE = 0.012
 """Difference in depth, m, within which a pixel beside the outline shows the object: eight standard
 deviations of the camera at 0.8 m (1.5 mm). At half of it a box seen from its end is taken for one
@@ -292,7 +294,8 @@ class _System:
 
 
 _NOTHING = _System(np.zeros((6, 6)), np.zeros(6), np.zeros((6, 3)), np.inf)
-"""What too few pixels tell."""
+"""What too few pixels tell: no information, and a misfit without end from which no pose is
+improved. A finite misfit would let views that show nothing look like good fits."""
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,8 @@ CELL = 0.015
 together. A pixel is 1.4 to 2.8 mm wide at 0.8 m, so that holes of a depth image do not split an
 object; larger cells join the object with what stands beside it."""
 LEAST_POINTS = 15
-"""Points that a group needs: fewer are noise, or too little to align six coordinates to."""
+"""Points that a group needs: fewer are noise, or too little to align six coordinates to. At six a
+patch of strays is searched as an object; more overlook objects that are small or mostly covered."""
 ROUGH = RegistrationConfig(
     coarse_reach=0.04,
     fine_reach=0.02,
@@ -45,7 +46,8 @@ ROUGH = RegistrationConfig(
 )
 """Alignment of a candidate: reach of 4 cm, since orientations are tried in steps that leave the
 surface centimetres off; few pixels and steps, since many candidates are tried and only the best are
-aligned finely."""
+aligned finely. A shorter reach misses surfaces that are far off, a longer one is drawn to the
+neighbours'; more pixels or steps take time for each candidate."""
 
 
 @dataclass(frozen=True)

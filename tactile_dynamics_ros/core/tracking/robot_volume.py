@@ -16,10 +16,11 @@ Array = NDArray[np.float64]
 
 _TIP_CENTRES = np.array([[0.0, 0.0, 0.0], [-0.007, 0.0, 0.0], [-0.014, 0.0, 0.0]])
 """Centres of the spheres that enclose a round fingertip, m, sensor frame: from the tip's to the end
-of a BioTac's core behind it (14 mm), half that apart."""
+of a BioTac's core behind it (14 mm), half that apart. Fewer leave gaps that show fingertip as
+object; farther back they cover the finger's link, which is drawn anyway."""
 _ARM_SPHERES = 4
 """Spheres per link of the arm; at 54 mm between them (the longest link has 0.216 m) neighbours
-overlap."""
+overlap. Fewer leave gaps in which the arm counts as object, more cost time."""
 
 
 class Volume(Protocol):

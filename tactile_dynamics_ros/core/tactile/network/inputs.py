@@ -13,21 +13,26 @@ Array = NDArray[np.float64]
 
 MEMORY = np.array([0.02, 0.05, 0.12, 0.3, 1.0, 4.0])
 """Time constants of the low-passes that give the network a past, s: the short ones let it average
-the noise of a frame without lagging behind, the long ones show creep."""
+the noise of a frame without lagging behind, the long ones show creep. From two frames to the slow
+creep, a factor of 2.4 to 4 apart; fewer or other ones need another training, more make the network
+slower."""
 
 INPUTS = 20 * (1 + len(MEMORY)) + 2 + 19
 """Numbers that the network is given: pattern and its differences from the past (20 each), two of
-the size, 19 rest counts."""
+the size, 19 rest counts. It follows from `MEMORY` and the 19 electrodes; the weights of the network
+have as many rows."""
 
 _FRAMES = 20 * np.arange(1 + len(MEMORY))[:, None] + MIRROR
-"""Inputs of the mirrored sensor among pattern and differences."""
+"""Inputs of the mirrored sensor among pattern and differences. Fixed by the order of the inputs."""
 MIRROR_INPUTS = np.concatenate(
     [_FRAMES.ravel(), _FRAMES.size + np.array([0, 1]), _FRAMES.size + 2 + MIRROR[:19]]
 )
-"""Where each input of the same contact on a mirrored sensor is taken from."""
+"""Where each input of the same contact on a mirrored sensor is taken from. Fixed by the order of
+the inputs; a wrong one gives contacts on the right other forces than those on the left."""
 
 _STEADY = slice(20 * 2, 20 * 2 + 19)
-"""Inputs that tell the electrodes' changes within 0.05 s."""
+"""Inputs that tell the electrodes' changes within 0.05 s. The 0.05 s are the second of `MEMORY`;
+with 0.02 s noise would choose the side of light touches, with 0.3 s the side would lag."""
 
 REST_MEAN, REST_SPREAD = 3100.0, 300.0
 """Usual electrode counts without contact, and how far units differ: published rest counts lie

@@ -9,7 +9,8 @@ from torch import Tensor, nn
 
 _QUINTIC = (3.4445, -4.7750, 2.0315)
 """Coefficients of an odd polynomial that, applied five times, takes (0.02, 1] near one. Source:
-Jordan et al., 2024."""
+Jordan et al., 2024. Other coefficients leave singular values farther from one or need more rounds,
+which makes the steps of training unequal."""
 
 
 class Muon(torch.optim.Optimizer):

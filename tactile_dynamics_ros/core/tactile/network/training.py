@@ -36,21 +36,22 @@ from tactile_dynamics_ros.core.tactile.network.weights import (
 Array = NDArray[np.float64]
 
 OUTPUTS = 10
-"""Numbers that the network gives: force (3) and its spread (3), contact point (3) and its
-spread."""
+"""Numbers that the network gives: force (3) and its spread (3), contact point (3) and its spread.
+Fixed by these four; fewer leave a quantity untaught."""
 _PHASE_STEP = 7
 """Frames by which one sequence is read later than the one before. It has no factor in common with
 `TrainingConfig.every` (15), so that all times since the first touch are seen; with one in common
 some never are."""
 _UNTOUCHED_EVERY = 5
 """One in how many frames without contact is kept: they are many and alike. All of them would make
-the network spend itself on zero."""
+the network spend itself on zero. Far fewer would let it see forces where there are none."""
 _WARM_UP = 0.1
 """Share of the steps in which step sizes rise before they fall as a cosine (OneCycle schedule,
 whose own default is 0.3). It was not tuned: what another share does to the trained network has not
 been measured."""
 _LARGEST_GRADIENT = 3.0
-"""Norm to which gradients are cut: a batch with a rare large error must not undo an epoch."""
+"""Norm to which gradients are cut: a batch with a rare large error must not undo an epoch. Lower
+cuts usual batches too, which slows learning; higher lets rare ones through."""
 
 
 @dataclass(frozen=True)
@@ -180,7 +181,7 @@ def _optimise(network: nn.Sequential, steps: int, config: TrainingConfig) -> Cal
 
 
 _FIELDS = ("inputs", "size", "force", "point")
-"""Arrays of a batch."""
+"""Arrays of a batch. Fixed by `Frames`; one that is missing here cannot be trained on."""
 
 
 def contact_loss(output: Tensor, frames: Frames, place_share: float) -> Tensor:

@@ -33,19 +33,23 @@ PLACE_SCALE = 1e-3
 Another unit needs another network; with metres its spread would be a thousandth of the other
 outputs and hardly be learnt."""
 _MIRROR_OUTPUTS = np.concatenate([MIRROR_AXES, np.ones(3), MIRROR_AXES, np.ones(1)])
-"""Signs of force (3), std (3), contact point (3) and its std on a sensor mirrored in y."""
+"""Signs of force (3), std (3), contact point (3) and its std on a sensor mirrored in y. Fixed by
+`MIRROR_AXES` and the order of the outputs; standard deviations have no sign."""
 STRENGTH_KNOTS = np.array([0.0, 0.2, 0.5, 1.0, 2.0, 3.0, 5.0])
 """Forces (N) at which the calibration of standard deviations is stated, linear in between and
 constant beyond: dense below 1 N, where touches begin and errors change most, up to 5 N, near the
 strongest press of training (6 N). More knots are calibrated by fewer frames each and follow their
 chance, fewer average light and firm touches; the shipped network has seven."""
 _KNOT_GAPS = np.diff(STRENGTH_KNOTS)
-"""Distances between neighbouring knots, N."""
+"""Distances between neighbouring knots, N. They follow from the knots."""
 
 _SPREADS = np.array([3, 4, 5, 9])
-"""Places of the spreads among the outputs: force (3), contact point."""
+"""Places of the spreads among the outputs: force (3), contact point. Fixed by the order of the
+outputs, as training has it."""
 _SMALLEST_SPREADS = np.array([0.01 * SMALLEST_STD] * 3 + [0.02])
-"""Outputs that tell standard deviations of force (3) and contact point, and their lower bounds."""
+"""Lower bounds of the spreads of force (3), N per unit of size, and of contact point, mm:
+`SMALLEST_STD`, and 0.02 mm. Training has the same; others here alone would state other errors than
+were calibrated."""
 
 
 @dataclass(frozen=True)
