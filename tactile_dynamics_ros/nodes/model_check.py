@@ -6,6 +6,7 @@ import json
 import time
 from concurrent.futures import Future
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -16,14 +17,14 @@ from std_srvs.srv import Trigger
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.discrepancy.documents import Document
-from tactile_dynamics_ros.core.errors import TactileDynamicsError
-from tactile_dynamics_ros.core.inertia.diagnosis.live_check import (
+from tactile_dynamics_ros.core.discrepancy.live_check import (
     LiveCheckConfig,
     LiveComparison,
     LiveModelCheck,
-    compare_streams,
-    diagnose_streams,
 )
+from tactile_dynamics_ros.core.errors import TactileDynamicsError
+from tactile_dynamics_ros.core.inertia.diagnosis.live_check import compare_streams, diagnose_streams
+from tactile_dynamics_ros.core.streams.measurement_window import MeasurementWindow
 from tactile_dynamics_ros.ros.background import Background
 from tactile_dynamics_ros.ros.conversions import header, wrench_to_message
 from tactile_dynamics_ros.ros.diagnostics import status_message, status_values
@@ -49,6 +50,7 @@ class ModelCheckConfig:
 
     contacts: tuple[str, ...] = parameter(CONTACTS, "names of the contacts on contact/<name>")
     period: float = parameter(5.0, "time between comparisons, real time", "s", 0.5, 600.0)
+    iterations: int = parameter(2, "iterations of the fit of a comparison", "", 1, 10)
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -66,13 +68,15 @@ class ModelCheckNode(Shell):
     def __init__(self) -> None:
         super().__init__("model_check")
         config = declare_config(self, ModelCheckConfig)
-        self.check = LiveModelCheck(declare_config(self, LiveCheckConfig))
+        spans = declare_config(self, LiveCheckConfig)
+        window = self._window = MeasurementWindow(spans.diagnosis_window)
+        compare = partial(compare_streams, iterations=config.iterations)
+        self.check = LiveModelCheck(window, compare, diagnose_streams, spans)
         self._background = Background()
         self._comparison: Future[LiveComparison] | None = None
         self._diagnosing: tuple[tuple[str, ...], RosFuture] | None = None
         self._compared = -np.inf
         self._started = self._rest_until = 0.0
-        window = self.check.window
         self._streams = HeldStreams(
             self, config.contacts, window.add_pose, window.add_contact, window.clear
         )
@@ -100,16 +104,16 @@ class ModelCheckNode(Shell):
 
     def _compare(self) -> None:
         """Start a comparison if something new has come, nothing runs, and there is time for it."""
-        now, newest = time.monotonic(), self.check.window.newest
+        now, newest = time.monotonic(), self._window.newest
         if self._background.busy or newest == self._compared or now < self._rest_until:
             return
         self._compared, self._started = newest, now
         try:
-            arguments = self.check.comparison()
+            comparison = self.check.comparison()
         except TactileDynamicsError as error:
             self.faults.add("not_compared", str(error))
             return
-        self._comparison = self._background.submit(compare_streams, *arguments)
+        self._comparison = self._background.submit(comparison)
 
     def _report(self) -> None:
         """Publish a comparison that is finished."""
@@ -147,7 +151,7 @@ class ModelCheckNode(Shell):
                 return running
         done = RosFuture()
         self._diagnosing = self.check.effects, done
-        future = self._background.submit(diagnose_streams, *self.check.diagnosis())
+        future = self._background.submit(self.check.diagnosis())
         future.add_done_callback(done.set_result)
         done.add_done_callback(self._publish)
         return done
@@ -161,7 +165,7 @@ class ModelCheckNode(Shell):
         level = DiagnosticStatus.OK if verdict == "adequate" else DiagnosticStatus.WARN
         text = document.get("sentence") or verdict
         values = {**document["error"], "effect": document["effect"], "group": document["group"]}
-        message = DiagnosticArray(header=header(self.check.window.newest, "object"))
+        message = DiagnosticArray(header=header(self._window.newest, "object"))
         message.status = [status_message("diagnosis", {"verdict": verdict, **values}, level, text)]
         for candidate in document["candidates"]:
             numbers = {k: v for k, v in candidate.items() if isinstance(v, float | int)}
