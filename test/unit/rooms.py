@@ -77,6 +77,10 @@ ROOMS = {
         ("core/discrepancy", "core/effects", "core/rigid_body", "core/robot", "core/shape")
         + ("core/tactile",),
     ),
+    "core/planar": Room("streams of objects that are pushed and pulled on a support"),
+    "core/planar/mechanics": Room(
+        "motion of links on a support with Coulomb friction, under a tip or a grip"
+    ),
     _INERTIA + "residuals": Room(
         "Newton-Euler residuals of a recording and their noise",
         ("core/contact", "core/effects", "core/numerics", "core/rigid_body", "core/streams"),
@@ -114,12 +118,19 @@ ROOMS = {
     ),
     "recording": Room(
         "rosbag2, arrays and foreign formats to streams and back",
-        ("core/friction", "core/numerics", "core/rigid_body", "core/robot", "core/streams")
+        (
+            "core/friction",
+            "core/numerics",
+            "core/planar",
+            "core/rigid_body",
+            "core/robot",
+            "core/streams",
+        )
         + ("core/tactile", "core/tracking"),
     ),
     "synthetic": Room(
         "recordings with known truth from closed forms; knows no effect of the catalogue",
-        ("core/streams",),
+        ("core/planar", "core/streams"),
     ),
     "sim": Room(
         "the PyBullet stand-in for hand, arm, sensors and object, with hidden effects",

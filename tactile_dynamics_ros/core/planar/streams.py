@@ -1,7 +1,7 @@
 """Time-stamped measurements of links that are pushed or pulled on a support.
 
 Support frame S: origin and axes of `/support/pose` (default: the world), z the normal of the
-support, upwards. Planar poses are (x, y, yaw) of a link's frame in S; yaw is continuous (unwrapped).
+support, upwards. Planar poses are (x, y, yaw) of a link's frame in S; yaw is unwrapped.
 Contact forces are those that the pusher applies **on the object**.
 """
 

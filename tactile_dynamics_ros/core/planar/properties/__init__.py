@@ -1,1 +1,0 @@
-"""Mass, friction and centre of mass of links from recorded pushes and pulls."""
