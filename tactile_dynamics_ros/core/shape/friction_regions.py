@@ -16,7 +16,8 @@ from tactile_dynamics_ros.core.rigid_body.poses import described_pose
 Array = NDArray[np.float64]
 
 WHOLE = "body"
-"""Name of everything that lies in no named region."""
+"""Name of everything that lies in no named region. It is written in files and messages: another
+name is another region."""
 
 
 @dataclass(frozen=True)

@@ -14,14 +14,17 @@ from tactile_dynamics_ros.core.errors import BadInputError
 Array = NDArray[np.float64]
 
 _COM = slice(7, 10)
-"""Place of the centre of mass among the log-Cholesky coordinates."""
+"""Place of the centre of mass among the log-Cholesky coordinates. Fixed by the order of these
+coordinates; elsewhere radii or shears would be held in the hull."""
 _MARGIN = 1e-6
 """Distance, m, by which a centre of mass that was moved lies inside of the hull, so that rounding
-does not put it outside again."""
+does not put it outside again. At zero the next check may call the moved centre outside; more keeps
+centres away from the surface of thin plates."""
 _LARGEST_SHIFT = 1.0
 """Change of the other coordinates, logarithms and shears, that may follow a centre which is moved:
 they are logarithms, so that 1 is a factor of e. Beyond it the linear relation does not hold; they
-then move by less."""
+then move by less. Smaller leaves mass and radii beside what the moved centre asks for, larger lets
+one step change a body beyond recognition."""
 
 
 @dataclass(frozen=True)

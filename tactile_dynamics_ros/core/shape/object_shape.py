@@ -24,7 +24,7 @@ Triangles: TypeAlias = Any
 
 MESH_SUFFIXES = (".obj", ".stl", ".ply", ".off", ".glb")
 """Endings of files that are read as meshes, in metres; what trimesh reads without further
-libraries."""
+libraries. A file with another ending is read as the yaml of an object, and refused."""
 _SAMPLES = 8000
 """Samples of an object's surface; on a box of 10 cm one per 2.7 mm. An image is compared with the
 first 2000 of them (`fit.JUDGED`), a mesh's distance is that to the nearest of four times
@@ -34,14 +34,17 @@ _EDGE_SPACING = 2.5e-3
 cost time, wider ones leave gaps in the outline."""
 _SECTIONS = 64
 """Sides of the prism by which a cylinder is drawn: at a radius of 4 cm it is at most 0.05 mm
-inside."""
+inside. Fewer draw an outline inside the true one, which a fit takes for a smaller distance; more
+cost time for each drawing."""
 _PROBED = 300
 """Samples by which a turn is tested for being a symmetry. Few suffice, since the mean of all must
-be small."""
+be small. With far fewer a small handle may go unseen and a mug pass for round; more cost time when
+a shape is loaded."""
 _ALIKE = 5e-4
 """Mean distance of turned samples from the surface, m, up to which orientations look the same: a
 box of 50 x 51 mm counts as square (0.33 mm), one of 50 x 52 mm does not (0.67 mm). Twice as much
-would hide turns that a camera can see."""
+would hide turns that a camera can see. A tenth of it takes meshes that are round to rounding of
+their triangles for unsymmetric, whose turns no camera shows."""
 
 
 class Surface(Protocol):

@@ -16,12 +16,15 @@ SKIN_RADIUS = 0.007
 """Radius of the idealised skin of a BioTac, m. Source: skin-projected electrodes of TAMS. It is
 added to every contact point: a millimetre more moves all of them out by one."""
 SKIN_REAR = -0.018
-"""Where the sensing skin ends on the mount side, m."""
+"""Where the sensing skin ends on the mount side, m. The skin of a BioTac reaches 18 mm behind the
+tip's centre; less cuts off contacts on the side, more places them on the mount."""
 
 _PAD = np.array([0.0, 0.0, -1.0])
-"""Direction of the pad in the sensor frame, which is taken where a normal is not defined."""
+"""Direction of the pad in the sensor frame, which is taken where a normal is not defined. Fixed by
+the sensor frame; it matters at the very centre alone, where any direction is as good."""
 _SPHERE, _CYLINDER = np.array([1.0, 1.0, 1.0]), np.array([0.0, 1.0, 1.0])
-"""Which coordinates count in the distance from the sphere's centre and from the cylinder's axis."""
+"""Which coordinates count in the distance from the sphere's centre and from the cylinder's axis.
+Fixed by the cylinder's axis x in the sensor frame."""
 
 
 def skin_normal(point: Array) -> Array:

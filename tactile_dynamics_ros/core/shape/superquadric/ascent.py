@@ -16,21 +16,28 @@ Array = NDArray[np.float64]
 
 _LEAST_STRAYS, _MOST_STRAYS = 1e-3, 0.9
 """Between which the share of strays is estimated: with none at all one stray would count like any
-number of points, and with nothing but strays no part would be left to estimate."""
+number of points, and with nothing but strays no part would be left to estimate. Wider bounds let
+one stray pull a surface or a fit give all points up; narrower ones bend the share of clean or
+cluttered clouds."""
 _LEAST_NOISE = 1e-4
 """Least standard deviation of points across the surface, as a share of the cloud's size: 10 um on
-10 cm, less than any camera has. At zero the likelihood of exact points has no maximum."""
+10 cm, less than any camera has. At zero the likelihood of exact points has no maximum. A thousandth
+and more would be the noise of good cameras and make intervals too wide."""
 _DAMPING = 1e-3
 """First damping of Levenberg-Marquardt, as a share of the diagonal; from 1e-4 to 1e-2 the same
-optima are found."""
+optima are found. Far more begins with short steps, far less with ones that are refused."""
 _USUAL = np.array([0.5, 0.7, 0.0, 0.0])
-"""Centre of the prior: between box and cylinder, not tapered; exponents and tapers."""
+"""Centre of the prior: between box and cylinder, not tapered; exponents and tapers. Another centre
+moves what few points show, by their share of the information beside `PRIOR_STD`."""
 CONVERGED = 1e-6
 """Move of a surface over the cloud's size below which a fit has converged: 0.1 um of 10 cm. Steps
-shrink by a third to a tenth each, so that what is left is not much more."""
+shrink by a third to a tenth each, so that what is left is not much more. Ten times as much ends
+fits while they still move by more than intervals of many points allow; less takes steps at
+rounding."""
 _SETTLED = 1e-3
 """Relative change of the noise from which it counts as settled: 0.1 %, far below what its own
-uncertainty is with a thousand points (2 %)."""
+uncertainty is with a thousand points (2 %). Larger ends fits whose noise still falls, smaller goes
+on for what no interval shows."""
 
 
 def maximise(mixture: Mixture, points: Array, steps: int, tolerance: float = CONVERGED) -> Mixture:

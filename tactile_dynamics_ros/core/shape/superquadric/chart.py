@@ -21,15 +21,18 @@ from tactile_dynamics_ros.core.shape.superquadric.superquadric import EXPONENT_R
 Array = NDArray[np.float64]
 
 SHAPE_NAMES = ("ln_ax", "ln_ay", "ln_az", "e1", "e2", "k1", "k2")
-"""Coordinates of the shape, in the order of vectors; the pose follows."""
+"""Coordinates of the shape, in the order of vectors; the pose follows. Fixed by the order of the
+Jacobian's columns; they are written in results."""
 _LARGEST_STEP = 0.3
 """Longest step of a coordinate of the shape at once: a third of an axis. The distance is linear
 in them only so far; more overshoots, less takes more steps."""
 _LARGEST_TURN = 0.3
-"""Longest turn of a step, rad, for the same reason."""
+"""Longest turn of a step, rad, for the same reason. Larger overshoots and is refused, smaller takes
+more steps."""
 TAPER_RANGE = np.array([[-1.0, 1.0], [-0.9, 1.5]])
 """Range of k1 and k2: a triangle has k1 = +-1, a hexagon k2 = -0.5, a butterfly k2 = 1. Source:
-paper B, which has k2 from 0 to 1; hexagons need less, and steep butterflies more."""
+paper B, which has k2 from 0 to 1; hexagons need less, and steep butterflies more. Wider lets the
+section vanish within the body, narrower cuts the triangle off."""
 
 
 @dataclass(frozen=True)

@@ -16,12 +16,15 @@ Array = NDArray[np.float64]
 
 NARROWEST = 0.02
 """Least value of the taper f on the body, so that it stays positive: the tip of a triangle keeps 2
-% of the width. At zero the surface folds there and its normal is undefined."""
+% of the width. At zero the surface folds there and its normal is undefined. More blunts the tips of
+triangles."""
 TINY = 1e-12
-"""Smallest length over a semi-axis whose logarithm is taken: far below rounding of any length."""
+"""Smallest length over a semi-axis whose logarithm is taken: far below rounding of any length.
+Anything between rounding and a millionth has the same effect; zero has no logarithm."""
 _COARSE = 8
 """Cells along an edge of the cube whose surface is mapped to a mesh for the area: 768 triangles.
-What matters is how the area changes with the shape, which is right to 1 % of itself."""
+What matters is how the area changes with the shape, which is right to 1 % of itself. Half as many
+are visibly off for round shapes, twice as many take four times as long in each step."""
 
 
 @dataclass(frozen=True)

@@ -20,10 +20,13 @@ _STRAYS = 0.1
 0.01 the first steps follow strays, at 0.5 they give up parts of the object."""
 _FLATTEST = 0.5
 """Least extent of the box in which strays lie, as a share of its largest: of an object that is seen
-from above alone points fill a flat box, in which strays would be likelier than the surface."""
+from above alone points fill a flat box, in which strays would be likelier than the surface. At zero
+an object seen from above loses its points to strays; at 1 strays of a flat cloud are spread too
+thin and pull at the surface."""
 PRIOR_STD = np.array([2.0, 2.0, 2.0, 1.0, 1.0, 0.5, 0.5])
 """Standard deviations of the shape's coordinates before any point: axes within a factor of 7, all
-exponents alike, tapers that seldom reach a triangle. They decide only what no point shows."""
+exponents alike, tapers that seldom reach a triangle. They decide only what no point shows. Smaller
+bends shapes that few points show towards `_USUAL`, larger lets unseen sides grow far out."""
 
 
 @dataclass(frozen=True)

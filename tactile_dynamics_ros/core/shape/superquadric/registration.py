@@ -18,10 +18,12 @@ _CELL = 0.015
 smaller takes longer and gives nothing."""
 _LEAST_PAIRED = 0.3
 """Share of a cloud's points that must find a partner: a look at the other side of an object shares
-less with the ones before, and sliding along it would do harm."""
+less with the ones before, and sliding along it would do harm. Lower believes alignments by one
+face, along which looks slide; higher leaves looks unaligned that share little."""
 _FARTHEST, _WIDEST = 0.1, np.deg2rad(3.0)
 """Largest shift, as a share of the size, and turn that are believed: registration that moves a look
-by more has slipped along a body of revolution or onto another face."""
+by more has slipped along a body of revolution or onto another face. Lower refuses corrections of
+cameras that are off by as much, higher believes slips."""
 
 
 def registered(clouds: Sequence[Array]) -> list[Array]:

@@ -13,7 +13,8 @@ from tactile_dynamics_ros.core.shape.superquadric.superquadric import Superquadr
 Array = NDArray[np.float64]
 
 _LEAST_SLOPE = 1e-9
-"""Smallest norm of the gauge's gradient, 1/m, that is divided by: only the very centre has less."""
+"""Smallest norm of the gauge's gradient, 1/m, that is divided by: only the very centre has less.
+Larger would shorten normals near it, zero divides by zero there."""
 
 
 @dataclass(frozen=True)
