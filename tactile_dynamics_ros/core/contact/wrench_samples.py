@@ -17,7 +17,8 @@ Array = NDArray[np.float64]
 
 GRAVITY_W = np.array([0.0, 0.0, -9.81])
 """Acceleration of gravity, m/s^2, world axes (z up). One value for all places: the true one differs
-by up to 0.3 % from it, and estimated masses by as much."""
+by up to 0.3 % from it, and estimated masses by as much. One that is larger makes masses smaller in
+proportion."""
 
 Value = TypeVar("Value")
 Given = ParamSpec("Given")

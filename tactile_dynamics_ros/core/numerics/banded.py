@@ -25,7 +25,8 @@ _SAFEGUARDS = (0.0, 1e-9, 1e-6)
 """Shares by which the diagonal of a covariance is raised, tried in turn until it has a Cholesky
 factor: none first, so that covariances that rounding leaves positive definite are taken exactly.
 1e-6 widens a residual's deviation by half a millionth; if that is not enough the noise is
-inconsistent and the error says so."""
+inconsistent and the error says so. Larger ones widen what is stated; fewer refuse covariances that
+rounding has spoilt."""
 
 
 @dataclass(frozen=True)

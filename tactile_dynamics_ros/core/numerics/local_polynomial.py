@@ -37,9 +37,10 @@ _LOST = 1.0 / 6.0
 derivatives across gaps with far more noise than stated; fewer would drop whole windows for single
 lost poses."""
 _ORDERS = np.arange(3)
-"""Derivatives that are read: value, first, second."""
+"""Derivatives that are read: value, first, second. Three are what Newton and Euler need; more are
+noise."""
 _FACTORIALS = np.array([1.0, 1.0, 2.0])
-"""Factorials of these orders."""
+"""Factorials of these orders. They follow from the orders."""
 _SLOPE_SEEN = 0.2
 """Least spread of samples over the square of their distance from zero that a line needs; with less
 their plain mean is taken, since a line through samples on one side would be carried far beyond

@@ -54,7 +54,8 @@ def _pseudo_inertia_basis() -> Array:
 
 _PSEUDO_BASIS = _pseudo_inertia_basis()
 """Tensor B (10, 4, 4) with the pseudo-inertia P = sum_k phi_k B_k. Computed once from the
-definition (paper A, Eq. 17) since it is needed at each step of a fit; nothing in it is a choice."""
+definition (paper A, Eq. 17) since it is needed at each step of a fit; nothing in it is a choice.
+Another basis is another definition of the ten numbers."""
 
 
 def _pseudo_inertia_inverse() -> Array:
@@ -67,7 +68,8 @@ def _pseudo_inertia_inverse() -> Array:
 
 
 _FROM_PSEUDO = _pseudo_inertia_inverse()
-"""Matrix A (16, 10) of the inverse, phi = vec(P) A. Computed once, for the same reason."""
+"""Matrix A (16, 10) of the inverse, phi = vec(P) A. Computed once, for the same reason. It is the
+basis' inverse: another one does not give back what was put in."""
 
 
 def inertia_matrix(six: Array) -> Array:

@@ -21,14 +21,16 @@ from tactile_dynamics_ros.share import find_package_file, share_file
 Array = NDArray[np.float64]
 
 DEFAULT_ROBOT = "allegro_iiwa"
-"""Robot of those who name none: KUKA LBR iiwa 14 with a right Allegro hand and four BioTacs."""
+"""Robot of those who name none: KUKA LBR iiwa 14 with a right Allegro hand and four BioTacs.
+Another default makes those who name none refused for names of joints that their robot has not."""
 DESCRIPTION_TOPICS = ("robot_description", "/robot_description")
 """Written as `urdf` in a robot's file where the robot publishes its URDF (std_msgs/String): the
 first is relative to the node's namespace, as all topics of a hand, the second is not."""
 
 _KINDS = ("biotac", "pad")
 """Kinds of fingertips whose contacts are placed: round skins that tell raw counts, and flat faces
-that measure force and torque."""
+that measure force and torque. A kind that is missing here is refused; its contacts have no
+place."""
 _NEEDED, _OPTIONAL = (
     {"urdf", "base", "palm", "fingertips", "fingers", "reference", "arm", "hand", "grasp"},
     {"description", "source", "flange"},
@@ -243,4 +245,5 @@ _SENSOR = """<link name="{name}"><inertial><mass value="1e-3"/>
 <origin xyz="{xyz}" rpy="{rpy}"/></joint>
 """
 """A sensor frame on a link. The gram that it weighs is there because Bullet gives a link without
-inertia a kilogram; a hundredth of a finger's mass moves nothing."""
+inertia a kilogram; a hundredth of a finger's mass moves nothing. Without it the finger would droop
+in simulation under a kilogram."""

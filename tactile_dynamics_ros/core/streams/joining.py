@@ -62,12 +62,14 @@ _POSE = ("time", "position", "rotation")
 """Fields of poses that are rows, one per sample, and are put one after the other; a field that is
 missing here would keep the length of the first recording alone."""
 _CONTACT = ("time", "force", "torque", "pose_time", "position", "rotation")
-"""Fields of contacts that are rows, one per sample; as `_POSE`."""
+"""Fields of contacts that are rows, one per sample; one that is missing here would keep the length
+of the first recording alone."""
 _IMU = ("time", "specific_force")
-"""Fields of an IMU that are rows, one per sample; as `_POSE`."""
+"""Fields of an IMU that are rows, one per sample; one that is missing here would keep the length of
+the first recording alone."""
 _IMU_OPTIONAL = ("rotation", "angular_velocity")
 """Fields of an IMU that are rows where all recordings have them, and are left out where one has
-not; as `_POSE`."""
+not; among `_IMU` an IMU without them could not be joined."""
 
 
 def _span(part: Streams) -> tuple[float, float]:

@@ -55,7 +55,8 @@ much smaller one leaves fits where they got stuck."""
 _SETTLED = 2
 """Steps of the alternation after which it is asked anew what the motion excites. After the first,
 signals are moved by residuals of a start that may be far off: of poses at rest the ratio to noise
-then reached 2.05 once and 1.5 later."""
+then reached 2.05 once and 1.5 later. After one step noise of resting poses may pass for motion;
+each more delays the end of every fit by a step."""
 
 
 def fit_model(

@@ -30,7 +30,8 @@ PARAMETER_NAMES = (
 )
 """Names of the ten numbers of a body in documents and on topics: kg, m in the body frame, kg m^2
 about the centre of mass; the matrix column by column, as in `inertia_vector`. They are API: scripts
-and `/diagnostics` use them."""
+and `/diagnostics` use them. Another order would name a moment by a product; another name breaks
+what reads them."""
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,8 @@ of a cube of 12 cm, an object for one hand. The prior's standard deviation is a 
 motion excites."""
 _MINIMUM_MASS = 1e-3
 """Mass, kg, that the prior presumes at least; its logarithm must exist where nothing is carried. A
-lighter object is still found, two standard deviations of the prior lie a factor of 3000 away."""
+lighter object is still found, two standard deviations of the prior lie a factor of 3000 away. Far
+larger ones pull at light objects, far smaller ones begin far from any that a hand holds."""
 _STD_LOG_SCALE = 2.0
 """Prior standard deviation of half the logarithm of the mass. Two such deviations are a factor of
 e^8 = 3000 in mass: data decide. Half and twice as much changed no estimate of three synthetic

@@ -31,7 +31,8 @@ FEWEST = 500
 body by themselves; more only make stretches of slow recordings longer."""
 MARGIN = 2.0
 """What windows may see of the neighbouring stretches, s: far more than their 0.16 s, so that delays
-of a quarter of a second and gaps between samples fit in. It costs 13 % of reading time."""
+of a quarter of a second and gaps between samples fit in. It costs 13 % of reading time. Below the
+windows' half width stretches lose samples at their ends; more reads more for nothing."""
 EVEN, WORST = 5, 3
 """How many stretches are fitted: evenly spread ones, and those with the largest error. Eight of 30
 s are the four minutes up to which a recording is fitted whole, which bounds memory (1.1 GB for half

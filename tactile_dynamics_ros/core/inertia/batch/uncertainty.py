@@ -34,7 +34,8 @@ deviation, or the parameter is reported as not excited. At 0.5 weak evidence cou
 at 0.1 half-known inertia is called unknown. The live estimator's `_IDENTIFIED` is its inverse."""
 _ROUNDING = 1e-12
 """Relative number added to a matrix of unit diagonal so that rounding leaves it positive definite;
-ten thousand times the rounding of a number. It changes no ratio that is compared."""
+ten thousand times the rounding of a number. It changes no ratio that is compared. Above 1e-6 it
+would count as information, below 1e-15 it is lost."""
 _NOISE_RATIO = 1.5
 """Information of the data over that which noise of the regressors alone would feign, below which a
 direction is not excited: at 1.5 a third of what is seen is motion. Where nothing moves it scatters
@@ -62,7 +63,9 @@ def _own_coordinates() -> Array:
 
 _OWN_COORDINATES = _own_coordinates()
 """Which of the coordinates [scale, radii, shears, centre] say how large each parameter is by
-itself, (10, 10): the mass its scale, the centre itself, inertia radii and shears."""
+itself, (10, 10): the mass its scale, the centre itself, inertia radii and shears. Fixed by the
+order of the coordinates; elsewhere the size of one parameter would excuse another that is
+unexcited."""
 
 
 def misfit_inflation(white_residual: Array, jacobian: Array) -> Array:

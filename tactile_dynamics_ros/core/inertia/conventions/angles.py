@@ -17,7 +17,8 @@ from tactile_dynamics_ros.core.streams.streams import Streams, nearest_samples, 
 Array = NDArray[np.float64]
 
 _ORDERS = {"xyz": "roll, pitch, yaw", "XYZ": "angles about x, y, z"}
-"""Orders of three angles that people use: about fixed axes, about the axes of the body."""
+"""Orders of three angles that people use: about fixed axes, about the axes of the body. Tait-Bryan
+angles in other orders are not found; each order more costs a reading to be weighed."""
 _TURN = 2.0 * np.pi
 """A full turn, rad: angles behind a rotation are known but for multiples of it. A constant of
 nature; no other value continues angles from sample to sample."""

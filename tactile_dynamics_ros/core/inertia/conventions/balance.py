@@ -85,7 +85,8 @@ of a rod of 1.7 m. Wider bounds tell fewer units of length apart, narrower ones 
 readings of small or long objects."""
 _IMPLAUSIBLE = 0.1
 """What a factor of e beyond these bounds counts, in logarithms of what is left: readings that fit
-as well are told apart by it, ones that fit worse by 10 % are not."""
+as well are told apart by it, ones that fit worse by 10 % are not. At zero equal fits are told apart
+by chance; at 1 a body twice beyond a bound outweighs a fit that is better by half."""
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,11 @@ from tactile_dynamics_ros.core.inertia.conventions.reading import Reading, rotat
 from tactile_dynamics_ros.core.streams.streams import Streams
 
 _ACCELERATIONS = {"g": g, "mg": 1e-3 * g, "cm/s^2": 1e-2}
-"""m/s^2 per unit that accelerometers report."""
+"""m/s^2 per unit that accelerometers report. Definitions; a unit that is missing here is not found,
+each costs a reading to be weighed."""
 _RATES = {"deg/s": np.pi / 180.0, "rpm": np.pi / 30.0}
-"""rad/s per unit that gyroscopes report."""
+"""rad/s per unit that gyroscopes report. Definitions; a unit that is missing here is not found,
+each costs a reading to be weighed."""
 
 
 def imu_readings(streams: Streams) -> list[Reading]:

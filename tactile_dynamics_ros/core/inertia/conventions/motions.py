@@ -26,7 +26,8 @@ Array = NDArray[np.float64]
 _WIDER = (1.5, 2.2, 3.3)
 """Widths of windows that are tried, over that of the fit's regressors: noise of accelerations falls
 with the power 2.5 of the width, twentyfold at 3.3. Slow motions need it, or readings that make
-accelerations smaller look better than the right one."""
+accelerations smaller look better than the right one. More widths cost a look each; with none of
+them forces decide between readings by noise of accelerations."""
 _FOLLOWED = 1.15
 """RMS of what polynomials leave of the poses, over what noise leaves there, up to which they follow
 the motion. It scatters by 4 % over the poses that are looked at; at 1.5 quick motions are cut."""

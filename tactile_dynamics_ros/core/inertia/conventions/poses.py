@@ -38,7 +38,8 @@ _GRAVITY = {
 """Directions of gravity in a world whose z is not up. The axes are all that people choose; a world
 that is tilted otherwise is not found, each direction more costs a reading to be weighed."""
 _WHERE = {True: "of contacts too", False: "contacts are right as they are"}
-"""How a reading of the pose says whether contacts were put into the world by it."""
+"""How a reading of the pose says whether contacts were put into the world by it. Words for people,
+no number."""
 
 
 def pose_readings(streams: Streams) -> list[Reading]:

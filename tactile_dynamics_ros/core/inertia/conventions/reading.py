@@ -38,7 +38,8 @@ CONVENTIONS = (
     "acceleration_unit",
     "gravity_removed",
 )
-"""Names of the conventions, as `--assume` takes them."""
+"""Names of the conventions, as `--assume` takes them. They are API: another name breaks commands
+and reports that name it."""
 
 
 @dataclass(frozen=True)

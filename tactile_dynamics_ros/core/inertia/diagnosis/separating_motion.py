@@ -39,7 +39,8 @@ fewer rivals."""
 _VAGUE = 1e-9
 """Information on each of the ten parameters of the body that rivals know before the new recording:
 nearly none (standard deviations of 30000 kg, m, ...), since the new recording must tell on its own.
-Above zero so that unexcited directions leave a matrix that can be inverted."""
+Above zero so that unexcited directions leave a matrix that can be inverted. Much larger would let
+rivals know the body before the motion shows it."""
 _RATE_HZ = 20.0
 """Rate at which candidate motions are evaluated, Hz: eight samples per period of the fastest sine
 (2.5 Hz). The chosen one is evaluated again at `RECORDED_HZ`, since lags and delays look different
@@ -54,7 +55,8 @@ a contact at 3 cm by 2 cm, far more than it is uncertain by. The sentence of the
 Smaller turns separate fewer rivals, larger ones ask a hand for places that it may not reach."""
 _BETWEEN_FINGERS = 1.0
 """Time, s, between the moves of two fingers in a re-grasp: one finger after the other, so that the
-others hold. The criterion hardly depends on it."""
+others hold. The criterion hardly depends on it. At zero no finger holds, at a tenth of the motion's
+20 s and more the last finger moves near its end."""
 _EFFORT = DesignConfig(
     duration=20.0, lowest_hz=0.15, highest_hz=2.5, sines=5, evaluations=100, grid_rate_hz=_RATE_HZ
 )
@@ -68,7 +70,7 @@ _TOGETHER = ", and ask about both recordings together"
 """End of the proposal's sentence: the motion completes what is there. A text: it changes what
 people do, no number."""
 _AXES = ("x", "y", "z")
-"""Names of the world's axes in the proposal's sentence."""
+"""Names of the world's axes in the proposal's sentence. Words for people, no number."""
 
 
 @dataclass(frozen=True)

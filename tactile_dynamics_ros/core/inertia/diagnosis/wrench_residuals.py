@@ -15,9 +15,9 @@ Array = NDArray[np.float64]
 
 CHANNELS = ("torque_x", "torque_y", "torque_z", "force_x", "force_y", "force_z")
 """Channels of a wrench residual in the order of `core`, [torque, force]; names that documents and
-reports show."""
+reports show. Another order here alone would name a force a torque."""
 UNITS = ("N m", "N m", "N m", "N", "N", "N")
-"""Units of these channels."""
+"""Units of these channels. They follow the channels."""
 
 
 def wrench_residuals(model: FittedModel, white: Array) -> Residuals:

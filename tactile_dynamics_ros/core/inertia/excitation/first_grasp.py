@@ -31,10 +31,12 @@ from tactile_dynamics_ros.core.robot.robot import Robot
 Array = NDArray[np.float64]
 
 _GRAVITY = float(-GRAVITY_W[2])
-"""Weight of a kilogram, N."""
+"""Weight of a kilogram, N. It follows from `GRAVITY_W`; a larger one presumes a firmer grip in
+proportion."""
 _FORCE_STD = 0.03
 """Standard deviation of a force axis, N, that is presumed before anything is measured: the live
-estimator's default. It scales what the motion is expected to bring; the best motion is the same."""
+estimator's default. It scales what the motion is expected to bring; the best motion is the same.
+Twice as much promises deviations twice as large."""
 _IN_FRONT = np.array([0.55, 0.0, 0.1])
 """Where the grasp is presumed to be, m from the arm's base: 55 cm before it, in reach of the iiwa.
 Only the grasp of hand and object is kept of it, not the place. Farther out fewer motions are within

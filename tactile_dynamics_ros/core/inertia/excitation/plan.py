@@ -38,7 +38,7 @@ _TABLE_RATE_HZ = 100.0
 second are 40 per period of the fastest sine (2.5 Hz), by which a line is off by 0.3 %. Lower cuts
 its peaks, higher makes plans longer and no smoother."""
 _UNITS = ("kg", *("m",) * 3, *("kg m^2",) * 6)
-"""Units of PARAMETER_NAMES."""
+"""Units of PARAMETER_NAMES. They follow the names."""
 
 
 @dataclass(frozen=True)

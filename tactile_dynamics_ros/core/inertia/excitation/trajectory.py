@@ -13,14 +13,17 @@ from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, log_so3
 Array = NDArray[np.float64]
 
 CHANNELS = 6
-"""Axes of a motion: rotation vector, then translation."""
+"""Axes of a motion: rotation vector, then translation. Fixed by a rigid body's freedom and by the
+plan's format."""
 _STENCIL = np.array([-2.0, -1.0, 0.0, 1.0, 2.0])
 """Places of the five-point central difference, in steps. Three would be exact to second order only,
 seven read farther for digits that rounding takes."""
 _FIRST = np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / 12.0
-"""Weights of its first derivative, over the step; exact for polynomials of degree four."""
+"""Weights of its first derivative, over the step; exact for polynomials of degree four. Other
+weights on these places are exact for less."""
 _SECOND = np.array([-1.0, 16.0, -30.0, 16.0, -1.0]) / 12.0
-"""Weights of its second derivative, over the step squared; exact for degree five."""
+"""Weights of its second derivative, over the step squared; exact for degree five. Other weights on
+these places are exact for less."""
 _STEP = 2e-3
 """Its step, s: at 2.5 Hz derivatives are off by 3e-8 of their size, and rounding of positions
 (1e-16 m) makes 3e-11 m/s^2. Ten times as long would be off by 3e-4."""

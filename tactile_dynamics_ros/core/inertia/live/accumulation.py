@@ -49,7 +49,8 @@ noise alone stays within a tenth of 1, short enough that a fault is over soon af
 many would warn by chance, twice as many for twice as long."""
 _LOOK_SHARE = 0.1
 """Share of new samples after which it is looked again at which directions are excited: the cost per
-sample falls as 1 / n, and an interval is at most a tenth of the data late."""
+sample falls as 1 / n, and an interval is at most a tenth of the data late. Half as much costs twice
+as many looks, twice as much leaves directions called unknown for longer."""
 
 
 @dataclass(frozen=True)

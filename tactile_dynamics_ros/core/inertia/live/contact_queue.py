@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 
 _LIMIT = 1024
 """Readings kept at least, and at most twice as many: 10 s at 100 Hz, 1 s at 1 kHz, far longer than
-a pose is late. Fewer could lose what a pose still needs."""
+a pose is late. Fewer could lose what a pose still needs. More only hold memory."""
 _LOADED_NEWTON = 0.3
 """Load from which the sudden absence of a contact is suspicious, N: ten times the noise of a sensor
 of 0.03 N; what presses less moves no estimate of a body that a hand lifts. Lower, fingers that only

@@ -30,7 +30,8 @@ smaller value processes samples again for a whitening that hardly differs, a lar
 weights that belong to another body."""
 _REVISE_SAMPLES = 50
 """Samples before the first look at that distance, half a second at 100 Hz; each later look comes
-after twice as many, so that all revisions together cost no more than the samples themselves."""
+after twice as many, so that all revisions together cost no more than the samples themselves. Fewer
+revise by estimates of a few samples, more publish for longer what a wrong body has whitened."""
 
 
 class IncrementalInertialEstimator:

@@ -15,7 +15,8 @@ within seconds at the start, where few samples count, but a fault that comes lat
 last for ten seconds to triple the scale. At 9 five seconds of flipped forces were believed."""
 _WORST = 20.0
 """Largest scale in standard deviations: where a model is further off nothing is published
-(`live_estimate.GROSS`). Without a bound a fault that lasts would be believed in the end."""
+(`live_estimate.GROSS`). Without a bound a fault that lasts would be believed in the end. Below
+`GROSS` models that are still published would be learnt no more and be thrown away."""
 _DOUBT_SAMPLES = 25
 """Doubtful samples over which the share of those that do not fit is learnt, a quarter of a second
 at 100 Hz. Fewer decide by chance, more believe the first of a fault."""

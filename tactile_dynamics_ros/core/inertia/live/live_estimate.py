@@ -31,7 +31,7 @@ _WORDS = {
     "inertia": "inertia about",
     "product": "product of inertia",
 }
-"""Plain words for the first parts of PARAMETER_NAMES."""
+"""Plain words for the first parts of PARAMETER_NAMES. Words for people, no number."""
 
 
 MISFIT = 1.5
@@ -44,7 +44,7 @@ most in recordings with known truth, wrong units and broken sensors to hundreds.
 would silence the estimator instead of being named."""
 FEW = 50
 """Samples before which a moderate error says nothing: ten parameters were just fitted to them. Half
-a second at 100 Hz; more withhold warnings for longer."""
+a second at 100 Hz; more withhold warnings for longer. Fewer warn of misfit by chance."""
 EXPLAINED = 0.5
 """Share of the squared wrenches below which a misfit leaves nothing of the model: with forces of
 the wrong sign no mass explains any, beside the effects of the catalogue a body explains most. Near

@@ -27,9 +27,11 @@ from tactile_dynamics_ros.core.numerics.stream_whitening import (
 Array = NDArray[np.float64]
 
 _SIZE = 10
-"""Number of dynamic parameters."""
+"""Number of dynamic parameters: mass, first moments (3) and second moments (6) of one rigid body;
+fixed by mechanics."""
 _COLUMNS = 2 * _SIZE + SYSTEMATIC_SIZE + 1
-"""Columns of the final rows: Jacobian, a draw of its noise, presumed errors, target."""
+"""Columns of the final rows: Jacobian, a draw of its noise, presumed errors, target. It follows
+from these four; another one would shift targets into errors."""
 
 
 @dataclass(frozen=True)

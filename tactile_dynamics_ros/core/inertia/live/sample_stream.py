@@ -25,7 +25,8 @@ Array = NDArray[np.float64]
 
 MAXIMUM_CONTACTS = 8
 """Contacts that tables have room for: two hands of four fingers. Others are counted as a problem
-and not used; each costs its columns in every kept sample."""
+and not used; each costs its columns in every kept sample. Fewer leave forces of a hand out, which
+the estimate takes for load; more cost time with each sample."""
 _LAYOUT_POSES = 12
 """Poses of a new stretch from which their period, and so the windows, are taken: 0.12 s at 100 Hz.
 The median of fewer is moved by single late ones; more delay the first sample."""

@@ -20,16 +20,19 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
 Array = NDArray[np.float64]
 
 INERTIA_KEY = gtsam.symbol("x", 0)
-"""Name of the one variable of the factor graph: the log-Cholesky coordinates."""
+"""Name of the one variable of the factor graph: the log-Cholesky coordinates. Any other name does
+the same in a graph of one variable."""
 
 _UPPER_ROWS = np.array([0, 1, 0, 0, 1, 2])
-"""Rows of the entries above the diagonal of a 4 x 4 matrix, in the order of the coordinates."""
+"""Rows of the entries above the diagonal of a 4 x 4 matrix, in the order of the coordinates. Fixed
+by the order of the coordinates; elsewhere the prior would hold other entries than it states."""
 _UPPER_COLUMNS = np.array([1, 2, 2, 3, 3, 3])
-"""Columns of these entries."""
+"""Columns of these entries. Fixed with the rows."""
 _ROWS = np.concatenate([np.arange(4), _UPPER_ROWS])
-"""Rows of the ten entries of an upper triangle: the diagonal, then those above it."""
+"""Rows of the ten entries of an upper triangle: the diagonal, then those above it. They follow from
+those above."""
 _COLUMNS = np.concatenate([np.arange(4), _UPPER_COLUMNS])
-"""Columns of these ten entries."""
+"""Columns of these ten entries; they follow from those above."""
 _NEAR_ONE = 1e-4
 """Distance from 1 within which sqrt(x^2 - 2 log x - 1) is taken from its series: it leaves out a
 term of 1e-12, where the formula itself has lost eight of sixteen digits. At 1e-2 the series is off

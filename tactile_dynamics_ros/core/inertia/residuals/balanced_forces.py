@@ -13,7 +13,8 @@ Array = NDArray[np.float64]
 _DAMPING = 1e-6
 """Added to the Gram matrix of the contacts' unit wrenches (about the number of contacts), so that
 two fingers, which cannot resist a torque about their line, leave it solvable. Their share of that
-torque is then left out; a force is short by a millionth of itself."""
+torque is then left out; a force is short by a millionth of itself. A thousandth and more shortens
+forces by as much, below rounding (1e-16) two fingers have no solution."""
 
 
 def balance_contacts(samples: WrenchSamples, lacking: Array) -> WrenchSamples:

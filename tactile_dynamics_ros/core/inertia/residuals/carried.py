@@ -39,13 +39,16 @@ pose's variance; beyond 3 it is less than the scatter of either, and it matters 
 _SLOWEST = 0.05
 """Period of poses, s, up to which their scatter shows their noise where none is stated. Sixth
 differences of 20 Hz leave 0.1 of a motion of 2.5 Hz; slower poses would take motion for noise, and
-with it all points for carried."""
+with it all points for carried. A shorter bound reads quick poses without stated noise as
+independent."""
 _FEWEST = 50
 """Samples of a contact from which its noise is compared: a variance is then known to 40 %, so that
-independent noise seldom passes for common. Shorter recordings are read as independent."""
+independent noise seldom passes for common. Shorter recordings are read as independent. Far fewer
+decide by chance, far more leave the common noise of short recordings out."""
 _SAME_STAMP = 1e-6
 """Difference of stamps, s, of a contact and of the pose that carries it; rounding of stamps in
-seconds of an epoch is 2e-7."""
+seconds of an epoch is 2e-7. Less misses pairs by rounding, more than half a period of the poses
+pairs contacts with poses that did not carry them."""
 
 
 @dataclass(frozen=True)

@@ -33,10 +33,13 @@ SYNCHRONOUS = 1e-4
 most; more would read one sample for another's time."""
 MISSED_PERIODS = 1.5
 """Step, in periods, from which a sample is missing: midway between none and one. Jitter beyond half
-a period reads as a loss."""
+a period reads as a loss. Nearer to 1 jitter reads as loss; at 2 and more single losses go
+unseen."""
 SILENCE_PERIODS = 2.5
 """Step between samples, in periods, from which a contact was silent: one lost sample makes a step
-of 2, jitter included 2.5. Two lost samples make 3, which is no longer interpolated."""
+of 2, jitter included 2.5. Two lost samples make 3, which is no longer interpolated. Nearer to 2
+jitter around a lost sample breaks a contact, above 3 gaps are bridged in which a finger can let
+go."""
 _BRIDGED = 0.025
 """Longest step (s) across a lost sample that is interpolated: a cubic is 0.2 % off at 4 Hz. Longer
 bends forces that a hand makes, shorter loses the samples around each lost message."""
@@ -46,14 +49,17 @@ as lost, not as a break of contact: fingers that let go unload first. At zero a 
 leaves false forces; at 1 half of all lost samples count as breaks."""
 _RAGGED = 0.5
 """Longest difference (s) between the ends of streams that is no break of contact: recorders stop
-streams one after the other. Longer silences at an end are a hand that let go."""
+streams one after the other. Longer silences at an end are a hand that let go. Shorter ends a
+contact where a recorder stopped early, longer lets a hand that let go seem to hold."""
 _EXTRAPOLATED = 0.1
 """Share of a period by which a stream may be read beyond its samples: stamps of one clock differ by
-less. Forces of 4 Hz at 100 Hz then are off by at most 3 %, at the ends alone."""
+less. Forces of 4 Hz at 100 Hz then are off by at most 3 %, at the ends alone. At zero the first or
+last sample is lost to jitter, at 1 forces are off by as much as they change in a period."""
 _SLOWER = 0.9
 """Period over that of the grid above which forces are interpolated; below, several samples fall
 into a step of the grid and are averaged. 0.9 leaves room for jitter of clocks of equal rate. The
-live estimator's bound is 0.6 (`live/contact_queue.py`)."""
+live estimator's bound is 0.6 (`live/contact_queue.py`). Lower interpolates fast streams, whose
+noise then folds into the grid; at 1 equal rates switch by jitter."""
 _AVERAGED = 1.5
 """Half width, in periods of the grid, of the tapered window by which fast forces are read: what the
 grid cannot show is mostly averaged away. Narrower lets noise in, wider cuts quick forces. The live
@@ -64,10 +70,12 @@ more tell nothing, while the covariance of residuals becomes as wide. 40 s of 10
 Hz poses take two minutes at 20; at 2 a lag or an offset of clocks is read from half the forces."""
 _CUBIC = 4
 """Samples that an interpolating polynomial goes through: a cubic. A line would cut the peaks of a
-force of 4 Hz at 100 Hz by 0.5 %."""
+force of 4 Hz at 100 Hz by 0.5 %. Six follow noise and reach across more samples for less than
+that."""
 EMPTY = 1e-9
 """|force| + |torque|, N and N m, up to which nothing is transmitted: zero and rounding. Fingertips
-send exactly zero while untouched."""
+send exactly zero while untouched. Larger takes light touches for none; at zero rounding counts as a
+touch."""
 _FALLBACK_FORCE_STD = 0.03
 """Standard deviation of a force axis, N, where none is stated and the samples show none (fewer than
 20, or without noise): the white noise at 100 Hz that the hardware facts suggest for a BioTac. It
@@ -80,7 +88,8 @@ torques of the sensors."""
 _NOISELESS = 0.01
 """Scatter, over the fallback, up to which samples show no noise: 0.3 mN and 0.01 N mm, a tenth of
 what the finest force/torque sensors resolve. Computed forces and torques scatter less, by rounding
-and by their motion; believed, they would have all the weight."""
+and by their motion; believed, they would have all the weight. Higher replaces honest noise of fine
+sensors, lower believes rounding."""
 POINT_STD_FLOOR = 1e-5
 """Scatter of contact points, m, up to which they count as exact: one step of a hand's encoder (89
 urad) at 0.1 m. Points that are noisier become unknowns of the fit, which costs time; a higher floor

@@ -14,9 +14,10 @@ from tactile_dynamics_ros.core.numerics.local_polynomial import (
 Array = NDArray[np.float64]
 
 _SLOW = 1.0 / 15.0
-"""Period, s, above which it is asked whether poses follow the motion: a hand moves at up to about
-2 Hz, of which 15 Hz have seven samples. Shorter would take vibrations of faster recordings, which
-the diagnosis describes, for noise."""
+"""Period, s, above which it is asked whether poses follow the motion: a hand moves at up to about 2
+Hz, of which 15 Hz have seven samples. Shorter would take vibrations of faster recordings, which the
+diagnosis describes, for noise. Longer asks of slower poses alone and lets motion between 10 Hz
+poses count as seen."""
 _BY_CHANCE = 1.5
 """RMS deviation of the poses around a sample from their polynomial, over what noise leaves there,
 up to which they follow it. Of the 11 poses with three degrees of freedom a window has, white noise

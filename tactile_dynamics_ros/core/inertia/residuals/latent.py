@@ -14,7 +14,7 @@ from tactile_dynamics_ros.core.numerics.local_polynomial import LocalFunctional
 Array = NDArray[np.float64]
 
 _ALL = slice(None)
-"""All rows of a functional."""
+"""All rows of a functional. A name for `:`, no choice."""
 
 
 @dataclass(frozen=True)

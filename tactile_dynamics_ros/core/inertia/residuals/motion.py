@@ -39,7 +39,7 @@ trackers have. Larger trusts accelerations, and so the mass from motion, less; s
 intervals that real trackers do not keep."""
 _FALLBACK_SPECIFIC_FORCE_STD = 0.05
 """Standard deviation of an accelerometer's axis, m/s^2, in the same case: 5 mg. More would let the
-forces count for more than the motion."""
+forces count for more than the motion. Less lets noise of the IMU count as motion."""
 OVERSTATED = 0.7
 """Seen over stated noise of poses below which the stated one is scaled down to what is seen.
 Trackers state slow errors too, which differentiation does not see. The seen one scatters by 7 %

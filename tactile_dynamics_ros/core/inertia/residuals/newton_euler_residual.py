@@ -60,7 +60,8 @@ step of one and a half periods. At 1 the motion a period before a recording coun
 below 0.5 motion between two samples does not."""
 _MINIMUM_SAMPLES = 10
 """Samples with motion and contact that a recording needs: sixty equations for ten unknowns. Fewer
-are refused with a message, since their noise could not be read either."""
+are refused with a message, since their noise could not be read either. More would refuse short
+recordings that tell a mass."""
 _SMOOTHING_PERIODS = 5.5
 """Half width of the regressors' windows in periods of the poses, at least: eleven poses for the
 seven coefficients of their polynomials. It widens windows of poses below 34 Hz; less would hardly

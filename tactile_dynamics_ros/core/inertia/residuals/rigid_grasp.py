@@ -40,30 +40,35 @@ Noise of poses averages out over it, rolling does not. Half and twice as much ga
 on three synthetic recordings whose fingers roll."""
 _FEWEST_BLOCKS = 4
 """Such means that a contact needs, 2 s; of fewer their scatter says too little, and the contact is
-not used."""
+not used. Fewer let contacts in whose rolling does not show yet, more refuse short grasps."""
 _CONFIDENCE = 0.999
 """Quantile of chi squared beyond which means scatter more than noise: one of a thousand contacts
 that do stay is refused, which costs accuracy; a lower quantile refuses more, a higher one lets
 contacts in that roll by a little, which bends the poses."""
 _POINT_STD_FLOOR = 2e-6
 """Standard deviation of a contact point, m, that is presumed at least: points without noise would
-get infinite weight. About the rounding of a hand's encoder (26 urad) at 0.1 m."""
+get infinite weight. About the rounding of a hand's encoder (26 urad) at 0.1 m. A larger floor makes
+exact points count for less, at zero one of them decides the pose alone."""
 _WORTH_IT = 0.3
 """Noise of a contact point over that of its place as the poses have it, up to which the contact is
 used: at 0.3 one contact weighs eleven times as much as a pose. Points that are hardly better than
-the poses bring little and may roll unnoticed."""
+the poses bring little and may roll unnoticed. At 1 contacts are used that may do harm for little;
+at 0.1 only exact hands sharpen poses."""
 _FEWEST_CONTACTS = 3
-"""Contacts that fix a pose: three points that are not on one line."""
+"""Contacts that fix a pose: three points that are not on one line. Two leave the turn about their
+line free; four would leave hands of three fingers to the poses."""
 _SMALLEST_SPREAD = 0.005
 """Extent of these points across their line (second singular value), m, from which they fix a turn
 about it. At 5 mm a point that is off by 0.01 mm turns the object by 0.1 deg. Less makes poses worse
 instead of sharper, more leaves fingertips in a row unused."""
 _PASSES = 2
 """Times that the places on the object are averaged anew with the sharper poses. Places are means
-over the recording and hardly move after the first pass."""
+over the recording and hardly move after the first pass. One leaves places where the blurred poses
+had them, a third changes nothing that counts."""
 _NEWTON_STEPS = 2
 """Gauss-Newton steps for a pose at given places. From poses that are off by 1 deg at 5 cm the first
-leaves errors of 0.01 mm (a^2/2 of the arm), the second none."""
+leaves errors of 0.01 mm (a^2/2 of the arm), the second none. One would leave that error in the
+poses, a third only costs time."""
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,8 @@ Array = NDArray[np.float64]
 _FORCE_STEP = 1e-3
 """Step of a difference quotient by a force, N. Effects are linear in the forces or nearly so, and 1
 mN is far above rounding (1e-16 of 10 N) and far below loads; for linear effects its size does not
-matter."""
+matter. At 1 N effects that bend with the force are linearised over the load itself, at 1e-9 N
+rounding shows."""
 
 
 def body_sensitivity(samples: WrenchSamples, phi: Array) -> tuple[Array, Array, Array]:

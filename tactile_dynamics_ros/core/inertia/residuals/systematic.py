@@ -27,10 +27,12 @@ from tactile_dynamics_ros.core.rigid_body.rotation import cross
 Array = NDArray[np.float64]
 
 SYSTEMATIC_SIZE = 9
-"""Number of constant errors, which come first in a basis."""
+"""Number of constant errors, which come first in a basis. Fixed by the kinds: torque and force of
+the sensors in the body frame (3 each), and force in the world's (3). Others here alone would shift
+the columns of a row."""
 _BODY_SIZE = 6
 """Number of those that are constant in the body frame (torque and force of the sensors); they come
-first."""
+first. Fixed by these kinds."""
 
 _GRANTED = 0.003
 """Standard deviation, over the load, of the constant wrench by which estimates are corrected. Of 32
@@ -45,7 +47,8 @@ intervals in at most one case of twenty; 2.7 would be one in ten, and 6.6 one in
 price of errors that stay unnoticed."""
 _DECADES = np.geomspace(1e-10, 1e6, 161)
 """Variances that are tried, over that at which errors and white noise are alike: sixteen decades,
-ten values each. The best lies within 12 % of one of them, in standard deviation 6 %."""
+ten values each. The best lies within 12 % of one of them, in standard deviation 6 %. A coarser grid
+chooses variances that are further off, a narrower one cuts off large errors."""
 _SMALLEST_LEVER = 0.01
 """Lever, m, that presumed torques have at least: contacts that all lie at the body's origin would
 leave none. Contacts around an object are farther apart, so that it hardly acts. Larger presumes too
@@ -65,7 +68,7 @@ sensor, which is a heavier load, was presumed from rounding, and masses became u
 kilograms."""
 _TINY = 1e-300
 """Smallest squared length that is divided by, near the least that a double holds; a column of zeros
-then stays one."""
+then stays one. Any number below the squares of real columns does the same; zero divides by zero."""
 
 
 def systematic_lever(samples: WrenchSamples) -> float:
