@@ -28,36 +28,45 @@ from tactile_dynamics_ros.core.shape.superquadric.recovery import (
 Array = NDArray[np.float64]
 
 _NEIGHBOURS = 8
-"""Neighbours that tell the spacing of a cloud: enough to jump over strays."""
+"""Neighbours that tell the spacing of a cloud: enough to jump over strays. Fewer give the spacing
+within a scan line, more that across the object."""
 _REACH = 3.0
 """Distance, in spacings to the eighth neighbour, within which points belong together. At 2 a sparse
 side falls off, at 5 objects that stand 1 cm apart run together."""
 _LEAST_SHARE = 0.02
 """Share of all points that a cluster needs to be an object and no strays: with a tenth of strays in
-the box around an object few clusters of strays have so many."""
+the box around an object few clusters of strays have so many. Lower makes objects of strays, higher
+overlooks small objects beside large ones."""
 _PATCH = 12
-"""Neighbours of a patch whose distances from its plane tell the noise of the camera."""
+"""Neighbours of a patch whose distances from its plane tell the noise of the camera. Fewer fit the
+plane to the noise itself (three are used up), more reach around curved sides."""
 _PATCHES = 300
-"""Patches that are looked at: their median is then known to some percent."""
+"""Patches that are looked at: their median is then known to some percent. Fewer make the noise
+chance, more cost time."""
 _MATERIAL = 0.004
 """Misfit of one surface, as a share of the cloud's size, from which it may be no description of an
 object with a dent or a step. Butterflies leave 0.2 to 0.4 % (numbers 5 to 35 of the planar
 objects), two ellipses side by side 0.5 to 1 %. Higher takes two of them for one waisted body."""
 _DENT = 0.11
 """Share of the outline's convex hull that no point lies over, from which the outline has a dent:
-hexagons show 5 to 10 % by the raster's edges, two ellipses side by side 12 to 14 %, a T 20 %."""
+hexagons show 5 to 10 % by the raster's edges, two ellipses side by side 12 to 14 %, a T 20 %. Lower
+splits hexagons, higher joins ellipses."""
 _SLIGHT_DENT, _LARGE = 0.08, 0.0075
 """As `_DENT`, and the misfit over the size, that together speak for parts: an ellipse beside a box
-leaves 0.8 to 1 %, hexagons up to 0.7 % where they seem to have a dent."""
+leaves 0.8 to 1 %, hexagons up to 0.7 % where they seem to have a dent. Lower ones split hexagons,
+higher ones leave such pairs as one body."""
 _FEWEST_CELLS = 40
-"""Cells of the raster of an outline below which it shows no dent: six by seven."""
+"""Cells of the raster of an outline below which it shows no dent: six by seven. Lower sees dents
+that the raster makes, higher overlooks those of small clouds."""
 _STEP = 0.2
-"""Range of the tops of columns, as a share of the height, from which an object has a step."""
+"""Range of the tops of columns, as a share of the height, from which an object has a step. Lower
+splits bodies whose noise or taper looks like a step, higher overlooks low steps."""
 _COLUMN = 16
 """Points nearest in plan that make a column: their 90 % quantile is its top, whatever one stray
 above it. Fewer follow strays, more blur a step."""
 _HALVED = 0.7
-"""Misfit with another part, over that before, from which the part is not worth having."""
+"""Misfit with another part, over that before, from which the part is not worth having. Nearer to 1
+parts are added that hardly help, at half true ones that are small are refused."""
 _STRAY_SHARE = 0.04
 """Share of an object's points that lie together and off its surfaces, from which they may be a
 part. Strays of a camera lie apart. Lower looks for parts at corners that a superquadric rounds."""
@@ -65,25 +74,30 @@ _PART_SHARE = 0.15
 """As `_STRAY_SHARE`, from which they are a part whatever the outline: sides of a hexagon that are
 given up are a tenth of its points at most."""
 _MOST_PARTS = 4
-"""Parts of one object that are looked for; each costs fits of all pairs."""
+"""Parts of one object that are looked for; each costs fits of all pairs. With fewer a table-like
+object loses legs, more take time that grows with the square."""
 _DECISIVE = 1200
 """Points on which the number of parts is decided; all of them only place the parts. Decisions take
 time in proportion; with half as many, narrow parts are overlooked."""
 _STEPS = 40
-"""Steps of a joint fit of parts that begin near their end."""
+"""Steps of a joint fit of parts that begin near their end. Fits end earlier where they settle;
+fewer leave parts beside their optimum."""
 _BEST = 2
-"""Divisions that are followed to their end."""
+"""Divisions that are followed to their end. With one the division that looks best at first is
+final, more cost a joint fit each."""
 _SKETCHED = 4
-"""Starts of the sketch of a side: box, cylinder, wedges. All ten take 2.5 times as long."""
+"""Starts of the sketch of a side: box, cylinder, wedges. All ten take 2.5 times as long. With
+fewer, wedges begin as boxes, which may climb to another optimum."""
 _SAMPLES = 500
-"""Samples of a part's surface that are looked for in other parts: shares are known to 2 %."""
+"""Samples of a part's surface that are looked for in other parts: shares are known to 2 %. Fewer
+scatter about `_INSIDE`, more cost time for each pair."""
 _INSIDE = 0.35
 """Share of a part's surface inside another from which both are one body that no superquadric fits:
 a face that touches is a quarter of a surface at most, two halves of a hexagon lie half in each
-other."""
+other. Lower joins parts that only touch, higher keeps halves of one body apart."""
 _PRICE = 30.0
 """Log likelihood that a further part must gain: ten parameters at 3 each, for points whose errors
-go together."""
+go together. Lower adds parts for correlated errors, higher leaves small true parts out."""
 
 
 @dataclass(frozen=True)

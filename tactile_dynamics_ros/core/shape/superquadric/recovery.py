@@ -19,7 +19,8 @@ from tactile_dynamics_ros.core.shape.superquadric.superquadric import Superquadr
 Array = NDArray[np.float64]
 
 LEAST_POINTS = 30
-"""Points below which nothing is fitted: three per parameter."""
+"""Points below which nothing is fitted: three per parameter. Fewer let noise choose exponents, more
+refuse small or far objects."""
 _FEW = 300
 """Points that starts are compared on: their optima are then found to some tenths of the noise. All
 points would cost in proportion, fewer confuse similar starts."""
@@ -27,42 +28,51 @@ _SOME = 800
 """Points on which the best starts are followed to their end and compared; all points only polish
 the best, which takes few steps. Fewer let similar starts change places."""
 _SKETCHED_TO = 1e-4
-"""Move of a surface over the cloud's size at which a sketch ends: 10 um of 10 cm."""
+"""Move of a surface over the cloud's size at which a sketch ends: 10 um of 10 cm. Larger ranks
+starts that have not come far, smaller polishes ones that are dropped."""
 _TURNS = np.deg2rad(np.arange(0.0, 90.0, 5.0))
 """Turns about the vertical at which the bounding rectangle is measured. Between two of them the
-rectangle of a long box is wider by a twentieth of its length, which fits find."""
+rectangle of a long box is wider by a twentieth of its length, which fits find. Coarser turns begin
+fits of long boxes too wide, finer ones find what the fit finds anyway."""
 _QUANTILE = 0.02
 """Share of points beyond each side of the bounding rectangle: strays are cut off. With a tenth of
 strays around an object as large as their box, a fifth of them lie beyond each side, which leaves
-the start a little large."""
+the start a little large. More cuts off corners, less lets strays set the size."""
 _FIRST_NOISE = 0.1
-"""Noise of the first step, as a share of the cloud's size: all of the object lies within it."""
+"""Noise of the first step, as a share of the cloud's size: all of the object lies within it. A
+tenth of it gives sides up as strays before the surface has come near, more forgets the start."""
 _GRANTED = 0.006
 """Noise that is granted at first, as a share of the cloud's size: 0.7 mm on 12 cm, about what a
 hexagon is off any superquadric. Less gives sides of it up as strays, more blurs small parts."""
 _GIVEN_UP = 0.03
-"""Share of points that a closer fit may call strays beyond those that the first one did."""
+"""Share of points that a closer fit may call strays beyond those that the first one did. Lower
+keeps the blurred fit of clean clouds, higher lets a close fit drop a side of the object."""
 _ROUNDED = 7e-4
 """Standard deviation of ln a_x, ln a_y and ln a_z beside that by noise: even the least exponents
 round edges that are sharp, which costs axes 0.02 to 0.07 mm of 3 to 7 cm (ten boxes, ellipses and
 cylinders among the planar objects up to 19). Without it, intervals of many points are too small."""
 _SHORT, _LONG, _POLISH = 12, 40, 40
 """Steps at most of starts on few points, of the best ones on some, and of the end on all. Fits end
-earlier where they settle, most after 10 to 20 steps."""
+earlier where they settle, most after 10 to 20 steps. Fewer cut off fits that still move, more cost
+time only for those that do not settle."""
 _NEARLY = 1e-5
 """Move of a surface over the cloud's size at which a fit to some of the points ends: 1 um of 10 cm;
-what is decided by its likelihood does not hang on that."""
+what is decided by its likelihood does not hang on that. Larger compares fits that still move,
+smaller takes steps for digits that polishing finds."""
 _BEST = 2
-"""Starts that are followed to their end: the best may be beaten by the second on all points."""
+"""Starts that are followed to their end: the best may be beaten by the second on all points. With
+one that second is lost, more cost a fit each."""
 _TAPER_PRICE = 0.0075
 """Log likelihood per point that tapers must gain to be believed: 15 of 2000 points, two parameters
 at ln N each, for points whose errors go together. Lower, cylinders come out as waisted boxes that
 fit as well; higher, blunt wedges come out straight."""
 _SECTIONS = (0.3, 1.0)
-"""Exponents e2 of starts: a box and a cylinder; a diamond is a box turned by 45 deg."""
+"""Exponents e2 of starts: a box and a cylinder; a diamond is a box turned by 45 deg. Fits go on
+from there; with one of them alone the other section is found late or not."""
 _TAPERED = ((0.3, 0.5, 0.0), (0.3, -0.5, 0.0), (0.1, 0.0, -0.5))
 """e2, k1 and k2 of starts that are not straight: wedges either way, and a hexagon, whose sides run
-from its full width to half of it."""
+from its full width to half of it. Without them wedges and hexagons end as boxes with a misfit; each
+more costs a short fit per turn."""
 
 
 @dataclass(frozen=True)

@@ -29,14 +29,20 @@ _MANY = 4000
 """Points that are used of a larger cloud: fits take time in proportion, and with 4000 the surface
 is already known to a fiftieth of the camera's noise."""
 _LAYER = 4.0
-"""Height, in standard deviations of the camera's noise, up to which points belong to the table."""
+"""Height, in standard deviations of the camera's noise, up to which points belong to the table.
+Lower leaves specks of the table to be taken for objects, higher cuts the foot off flat ones."""
 _TABLE_SHARE = 0.3
-"""Share of all points in the lowest layer from which they are a table and no object's foot."""
+"""Share of all points in the lowest layer from which they are a table and no object's foot. Lower
+takes the foot of a wide object for a table and cuts it off, higher takes a table for an object
+where clutter covers it."""
 _MISFIT = 0.015
-"""Misfit, as a share of the size, from which it is said that no superquadric describes an
-object."""
+"""Misfit, as a share of the size, from which it is said that no superquadric describes an object.
+Lower remarks on objects that are described well enough to grasp, higher keeps quiet about ones that
+are not."""
 _INSIDE = 0.05
-"""Share of points inside the surface from which an object is said to look open or hollow."""
+"""Share of points inside the surface from which an object is said to look open or hollow. Strays
+alone put some there; lower remarks on them, higher overlooks the inside of a cup seen from the
+side."""
 
 
 @dataclass(frozen=True)
