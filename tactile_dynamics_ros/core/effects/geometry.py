@@ -12,11 +12,13 @@ from tactile_dynamics_ros.core.rigid_body.rotation import log_so3, skew
 Array = NDArray[np.float64]
 
 AXES = "xyz"
-"""Components of vectors, as they end the names of parameters."""
+"""Components of vectors, as they end the names of parameters. Other endings would break names that
+people use."""
 
 _REACH = 2
 """Samples to either side between which the rates of contacts are taken: 40 ms at 100 Hz. Noise of
-frames falls as its inverse; motion faster than 10 Hz is cut."""
+frames falls as its inverse; motion faster than 10 Hz is cut. With one sample noise of frames
+doubles, with four motion of 5 Hz is cut."""
 
 
 def to_body(samples: WrenchSamples, vectors: Array) -> Array:

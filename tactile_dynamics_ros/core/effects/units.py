@@ -21,12 +21,13 @@ _BASE: dict[str, tuple[int, int, int]] = {
     "W": (1, 2, -3),
     "1": (0, 0, 0),
 }
-"""Exponents of kg, m and s of the units that are understood; an angle has none."""
+"""Exponents of kg, m and s of the units that are understood; an angle has none. They are
+definitions; a unit that is missing here is refused in files of effects."""
 _TERM = re.compile(r"([A-Za-z]+|1)(?:\^(-?\d+(?:/\d+)?))?$")
 """A unit with a power, which may be a fraction: ``m^3/2``."""
 
 DIMENSIONLESS: Dimension = (Fraction(0), Fraction(0), Fraction(0))
-"""Dimension of a plain number."""
+"""Dimension of a plain number. Fixed by what the exponents mean."""
 
 
 def dimension(kg: int = 0, m: int = 0, s: int = 0) -> Dimension:

@@ -24,7 +24,8 @@ arrays of a `SlipTable` and mean nothing elsewhere."""
 
 
 FRICTION: EffectRegistry[FrictionEffect] = EffectRegistry("friction")
-"""Effects that Coulomb's law of a probed surface may lack."""
+"""Effects that Coulomb's law of a probed surface may lack. Without it the diagnosis of a surface
+has no effects to name."""
 
 
 class FrictionEffect(ABC):

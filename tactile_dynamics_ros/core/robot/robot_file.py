@@ -21,8 +21,9 @@ from tactile_dynamics_ros.share import find_package_file, share_file
 Array = NDArray[np.float64]
 
 DEFAULT_ROBOT = "allegro_iiwa"
-"""Robot of those who name none: KUKA LBR iiwa 14 with a right Allegro hand and four BioTacs.
-Another default makes those who name none refused for names of joints that their robot has not."""
+"""Robot of those who name none: KUKA LBR iiwa 14 with a right Allegro hand and four BioTacs, for
+which the nodes' defaults, the demos and the shipped calibration are. With another default those
+would not fit each other."""
 DESCRIPTION_TOPICS = ("robot_description", "/robot_description")
 """Written as `urdf` in a robot's file where the robot publishes its URDF (std_msgs/String): the
 first is relative to the node's namespace, as all topics of a hand, the second is not."""
@@ -41,7 +42,7 @@ _FINGER_NEEDED, _FINGER_OPTIONAL = (
     {"name", "sensor", "side", "seed"},
     {"link", "xyz", "rpy_deg", "lateral", "stagger", "pad", "damping"},
 )
-"""The same for a finger."""
+"""Keys of a finger in a robot's file that must, and that may, be there; another one is refused."""
 
 
 def robot_file(name: str) -> Path:

@@ -18,9 +18,11 @@ _PLAIN: dict[str, Any] = {
     "atan": sympy.atan, "sinh": sympy.sinh, "cosh": sympy.cosh, "tanh": sympy.tanh,
     "exp": sympy.exp, "log": sympy.log,
 }  # fmt: skip
-"""Functions of one plain number, by the names that formulas use."""
+"""Functions of one plain number, by the names that formulas use. A name that is missing here is
+refused in formulas; each that is taken away breaks files that use it."""
 FUNCTIONS = (*_PLAIN, "sqrt", "abs", "sign", "min", "max", "atan2", "norm", "dot", "cross")
-"""Names of all functions, in the order in which they are listed; they are API."""
+"""Names of all functions, in the order in which they are listed; they are API. One that is taken
+away breaks files that use it."""
 _ARGUMENTS = {"min": 2, "max": 2, "atan2": 2, "dot": 2, "cross": 2}
 """Numbers of arguments; all other functions have one. A call with another number is refused."""
 _FINEST_POWER = 12

@@ -52,7 +52,7 @@ _TEXTS = {
     "looks_like": "A residual that follows the formula.",
     "remedy": "Remove its cause, or keep it in the model.",
 }
-"""What is said of an effect whose author says nothing."""
+"""What is said of an effect whose author says nothing. Words for people, no number."""
 
 
 def load_effects(path: str | Path) -> tuple[Effect, ...]:

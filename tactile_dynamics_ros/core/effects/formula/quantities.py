@@ -63,11 +63,14 @@ _CONTACT_SCALAR = re.compile(rf"({'|'.join(CONTACT_SCALARS)})(?:_(\w+))?$")
 """A scalar of a contact that may be named: ``grip_thumb``."""
 
 EACH = ""
-"""Name of the contact in quantities that leave it open: a law is summed over all of them."""
+"""Name of the contact in quantities that leave it open: a law is summed over all of them. Any other
+text could be the name of a contact."""
 MASS = sympy.Symbol("m", real=True)
-"""Symbol of the mass, kg."""
+"""Symbol of the mass, kg. Real, so that formulas of it simplify; another name breaks files that use
+it."""
 COM = sympy.Matrix([sympy.Symbol(f"com_{axis}", real=True) for axis in AXES])
-"""Symbols of the centre of mass, m."""
+"""Symbols of the centre of mass, m. Real, so that formulas of it simplify; other names break files
+that use them."""
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,9 @@ _REACH = 0.06
 """Largest distance of points that are paired, as a share of the size of the first cloud: 6 mm on 10
 cm, what poses are off by at most. More pairs strays, less leaves larger errors."""
 _CELL = 0.015
-"""Width of the cells that points are averaged in first, as a share of the size; larger blurs edges,
-smaller takes longer and gives nothing."""
+"""Width of the cells that points are averaged in first, as a share of the size: 1.5 mm on 10 cm,
+about a pixel of a depth camera at 0.8 m. Larger blurs edges, smaller takes longer and gives
+nothing."""
 _LEAST_PAIRED = 0.3
 """Share of a cloud's points that must find a partner: a look at the other side of an object shares
 less with the ones before, and sliding along it would do harm. Lower believes alignments by one
