@@ -36,7 +36,8 @@ eight times the noise of a fingertip's force. Less gives noise for an answer, mo
 without one."""
 _LEAST_COSINE = 0.8
 """Share of the tangential force that must be along the pull: within 37 deg. A slip in another
-direction is not that of the attempt, and is left out."""
+direction is not that of the attempt, and is left out. Lower takes other slips in, higher leaves
+those out that the grain of a surface turns."""
 
 
 @dataclass(frozen=True)

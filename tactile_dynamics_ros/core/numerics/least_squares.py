@@ -17,7 +17,8 @@ at most after one that did as foreseen. Nielsen has 2 and 1/3; these go faster f
 other. They change the path, not the optimum."""
 _HESITANT = 1e-3
 """Damping from which a step that fails is shortened at once, relative to the diagonal. From the
-least damping of 1e-12 growth alone would need many evaluations before a step changes."""
+least damping of 1e-12 growth alone would need many evaluations before a step changes. Larger
+shortens steps that were nearly good too much, smaller spends evaluations first."""
 
 
 def levenberg_marquardt(

@@ -14,17 +14,19 @@ _WITHOUT_GAPS = 99.0
 the mean long. A stream with more gaps than that reads as bursts."""
 _BURSTS = 1.3
 """Mean over median step from which samples come in bursts: then the mean is the period. Jitter of
-even streams stays far below 1.3; a stream that sends pairs has 2 or more."""
+even streams stays far below 1.3; a stream that sends pairs has 2 or more. Nearer to 1 jitter counts
+as bursts, above 2 pairs count as an even stream of twice the rate."""
 _PAUSE = 5.0
 """Step over the median step from which a stream pauses. Up to three samples lost in a row make a
-step of 4; a recorder that is stopped between poses makes far more."""
+step of 4; a recorder that is stopped between poses makes far more. At 3 lost samples count as
+pauses, far higher ones overlook short pauses."""
 _STRETCH = 0.2
 """Length, s, of even samples between pauses from which the pauses are gaps and not the rhythm of
 bursts: a pose that is held is recorded for longer, a burst of a driver that sends what it has
 gathered lasts milliseconds. Anything from 0.05 to 0.5 s tells these two apart."""
 _LEAST_DEGREE = 2
 """Degree that a polynomial keeps where a stretch between gaps is shorter than its window: with less
-no acceleration could be read."""
+no acceleration could be read. Three would need longer stretches."""
 _SPARE = 2
 """Samples that a tapered window has at least beyond those that determine its polynomial: its
 outermost count little. With none, noise of derivatives explodes."""
@@ -44,7 +46,7 @@ _FACTORIALS = np.array([1.0, 1.0, 2.0])
 _SLOPE_SEEN = 0.2
 """Least spread of samples over the square of their distance from zero that a line needs; with less
 their plain mean is taken, since a line through samples on one side would be carried far beyond
-them."""
+them. At zero such lines are taken, near one hardly any line is."""
 
 
 @dataclass(frozen=True)

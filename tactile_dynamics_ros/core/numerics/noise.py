@@ -16,11 +16,13 @@ leave 8e-6, of 10 Hz 0.2 %, so that motion does not count as noise. Lower orders
 higher ones need longer runs without a gap."""
 _MINIMUM_SAMPLES = 20
 """Samples from which noise is read: it is then known to 26 %. Below, what is stated or a fallback
-is used."""
+is used. Fewer would trust noise that is known to no more than a half, more leaves short recordings
+to fallbacks."""
 _SHORTEST, _LONGEST = 0.3, 1.7
 """Steps between samples, in periods, that are no gap and no burst: jitter of a third of a period
 and more passes, a lost sample (2) does not. Divided differences of shorter steps see little but
-those."""
+those. Wider bounds let noise be read across gaps, narrower ones leave jittery streams without
+samples."""
 
 
 def white_noise_std(time: Array, values: Array) -> float:

@@ -14,7 +14,8 @@ samples of 10^11. Lower takes noise of long recordings out; of what lies below a
 or the diagnosis takes care."""
 _NEIGHBOURHOOD = 9
 """Samples over whose median a spike must stand out threefold: 90 ms at 100 Hz. What lasts longer
-than half of it is misfit, and left to the diagnosis."""
+than half of it is misfit, and left to the diagnosis. Fewer samples let two spikes in a row hide
+each other, more let a misfit of a tenth of a second pass for spikes."""
 _FRAME = 128
 """Samples of a frame whose spectrum tells noise from misfit: 1.28 s at 100 Hz, lines of 0.8 Hz.
 Shorter frames do not resolve the motion (0.5 to 2 Hz) from noise, longer ones blur when a misfit
