@@ -197,3 +197,32 @@ def test_a_part_hides_what_is_behind_it():
     assert alone.gain(camera) > 0.2
     share = wall_alone.gain(camera) * len(beside.entropy[beside.points[:, 1] > -0.05])
     assert hidden == pytest.approx(share, rel=0.15)
+
+
+def turned_and_moved(points, yaw):
+    return points @ exp_so3(np.array([0.0, 0.0, yaw])).T + [0.7, -0.4, 0.0]
+
+
+def test_a_turned_cloud_has_the_turned_answer():
+    """No start and no choice of points follows the axes of the world."""
+    rng = np.random.default_rng(3)
+    surface, _ = SHAPES[0].sample(1500)
+    points = surface[rng.permutation(len(surface))[:900]] + NOISE * rng.normal(size=(900, 3))
+    yaw = 0.7
+    (here,) = find_objects(points, -0.02)
+    (there,) = find_objects(turned_and_moved(points, yaw), -0.02)
+    one, other = here.parts[0], there.parts[0]
+    np.testing.assert_allclose(other.shape.semi_axes, one.shape.semi_axes, rtol=1e-6)
+    middle = turned_and_moved(one.shape.pose[None, :3, 3], yaw)[0]
+    np.testing.assert_allclose(other.shape.pose[:3, 3], middle, atol=1e-8)
+    turn = exp_so3(np.array([0.0, 0.0, yaw]))[:2, :2]
+    place = np.ix_([7, 8], [7, 8])
+    np.testing.assert_allclose(
+        other.covariance[place], turn @ one.covariance[place] @ turn.T, rtol=1e-5, atol=1e-14
+    )
+
+
+def test_a_camera_inside_the_object_shows_nothing():
+    surface, _ = SHAPES[0].sample(300)
+    entropy = SurfaceEntropy.of_parts([SHAPES[0]], surface)
+    assert entropy.gain(looking_at(np.array([0.0, 0.0, 0.01]), np.zeros(3))) == 0.0

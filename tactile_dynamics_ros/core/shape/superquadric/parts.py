@@ -13,6 +13,7 @@ from scipy.spatial import ConvexHull, cKDTree
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.shape.superquadric.ascent import maximise, maximise_all
 from tactile_dynamics_ros.core.shape.superquadric.mixture import Mixture
+from tactile_dynamics_ros.core.shape.superquadric.own_frame import into, own_frame
 from tactile_dynamics_ros.core.shape.superquadric.recovery import (
     LEAST_POINTS,
     Recovery,
@@ -138,12 +139,22 @@ def find_objects(
     points = np.asarray(points, dtype=float)
     check_points(points)
     scale = np.ones(len(points)) if scale is None else scale
-    found = [find_parts(points[members], support, scale[members]) for members in clusters(points)]
+    found = [
+        _in_own_frame(points[members], support, scale[members]) for members in clusters(points)
+    ]
     if not found:
         raise BadInputError(
             f"points: none of the {len(points)} belong together; expected the surface of an object"
         )
     return found
+
+
+def _in_own_frame(points: Array, support: float | None, scale: Array) -> TableObject:
+    """`find_parts` where neither starts nor choices of points depend on the world's axes."""
+    frame = own_frame(points, upright=support is not None)
+    found = find_parts(into(frame, points), support, scale)
+    parts = tuple(part.seen_from(frame) for part in found.parts)
+    return replace(found, parts=parts, points=points)
 
 
 def find_parts(points: Array, support: float | None, scale: Array) -> TableObject:

@@ -103,6 +103,18 @@ class Recovery:
             found[f"a{name}"] = found.pop(f"ln_a{name}") * float(axis)
         return found
 
+    def seen_from(self, frame: Array) -> Recovery:
+        """Return it in the frame in which `frame` (4, 4), where it was fitted, is expressed.
+
+        Positions are coordinates of that frame, turns those of the body, which stay.
+        """
+        shapes = tuple(replace(one, pose=frame @ one.pose) for one in self.mixture.shapes)
+        turn = np.eye(len(self.covariance))
+        place = [k for k, name in enumerate(self.mixture.chart.names) if name in ("x", "y", "z")]
+        turn[np.ix_(place, place)] = frame[: len(place), : len(place)]
+        covariance = turn @ self.covariance @ turn.T
+        return replace(self, mixture=replace(self.mixture, shapes=shapes), covariance=covariance)
+
 
 def recover(
     points: Array, support: float | None = None, scale: Array | None = None, least: float = 0.0

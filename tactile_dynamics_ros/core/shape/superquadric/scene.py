@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.shape.superquadric.own_frame import into, own_frame
 from tactile_dynamics_ros.core.shape.superquadric.parts import (
     TableObject,
     camera_noise,
@@ -28,6 +29,9 @@ Array = NDArray[np.float64]
 _MANY = 4000
 """Points that are used of a larger cloud: fits take time in proportion, and with 4000 the surface
 is already known to a fiftieth of the camera's noise."""
+_DIAGONAL = np.array([0.61, 0.37, 0.70])
+"""Direction in a cloud's own frame along which points are thinned: along none of its faces, so that
+no face falls into one step. Any other such direction does as well."""
 _LAYER = 4.0
 """Height, in standard deviations of the camera's noise, up to which points belong to the table.
 Lower leaves specks of the table to be taken for objects, higher cuts the foot off flat ones."""
@@ -152,8 +156,8 @@ def above_table(points: Array, support: float | None) -> tuple[NDArray[np.bool_]
 
 
 def _thinned(points: Array, count: int) -> NDArray[np.intp]:
-    """Return indices of about `count` points, spread evenly in order along a diagonal."""
-    return even_choice(points @ np.array([0.61, 0.37, 0.70]), count)
+    """Return indices of about `count` points, in even steps along a diagonal of the cloud."""
+    return even_choice(into(own_frame(points, upright=False), points) @ _DIAGONAL, count)
 
 
 def part_json(part: Recovery) -> dict[str, Any]:

@@ -29,6 +29,9 @@ _GRAZING = 0.2
 """Least cosine between the normal of a surface and the direction to the camera at which it is seen:
 78 deg. Depth cameras return little beyond. Lower counts on surfaces that a camera does not return,
 higher asks for looks at what was seen well."""
+_WITHIN = 0.1
+"""Depth of the nearest point over the median one, below which a camera stands in or at the object
+and shows nothing. Higher forbids close looks, at 0 the depth buffer has cells without end."""
 
 
 @dataclass(frozen=True)
@@ -119,6 +122,8 @@ class SurfaceEntropy:
         facing = np.einsum("ij,ij->i", ray, self.normals) > _GRAZING * distance
         local = (self.points - pose[:3, 3]) @ pose[:3, :3]
         middle = float(np.median(local[:, 2]))
+        if local[:, 2].min() < _WITHIN * middle:
+            return 0.0
         cells = np.round(local[:, :2] / local[:, 2:] * middle / (_CELL * self.spacing)).astype(int)
         cells -= cells.min(axis=0)
         flat = cells[:, 0] * (cells[:, 1].max() + 1) + cells[:, 1]
