@@ -14,6 +14,7 @@ NODES = (
     "kinematic_tracker",
     "model_check",
     "robot_sim",
+    "shape_estimator",
     "vision_tracker",
 )
 

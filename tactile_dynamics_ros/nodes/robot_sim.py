@@ -1,18 +1,26 @@
-"""Node: the simulated robot behind the topics of the real one, paced to real time."""
+"""Node: a simulated robot behind the topics of the real one, paced to real time."""
 
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
-from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3Stamped, WrenchStamped
+from geometry_msgs.msg import (
+    PoseStamped,
+    PoseWithCovarianceStamped,
+    Vector3Stamped,
+    WrenchStamped,
+)
 from numpy.typing import NDArray
 from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image, JointState
 from std_msgs.msg import String
 
+from tactile_dynamics_ros.core.configuration import check_ranges, parameter
+from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.ros.conversions import (
     JointReader,
     MessageError,
@@ -20,6 +28,8 @@ from tactile_dynamics_ros.ros.conversions import (
     camera_info,
     depth_to_message,
     joints_to_message,
+    pose_to_core,
+    pose_to_message,
     std_to_message,
     to_seconds,
     uncertain_pose_to_message,
@@ -28,12 +38,15 @@ from tactile_dynamics_ros.ros.conversions import (
 from tactile_dynamics_ros.ros.names import (
     BIOTAC_RAW,
     CAMERA_INFO,
+    CAMERA_POSE,
+    CAMERA_TARGET,
     CLOCK,
     DEPTH_IMAGE,
     JOINT_COMMAND,
     JOINT_STATES,
     REVEAL,
     ROBOT_DESCRIPTION,
+    SUPPORT_POSE,
     VISION_POSE,
     WRIST_WRENCH,
     fingertip_topic,
@@ -41,9 +54,11 @@ from tactile_dynamics_ros.ros.names import (
 from tactile_dynamics_ros.ros.pacing import DelayLine, Pace, PaceConfig
 from tactile_dynamics_ros.ros.parameters import declare_config
 from tactile_dynamics_ros.ros.shell import Shell, run_node
-from tactile_dynamics_ros.ros.wire import Joints, encode_clock, to_stamp
+from tactile_dynamics_ros.ros.wire import Joints, Stamped, encode_clock, to_stamp
 
 if TYPE_CHECKING:
+    from tactile_dynamics_ros.sim.planar.simulated_table import TableReadings
+    from tactile_dynamics_ros.sim.sensors.depth_camera import DepthCameraConfig
     from tactile_dynamics_ros.sim.simulated_robot import Readings
 
 Array = NDArray[np.float64]
@@ -55,56 +70,190 @@ AHEAD = 2.0
 CAMERA_FRAME = "camera_depth_optical_frame"
 
 
+@dataclass(frozen=True)
+class SceneConfig:
+    """What is simulated; each scene has parameters of its own."""
+
+    scene: str = parameter(
+        "hand", "hand: arm, hand and object; table: objects on a table, a moving camera"
+    )
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+        if self.scene not in ("hand", "table"):
+            raise BadInputError(f"scene '{self.scene}': expected hand or table")
+
+
+class Scene(Protocol):
+    """A stand-in for the hardware with its topics."""
+
+    @property
+    def time(self) -> float:
+        """Simulated time, s."""
+
+    def advance(self) -> Any:
+        """Simulate one period and return what the sensors read then."""
+
+    def publish(self, readings: Any) -> None:
+        """Publish what the sensors read, or keep it until it is due."""
+
+    def reveal(self) -> dict[str, Any]:
+        """Return the truth as plain numbers."""
+
+
 class RobotSim(Shell):
     """Simulates 10 ms, publishes what the sensors say, waits until that time has passed.
 
     Where the machine is too slow, simulated time falls behind real time; nothing is skipped, and
-    the simulation waits for a controller that is working but late. A command is executed a fixed
-    time after its stamp (at once if it comes later or bears none), as drives do that follow
-    setpoints by their clock: messages that come in bursts do not make the motion jerk. One that is
-    stamped more than 2 s ahead is refused.
+    the simulation waits for a controller that is working but late.
+
+    Attributes:
+        late: messages that are due later, with their publishers.
+        pace: couples simulated to real time.
     """
 
     gather = 0.0
     """Few messages come, and all others wait for the next step."""
 
     def __init__(self) -> None:
-        # here, so that a robot without the extra [sim] is told in one line what is missing
-        from tactile_dynamics_ros.sim.simulated_robot import SimulatedRobot, SimulatedRobotConfig
-
         super().__init__("robot_sim")
         self.config = declare_config(self, PaceConfig)
-        self.robot = SimulatedRobot(declare_config(self, SimulatedRobotConfig), PERIOD)
-        self.machine = self.robot.machine
-        self._reader: dict[tuple[str, ...], JointReader] = {}
+        self.late: DelayLine[tuple[Publisher, object]] = DelayLine()
+        self.pace = Pace(self.config)
+        on_table = declare_config(self, SceneConfig).scene == "table"
+        self.scene: Scene = TableScene(self) if on_table else HandScene(self)
         self._ticks = self.create_publisher(Clock, CLOCK, 10)
-        self._joints = self.stream(JointState, JOINT_STATES)
-        self._raw = self.stream(Image, BIOTAC_RAW)
-        self._pads = [self._pad_streams(f) for f in self.machine.fingers if self._has_pads]
-        self._wrist = self.stream(WrenchStamped, WRIST_WRENCH)
-        self._vision = self.stream(PoseWithCovarianceStamped, VISION_POSE)
-        self._depth = self.stream(Image, DEPTH_IMAGE)
-        self._camera = self.stream(CameraInfo, CAMERA_INFO)
-        self.latched(String, ROBOT_DESCRIPTION).publish(String(data=self.machine.urdf))
-        self.listen(JointState, JOINT_COMMAND, self._on_command)
-        self.serve(REVEAL, lambda: json.dumps(self.robot.reveal()))
-        self._late: DelayLine[tuple[Publisher, object]] = DelayLine()
-        self._commands: DelayLine[tuple[Array, tuple[str, ...]]] = DelayLine()
-        self._pace = Pace(self.config)
+        self.serve(REVEAL, lambda: json.dumps(self.scene.reveal()))
         self.every(PERIOD / self.config.real_time_factor, self._tick)
         self.every(2.0, self._measure_pace)
 
     def _tick(self) -> None:
         """Advance until simulated time has caught up with real time, in bounded steps."""
         for _ in range(3):
-            if self._pace.must_wait(self.robot.world.time):
+            if self.pace.must_wait(self.scene.time):
                 return
-            for target, names in self._commands.take(self.robot.world.time):
-                self.robot.world.command(target, names)
-            self._publish(self.robot.advance())
+            readings = self.scene.advance()
+            self._ticks.publish(encode_clock(to_stamp(self.scene.time)))
+            self.scene.publish(readings)
+            for publisher, message in self.late.take(self.scene.time):
+                publisher.publish(message)
 
-    def _publish(self, readings: Readings) -> None:
-        self._ticks.publish(encode_clock(to_stamp(readings.time)))
+    def _measure_pace(self) -> None:
+        self.faults.show("real_time_factor", round(self.pace.measure(self.scene.time), 4))
+
+
+class _DepthStreams:
+    """Image and intrinsics of a depth camera, which come late.
+
+    Args:
+        node: that publishes.
+        camera: its optics.
+    """
+
+    def __init__(self, node: RobotSim, camera: DepthCameraConfig) -> None:
+        self._node, self._optics = node, camera
+        self._depth = node.stream(Image, DEPTH_IMAGE)
+        self._camera = node.stream(CameraInfo, CAMERA_INFO)
+
+    @property
+    def heard(self) -> bool:
+        """Whether anybody wants images."""
+        return self._depth.get_subscription_count() > 0
+
+    def add(self, depth: NDArray[np.float32], time: float) -> None:
+        """Publish an image of a simulated time when it is due."""
+        optics = self._optics
+        info = camera_info(optics.intrinsics, optics.width, optics.height, time, CAMERA_FRAME)
+        due = time + self._node.config.vision_latency
+        self._node.late.add(due, (self._camera, info))
+        self._node.late.add(due, (self._depth, depth_to_message(depth, time, CAMERA_FRAME)))
+
+
+class TableScene:
+    """Objects on a table and a depth camera that an arm carries to where it is told.
+
+    Images are rendered only while somebody subscribes to them.
+
+    Args:
+        node: that publishes.
+    """
+
+    def __init__(self, node: RobotSim) -> None:
+        from tactile_dynamics_ros.sim.planar.simulated_table import (
+            SimulatedTable,
+            SimulatedTableConfig,
+        )
+
+        self.table = SimulatedTable(declare_config(node, SimulatedTableConfig), PERIOD)
+        self.reveal = self.table.reveal
+        self._depth = _DepthStreams(node, self.table.camera.config)
+        self._camera_pose = node.stream(PoseStamped, CAMERA_POSE)
+        support = node.latched(PoseStamped, SUPPORT_POSE)
+        support.publish(pose_to_message(self.table.support, 0.0, "world"))
+        node.listen(PoseStamped, CAMERA_TARGET, self._on_target)
+
+    @property
+    def time(self) -> float:
+        """Simulated time, s."""
+        return self.table.world.time
+
+    def advance(self) -> TableReadings:
+        """Simulate one period."""
+        return self.table.advance(looking=self._depth.heard)
+
+    def publish(self, readings: TableReadings) -> None:
+        """Publish the camera's pose, and its image when that is due."""
+        self._camera_pose.publish(pose_to_message(readings.camera_pose, readings.time, "world"))
+        if readings.depth is not None:
+            self._depth.add(readings.depth, readings.time)
+
+    def _on_target(self, message: Stamped) -> None:
+        self.table.carriage.go_to(pose_to_core(message, CAMERA_TARGET, "world"))
+
+
+class HandScene:
+    """Arm, hand and an object.
+
+    A command is executed a fixed time after its stamp (at once if it comes later or bears none), as
+    drives do that follow setpoints by their clock: messages that come in bursts do not make the
+    motion jerk. One that is stamped more than 2 s ahead is refused.
+
+    Args:
+        node: that publishes.
+    """
+
+    def __init__(self, node: RobotSim) -> None:
+        # here, so that a robot without the extra [sim] is told in one line what is missing
+        from tactile_dynamics_ros.sim.simulated_robot import SimulatedRobot, SimulatedRobotConfig
+
+        self.node, self.config = node, node.config
+        self.robot = SimulatedRobot(declare_config(node, SimulatedRobotConfig), PERIOD)
+        self.machine = self.robot.machine
+        self.reveal = self.robot.reveal
+        self._reader: dict[tuple[str, ...], JointReader] = {}
+        self._joints = node.stream(JointState, JOINT_STATES)
+        self._raw = node.stream(Image, BIOTAC_RAW)
+        self._pads = [self._pad_streams(f) for f in self.machine.fingers if self._has_pads]
+        self._wrist = node.stream(WrenchStamped, WRIST_WRENCH)
+        self._vision = node.stream(PoseWithCovarianceStamped, VISION_POSE)
+        self._depth = _DepthStreams(node, self.robot.camera.config)
+        node.latched(String, ROBOT_DESCRIPTION).publish(String(data=self.machine.urdf))
+        node.listen(JointState, JOINT_COMMAND, self._on_command)
+        self._commands: DelayLine[tuple[Array, tuple[str, ...]]] = DelayLine()
+
+    @property
+    def time(self) -> float:
+        """Simulated time, s."""
+        return self.robot.world.time
+
+    def advance(self) -> Readings:
+        """Execute the commands that are due, and simulate one period."""
+        for target, names in self._commands.take(self.time):
+            self.robot.world.command(target, names)
+        return self.robot.advance()
+
+    def publish(self, readings: Readings) -> None:
+        """Publish what the sensors say."""
         self._joints.publish(
             joints_to_message(
                 self.machine.joint_names,
@@ -116,26 +265,18 @@ class RobotSim(Shell):
         )
         self._wrist.publish(wrench_to_message(readings.wrist, readings.time, self.machine.flange))
         if readings.wrist_saturated:
-            self.faults.add("wrist_saturated")
+            self.node.faults.add("wrist_saturated")
         for entry in self._touch(readings):
-            self._late.add(readings.time + self.config.touch_latency, entry)
-        late = readings.time + self.config.vision_latency
+            self.node.late.add(readings.time + self.config.touch_latency, entry)
         if readings.vision is not None:
             covariance = self.robot.marker.covariance
             pose = uncertain_pose_to_message(
                 readings.vision, covariance, readings.joint_time, "world"
             )
-            self._late.add(late, (self._vision, pose))
+            due = readings.time + self.config.vision_latency
+            self.node.late.add(due, (self._vision, pose))
         if readings.depth is not None:
-            camera = self.robot.camera.config
-            info = camera_info(
-                camera.intrinsics, camera.width, camera.height, readings.time, CAMERA_FRAME
-            )
-            image = depth_to_message(readings.depth, readings.time, CAMERA_FRAME)
-            self._late.add(late, (self._camera, info))
-            self._late.add(late, (self._depth, image))
-        for publisher, message in self._late.take(readings.time):
-            publisher.publish(message)
+            self._depth.add(readings.depth, readings.time)
 
     @property
     def _has_pads(self) -> bool:
@@ -143,7 +284,7 @@ class RobotSim(Shell):
 
     def _pad_streams(self, finger: str) -> tuple[Publisher, Publisher]:
         force, std = (fingertip_topic(finger, kind, "pad") for kind in ("force", "force_std"))
-        return self.stream(WrenchStamped, force), self.stream(Vector3Stamped, std)
+        return self.node.stream(WrenchStamped, force), self.node.stream(Vector3Stamped, std)
 
     def _touch(self, readings: Readings) -> list[tuple[Publisher, object]]:
         """Return what the fingertips say, with the publishers that say it."""
@@ -174,11 +315,7 @@ class RobotSim(Shell):
             raise MessageError("command_ahead", text)
         self._commands.add(stamp + self.config.command_latency, (reader.positions(message), names))
         if stamp > 0.0:
-            self._pace.note_command(stamp)
-
-    def _measure_pace(self) -> None:
-        pace = self._pace.measure(self.robot.world.time)
-        self.faults.show("real_time_factor", round(pace, 4))
+            self.node.pace.note_command(stamp)
 
 
 def main() -> int:

@@ -41,12 +41,16 @@ def name_of(resolved):
     return "/".join("<finger>" if part in ROBOT.fingers else part for part in parts)
 
 
+STARTS = [*((name, ()) for name in node_names()), ("robot_sim", ("-p", "scene:=table"))]
+"""Nodes, and arguments with which one has other topics."""
+
+
 @pytest.fixture(scope="module")
 def interfaces():
     """Return publishers and subscribers of topics, and servers and clients of services."""
     topics, services = (defaultdict(lambda: (set(), set())) for _ in range(2))
-    rclpy.init(args=["--ros-args", "-r", f"__ns:={HAND}"])
-    for node_name in node_names():
+    for node_name, arguments in STARTS:
+        rclpy.init(args=["--ros-args", "-r", f"__ns:={HAND}", *arguments])
         node = node_class(node_name)()
         used = [(topics, 0, node.resolve_topic_name(p.topic), p.msg_type) for p in node.publishers]
         used += [(topics, 1, s.topic_name, s.msg_type) for s in node.subscriptions]
@@ -60,7 +64,7 @@ def interfaces():
             if not of_ros and "rcl_interfaces" not in type_name(kind):
                 where[name_of(resolved), type_name(kind)][side].add(node_name)
         node.destroy_node()
-    rclpy.shutdown()
+        rclpy.shutdown()
     return topics, services
 
 

@@ -88,13 +88,17 @@ class SimulatedTable:
         pose[2, 3] = self.config.table_height
         return pose
 
-    def advance(self) -> TableReadings:
-        """Simulate one period and read all sensors."""
+    def advance(self, looking: bool = True) -> TableReadings:
+        """Simulate one period and read all sensors.
+
+        Args:
+            looking: whether images are taken; they cost most of the time.
+        """
         before = self.world.time
         self.world.step(self._steps)
         self.carriage.advance(self.period)
         now, pose, depth = self.world.time, self.carriage.pose.copy(), None
-        if is_due(before, now, self.config.depth_rate_hz):
+        if looking and is_due(before, now, self.config.depth_rate_hz):
             depth = self.camera.measure(self.world.client, pose)
         return TableReadings(now, pose, depth)
 
