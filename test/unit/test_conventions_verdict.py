@@ -84,6 +84,38 @@ def test_explain_reads_right_first_and_then_names_the_effect():
     assert errors[0] > errors[1] > errors[2]
 
 
+def two(first, second, seed):
+    table, _ = wrist_table(seed, WristOptions(duration=12.0))
+    return explain(question(mistaken(mistaken(table, first, seed), second, seed).streams()))
+
+
+def test_two_conventions_are_read_one_after_the_other():
+    found = two("torque_unit", "quaternion_order", 40)
+    assert [one.name for one in found.conventions] == ["quaternion_order", "torque_unit"]
+    assert (found.verdict, found.effects) == ("adequate", ())
+
+
+def test_unit_and_sign_of_torques_are_one_reading():
+    found = two("torque_unit", "torque_sign", 42)
+    assert [one.name for one in found.conventions] == ["torque_unit"]
+    assert found.conventions[0].change == "torques are in kgf cm, not N m, and negated"
+    assert (found.verdict, found.effects) == ("adequate", ())
+
+
+def test_readings_that_mend_each_other_are_not_believed():
+    """A wrong gravity, a true sign and gravity once more leave only noise together."""
+    found = two("gravity_direction", "force_sign", 41)
+    names = [one.name for one in found.conventions]
+    assert names == ["gravity_direction", "force_sign", "gravity_direction"]
+    assert (found.verdict, found.effects) == ("unexplained", ())
+    document = explanation_document(found)
+    assert document["convention"] is None and len(document["steps"]) == 1
+    assert document["error"]["after"] == document["error"]["before"]
+    assert document["sentence"].startswith(
+        "Several readings of the numbers fit in turn (gravity_direction and force_sign), "
+    )
+
+
 def test_a_recording_is_read_as_assumed(tmp_path, capsys):
     streams, body = wrist(26, "torque_unit", 0, duration=12.0)
     bag = as_bag(streams, tmp_path / "bag")

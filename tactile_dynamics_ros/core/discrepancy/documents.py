@@ -63,7 +63,7 @@ def diagnosis_document(diagnosis: Diagnosis) -> Document:
 def explanation_document(explanation: Explanation) -> Document:
     """The document of `explain`."""
     names = explanation.effects
-    read = explanation.conventions
+    read = () if explanation.in_turn else explanation.conventions
     errors = [explanation.before.rms, *(c.error_after for c in read)]
     errors += [step.error for step in explanation.steps]
     added = [None, *(f"read as {c.name} ({c.change})" for c in read)]
@@ -283,8 +283,20 @@ def _channels(names: Sequence[str]) -> str:
 
 def explanation_sentence(explanation: Explanation) -> str:
     """The outcome of all steps for people."""
+    if explanation.in_turn:
+        return _in_turn_sentence(explanation.conventions)
     read = "".join(f"Read as {c.name}: {c.change}. " for c in explanation.conventions)
     return read + _outcome(explanation)
+
+
+def _in_turn_sentence(read: Sequence[Convention]) -> str:
+    """What is to be looked at where no reading is to be believed."""
+    names = join_names(list(dict.fromkeys(one.name for one in read)), "and")
+    return (
+        f"Several readings of the numbers fit in turn ({names}), and none of them alone explains "
+        "the recording: look at the units, signs, axes and orders of forces, torques and poses "
+        "yourself."
+    )
 
 
 def _outcome(explanation: Explanation) -> str:

@@ -110,8 +110,16 @@ def _of_torques() -> list[Reading]:
         )
         for unit, size in _TORQUE_UNITS.items()
     ]
+    negated = [
+        Reading(
+            "torque_unit",
+            f"torques are in {unit}, not N m, and negated",
+            partial(scaled_wrenches, force=1.0, torque=-size),
+        )
+        for unit, size in _TORQUE_UNITS.items()
+    ]
     in_turn = [one for pair in zip_longest(torques, forces) for one in pair if one is not None]
-    return found + in_turn
+    return found + in_turn + negated
 
 
 def _frames(streams: Streams) -> list[str]:
