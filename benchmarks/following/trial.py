@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,7 @@ from tactile_dynamics_ros.core.tracking.links.link_tracker import Link
 from tactile_dynamics_ros.core.tracking.links.table_tracker import TableTracker
 from tactile_dynamics_ros.core.tracking.robot_volume import TreeVolume
 from tactile_dynamics_ros.core.tracking.watch import Sighting, VisionTrackerConfig
-from tactile_dynamics_ros.sim.planar_objects import PlanarObject, planar_object
+from tactile_dynamics_ros.sim.planar_objects import PlanarObject, PlanarPart, planar_object
 
 Array = NDArray[np.float64]
 Follower = Callable[[Array, PinholeCamera, float, Array], dict[str, Sighting]]
@@ -45,6 +46,8 @@ GRIPPER_URDF = """<robot name="gripper"><link name="world"/><link name="sledge"/
 <joint name="yaw" type="continuous"><parent link="lift"/><child link="tool"/><axis xyz="0 0 1"/>
 <limit effort="1" velocity="1"/></joint></robot>""".format(*GRIPPER)
 CONFIG = VisionTrackerConfig()
+FOLDS = {"hexagon": 6, "box": 2, "ellipse": 2, "butterfly": 2, "cylinder": 36}
+"""Turns in a circle that map an outline onto itself, as `sim.planar_objects` draws it."""
 
 
 @dataclass
@@ -89,18 +92,22 @@ class Followed:
 
     Attributes:
         link: as given to the tracker. part: index. offset: (4, 4) X_PL.
+        turns: (4, 4) motions of the part that map its true outline onto itself.
+        round: whether the true outline is a circle.
         symmetric: whether no camera sees its turn about the vertical.
     """
 
     link: Link
     part: int
     offset: Array
+    turns: tuple[Array, ...] = (np.eye(4),)
+    round: bool = False
 
     @property
     def symmetric(self) -> bool:
         """Whether no camera sees its turn about the vertical."""
         axes = self.link.shape.symmetry_axes
-        return bool(len(axes) and np.abs(axes[:, 2]).max() > 0.5)
+        return self.round or bool(len(axes) and np.abs(axes[:, 2]).max() > 0.5)
 
 
 def run_trial(
@@ -188,8 +195,7 @@ def grade(trial: Trial, moment: Moment, links: list[Followed], told: dict[str, S
         seen = told.get(each.link.name)
         if seen is None:
             continue
-        truth = moment.parts[each.part] @ each.offset
-        turned = alike(each, truth, seen.pose)
+        turned = alike(each, moment.parts[each.part], seen.pose)
         middle = each.link.shape.centre
         arm = (seen.pose - turned)[:3, :3] @ middle + (seen.pose - turned)[:3, 3]
         yaw = float(log_so3(seen.pose[:3, :3] @ turned[:3, :3].T)[2])
@@ -206,15 +212,26 @@ def grade(trial: Trial, moment: Moment, links: list[Followed], told: dict[str, S
         trial.wrong += bool(np.linalg.norm(arm[:2]) > 0.01)
 
 
-def alike(each: Followed, truth: Array, found: Array) -> Array:
+def alike(each: Followed, part: Array, found: Array) -> Array:
     """Return the pose that looks as the truth does and is nearest to what was found."""
     shape = each.link.shape
     upright = [s for s in shape.symmetries if s[2, 2] > 0.99]
-    best = max(upright, key=lambda s: float(np.sum(found[:3, :3] * (truth[:3, :3] @ s))))
-    pose = truth.copy()
-    pose[:3, :3] = truth[:3, :3] @ best
-    pose[:3, 3] += (truth[:3, :3] - pose[:3, :3]) @ shape.centre
-    return pose
+    poses = []
+    for turn, own in product(each.turns, upright):
+        pose = part @ turn @ each.offset
+        pose[:3, 3] += pose[:3, :3] @ (shape.centre - own @ shape.centre)
+        pose[:3, :3] = pose[:3, :3] @ own
+        poses.append(pose)
+    return max(poses, key=lambda pose: float(np.sum(found[:3, :3] * pose[:3, :3])))
+
+
+def symmetry(part: PlanarPart) -> tuple[Array, ...]:
+    """Return the motions (4, 4), object frame, that map the true outline of a part onto itself."""
+    count = FOLDS.get(part.outline, 1)
+    centre = np.array([*(0.5 * (part.corners.min(axis=0) + part.corners.max(axis=0))), 0.0])
+    there = pose_of(centre, [0.0, 0.0, 0.0])
+    turns = [pose_of(np.zeros(3), [0.0, 0.0, 2.0 * np.pi * k / count]) for k in range(count)]
+    return tuple(there @ turn @ np.linalg.inv(there) for turn in turns)
 
 
 def camera_pose(turn: float, height: float, when: float) -> Array:
@@ -309,7 +326,13 @@ def look(thing: PlanarObject, moment: Moment, seed: int) -> list[Followed]:
         shape = part.shape
         near = int(np.argmin([np.linalg.norm(shape.pose[:2, 3] - c) for c in centres]))
         link = Link.of_superquadric(f"link_{k + 1}", shape, part.std)
-        found.append(Followed(link, near, np.linalg.inv(moment.parts[near]) @ shape.pose))
+        offset = np.linalg.inv(moment.parts[near]) @ shape.pose
+        if len(parts) == len(thing.parts):
+            true = thing.parts[near]
+            round_ = true.outline == "cylinder"
+            found.append(Followed(link, near, offset, symmetry(true), round_))
+        else:
+            found.append(Followed(link, near, offset))
     return found
 
 

@@ -10,7 +10,9 @@ import pytest
 from benchmarks.following.script import write_script
 from benchmarks.following.stage import GRIPPER, LENS, Stage
 from benchmarks.following.trial import GRIPPER_URDF, camera_pose, modelled, tool
+from tactile_dynamics_ros.core.shape.superquadric.superquadric import Superquadric
 from tactile_dynamics_ros.core.tracking.depth_image import PinholeCamera
+from tactile_dynamics_ros.core.tracking.links.link_tracker import Link
 from tactile_dynamics_ros.core.tracking.links.motion import LinkMotion, LinkMotionConfig
 from tactile_dynamics_ros.core.tracking.links.table_tracker import TableTracker
 from tactile_dynamics_ros.core.tracking.robot_volume import TreeVolume
@@ -79,3 +81,24 @@ def test_what_no_image_shows_stays_unknown():
     spread = [motion.correct(np.eye(4), seen, 0.1 * k)[0, 0] for k in range(20)]
     assert np.all(np.diff(spread) > 0.0)
     assert motion.predicted(1.95) == pytest.approx(np.eye(4), abs=1e-6)
+
+
+def test_a_turn_that_other_turns_explain_as_well_is_told_as_unsure_when_found_again():
+    thing = planar_object(122)
+    assert thing.parts[0].outline == "cylinder"
+    moment = write_script(thing, 4)[0]
+    stage = Stage([part.solid() for part in thing.parts], 3)
+    true = modelled(thing, moment)[0].link
+    half = true.shape.half * [1.02, 0.98, 1.0]
+    oval = Superquadric(half, np.array([0.05, 1.0]), np.zeros(2), true.pose)
+    std = dict.fromkeys(("x", "y", "yaw", "ax", "ay", "az"), 1e-3)
+    tracker = TableTracker([Link.of_superquadric("link_1", oval, std)])
+    assert len(tracker.links[0].link.shape.symmetry_axes) == 0
+    told = [show(stage, tracker, replace(moment, time=0.1 * k), moment.parts) for k in range(4)]
+    assert np.sqrt(told[-1]["link_1"].covariance[2, 2]) < np.deg2rad(5.0)
+    for k in range(10):
+        assert show(stage, tracker, replace(moment, time=1.0 + 0.1 * k), ()) == {}
+    again = [replace(moment, time=3.0 + 0.5 * k) for k in range(4)]
+    told = [show(stage, tracker, later, moment.parts) for later in again]
+    assert np.sqrt(told[-1]["link_1"].covariance[2, 2]) > np.deg2rad(10.0)
+    stage.close()

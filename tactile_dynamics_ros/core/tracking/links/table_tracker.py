@@ -102,6 +102,8 @@ class TableTracker:
         scene = self._scene_around(link, view, seeds)
         fit = None if scene is None else link.align(scene, seeds)
         link.watch.note(fit)
+        if fit is not None and link.followed and link.jumped(fit, seeds, view.camera.pose):
+            fit = None
         if scene is None or fit is None or not link.watch.believes(fit):
             if not link.watch.miss(view.time):
                 return None
