@@ -53,7 +53,7 @@ def fitted(
     held = np.ones((4, 3), dtype=bool)
     seen = samples(rng.normal(size=(4, 3, 3)), rng.normal(size=(4, 3, 3)), held)
     model = FittedModel(
-        blocks=(SimpleNamespace(problem=SimpleNamespace(samples=seen)),),
+        stretches=(SimpleNamespace(problem=SimpleNamespace(samples=seen)),),
         xi=XI,
         effects=() if theta is None else (create_effect("force_scale"),),
         theta=() if theta is None else (theta,),

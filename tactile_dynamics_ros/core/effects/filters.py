@@ -28,8 +28,8 @@ of longer steps it is summed for a part and doubled. At 6 a series of 8 terms di
 recording (5 Hz and 6.5 Hz of sloshing); at 0.5 it costs one more doubling and changes nothing."""
 
 
-def segments(time: Array) -> list[slice]:
-    """Stretches of samples without gaps longer than half a second or 1.8 periods."""
+def stretches(time: Array) -> list[slice]:
+    """The stretches of samples without gaps longer than half a second or 1.8 periods."""
     if len(time) < 2:
         return [slice(0, len(time))]
     steps = np.diff(time)
@@ -103,7 +103,7 @@ class FirstOrderLag:
     def __init__(self, time: Array, values: Array, tau: float) -> None:
         """Args as those of `first_order_lag`."""
         flat, self._shape = values.reshape(len(values), -1), values.shape
-        self._stretches = [_LagStretch(time[part], flat[part], tau) for part in segments(time)]
+        self._stretches = [_LagStretch(time[part], flat[part], tau) for part in stretches(time)]
 
     @cached_property
     def response(self) -> Array:

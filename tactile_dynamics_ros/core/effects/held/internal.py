@@ -16,7 +16,7 @@ from tactile_dynamics_ros.core.effects.filters import (
     integrate_linear,
     local_cubic,
     pushed,
-    segments,
+    stretches,
     taylor,
 )
 from tactile_dynamics_ros.core.effects.geometry import (
@@ -244,15 +244,15 @@ def _respond(samples: WrenchSamples, reading: str, parameters: bytes) -> _Respon
     hz, damping = _used_shape(theta)
     settled = not reading.endswith("unsettled")
     parts = [
-        _respond_segment(samples, part, 2.0 * np.pi * hz, damping, theta[3:], settled)
-        for part in segments(samples.time)
+        _respond_stretch(samples, part, 2.0 * np.pi * hz, damping, theta[3:], settled)
+        for part in stretches(samples.time)
     ]
     stacked = np.concatenate(parts, axis=1)
     stacked[..., 1] *= 2.0 * np.pi
     return _Response(*stacked)
 
 
-def _respond_segment(
+def _respond_stretch(
     samples: WrenchSamples,
     part: slice,
     omega_n: float,
@@ -329,7 +329,7 @@ def _filtered(
         unsettled: start unstretched rather than hanging.
     """
     found = [np.empty_like(drive) for _ in frequencies]
-    for part in segments(time):
+    for part in stretches(time):
         filled, read = evenly_filled(time[part])
         pushing = drive[part]
         if len(filled) > len(read):

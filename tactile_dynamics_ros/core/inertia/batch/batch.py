@@ -29,32 +29,32 @@ Array = NDArray[np.float64]
 
 
 _FEWEST = 500
-"""Grid times of a block at least: one of a minute of a logger of 1 Hz would lose a third of it to
-the windows at its ends. Recordings above 8 Hz are cut as `block_duration` says."""
+"""Grid times of a stretch at least: one of a minute of a logger of 1 Hz would lose a third of it to
+the windows at its ends. Recordings above 8 Hz are cut as `stretch_duration` says."""
 
 
 @dataclass(frozen=True)
 class BatchConfig:
-    """Iterations and block length of the batch estimator."""
+    """Iterations and stretch length of the batch estimator."""
 
     problem: ProblemConfig = field(default_factory=ProblemConfig)
     iterations: int = parameter(4, "re-evaluations of covariance and denoised signals", "", 1, 20)
-    block_duration: float = parameter(60.0, "stretch that is whitened as one piece", "s", 2.0)
+    stretch_duration: float = parameter(60.0, "stretch that is whitened as one piece", "s", 2.0)
 
     def __post_init__(self) -> None:
         """Check ranges."""
         check_ranges(self)
 
 
-def read_blocks(streams: Streams, config: BatchConfig) -> tuple[WrenchProblem, ...]:
-    """Cut a recording into stretches of about `block_duration`.
+def read_stretches(streams: Streams, config: BatchConfig) -> tuple[WrenchProblem, ...]:
+    """Cut a recording into stretches of about `stretch_duration`.
 
     Raises:
         BadInputError: contacts and motion are missing or do not overlap.
     """
     grid = choose_grid(streams, config.problem.maximum_rate)
     shortest = _FEWEST * float(np.median(np.diff(grid)))
-    count = max(1, round((grid[-1] - grid[0]) / max(config.block_duration, shortest)))
+    count = max(1, round((grid[-1] - grid[0]) / max(config.stretch_duration, shortest)))
     edges = np.linspace(grid[0], grid[-1] + 1e-6, count + 1)
     start = float(grid[0])
     if count == 1:
@@ -77,7 +77,7 @@ def fit_recording(
         NotIdentifiableError: the iteration diverged.
     """
     config = config or BatchConfig()
-    return fit_problems(read_blocks(streams, config), effects, config)
+    return fit_problems(read_stretches(streams, config), effects, config)
 
 
 def fit_problems(

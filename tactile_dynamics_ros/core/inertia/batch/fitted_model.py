@@ -48,7 +48,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Block:
+class Stretch:
     """One stretch of the recording at the present parameters, whitened.
 
     Attributes:
@@ -96,7 +96,7 @@ class FittedModel:
     """A rigid body with effects, fitted to a recording.
 
     Attributes:
-        blocks: whitened residuals and Jacobians by stretch, at the solution.
+        stretches: whitened residuals and Jacobians by stretch, at the solution.
         xi: (10,) log-Cholesky coordinates.
         effects: the effects of the model.
         theta: parameters of each effect.
@@ -113,7 +113,7 @@ class FittedModel:
             it cannot, see `pose_noise_bias`.
     """
 
-    blocks: tuple[Block, ...]
+    stretches: tuple[Stretch, ...]
     xi: Array
     effects: tuple[Effect, ...]
     theta: tuple[Array, ...]
@@ -133,13 +133,13 @@ class FittedModel:
 
     @cached_property
     def white_residual(self) -> Array:
-        """(6 N,) white residual of all blocks."""
-        return np.concatenate([block.residual for block in self.blocks])
+        """(6 N,) white residual of all stretches."""
+        return np.concatenate([stretch.residual for stretch in self.stretches])
 
     @cached_property
     def white_jacobian(self) -> Array:
         """(6 N, 10 + k) derivative of the white residual by phi and all effect parameters."""
-        return np.concatenate([self._block_jacobian(block) for block in self.blocks])
+        return np.concatenate([self._stretch_jacobian(stretch) for stretch in self.stretches])
 
     @property
     def whitened_rms(self) -> float:
@@ -150,7 +150,7 @@ class FittedModel:
     @cached_property
     def misfit(self) -> Misfit:
         """White RMS, and mean logarithm of the diagonal of the Cholesky factor of the noise."""
-        bands = [block.linearisation.whitener.band[0] for block in self.blocks]
+        bands = [stretch.linearisation.whitener.band[0] for stretch in self.stretches]
         return Misfit(self.whitened_rms, float(np.mean(np.log(np.concatenate(bands)))))
 
     @cached_property
@@ -164,7 +164,7 @@ class FittedModel:
     def noise_information(self) -> Array:
         """(10 + k, 10 + k) part of J^T J that is noise of the regressors, on [phi, theta]."""
         information = np.zeros((self.white_jacobian.shape[1],) * 2)
-        information[:10, :10] = regressor_noise_information(self.blocks)
+        information[:10, :10] = regressor_noise_information(self.stretches)
         return information
 
     @cached_property
@@ -258,33 +258,33 @@ class FittedModel:
             np.concatenate([systematic_basis(s.rotation, lever), sensor_gain_basis(s)], axis=2)
             for s in self.samples
         ]
-        return whiten_blocks(self.blocks, bases)
+        return whiten_stretches(self.stretches, bases)
 
     @property
     def samples(self) -> tuple[WrenchSamples, ...]:
-        """Denoised samples by block."""
-        return tuple(block.problem.samples for block in self.blocks)
+        """Denoised samples by stretch."""
+        return tuple(stretch.problem.samples for stretch in self.stretches)
 
     def smooth_residual(self) -> Array:
         """(N, 6) predicted minus measured wrench with smoothed motion and measured forces."""
         return np.concatenate(
-            [b.problem.smooth_residual(self.phi, self.effects, self.theta) for b in self.blocks]
+            [s.problem.smooth_residual(self.phi, self.effects, self.theta) for s in self.stretches]
         )
 
-    def _block_jacobian(self, block: Block) -> Array:
+    def _stretch_jacobian(self, stretch: Stretch) -> Array:
         present = PresentEffects(self.effects, self.theta)
         columns = [
-            block.linearisation.whiten(part)
-            for part in present.jacobians(block.problem.samples, self.phi)
+            stretch.linearisation.whiten(part)
+            for part in present.jacobians(stretch.problem.samples, self.phi)
         ]
-        return np.concatenate([block.jacobian, *[-column for column in columns]], axis=1)
+        return np.concatenate([stretch.jacobian, *[-column for column in columns]], axis=1)
 
     def to_estimate(self) -> InertialEstimate:
         """Summarise for people and programs."""
         covariance = self.covariance
         smooth = self.smooth_residual()
         data, prior = self.coordinate_information
-        times = [block.problem.grid for block in self.blocks]
+        times = [stretch.problem.grid for stretch in self.stretches]
         return InertialEstimate(
             inertia=InertialParameters.from_log_cholesky(self.xi),
             covariance=covariance[:10, :10],
@@ -300,7 +300,7 @@ class FittedModel:
                 prior[:10, :10],
                 covariance[:10, :10],
             ),
-            samples=sum(block.problem.count for block in self.blocks),
+            samples=sum(stretch.problem.count for stretch in self.stretches),
             duration=float(times[-1][-1] - times[0][0]),
             converged=self.converged,
         )
@@ -335,13 +335,13 @@ def _positive_part(information: Array, scale: Array) -> Array:
     return np.asarray(clipped * np.outer(unit, unit))
 
 
-def whiten_blocks(blocks: Sequence[Block], values: Sequence[Array]) -> Array:
-    """White form of values (N, 6, ...) per block, one after the other."""
-    parts = zip(blocks, values, strict=True)
-    return np.concatenate([block.linearisation.whiten(value) for block, value in parts])
+def whiten_stretches(stretches: Sequence[Stretch], values: Sequence[Array]) -> Array:
+    """White form of values (N, 6, ...) per stretch, one after the other."""
+    parts = zip(stretches, values, strict=True)
+    return np.concatenate([stretch.linearisation.whiten(value) for stretch, value in parts])
 
 
-def regressor_noise_information(blocks: Sequence[Block]) -> Array:
+def regressor_noise_information(stretches: Sequence[Stretch]) -> Array:
     """Noise part of J^T J, (10, 10) on phi, from one seeded draw of the pose noise."""
-    draws = [b.linearisation.whiten(b.problem.regressor_noise(b.linearisation)) for b in blocks]
+    draws = [s.linearisation.whiten(s.problem.regressor_noise(s.linearisation)) for s in stretches]
     return np.asarray(sum((draw.T @ draw for draw in draws), start=np.zeros((10, 10))))

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.effects.present import PresentEffects
 from tactile_dynamics_ros.core.inertia.batch.fitted_model import (
-    Block,
     FittedModel,
+    Stretch,
     regressor_noise_information,
 )
 from tactile_dynamics_ros.core.inertia.batch.prior import LogCholeskyPrior, contact_prior
@@ -82,11 +82,11 @@ def fit_model(
     start = xi if xi is not None else _start(problems, contact_prior(problems[0].samples))
     present = np.asarray(start, dtype=float)
     values = None if theta is None else [np.asarray(t, dtype=float) for t in theta]
-    blocks = _whiten(problems, present, effects if values is not None else (), values or ())
+    stretches = _whiten(problems, present, effects if values is not None else (), values or ())
     if values is None:
-        values = _guess_effects(blocks, present, effects)
-        blocks = _whiten(problems, present, effects, values) if effects else blocks
-    return _alternate(blocks, present, effects, values, iterations)
+        values = _guess_effects(stretches, present, effects)
+        stretches = _whiten(problems, present, effects, values) if effects else stretches
+    return _alternate(stretches, present, effects, values, iterations)
 
 
 def fit_further(model: FittedModel, iterations: int) -> FittedModel:
@@ -96,7 +96,7 @@ def fit_further(model: FittedModel, iterations: int) -> FittedModel:
         model: fitted.
         iterations: more of them.
     """
-    return _alternate(model.blocks, model.xi, model.effects, list(model.theta), iterations)
+    return _alternate(model.stretches, model.xi, model.effects, list(model.theta), iterations)
 
 
 def fit_beyond(before: FittedModel, after: FittedModel, factor: float) -> FittedModel:
@@ -116,9 +116,9 @@ def fit_beyond(before: FittedModel, after: FittedModel, factor: float) -> Fitted
 
     xi = ahead(before.xi, after.xi)
     theta = [ahead(old, new) for old, new in zip(before.theta, after.theta, strict=True)]
-    problems = _denoise(after.blocks, xi, after.effects, theta, first=False)
-    blocks = _whiten(problems, xi, after.effects, theta)
-    return _alternate(blocks, xi, after.effects, theta, 2)
+    problems = _denoise(after.stretches, xi, after.effects, theta, first=False)
+    stretches = _whiten(problems, xi, after.effects, theta)
+    return _alternate(stretches, xi, after.effects, theta, 2)
 
 
 def fit_trusting(model: FittedModel, iterations: int) -> FittedModel:
@@ -132,7 +132,7 @@ def fit_trusting(model: FittedModel, iterations: int) -> FittedModel:
         iterations: number of iterations of the alternation.
     """
     theta = list(model.theta)
-    return _alternate(model.blocks, model.xi, model.effects, theta, iterations, trusting=True)
+    return _alternate(model.stretches, model.xi, model.effects, theta, iterations, trusting=True)
 
 
 def fit_unfolded(model: FittedModel, iterations: int) -> FittedModel | None:
@@ -150,8 +150,8 @@ def fit_unfolded(model: FittedModel, iterations: int) -> FittedModel | None:
     if np.all(thickness > _FLAT * np.linalg.eigvalsh(pseudo_inertia(usual))):
         return None
     xi, theta = nearest_body(model.phi, usual), list(model.theta)
-    blocks = _whiten([b.problem for b in model.blocks], xi, model.effects, theta)
-    return _alternate(blocks, xi, model.effects, theta, iterations)
+    stretches = _whiten([s.problem for s in model.stretches], xi, model.effects, theta)
+    return _alternate(stretches, xi, model.effects, theta, iterations)
 
 
 def fit_corrected(model: FittedModel) -> FittedModel:
@@ -163,17 +163,17 @@ def fit_corrected(model: FittedModel) -> FittedModel:
     found = model.presumed_errors
     if not found.errors.any():
         return replace(model, corrected=found)
-    ends = np.cumsum([len(block.residual) for block in model.blocks])[:-1]
+    ends = np.cumsum([len(stretch.residual) for stretch in model.stretches])[:-1]
     lasting = np.split(model.white_lasting_errors @ found.errors, ends)
-    pairs = zip(model.blocks, lasting, strict=True)
-    blocks = [replace(block, residual=block.residual - part) for block, part in pairs]
-    trusted = model.prior.weighted(_misfit(blocks))
-    xi, _, converged = _solve(blocks, model.xi, (), (), trusted, model.unexcited)
+    pairs = zip(model.stretches, lasting, strict=True)
+    stretches = [replace(stretch, residual=stretch.residual - part) for stretch, part in pairs]
+    trusted = model.prior.weighted(_misfit(stretches))
+    xi, _, converged = _solve(stretches, model.xi, (), (), trusted, model.unexcited)
     return replace(model, xi=xi, converged=model.converged and converged, corrected=found)
 
 
 def _alternate(
-    blocks: tuple[Block, ...],
+    stretches: tuple[Stretch, ...],
     present: Array,
     effects: Sequence[Effect],
     values: list[Array],
@@ -186,31 +186,33 @@ def _alternate(
     that were held are let go, and the count begins anew. What proves at rest in the end after all
     is held again, once.
     """
-    prior = contact_prior(blocks[0].problem.samples)
-    unexcited = _unexcited(blocks, prior)
+    prior = contact_prior(stretches[0].problem.samples)
+    unexcited = _unexcited(stretches, prior)
     converged = False
     done, first, at_first = 0, True, unexcited.size
     while done < iterations:
-        trusted = prior.weighted(_misfit(blocks))
-        present, values, converged = _solve(blocks, present, effects, values, trusted, unexcited)
-        problems = _denoise(blocks, present, effects, values, first, trusting)
-        blocks = _whiten(problems, present, effects, values)
+        trusted = prior.weighted(_misfit(stretches))
+        present, values, converged = _solve(stretches, present, effects, values, trusted, unexcited)
+        problems = _denoise(stretches, present, effects, values, first, trusting)
+        stretches = _whiten(problems, present, effects, values)
         done, first = done + 1, False
         settled = unexcited.size > 0 and done >= _SETTLED
-        still = _unexcited(blocks, prior) if settled else unexcited
+        still = _unexcited(stretches, prior) if settled else unexcited
         if still.size < unexcited.size:
             done, unexcited = 0, still
         elif done == iterations and unexcited.size < at_first:
-            at_first, still = 0, _unexcited(blocks, prior)
+            at_first, still = 0, _unexcited(stretches, prior)
             if still.size > unexcited.size:
                 done, unexcited = max(0, iterations - _SETTLED), still
-    return FittedModel(blocks, present, tuple(effects), tuple(values), prior, unexcited, converged)
+    return FittedModel(
+        stretches, present, tuple(effects), tuple(values), prior, unexcited, converged
+    )
 
 
-def _unexcited(blocks: Sequence[Block], prior: LogCholeskyPrior) -> Array:
-    total = sum((b.jacobian.T @ b.jacobian for b in blocks), start=np.zeros((10, 10)))
-    samples = sum(block.problem.count for block in blocks)
-    noise = regressor_noise_information(blocks)
+def _unexcited(stretches: Sequence[Stretch], prior: LogCholeskyPrior) -> Array:
+    total = sum((s.jacobian.T @ s.jacobian for s in stretches), start=np.zeros((10, 10)))
+    samples = sum(stretch.problem.count for stretch in stretches)
+    noise = regressor_noise_information(stretches)
     return unexcited_directions(total, noise, prior, SCATTER / np.sqrt(samples))
 
 
@@ -237,46 +239,48 @@ def _whiten(
     xi: Array,
     effects: Sequence[Effect],
     theta: Sequence[Array],
-) -> tuple[Block, ...]:
+) -> tuple[Stretch, ...]:
     phi = dynamic_parameters_from_log_cholesky(xi)
-    blocks = []
+    stretches = []
     for problem in problems:
         linearisation = problem.linearise(phi, effects, theta)
         residual = linearisation.whiten(problem.residual(phi, effects, theta))
         by_phi = problem.regressor.copy()
         for part in PresentEffects(effects, theta).inertia_jacobians(problem.samples, phi):
             by_phi -= part
-        blocks.append(Block(problem, linearisation, residual, linearisation.whiten(by_phi)))
-    return tuple(blocks)
+        stretches.append(Stretch(problem, linearisation, residual, linearisation.whiten(by_phi)))
+    return tuple(stretches)
 
 
-def _misfit(blocks: Sequence[Block]) -> float:
+def _misfit(stretches: Sequence[Stretch]) -> float:
     """RMS of the white residual, at least 1: misfit is no evidence against the prior."""
-    squares = sum(float(block.residual @ block.residual) for block in blocks)
-    return max(1.0, float(np.sqrt(squares / sum(len(block.residual) for block in blocks))))
+    squares = sum(float(stretch.residual @ stretch.residual) for stretch in stretches)
+    return max(1.0, float(np.sqrt(squares / sum(len(stretch.residual) for stretch in stretches))))
 
 
-def _guess_effects(blocks: Sequence[Block], xi: Array, effects: Sequence[Effect]) -> list[Array]:
+def _guess_effects(
+    stretches: Sequence[Stretch], xi: Array, effects: Sequence[Effect]
+) -> list[Array]:
     """Start of each effect's parameters from a joint linear fit of inertia and screening basis."""
     phi = dynamic_parameters_from_log_cholesky(xi)
-    samples = blocks[0].problem.samples
-    residual = blocks[0].problem.residual(phi)
+    samples = stretches[0].problem.samples
+    residual = stretches[0].problem.residual(phi)
     guesses = []
     for effect in effects:
         basis = effect.screening_basis(samples, phi)
-        white = blocks[0].linearisation.whiten(basis)
+        white = stretches[0].linearisation.whiten(basis)
         scale = np.linalg.norm(white, axis=0) + 1e-300
-        matrix = np.concatenate([blocks[0].jacobian, -white / scale], axis=1)
+        matrix = np.concatenate([stretches[0].jacobian, -white / scale], axis=1)
         ridge = 1e-3 * np.eye(matrix.shape[1])
         rows = np.concatenate([matrix, ridge])
-        target = np.concatenate([-blocks[0].residual, np.zeros(len(ridge))])
+        target = np.concatenate([-stretches[0].residual, np.zeros(len(ridge))])
         solution = np.linalg.lstsq(rows, target, rcond=None)[0]
         guesses.append(effect.initial_guess(samples, phi, solution[10:] / scale, residual))
     return guesses
 
 
 def _solve(
-    blocks: Sequence[Block],
+    stretches: Sequence[Stretch],
     xi: Array,
     effects: Sequence[Effect],
     theta: Sequence[Array],
@@ -285,15 +289,15 @@ def _solve(
 ) -> tuple[Array, list[Array], bool]:
     """One nonlinear least-squares fit at fixed whitening."""
     sizes = [len(value) for value in theta]
-    stds = [p.prior_std for e in effects for p in e.parameters(blocks[0].problem.samples)]
+    stds = [p.prior_std for e in effects for p in e.parameters(stretches[0].problem.samples)]
     centre = np.concatenate([prior.mean, np.zeros(sum(sizes))])
     std = np.concatenate([prior.std, np.array(stds, dtype=float)])
     keep = HOLD * np.concatenate([unexcited.T, np.zeros((unexcited.shape[1], sum(sizes)))], axis=1)
     regular = np.concatenate([np.eye(len(std)), keep]) / std
-    samples, phi = blocks[0].problem.samples, dynamic_parameters_from_log_cholesky(xi)
+    samples, phi = stretches[0].problem.samples, dynamic_parameters_from_log_cholesky(xi)
     factored = all(e.coefficients(samples, e.zero(samples)) is not None for e in effects)
     kind = FactoredSystem if factored else FullSystem
-    system = kind(blocks, phi, effects, theta)
+    system = kind(stretches, phi, effects, theta)
 
     def evaluate(x: Array) -> tuple[Array, Array]:
         parts = np.split(x[10:], np.cumsum(sizes)[:-1]) if sizes else []
@@ -311,7 +315,7 @@ def _solve(
 
 
 def _denoise(
-    blocks: Sequence[Block],
+    stretches: Sequence[Stretch],
     xi: Array,
     effects: Sequence[Effect],
     theta: Sequence[Array],
@@ -321,9 +325,9 @@ def _denoise(
     """Move the signals behind the regressors to their expected true values."""
     phi = dynamic_parameters_from_log_cholesky(xi)
     problems = []
-    for block in blocks:
-        white = block.linearisation.whiten(block.problem.residual(phi, effects, theta))
-        problem = block.problem.denoised(block.linearisation.denoise(white, trusting))
+    for stretch in stretches:
+        white = stretch.linearisation.whiten(stretch.problem.residual(phi, effects, theta))
+        problem = stretch.problem.denoised(stretch.linearisation.denoise(white, trusting))
         problem = problem.balanced(phi, effects, theta)
         if first:
             residual = problem.residual(phi, effects, theta)

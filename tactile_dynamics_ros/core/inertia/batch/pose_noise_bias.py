@@ -50,10 +50,10 @@ def widen_by_pose_noise(
     noisy = replace(streams, pose=_disturbed(streams.pose))
     problems = [
         WrenchProblem.try_from_streams(
-            noisy, config.problem, (grid[0], grid[-1] + 1e-6), block.problem.start
+            noisy, config.problem, (grid[0], grid[-1] + 1e-6), stretch.problem.start
         )
-        for block in model.blocks
-        for grid in [block.problem.grid]
+        for stretch in model.stretches
+        for grid in [stretch.problem.grid]
     ]
     found = [problem for problem in problems if problem is not None]
     if not found:

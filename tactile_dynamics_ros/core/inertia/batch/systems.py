@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from tactile_dynamics_ros.core.effects.present import PresentEffects
-from tactile_dynamics_ros.core.inertia.batch.fitted_model import Block, whiten_blocks
+from tactile_dynamics_ros.core.inertia.batch.fitted_model import Stretch, whiten_stretches
 from tactile_dynamics_ros.core.inertia.residuals.repeated_whitening import RepeatedWhitening
 from tactile_dynamics_ros.core.numerics.least_squares import rotated
 
@@ -28,18 +28,18 @@ class FactoredSystem:
 
     def __init__(
         self,
-        blocks: Sequence[Block],
+        stretches: Sequence[Stretch],
         phi: Array,
         effects: Sequence[Effect],
         theta: Sequence[Array],
     ) -> None:
-        self._samples, self._phi, self._effects = blocks[0].problem.samples, phi, effects
+        self._samples, self._phi, self._effects = stretches[0].problem.samples, phi, effects
         self._start = self._numbers(theta)
-        parts = [np.concatenate([b.jacobian, b.residual[:, None]], axis=1) for b in blocks]
+        parts = [np.concatenate([s.jacobian, s.residual[:, None]], axis=1) for s in stretches]
         columns = [np.concatenate(parts)]
         for effect, value in zip(effects, theta, strict=True):
-            found = [effect.factored(b.problem.samples, value) for b in blocks]
-            columns.append(-whiten_blocks(blocks, [f[0] for f in found if f is not None]))
+            found = [effect.factored(s.problem.samples, value) for s in stretches]
+            columns.append(-whiten_stretches(stretches, [f[0] for f in found if f is not None]))
         self._rows = rotated(np.concatenate(columns, axis=1))
 
     def evaluate(self, phi: Array, theta: Sequence[Array]) -> tuple[Array, Array]:
@@ -63,17 +63,17 @@ class FullSystem:
 
     def __init__(
         self,
-        blocks: Sequence[Block],
+        stretches: Sequence[Stretch],
         phi: Array,
         effects: Sequence[Effect],
         theta: Sequence[Array],
     ) -> None:
-        self._blocks, self._phi, self._effects = blocks, phi, effects
-        self._rows = [np.concatenate([b.jacobian, b.residual[:, None]], axis=1) for b in blocks]
-        self._white_columns = RepeatedWhitening(lambda values: whiten_blocks(blocks, values))
+        self._stretches, self._phi, self._effects = stretches, phi, effects
+        self._rows = [np.concatenate([s.jacobian, s.residual[:, None]], axis=1) for s in stretches]
+        self._white_columns = RepeatedWhitening(lambda values: whiten_stretches(stretches, values))
         self._white_start = self._white_effects(phi, theta)
-        plain = whiten_blocks(blocks, [b.problem.regressor for b in blocks])
-        self._beside = plain - np.concatenate([b.jacobian for b in blocks])
+        plain = whiten_stretches(stretches, [s.problem.regressor for s in stretches])
+        self._beside = plain - np.concatenate([s.jacobian for s in stretches])
 
     def evaluate(self, phi: Array, theta: Sequence[Array]) -> tuple[Array, Array]:
         """Residual and Jacobian by [phi, theta]."""
@@ -88,12 +88,12 @@ class FullSystem:
 
     def _white_effects(self, phi: Array, theta: Sequence[Array]) -> Array:
         present = PresentEffects(self._effects, theta)
-        total = [present.wrench(block.problem.samples, phi) for block in self._blocks]
-        return whiten_blocks(self._blocks, total)
+        total = [present.wrench(stretch.problem.samples, phi) for stretch in self._stretches]
+        return whiten_stretches(self._stretches, total)
 
     def _effect_columns(self, phi: Array, theta: Sequence[Array]) -> Array:
         present = PresentEffects(self._effects, theta)
-        samples = [block.problem.samples for block in self._blocks]
+        samples = [stretch.problem.samples for stretch in self._stretches]
         columns = []
         for effect, value in zip(self._effects, theta, strict=True):
             seen = [present.seen_by(effect, s, phi) for s in samples]

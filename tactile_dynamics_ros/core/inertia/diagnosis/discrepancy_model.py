@@ -110,7 +110,7 @@ class HeldObjectModel(LeastSquaresModel[Effect]):
     @property
     def samples(self) -> WrenchSamples:
         """Denoised samples of the first stretch."""
-        return self.fitted.blocks[0].problem.samples
+        return self.fitted.stretches[0].problem.samples
 
     @property
     def own(self) -> Array:
@@ -128,8 +128,8 @@ class HeldObjectModel(LeastSquaresModel[Effect]):
     @cached_property
     def time(self) -> Array:
         """(M,) s."""
-        blocks = self.fitted.blocks
-        times = [b.problem.grid[b.problem.valid] - b.problem.start for b in blocks]
+        stretches = self.fitted.stretches
+        times = [s.problem.grid[s.problem.valid] - s.problem.start for s in stretches]
         return np.repeat(np.concatenate(times), 6)
 
     @cached_property
@@ -137,10 +137,10 @@ class HeldObjectModel(LeastSquaresModel[Effect]):
         """(M,) wrench of the object on the contacts, [torque, force] in the body frame."""
         model, found = self.fitted, []
         present = PresentEffects(model.effects, model.theta)
-        for block in model.blocks:
-            problem = block.problem
+        for stretch in model.stretches:
+            problem = stretch.problem
             shown = present.wrench(problem.samples, model.phi) - problem.regressor @ model.phi
-            found.append(block.linearisation.whitener.colour(block.residual) + shown.ravel())
+            found.append(stretch.linearisation.whitener.colour(stretch.residual) + shown.ravel())
         return np.concatenate(found)
 
     def predict(self, x: Array, effects: Sequence[Effect]) -> Array:
@@ -148,21 +148,21 @@ class HeldObjectModel(LeastSquaresModel[Effect]):
         counts = [len(self.parameters_of(effect)) for effect in effects]
         phi, theta = split_parameters(x, 10, [np.zeros(count) for count in counts])
         present = PresentEffects(effects, theta)
-        problems = [block.problem for block in self.fitted.blocks]
+        problems = [stretch.problem for stretch in self.fitted.stretches]
         parts = [present.wrench(p.samples, phi) - p.regressor @ phi for p in problems]
         return np.concatenate([part.ravel() for part in parts])
 
     def whiten(self, rows: Array) -> Array:
         """White form of rows (M, ...)."""
-        blocks = self.fitted.blocks
-        edges = np.cumsum([len(block.residual) for block in blocks])[:-1]
+        stretches = self.fitted.stretches
+        edges = np.cumsum([len(stretch.residual) for stretch in stretches])[:-1]
         parts = [part.reshape(-1, 6, *rows.shape[1:]) for part in np.split(rows, edges)]
         return self.whitening.whiten(parts)
 
     def draw_noise(self, random: np.random.Generator) -> Array:
         """(M,) noise of the poses and the contacts as it moves the residual, to first order."""
-        blocks = self.fitted.blocks
-        return np.concatenate([block.linearisation.draw_noise(random) for block in blocks])
+        stretches = self.fitted.stretches
+        return np.concatenate([stretch.linearisation.draw_noise(random) for stretch in stretches])
 
     def parameters_of(self, effect: Effect) -> tuple[EffectParameter, ...]:
         """Parameters of an effect for the contacts of this recording."""
@@ -216,7 +216,7 @@ class HeldObjectModel(LeastSquaresModel[Effect]):
     @property
     def unreadable(self) -> str:
         """Poses that are too far apart to show the motion."""
-        motion = self.fitted.blocks[0].problem.raw.motion
+        motion = self.fitted.stretches[0].problem.raw.motion
         if motion.unfollowed < _UNFOLLOWED:
             return ""
         return (
@@ -256,9 +256,9 @@ class HeldObjectModel(LeastSquaresModel[Effect]):
         coarse, all are fitted jointly, from where they were if the change leads astray.
         """
         effect: Effect = family.source
-        block = self.fitted.blocks[0]
-        lacking = block.problem.residual(self.phi, self.effects, self.theta)
-        start = effect.initial_guess(block.problem.samples, self.phi, coefficients, lacking)
+        stretch = self.fitted.stretches[0]
+        lacking = stretch.problem.residual(self.phi, self.effects, self.theta)
+        start = effect.initial_guess(stretch.problem.samples, self.phi, coefficients, lacking)
         system = extended_system(self, effect)
         solution, _ = levenberg_marquardt(
             system.evaluate,
@@ -287,7 +287,7 @@ class HeldObjectModel(LeastSquaresModel[Effect]):
     @cached_property
     def _refined(self) -> HeldObjectModel:
         problems = [
-            b.problem.balanced(self.phi, self.effects, self.theta) for b in self.fitted.blocks
+            s.problem.balanced(self.phi, self.effects, self.theta) for s in self.fitted.stretches
         ]
         xi, theta = nearest_body(self.phi, self.fitted.phi), self.theta
         model = fit_model(problems, self.effects, theta, xi, 2)
@@ -317,7 +317,7 @@ class HeldObjectModel(LeastSquaresModel[Effect]):
 
     def library(self) -> list[Family]:
         """Simple functions of named quantities as wrenches."""
-        terms = [list(wrench_terms(block.problem.samples)) for block in self.fitted.blocks]
+        terms = [list(wrench_terms(stretch.problem.samples)) for stretch in self.fitted.stretches]
         families = []
         for parts in zip(*terms, strict=True):
             columns = self.whitening.whiten([part.columns for part in parts])

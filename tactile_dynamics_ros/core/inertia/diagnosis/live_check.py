@@ -31,7 +31,7 @@ def compare_streams(
         BadInputError: contacts and motion are missing or do not overlap.
     """
     model = fit_recording(streams, create_effects(effects), BatchConfig(iterations=iterations))
-    problems = [block.problem for block in model.blocks]
+    problems = [stretch.problem for stretch in model.stretches]
     time = np.concatenate([p.samples.time + p.start for p in problems])
     return LiveComparison(time, -model.smooth_residual(), model.whitened_rms)
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
 from tactile_dynamics_ros.core.effects.effect import Effect
 from tactile_dynamics_ros.core.effects.present import PresentEffects
-from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel, whiten_blocks
+from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel, whiten_stretches
 from tactile_dynamics_ros.core.inertia.batch.uncertainty import HOLD
 from tactile_dynamics_ros.core.inertia.residuals.repeated_whitening import RepeatedWhitening
 from tactile_dynamics_ros.core.numerics.least_squares import rotated
@@ -37,7 +37,7 @@ class Whitening:
     @cached_property
     def regressor(self) -> Array:
         """(M, 10) white regressor of the load alone."""
-        return self.whiten([b.problem.regressor for b in self.model.blocks])
+        return self.whiten([s.problem.regressor for s in self.model.stretches])
 
     @cached_property
     def start(self) -> Array:
@@ -53,8 +53,8 @@ class Whitening:
         return RepeatedWhitening(self.whiten)
 
     def whiten(self, values: Sequence[Array]) -> Array:
-        """White form of values (N, 6, ...) per block."""
-        return whiten_blocks(self.model.blocks, values)
+        """White form of values (N, 6, ...) per stretch."""
+        return whiten_stretches(self.model.stretches, values)
 
     def family_columns(self, effect: Effect, present: PresentEffects) -> Array:
         """White screening basis of one reading beside effects of a model."""
@@ -75,7 +75,7 @@ class EffectBeside:
     Attributes:
         effect: that is evaluated.
         present: the others; the effect may be one of them.
-        seen: samples of each block as the effect sees them.
+        seen: samples of each stretch as the effect sees them.
     """
 
     effect: Effect
@@ -90,13 +90,13 @@ class EffectBeside:
         samples: Sequence[WrenchSamples],
         phi: Array,
     ) -> EffectBeside:
-        """See the samples of each block at dynamic parameters (10,)."""
+        """See the samples of each stretch at dynamic parameters (10,)."""
         return cls(effect, present, tuple(present.seen_by(effect, s, phi) for s in samples))
 
     def shown(
         self, law: Callable[[WrenchSamples, Array, Array], Array], phi: Array, theta: Array
     ) -> list[Array]:
-        """Values of a law of the effect per block, as late as the others make sensors."""
+        """Values of a law of the effect per stretch, as late as the others make sensors."""
         return [self.present.as_shown(self.effect, s, law(s, phi, theta)) for s in self.seen]
 
 
@@ -109,7 +109,7 @@ class FrozenSystem:
     def __init__(self, whitening: Whitening, effects: tuple[Effect, ...]) -> None:
         self._whitening, self._effects = whitening, effects
         self._model, self._repeated = whitening.model, whitening.repeated
-        samples = self._model.blocks[0].problem.samples
+        samples = self._model.stretches[0].problem.samples
         self._counts = [len(effect.parameters(samples)) for effect in effects]
         stds = [p.prior_std for effect in effects for p in effect.parameters(samples)]
         self._prior_rows, self._prior_values = self._prior(np.array(stds, dtype=float))

@@ -280,7 +280,7 @@ def _times(rate_hz: float) -> Array:
 
 def _force_std(model: WhitenedModel) -> float:
     """Typical noise of one force axis, N."""
-    contacts = model.fitted.blocks[0].problem.contacts
+    contacts = model.fitted.stretches[0].problem.contacts
     factors = [contact.signals["force"].noise_factor for contact in contacts]
     return float(np.median([np.sqrt(np.mean(f**2) * 3.0) for f in factors]))
 

@@ -56,8 +56,8 @@ def wrench_residuals(model: FittedModel, white: Array) -> Residuals:
 
 def _factors(model: FittedModel, white: Array) -> tuple[Array, Array]:
     """Residual e = L white and C^-1 e = L^-T white, (N, 6) each."""
-    whiteners = [block.linearisation.whitener for block in model.blocks]
-    parts = np.split(white, np.cumsum([len(block.residual) for block in model.blocks])[:-1])
+    whiteners = [stretch.linearisation.whitener for stretch in model.stretches]
+    parts = np.split(white, np.cumsum([len(stretch.residual) for stretch in model.stretches])[:-1])
     pairs = list(zip(whiteners, parts, strict=True))
     plain = np.concatenate([whitener.colour(part) for whitener, part in pairs])
     weighted = np.concatenate([whitener.whiten_transposed(part) for whitener, part in pairs])

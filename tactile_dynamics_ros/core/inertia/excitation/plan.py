@@ -185,8 +185,8 @@ def _force_std(model: FittedModel) -> float:
     """Median standard deviation of the forces, N."""
     factors = [
         contact.signals["force"].noise_factor
-        for block in model.blocks
-        for contact in block.problem.contacts
+        for stretch in model.stretches
+        for contact in stretch.problem.contacts
     ]
     stds = np.concatenate([np.sqrt(np.einsum("kij,kij->k", f, f) / 3.0) for f in factors])
     return max(float(np.median(stds)), 1e-4)

@@ -222,7 +222,7 @@ class Accumulation:
         return True
 
     def _take(self, first: int, last: int, layout: Layout) -> None:
-        """Pass rows of one segment through the whitening and add what leaves it."""
+        """Pass rows of one stretch through the whitening and add what leaves it."""
         pipeline = self._pipeline
         if pipeline is None or pipeline.layout != layout or first > self.next:
             pipeline = WhiteningPipeline(

@@ -68,7 +68,7 @@ class _Record:
 
 
 class WhiteningPipeline:
-    """Whitening of one gapless segment of samples.
+    """Whitening of one gapless stretch of samples.
 
     A residual is whitened at once, with a provisional regressor that serves to judge it. Its final
     regressor, independent of the residuals' noise, is known `lag` samples later.
@@ -82,12 +82,12 @@ class WhiteningPipeline:
         lever: float,
         judge: Judge,
     ) -> None:
-        """Start at the beginning of a segment.
+        """Start at the beginning of a stretch.
 
         Args:
             config: settings of the estimator.
             stream: stream of raw samples.
-            layout: window sizes of the segment.
+            layout: window sizes of the stretch.
             lever: m, of the presumed errors that last.
             judge: robust weights of innovations.
         """

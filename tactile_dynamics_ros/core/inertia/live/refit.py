@@ -113,7 +113,7 @@ def live_estimate(model: FittedModel, latency: float) -> LiveEstimate:
         latency: s of computing.
     """
     data, prior = (part[:10, :10] for part in model.coordinate_information)
-    last, residual = model.blocks[-1].problem, model.white_residual
+    last, residual = model.stretches[-1].problem, model.white_residual
     return LiveEstimate(
         **vars(model.to_estimate()),
         time=float(last.grid[-1]),

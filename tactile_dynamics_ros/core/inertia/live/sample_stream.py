@@ -74,7 +74,7 @@ statements of quiet moments are thrown away."""
 
 @dataclass(frozen=True)
 class Layout:
-    """Windows of one gapless segment: half widths in samples and the period in s."""
+    """Windows of one gapless stretch: half widths in samples and the period in s."""
 
     start: int
     short: int
@@ -115,7 +115,7 @@ class SampleStream:
         )
         self._queues: dict[str, ContactQueue] = {}
         self._layouts: list[Layout] = []
-        self._segment_start = 0
+        self._stretch_start = 0
         self._draws = np.random.default_rng(0).normal(size=(_DRAWS, 6))
         self._noise_scale = np.ones(2)
         self._point_std = np.full(MAXIMUM_CONTACTS, config.point_std)
@@ -169,7 +169,7 @@ class SampleStream:
             return
         elif step > self._config.maximum_gap and np.isfinite(step):
             self.problems["gap between poses"] += 1
-            self._segment_start = self._poses.end
+            self._stretch_start = self._poses.end
         self._count_repeated_pose(position, rotation)
         self._poses.append(
             {"time": time, "position": position, "rotation": rotation, "noise": noise}
@@ -200,7 +200,7 @@ class SampleStream:
             row = self._contacts.end
             layout = self._layout(row)
             time = float(self._poses.rows("time", row, row + 1)[0])
-            if layout is None and row >= self._segment_start:
+            if layout is None and row >= self._stretch_start:
                 return
             period = layout.period if layout else 0.01
             if not all(queue.is_settled(time, period, now) for queue in self._queues.values()):
@@ -361,13 +361,13 @@ class SampleStream:
         while self._contacts.end < self._poses.end:
             self._contacts.append(_blank_row())
         self._contacts.clear()
-        self._segment_start = self._poses.end
+        self._stretch_start = self._poses.end
         self._layouts = []
         for queue in self._queues.values():
             queue.clear()
 
     def _lay_out(self) -> None:
-        start = self._segment_start
+        start = self._stretch_start
         if self._poses.end - start != _LAYOUT_POSES:
             return
         period = float(np.median(np.diff(self._poses.rows("time", start, self._poses.end))))
@@ -384,8 +384,8 @@ class SampleStream:
 
     def _end_of(self, layout: Layout) -> int:
         later = [x.start for x in self._layouts if x.start > layout.start]
-        if layout.start < self._segment_start:
-            later.append(self._segment_start)
+        if layout.start < self._stretch_start:
+            later.append(self._stretch_start)
         return min(later, default=self._poses.end)
 
     def _read(self, time: float, period: float) -> dict[str, Any]:
@@ -410,7 +410,7 @@ class SampleStream:
         A tracker's covariance also covers slow errors, which differentiation does not see.
         """
         end = self._poses.end
-        first = max(self._segment_start, self._poses.start, end - _NOISE_POSES)
+        first = max(self._stretch_start, self._poses.start, end - _NOISE_POSES)
         time, rotation = (self._poses.rows(name, first, end) for name in ("time", "rotation"))
         if len(time) < _NOISE_EVERY:
             return
@@ -425,7 +425,7 @@ class SampleStream:
     def _measure_contact_noise(self) -> None:
         """Scatter of forces and torques, and of each point at least what is configured."""
         end = self._contacts.end
-        first = max(self._segment_start, self._contacts.start, end - _NOISE_POSES)
+        first = max(self._stretch_start, self._contacts.start, end - _NOISE_POSES)
         time = self._poses.rows("time", first, end)
         for slot in range(len(self._queues)):
             held = self._contacts.rows("in_contact", first, end)[:, slot] > 0.0
