@@ -212,21 +212,21 @@ def _smaller_vectors(streams: Streams) -> Streams:
     assert pose is not None
     aim, rows = _sparse_forces(streams, pose.time)
     vectors = Rotation.from_matrix(pose.rotation).as_rotvec()
-    paths = [_continuous_vectors(vectors, k) for k in range(-_MOST_TURNS, _MOST_TURNS + 1)]
+    paths = _continuous_vectors(vectors, np.arange(-_MOST_TURNS, _MOST_TURNS + 1))
     turned = [Rotation.from_rotvec(np.radians(path[rows])).as_matrix() for path in paths]
     best = paths[int(np.argmin(_unlike(np.array(turned)[..., 2, :], aim)))]
     rotation = Rotation.from_rotvec(np.radians(best)).as_matrix()
     return with_pose(streams, replace(pose, rotation=rotation), True)
 
 
-def _continuous_vectors(vectors: Array, turns: int = 0) -> Array:
-    """Rotation vectors (N, 3) that follow each other; the first with whole turns more."""
+def _continuous_vectors(vectors: Array, turns: NDArray[np.intp]) -> Array:
+    """Rotation vectors (g, N, 3) that follow each other; the first with g whole turns more."""
     length = np.maximum(np.linalg.norm(vectors, axis=1), 1e-12)
     axes = vectors / length[:, None]
-    found = vectors.copy()
-    found[0] += _TURN * turns * axes[0]
-    for k in range(1, len(found)):
-        ahead = 2.0 * found[k - 1] - found[k - 2] if k > 1 else found[0]
-        along = float(ahead @ axes[k])
-        found[k] = axes[k] * (length[k] + _TURN * np.round((along - length[k]) / _TURN))
+    found = np.tile(vectors, (len(turns), 1, 1))
+    found[:, 0] += _TURN * turns[:, None] * axes[0]
+    for k in range(1, len(vectors)):
+        ahead = 2.0 * found[:, k - 1] - found[:, k - 2] if k > 1 else found[:, 0]
+        turned = np.round((ahead @ axes[k] - length[k]) / _TURN)
+        found[:, k] = (length[k] + _TURN * turned)[:, None] * axes[k]
     return found
