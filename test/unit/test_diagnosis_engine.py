@@ -203,6 +203,22 @@ def test_what_cannot_be_is_no_explanation() -> None:
     assert (diagnosis.verdict, diagnosis.effect) == ("unexplained", None)
 
 
+def test_what_imitates_a_law_that_cannot_be_is_not_named() -> None:
+    known = ("soft_friction", "viscous_friction", "spring")
+    block = slide(11, dry_friction=0.5)
+    ignorant = diagnose(SlidingBlock(block, known=known))
+    assert (ignorant.verdict, ignorant.effect) == ("missing_effect", "soft_friction")
+    both = SlidingBlock(block, known=("dry_friction", *known), impossible=("dry_friction",))
+    assert (diagnose(both).verdict, diagnose(both).effect) == ("unexplained", None)
+
+
+def test_what_fits_as_well_as_a_law_that_cannot_be_is_named() -> None:
+    twins = ("stretched_spring", "spring", "dry_friction")
+    for impossible, named in (((), "stretched_spring"), (("stretched_spring",), "spring")):
+        diagnosis = diagnose(SlidingBlock(slide(6, spring=0.1), known=twins, impossible=impossible))
+        assert diagnosis.effect == named
+
+
 def test_two_laws_are_added_one_after_the_other() -> None:
     model = SlidingBlock(slide(2, dry_friction=0.08, spring=0.2))
     explanation = explain(model)

@@ -125,7 +125,8 @@ def choose_effect(
     compared with it; should one of them win there, it is refitted in turn. Where the best leaves so
     much that it cannot be the answer, that is the end of it. An effect that explains the residual
     by noise that it makes much larger, as a long lever does with that of a force, is passed over.
-    So is one whose parameters cannot be, such as a spring that pushes.
+    So is one whose parameters cannot be, such as a spring that pushes; if the next best is clearly
+    worse than it and leaves more than noise, there is no choice.
 
     Args:
         model: to be extended.
@@ -153,7 +154,28 @@ def choose_effect(
     if choice.model.is_possible(choice.best.name):
         return choice
     others = [score for score in scores if score.family.name != choice.best.name]
-    return choose_effect(model, others, floor, needed)
+    second = choose_effect(model, others, floor, needed)
+    return None if second and _imitates(second, choice.best.name, floor) else second
+
+
+def _imitates(choice: Choice, impossible: str, floor: float) -> bool:
+    """Whether an effect leaves what another that cannot be explains better, and that is no noise.
+
+    The cause is neither of them then: the other is the nearest to it, and the effect imitates it.
+    Where the effect leaves white noise, the other merely fits noise.
+
+    Args:
+        choice: the best effect that can be.
+        impossible: name of the effect that was better, with parameters that cannot be.
+        floor: white RMS of the noise alone.
+    """
+    if not choice.thorough or examine(*instants(choice.model)).p_value >= _WHITE:
+        return False
+    bare = choice.model.without_effect(choice.best.name)
+    own = in_place(choice.best, choice.model, floor)
+    scores = screen(bare, bare.families([impossible]), floor)
+    other = try_effect(bare, scores, impossible, floor)
+    return other.criterion < own.criterion - max(CHANCE, decisive(choice.model, floor))
 
 
 def _given_up(best: Trial, rivals: Sequence[Trial], without: float) -> Choice:
