@@ -33,6 +33,9 @@ class LookingConfig:
     object: int = parameter(1, "the K-th largest of those that the first look shows", "", 1, 20)
     most_looks: int = parameter(6, "looks after which the shape is told at the latest", "", 1, 20)
     most_points: int = parameter(1500, "of each look that are used", "", 100, 10_000)
+    align: bool = parameter(
+        False, "align looks to each other: only where camera/pose is off by millimetres"
+    )
     clearance: float = parameter(
         0.004, "height over the table below which points are the table's", "m", 0.0, 0.05
     )
@@ -126,7 +129,7 @@ def judge(looks: Looks) -> Sight:
         looks.support,
         looks.views,
         np.concatenate(looks.depths),
-        numbers if len(looks.clouds) > 1 else None,
+        numbers if looks.config.align and len(looks.clouds) > 1 else None,
     )
     chosen = 0
     if looks.box is None:
