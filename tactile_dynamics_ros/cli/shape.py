@@ -30,7 +30,7 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
     parser.add_argument("--unit", choices=("m", "mm"), help="of the clouds (guessed)")
     parser.add_argument("--object", type=int, default=1, metavar="K", help="the K-th object (1)")
     parser.add_argument(
-        "--as-posed", action="store_true", help="trust the camera's poses: do not align the clouds"
+        "--align", action="store_true", help="align the clouds: the camera's poses are not exact"
     )
     parser.add_argument("--out", metavar="FILE", help="write the surface here as a mesh (PLY, STL)")
     parser.set_defaults(run=run)
@@ -42,7 +42,7 @@ def run(args: Namespace) -> int:
     from tactile_dynamics_ros.recording.clouds import read_clouds
 
     cloud = read_clouds(args.clouds, args.unit)
-    look = cloud.look if len(args.clouds) > 1 and not args.as_posed else None
+    look = cloud.look if len(args.clouds) > 1 and args.align else None
     scene = read_scene(cloud.points, _support(args.support), depth=cloud.depth, look=look)
     if not 1 <= args.object <= len(scene.objects):
         raise BadInputError(

@@ -226,3 +226,17 @@ def test_a_camera_inside_the_object_shows_nothing():
     surface, _ = SHAPES[0].sample(300)
     entropy = SurfaceEntropy.of_parts([SHAPES[0]], surface)
     assert entropy.gain(looking_at(np.array([0.0, 0.0, 0.01]), np.zeros(3))) == 0.0
+
+
+def test_what_no_superquadric_describes_has_intervals_as_wide_as_the_misfit():
+    """More points do not average out what the family of shapes cannot follow."""
+    rng = np.random.default_rng(5)
+    surface, normal = SHAPES[2].sample(3000)
+    some = rng.permutation(len(surface))[:2000]
+    points, normal = surface[some], normal[some]
+    wavy = 2e-3 * np.sign(np.sin(300.0 * points[:, :1])) * normal
+    (plain,) = find_objects(points + 3e-4 * rng.normal(size=points.shape), -0.02)
+    (rough,) = find_objects(points + wavy + 3e-4 * rng.normal(size=points.shape), -0.02)
+    assert rough.misfit > 1e-3
+    assert plain.parts[0].std["ax"] < 0.2e-3
+    assert rough.parts[0].std["ax"] > rough.misfit

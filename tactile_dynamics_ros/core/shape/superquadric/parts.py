@@ -181,11 +181,12 @@ def find_parts(points: Array, support: float | None, scale: Array) -> TableObjec
     mixture = maximise(replace(mixture, scale=all_scale), points, _STEPS)
     order = np.argsort(-mixture.shares)
     member = mixture.memberships(points)
+    misfit = _misfit(mixture, floor)
     return TableObject(
-        tuple(finished(mixture, points, int(k)) for k in order),
+        tuple(finished(mixture, points, int(k), misfit) for k in order),
         points,
         floor,
-        _misfit(mixture, floor),
+        misfit,
         float(member[:, -1].mean()),
     )
 

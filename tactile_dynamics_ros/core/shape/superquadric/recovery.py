@@ -47,6 +47,8 @@ hexagon is off any superquadric. Less gives sides of it up as strays, more blurs
 _GIVEN_UP = 0.03
 """Share of points that a closer fit may call strays beyond those that the first one did. Lower
 keeps the blurred fit of clean clouds, higher lets a close fit drop a side of the object."""
+POSITION_NAMES = ("x", "y", "z")
+"""Coordinates of a chart that are positions in the world, m."""
 _ROUNDED = 7e-4
 """Standard deviation of ln a_x, ln a_y and ln a_z beside that by noise: even the least exponents
 round edges that are sharp, which costs axes 0.02 to 0.07 mm of 3 to 7 cm (ten boxes, ellipses and
@@ -110,7 +112,7 @@ class Recovery:
         """
         shapes = tuple(replace(one, pose=frame @ one.pose) for one in self.mixture.shapes)
         turn = np.eye(len(self.covariance))
-        place = [k for k, name in enumerate(self.mixture.chart.names) if name in ("x", "y", "z")]
+        place = [k for k, name in enumerate(self.mixture.chart.names) if name in POSITION_NAMES]
         turn[np.ix_(place, place)] = frame[: len(place), : len(place)]
         covariance = turn @ self.covariance @ turn.T
         return replace(self, mixture=replace(self.mixture, shapes=shapes), covariance=covariance)
@@ -214,12 +216,24 @@ def simplified(mixture: Mixture, points: Array) -> Mixture:
     return plain if gain < _TAPER_PRICE * len(points) * len(mixture.shapes) else mixture
 
 
-def finished(mixture: Mixture, points: Array, part: int = 0) -> Recovery:
-    """Return one part of a fit with its covariance."""
+def finished(mixture: Mixture, points: Array, part: int = 0, misfit: float = 0.0) -> Recovery:
+    """Return one part of a fit with its covariance.
+
+    Args:
+        mixture: the fit.
+        points: (N, 3) m.
+        part: number of the part.
+        misfit: RMS distance of points from the surfaces beyond the camera's noise, m. No number of
+            points averages it out, so semi-axes and position are uncertain by as much.
+    """
     alone = replace(mixture, shapes=mixture.shapes[part : part + 1], shares=np.ones(1))
     member = mixture.memberships(points)[:, part]
     covariance = alone.covariance(points, member)
-    covariance[np.arange(3), np.arange(3)] += _ROUNDED**2
+    covariance[np.arange(3), np.arange(3)] += (
+        _ROUNDED**2 + (misfit / alone.shapes[0].semi_axes) ** 2
+    )
+    place = [k for k, name in enumerate(alone.chart.names) if name in POSITION_NAMES]
+    covariance[place, place] += misfit**2
     return Recovery(alone, covariance, len(points))
 
 

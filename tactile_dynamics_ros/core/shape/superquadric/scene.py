@@ -221,6 +221,11 @@ def remarks_of(found: TableObject) -> list[str]:
     """Return what a fit cannot say, in plain sentences."""
     size = float(np.ptp(found.points, axis=0).max())
     remarks = []
+    if len(found.parts) > 1:
+        remarks.append(
+            "nothing was seen where its parts meet: their lengths toward each other are the least "
+            "that explain the points"
+        )
     if found.misfit > _MISFIT * size:
         remarks.append(
             f"no superquadric describes it: surfaces are {1e3 * found.misfit:.1f} mm off (RMS) "
