@@ -6,9 +6,11 @@ import argparse
 import json
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
+from benchmarks.shape.figures import draw
 from benchmarks.shape.peers import PEERS, compare_peers
 from benchmarks.shape.real import CLOUDS, real_clouds
 from benchmarks.shape.trial import Trial, run_trial
@@ -26,6 +28,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--views", type=int, default=0, metavar="N", help="compare strategies on N")
     parser.add_argument("--peers", action="store_true", help="others on the points of all looks")
     parser.add_argument("--only", choices=("real",), help="only the real clouds")
+    parser.add_argument("--draw", type=Path, metavar="PNG", help="draw the looks at the objects")
     parser.add_argument("--quick", action="store_true", help="three objects")
     parser.add_argument("--json", action="store_true", help="print only JSON on stdout")
     options = parser.parse_args(arguments)
@@ -34,6 +37,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         numbers = [121, 133, 145]
     if options.only == "real":
         return show_real(options.json)
+    if options.draw:
+        draw(numbers, options.draw)
+        return 0
     trials = []
     for number in numbers:
         trials.append(run_trial(number, peers=compare_peers if options.peers else None))

@@ -66,7 +66,11 @@ class Trial:
 
 
 def run_trial(
-    number: int, strategy: str = "active", looks: int = MOST_VIEWS, peers: Peers | None = None
+    number: int,
+    strategy: str = "active",
+    looks: int = MOST_VIEWS,
+    peers: Peers | None = None,
+    watch: Callable[[Array, Scene], None] | None = None,
 ) -> Trial:
     """Look at an object until it is known, or as often as asked for.
 
@@ -75,6 +79,7 @@ def run_trial(
         strategy: "active", "random" or "uniform".
         looks: at most; active stops by itself where another look promises too little.
         peers: gives chamfer distances of others from points and truth.
+        watch: is called with all points (N, 3) and the scene after each look.
     """
     thing = planar_object(number)
     trial = Trial(number, thing.kind, thing.parts[0].outline, thing.parts_differ, len(thing.parts))
@@ -90,6 +95,8 @@ def run_trial(
             clouds.append(camera.look(pose))
             scene, seconds = timed(np.concatenate(clouds))
             trial.fit_s.append(seconds)
+            if watch is not None:
+                watch(np.concatenate(clouds), scene)
             shapes = [part.shape for found in scene.objects for part in found.parts]
             trial.chamfer.append(chamfer(shapes, truth))
             trial.parts.append(len(shapes))
