@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +46,12 @@ class ProblemLog(Counter[str]):
         """Count the bad samples and return the mask of the good ones."""
         self.note(where, f"{what} (dropped)", int(np.count_nonzero(bad)))
         return ~bad
+
+
+def ranked_lines(problems: Mapping[str, int]) -> list[str]:
+    """Return one line per kind of problem, the most frequent first."""
+    ranked = sorted(problems.items(), key=lambda item: -item[1])
+    return [f"{text}: {count}" for text, count in ranked]
 
 
 def find_not_finite(*columns: Array) -> Mask:

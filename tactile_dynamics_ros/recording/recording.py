@@ -20,7 +20,7 @@ from tactile_dynamics_ros.recording.assembly import assemble_contact, assemble_i
 from tactile_dynamics_ros.recording.bag_files import BagTables, read_tables
 from tactile_dynamics_ros.recording.bag_writer import write_bag
 from tactile_dynamics_ros.recording.cdr import empty_table
-from tactile_dynamics_ros.recording.cleaning import ProblemLog
+from tactile_dynamics_ros.recording.cleaning import ProblemLog, ranked_lines
 from tactile_dynamics_ros.recording.conventions import doubtful_conventions
 from tactile_dynamics_ros.recording.frames import Frames, in_world_axes
 from tactile_dynamics_ros.recording.namespaces import RecordedNames
@@ -206,8 +206,7 @@ class Recording:
 
     def problem_lines(self) -> list[str]:
         """Return one line per doubt about conventions, then per kind of fault by frequency."""
-        ranked = sorted(self.problems.items(), key=lambda item: -item[1])
-        return doubtful_conventions(self.streams) + [f"{text}: {count}" for text, count in ranked]
+        return doubtful_conventions(self.streams) + ranked_lines(self.problems)
 
 
 class _BagAssembly:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -23,6 +22,7 @@ from tactile_dynamics_ros.sim.bodies import (
 )
 from tactile_dynamics_ros.sim.contacts import ContactAccumulator, ContactReading
 from tactile_dynamics_ros.sim.drives import JointDrives
+from tactile_dynamics_ros.sim.engine import Engine
 from tactile_dynamics_ros.sim.objects import ObjectModel, load_object
 from tactile_dynamics_ros.sim.warping import spawn_warping_object
 
@@ -88,7 +88,7 @@ class GroundTruth:
     gravity: Array
 
 
-class HandWorld:
+class HandWorld(Engine):
     """Arm, hand, table and object; use as a context manager or call `close`.
 
     ``step`` advances by simulation steps. ``command`` sets joint targets that the drives
@@ -111,7 +111,7 @@ class HandWorld:
         self.joint_names, self.fingers = machine.joint_names, machine.fingers
         self.model = model or load_object(self.config.object_name)
         self.time = 0.0
-        self.client: int = pybullet.connect(pybullet.DIRECT)
+        super().__init__()
         self._configure_engine()
         self.robot = spawn_robot(
             self.client, machine, self.config.rotor_inertia, self.config.arm_meshes
@@ -137,23 +137,6 @@ class HandWorld:
         wrist = self._links[machine.flange]
         pybullet.enableJointForceTorqueSensor(self.robot, wrist, True, self.client)
         self._pre_step: list[Callable[[HandWorld], None]] = [] if spring is None else [spring]
-
-    def __enter__(self) -> HandWorld:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Free the engine; the world cannot be used afterwards."""
-        if self.client >= 0:
-            pybullet.disconnect(self.client)
-            self.client = -1
 
     @property
     def object_id(self) -> int:

@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from tactile_dynamics_ros.core.streams.streams import ContactStream, PoseStream, Streams
+from tactile_dynamics_ros.core.streams.cutting import contact_rows, pose_rows
+from tactile_dynamics_ros.core.streams.streams import Streams
 from tactile_dynamics_ros.synthetic.recordings import HiddenRecording, generate
 from tactile_dynamics_ros.synthetic.scenario import ScenarioOptions
 from tactile_dynamics_ros.synthetic.sensors import SensorOptions
@@ -60,29 +61,9 @@ def with_pauses(streams: Streams, pauses: Sequence[tuple[float, float]]) -> Stre
     def kept(time: np.ndarray) -> np.ndarray:
         return ~np.any([(time > start) & (time < stop) for start, stop in pauses], axis=0)
 
-    pose = None if streams.pose is None else _part_of_pose(streams.pose, kept(streams.pose.time))
+    pose = None if streams.pose is None else pose_rows(streams.pose, kept(streams.pose.time))
     contacts = {
-        name: _part_of_contact(contact, kept(contact.time), kept(contact.pose_time))
+        name: contact_rows(contact, kept(contact.time), kept(contact.pose_time))
         for name, contact in streams.contacts.items()
     }
     return replace(streams, pose=pose, contacts=contacts)
-
-
-def _part_of_pose(pose: PoseStream, rows: np.ndarray) -> PoseStream:
-    covariance = None if pose.covariance is None else pose.covariance[rows]
-    return PoseStream(pose.time[rows], pose.position[rows], pose.rotation[rows], covariance)
-
-
-def _part_of_contact(
-    contact: ContactStream, rows: np.ndarray, pose_rows: np.ndarray
-) -> ContactStream:
-    return replace(
-        contact,
-        time=contact.time[rows],
-        force=contact.force[rows],
-        torque=contact.torque[rows],
-        force_std=None if contact.force_std is None else contact.force_std[rows],
-        pose_time=contact.pose_time[pose_rows],
-        position=contact.position[pose_rows],
-        rotation=contact.rotation[pose_rows],
-    )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.core.streams.streams import ContactStream, ImuStream, PoseStream, Streams
 
 Array = NDArray[np.float64]
+Rows: TypeAlias = slice | NDArray[np.bool_]
 
 
 def cut_streams(streams: Streams, start: float, stop: float) -> Streams:
@@ -36,7 +38,11 @@ def _inside(time: Array, start: float, stop: float) -> slice:
 
 
 def _cut_pose(pose: PoseStream, start: float, stop: float) -> PoseStream:
-    rows = _inside(pose.time, start, stop)
+    return pose_rows(pose, _inside(pose.time, start, stop))
+
+
+def pose_rows(pose: PoseStream, rows: Rows) -> PoseStream:
+    """Return some of the poses."""
     return replace(
         pose,
         time=pose.time[rows],
@@ -48,7 +54,11 @@ def _cut_pose(pose: PoseStream, start: float, stop: float) -> PoseStream:
 
 def _cut_contact(contact: ContactStream, start: float, stop: float) -> ContactStream:
     rows = _inside(contact.time, start, stop)
-    poses = _inside(contact.pose_time, start, stop)
+    return contact_rows(contact, rows, _inside(contact.pose_time, start, stop))
+
+
+def contact_rows(contact: ContactStream, rows: Rows, poses: Rows) -> ContactStream:
+    """Return some of the forces and some of the poses of a contact."""
     return replace(
         contact,
         time=contact.time[rows],

@@ -17,7 +17,7 @@ from tactile_dynamics_ros.recording import topics
 from tactile_dynamics_ros.recording.assembly import assemble_contact, assemble_pose
 from tactile_dynamics_ros.recording.bag_files import BagTables, read_messages, read_tables
 from tactile_dynamics_ros.recording.cdr import MessageTable
-from tactile_dynamics_ros.recording.cleaning import ProblemLog
+from tactile_dynamics_ros.recording.cleaning import ProblemLog, ranked_lines
 from tactile_dynamics_ros.recording.pushed import names
 from tactile_dynamics_ros.recording.pushed.writer import write_pushed
 
@@ -69,8 +69,7 @@ class PushedRecording:
 
     def problem_lines(self) -> list[str]:
         """Return one line per kind of fault by frequency."""
-        ranked = sorted(self.problems.items(), key=lambda item: -item[1])
-        return [f"{text}: {count}" for text, count in ranked]
+        return ranked_lines(self.problems)
 
 
 def recorded_model(path: str | Path) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from types import TracebackType
 
 import numpy as np
 import pybullet
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 from tactile_dynamics_ros.sim.bodies import TABLE_CENTRE, TABLE_HALF_SIZE
+from tactile_dynamics_ros.sim.engine import Engine
 from tactile_dynamics_ros.sim.planar.bed import GRAVITY, FrictionMap
 from tactile_dynamics_ros.sim.planar.body import PlanarBody
 from tactile_dynamics_ros.sim.planar_objects import PlanarObject
@@ -26,7 +26,7 @@ TRIES = 1000
 """Places that are tried for an object; a table of 0.8 m by 1.2 m has room for a dozen."""
 
 
-class TableWorld:
+class TableWorld(Engine):
     """Objects that rest on a table, with whatever pushes them; a context manager.
 
     `step` advances; `add_pre_step` registers what acts before each step, such as a robot that
@@ -52,7 +52,7 @@ class TableWorld:
         time_step: float,
     ) -> None:
         self.time, self.time_step, self.height = 0.0, time_step, height
-        self.client: int = pybullet.connect(pybullet.DIRECT)
+        super().__init__()
         pybullet.setGravity(0.0, 0.0, -GRAVITY, physicsClientId=self.client)
         pybullet.setTimeStep(time_step, physicsClientId=self.client)
         self._draw_table()
@@ -61,23 +61,6 @@ class TableWorld:
             for thing, place in zip(things, places, strict=True)
         ]
         self._pre_step: list[Callable[[TableWorld], None]] = []
-
-    def __enter__(self) -> TableWorld:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Free the engine; the world cannot be used afterwards."""
-        if self.client >= 0:
-            pybullet.disconnect(self.client)
-            self.client = -1
 
     def add_pre_step(self, callback: Callable[[TableWorld], None]) -> None:
         """Call `callback(world)` before each simulation step, in the order of registration."""
