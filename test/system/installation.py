@@ -129,4 +129,5 @@ def make_environment(root: Path, requirements) -> Environment:
         os.symlink(f"{sys.prefix}/{file}", link)
     variables = {name: value for name, value in os.environ.items() if name not in LEAKS}
     variables |= {"PATH": f"{root / 'bin'}:{os.environ['PATH']}", "VIRTUAL_ENV": str(root)}
+    variables["PYTHONFAULTHANDLER"] = "1"  # what hangs tells where on SIGABRT
     return Environment(root, variables)

@@ -211,7 +211,9 @@ def test_estimate_and_diagnose_a_recording(installed, bag):
 def graph():
     """A node of the test, which sees the others."""
     rclpy.init(args=[])
-    yield Node("graph", enable_rosout=False, start_parameter_services=False)
+    node = Node("graph", enable_rosout=False, start_parameter_services=False)
+    yield node
+    node.destroy_node()  # its publishers too, which later tests would see
     rclpy.try_shutdown()
 
 
@@ -256,9 +258,18 @@ def playing(graph, bag):
 
 
 def stop(processes):
-    """Ask processes to end; return their exit codes."""
+    """Ask processes to end; return their exit codes.
+
+    One that does not end tells in its log where it hangs.
+    """
     for process in processes:
         process.send_signal(signal.SIGTERM)
+    deadline = time.monotonic() + 60.0
+    while any(p.poll() is None for p in processes) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    for process in processes:
+        if process.poll() is None:
+            process.send_signal(signal.SIGABRT)  # PYTHONFAULTHANDLER prints the stacks
     return [process.wait(timeout=30) for process in processes]
 
 
