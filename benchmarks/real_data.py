@@ -1,6 +1,6 @@
 """Load estimation on measurements of others: numbers, what disturbs them, and the evidence.
 
-    python -m benchmarks.real_data ../shared/data --write docs/benchmarks.md
+    python -m benchmarks.real_data ../shared/data --write docs/lab/real_data.md
 
 Prints the section "Real measurements" as Markdown; `--write` puts it into a page between its
 markers, and the figure beside the page.
@@ -41,8 +41,8 @@ from tactile_dynamics_ros.report.style import (
 )
 
 BEGIN, END = "<!-- real measurements: begin -->", "<!-- real measurements: end -->"
-COMMAND = "python -m benchmarks.real_data ../shared/data --write docs/benchmarks.md"
-FIGURE = "figures/real_payload.png"
+COMMAND = "python -m benchmarks.real_data ../shared/data --write docs/lab/real_data.md"
+FIGURE = "../figures/real_payload.png"
 
 REFERENCE_MASS = 0.9333
 REFERENCE_COM_MM = (0.3, 0.1, 43.9)
@@ -215,8 +215,8 @@ def write_section(payload: Payload) -> tuple[str, Figure]:
         "- **As recorded, the centre of mass is off by centimetres**, at an error of 300 times "
         "the noise. The sensor reads "
         f"({', '.join(f'{b:.2f}' for b in static.wrench_bias[:3])}) N without load. The plain "
-        "estimate is corrected by most of that, since residuals betray it (not corrected, as "
-        "before, it was off by most of a metre); `force_bias` estimates it together with the load.",
+        "estimate is corrected by most of that, since residuals betray it; `force_bias` estimates "
+        "it together with the load.",
         "- **With the bias left free, the intervals of the runs are wide.** A run is one half "
         "turn, which tells mass and bias apart badly, and the model does not fit. Its two rests "
         "alone, in which nothing moves and the bias cancels, weigh "

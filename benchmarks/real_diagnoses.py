@@ -1,6 +1,6 @@
 """What the diagnosis says about measurements of others whose notes tell what disturbs them.
 
-    python -m benchmarks.real_diagnoses ../shared/data --write docs/benchmarks.md
+    python -m benchmarks.real_diagnoses ../shared/data --write docs/lab/real_data.md
 
 Prints the section "Diagnosis of real measurements" as Markdown; right or wrong, all of it.
 """
@@ -24,7 +24,7 @@ from tactile_dynamics_ros.recording.importers.biotac_slide import BiotacSlideImp
 from tactile_dynamics_ros.recording.importers.kuka_ft_imu import KukaFtImuImporter
 
 BEGIN, END = "<!-- real diagnoses: begin -->", "<!-- real diagnoses: end -->"
-COMMAND = "python -m benchmarks.real_diagnoses ../shared/data --write docs/benchmarks.md"
+COMMAND = "python -m benchmarks.real_diagnoses ../shared/data --write docs/lab/real_data.md"
 PAYLOAD, SLIDES = "kuka_ft_imu", "biotac_slide_iiwa/slides_20mat_x4.tar.gz"
 BIAS = "a bias of 9, -1, 10 N"
 LATE = "IMU stamped 8.4 ms late"

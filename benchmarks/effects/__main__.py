@@ -22,7 +22,7 @@ from benchmarks.effects.grading import count_confusions, grade, is_in_group
 from benchmarks.effects.running import run_all
 
 RECORDS = Path("out/bench_effects/records.jsonl")
-IMAGES = Path("docs/images")
+IMAGES = Path("docs/figures")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

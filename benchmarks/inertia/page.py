@@ -1,4 +1,4 @@
-"""The section of docs/benchmarks.md on inertial estimation, and its figure."""
+"""The section of docs/lab/inertia.md on inertial estimation, and its figure."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ from tactile_dynamics_ros.report.style import (
 
 BEGIN = "<!-- inertial estimation: begin -->"
 END = "<!-- inertial estimation: end -->"
-FIGURE = "figures/inertia_benchmark.png"
-COMMAND = "./dev bench inertia --write docs/benchmarks.md"
+FIGURE = "../figures/inertia_benchmark.png"
+COMMAND = "./dev bench inertia --write docs/lab/inertia.md"
 RESULTS = Path(__file__).with_name("results.json")
 """The sections of the page as they were last measured."""
 
@@ -36,7 +36,7 @@ _INTRODUCTION = f"""## Inertial estimation
 {COMMAND}
 ./dev bench inertia --quick        # a few minutes
 ./dev bench inertia --only live    # one section; --json prints the numbers only
-./dev bench inertia --only live --write docs/benchmarks.md   # the others as last measured
+./dev bench inertia --only live --write docs/lab/inertia.md   # the others as last measured
 ```
 
 All data are generated with exact rigid-body dynamics by programs that share no code with the

@@ -111,7 +111,8 @@ def test_command_prints_json_and_writes_the_page(tmp_path, capsys):
     assert main(["--only", "batch_time", "--quick", "--json"]) == 0
     results = json.loads(capsys.readouterr().out)
     assert results["batch_time"]["cpu_s"]["median"] > 0.0
-    page = tmp_path / "page.md"
+    page = tmp_path / "lab" / "page.md"
+    page.parent.mkdir()
     page.write_text("# Benchmarks\n\nbefore\n")
     for _ in range(2):
         write_page(results, page)

@@ -38,7 +38,7 @@ _GRANTED = 0.003
 """Standard deviation, over the load, of the constant wrench by which estimates are corrected. Of 32
 recordings in the simulated hand masses were off by 1.36 and 1.04 % RMS with it, 2.48 and 1.98 %
 without, and 1.0 % with twice as much; but five quick motions of the demo were off by 1.8 % with it
-and 2.7 % with twice as much (docs/benchmarks.md)."""
+and 2.7 % with twice as much (docs/lab/in_hand.md)."""
 
 _LIKELIHOOD_GAIN = 3.84
 """By how much twice the log likelihood must grow for each variance of lasting errors that is
