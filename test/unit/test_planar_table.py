@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tactile_dynamics_ros.sim.planar.bed import GRAVITY, SINK, feet_of, uneven_friction
+from tactile_dynamics_ros.sim.planar.bed import GRAVITY, SINK, Surface, feet_of, uneven_friction
 from tactile_dynamics_ros.sim.planar.carriage import Carriage
 from tactile_dynamics_ros.sim.planar.simulated_table import SimulatedTable, SimulatedTableConfig
 from tactile_dynamics_ros.sim.planar.table import TableWorld
@@ -23,7 +23,7 @@ def world():
     """A square block alone on an even table."""
     thing = PlanarObject(0, "homogeneous", (BLOCK,), None, 0.0)
     with TableWorld(
-        [thing], np.array([[0.5, 0.0, 0.4]]), 0.1, lambda p: np.ones(len(p)), 1e-3
+        [thing], np.array([[0.5, 0.0, 0.4]]), 0.1, Surface(uneven_friction(0.0, 0)), 1e-3
     ) as made:
         made.step(200)
         yield made

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.rigid_body.rotation import cross
+from tactile_dynamics_ros.core.rigid_body.rotation import skew
 
 Array = NDArray[np.float64]
 FrictionMap = Callable[[Array], Array]
@@ -21,6 +21,9 @@ simulation steps. At 0.03 mm flat wide bodies rock from step to step for ever (t
 objects at 1 ms), ten times as deep lets a body lean visibly when it is pushed."""
 DAMPING = 0.4
 """Share of the critical damping of the springs: bounces die within two periods."""
+FELT = 5e-4
+"""Move, m (or change of a direction), after which the roughness under the feet is looked up anew: on
+it a foot's friction changes by 1 %. At each step the look-up takes as long as all the rest."""
 AROUND, RINGS = 24, 4
 """Feet around and from the middle of each part: its friction radius is right to 1 %."""
 
@@ -80,6 +83,26 @@ class Support:
     torque: float
 
 
+@dataclass
+class Surface:
+    """How the table rubs; what is hidden in it may change while time passes.
+
+    Attributes:
+        variation: factor on coefficients by place.
+        factor: on all coefficients.
+        viscosity: N s/m for a whole body, besides friction.
+        lost: share of friction that is lost at high speed. lost_speed: m/s at which 63 % of it is.
+        stretch: (2, 2) symmetric, velocity to the velocity that friction opposes; None if even.
+    """
+
+    variation: FrictionMap
+    factor: float = 1.0
+    viscosity: float = 0.0
+    lost: float = 0.0
+    lost_speed: float = 0.04
+    stretch: Array | None = None
+
+
 class Bed:
     """Table under one rigid body, as feet of their own: pressure, stick and slip at each.
 
@@ -90,11 +113,11 @@ class Bed:
 
     Args:
         feet: (K, 3) m, body frame.
-        shares: (K,) of the body's area.
+        shares: (K,) of the springs' stiffness: of the area where the face is even.
         friction: (K,) coefficients.
         mass: kg that rests on it.
         height: of the table, m.
-        variation: factor on the coefficient by place.
+        surface: of the table.
     """
 
     def __init__(
@@ -104,19 +127,29 @@ class Bed:
         friction: Array,
         mass: float,
         height: float,
-        variation: FrictionMap,
+        surface: Surface,
     ) -> None:
-        self._feet, self._friction, self._height = feet, friction, height
-        self._stiffness = mass * GRAVITY / SINK * shares
-        self._damping = 2.0 * DAMPING * mass * np.sqrt(GRAVITY / SINK) * shares
-        self._stretch = np.zeros((len(feet), 2))
-        self._variation = variation
+        self._feet = np.vstack([feet.T, np.ones(len(feet))])
+        self._height, self._shares, self._surface = height, shares, surface
+        self._stiffness = mass * GRAVITY / SINK
+        self._damping = 2.0 * DAMPING * mass * np.sqrt(GRAVITY / SINK)
+        self._friction, self._rough = friction, friction
+        self._known_at = np.full(4, np.inf)
+        self._stretch = np.zeros((2, len(feet)))
         self._pressure = np.zeros(len(feet))
 
     @property
     def pressure(self) -> Array:
         """Force (K,) that each foot carried in the last step, N."""
         return self._pressure
+
+    def reshape(self, shares: Array) -> None:
+        """Let the feet share the load in another way, (K,)."""
+        self._shares = shares
+
+    def places(self) -> Array:
+        """Feet (K, 2) m, body frame."""
+        return self._feet[:2].T.copy()
 
     def press(self, pose: Array, angular: Array, linear: Array, step: float) -> Support | None:
         """Return what the table does to the body; None where it does not touch.
@@ -127,35 +160,50 @@ class Bed:
             linear: (3,) m/s of the body frame's origin, world axes.
             step: s since the last call.
         """
-        arm = self._feet @ pose[:3, :3].T
-        place = arm + pose[:3, 3]
-        velocity = linear + cross(np.broadcast_to(angular, arm.shape), arm)
-        depth = self._height - place[:, 2]
-        carried = self._stiffness * depth - self._damping * velocity[:, 2]
-        pressure = np.where(depth > 0.0, np.maximum(carried, 0.0), 0.0)
-        self._pressure = pressure
+        motion = np.empty((6, 4))
+        motion[:3] = pose[:3]
+        motion[3:, :3] = skew(angular) @ pose[:3, :3]
+        motion[3:, 3] = linear
+        moved = motion @ self._feet
+        depth = self._height - moved[2]
+        carried = self._stiffness * depth - self._damping * moved[5]
+        np.maximum(carried, 0.0, out=carried)
+        self._pressure = pressure = self._shares * carried * (depth > 0.0)
         total = float(pressure.sum())
         if total <= 0.0:
             self._stretch[:] = 0.0
             return None
-        drag = self._drag(place[:, :2], velocity[:, :2], step)
-        centre = pressure @ place[:, :2] / total
-        force = np.array([*drag.sum(axis=0), total])
-        torque = float(_wedge(place[:, :2] - centre, drag).sum())
+        place = moved[:2]
+        self._feel(pose, place)
+        drag = self._drag(moved[3:5], step)
+        centre = place @ pressure / total
+        torque = float((place[0] - centre[0]) @ drag[1] - (place[1] - centre[1]) @ drag[0])
+        force = np.array([*drag.sum(axis=1), total])
         return Support(force, np.array([*centre, self._height]), torque)
 
-    def _drag(self, place: Array, velocity: Array, step: float) -> Array:
-        """Stretch the bristles and return the friction (K, 2) of each foot, N."""
-        stiffness, damping = self._stiffness[:, None], self._damping[:, None]
-        self._stretch += step * velocity
-        force = -stiffness * self._stretch - damping * velocity
-        limit = self._friction * self._variation(place) * self._pressure
-        size = np.linalg.norm(force, axis=1)
-        slips = size > limit
-        force[slips] *= (limit[slips] / size[slips])[:, None]
-        held = -(force + damping * velocity) / stiffness
-        self._stretch[slips] = held[slips]
-        return np.asarray(force)
+    def _feel(self, pose: Array, place: Array) -> None:
+        """Look up the table's roughness under feet (2, K) that have moved on."""
+        now = pose[:2, [0, 3]].ravel()
+        if np.abs(now - self._known_at).max() > FELT:
+            self._rough, self._known_at = self._friction * self._surface.variation(place.T), now
+
+    def _drag(self, velocity: Array, step: float) -> Array:
+        """Stretch the bristles and return the friction (2, K) of each foot, N."""
+        surface, shares = self._surface, self._shares
+        seen = velocity if surface.stretch is None else surface.stretch @ velocity
+        stiffness, damped = self._stiffness * shares, self._damping * shares * seen
+        self._stretch += step * seen
+        force = -stiffness * self._stretch - damped
+        limit = surface.factor * self._rough * self._pressure
+        if surface.lost > 0.0:
+            speed = np.sqrt(seen[0] ** 2 + seen[1] ** 2)
+            limit *= 1.0 - surface.lost * (1.0 - np.exp(-speed / surface.lost_speed))
+        size = np.sqrt(force[0] ** 2 + force[1] ** 2)
+        force *= np.minimum(limit / np.maximum(size, 1e-12), 1.0)
+        self._stretch = -(force + damped) / stiffness
+        if surface.stretch is not None:
+            force = surface.stretch @ force
+        return np.asarray(force - surface.viscosity * shares * velocity)
 
 
 def uneven_friction(spread: float, seed: int) -> FrictionMap:

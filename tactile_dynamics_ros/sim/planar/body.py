@@ -21,7 +21,7 @@ from tactile_dynamics_ros.sim.bodies import (
     principal_frame,
     to_matrix,
 )
-from tactile_dynamics_ros.sim.planar.bed import SINK, Bed, FrictionMap, feet_of, gathered
+from tactile_dynamics_ros.sim.planar.bed import SINK, Bed, Surface, feet_of, gathered
 from tactile_dynamics_ros.sim.planar_objects import PlanarObject, PlanarPart, prism
 
 Array = NDArray[np.float64]
@@ -69,27 +69,28 @@ class PlanarBody:
         client: Bullet client.
         thing: what it is.
         pose: (4, 4) of its frame, whose z = 0 is the table.
-        friction: factor on the coefficients by place.
+        surface: of the table.
 
     Attributes:
         body: Bullet id. thing: as given. links: Bullet's index of each rigid part.
+        beds: the table under each rigid part.
     """
 
-    def __init__(
-        self, client: int, thing: PlanarObject, pose: Array, friction: FrictionMap
-    ) -> None:
+    def __init__(self, client: int, thing: PlanarObject, pose: Array, surface: Surface) -> None:
         self.client, self.thing = client, thing
         groups = [(part,) for part in thing.parts] if thing.joint is not None else [thing.parts]
         self._rigid = [_Rigid.of(group) for group in groups]
         self._frames = [_principal(rigid) for rigid in self._rigid]
+        self._inverse = [inverse_pose(frame) for _, frame in self._frames]
         self.links = [BASE, 0][: len(groups)]
+        self._states: dict[int, tuple[Array, Array, Array]] = {}
         self.body = self._spawn(pose)
         height = float(pose[2, 3])
-        self._beds = [_bed(rigid, height, friction) for rigid in self._rigid]
+        self.beds = [_bed(rigid, height, surface) for rigid in self._rigid]
 
     def pose(self, k: int = 0) -> Array:
         """Return the pose (4, 4) of the object's frame, as its k-th rigid part carries it."""
-        return self._state(k)[0]
+        return self._state(k)[0].copy()
 
     def velocity(self, k: int = 0) -> tuple[Array, Array]:
         """Return (angular velocity, velocity of the frame's origin), each (3,), world axes."""
@@ -97,7 +98,7 @@ class PlanarBody:
 
     def rest_on_table(self, step: float) -> None:
         """Let the table act during the coming step of `step` s."""
-        for k, bed in enumerate(self._beds):
+        for k, bed in enumerate(self.beds):
             support = bed.press(*self._state(k), step)
             if support is None:
                 continue
@@ -134,8 +135,18 @@ class PlanarBody:
             "joint_friction_nm": thing.joint_friction,
         }
 
+    def forget(self) -> None:
+        """Read the motion anew: a step was simulated."""
+        self._states.clear()
+
     def _state(self, k: int) -> tuple[Array, Array, Array]:
         """Return pose, angular velocity and velocity of the object's frame on a rigid part."""
+        if k not in self._states:
+            self._states[k] = self._read(k)
+        return self._states[k]
+
+    def _read(self, k: int) -> tuple[Array, Array, Array]:
+        """Ask Bullet for the state of a rigid part."""
         if self.links[k] == BASE:
             place = pybullet.getBasePositionAndOrientation(self.body, self.client)
             linear, angular = pybullet.getBaseVelocity(self.body, self.client)
@@ -145,7 +156,7 @@ class PlanarBody:
             )
             place, (linear, angular) = state[:2], state[6:8]
         centre = to_matrix(*place)
-        pose = centre @ inverse_pose(self._frames[k][1])
+        pose = centre @ self._inverse[k]
         turning = np.array(angular)
         return pose, turning, np.array(linear) + cross(turning, pose[:3, 3] - centre[:3, 3])
 
@@ -241,7 +252,7 @@ def _principal(rigid: _Rigid) -> tuple[Array, Array]:
     return principal_frame(rigid.com, rigid.inertia)
 
 
-def _bed(rigid: _Rigid, height: float, variation: FrictionMap) -> Bed:
+def _bed(rigid: _Rigid, height: float, surface: Surface) -> Bed:
     """Return the table under a rigid part."""
     found = [feet_of(part.corners) for part in rigid.parts]
     areas = [part.solid().volume / part.height for part in rigid.parts]
@@ -253,7 +264,7 @@ def _bed(rigid: _Rigid, height: float, variation: FrictionMap) -> Bed:
         ]
     )
     feet = np.column_stack([flat, np.zeros(len(flat))])
-    return Bed(feet, shares, friction, rigid.mass, height, variation)
+    return Bed(feet, shares, friction, rigid.mass, height, surface)
 
 
 def _convex_pieces(part: PlanarPart) -> list[Any]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
-from tactile_dynamics_ros.sim.planar.bed import uneven_friction
+from tactile_dynamics_ros.sim.planar.bed import Surface, uneven_friction
 from tactile_dynamics_ros.sim.planar.carriage import Carriage
 from tactile_dynamics_ros.sim.planar.table import TableWorld, scattered
 from tactile_dynamics_ros.sim.planar_objects import PlanarObject, last_number, planar_object
@@ -121,5 +121,5 @@ def _world(config: SimulatedTableConfig) -> TableWorld:
     turn = np.deg2rad(config.turn_spread_deg) * rng.uniform(-1.0, 1.0)
     first = np.array([config.object_x + shift[0], config.object_y + shift[1], turn])
     places = scattered(things, first, rng) if things else np.zeros((0, 3))
-    friction = uneven_friction(config.friction_spread, config.seed)
-    return TableWorld(things, places, config.table_height, friction, config.time_step)
+    surface = Surface(uneven_friction(config.friction_spread, config.seed))
+    return TableWorld(things, places, config.table_height, surface, config.time_step)

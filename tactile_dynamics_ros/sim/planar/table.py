@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 from tactile_dynamics_ros.sim.bodies import TABLE_CENTRE, TABLE_HALF_SIZE
 from tactile_dynamics_ros.sim.engine import Engine
-from tactile_dynamics_ros.sim.planar.bed import GRAVITY, FrictionMap
+from tactile_dynamics_ros.sim.planar.bed import GRAVITY, Surface
 from tactile_dynamics_ros.sim.planar.body import PlanarBody
 from tactile_dynamics_ros.sim.planar_objects import PlanarObject
 
@@ -36,11 +36,12 @@ class TableWorld(Engine):
         things: what stands there.
         places: (K, 3) x, y (m) of their middle and turn (rad) of each.
         height: of the table, m.
-        friction: factor on coefficients by place.
+        surface: how the table rubs.
         time_step: s.
 
     Attributes:
         client: Bullet client. bodies: the objects. time: simulated seconds. height: of the table.
+        surface: as given.
     """
 
     def __init__(
@@ -48,16 +49,16 @@ class TableWorld(Engine):
         things: Sequence[PlanarObject],
         places: Array,
         height: float,
-        friction: FrictionMap,
+        surface: Surface,
         time_step: float,
     ) -> None:
-        self.time, self.time_step, self.height = 0.0, time_step, height
+        self.time, self.time_step, self.height, self.surface = 0.0, time_step, height, surface
         super().__init__()
         pybullet.setGravity(0.0, 0.0, -GRAVITY, physicsClientId=self.client)
         pybullet.setTimeStep(time_step, physicsClientId=self.client)
         self._draw_table()
         self.bodies = [
-            PlanarBody(self.client, thing, standing(thing, place, height), friction)
+            PlanarBody(self.client, thing, standing(thing, place, height), surface)
             for thing, place in zip(things, places, strict=True)
         ]
         self._pre_step: list[Callable[[TableWorld], None]] = []
@@ -77,6 +78,8 @@ class TableWorld(Engine):
             for body in self.bodies:
                 body.rest_on_table(self.time_step)
             pybullet.stepSimulation(self.client)
+            for body in self.bodies:
+                body.forget()
 
     def _is_still(self) -> bool:
         """Whether no object moves; those that were just placed still settle."""
