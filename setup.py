@@ -69,8 +69,10 @@ setup(
             "ros-jazzy-common-interfaces",
             "ros-jazzy-rmw-fastrtps-cpp",
         ],
+        "dask": ["distributed"],
         "sim": ["pybullet"],
         "train": ["torch"],
+        "view": ["viser"],
         "dev": [
             "catkin-pkg",
             "clarabel",
