@@ -1,3 +1,29 @@
-"""Live estimation of what a dexterous hand is holding."""
+"""Live estimation of what a dexterous hand is holding.
+
+The verbs of the command from Python: `read`, `estimate`, `compare`, `diagnose`, `explain`, `shape`
+(`docs/python.md`). They are imported when they are first asked for.
+"""
+
+from typing import Any
 
 __version__ = "0.1.0"
+
+__all__ = ["__version__", "compare", "diagnose", "estimate", "explain", "read", "shape"]
+
+
+def __getattr__(name: str) -> Any:
+    """Return a verb of the Python interface.
+
+    Raises:
+        AttributeError: there is none of this name.
+    """
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from importlib import import_module
+
+    return getattr(import_module(f"{__name__}.api"), name)
+
+
+def __dir__() -> list[str]:
+    """Return what there is, for completion in notebooks."""
+    return [*__all__]

@@ -13,8 +13,8 @@ import numpy as np
 from matplotlib.image import imread
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.api.text_table import align_rows
 from tactile_dynamics_ros.cli.demo_monitor import NAMES
-from tactile_dynamics_ros.cli.text_table import align_rows
 from tactile_dynamics_ros.core.effects import create_effects
 from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import InertialEstimate
 from tactile_dynamics_ros.core.inertia.estimate import estimate

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
+from tactile_dynamics_ros.api.text_table import align_rows
 from tactile_dynamics_ros.cli.recordings import (
     add_recording_arguments,
     read_effects,
     read_recording,
 )
-from tactile_dynamics_ros.cli.text_table import align_rows
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.robot.robot_file import DEFAULT_ROBOT, load_robot
 from tactile_dynamics_ros.share import object_file

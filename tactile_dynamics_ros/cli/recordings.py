@@ -7,6 +7,8 @@ from argparse import ArgumentParser, Namespace
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from tactile_dynamics_ros.api.reading import effects_of
+from tactile_dynamics_ros.api.reading import read_recording as recording_of
 from tactile_dynamics_ros.core.errors import BadInputError
 
 if TYPE_CHECKING:
@@ -123,25 +125,15 @@ def _read(bag: str, args: Namespace) -> Recording:
     Raises:
         BadInputError: it cannot be read, or no contact pushes.
     """
-    from tactile_dynamics_ros.recording import Recording
-
-    remap = _parse_remappings(args.remap)
     assumed = getattr(args, "assume", [])
-    recording = Recording.from_bag(
+    recording = recording_of(
         bag,
-        remap=remap,
+        remap=_parse_remappings(args.remap),
         namespace=args.namespace,
         world_frame=getattr(args, "world_frame", None),
         any_unit=getattr(args, "verb", "") in _QUESTIONS or "acceleration_unit" in assumed,
     )
-    lines = recording.problem_lines()
-    if not recording.streams.contacts:
-        known = next((f", as in {line}" for line in lines if "force" in line), "")
-        raise BadInputError(
-            f"{recording.source}: no contact has a usable force{known}; expected at least one "
-            "/contact/<name>/force that pushes"
-        )
-    for line in lines:
+    for line in recording.problem_lines():
         print(f"note: {line}", file=sys.stderr)
     return recording
 
@@ -190,17 +182,12 @@ def read_effects(args: Namespace) -> list[Effect]:
     Raises:
         BadInputError: a name is unknown or given twice, or a file cannot be read.
     """
-    from tactile_dynamics_ros.core.effects import create_effect
-
     own = read_effect_files(args)
-    names = [name.strip() for name in args.effects.split(",") if name.strip()]
-    repeated = {name for name in names if names.count(name) > 1}
-    if repeated:
-        raise BadInputError(f"--effects {args.effects}: '{min(repeated)}' is named twice")
-    if own and not set(own) & {name.partition(":")[0] for name in names}:
+    effects = effects_of(args.effects)
+    if own and not set(own) & {effect.name for effect in effects}:
         known = ",".join(own)
         print(f"note: known now, not yet in the model: --effects {known}", file=sys.stderr)
-    return [create_effect(name) for name in names]
+    return effects
 
 
 def read_effect_files(args: Namespace) -> list[str]:

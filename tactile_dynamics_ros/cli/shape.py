@@ -5,12 +5,9 @@ from __future__ import annotations
 import json
 from argparse import Namespace, _SubParsersAction
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from tactile_dynamics_ros.core.errors import BadInputError
-
-if TYPE_CHECKING:
-    from tactile_dynamics_ros.core.shape.superquadric.scene import Scene
 
 
 def add_parser(verbs: _SubParsersAction[Any]) -> None:
@@ -38,24 +35,20 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
 
 def run(args: Namespace) -> int:
     """Fit and print."""
-    from tactile_dynamics_ros.core.shape.superquadric.scene import read_scene
-    from tactile_dynamics_ros.recording.clouds import read_clouds
+    from tactile_dynamics_ros.api.verbs import shape
 
-    cloud = read_clouds(args.clouds, args.unit)
-    look = cloud.look if len(args.clouds) > 1 and args.align else None
-    scene = read_scene(cloud.points, _support(args.support), depth=cloud.depth, look=look)
-    if not 1 <= args.object <= len(scene.objects):
-        raise BadInputError(
-            f"--object {args.object}: {len(scene.objects)} objects were found, the largest is 1"
-        )
-    said = scene.to_json(args.object - 1)
-    said["remarks"] = [*cloud.remarks, *said["remarks"]]
+    found = shape(
+        *args.clouds,
+        support=_support(args.support),
+        unit=args.unit,
+        number=args.object,
+        align=args.align,
+    )
     if args.out:
         import trimesh
 
-        parts = [part.shape.mesh() for part in scene.objects[args.object - 1].parts]
-        trimesh.util.concatenate(parts).export(args.out)
-    print(json.dumps(said) if args.json else _describe(scene, said, args.object))
+        trimesh.util.concatenate(found.meshes).export(args.out)
+    print(json.dumps(found.to_json()) if args.json else found)
     return 0
 
 
@@ -68,26 +61,3 @@ def _support(word: str) -> float | str | None:
         return float(word)
     except ValueError:
         raise BadInputError(f"--support {word}: expected a height in m, auto or none") from None
-
-
-def _describe(scene: Scene, said: dict[str, Any], number: int) -> str:
-    first, *others = [part["words"] for part in said["parts"]]
-    table = scene.support
-    lines = [
-        f"{first}" + "".join(f"; beside it {words}" for words in others),
-        "support: " + ("unknown" if table is None else f"{1e3 * table:.1f} mm"),
-        f"noise {1e3 * said['noise_m']:.2f} mm, {100 * said['outliers']:.0f} % strays, "
-        f"{100 * said['entropy']:.0f} % of the surface unseen",
-    ]
-    for part in said["parts"]:
-        x, y = (f"{1e3 * part[k]:.1f} +- {1e3 * part['std'][k]:.1f}" for k in "xy")
-        lines.append(f"{part['words'].split(',')[0]}: at x {x}, y {y} mm")
-    view = said["next_view"]
-    if view is None:
-        lines.append("another look would add little")
-    else:
-        place = ", ".join(f"{value:.3f}" for value in view["position"])
-        lines.append(f"look next from ({place}) m: it would show {100 * view['gain']:.0f} % more")
-    if len(scene.objects) > 1:
-        lines.append(f"object {number} of {len(scene.objects)}; --object chooses")
-    return "\n".join([*lines, *said["remarks"]])

@@ -142,6 +142,12 @@ ROOMS = {
         ("core/contact", "core/discrepancy", "core/effects", _INERTIA + "batch")
         + ("core/rigid_body", "core/streams", "recording"),
     ),
+    "api": Room(
+        "the verbs of the command as functions, with results for notebooks",
+        ("core/discrepancy", "core/effects", "core/friction", "core/inertia")
+        + (_INERTIA + "batch", _INERTIA + "diagnosis", _INERTIA + "residuals", "core/shape")
+        + ("recording", "report"),
+    ),
     "ros": Room(
         "what nodes share: shell, wire, conversions, parameters, diagnostics",
         ("core/friction", _INERTIA + "batch", _INERTIA + "diagnosis", _INERTIA + "live")
@@ -158,7 +164,8 @@ ROOMS = {
     ),
     "cli": Room(
         "the command",
-        ("core/discrepancy", "core/effects", "core/friction", "core/inertia")
+        ("api",)
+        + ("core/discrepancy", "core/effects", "core/friction", "core/inertia")
         + (_INERTIA + "batch", _INERTIA + "conventions", _INERTIA + "diagnosis")
         + (_INERTIA + "excitation",)
         + (

@@ -1,0 +1,139 @@
+"""The verbs from Python: the same documents as the command's, tables, figures, notebooks."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from synthetic_recording import held_box
+
+import tactile_dynamics_ros as td
+from tactile_dynamics_ros.cli.main import main
+from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+PNG = b"\x89PNG"
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory):
+    return held_box(seconds=4.0).to_bag(tmp_path_factory.mktemp("bags") / "box.mcap")
+
+
+@pytest.fixture(scope="module")
+def recording(bag):
+    return td.read(bag)
+
+
+def printed(capsys, *arguments):
+    main([*map(str, arguments), "--json"])
+    return json.loads(capsys.readouterr().out)
+
+
+def test_importing_the_package_imports_nothing_heavy():
+    script = "import sys, tactile_dynamics_ros as td; print(td.__version__, 'numpy' in sys.modules)"
+    out = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert out.stdout.split() == [td.__version__, "False"]
+
+
+def test_what_is_not_there_is_no_attribute():
+    with pytest.raises(AttributeError, match="guess"):
+        td.guess  # noqa: B018
+    assert set(dir(td)) == set(td.__all__)
+
+
+@pytest.mark.parametrize("verb", ["estimate", "compare", "diagnose"])
+def test_a_verb_returns_the_document_of_the_command(verb, bag, recording, capsys):
+    result = getattr(td, verb)(recording)
+    assert json.loads(json.dumps(result.to_json())) == printed(capsys, verb, bag)
+    main([verb, str(bag)])
+    assert str(result) == capsys.readouterr().out.rstrip("\n")
+    assert result.plot()._repr_png_().startswith(PNG)
+    assert result.headline().split("<")[0][:20] in result._repr_html_()
+
+
+def test_a_table_has_a_row_per_parameter_and_escapes_what_is_markup(recording):
+    from tactile_dynamics_ros.api.result import html_table
+
+    page = td.estimate(recording)._repr_html_()
+    assert page.count("<tr>") == 11
+    assert "<td>mass</td>" in page
+    assert html_table([("a",), ("x < y",)]).count("x &lt; y") == 1
+    assert html_table([("a",)]) == ""
+
+
+def test_effects_are_names_in_a_line_in_a_list_or_objects(recording):
+    from tactile_dynamics_ros.core.effects import create_effect
+
+    masses = [
+        td.estimate(recording, effects).to_json()["effects"]["viscous_drag"]["c"]["value"]
+        for effects in ("viscous_drag", ["viscous_drag"], [create_effect("viscous_drag")])
+    ]
+    assert masses[0] == masses[1] == masses[2]
+    with pytest.raises(BadInputError, match="named twice"):
+        td.compare(recording, "viscous_drag,viscous_drag")
+
+
+def test_several_recordings_are_read_as_one(bag):
+    assert td.read(bag, bag).duration > 1.9 * td.read(bag).duration
+    with pytest.raises(BadInputError, match="expected the path"):
+        td.read()
+
+
+def test_an_estimate_that_is_no_answer_says_so_in_its_headline(recording):
+    from tactile_dynamics_ros.core.inertia.conventions.finder import assumed
+
+    streams, _ = assumed(recording.streams, "gravity_direction")
+    wrong = td.estimate(replace(recording, streams=streams))
+    with pytest.raises(NotIdentifiableError, match="does not fit"):
+        wrong.require_answer()
+    assert "does not fit" in wrong._repr_html_()
+
+
+def test_a_shape_is_drawn_and_tabulated(tmp_path):
+    random = np.random.default_rng(0)
+    face = random.uniform(-1.0, 1.0, (1500, 3))
+    axis = random.integers(0, 3, 1500)
+    face[np.arange(1500), axis] = np.sign(face[np.arange(1500), axis])
+    points = face * [0.04, 0.03, 0.05] + [0.1, 0.2, 0.05] + 5e-4 * random.normal(size=face.shape)
+    np.savetxt(tmp_path / "box.txt", points)
+    found = td.shape(tmp_path / "box.txt", support=0.0)
+    size = np.sort(found.to_json()["parts"][0]["semi_axes_m"])
+    np.testing.assert_allclose(size, [0.03, 0.04, 0.05], atol=2e-3)
+    assert "<table>" in found._repr_html_()
+    assert found.plot()._repr_png_().startswith(PNG)
+    with pytest.raises(BadInputError, match="the largest is 1"):
+        td.shape(tmp_path / "box.txt", support=0.0, number=9)
+
+
+@pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.ipynb")), ids=lambda path: path.stem)
+def test_a_notebook_runs_and_shows_what_its_cells_end_with(path):
+    """Cells as a notebook runs them: in one namespace, the last expression is shown."""
+    cells = json.loads(path.read_text())["cells"]
+    names, shown = {}, []
+    for cell in cells:
+        source = "".join(cell["source"])
+        if cell["cell_type"] == "code":
+            assert cell["outputs"] == [], "outputs are not kept"
+            shown.append(run_cell(source, names))
+    assert sum(hasattr(value, "_repr_html_") for value in shown) >= 2
+    pictures = [value for value in shown if hasattr(value, "_repr_png_")]
+    assert len(pictures) >= 2
+    assert all(picture._repr_png_().startswith(PNG) for picture in pictures)
+
+
+def run_cell(source, names):
+    """Run a cell and return the value of its last line, if it is an expression."""
+    import ast
+
+    *body, last = ast.parse(source).body
+    exec(compile(ast.Module(body, []), "cell", "exec"), names)
+    if isinstance(last, ast.Expr):
+        return eval(compile(ast.Expression(last.value), "cell", "eval"), names)
+    exec(compile(ast.Module([last], []), "cell", "exec"), names)
+    return None
