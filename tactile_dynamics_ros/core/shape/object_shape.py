@@ -160,6 +160,47 @@ class MeshSurface:
         return self._mesh
 
 
+@dataclass(frozen=True)
+class Edges:
+    """Samples of the edges between triangles.
+
+    Attributes:
+        face_normals, face_planes: (F, 3) outward normals of the triangles, (F,) distances of their
+            planes from the origin, m.
+        faces: (E, 2) the two triangles at each edge.
+        points, tangents: (S, 3) samples of the edges, m, and unit vectors along them there.
+        edge: (S,) the edge of each.
+    """
+
+    face_normals: Array
+    face_planes: Array
+    faces: NDArray[np.intp]
+    points: Array
+    tangents: Array
+    edge: NDArray[np.intp]
+
+    @classmethod
+    def between(cls, meshes: Sequence[Triangles]) -> Edges:
+        """Sample the edges between triangles that touch in each of some meshes."""
+        mesh: Triangles = trimesh.util.concatenate(list(meshes))
+        ends = np.asarray(mesh.vertices)[mesh.face_adjacency_edges]
+        length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+        count = np.maximum(1, np.ceil(length / _EDGE_SPACING).astype(int))
+        edge = np.repeat(np.arange(len(ends)), count)
+        first = np.repeat(np.cumsum(count) - count, count)
+        share = ((np.arange(len(edge)) - first + 0.5) / count[edge])[:, None]
+        normals = np.asarray(mesh.face_normals)
+        tangents = (ends[:, 1] - ends[:, 0]) / np.maximum(length, 1e-9)[:, None]
+        return cls(
+            normals,
+            np.einsum("ij,ij->i", normals, np.asarray(mesh.triangles)[:, 0]),
+            np.asarray(mesh.face_adjacency),
+            ends[edge, 0] * (1.0 - share) + ends[edge, 1] * share,
+            tangents[edge],
+            edge,
+        )
+
+
 class ObjectShape:
     """Everything that a tracker needs to know about an object's surface, object frame.
 
@@ -172,9 +213,7 @@ class ObjectShape:
         centre: (3,) centre of the bounding sphere, m. radius: its radius, m.
         half: (3,) half extents, m.
         points, normals: (N, 3) samples of the surface in random order.
-        edge_points, edge_tangents, edge_normals: (E, 3), (E, 3), (E, 2, 3) samples of the edges
-            between triangles, their directions and the normals of the two.
-        edge_planes: (E, 2) distances of the two triangles' planes from the origin, m.
+        edges: between the triangles by which it is drawn.
         symmetries: (S, 3, 3) rotations about the centre that leave the surface as it is.
         symmetry_axes: (A, 3) axes about which every turn does.
     """
@@ -189,8 +228,7 @@ class ObjectShape:
         self.radius = float(np.linalg.norm(corners - self.centre, axis=1).max())
         self.points, self.normals = self._sample(meshes)
         self.planes = np.einsum("ij,ij->i", self.normals, self.points)
-        self.edge_points, self.edge_tangents, self.edge_normals = _sample_edges(meshes)
-        self.edge_planes = np.einsum("ejk,ek->ej", self.edge_normals, self.edge_points)
+        self.edges = Edges.between(meshes)
         self.symmetries, self.symmetry_axes = self._find_symmetries()
 
     def distance(self, points: Array) -> tuple[Array, Array]:
@@ -232,23 +270,6 @@ class ObjectShape:
             normals.append(gradient[keep])
         order = np.random.default_rng(0).permutation(sum(len(part) for part in points))
         return np.vstack(points)[order], np.vstack(normals)[order]
-
-
-def _sample_edges(meshes: Sequence[Triangles]) -> tuple[Array, Array, Array]:
-    """Return points along all edges, unit tangents and the normals of both triangles there."""
-    points, tangents, normals = [], [], []
-    for mesh in meshes:
-        ends = np.asarray(mesh.vertices)[mesh.face_adjacency_edges]
-        sides = np.asarray(mesh.face_normals)[mesh.face_adjacency]
-        length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-        count = np.maximum(1, np.ceil(length / _EDGE_SPACING).astype(int))
-        which = np.repeat(np.arange(len(ends)), count)
-        first = np.repeat(np.cumsum(count) - count, count)
-        share = ((np.arange(len(which)) - first + 0.5) / count[which])[:, None]
-        points.append(ends[which, 0] * (1.0 - share) + ends[which, 1] * share)
-        tangents.append(((ends[:, 1] - ends[:, 0]) / np.maximum(length, 1e-9)[:, None])[which])
-        normals.append(sides[which])
-    return np.vstack(points), np.vstack(tangents), np.vstack(normals)
 
 
 def _axis_turns() -> list[list[Array]]:

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from tactile_dynamics_ros.core.shape.object_shape import ObjectShape
-from tactile_dynamics_ros.core.tracking.morphology import count_around, grow, shrink
+from tactile_dynamics_ros.core.shape.object_shape import Edges, ObjectShape
+from tactile_dynamics_ros.core.tracking.morphology import grow, shrink
 from tactile_dynamics_ros.core.tracking.scene import Scene
 
 Array = NDArray[np.float64]
@@ -81,12 +81,23 @@ def draw(shape: ObjectShape, scene: Scene, pose: Array, band: float) -> Drawing:
     image = depth.reshape(window.shape)
     drawn = np.isfinite(image)
     mask = shrink(grow(drawn))
+    border = grow(mask, reach) & ~shrink(mask, reach)
+    filled = _filled(image, drawn, reach + 1)
+    return Drawing(mask, filled.ravel(), shrink(mask).ravel(), border.ravel(), reach)
+
+
+def _filled(image: Array, drawn: Mask, reach: int) -> Array:
+    """Return an image (H, W) whose empty pixels near drawn ones have the nearest one's value."""
+    filled = image.copy()
+    rows, columns = (np.flatnonzero(drawn.any(axis=axis)) for axis in (1, 0))
+    if len(rows) == 0:
+        return filled
+    near = tuple(slice(max(k[0] - reach, 0), k[-1] + reach + 1) for k in (rows, columns))
     row, column = ndimage.distance_transform_edt(
-        ~drawn, return_distances=False, return_indices=True
+        ~drawn[near], return_distances=False, return_indices=True
     )
-    covered = count_around(mask, reach)
-    border = (covered > 0) & (covered < (2 * reach + 1) ** 2)
-    return Drawing(mask, image[row, column].ravel(), shrink(mask).ravel(), border.ravel(), reach)
+    filled[near] = image[near][row, column]
+    return filled
 
 
 def trace(shape: ObjectShape, rays: Array, depth: Array, pose: Array) -> tuple[Array, Array, Mask]:
@@ -111,14 +122,15 @@ def trace(shape: ObjectShape, rays: Array, depth: Array, pose: Array) -> tuple[A
 
 def draw_outline(shape: ObjectShape, scene: Scene, pose: Array, drawing: Drawing) -> Outline | None:
     """Return the outline of a shape at X_CO (4, 4), or None where it is out of sight."""
+    edges = shape.edges
     eye = -pose[:3, :3].T @ pose[:3, 3]
-    facing = shape.edge_normals @ eye - shape.edge_planes
-    rim = (facing[:, 0] > 0.0) != (facing[:, 1] > 0.0)
-    points = shape.edge_points[rim] @ pose[:3, :3].T + pose[:3, 3]
-    facing = np.abs(facing[rim])
+    facing = edges.face_normals @ eye - edges.face_planes
+    front = facing > 0.0
+    rim = np.flatnonzero((front[edges.faces[:, 0]] != front[edges.faces[:, 1]])[edges.edge])
+    points = edges.points[rim] @ pose[:3, :3].T + pose[:3, 3]
     if len(points) < 4 or points[:, 2].min() < 0.05:
         return None
-    pixels, normals = _image_normals(shape, scene, pose, points, rim, facing)
+    pixels, normals = _image_normals(edges, scene, pose, points, rim, np.abs(facing))
     outside = scene.window.lookup(pixels + _PROBE * normals)
     border = (outside >= 0) & ~drawing.mask.ravel()[outside]
     if border.sum() < 4:
@@ -133,7 +145,12 @@ def keep_contested(label: NDArray[np.int8], reach: int) -> NDArray[np.int8]:
 
 
 def _image_normals(
-    shape: ObjectShape, scene: Scene, pose: Array, points: Array, rim: Mask, facing: Array
+    edges: Edges,
+    scene: Scene,
+    pose: Array,
+    points: Array,
+    rim: NDArray[np.intp],
+    facing: Array,
 ) -> tuple[Array, Array]:
     """Return image positions of rim points and the outward normals of the outline there.
 
@@ -142,9 +159,11 @@ def _image_normals(
     """
     camera = scene.camera
     pixels = camera.project(points)
-    tangents = shape.edge_tangents[rim] @ pose[:3, :3].T
+    tangents = edges.tangents[rim] @ pose[:3, :3].T
     line = camera.project(points + 1e-3 * tangents) - pixels
-    outward = np.einsum("ej,ejk->ek", facing[:, ::-1], shape.edge_normals[rim])
+    one, other = edges.faces[edges.edge[rim]].T
+    outward = facing[other, None] * edges.face_normals[one]
+    outward += facing[one, None] * edges.face_normals[other]
     outward = outward @ pose[:3, :3].T
     outward /= np.maximum(np.linalg.norm(outward, axis=1), 1e-12)[:, None]
     away = camera.project(points + 1e-3 * outward) - pixels

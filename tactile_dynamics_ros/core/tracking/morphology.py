@@ -1,4 +1,4 @@
-"""Growing and shrinking of sets of pixels, by counting what lies in the square around each."""
+"""Growing and shrinking of sets of pixels by squares."""
 
 from __future__ import annotations
 
@@ -6,27 +6,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 Mask = NDArray[np.bool_]
-Counts = NDArray[np.int32]
-
-
-def count_around(mask: Mask, reach: int) -> Counts:
-    """Return how many pixels of a set are at most `reach` rows and columns away, (H, W).
-
-    Args:
-        mask: (H, W) the set; nothing outside of the image belongs to it.
-        reach: px.
-    """
-    return _sum_along(_sum_along(mask.T, reach).T, reach)
 
 
 def grow(mask: Mask, reach: int = 1) -> Mask:
     """Return the pixels (H, W) with one of the set at most `reach` rows and columns away."""
-    return np.asarray(count_around(mask, reach) > 0)
+    return _spread(_spread(mask, reach).T, reach).T
 
 
 def shrink(mask: Mask, reach: int = 1) -> Mask:
-    """Return the pixels (H, W) with all at most `reach` rows and columns away in the set."""
-    return np.asarray(count_around(mask, reach) == (2 * reach + 1) ** 2)
+    """Return the pixels (H, W) with all at most `reach` rows and columns away in the set.
+
+    Nothing outside of the image belongs to it.
+    """
+    beside = np.ones((mask.shape[0] + 2, mask.shape[1] + 2), dtype=bool)
+    np.logical_not(mask, out=beside[1:-1, 1:-1])
+    return ~grow(beside, reach)[1:-1, 1:-1]
 
 
 def grow_cross(mask: Mask) -> Mask:
@@ -39,10 +33,16 @@ def grow_cross(mask: Mask) -> Mask:
     return grown
 
 
-def _sum_along(values: NDArray[np.bool_] | Counts, reach: int) -> Counts:
-    """Return sums over 2 reach + 1 neighbours along the last axis, (H, W)."""
-    rows, columns = values.shape
-    total = np.zeros((rows, columns + 2 * reach + 1), dtype=np.int32)
-    np.cumsum(values, axis=1, out=total[:, reach + 1 : reach + 1 + columns])
-    total[:, reach + 1 + columns :] = total[:, reach + columns, None]
-    return np.asarray(total[:, 2 * reach + 1 :] - total[:, :columns])
+def _spread(mask: Mask, reach: int) -> Mask:
+    """Return a set (H, W) and what is at most `reach` rows above or below it.
+
+    Each pass adds what the ones before have spread, so that the reach triples.
+    """
+    spread, done, reach = mask.copy(), 0, min(reach, len(mask) - 1)
+    while done < reach:
+        step = min(2 * done + 1, reach - done)
+        before = spread.copy()
+        spread[step:] |= before[:-step]
+        spread[:-step] |= before[step:]
+        done += step
+    return spread
