@@ -10,10 +10,11 @@ import pytest
 from numpy.testing import assert_allclose
 
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.inertia.conventions.balance import Bench, thinned
+from tactile_dynamics_ros.core.inertia.conventions.balance import Evidence, thinned
 from tactile_dynamics_ros.core.inertia.conventions.catalogue import readings_of
 from tactile_dynamics_ros.core.inertia.conventions.finder import assumed
-from tactile_dynamics_ros.core.inertia.conventions.ranking import rank
+from tactile_dynamics_ros.core.inertia.conventions.motions import Motions
+from tactile_dynamics_ros.core.inertia.conventions.ranking import Readings
 from tactile_dynamics_ros.core.inertia.conventions.reading import CONVENTIONS
 from tactile_dynamics_ros.synthetic.conventions import MISTAKES, OF_FINGERS, OF_IMU, mistaken
 from tactile_dynamics_ros.synthetic.tables import WristOptions, finger_table, wrist_table
@@ -102,10 +103,13 @@ def test_readings_state_their_noise_in_their_own_unit():
     assert_allclose(reading.apply(recorded).contacts["wrist"].force_std, 0.05)
 
 
+def weigh(streams):
+    return Evidence.of(thinned(streams), Motions()).weigh()
+
+
 def test_a_right_recording_balances_to_its_noise_and_negated_forces_are_no_body():
     right, recorded = right_and_recorded("force_sign", 5, 1)
-    bench = Bench()
-    fits, fails = bench.weigh(thinned(right)), bench.weigh(thinned(recorded))
+    fits, fails = weigh(right), weigh(recorded)
     assert fits.left["force"] < -3.5 and fits.implausible == 0.0
     assert fails.left["force"] > -1.5
 
@@ -116,14 +120,13 @@ def test_noise_that_a_reading_makes_larger_does_not_flatter_it():
     larger = replace(
         right, pose=replace(pose, position=1e3 * pose.position, covariance=1e6 * pose.covariance)
     )
-    bench = Bench()
-    assert bench.weigh(thinned(larger)).score > bench.weigh(thinned(right)).score + 3.0
+    assert weigh(larger).score > weigh(right).score + 3.0
 
 
 @pytest.mark.parametrize("name", ["torque_unit", "mirrored_axes", "gyro_sign"])
 def test_the_mistaken_convention_ranks_first(name):
     _, recorded = right_and_recorded(name, 5, 0)
-    ranking = rank(recorded)
+    ranking = Readings.of(recorded).rank()
     assert ranking.ranked[0].reading.name == name
     assert ranking.gain > 0.9
 
@@ -131,8 +134,8 @@ def test_the_mistaken_convention_ranks_first(name):
 @pytest.mark.parametrize("hand", ["wrist", "finger"])
 def test_no_reading_of_a_right_recording_is_better(hand):
     right, _ = right_and_recorded("force_sign", 7, 0, hand)
-    assert rank(right).gain < 0.01
-    assert rank(right, disturbed=True).gain < 0.01
+    assert Readings.of(right).rank().gain < 0.01
+    assert Readings.of(right).rank(disturbed=True).gain < 0.01
 
 
 def test_a_convention_is_assumed_in_the_form_that_fits():

@@ -7,22 +7,19 @@ neither the unit of the forces nor noise that a reading makes larger can flatter
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.contact.wrench_samples import GRAVITY_W
 from tactile_dynamics_ros.core.inertia.batch.prior import body_prior
-from tactile_dynamics_ros.core.inertia.conventions.disturbances import disturbance_columns
-from tactile_dynamics_ros.core.inertia.conventions.motions import Motions
+from tactile_dynamics_ros.core.inertia.conventions.motions import Course, Motions
 from tactile_dynamics_ros.core.inertia.residuals.motion import Motion
 from tactile_dynamics_ros.core.numerics.least_squares import levenberg_marquardt
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     dynamic_parameters_from_log_cholesky,
     log_cholesky_jacobian,
 )
-from tactile_dynamics_ros.core.rigid_body.newton_euler import regressor
 from tactile_dynamics_ros.core.rigid_body.rotation import skew
 from tactile_dynamics_ros.core.streams.streams import (
     ContactStream,
@@ -145,59 +142,69 @@ def _thinned(contact: ContactStream, stamps: Array) -> ContactStream:
     )
 
 
-@dataclass
-class Bench:
-    """Holds readings of thinned streams against Newton and Euler; motions are computed once.
+@dataclass(frozen=True)
+class Evidence:
+    """What one reading makes of forces, torques and motion.
 
     Attributes:
-        disturbed: whether other forces and torques than the load's are admitted.
-        motions: reads the motion of the object.
+        course: the motion.
+        wrench: (M, 6) what the contacts transmit, body axes, where the motion is known.
+        levers: (M, 3) middle of the contacts, body axes, m.
+        signal: (2,) RMS of the torques, N m, and of the forces, N, of single contacts.
+        of_imu: what the poses leave of the IMU's readings, by channel.
     """
 
-    disturbed: bool = False
-    motions: Motions = field(default_factory=Motions)
+    course: Course
+    wrench: Array
+    levers: Array
+    signal: Array
+    of_imu: dict[str, float]
 
-    def weigh(self, streams: Streams, enough: float = np.inf) -> Balance | None:
-        """Balance of streams whose contacts share their stamps; None where they show none.
+    @classmethod
+    def of(cls, streams: Streams, motions: Motions) -> Evidence | None:
+        """Evidence of streams whose contacts share their stamps; None where they show none."""
+        stamps = next(iter(streams.contacts.values())).time
+        course = motions.read(streams, stamps)
+        valid = course.valid
+        if valid.sum() < len(stamps) // 4:
+            return None
+        wrench, levers, squares = _wrench(streams, course.motion)
+        signal = np.sqrt(squares[valid].mean(axis=0) / 3.0)
+        of_imu = _left_of_imu(streams, stamps, motions)
+        return cls(course, wrench[valid], levers[valid], signal, of_imu)
+
+    def weigh(self, disturbed: bool = False, enough: float = np.inf) -> Balance | None:
+        """What is left; None where nothing is to be seen.
 
         Args:
-            streams: a reading of thinned streams.
+            disturbed: whether other forces and torques than the load's are admitted.
             enough: score from which upwards nobody asks: where numbers that need not be a body
                 leave as much, None is returned without a search for one that can exist.
         """
-        stamps = next(iter(streams.contacts.values())).time
-        motion, valid = self.motions.read(streams, stamps)
-        if valid.sum() < len(stamps) // 4:
-            return None
-        wrench, levers, squares = _wrench(streams, motion)
-        felt = np.einsum("nji,nj->ni", motion.rotation, motion.acceleration - GRAVITY_W)
-        rows = regressor(felt, motion.angular_velocity_B, motion.angular_acceleration_B)[valid]
-        of_imu = self._of_imu(streams, stamps)
-        beside = disturbance_columns(motion)[valid] if self.disturbed else rows[..., :0]
-        signal = np.sqrt(squares[valid].mean(axis=0) / 3.0)
-        system = System.of(rows, beside, wrench[valid], levers[valid], signal)
-        if system is None or system.least() + sum(of_imu.values()) > enough:
+        load = self.course.load
+        beside = self.course.disturbances if disturbed else load[..., :0]
+        system = System.of(load, beside, self.wrench, self.levers, self.signal)
+        if system is None or system.least() + sum(self.of_imu.values()) > enough:
             return None
         left, implausible = system.fit()
-        return Balance(left | of_imu, implausible, 3 * int(valid.sum()))
+        return Balance(left | self.of_imu, implausible, 3 * len(self.wrench))
 
-    def _of_imu(self, streams: Streams, stamps: Array) -> dict[str, float]:
-        """What the poses leave of the IMU's readings."""
-        imu = streams.imu
-        if imu is None or streams.pose is None:
-            return {}
-        by_pose, valid = self.motions.read(replace(streams, imu=None), stamps)
-        by_imu, also = self.motions.read(streams, stamps)
-        used = valid & also
-        to_body = np.swapaxes(by_pose.rotation, 1, 2)
-        felt = (to_body @ (by_pose.acceleration - GRAVITY_W)[..., None])[used, :, 0]
-        own = np.swapaxes(by_imu.rotation, 1, 2)
-        seen = (own @ (by_imu.acceleration - GRAVITY_W)[..., None])[used, :, 0]
-        found = {"acceleration": _share_left(seen - felt, seen)}
-        if imu.angular_velocity is not None:
-            rate = by_imu.angular_velocity_B[used]
-            found["rate"] = _share_left(rate - by_pose.angular_velocity_B[used], rate)
-        return found
+
+def _left_of_imu(streams: Streams, stamps: Array, motions: Motions) -> dict[str, float]:
+    imu = streams.imu
+    if imu is None or streams.pose is None:
+        return {}
+    by_pose, by_imu = (
+        motions.read(replace(streams, imu=None), stamps),
+        motions.read(streams, stamps),
+    )
+    used = by_pose.valid & by_imu.valid
+    seen = by_imu.felt[used]
+    found = {"acceleration": _share_left(seen - by_pose.felt[used], seen)}
+    if imu.angular_velocity is not None:
+        rate = by_imu.motion.angular_velocity_B[used]
+        found["rate"] = _share_left(rate - by_pose.motion.angular_velocity_B[used], rate)
+    return found
 
 
 def _share_left(left: Array, signal: Array) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -12,11 +13,12 @@ from tactile_dynamics_ros.core.discrepancy.search import DiagnosisConfig
 from tactile_dynamics_ros.core.discrepancy.validation import HeldOut, fits_equally, held_out
 from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import noise_floor
 from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError
-from tactile_dynamics_ros.core.inertia.conventions.ranking import Ranked, Ranking, rank
+from tactile_dynamics_ros.core.inertia.conventions.ranking import Ranked, Ranking, Readings
 from tactile_dynamics_ros.core.inertia.conventions.reading import CONVENTIONS, Reading
 from tactile_dynamics_ros.core.streams.streams import Streams
 
 Fit = Callable[[Streams], ResidualModel]
+FitReading = Callable[[Reading], tuple[ResidualModel, HeldOut] | None]
 
 _CERTAIN = 60.0
 """-2 log likelihood by which the best reading must be better than the recording as it is: chance
@@ -87,19 +89,29 @@ def find_convention(streams: Streams, recorded: float, fit: Fit) -> Convention |
         The convention, with the model of the recording read right; None where no reading is
         clearly better.
     """
+
+    @cache
+    def fit_reading(reading: Reading) -> tuple[ResidualModel, HeldOut] | None:
+        try:
+            model = fit(reading.apply(streams))
+        except (TactileDynamicsError, np.linalg.LinAlgError):
+            return None
+        return model, held_out(model)
+
+    readings = Readings.of(streams)
     for disturbed in (False, True):
-        ranking = rank(streams, disturbed=disturbed)
+        ranking = readings.rank(disturbed)
         if ranking.gain < -_HOPELESS:
             return None
-        found = _believe(ranking, streams, recorded, fit) if _is_certain(ranking) else None
+        found = _believe(ranking, recorded, fit_reading) if _is_certain(ranking) else None
         if found is not None:
             return found
     return None
 
 
-def _believe(ranking: Ranking, streams: Streams, recorded: float, fit: Fit) -> Convention | None:
+def _believe(ranking: Ranking, recorded: float, fit: FitReading) -> Convention | None:
     """The best of the readings, if it is to be believed."""
-    fitted = _fit_best(ranking, streams, fit)
+    fitted = _fit_best(ranking, fit)
     if not fitted:
         return None
     least = min(fitted, key=lambda one: one.error)
@@ -124,7 +136,7 @@ def assumed(streams: Streams, name: str) -> tuple[Streams, Reading]:
     """
     if name not in CONVENTIONS:
         raise BadInputError(f"--assume {name}: expected one of {', '.join(CONVENTIONS)}")
-    ranked = rank(streams, (name,)).ranked
+    ranked = Readings.of(streams, (name,)).rank().ranked
     if not ranked:
         raise BadInputError(
             f"--assume {name}: nothing in this recording can be read so; see docs/diagnosis.md"
@@ -146,19 +158,17 @@ def _commonest(ranked: Sequence[Ranked]) -> list[Ranked]:
     return sorted(near, key=lambda one: one.rarity)
 
 
-def _fit_best(ranking: Ranking, streams: Streams, fit: Fit) -> list[_Fitted]:
+def _fit_best(ranking: Ranking, fit: FitReading) -> list[_Fitted]:
     """The best readings, fitted thoroughly, the commonest first.
 
     None where the best leaves more than noise and is not better by enough for that.
     """
     found: list[_Fitted] = []
     for one in _worth_fitting(ranking.ranked):
-        try:
-            model = fit(one.reading.apply(streams))
-        except (TactileDynamicsError, np.linalg.LinAlgError):
+        model = fit(one.reading)
+        if model is None:
             continue
-        fitted = _Fitted(one, model, held_out(model))
-        found.append(fitted)
+        found.append(_Fitted(one, *model))
         if not _is_large(ranking) and not any(map(_leaves_noise, found)) and len(found) > 1:
             return []
     return sorted(found, key=lambda fitted: fitted.ranked.rarity)

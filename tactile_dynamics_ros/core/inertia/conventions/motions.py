@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from tactile_dynamics_ros.core.contact.wrench_samples import GRAVITY_W
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.inertia.conventions.disturbances import disturbance_columns
 from tactile_dynamics_ros.core.inertia.residuals.motion import IMU_HALF_WIDTH, Motion
 from tactile_dynamics_ros.core.inertia.residuals.newton_euler_residual import ProblemConfig
 from tactile_dynamics_ros.core.numerics.local_polynomial import (
@@ -19,6 +21,7 @@ from tactile_dynamics_ros.core.numerics.local_polynomial import (
     typical_period,
 )
 from tactile_dynamics_ros.core.numerics.noise import white_noise_std
+from tactile_dynamics_ros.core.rigid_body.newton_euler import regressor
 from tactile_dynamics_ros.core.streams.streams import ImuStream, Streams
 
 Array = NDArray[np.float64]
@@ -75,6 +78,37 @@ def _is_followed(time: Array, values: Array, window: Window) -> bool:
     return bool(np.sum(square[kept]) <= (_FOLLOWED * std) ** 2 * np.sum(expected[kept]))
 
 
+@dataclass(frozen=True)
+class Course:
+    """A motion at a few instants, with the columns of what it may make felt.
+
+    Attributes:
+        motion: at N instants.
+        valid: (N,) whether the motion is known.
+    """
+
+    motion: Motion
+    valid: NDArray[np.bool_]
+
+    @cached_property
+    def felt(self) -> Array:
+        """(N, 3) acceleration without gravity, m/s^2, body axes."""
+        world = self.motion.acceleration - GRAVITY_W
+        return np.asarray(np.einsum("nji,nj->ni", self.motion.rotation, world))
+
+    @cached_property
+    def load(self) -> Array:
+        """(M, 6, 10) regressors of the body where the motion is known."""
+        motion = self.motion
+        rows = regressor(self.felt, motion.angular_velocity_B, motion.angular_acceleration_B)
+        return np.asarray(rows[self.valid])
+
+    @cached_property
+    def disturbances(self) -> Array:
+        """(M, 6, 19) columns of what else may act where the motion is known."""
+        return np.asarray(disturbance_columns(self.motion)[self.valid])
+
+
 @dataclass
 class Motions:
     """Reads motions of streams; what only the stamps decide is computed once.
@@ -87,12 +121,10 @@ class Motions:
     _functionals: dict[tuple[int, int, Window, int], tuple[object, LocalFunctional]] = field(
         default_factory=dict
     )
-    _motions: dict[tuple[int, int, int], tuple[object, Motion, NDArray[np.bool_]]] = field(
-        default_factory=dict
-    )
+    _courses: dict[tuple[int, int, int], tuple[object, Course]] = field(default_factory=dict)
 
-    def read(self, streams: Streams, stamps: Array) -> tuple[Motion, NDArray[np.bool_]]:
-        """Motion at the stamps (N,) and where it is known (N,).
+    def read(self, streams: Streams, stamps: Array) -> Course:
+        """Motion at the stamps (N,).
 
         Derivatives are those of polynomials through unit quaternions and positions; where there is
         an IMU, accelerations and angular velocities are its own.
@@ -101,13 +133,12 @@ class Motions:
             BadInputError: nothing says how the object is turned.
         """
         key = (id(streams.pose), id(streams.imu), id(stamps))
-        if key not in self._motions:
+        if key not in self._courses:
             kept = (streams.pose, streams.imu, stamps)
-            self._motions[key] = (kept, *self._compute(streams, stamps))
-        _, motion, valid = self._motions[key]
-        return motion, valid
+            self._courses[key] = (kept, self._compute(streams, stamps))
+        return self._courses[key][1]
 
-    def _compute(self, streams: Streams, stamps: Array) -> tuple[Motion, NDArray[np.bool_]]:
+    def _compute(self, streams: Streams, stamps: Array) -> Course:
         source = streams.pose or streams.imu
         if source is None or source.rotation is None:
             raise BadInputError("no orientation of the object")
@@ -125,7 +156,7 @@ class Motions:
         if streams.imu is not None:
             motion, also = self._with_imu(motion, streams.imu, stamps, window)
             valid = valid & also
-        return motion, valid
+        return Course(motion, valid)
 
     def _with_imu(
         self, motion: Motion, imu: ImuStream, stamps: Array, window: Window

@@ -8,7 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
-from tactile_dynamics_ros.core.inertia.conventions.balance import Balance, Bench, thinned
+from tactile_dynamics_ros.core.inertia.conventions.balance import (
+    Balance,
+    Evidence,
+    thinned,
+)
 from tactile_dynamics_ros.core.inertia.conventions.catalogue import readings_of
 from tactile_dynamics_ros.core.inertia.conventions.motions import Motions, followed_width
 from tactile_dynamics_ros.core.inertia.conventions.reading import Reading
@@ -67,34 +71,66 @@ class Ranking:
         return max(after[name] - before[name] for name in after if name in before)
 
 
-def rank(streams: Streams, names: Sequence[str] = (), disturbed: bool = False) -> Ranking:
-    """Hold all readings of a recording against Newton and Euler.
+@dataclass(frozen=True)
+class Readings:
+    """Readings of a recording, made once and ranked as often as asked.
 
-    Args:
-        streams: as recorded.
-        names: of the conventions that are tried; all by default.
-        disturbed: whether other forces and torques than the load's are admitted.
+    Attributes:
+        recorded: evidence of the recording as it is, or None where it shows nothing.
+        others: with their places in the order in which readings are common, and their evidence.
     """
-    few, bench = thinned(streams), Bench(disturbed, Motions(followed_width(streams)))
-    if len(next(iter(few.contacts.values())).time) < 2:
-        return Ranking(None, ())
-    found: list[Ranked] = []
-    best = np.inf
-    for rarity, reading in enumerate(readings_of(few)):
-        if names and reading.name not in names:
-            continue
-        balance = _weigh(bench, reading, few, best + BESIDE)
-        if balance is not None:
-            best = min(best, balance.score)
-            found.append(Ranked(reading, balance, rarity))
-    near = [one for one in found if one.score <= best + BESIDE]
-    recorded = bench.weigh(few)
-    return Ranking(recorded, tuple(sorted(near, key=lambda one: one.score)))
+
+    recorded: Evidence | None
+    others: tuple[tuple[int, Reading, Evidence], ...]
+
+    @classmethod
+    def of(cls, streams: Streams, names: Sequence[str] = ()) -> Readings:
+        """Readings of streams.
+
+        Args:
+            streams: as recorded.
+            names: of the conventions that are tried; all by default.
+        """
+        few, motions = thinned(streams), Motions(followed_width(streams))
+        if len(next(iter(few.contacts.values())).time) < 2:
+            return cls(None, ())
+        tried = [
+            (rarity, reading, _read(reading, few, motions))
+            for rarity, reading in enumerate(readings_of(few))
+            if not names or reading.name in names
+        ]
+        others = tuple((r, reading, seen) for r, reading, seen in tried if seen is not None)
+        return cls(Evidence.of(few, motions), others)
+
+    def rank(self, disturbed: bool = False) -> Ranking:
+        """Hold all readings against Newton and Euler.
+
+        Args:
+            disturbed: whether other forces and torques than the load's are admitted.
+        """
+        found: list[Ranked] = []
+        best = np.inf
+        for rarity, reading, evidence in self.others:
+            balance = _weigh(evidence, disturbed, best + BESIDE)
+            if balance is not None:
+                best = min(best, balance.score)
+                found.append(Ranked(reading, balance, rarity))
+        near = [one for one in found if one.score <= best + BESIDE]
+        recorded = None if self.recorded is None else self.recorded.weigh(disturbed)
+        return Ranking(recorded, tuple(sorted(near, key=lambda one: one.score)))
 
 
-def _weigh(bench: Bench, reading: Reading, streams: Streams, enough: float) -> Balance | None:
-    """Balance of a reading; None where streams cannot be read so."""
+def _read(reading: Reading, streams: Streams, motions: Motions) -> Evidence | None:
+    """Evidence of a reading; None where streams cannot be read so."""
     try:
-        return bench.weigh(reading.apply(streams), enough)
+        return Evidence.of(reading.apply(streams), motions)
+    except (TactileDynamicsError, np.linalg.LinAlgError, ValueError):
+        return None
+
+
+def _weigh(evidence: Evidence, disturbed: bool, enough: float) -> Balance | None:
+    """Balance of a reading; None where its numbers cannot be solved for."""
+    try:
+        return evidence.weigh(disturbed, enough)
     except (TactileDynamicsError, np.linalg.LinAlgError, ValueError):
         return None
