@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
     from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
     from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import InertialEstimate
+    from tactile_dynamics_ros.export import Export
     from tactile_dynamics_ros.recording import Recording
 
 GROSS_MISFIT = 10.0
@@ -91,6 +92,18 @@ class Estimate(ReportedResult):
         from tactile_dynamics_ros.report.estimate_report import write_estimate_report
 
         return write_estimate_report(self.recording, self.model, Path(folder), command=command)
+
+    def export(self, form: str, name: str = "object") -> Export:
+        """Return the body as urdf, sdf, mjcf, ur or franka takes it.
+
+        Raises:
+            BadInputError: there is no such format.
+            NotIdentifiableError: the numbers are no answer, or what the format needs is not known.
+        """
+        from tactile_dynamics_ros.export import export
+
+        self.require_answer()
+        return export(self.found, form, self.recording.source, name)
 
     def require_answer(self) -> None:
         """Check that the numbers are an answer.

@@ -6,13 +6,17 @@ import json
 import sys
 from argparse import Namespace, _SubParsersAction
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from tactile_dynamics_ros.cli.recordings import (
     add_recording_arguments,
     read_effects,
     read_recording,
 )
+from tactile_dynamics_ros.core.errors import BadInputError
+
+if TYPE_CHECKING:
+    from tactile_dynamics_ros.api.estimates import Estimate
 
 
 def add_parser(verbs: _SubParsersAction[Any]) -> None:
@@ -22,6 +26,12 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
     )
     add_recording_arguments(parser)
     parser.add_argument("--out", metavar="DIR", help="also write DIR/report.html with figures")
+    parser.add_argument(
+        "--export",
+        metavar="FORMAT",
+        help="print the body as urdf, sdf, mjcf, ur (payload call) or franka (SetLoad request) "
+        "instead; refused if the recording does not tell it",
+    )
     parser.set_defaults(run=run)
 
 
@@ -30,8 +40,26 @@ def run(args: Namespace) -> int:
     from tactile_dynamics_ros.api.verbs import estimate
 
     found = estimate(read_recording(args), read_effects(args))
-    print(json.dumps(found.to_json()) if args.json else found)
+    if args.export:
+        print(_export(args, found), end="")
+    else:
+        print(json.dumps(found.to_json()) if args.json else found)
     if args.out:
         print(f"report: {found.report(Path(args.out))}", file=sys.stderr)
     found.require_answer()
     return 0
+
+
+def _export(args: Namespace, found: Estimate) -> str:
+    """Return the block; say on stderr what is not in it.
+
+    Raises:
+        BadInputError: JSON is wanted as well.
+        NotIdentifiableError: the recording does not tell what the format needs.
+    """
+    if args.json:
+        raise BadInputError("--export prints the block alone; leave out --json")
+    block = found.export(args.export)
+    for line in block.left_out:
+        print(f"note: left out: {line}", file=sys.stderr)
+    return block.text

@@ -81,6 +81,7 @@ ROOMS = {
     "core/planar/mechanics": Room(
         "motion of links on a support with Coulomb friction, under a tip or a grip"
     ),
+    "core/planar/actions": Room("pushes and pulls as paths of a gripper", ("core/rigid_body",)),
     _INERTIA + "residuals": Room(
         "Newton-Euler residuals of a recording and their noise",
         ("core/contact", "core/effects", "core/numerics", "core/rigid_body", "core/streams"),
@@ -134,7 +135,8 @@ ROOMS = {
     ),
     "sim": Room(
         "the PyBullet stand-in for hand, arm, sensors and object, with hidden effects",
-        ("core/manipulation", "core/rigid_body", "core/robot", "core/tactile"),
+        ("core/manipulation", "core/planar", "core/planar/actions", "core/rigid_body")
+        + ("core/robot", "core/tactile"),
         ("pybullet", "pybullet_data"),
     ),
     "report": Room(
@@ -142,11 +144,15 @@ ROOMS = {
         ("core/contact", "core/discrepancy", "core/effects", _INERTIA + "batch")
         + ("core/rigid_body", "core/streams", "recording"),
     ),
+    "export": Room(
+        "estimates in the formats of simulators and robots",
+        (_INERTIA + "batch", "core/rigid_body"),
+    ),
     "api": Room(
         "the verbs of the command as functions, with results for notebooks",
         ("core/discrepancy", "core/effects", "core/friction", "core/inertia")
         + (_INERTIA + "batch", _INERTIA + "diagnosis", _INERTIA + "residuals", "core/shape")
-        + ("recording", "report"),
+        + ("export", "recording", "report"),
     ),
     "ros": Room(
         "what nodes share: shell, wire, conversions, parameters, diagnostics",
@@ -171,6 +177,7 @@ ROOMS = {
         + (
             _INERTIA + "residuals",
             "core/manipulation",
+            "core/planar/actions",
             "core/rigid_body",
             "core/robot",
             "core/shape",

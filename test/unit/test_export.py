@@ -1,0 +1,150 @@
+"""Exported bodies, read back by who they are written for."""
+
+from __future__ import annotations
+
+import json
+import re
+import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+from synthetic_recording import held_box
+
+import tactile_dynamics_ros as td
+from tactile_dynamics_ros.cli.main import main
+from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
+from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import InertialEstimate, ModelError
+from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
+from tactile_dynamics_ros.export import FORMATS, export
+
+
+@pytest.fixture(scope="module")
+def estimate():
+    """A flat body, its products of inertia as large as they can be told from each other."""
+    com = np.array([0.011, -0.007, 0.023])
+    turn = np.linalg.qr(np.array([[2.0, 1.0, 0.3], [-1.0, 2.0, 0.7], [0.2, -0.4, 3.0]]))[0]
+    inertia = turn @ np.diag([3e-4, 5e-4, 7.9e-4]) @ turn.T
+    body = InertialParameters(0.731, com, inertia)
+    error = ModelError(0.03, 1e-3, 1.02)
+    return InertialEstimate(body, 1e-10 * np.eye(10), {}, error, (), 1000, 10.0, True)
+
+
+def check(body, mass, com, inertia_com, relative=1e-8):
+    assert mass == pytest.approx(body.mass, rel=1e-9)
+    np.testing.assert_allclose(com, body.com, atol=1e-9)
+    np.testing.assert_allclose(inertia_com, body.inertia_com, rtol=relative, atol=1e-13)
+
+
+def matrix(values):
+    """Return the matrix of named moments such as ixx."""
+    found = np.zeros((3, 3))
+    for name, value in values.items():
+        i, j = ("xyz".index(axis) for axis in name[1:])
+        found[i, j] = found[j, i] = float(value)
+    return found
+
+
+def numbers(text):
+    return np.array(text.split(), dtype=float)
+
+
+def test_a_urdf_is_read_back_by_the_urdf_parser(estimate):
+    from urdf_parser_py.urdf import URDF
+
+    (link,) = URDF.from_xml_string(export(estimate, "urdf").text).links
+    inertial = link.inertial
+    assert inertial.origin.rpy == [0, 0, 0]
+    check(estimate.inertia, inertial.mass, inertial.origin.xyz, inertial.inertia.to_matrix())
+
+
+def test_a_urdf_moves_in_bullet_as_the_body_does(estimate, tmp_path):
+    bullet = pytest.importorskip("pybullet")
+    path = tmp_path / "object.urdf"
+    path.write_text(export(estimate, "urdf").text)
+    client = bullet.connect(bullet.DIRECT)
+    try:
+        flags = bullet.URDF_USE_INERTIA_FROM_FILE
+        body = bullet.loadURDF(str(path), flags=flags, physicsClientId=client)
+        info = bullet.getDynamicsInfo(body, -1, physicsClientId=client)
+    finally:
+        bullet.disconnect(client)
+    turn = np.array(bullet.getMatrixFromQuaternion(info[4])).reshape(3, 3)
+    inertia = turn @ np.diag(info[2]) @ turn.T
+    check(estimate.inertia, info[0], info[3], inertia)
+
+
+def test_an_mjcf_is_read_back_by_mujoco(estimate):
+    mujoco = pytest.importorskip("mujoco")
+    model = mujoco.MjModel.from_xml_string(export(estimate, "mjcf").text)
+    turn = np.zeros(9)
+    mujoco.mju_quat2Mat(turn, model.body_iquat[1])
+    turn = turn.reshape(3, 3)
+    inertia = turn @ np.diag(model.body_inertia[1]) @ turn.T
+    check(estimate.inertia, model.body_mass[1], model.body_ipos[1], inertia, 1e-6)
+
+
+def test_an_mjcf_has_the_moments_in_mujocos_order(estimate):
+    inertial = ElementTree.fromstring(export(estimate, "mjcf").text).find(".//inertial")
+    names = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+    six = dict(zip(names, numbers(inertial.attrib["fullinertia"]), strict=True))
+    check(
+        estimate.inertia,
+        float(inertial.attrib["mass"]),
+        numbers(inertial.attrib["pos"]),
+        matrix(six),
+    )
+
+
+def test_an_sdf_has_the_pose_of_the_centre_and_the_inertia_about_it(estimate):
+    inertial = ElementTree.fromstring(export(estimate, "sdf").text).find("model/link/inertial")
+    pose = numbers(inertial.find("pose").text)
+    six = {entry.tag: entry.text for entry in inertial.find("inertia")}
+    assert list(pose[3:]) == [0, 0, 0]
+    check(estimate.inertia, float(inertial.find("mass").text), pose[:3], matrix(six))
+
+
+def test_the_payload_call_of_universal_robots_has_the_moments_first(estimate):
+    text = export(estimate, "ur").text
+    (arguments,) = re.findall(r"^set_target_payload\((.*)\)$", text, re.MULTILINE)
+    mass, com, six = json.loads(f"[{arguments}]")
+    names = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+    check(estimate.inertia, mass, com, matrix(dict(zip(names, six, strict=True))))
+    assert "only if that frame is the robot's flange" in text
+
+
+def test_the_request_of_franka_is_yaml_with_a_matrix(estimate):
+    request = yaml.safe_load(export(estimate, "franka").text)
+    inertia = np.reshape(request["load_inertia"], (3, 3))
+    check(estimate.inertia, request["mass"], request["center_of_mass"], inertia)
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_what_a_recording_does_not_tell_is_not_written(estimate, form):
+    flat = replace(estimate, not_excited=("inertia_xz", "inertia_zz"))
+    if form == "ur":
+        made = export(flat, form)
+        assert made.text.splitlines()[-1].count("[") == 1
+        assert "inertia, which this recording does not tell" in made.left_out
+    else:
+        with pytest.raises(NotIdentifiableError, match="inertia_xz, inertia_zz.*ur takes mass"):
+            export(flat, form)
+    with pytest.raises(NotIdentifiableError, match="does not tell com_z"):
+        export(replace(estimate, not_excited=("com_z",)), form)
+
+
+def test_an_unknown_format_is_refused(estimate):
+    with pytest.raises(BadInputError, match="expected one of urdf, sdf"):
+        export(estimate, "obj")
+
+
+def test_the_command_prints_the_block_alone_and_says_what_is_not_in_it(tmp_path, capsys):
+    bag = held_box(seconds=4.0).to_bag(tmp_path / "box.mcap")
+    assert main(["estimate", str(bag), "--export", "sdf"]) == 0
+    out, err = capsys.readouterr()
+    mass = float(ElementTree.fromstring(out).find(".//mass").text)
+    assert mass == pytest.approx(td.estimate(td.read(bag)).found.inertia.mass)
+    assert "left out: friction" in err
+    assert main(["estimate", str(bag), "--export", "sdf", "--json"]) == 2
+    assert capsys.readouterr().out == ""
