@@ -28,6 +28,14 @@ class Picture:
 
 
 @dataclass(frozen=True)
+class Link:
+    """A cell of a table that leads to another page."""
+
+    text: str
+    target: str
+
+
+@dataclass(frozen=True)
 class Section:
     """A heading with sentences, then pictures, then a table.
 
@@ -43,7 +51,7 @@ class Section:
     sentences: Sequence[str] = ()
     pictures: Sequence[Picture] = ()
     header: Sequence[str] = ()
-    rows: Sequence[Sequence[str]] = ()
+    rows: Sequence[Sequence[str | Link]] = ()
 
 
 @dataclass(frozen=True)

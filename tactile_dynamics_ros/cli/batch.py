@@ -1,0 +1,203 @@
+"""`tactile-dynamics batch VERB 'GLOB'`: many recordings, one table, one page of reports."""
+
+from __future__ import annotations
+
+import csv
+import glob
+import json
+import os
+import sys
+from argparse import Namespace, _SubParsersAction
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor, as_completed
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from tactile_dynamics_ros.cli.batch_jobs import Answer, Job, ask
+from tactile_dynamics_ros.cli.batch_table import columns, row, short_names, write_index
+from tactile_dynamics_ros.cli.recordings import add_recording_arguments
+from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
+
+VERBS = ("estimate", "compare", "diagnose", "explain")
+"""Verbs that ask about one recording."""
+
+_TIMEOUT = 1800.0
+"""Time for one recording, s, after which it is given up: far above the longest answer that was
+measured (38 s for half an hour of data). A shorter one gives up on recordings of many hours."""
+
+_WIDEST = 50
+"""Letters of a cell that are printed, so that lines stay readable; the CSV has all."""
+
+
+def add_parser(verbs: _SubParsersAction[Any]) -> None:
+    """Add the verb."""
+    parser = verbs.add_parser(
+        "batch",
+        help="ask the same about many recordings: table, page of reports; resumes",
+    )
+    parser.add_argument("question", choices=VERBS, metavar="VERB", help=", ".join(VERBS))
+    add_recording_arguments(parser)
+    parser.add_argument(
+        "--out", type=Path, required=True, metavar="DIR", help="where table and reports go"
+    )
+    parser.add_argument(
+        "--workers",
+        type=int,
+        default=os.cpu_count() or 1,
+        metavar="N",
+        help="recordings at a time on this machine (default: one per core)",
+    )
+    parser.add_argument(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="of a Dask cluster that sees the same files, as tcp://host:8786 (extra `dask`)",
+    )
+    parser.add_argument(
+        "--timeout", type=float, default=_TIMEOUT, metavar="S", help="per recording"
+    )
+    parser.add_argument("--again", action="store_true", help="ask again what is answered already")
+    parser.set_defaults(run=run)
+
+
+def run(args: Namespace) -> int:
+    """Ask about all recordings; what is answered already is not asked again.
+
+    Raises:
+        BadInputError: no recording is there, or the cluster cannot be reached.
+        NotIdentifiableError: some recordings have no answer.
+    """
+    jobs = make_jobs(args)
+    kept = {} if args.again else {job: answer for job in jobs if (answer := job.kept())}
+    fresh = [job for job in jobs if job not in kept]
+    if kept:
+        print(f"note: {len(kept)} of {len(jobs)} are answered already", file=sys.stderr)
+    with _executor(args) as executor:
+        asked = _ask_all(executor, fresh)
+    answers = [kept.get(job) or asked[job] for job in jobs]
+    header = columns(args.question)
+    rows = [row(args.question, answer) for answer in answers]
+    _write_table(args.out / "table.csv", header, rows)
+    page = write_index(args.question, answers, args.out)
+    _show(args, answers, header, rows)
+    print(f"table: {args.out / 'table.csv'}\nreports: {page}", file=sys.stderr)
+    without = sum(not answer.document for answer in answers)
+    if without:
+        raise NotIdentifiableError(
+            f"{without} of {len(answers)} recordings have no answer; the table says why"
+        )
+    return 0
+
+
+def make_jobs(args: Namespace) -> list[Job]:
+    """Return a job for each recording that the patterns match.
+
+    Raises:
+        BadInputError: nothing matches.
+    """
+    found = [path for pattern in args.bag for path in sorted(glob.glob(pattern, recursive=True))]
+    recordings = [Path(path).resolve() for path in dict.fromkeys(found)]
+    if not recordings:
+        raise BadInputError(f"no recording matches {' '.join(args.bag)}")
+    root = Path(os.path.commonpath([recording.parent for recording in recordings]))
+    out = args.out.resolve()
+    options = tuple(_forwarded(args))
+    return [
+        Job(
+            str(recording),
+            str(out / "reports" / recording.relative_to(root)),
+            args.question,
+            options,
+            args.timeout,
+        )
+        for recording in recordings
+    ]
+
+
+def _forwarded(args: Namespace) -> Iterator[str]:
+    """Yield the options of the verb itself, as they are typed."""
+    for name in ("effects", "world_frame", "namespace", "between"):
+        if value := getattr(args, name):
+            yield from (f"--{name.replace('_', '-')}", value)
+    for name in ("effect_file", "remap", "assume"):
+        for value in getattr(args, name):
+            yield from (f"--{name.replace('_', '-')}", value)
+
+
+@contextmanager
+def _executor(args: Namespace) -> Iterator[Executor]:
+    """Processes of this machine, each waited for by a thread, or a Dask cluster.
+
+    Raises:
+        BadInputError: the cluster cannot be reached, or its library is missing.
+    """
+    if args.scheduler is None:
+        with ThreadPoolExecutor(max(args.workers, 1)) as threads:
+            yield threads
+        return
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise BadInputError(
+            "--scheduler needs Dask: pip install 'tactile_dynamics_ros[dask]'"
+        ) from error
+    try:
+        client = Client(args.scheduler, timeout="10s")
+    except (OSError, ValueError) as error:
+        raise BadInputError(f"--scheduler {args.scheduler}: no Dask scheduler answers") from error
+    with client, client.get_executor(pure=False) as cluster:
+        yield cluster
+
+
+def _ask_all(executor: Executor, jobs: Sequence[Job]) -> dict[Job, Answer]:
+    """Ask about all recordings and tell on stderr how far it is."""
+    futures = {executor.submit(ask, job): job for job in jobs}
+    answers: dict[Job, Answer] = {}
+    try:
+        for future in as_completed(futures):
+            job = futures[future]
+            answers[job] = future.result()
+            _tell(len(answers), len(jobs), answers[job])
+    finally:
+        for future in futures:
+            future.cancel()
+    return answers
+
+
+def _tell(count: int, total: int, answer: Answer) -> None:
+    """Print one line about a recording that is done."""
+    said = answer.message if not answer.document else answer.document.get("verdict", "")
+    line = f"{count}/{total} {answer.recording}: {answer.status} {said} ({answer.seconds:.0f} s)"
+    print(" ".join(line.split()), file=sys.stderr, flush=True)
+
+
+def _write_table(file: Path, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Write the table as CSV."""
+    with file.open("w", newline="", encoding="utf-8") as stream:
+        csv.writer(stream).writerows([header, *rows])
+
+
+def _show(
+    args: Namespace,
+    answers: Sequence[Answer],
+    header: Sequence[str],
+    rows: Sequence[Sequence[str]],
+) -> None:
+    """Print the table, or all documents as JSON."""
+    if args.json:
+        documents = [
+            {
+                "recording": answer.recording,
+                "status": answer.status,
+                "seconds": answer.seconds,
+                "message": answer.message,
+                args.question: answer.document or None,
+            }
+            for answer in answers
+        ]
+        print(json.dumps(documents))
+        return
+    from tactile_dynamics_ros.api.text_table import align_rows
+
+    cells = [[name, *others] for name, (_, *others) in zip(short_names(answers), rows, strict=True)]
+    print(align_rows([header, *[[cell[:_WIDEST] for cell in line] for line in cells]], indent=0))

@@ -1,0 +1,111 @@
+"""Answers about many recordings as a table and as a page that links their reports."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from tactile_dynamics_ros.cli.batch_jobs import Answer
+
+Document = Mapping[str, Any]
+
+
+def _number(value: Any) -> str:
+    """A number in four digits; empty for none."""
+    return "" if value is None else f"{value:.4g}"
+
+
+def _error(name: str) -> Callable[[Document], str]:
+    return lambda document: _number(document["error"][name])
+
+
+def _names(name: str) -> Callable[[Document], str]:
+    return lambda document: " ".join(document[name])
+
+
+_COLUMNS: dict[str, dict[str, Callable[[Document], str]]] = {
+    "estimate": {
+        "mass_kg": lambda d: _number(d["mass"]["value"]),
+        "mass_std_kg": lambda d: _number(d["mass"]["std"]),
+        **{
+            f"com_{axis}_m": lambda d, k=k: _number(d["com"]["value"][k])  # type: ignore[misc]
+            for k, axis in enumerate("xyz")
+        },
+        "error": _error("whitened_rms"),
+    },
+    "compare": {
+        "adequate": lambda d: "yes" if d["adequate"] else "no",
+        "error": _error("whitened_rms"),
+        "p_value": lambda d: _number(d["p_value"]),
+    },
+    "diagnose": {
+        "verdict": lambda d: d["verdict"],
+        "effect": lambda d: d["effect"] or (d.get("convention") or {}).get("name") or "",
+        "group": _names("group"),
+        "error_before": _error("before"),
+        "error_after": _error("after"),
+        "noise_floor": _error("noise_floor"),
+    },
+    "explain": {
+        "verdict": lambda d: d["verdict"],
+        "effects": _names("effects"),
+        "error_before": _error("before"),
+        "error_after": _error("after"),
+        "noise_floor": _error("noise_floor"),
+    },
+}
+"""What the table tells of each verb's document."""
+
+
+def columns(verb: str) -> list[str]:
+    """Names of the columns of a verb's table."""
+    return ["recording", "status", *_COLUMNS[verb], "seconds", "message"]
+
+
+def row(verb: str, answer: Answer) -> list[str]:
+    """One recording's cells; those of its document are empty without an answer."""
+    cells = _COLUMNS[verb].values()
+    said = [cell(answer.document) if answer.document else "" for cell in cells]
+    return [answer.recording, answer.status, *said, f"{answer.seconds:.1f}", answer.message]
+
+
+def write_index(verb: str, answers: Sequence[Answer], folder: Path) -> Path:
+    """Write DIR/report.html: what was said how often, and a row with a link per recording."""
+    from tactile_dynamics_ros.report.page import Link, Page, Section, write_page
+
+    counts = Counter(_kind(answer) for answer in answers)
+    said = ", ".join(f"{kind}: {count}" for kind, count in counts.most_common())
+    rows: list[list[str | Link]] = []
+    for name, answer in zip(short_names(answers), answers, strict=True):
+        page = answer.report
+        target = os.path.relpath(page, folder.resolve()) if page else ""
+        rows.append([Link(name, target) if page else name, *row(verb, answer)[1:]])
+    page = Page(
+        title=f"{verb} of {len(answers)} recordings",
+        verdict=said,
+        good=all(answer.document for answer in answers),
+        source=_root(answers),
+        command=f"tactile-dynamics batch {verb} ...",
+        sections=[Section("Recordings", header=columns(verb), rows=rows)],
+    )
+    return write_page(page, folder)
+
+
+def short_names(answers: Sequence[Answer]) -> list[str]:
+    """Paths of the recordings below the folder that holds them all."""
+    root = _root(answers)
+    return [os.path.relpath(answer.recording, root) for answer in answers]
+
+
+def _root(answers: Sequence[Answer]) -> str:
+    return os.path.commonpath([os.path.dirname(answer.recording) for answer in answers])
+
+
+def _kind(answer: Answer) -> str:
+    """In a word, what was said: the effect where one is named, else the verdict or status."""
+    document = answer.document
+    named = document.get("effect") or " + ".join(document.get("effects") or []) if document else ""
+    return str(named or document.get("verdict") or answer.status)
