@@ -10,12 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
-from tactile_dynamics_ros.core.shape.superquadric.gauge import (
-    NARROWEST,
-    TINY,
-    LogGauge,
-    Parameters,
-)
+from tactile_dynamics_ros.core.shape.superquadric.gauge import Foot, Parameters
 from tactile_dynamics_ros.core.shape.superquadric.superquadric import EXPONENT_RANGE, Superquadric
 
 Array = NDArray[np.float64]
@@ -135,46 +130,28 @@ class Chart:
         Returns:
             (..., N) m, positive outside, and (..., P, N) by the coordinates.
         """
-        shape, turned = shapes.shape, np.swapaxes(shapes.rotation, -1, -2)
+        turned = np.swapaxes(shapes.rotation, -1, -2)
         local = turned @ (points - shapes.origin[..., None])
-        axes = shape.semi_axes[..., None]
-        eta = local[..., 1, :] / axes[..., 1, :]
-        f, _, _ = shape.width(eta)
-        u, w = local[..., 0, :] / (axes[..., 0, :] * f), local[..., 2, :] / axes[..., 2, :]
-        at = LogGauge.of(u, eta, w, shape.exponents)
-        foot = local * np.exp(-at.log)[..., None, :]
-        g, slope, inside = shape.width(foot[..., 1, :] / axes[..., 1, :])
-        foot[..., 0, :] *= g / f
-        by_f = at.by_u / g
-        by_eta = by_f * slope
-        steep = np.empty_like(local)
-        x, y, z = (_apart_from_zero(foot[..., k, :]) for k in range(3))
-        steep[..., 0, :] = at.by_u / x
-        steep[..., 1, :] = at.by_v / y - by_eta / axes[..., 1, :]
-        steep[..., 2, :] = at.by_w / z
-        length = np.maximum(np.sqrt(np.sum(steep**2, axis=-2)), 1e-9)
-        normal = steep / length[..., None, :]
-        distance = np.sum((local - foot) * normal, axis=-2)
-        by_f = by_f * (g > NARROWEST)
+        foot = Foot.of(shapes.shape, local)
+        at, normal = foot.gauge, foot.normal
         jacobian = np.empty((*local.shape[:-2], len(self.names), local.shape[-1]))
-        by_y = at.by_v - by_eta * foot[..., 1, :] / axes[..., 1, :]
         by_shape = (
-            *(-at.by_u, -by_y, -at.by_w, at.by_e1, at.by_e2),
-            *(-by_f * inside, -by_f * inside**2),
+            *(-at.by_u, -foot.by_y, -at.by_w, at.by_e1, at.by_e2),
+            *(-foot.by_width * foot.inside, -foot.by_width * foot.inside**2),
         )
         for k, row in enumerate(by_shape):
-            np.divide(row, length, out=jacobian[..., k, :])
+            np.divide(row, foot.steepness, out=jacobian[..., k, :])
         world = -(shapes.rotation @ normal)
         if self.support is None:
             jacobian[..., 7:10, :] = world
-            jacobian[..., 10:, :] = np.cross(normal, foot, axis=-2)
-            return distance, jacobian
-        jacobian[..., 2, :] += world[..., 2, :] * axes[..., 2, :]
+            jacobian[..., 10:, :] = np.cross(normal, foot.point, axis=-2)
+            return foot.distance, jacobian
+        jacobian[..., 2, :] += world[..., 2, :] * shapes.shape.semi_axes[..., 2, None]
         jacobian[..., 7:9, :] = world[..., :2, :]
         jacobian[..., 9, :] = (
-            normal[..., 0, :] * foot[..., 1, :] - normal[..., 1, :] * foot[..., 0, :]
+            normal[..., 0, :] * foot.point[..., 1, :] - normal[..., 1, :] * foot.point[..., 0, :]
         )
-        return distance, jacobian
+        return foot.distance, jacobian
 
     def distance(self, shape: Superquadric, points: Array) -> Array:
         """Return the distances (N,), m, of points (N, 3) of the world that a fit lowers."""
@@ -215,7 +192,3 @@ def _shortened(step: Array, measured: Array, most: float) -> Array:
     """Return steps (..., P) scaled down where the largest of what is measured exceeds `most`."""
     largest = np.max(np.abs(measured), axis=-1, keepdims=True)
     return np.asarray(step * np.minimum(1.0, most / np.maximum(largest, 1e-9)))
-
-
-def _apart_from_zero(values: Array) -> Array:
-    return np.where(np.abs(values) < TINY, TINY, values)

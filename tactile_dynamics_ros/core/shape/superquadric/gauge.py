@@ -21,6 +21,9 @@ triangles."""
 TINY = 1e-12
 """Smallest length over a semi-axis whose logarithm is taken: far below rounding of any length.
 Anything between rounding and a millionth has the same effect; zero has no logarithm."""
+_LEAST_SLOPE = 1e-9
+"""Smallest norm of the gradient of ln G, 1/m, that is divided by: only the very centre has less.
+Larger would shorten normals near it, zero divides by zero there."""
 _COARSE = 8
 """Cells along an edge of the cube whose surface is mapped to a mesh for the area: 768 triangles.
 What matters is how the area changes with the shape, which is right to 1 % of itself. Half as many
@@ -99,6 +102,62 @@ def _softened(a: Array, b: Array, power: Array) -> tuple[Array, Array, Array]:
     log = np.maximum(a, b) + np.log1p(less) / power
     share = np.where(apart > 0.0, 1.0, less) / (1.0 + less)
     return log, share, share * (a - log) + (1.0 - share) * (b - log)
+
+
+@dataclass(frozen=True)
+class Foot:
+    """Where rays from the axis through points meet a surface, and the distance along its normal.
+
+    Rays are straight in the body without its taper; the shares of the gauge are the same all along
+    them, so that one evaluation serves both ends.
+
+    Attributes:
+        gauge: of the points.
+        point: (..., 3, N) of the surface, m. normal: (..., 3, N) outward, unit.
+        distance: (..., N) from there to the points along the normal, m, positive outside.
+        steepness: (..., N) length of the gradient of ln G, 1/m.
+        by_width, by_y: (..., N) slopes of ln G along ln f, and along ln y with the taper it brings.
+        inside: (..., N) y over its semi-axis, within [-1, 1].
+    """
+
+    gauge: LogGauge
+    point: Array
+    normal: Array
+    distance: Array
+    steepness: Array
+    by_width: Array
+    by_y: Array
+    inside: Array
+
+    @classmethod
+    def of(cls, shape: Parameters, local: Array) -> Foot:
+        """Meet a surface from points (..., 3, N) of the body frame, m."""
+        axes = shape.semi_axes[..., None]
+        eta = local[..., 1, :] / axes[..., 1, :]
+        f, _, _ = shape.width(eta)
+        u, w = local[..., 0, :] / (axes[..., 0, :] * f), local[..., 2, :] / axes[..., 2, :]
+        at = LogGauge.of(u, eta, w, shape.exponents)
+        point = local * np.exp(-at.log)[..., None, :]
+        eta = point[..., 1, :] / axes[..., 1, :]
+        g, slope, inside = shape.width(eta)
+        point[..., 0, :] *= g / f
+        by_width = at.by_u / g
+        by_eta = by_width * slope
+        steep = np.empty_like(local)
+        x, y, z = (_apart_from_zero(point[..., k, :]) for k in range(3))
+        steep[..., 0, :] = at.by_u / x
+        steep[..., 1, :] = at.by_v / y - by_eta / axes[..., 1, :]
+        steep[..., 2, :] = at.by_w / z
+        steepness = np.maximum(np.sqrt(np.sum(steep**2, axis=-2)), _LEAST_SLOPE)
+        normal = steep / steepness[..., None, :]
+        distance = np.sum((local - point) * normal, axis=-2)
+        by_width = by_width * (g > NARROWEST)
+        by_y = at.by_v - by_eta * eta
+        return cls(at, point, normal, distance, steepness, by_width, by_y, inside)
+
+
+def _apart_from_zero(values: Array) -> Array:
+    return np.where(np.abs(values) < TINY, TINY, values)
 
 
 def surface_points(shapes: Parameters, directions: Array) -> tuple[Array, LogGauge, Array]:

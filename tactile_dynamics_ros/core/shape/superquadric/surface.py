@@ -8,13 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.shape.object_shape import ObjectShape
+from tactile_dynamics_ros.core.shape.superquadric.gauge import Foot
 from tactile_dynamics_ros.core.shape.superquadric.superquadric import Superquadric, Triangles
 
 Array = NDArray[np.float64]
-
-_LEAST_SLOPE = 1e-9
-"""Smallest norm of the gauge's gradient, 1/m, that is divided by: only the very centre has less.
-Larger would shorten normals near it, zero divides by zero there."""
 
 
 @dataclass(frozen=True)
@@ -29,13 +26,8 @@ class SuperquadricSurface:
 
     def distance(self, points: Array) -> tuple[Array, Array]:
         """Return signed distances (N,), m, and their gradients (N, 3)."""
-        local = self.shape.to_body(points)
-        foot = self.shape.project(local)
-        slope = self.shape.differentiate(foot).point
-        length = np.linalg.norm(slope, axis=1, keepdims=True)
-        normal = slope / np.maximum(length, _LEAST_SLOPE)
-        distance = np.einsum("ij,ij->i", local - foot, normal)
-        return distance, np.asarray(normal @ self.shape.pose[:3, :3].T)
+        foot = Foot.of(self.shape.parameters, np.ascontiguousarray(self.shape.to_body(points).T))
+        return foot.distance, np.asarray(foot.normal.T @ self.shape.pose[:3, :3].T)
 
     def mesh(self) -> Triangles:
         """Return triangles, object frame."""
