@@ -22,8 +22,8 @@ objects at 1 ms), ten times as deep lets a body lean visibly when it is pushed."
 DAMPING = 0.4
 """Share of the critical damping of the springs: bounces die within two periods."""
 FELT = 5e-4
-"""Move, m (or change of a direction), after which the roughness under the feet is looked up anew: on
-it a foot's friction changes by 1 %. At each step the look-up takes as long as all the rest."""
+"""Move, m (or change of a direction), after which the roughness under the feet is looked up anew:
+on it a foot's friction changes by 1 %. At each step it takes as long as all the rest."""
 AROUND, RINGS = 24, 4
 """Feet around and from the middle of each part: its friction radius is right to 1 %."""
 

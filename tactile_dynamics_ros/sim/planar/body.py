@@ -90,16 +90,16 @@ class PlanarBody:
 
     def pose(self, k: int = 0) -> Array:
         """Return the pose (4, 4) of the object's frame, as its k-th rigid part carries it."""
-        return self._state(k)[0].copy()
+        return self.state(k)[0].copy()
 
     def velocity(self, k: int = 0) -> tuple[Array, Array]:
         """Return (angular velocity, velocity of the frame's origin), each (3,), world axes."""
-        return self._state(k)[1:]
+        return self.state(k)[1:]
 
     def rest_on_table(self, step: float) -> None:
         """Let the table act during the coming step of `step` s."""
         for k, bed in enumerate(self.beds):
-            support = bed.press(*self._state(k), step)
+            support = bed.press(*self.state(k), step)
             if support is None:
                 continue
             couple = np.array([0.0, 0.5 * support.torque / LEVER[0], 0.0])
@@ -139,7 +139,7 @@ class PlanarBody:
         """Read the motion anew: a step was simulated."""
         self._states.clear()
 
-    def _state(self, k: int) -> tuple[Array, Array, Array]:
+    def state(self, k: int) -> tuple[Array, Array, Array]:
         """Return pose, angular velocity and velocity of the object's frame on a rigid part."""
         if k not in self._states:
             self._states[k] = self._read(k)

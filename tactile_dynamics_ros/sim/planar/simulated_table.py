@@ -1,8 +1,8 @@
-"""The stand-in for a table, its objects and a depth camera on an arm, behind one interface."""
+"""The stand-in for a table with objects, a moving camera and an arm that pushes."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -11,9 +11,13 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.sim.planar.bed import Surface, uneven_friction
 from tactile_dynamics_ros.sim.planar.carriage import Carriage
+from tactile_dynamics_ros.sim.planar.links import Outline, outlines
+from tactile_dynamics_ros.sim.planar.pusher import Pusher, PusherConfig
 from tactile_dynamics_ros.sim.planar.table import TableWorld, scattered
+from tactile_dynamics_ros.sim.planar.touch_sensors import Felt, TouchSensorConfig, TouchSensors
 from tactile_dynamics_ros.sim.planar_objects import PlanarObject, last_number, planar_object
 from tactile_dynamics_ros.sim.sensors.depth_camera import DepthCamera, DepthCameraConfig, look_at
+from tactile_dynamics_ros.sim.sensors.marker_tracker import MarkerTracker, MarkerTrackerConfig
 from tactile_dynamics_ros.sim.simulated_robot import is_due, silenced
 
 Array = NDArray[np.float64]
@@ -21,7 +25,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class SimulatedTableConfig:
-    """Objects, camera and friction of one run; everything random follows from the seed."""
+    """Objects, camera, arm and friction of one run; everything random follows from the seed."""
 
     seed: int = parameter(0, "of placement, noise and friction", "", 0)
     object_number: int = parameter(1, "in config/planar_objects.yaml; 0 draws one", "", 0)
@@ -34,13 +38,19 @@ class SimulatedTableConfig:
     friction_spread: float = parameter(
         0.1, "standard deviation of friction from place to place, over its mean", "", 0.0, 0.3
     )
-    time_step: float = parameter(1e-3, "simulation step", "s", 1e-4, 1e-3)
-    noise: bool = parameter(True, "whether the camera has noise and offsets")
+    time_step: float = parameter(1e-3, "simulation step", "s", 1e-4, 2e-3)
+    noise: bool = parameter(True, "whether sensors have noise and offsets")
     camera_speed: float = parameter(0.25, "of the arm that carries the camera", "m/s", 1e-3, 2.0)
     camera_position: tuple[float, ...] = parameter((0.15, -0.3, 0.4), "at the start, world", "m")
     camera_target: tuple[float, ...] = parameter((0.5, 0.0, 0.0), "looked at, start, world", "m")
     depth_rate_hz: float = parameter(15.0, "rate of the depth camera, 0 is off", "Hz", 0.0, 30.0)
+    vision_rate_hz: float = parameter(
+        0.0, "rate of a tracker of markers on the parts, 0 is none", "Hz", 0.0, 100.0
+    )
     camera: DepthCameraConfig = field(default_factory=DepthCameraConfig)
+    marker: MarkerTrackerConfig = field(default_factory=MarkerTrackerConfig)
+    pusher: PusherConfig = field(default_factory=PusherConfig)
+    touch: TouchSensorConfig = field(default_factory=TouchSensorConfig)
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -53,15 +63,28 @@ class TableReadings:
     Attributes:
         time: s. camera_pose: (4, 4) X_WC as the arm knows it. depth: (H, W) m, or None when no
             image is due.
+        pusher: (4, 4) of the tip. width: m, of the jaws.
+        joints, rates: (J,) of the pushing arm and its jaws, rad and m.
+        touch: what tip and pads feel.
+        links_time: s, stamp of the poses of parts.
+        links: (4, 4) reported pose of each part of the first object; None where it is lost,
+            empty when no frame is due.
     """
 
     time: float
     camera_pose: Array
     depth: NDArray[np.float32] | None
+    pusher: Array
+    width: float
+    joints: Array
+    rates: Array
+    touch: list[Felt]
+    links_time: float
+    links: list[Array | None]
 
 
 class SimulatedTable:
-    """Table, objects and moving camera.
+    """Table, objects, moving camera and pushing arm.
 
     Args:
         config: of everything.
@@ -69,17 +92,23 @@ class SimulatedTable:
     """
 
     def __init__(self, config: SimulatedTableConfig | None = None, period: float = 0.01) -> None:
-        self.config = config = config or SimulatedTableConfig()
+        config = config or SimulatedTableConfig()
+        self.config = config = config if config.noise else _without_errors(config)
         self.period = period
-        self.camera = DepthCamera(
-            config.camera if config.noise else silenced(config.camera), config.seed
-        )
+        self.camera = DepthCamera(config.camera, config.seed)
         self.world = _world(config)
         self.carriage = Carriage(
             look_at(np.array(config.camera_position), np.array(config.camera_target)),
             config.camera_speed,
         )
+        self.pusher = Pusher(self.world, config.pusher, period)
+        self.outlines: list[Outline] = outlines(self.world.bodies[0]) if self.world.bodies else []
+        self.sensors = TouchSensors(config.touch, config.seed)
+        self.markers = [
+            MarkerTracker(config.marker, config.seed + 1000 * k) for k in range(len(self.outlines))
+        ]
         self._steps = max(1, round(period / config.time_step))
+        self._joints = self.pusher.joints
 
     @property
     def support(self) -> Array:
@@ -95,20 +124,49 @@ class SimulatedTable:
             looking: whether images are taken; they cost most of the time.
         """
         before = self.world.time
+        self.pusher.plan()
         self.world.step(self._steps)
         self.carriage.advance(self.period)
         now, pose, depth = self.world.time, self.carriage.pose.copy(), None
         if looking and is_due(before, now, self.config.depth_rate_hz):
             depth = self.camera.measure(self.world.client, pose)
-        return TableReadings(now, pose, depth)
+        contacts = self.pusher.read(now - 0.5 * (self.period - self.config.time_step))
+        last, self._joints = self._joints, self.pusher.joints
+        return TableReadings(
+            time=now,
+            camera_pose=pose,
+            depth=depth,
+            pusher=self.pusher.pose,
+            width=self.pusher.width,
+            joints=self._joints,
+            rates=(self._joints - last) / self.period,
+            touch=self.sensors.read(contacts, self.pusher.pose),
+            links_time=now,
+            links=self._track(before, now),
+        )
 
     def reveal(self) -> dict[str, Any]:
         """Ground truth as plain numbers, ready for JSON."""
         return {
             "objects": [body.truth() for body in self.world.bodies],
+            "links": [outline.truth() for outline in self.outlines],
             "support": self.support.tolist(),
             "time": self.world.time,
         }
+
+    def _track(self, before: float, now: float) -> list[Array | None]:
+        """Return the poses of the parts that the tracker of markers reports."""
+        if not is_due(before, now, self.config.vision_rate_hz):
+            return []
+        return [
+            marker.read(outline.pose())
+            for marker, outline in zip(self.markers, self.outlines, strict=True)
+        ]
+
+
+def _without_errors(config: SimulatedTableConfig) -> SimulatedTableConfig:
+    quiet = {name: silenced(getattr(config, name)) for name in ("camera", "marker", "touch")}
+    return replace(config, **quiet)
 
 
 def _world(config: SimulatedTableConfig) -> TableWorld:

@@ -30,7 +30,7 @@ class TableWorld(Engine):
     """Objects that rest on a table, with whatever pushes them; a context manager.
 
     `step` advances; `add_pre_step` registers what acts before each step, such as a robot that
-    pushes. While nothing is registered and all is still, time passes without work.
+    pushes. While all that is registered is idle and all is still, time passes without work.
 
     Args:
         things: what stands there.
@@ -62,16 +62,27 @@ class TableWorld(Engine):
             for thing, place in zip(things, places, strict=True)
         ]
         self._pre_step: list[Callable[[TableWorld], None]] = []
+        self._idle: list[Callable[[], bool]] = []
 
-    def add_pre_step(self, callback: Callable[[TableWorld], None]) -> None:
-        """Call `callback(world)` before each simulation step, in the order of registration."""
+    def add_pre_step(
+        self,
+        callback: Callable[[TableWorld], None],
+        is_idle: Callable[[], bool] = lambda: False,
+    ) -> None:
+        """Call back before each simulation step, in the order of registration.
+
+        Args:
+            callback: gets this world.
+            is_idle: whether it does nothing while the objects stand still.
+        """
         self._pre_step.append(callback)
+        self._idle.append(is_idle)
 
     def step(self, count: int = 1) -> None:
         """Advance by `count` simulation steps."""
         for _ in range(count):
             self.time += self.time_step
-            if not self._pre_step and self._is_still():
+            if all(is_idle() for is_idle in self._idle) and self._is_still():
                 continue
             for callback in self._pre_step:
                 callback(self)

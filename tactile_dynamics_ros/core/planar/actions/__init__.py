@@ -1,0 +1,1 @@
+"""What a robot does to an object on a table."""

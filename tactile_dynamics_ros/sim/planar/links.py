@@ -1,0 +1,61 @@
+"""Parts of an object as trackers and estimators see them: each a link with a frame of its own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.sim.planar.body import PlanarBody
+from tactile_dynamics_ros.sim.planar_objects import PlanarPart
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Outline:
+    """One part with its own frame: in the middle of its outline, axes of the object.
+
+    Attributes:
+        body, k: which rigid part it moves with.
+        part: as it was drawn.
+        middle: (2,) m, of its outline, object's frame.
+    """
+
+    body: PlanarBody
+    k: int
+    part: PlanarPart
+    middle: Array
+
+    @property
+    def corners(self) -> Array:
+        """Outline (V, 2) in the link's frame, m."""
+        return np.asarray(self.part.corners - self.middle)
+
+    def pose(self) -> Array:
+        """Return the true pose (4, 4) of the link's frame in the world."""
+        pose = self.body.pose(self.k)
+        pose[:3, 3] += pose[:3, :2] @ self.middle
+        return pose
+
+    def truth(self) -> dict[str, Any]:
+        """Return what an estimator should find, in the link's frame."""
+        part = self.part
+        return {
+            "mass": part.mass,
+            "friction": part.friction,
+            "com": (part.com - self.middle).tolist(),
+            "com_height": 0.5 * part.height,
+        }
+
+
+def outlines(body: PlanarBody) -> list[Outline]:
+    """Return the links of an object."""
+    jointed = len(body.links) > 1
+    found = []
+    for n, part in enumerate(body.thing.parts):
+        middle = 0.5 * (part.corners.min(axis=0) + part.corners.max(axis=0))
+        found.append(Outline(body, n if jointed else 0, part, middle))
+    return found

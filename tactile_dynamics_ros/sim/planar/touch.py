@@ -1,0 +1,217 @@
+"""Tips and pads against the sides of objects: compliance, stick and slip at every point."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.sim.contacts import ContactReading
+from tactile_dynamics_ros.sim.planar.body import PlanarBody
+from tactile_dynamics_ros.sim.planar.links import Outline, outlines
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Skin:
+    """How a tip or a pad gives way.
+
+    Attributes:
+        stiffness, shear: N/m along and across the normal. damping: N s/m.
+        friction: coefficient against the object's sides.
+    """
+
+    stiffness: float
+    shear: float
+    damping: float
+    friction: float
+
+
+@dataclass(frozen=True)
+class Side:
+    """The outline of one part of an object, which points may touch; vectors as complex numbers.
+
+    Attributes:
+        body, k: which rigid part it moves with.
+        start, edge: (E,) m, of its edges, anticlockwise, object's frame.
+        squared: (E,) m^2, of the edges' lengths.
+        middle: m, and reach, m, of a circle around it. height: m.
+    """
+
+    body: PlanarBody
+    k: int
+    start: NDArray[np.complex128]
+    edge: NDArray[np.complex128]
+    squared: Array
+    middle: complex
+    reach: float
+    height: float
+
+    @classmethod
+    def of(cls, link: Outline) -> Side:
+        """Return the side of a part."""
+        start = _plane(link.part.corners)
+        edge = np.roll(start, -1) - start
+        reach = float(np.abs(_plane(link.corners)).max())
+        middle, height = complex(*link.middle), link.part.height
+        return cls(link.body, link.k, start, edge, np.abs(edge) ** 2, middle, reach, height)
+
+    def nearest(self, place: complex) -> tuple[complex, complex, float]:
+        """Return the nearest point, the inward normal there and how deep a place lies inside, m."""
+        away = place - self.start
+        share = (away * self.edge.conj()).real / self.squared
+        gap = away - np.minimum(np.maximum(share, 0.0), 1.0) * self.edge
+        n = int((gap.real**2 + gap.imag**2).argmin())
+        offset, edge = complex(gap[n]), complex(self.edge[n])
+        distance = abs(offset)
+        inside = (edge.conjugate() * offset).imag > 0.0
+        if distance < 1e-9:
+            return place - offset, 1j * edge / abs(edge), 0.0
+        depth = distance if inside else -distance
+        return place - offset, offset / depth, depth
+
+
+def sides_of(bodies: Sequence[PlanarBody]) -> list[Side]:
+    """Return the outlines of all parts of all objects."""
+    return [Side.of(link) for body in bodies for link in outlines(body)]
+
+
+@dataclass
+class _Sums:
+    """What points did to objects over some steps: sums over points and steps."""
+
+    steps: int = 0
+    touched: int = 0
+    force: complex = 0j
+    load: float = 0.0
+    place: complex = 0j
+    height: float = 0.0
+    facing: complex = 0j
+    moment: float = 0.0
+
+    def add(
+        self, force: complex, load: float, place: complex, height: float, normal: complex
+    ) -> None:
+        """Add what one point does in one step."""
+        self.force += force
+        self.load += load
+        self.place += load * place
+        self.height += load * height
+        self.facing += load * normal
+        self.moment += (place.conjugate() * force).imag
+
+
+class Touch:
+    """Points of one tip or pad, rounded, that move together and touch sides.
+
+    Args:
+        name: of the contact.
+        places: (P, 2) m, middles of the rounded points, in the axes of the gripper.
+        radius: m, of each.
+        skin: of all points together.
+    """
+
+    def __init__(self, name: str, places: Array, radius: float, skin: Skin) -> None:
+        self.name, self._radius, self._skin = name, radius, skin
+        self.move(places)
+        self._sheared: dict[tuple[int, int], float] = {}
+        self._sums = _Sums()
+
+    def move(self, places: Array) -> None:
+        """Put the points elsewhere in the gripper, (P, 2) m."""
+        self._places = [complex(x, y) for x, y in places]
+        self._reach = self._radius + max(abs(place) for place in self._places)
+
+    def act(self, sides: Sequence[Side], frame: Array, motion: Array, step: float) -> None:
+        """Push what is touched during the coming step.
+
+        Args:
+            sides: of all objects.
+            frame: (4,) x, y, z (m) and turn (rad) of the gripper.
+            motion: (4,) its rates.
+            step: s.
+        """
+        self._sums.steps += 1
+        x, y, height, yaw = frame.tolist()
+        vx, vy, _, rate = motion.tolist()
+        turn, load = complex(np.cos(yaw), np.sin(yaw)), self._sums.load
+        for n, side in enumerate(sides):
+            pose = side.body.state(side.k)[0]
+            middle = _turn(pose) * side.middle + complex(pose[0, 3], pose[1, 3])
+            near = abs(middle - complex(x, y)) < side.reach + self._reach
+            if not near or height > pose[2, 3] + side.height:
+                continue
+            for i, place in enumerate(self._places):
+                arm = turn * place
+                speed = complex(vx, vy) + 1j * rate * arm
+                self._press((n, i), side, complex(x, y) + arm, speed, height, step)
+        self._sums.touched += self._sums.load > load
+
+    def read(self, time: float) -> ContactReading:
+        """Return the means since the last call and start anew.
+
+        Args:
+            time: s, of the middle of the window.
+        """
+        sums, self._sums = self._sums, _Sums()
+        if not sums.touched:
+            zero = np.zeros(3)
+            return ContactReading(self.name, time, False, zero, zero, zero, zero, 0.0)
+        place, force = sums.place / sums.load, sums.force / sums.steps
+        normal = sums.facing / max(abs(sums.facing), 1e-12)
+        turning = sums.moment / sums.steps - (place.conjugate() * force).imag
+        return ContactReading(
+            name=self.name,
+            time=time,
+            in_contact=True,
+            force=np.array([force.real, force.imag, 0.0]),
+            torque=np.array([0.0, 0.0, turning]),
+            point=np.array([place.real, place.imag, sums.height / sums.load]),
+            normal=np.array([normal.real, normal.imag, 0.0]),
+            share=sums.touched / sums.steps,
+        )
+
+    def _press(
+        self,
+        key: tuple[int, int],
+        side: Side,
+        place: complex,
+        speed: complex,
+        height: float,
+        step: float,
+    ) -> None:
+        """Let one point push one part, if it touches it."""
+        pose, angular, linear = side.body.state(side.k)
+        turn, origin = _turn(pose), complex(pose[0, 3], pose[1, 3])
+        near, normal, depth = side.nearest((place - origin) / turn)
+        depth += self._radius
+        if depth <= 0.0:
+            self._sheared.pop(key, None)
+            return
+        arm, normal = turn * near, turn * normal
+        slip = speed - complex(linear[0], linear[1]) - 1j * angular[2] * arm
+        into = slip * normal.conjugate()
+        skin, share = self._skin, 1.0 / len(self._places)
+        load = max(share * (skin.stiffness * depth + skin.damping * into.real), 0.0)
+        sheared = self._sheared.get(key, 0.0) + step * into.imag
+        rubbed = share * (skin.shear * sheared + skin.damping * into.imag)
+        rubbed = min(max(rubbed, -skin.friction * load), skin.friction * load)
+        self._sheared[key] = (rubbed / share - skin.damping * into.imag) / skin.shear
+        force, at = complex(load, rubbed) * normal, arm + origin
+        side.body.push(
+            side.k, np.array([force.real, force.imag, 0.0]), np.array([at.real, at.imag, height])
+        )
+        self._sums.add(force, load, at, height, normal)
+
+
+def _plane(points: Array) -> NDArray[np.complex128]:
+    """Return points (K, 2) as complex numbers."""
+    return np.asarray(points[:, 0] + 1j * points[:, 1])
+
+
+def _turn(pose: Array) -> complex:
+    """Return the turn of a pose about the vertical as a complex number."""
+    return complex(pose[0, 0], pose[1, 0])
