@@ -125,7 +125,7 @@ def _known_names(given: str, known: tuple[str, ...]) -> list[str]:
         BadInputError: one is unknown.
     """
     names = [name.strip() for name in given.split(",") if name.strip()]
-    unknown = [name for name in names if name not in known]
+    unknown = [name for name in names if name.partition("[")[0] not in known]
     if unknown:
         raise BadInputError(f"--effect {given}: no '{unknown[0]}'; there are {', '.join(known)}")
     return names

@@ -46,7 +46,7 @@ def generate(
     hidden = tuple(
         create_hidden_effect(name, size, seed, drawn) for name, size in (effects or {}).items()
     )
-    return _record(drawn, hidden, sensors)
+    return record(drawn, hidden, sensors)
 
 
 def generate_at_whitened_rms(
@@ -62,12 +62,13 @@ def generate_at_whitened_rms(
         effect = create_hidden_effect(name, 1.0, seed, drawn)
         size = magnitude_for_whitened_rms(effect, target, drawn, sensors)
         hidden.append(dataclasses.replace(effect, magnitude=size))
-    return _record(drawn, tuple(hidden), sensors)
+    return record(drawn, tuple(hidden), sensors)
 
 
-def _record(
+def record(
     scenario: Scenario, effects: tuple[HiddenEffect, ...], sensors: SensorOptions | None
 ) -> HiddenRecording:
+    """Record a scenario with effects of magnitudes that are known."""
     active = tuple(effect for effect in effects if effect.magnitude != 0.0)
     truth = scenario.simulate(active)
     streams = read_sensors(truth, active, sensors or SensorOptions(), scenario.seed)

@@ -47,7 +47,7 @@ ROOMS = {
         ("core/rigid_body",),
     ),
     "core/numerics": Room(
-        "least squares, whitening, local polynomials, noise, outliers",
+        "least squares, whitening, local polynomials, noise, outliers, intervals of scalars",
         ("core/rigid_body", "core/streams"),
     ),
     "core/contact": Room(
@@ -64,7 +64,7 @@ ROOMS = {
     ),
     "core/effects": Room(
         "the catalogue of effects that a model may lack",
-        ("core/contact", "core/rigid_body", "core/streams"),
+        ("core/contact", "core/numerics", "core/rigid_body", "core/streams"),
     ),
     "core/discrepancy": Room(
         "which effect is missing; knows nothing of hands or objects", ("core/numerics",)
@@ -74,8 +74,8 @@ ROOMS = {
     ),
     "core/friction": Room(
         "probing with one finger, slip, coefficients, what Coulomb lacks",
-        ("core/discrepancy", "core/effects", "core/rigid_body", "core/robot", "core/shape")
-        + ("core/tactile",),
+        ("core/discrepancy", "core/effects", "core/numerics", "core/rigid_body", "core/robot")
+        + ("core/shape", "core/tactile"),
     ),
     "core/planar": Room("streams of objects that are pushed and pulled on a support"),
     "core/planar/mechanics": Room(
@@ -98,7 +98,8 @@ ROOMS = {
     ),
     _INERTIA + "excitation": Room(
         "motions that tell most",
-        ("core/contact", _INERTIA + "batch", "core/manipulation", "core/rigid_body", "core/robot"),
+        ("core/contact", _INERTIA + "batch", _INERTIA + "residuals", "core/manipulation")
+        + ("core/rigid_body", "core/robot", "core/streams"),
     ),
     _INERTIA + "diagnosis": Room(
         "the held object as a model that the search for effects questions",
@@ -151,13 +152,15 @@ ROOMS = {
     "api": Room(
         "the verbs of the command as functions, with results for notebooks",
         ("core/discrepancy", "core/effects", "core/friction", "core/inertia")
-        + (_INERTIA + "batch", _INERTIA + "diagnosis", _INERTIA + "residuals", "core/shape")
+        + (_INERTIA + "batch", _INERTIA + "diagnosis", _INERTIA + "excitation")
+        + (_INERTIA + "residuals", "core/shape")
         + ("export", "recording", "report"),
     ),
     "ros": Room(
         "what nodes share: shell, wire, conversions, parameters, diagnostics",
         ("core/friction", _INERTIA + "batch", _INERTIA + "diagnosis", _INERTIA + "live")
-        + ("core/rigid_body", "core/robot", "core/shape", "core/streams", "core/tracking")
+        + ("core/planar/actions", "core/rigid_body", "core/robot", "core/shape", "core/streams")
+        + ("core/tracking",)
         + ("recording",),
         ("rclpy",),
     ),

@@ -8,6 +8,8 @@ from typing import Any
 
 from tactile_dynamics_ros.core.discrepancy.challenges import follows_other_law, is_outdone, temper
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import Convention, ResidualModel
+from tactile_dynamics_ros.core.discrepancy.regimes.finding import RegimeFinding, regime_of
+from tactile_dynamics_ros.core.discrepancy.regimes.step import add_regional_effect
 from tactile_dynamics_ros.core.discrepancy.search import (
     DiagnosisConfig,
     Step,
@@ -82,6 +84,11 @@ class Diagnosis:
         rivals = [rival.model for rival in choice.named(self.group)]
         return choice.best.model.separating_motion(rivals)
 
+    @cached_property
+    def regime(self) -> RegimeFinding | None:
+        """Where the missing effect acts; None if that is everywhere."""
+        return regime_of(self.explained_model, self.effect) if self.effect else None
+
     @property
     def explained_model(self) -> ResidualModel:
         """The model with the missing effect, or as it was."""
@@ -97,12 +104,13 @@ def diagnose(
 
     The residual is tested; what is significant and does not matter is a trace beside an adequate
     model. If something is missing, other readings of the recording are tried first; then effects
-    are added until nothing is. One effect
-    that leaves nothing, or dominates all else, is the answer. If several are needed, the first is
-    the answer provided that together they explain the residual. Otherwise the cause is none of the
-    known effects, unless the residual is within the uncertainty that the sensors report: then
-    nothing is known to be missing. What explains nine tenths of the error is named all the same,
-    and the rest is described.
+    are added until nothing is. One effect that leaves nothing, or dominates all else, is the
+    answer. If several are needed, the first is the answer provided that together they explain the
+    residual. Otherwise the cause is none of the known effects, unless the residual is within the
+    uncertainty that the sensors report: then nothing is known to be missing. Where effects that act
+    everywhere leave more than noise, one that acts in a regime only is the answer if it explains
+    the residual and they do not. What explains nine tenths of the error is named all the same, and
+    the rest is described.
 
     Args:
         model: fitted.
@@ -129,7 +137,10 @@ def diagnose(
         return unnamed("unexplained", (), first.structure.floor)
     steps = find_effects(model, first, config)
     floor = min([first.structure.floor] + [s.after.structure.floor for s in steps])
-    if not _accounts_for(model, steps, first, floor, config) or is_outdone(
+    regional = add_regional_effect(model, first, steps, config)
+    if regional is not None:
+        steps = (regional,)
+    elif not _accounts_for(model, steps, first, floor, config) or is_outdone(
         model, steps, floor, config.indifference
     ):
         if first.within_stated:

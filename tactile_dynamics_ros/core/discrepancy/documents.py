@@ -14,6 +14,7 @@ from tactile_dynamics_ros.core.discrepancy.model.residual_model import (
     ParameterTable,
     ResidualModel,
 )
+from tactile_dynamics_ros.core.discrepancy.regimes.finding import RegimeFinding
 from tactile_dynamics_ros.core.discrepancy.screening import Score, best_by_effect
 from tactile_dynamics_ros.core.discrepancy.search import explained_share
 from tactile_dynamics_ros.core.discrepancy.selection import Choice
@@ -44,6 +45,7 @@ def diagnosis_document(diagnosis: Diagnosis) -> Document:
     return {
         "verdict": diagnosis.verdict,
         "effect": diagnosis.effect,
+        "regime": diagnosis.regime.to_json() if diagnosis.regime else None,
         "group": list(diagnosis.group),
         "separating_motion": diagnosis.separating_motion,
         "candidates": [] if diagnosis.convention else _candidates(diagnosis),
@@ -79,6 +81,7 @@ def explanation_document(explanation: Explanation) -> Document:
             "noise_floor": explanation.floor,
         },
         "parameters": explanation.model.parameters(),
+        "regimes": {name: one.to_json() for name, one in explanation.regimes.items()},
         "groups": {step.name: list(step.group) for step in explanation.steps if step.group},
         "unexplained": signature.to_json() if signature else None,
         "convention": _convention(read[0] if read else None),
@@ -171,9 +174,13 @@ def diagnosis_sentence(diagnosis: Diagnosis) -> str:
         )
     if diagnosis.effect is None:
         return _unexplained_sentence(diagnosis)
-    named = _effect_sentence(diagnosis.model, _fitted_together(diagnosis), diagnosis.effect)
+    named = _effect_sentence(
+        diagnosis.model, _fitted_together(diagnosis), diagnosis.effect, diagnosis.regime
+    )
     share = explained_share(diagnosis.before.rms, diagnosis.after.rms, diagnosis.floor)
     text = f"{named} explains {write_percent(share)} of the excess error"
+    if diagnosis.regime and diagnosis.signature is None and len(diagnosis.steps) == 1:
+        text += f"; {diagnosis.regime.elsewhere} nothing is missing"
     if len(diagnosis.steps) > 1:
         others = [step.name for step in diagnosis.steps[1:]]
         text += f"; {join_names(others, 'and')} {'is' if len(others) == 1 else 'are'} missing too"
@@ -204,8 +211,12 @@ def _trace_sentence(trace: Trace) -> str:
     )
 
 
-def _effect_sentence(model: ResidualModel, parameters: ParameterTable, name: str) -> str:
-    return f"{capitalise(model.sentence(name))}: {write_parameters(parameters.get(name, {}))}"
+def _effect_sentence(
+    model: ResidualModel, parameters: ParameterTable, name: str, regime: RegimeFinding | None
+) -> str:
+    clause = model.sentence(name)
+    where = clause if regime is None else f"{regime.words} {clause}"
+    return f"{capitalise(where)}: {write_parameters(parameters.get(name, {}))}"
 
 
 def _convention_sentence(diagnosis: Diagnosis, convention: Convention) -> str:
@@ -305,7 +316,8 @@ def _outcome(explanation: Explanation) -> str:
         return diagnosis_sentence(explanation.first)
     parameters = explanation.model.parameters()
     clauses = [
-        _effect_sentence(explanation.model, parameters, name) for name in explanation.effects
+        _effect_sentence(explanation.model, parameters, name, explanation.regimes.get(name))
+        for name in explanation.effects
     ]
     end = ""
     if explanation.signature is not None:

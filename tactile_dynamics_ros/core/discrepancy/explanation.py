@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Protocol, TypeVar
 
 from tactile_dynamics_ros.core.discrepancy.diagnosis import Diagnosis, diagnose, find_group
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import Convention, ResidualModel
+from tactile_dynamics_ros.core.discrepancy.regimes.finding import RegimeFinding, regime_of
 from tactile_dynamics_ros.core.discrepancy.search import DiagnosisConfig, Step, reconsider_steps
 from tactile_dynamics_ros.core.discrepancy.signature import Signature, describe_residual
 from tactile_dynamics_ros.core.discrepancy.validation import HeldOut, held_out
@@ -64,6 +66,12 @@ class Explanation:
     signature: Signature | None
     conventions: tuple[Convention, ...] = ()
     in_turn: bool = False
+
+    @cached_property
+    def regimes(self) -> dict[str, RegimeFinding]:
+        """Where effects act that do not act everywhere, by name."""
+        found = {name: regime_of(self.model, name) for name in self.effects}
+        return {name: regime for name, regime in found.items() if regime is not None}
 
     @property
     def leaves_noise(self) -> bool:

@@ -8,7 +8,9 @@ from importlib.metadata import entry_points
 from typing import Generic, TypeVar
 
 from tactile_dynamics_ros.core.effects.effect import Effect
+from tactile_dynamics_ros.core.effects.gated import gate_effect
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.numerics.regime import Regime, split_label
 
 ENTRY_POINT_GROUP = "tactile_dynamics_ros.effects"
 """Group of entry points under which installed packages name their effects of a held object. It is
@@ -50,6 +52,7 @@ class EffectRegistry(Generic[EffectT]):
         first: Sequence[str] = (),
         modules: Iterable[str] = (),
         entry_point_group: str = "",
+        gate: Callable[[EffectT, Regime], EffectT] | None = None,
     ) -> None:
         """Nothing is imported before the first effect is asked for.
 
@@ -58,10 +61,12 @@ class EffectRegistry(Generic[EffectT]):
             first: names that come first, in this order.
             modules: that register effects when they are imported.
             entry_point_group: where installed packages name effects of theirs; empty for none.
+            gate: makes an effect act in a regime only; None where none can.
         """
         self.model = model
         self._first, self._modules, self._group = tuple(first), tuple(modules), entry_point_group
         self._known: dict[str, Callable[[], EffectT]] = {}
+        self._gate = gate
         self._loaded = False
 
     def register(self, effect: EffectClass) -> EffectClass:
@@ -82,12 +87,18 @@ class EffectRegistry(Generic[EffectT]):
         return self._first + tuple(name for name in self._known if name not in self._first)
 
     def create(self, label: str) -> EffectT:
-        """Effect of a name, or of a reading of it, ``name:reading``.
+        """Effect of a name, ``name[regime]:reading``, where regime and reading may be missing.
 
         Raises:
-            BadInputError: no effect of that name, or the effect has no such reading.
+            BadInputError: no effect of that name, the effect has no such reading, or the regime
+                cannot be read.
         """
         self._load()
+        everywhere, regime = split_label(label)
+        if regime is not None:
+            if self._gate is None:
+                raise BadInputError(f"effect '{label}': no regimes in model {self.model}")
+            return self._gate(self.create(everywhere), regime)
         name, _, reading = label.partition(":")
         if name not in self._known:
             known = ", ".join(self.names())
@@ -135,6 +146,7 @@ HELD: EffectRegistry[Effect] = EffectRegistry(
     EFFECT_NAMES,
     [f"tactile_dynamics_ros.core.effects.held.{kind}" for kind in _KINDS],
     ENTRY_POINT_GROUP,
+    gate_effect,
 )
 """Effects of an object that a hand holds."""
 
@@ -154,10 +166,10 @@ def registered_names() -> tuple[str, ...]:
 
 
 def create_effect(label: str) -> Effect:
-    """Effect of a held object by its name, or a reading of it, ``name:reading``.
+    """Effect of a held object by its name, ``name[regime]:reading``; both may be missing.
 
     Raises:
-        BadInputError: no effect of that name, or the effect has no such reading.
+        BadInputError: no effect of that name, no such reading, or no such regime.
     """
     return HELD.create(label)
 

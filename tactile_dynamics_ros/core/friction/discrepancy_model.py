@@ -15,6 +15,7 @@ from tactile_dynamics_ros.core.discrepancy.model.least_squares import LeastSquar
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import Condition, Family, Residuals
 from tactile_dynamics_ros.core.effects.parameter import EffectParameter
 from tactile_dynamics_ros.core.friction.effects import FRICTION, FrictionEffect
+from tactile_dynamics_ros.core.friction.gated import slip_scalars
 from tactile_dynamics_ros.core.friction.separating_slips import plan_slips
 from tactile_dynamics_ros.core.friction.slip_table import SlipTable
 
@@ -197,7 +198,15 @@ class FrictionModel(LeastSquaresModel[FrictionEffect]):
         linear = -self.evaluate(start, (*self.effects, effect))[1][:, -count:]
         curved = effect.curvature(self.slips, self.mu)
         columns = np.hstack([linear, self.whiten(curved.reshape(len(linear), -1))])
-        return [Family(name, name, name, columns, tuple(range(columns.shape[1])), source=effect)]
+        kept = tuple(range(columns.shape[1]))
+        return [Family(name, name, name, columns, kept, source=effect, regional=True)]
+
+    def conditions(self) -> list[Condition]:
+        """Scalars of the slips."""
+        return [
+            Condition(name, unit, values, symbol=symbol)
+            for symbol, (name, unit, values) in slip_scalars(self.slips).items()
+        ]
 
     def guess(self, family: Family, coefficients: Array) -> Array:
         """Coefficients of the linear form, no larger than effects are."""

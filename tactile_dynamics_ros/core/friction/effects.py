@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.core.effects.catalogue import CatalogueEntry, entry_of
 from tactile_dynamics_ros.core.effects.parameter import EffectParameter
 from tactile_dynamics_ros.core.effects.registry import EffectRegistry
+from tactile_dynamics_ros.core.friction.gated import gate_friction
 from tactile_dynamics_ros.core.friction.slip_table import SlipTable
 
 Array = NDArray[np.float64]
@@ -23,7 +24,7 @@ STATIC, KINETIC = 0, 1
 arrays of a `SlipTable` and mean nothing elsewhere."""
 
 
-FRICTION: EffectRegistry[FrictionEffect] = EffectRegistry("friction")
+FRICTION: EffectRegistry[FrictionEffect] = EffectRegistry("friction", gate=gate_friction)
 """Effects that Coulomb's law of a probed surface may lack. Without it the diagnosis of a surface
 has no effects to name."""
 

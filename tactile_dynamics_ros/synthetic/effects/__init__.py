@@ -11,6 +11,7 @@ from tactile_dynamics_ros.synthetic.effects import (
     outside_world,
 )
 from tactile_dynamics_ros.synthetic.effects.base import HiddenEffect, Quantity
+from tactile_dynamics_ros.synthetic.effects.gated import Bounds, Gated
 from tactile_dynamics_ros.synthetic.scenario import Scenario
 
 _CATALOGUED = (
@@ -63,14 +64,19 @@ def create_hidden_effect(
     """Create a hidden effect; its direction, place and so on are drawn from the seed.
 
     Args:
-        name: one of CATALOGUE or OUTSIDE.
+        name: one of CATALOGUE or OUTSIDE, with bounds where it acts in part: ``name[z<0.6]``.
         magnitude: multiple of the effect's typical size, 0 is off.
         seed: of the draw; equal seeds give equal directions at every magnitude.
         scenario: where and on what the effect acts.
 
     Raises:
         KeyError: there is no such effect; names those that exist.
+        ValueError: the bounds cannot be read.
     """
+    name, _, bounds = name.partition("[")
+    if bounds:
+        inner = create_hidden_effect(name, magnitude, seed, scenario)
+        return Gated(magnitude, inner, Bounds.read(bounds.removesuffix("]")))
     if name not in _BY_NAME:
         raise KeyError(f"no hidden effect {name!r}; there are {', '.join(_BY_NAME)}")
     return _BY_NAME[name].draw(randomness.stream(seed, "effect", name), magnitude, scenario)

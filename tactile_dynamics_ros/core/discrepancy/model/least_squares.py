@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.contract import central_differences
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import (
+    Condition,
     Convention,
     Family,
     ParameterTable,
@@ -196,6 +197,10 @@ class LeastSquaresModel(ABC, Generic[EffectT]):
     def own_names(self) -> Sequence[tuple[str, str, str]]:
         """(table, name, unit) of each own parameter that `parameters` lists; none by default."""
         return ()
+
+    def conditions(self) -> Sequence[Condition]:
+        """Conditions of the residuals that have a symbol."""
+        return [one for one in self.residuals().conditions if one.symbol]
 
     def library(self) -> list[Family]:
         """Families of named quantities, for a residual that no effect explains; none by default."""

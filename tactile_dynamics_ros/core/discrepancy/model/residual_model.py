@@ -44,6 +44,8 @@ class Family:
         symbols: of the columns, where they can stand in a formula.
         frame: in which the columns are constant or turn with what they depend on.
         effect: name of the effect of the catalogue that a term of the library is; empty for none.
+        regional: whether the effect may act in a regime only: the model then knows its families
+            under the names ``name[regime]``.
     """
 
     name: str
@@ -58,6 +60,7 @@ class Family:
     symbols: tuple[str, ...] = ()
     frame: str = ""
     effect: str = ""
+    regional: bool = False
 
 
 @dataclass(frozen=True)
@@ -70,12 +73,14 @@ class Condition:
         values: (N,).
         below_most: what it means that the value is below its largest, where nothing else is worth
             saying of it; empty for a quantity that is divided into thirds.
+        symbol: that regimes name it by; empty where none can.
     """
 
     name: str
     unit: str
     values: Array
     below_most: str = ""
+    symbol: str = ""
 
 
 @dataclass(frozen=True)
@@ -181,6 +186,9 @@ class ResidualModel(Protocol):
 
     def families(self, names: Sequence[str] | None = None) -> Sequence[Family]:
         """Families of the effects that the model could have."""
+
+    def conditions(self) -> Sequence[Condition]:
+        """Scalars by which a regime may be told, one value for each instant."""
 
     def with_effect(self, family: Family, coefficients: Array) -> ResidualModel:
         """Fit quickly with one more effect, starting at coefficients of the family."""

@@ -16,6 +16,7 @@ from tactile_dynamics_ros.core.discrepancy.model.least_squares import (
     split_parameters,
 )
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import (
+    Condition,
     Convention,
     Family,
     Misfit,
@@ -23,7 +24,9 @@ from tactile_dynamics_ros.core.discrepancy.model.residual_model import (
 )
 from tactile_dynamics_ros.core.discrepancy.trials import square
 from tactile_dynamics_ros.core.discrepancy.validation import held_out
+from tactile_dynamics_ros.core.effects.conditions import sample_scalars
 from tactile_dynamics_ros.core.effects.effect import Effect
+from tactile_dynamics_ros.core.effects.gated import can_be_gated
 from tactile_dynamics_ros.core.effects.parameter import EffectParameter, ParameterSum
 from tactile_dynamics_ros.core.effects.present import PresentEffects
 from tactile_dynamics_ros.core.effects.registry import create_effect, registered_names
@@ -245,6 +248,7 @@ class HeldObjectModel(LeastSquaresModel[Effect]):
                 effect,
                 rings=effect.rings,
                 lasting=effect.lasting,
+                regional=can_be_gated(effect),
             )
             for effect, reading, columns, kept in found
         ]
@@ -314,6 +318,19 @@ class HeldObjectModel(LeastSquaresModel[Effect]):
         xi = nearest_body(self.phi, self.fitted.phi)
         model = replace(self.fitted, xi=xi, effects=self.effects, theta=self.theta)
         return wrench_residuals(model, self.residual.reshape(-1, 6))
+
+    def conditions(self) -> tuple[Condition, ...]:
+        """Scalars of the denoised samples."""
+        parts = [sample_scalars(stretch.problem.samples) for stretch in self.fitted.stretches]
+        return tuple(
+            Condition(
+                scalar.name,
+                scalar.unit,
+                np.concatenate([part[symbol].values for part in parts]),
+                symbol=symbol,
+            )
+            for symbol, scalar in parts[0].items()
+        )
 
     def library(self) -> list[Family]:
         """Simple functions of named quantities as wrenches."""

@@ -1,0 +1,120 @@
+"""Add an effect that acts only in a regime, if it explains what none does that acts everywhere."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from tactile_dynamics_ros.core.discrepancy.challenges import is_outdone_by_law
+from tactile_dynamics_ros.core.discrepancy.model.residual_model import Condition, ResidualModel
+from tactile_dynamics_ros.core.discrepancy.regimes.border import find_border
+from tactile_dynamics_ros.core.discrepancy.regimes.search import Candidate, RegimeSearch
+from tactile_dynamics_ros.core.discrepancy.screening import Score, screen
+from tactile_dynamics_ros.core.discrepancy.search import (
+    DiagnosisConfig,
+    Step,
+    explained_share,
+    is_enough,
+    is_noise,
+)
+from tactile_dynamics_ros.core.discrepancy.selection import choose_effect
+from tactile_dynamics_ros.core.discrepancy.trials import CHANCE, reachable
+from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import Assessment, assess
+from tactile_dynamics_ros.core.numerics.regime import split_label
+
+_CLEARLY = 3.0
+"""Multiple of `indifference` by which an effect in a regime must do better than one everywhere: 30
+of -2 log evidence, odds of e^15, beyond the price of all gates that were tried. Lower gates effects
+that act everywhere."""
+_MOST_CANDIDATES = 8
+"""Effects with a condition that are refitted. Each costs a quick fit; the true one was among the
+first four in all cases."""
+_HALF = 0.5
+"""Share of what effects that act everywhere leave, beyond noise, that one in a regime may leave at
+most to be preferred to them. Nearer to 1 regimes are told for what is next to nothing."""
+
+
+def add_regional_effect(
+    model: ResidualModel, first: Assessment, steps: Sequence[Step], config: DiagnosisConfig
+) -> Step | None:
+    """The effect that explains a residual from within a regime; None if none does so better.
+
+    It must have clearly more evidence than any effect that acts everywhere, with the price of the
+    search; its regime, found in every second block, must predict the other blocks; and it must
+    explain nine tenths of the excess error.
+
+    Args:
+        model: fitted.
+        first: assessment of it.
+        steps: effects that were found to act everywhere.
+        config: levels and depths.
+    """
+    if first.within_stated or (len(steps) == 1 and steps[0].after.white):
+        return None
+    floor = first.structure.floor
+    search = RegimeSearch.of(model, floor)
+    found = () if search is None else _promising(search, config)
+    if search is None or not found:
+        return None
+    scores = _scores(model, search, found)
+    if not scores:
+        return None
+    choice = choose_effect(model, [*scores, *first.scores], floor)
+    if choice is None or split_label(choice.best.name)[1] is None or not choice.thorough:
+        return None
+    step = Step(choice, assess(choice.model, config.significance))
+    return step if _is_preferred(step, first, steps, config) else None
+
+
+def _promising(search: RegimeSearch, config: DiagnosisConfig) -> list[Candidate]:
+    """The best candidates, one for each effect and condition; none if chance may have made them."""
+    ranked = search.candidates()
+    best = ranked[0].criterion
+    if best > search.criterion_everywhere() - _CLEARLY * config.indifference:
+        return []
+    near = [one for one in ranked if one.criterion <= reachable(best, 0.0) + CHANCE]
+    families = {id(one.family): one.family for one in near[:_MOST_CANDIDATES]}
+    if search.split_p_value(list(families.values())) > config.significance:
+        return []
+    unique: dict[tuple[str, str], Candidate] = {}
+    for one in near:
+        unique.setdefault((one.family.name, one.gate.symbol), one)
+    return list(unique.values())[:_MOST_CANDIDATES]
+
+
+def _scores(
+    model: ResidualModel, search: RegimeSearch, candidates: Sequence[Candidate]
+) -> list[Score]:
+    """Scores of the candidates behind their own borders, with the price of the search."""
+    conditions: dict[str, Condition] = {c.symbol: c for c in model.conditions()}
+    names: dict[str, int] = {}
+    for one in candidates:
+        condition = conditions[one.gate.symbol]
+        border = find_border(search.sums, one.family, condition, one.gate, search.floor)
+        if border is not None:
+            names[f"{one.family.name}[{border.gate}]"] = len(search.gates.gates)
+    families = [
+        replace(family, choices=family.choices * names[family.name])
+        for family in model.families(list(names))
+        if family.name in names
+    ]
+    return screen(model, families, search.floor)
+
+
+def _is_preferred(
+    step: Step, first: Assessment, steps: Sequence[Step], config: DiagnosisConfig
+) -> bool:
+    """Whether an effect in a regime explains enough, and more than those that act everywhere."""
+    floor = step.after.structure.floor
+    share = explained_share(first.rms, step.after.rms, floor)
+    settled = is_enough([step], first, config)
+    if not settled and share < config.mostly:
+        return False
+    if not is_noise(first, [step], config) and is_outdone_by_law(
+        step, floor, config.indifference, of_any_size=False
+    ):
+        return False
+    if not steps:
+        return True
+    left = max(steps[-1].after.rms ** 2 - floor**2, 0.0)
+    return step.after.white or step.after.rms**2 - floor**2 < _HALF * left
