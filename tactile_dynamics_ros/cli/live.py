@@ -27,6 +27,7 @@ from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError
 from tactile_dynamics_ros.share import share_file
 
 DEFAULT_CONFIG = "config/allegro_iiwa.yaml"
+DEFAULT_OBJECT, DEFAULT_NUMBER = "box_0", 121
 
 
 def add_parser(verbs: _SubParsersAction[Any]) -> None:
@@ -37,8 +38,14 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
     run.set_defaults(run=run_node)
 
     sim = verbs.add_parser("sim", help="run the simulated robot alone")
+    sim.add_argument(
+        "--scene",
+        default="hand",
+        metavar="hand|table",
+        help="hand: an object is held; table: an arm pushes (--object is then a number)",
+    )
     add_simulation_arguments(sim)
-    sim.set_defaults(run=run_simulation)
+    sim.set_defaults(run=run_simulation, object=None)
 
     up = verbs.add_parser("up", help="start all nodes of a robot and keep them running")
     up.add_argument("--config", default=DEFAULT_CONFIG, metavar="YAML", help="nodes, parameters")
@@ -68,12 +75,31 @@ def add_simulation_arguments(parser: argparse.ArgumentParser) -> None:
 def simulation_parameters(args: Namespace) -> dict[str, object]:
     """Return the parameters of robot_sim that the arguments describe."""
     return {
-        "world.object_name": args.object,
+        **_object_parameters(args),
         "seed": args.seed,
         "hidden_effect": args.hidden,
         "hidden_magnitude": float(args.magnitude),
         "real_time_factor": float(args.real_time_factor),
     }
+
+
+def _object_parameters(args: Namespace) -> dict[str, object]:
+    """Return which scene, and which object stands in it.
+
+    Raises:
+        BadInputError: there is no such scene, or an object of the table is not a number.
+    """
+    scene = getattr(args, "scene", "hand")
+    if scene == "hand":
+        return {"world.object_name": args.object or DEFAULT_OBJECT}
+    if scene != "table":
+        raise BadInputError(f"--scene {scene}: expected hand or table")
+    number = args.object or DEFAULT_NUMBER
+    if not str(number).isdigit():
+        raise BadInputError(
+            f"--object {number}: expected a number of config/planar_objects.yaml on the table"
+        )
+    return {"scene": scene, "object_number": int(number), "vision_rate_hz": 100.0}
 
 
 def run_node(args: Namespace) -> int:

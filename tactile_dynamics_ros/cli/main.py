@@ -16,6 +16,7 @@ VERB_MODULES: tuple[str, ...] = (
     "tactile_dynamics_ros.cli.live",
     "tactile_dynamics_ros.cli.topics",
     "tactile_dynamics_ros.cli.probe",
+    "tactile_dynamics_ros.cli.push",
     "tactile_dynamics_ros.cli.record",
     "tactile_dynamics_ros.cli.estimate",
     "tactile_dynamics_ros.cli.discrepancy",

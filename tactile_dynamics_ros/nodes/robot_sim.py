@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image, JointState
-from std_msgs.msg import String
+from std_msgs.msg import Float64, String
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import BadInputError
@@ -42,8 +42,10 @@ from tactile_dynamics_ros.ros.names import (
     CAMERA_TARGET,
     CLOCK,
     DEPTH_IMAGE,
+    GRIPPER_TARGET,
     JOINT_COMMAND,
     JOINT_STATES,
+    PUSHER_TARGET,
     REVEAL,
     ROBOT_DESCRIPTION,
     SUPPORT_POSE,
@@ -53,8 +55,9 @@ from tactile_dynamics_ros.ros.names import (
 )
 from tactile_dynamics_ros.ros.pacing import DelayLine, Pace, PaceConfig
 from tactile_dynamics_ros.ros.parameters import declare_config
+from tactile_dynamics_ros.ros.pusher_streams import ContactStreams, LinkStreams, PusherStreams
 from tactile_dynamics_ros.ros.shell import Shell, run_node
-from tactile_dynamics_ros.ros.wire import Joints, Stamped, encode_clock, to_stamp
+from tactile_dynamics_ros.ros.wire import Joints, Stamp, Stamped, encode_clock, to_stamp
 
 if TYPE_CHECKING:
     from tactile_dynamics_ros.sim.planar.simulated_table import TableReadings
@@ -66,6 +69,9 @@ Array = NDArray[np.float64]
 PERIOD = 0.01
 AHEAD = 2.0
 """A command that is stamped further ahead, s, is refused."""
+UPRIGHT = 0.99
+"""Cosine of the lean of a target of the pusher that is taken for upright: 8 deg, more than tables
+lean; beyond it somebody means another gripper."""
 
 CAMERA_FRAME = "camera_depth_optical_frame"
 
@@ -170,9 +176,10 @@ class _DepthStreams:
 
 
 class TableScene:
-    """Objects on a table and a depth camera that an arm carries to where it is told.
+    """Objects on a table, an arm with a camera, and an arm that pushes where it is told.
 
-    Images are rendered only while somebody subscribes to them.
+    Images are rendered only while somebody subscribes to them. Targets are executed like joint
+    commands of the hand: a fixed time after their stamp.
 
     Args:
         node: that publishes.
@@ -184,13 +191,25 @@ class TableScene:
             SimulatedTableConfig,
         )
 
+        self.node = node
         self.table = SimulatedTable(declare_config(node, SimulatedTableConfig), PERIOD)
         self.reveal = self.table.reveal
         self._depth = _DepthStreams(node, self.table.camera.config)
         self._camera_pose = node.stream(PoseStamped, CAMERA_POSE)
+        self._pusher, self._joints = PusherStreams(node), node.stream(JointState, JOINT_STATES)
+        self._contacts = ContactStreams(node, self.table.pusher.contacts)
+        self._links: LinkStreams | None = None
+        if self.table.config.vision_rate_hz > 0.0:
+            self._links = LinkStreams(node, [link.corners for link in self.table.outlines])
         support = node.latched(PoseStamped, SUPPORT_POSE)
         support.publish(pose_to_message(self.table.support, 0.0, "world"))
+        machine = self.table.pusher.machine
+        node.latched(String, ROBOT_DESCRIPTION).publish(String(data=machine.urdf))
         node.listen(PoseStamped, CAMERA_TARGET, self._on_target)
+        node.listen(PoseStamped, PUSHER_TARGET, self._on_pusher_target)
+        node.listen(Float64, GRIPPER_TARGET, self._on_gripper_target)
+        self._targets: DelayLine[Array] = DelayLine()
+        self._fault = ""
 
     @property
     def time(self) -> float:
@@ -198,17 +217,51 @@ class TableScene:
         return self.table.world.time
 
     def advance(self) -> TableReadings:
-        """Simulate one period."""
+        """Execute the targets that are due, and simulate one period."""
+        for target in self._targets.take(self.time):
+            self.table.pusher.go_to(target)
         return self.table.advance(looking=self._depth.heard)
 
     def publish(self, readings: TableReadings) -> None:
-        """Publish the camera's pose, and its image when that is due."""
+        """Publish what arm, tip and pads, tracker and camera say, or keep it until it is due."""
         self._camera_pose.publish(pose_to_message(readings.camera_pose, readings.time, "world"))
+        self._pusher.publish(readings.pusher, readings.width, readings.time)
+        names, joints = self.table.pusher.machine.joint_names, readings.joints
+        load = np.zeros(len(joints))
+        self._joints.publish(joints_to_message(names, readings.time, joints, readings.rates, load))
+        late, config, std = self.node.late, self.node.config, self.table.sensors.force_std
+        for felt in readings.touch:
+            told = self._contacts.messages(felt.name, felt.force, std, felt.pose, felt.time)
+            for entry in told if felt.touching else told[-1:]:
+                late.add(readings.time + config.touch_latency, entry)
+        if self._links is not None and readings.links:
+            covariance = self.table.markers[0].covariance
+            for entry in self._links.messages(readings.links, covariance, readings.links_time):
+                late.add(readings.time + config.vision_latency, entry)
         if readings.depth is not None:
             self._depth.add(readings.depth, readings.time)
+        if self.table.pusher.fault != self._fault:
+            self._fault = self.table.pusher.fault
+            if self._fault:
+                self.node.faults.add("pusher_stopped", self._fault)
 
     def _on_target(self, message: Stamped) -> None:
         self.table.carriage.go_to(pose_to_core(message, CAMERA_TARGET, "world"))
+
+    def _on_pusher_target(self, message: Stamped) -> None:
+        target = pose_to_core(message, PUSHER_TARGET, "world")
+        if target[2, 2] < UPRIGHT:
+            text = f"{PUSHER_TARGET}: z does not point up; this gripper points down and only turns"
+            raise MessageError("not_upright", text)
+        stamp = _checked_stamp(message.stamp, self.time, PUSHER_TARGET)
+        self._targets.add(stamp + self.node.config.command_latency, target)
+        if stamp > 0.0:
+            self.node.pace.note_command(stamp)
+
+    def _on_gripper_target(self, message: Float64) -> None:
+        if not np.isfinite(message.data):
+            raise MessageError("not_finite", f"{GRIPPER_TARGET}: {message.data}")
+        self.table.pusher.open_to(message.data)
 
 
 class HandScene:
@@ -305,17 +358,26 @@ class HandScene:
         if unknown:
             raise MessageError("unknown_joint", f"{JOINT_COMMAND}: no joint '{unknown[0]}'")
         reader = self._reader.setdefault(names, JointReader(names, JOINT_COMMAND))
-        stamp = to_seconds(message.stamp)
-        ahead = stamp - self.robot.world.time
-        if ahead > AHEAD:
-            text = (
-                f"{JOINT_COMMAND}: stamped {ahead:.3g} s ahead of /clock: stamp commands with "
-                "simulated time (it may also be left from before a restart)"
-            )
-            raise MessageError("command_ahead", text)
+        stamp = _checked_stamp(message.stamp, self.time, JOINT_COMMAND)
         self._commands.add(stamp + self.config.command_latency, (reader.positions(message), names))
         if stamp > 0.0:
             self.node.pace.note_command(stamp)
+
+
+def _checked_stamp(stamp: Stamp, now: float, topic: str) -> float:
+    """Return the stamp of a command, s.
+
+    Raises:
+        MessageError: it is far ahead of simulated time.
+    """
+    seconds = to_seconds(stamp)
+    if seconds - now > AHEAD:
+        text = (
+            f"{topic}: stamped {seconds - now:.3g} s ahead of /clock: stamp commands with "
+            "simulated time (it may also be left from before a restart)"
+        )
+        raise MessageError("command_ahead", text)
+    return seconds
 
 
 def main() -> int:

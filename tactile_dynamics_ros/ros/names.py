@@ -23,6 +23,10 @@ OBJECT_MARKERS = "object/markers"
 SUPPORT_POSE = "support/pose"
 CAMERA_POSE = "camera/pose"
 CAMERA_TARGET = "camera/target"
+PUSHER_POSE = "pusher/pose"
+PUSHER_TARGET = "pusher/target"
+GRIPPER_WIDTH = "gripper/width"
+GRIPPER_TARGET = "gripper/target"
 
 CONTACTS = ("index", "middle", "ring", "thumb")
 """Contacts that estimators hear unless they are told others: the fingers of an Allegro hand."""

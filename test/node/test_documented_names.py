@@ -14,6 +14,8 @@ from tactile_dynamics_ros.core.robot.robot_file import load_robot
 from tactile_dynamics_ros.ros import names
 
 ROBOT = load_robot()
+PUSHING = ("pusher", "pad_left", "pad_right")
+"""Contacts of an arm that pushes."""
 
 ROOT = Path(tactile_dynamics_ros.__file__).parents[1]
 HAND = "/hand"
@@ -38,10 +40,12 @@ def type_name(kind):
 def name_of(resolved):
     """Return a name relative to the hand's namespace, global ones with their slash."""
     parts = resolved.removeprefix(f"{HAND}/").split("/")
-    return "/".join("<finger>" if part in ROBOT.fingers else part for part in parts)
+    named = (*ROBOT.fingers, *(PUSHING if parts[0] == "contact" else ()))
+    return "/".join("<finger>" if part in named else part for part in parts)
 
 
-STARTS = [*((name, ()) for name in node_names()), ("robot_sim", ("-p", "scene:=table"))]
+TABLE = ("-p", "scene:=table", "-p", "vision_rate_hz:=30.0")
+STARTS = [*((name, ()) for name in node_names()), ("robot_sim", TABLE)]
 """Nodes, and arguments with which one has other topics."""
 
 

@@ -118,6 +118,9 @@ class Bed:
         mass: kg that rests on it.
         height: of the table, m.
         surface: of the table.
+
+    Attributes:
+        shares: as given.
     """
 
     def __init__(
@@ -130,7 +133,7 @@ class Bed:
         surface: Surface,
     ) -> None:
         self._feet = np.vstack([feet.T, np.ones(len(feet))])
-        self._height, self._shares, self._surface = height, shares, surface
+        self._height, self.shares, self._surface = height, shares, surface
         self._stiffness = mass * GRAVITY / SINK
         self._damping = 2.0 * DAMPING * mass * np.sqrt(GRAVITY / SINK)
         self._friction, self._rough = friction, friction
@@ -145,7 +148,7 @@ class Bed:
 
     def reshape(self, shares: Array) -> None:
         """Let the feet share the load in another way, (K,)."""
-        self._shares = shares
+        self.shares = shares
 
     def places(self) -> Array:
         """Feet (K, 2) m, body frame."""
@@ -168,7 +171,7 @@ class Bed:
         depth = self._height - moved[2]
         carried = self._stiffness * depth - self._damping * moved[5]
         np.maximum(carried, 0.0, out=carried)
-        self._pressure = pressure = self._shares * carried * (depth > 0.0)
+        self._pressure = pressure = self.shares * carried * (depth > 0.0)
         total = float(pressure.sum())
         if total <= 0.0:
             self._stretch[:] = 0.0
@@ -189,7 +192,7 @@ class Bed:
 
     def _drag(self, velocity: Array, step: float) -> Array:
         """Stretch the bristles and return the friction (2, K) of each foot, N."""
-        surface, shares = self._surface, self._shares
+        surface, shares = self._surface, self.shares
         seen = velocity if surface.stretch is None else surface.stretch @ velocity
         stiffness, damped = self._stiffness * shares, self._damping * shares * seen
         self._stretch += step * seen

@@ -30,6 +30,8 @@ BASE = -1
 LEVER = np.array([0.05, 0.0, 0.0])
 """Where the pair of forces acts that stands for a torque about the vertical, m. Bullet takes
 torques of links in their own frame whatever it is told; the size changes nothing."""
+WEIGHT_RADIUS = 0.01
+"""Radius of gyration of a weight that is put on an object, m: small beside the object's."""
 SKIN_FRICTION = 0.4
 """Coefficient between the object's sides and what pushes it."""
 
@@ -115,6 +117,41 @@ class PlanarBody:
             force.tolist(),
             point.tolist(),
             pybullet.WORLD_FRAME,
+            physicsClientId=self.client,
+        )
+
+    def load(self, mass: float, place: Array) -> None:
+        """Put a small weight, kg, on the first part and fix it there.
+
+        Args:
+            mass: kg.
+            place: (3,) m, object's frame.
+        """
+        pose = self.pose()
+        at = pose[:3, 3] + pose[:3, :3] @ place
+        weight = pybullet.createMultiBody(
+            mass, basePosition=at.tolist(), physicsClientId=self.client
+        )
+        pybullet.changeDynamics(
+            weight,
+            BASE,
+            localInertiaDiagonal=(mass * WEIGHT_RADIUS**2 * np.ones(3)).tolist(),
+            linearDamping=0.0,
+            angularDamping=0.0,
+            activationState=pybullet.ACTIVATION_STATE_DISABLE_SLEEPING,
+            physicsClientId=self.client,
+        )
+        linear = self.velocity()[1]
+        pybullet.resetBaseVelocity(weight, linear.tolist(), physicsClientId=self.client)
+        pybullet.createConstraint(
+            self.body,
+            BASE,
+            weight,
+            BASE,
+            pybullet.JOINT_POINT2POINT,
+            [0.0, 0.0, 0.0],
+            (self._inverse[0] @ [*place, 1.0])[:3].tolist(),
+            [0.0, 0.0, 0.0],
             physicsClientId=self.client,
         )
 

@@ -88,6 +88,11 @@ class Pusher:
         world.add_pre_step(self._act, self._is_idle)
 
     @property
+    def contacts(self) -> tuple[str, ...]:
+        """Names of its contacts."""
+        return (PUSHER, *PADS)
+
+    @property
     def pose(self) -> Array:
         """Pose (4, 4) of the tip: x the gripper's forward axis, y from pad to pad, z up."""
         pose = np.eye(4)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.sim.planar.bed import Surface, uneven_friction
 from tactile_dynamics_ros.sim.planar.carriage import Carriage
+from tactile_dynamics_ros.sim.planar.hidden_effects import hide
 from tactile_dynamics_ros.sim.planar.links import Outline, outlines
 from tactile_dynamics_ros.sim.planar.pusher import Pusher, PusherConfig
 from tactile_dynamics_ros.sim.planar.table import TableWorld, scattered
@@ -47,6 +48,9 @@ class SimulatedTableConfig:
     vision_rate_hz: float = parameter(
         0.0, "rate of a tracker of markers on the parts, 0 is none", "Hz", 0.0, 100.0
     )
+    hidden_effect: str = parameter("none", "disturbance by name, or none, random, random_outside")
+    hidden_magnitude: float = parameter(1.0, "multiple of its typical size", "", 0.0, 100.0)
+    hidden_time: float = parameter(30.0, "when an effect begins that is sudden", "s", 0.0)
     camera: DepthCameraConfig = field(default_factory=DepthCameraConfig)
     marker: MarkerTrackerConfig = field(default_factory=MarkerTrackerConfig)
     pusher: PusherConfig = field(default_factory=PusherConfig)
@@ -103,6 +107,13 @@ class SimulatedTable:
         )
         self.pusher = Pusher(self.world, config.pusher, period)
         self.outlines: list[Outline] = outlines(self.world.bodies[0]) if self.world.bodies else []
+        self.effect = hide(
+            config.hidden_effect,
+            config.hidden_magnitude,
+            config.seed,
+            self.world,
+            config.hidden_time,
+        )
         self.sensors = TouchSensors(config.touch, config.seed)
         self.markers = [
             MarkerTracker(config.marker, config.seed + 1000 * k) for k in range(len(self.outlines))
@@ -130,7 +141,8 @@ class SimulatedTable:
         now, pose, depth = self.world.time, self.carriage.pose.copy(), None
         if looking and is_due(before, now, self.config.depth_rate_hz):
             depth = self.camera.measure(self.world.client, pose)
-        contacts = self.pusher.read(now - 0.5 * (self.period - self.config.time_step))
+        felt = self.pusher.read(now - 0.5 * (self.period - self.config.time_step))
+        contacts = self.effect.feel(felt, self.pusher.frame[3], self.period)
         last, self._joints = self._joints, self.pusher.joints
         return TableReadings(
             time=now,
@@ -151,6 +163,7 @@ class SimulatedTable:
             "objects": [body.truth() for body in self.world.bodies],
             "links": [outline.truth() for outline in self.outlines],
             "support": self.support.tolist(),
+            "hidden_effect": self.effect.describe(),
             "time": self.world.time,
         }
 

@@ -86,6 +86,6 @@ class TouchSensors:
             return Felt(contact.name, contact.time, np.zeros(3), rest, False)
         pose = np.eye(4)
         across = np.array([-contact.normal[1], contact.normal[0], 0.0])
-        pose[:3, :3] = np.column_stack([np.array([0.0, 0.0, 1.0]), across, contact.normal])
+        pose[:3, :3] = np.column_stack([across, np.array([0.0, 0.0, 1.0]), contact.normal])
         pose[:3, 3] = contact.point + error
         return Felt(contact.name, contact.time, force, pose, True)

@@ -1,0 +1,131 @@
+"""What an arm that pushes and a tracker of markers on its objects tell."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from geometry_msgs.msg import (
+    Point32,
+    PolygonStamped,
+    PoseStamped,
+    PoseWithCovarianceStamped,
+    Vector3Stamped,
+    WrenchStamped,
+)
+from numpy.typing import NDArray
+from rclpy.publisher import Publisher
+from std_msgs.msg import Float64
+
+from tactile_dynamics_ros.ros.conversions import (
+    header,
+    pose_to_message,
+    std_to_message,
+    uncertain_pose_to_message,
+    wrench_to_message,
+)
+from tactile_dynamics_ros.ros.names import (
+    GRIPPER_WIDTH,
+    PUSHER_POSE,
+    contact_topic,
+    link_topic,
+)
+from tactile_dynamics_ros.ros.shell import Shell
+
+Array = NDArray[np.float64]
+
+WORLD = "world"
+
+
+class PusherStreams:
+    """Publishes the tip's pose and the jaws' width.
+
+    Args:
+        node: that publishes.
+    """
+
+    def __init__(self, node: Shell) -> None:
+        self._pose = node.stream(PoseStamped, PUSHER_POSE)
+        self._width = node.stream(Float64, GRIPPER_WIDTH)
+
+    def publish(self, pose: Array, width: float, time: float) -> None:
+        """Tell where tip (4, 4) and jaws (m) are."""
+        self._pose.publish(pose_to_message(pose, time, WORLD))
+        self._width.publish(Float64(data=width))
+
+
+class ContactStreams:
+    """Publishes contacts that a robot itself places in the world.
+
+    Args:
+        node: that publishes.
+        names: of all contacts.
+    """
+
+    def __init__(self, node: Shell, names: Sequence[str]) -> None:
+        kinds = {"force": WrenchStamped, "force_std": Vector3Stamped, "pose": PoseStamped}
+        self._publishers = {
+            (name, kind): node.stream(message, contact_topic(name, kind))
+            for name in names
+            for kind, message in kinds.items()
+        }
+
+    def messages(
+        self, name: str, force: Array, std: Array, pose: Array, time: float
+    ) -> list[tuple[Publisher, bytes]]:
+        """Return what is told of a contact, with the publishers that tell it.
+
+        Args:
+            name: of the contact.
+            force: (3,) N on the object, world.
+            std: (3,) N, of the force.
+            pose: (4, 4), the contact point, z the normal into the object.
+            time: s.
+        """
+        wrench = np.concatenate([np.zeros(3), force])
+        return [
+            (self._publishers[name, "pose"], pose_to_message(pose, time, WORLD)),
+            (self._publishers[name, "force_std"], std_to_message(std, time, WORLD)),
+            (self._publishers[name, "force"], wrench_to_message(wrench, time, WORLD)),
+        ]
+
+
+class LinkStreams:
+    """Publishes poses of the parts of an object that carry markers, and once their outlines.
+
+    Args:
+        node: that publishes.
+        outlines: (V, 2) m of each part, in its frame.
+    """
+
+    def __init__(self, node: Shell, outlines: Sequence[Array]) -> None:
+        links = [f"link_{k}" for k in range(1, len(outlines) + 1)]
+        self._poses = [
+            node.stream(PoseWithCovarianceStamped, link_topic(link, "pose")) for link in links
+        ]
+        for link, corners in zip(links, outlines, strict=True):
+            message = outline_message(corners, "object" if link == "link_1" else link)
+            node.latched(PolygonStamped, link_topic(link, "footprint")).publish(message)
+
+    def messages(
+        self, poses: Sequence[Array | None], covariance: Array, time: float
+    ) -> list[tuple[Publisher, bytes]]:
+        """Return what is told of the parts, with the publishers that tell it.
+
+        Args:
+            poses: (4, 4) of each part; None where it is lost.
+            covariance: (6, 6) [rotation, position] of each.
+            time: s.
+        """
+        return [
+            (publisher, uncertain_pose_to_message(pose, covariance, time, WORLD))
+            for publisher, pose in zip(self._poses, poses, strict=False)
+            if pose is not None
+        ]
+
+
+def outline_message(corners: Array, frame: str, time: float = 0.0) -> PolygonStamped:
+    """Return the outline (V, 2) of a part in its own frame, m."""
+    message = PolygonStamped(header=header(time, frame))
+    message.polygon.points = [Point32(x=float(x), y=float(y), z=0.0) for x, y in corners]
+    return message
