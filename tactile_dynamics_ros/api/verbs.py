@@ -14,6 +14,7 @@ from tactile_dynamics_ros.api.shapes import Shape
 from tactile_dynamics_ros.core.errors import BadInputError
 
 if TYPE_CHECKING:
+    from tactile_dynamics_ros.api.checks import Check
     from tactile_dynamics_ros.core.effects.effect import Effect
     from tactile_dynamics_ros.recording import Recording
 
@@ -56,6 +57,22 @@ def read(
             for path in paths
         ]
     )
+
+
+def check(recording: Recording, goal: float = 0.1) -> Check:
+    """Tell whether a recording is fit for an estimate, and what to record as well.
+
+    Args:
+        recording: what was measured so far.
+        goal: wanted standard deviation over the size of a parameter.
+
+    Raises:
+        BadInputError: contacts and motion do not overlap.
+        NotIdentifiableError: the iteration diverged.
+    """
+    from tactile_dynamics_ros.api.checks import check_recording
+
+    return check_recording(recording, goal)
 
 
 def estimate(recording: Recording, effects: Effects = ()) -> Estimate:

@@ -18,6 +18,7 @@ VERB_MODULES: tuple[str, ...] = (
     "tactile_dynamics_ros.cli.probe",
     "tactile_dynamics_ros.cli.push",
     "tactile_dynamics_ros.cli.record",
+    "tactile_dynamics_ros.cli.check",
     "tactile_dynamics_ros.cli.estimate",
     "tactile_dynamics_ros.cli.discrepancy",
     "tactile_dynamics_ros.cli.batch",

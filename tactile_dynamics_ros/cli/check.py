@@ -1,0 +1,44 @@
+"""`tactile-dynamics check`: is a recording fit for an estimate, while more can be recorded?"""
+
+from __future__ import annotations
+
+import json
+from argparse import Namespace, _SubParsersAction
+from typing import Any
+
+from tactile_dynamics_ros.cli.recordings import add_recording_arguments, read_recording
+from tactile_dynamics_ros.core.errors import BadInputError
+
+
+def add_parser(verbs: _SubParsersAction[Any]) -> None:
+    """Add the verb."""
+    parser = verbs.add_parser(
+        "check",
+        help="rates, gaps, clocks, units and excitation of a recording, and what to record as well",
+        description="Tell whether a recording is fit for an estimate, in words: rates and gaps, "
+        "clocks, suspicious units, how well each parameter is known, and which further motion "
+        "would bring it to the goal. The exit code is 0 if it is ready and 3 if not.",
+    )
+    add_recording_arguments(parser)
+    parser.add_argument(
+        "--goal",
+        type=float,
+        default=10.0,
+        metavar="PERCENT",
+        help="wanted standard deviation: of the mass, of the centre of mass over the radius of "
+        "gyration, of I_ij over sqrt(I_ii I_jj) (10)",
+    )
+    parser.set_defaults(run=run)
+
+
+def run(args: Namespace) -> int:
+    """Check and print."""
+    from tactile_dynamics_ros.api.checks import check_recording
+
+    if args.effects:
+        raise BadInputError("check: expected no --effects; it is about the recording alone")
+    if not args.goal > 0.0:
+        raise BadInputError(f"--goal {args.goal:g}: expected a percentage above 0")
+    found = check_recording(read_recording(args), args.goal / 100.0)
+    print(json.dumps(found.to_json()) if args.json else found)
+    return 0 if found.ready else 3
