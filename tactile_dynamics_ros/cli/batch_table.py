@@ -15,7 +15,7 @@ Document = Mapping[str, Any]
 
 def _number(value: Any) -> str:
     """A number in four digits; empty for none."""
-    return "" if value is None else f"{value:.4g}"
+    return "" if value is None else f"{value:#.4g}"
 
 
 def _error(name: str) -> Callable[[Document], str]:

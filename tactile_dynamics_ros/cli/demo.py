@@ -21,6 +21,7 @@ from tactile_dynamics_ros.cli.live import (
     simulation_parameters,
 )
 from tactile_dynamics_ros.cli.supervisor import Supervisor, node_command, verb_command
+from tactile_dynamics_ros.cli.view import require_viser
 from tactile_dynamics_ros.core.errors import (
     NotIdentifiableError,
     TactileDynamicsError,
@@ -54,6 +55,9 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
         "--duration", type=float, metavar="S", help="of the motion (30; with --hidden 60)"
     )
     parser.add_argument("--out", metavar="DIR", help="recording, report and logs; new directory")
+    parser.add_argument(
+        "--view", type=int, nargs="?", const=8080, metavar="PORT", help="live page in the browser"
+    )
     parser.set_defaults(run=run)
 
 
@@ -61,6 +65,8 @@ def run(args: Namespace) -> int:
     """Play the story; afterwards everything is stopped."""
     started = time.monotonic()
     require_simulator()
+    if args.view:
+        require_viser()
     object_file(args.object)
     share_file(args.config)
     args.duration = args.duration or (30.0 if args.hidden == "none" else 60.0)
@@ -179,6 +185,9 @@ def start_processes(
     if motion is not None:
         extra["grasp_controller"]["motion"] = motion
     supervisor.start("recorder", verb_command("record", str(out / "recording")))
+    if getattr(args, "view", None):
+        supervisor.start("view", verb_command("view", "--port", str(args.view)))
+        say(f"live page: http://127.0.0.1:{args.view}/")
     for name, file in files.items():
         supervisor.start(name, node_command(name, file, extra.get(name)))
 

@@ -22,6 +22,7 @@ VERB_MODULES: tuple[str, ...] = (
     "tactile_dynamics_ros.cli.estimate",
     "tactile_dynamics_ros.cli.discrepancy",
     "tactile_dynamics_ros.cli.batch",
+    "tactile_dynamics_ros.cli.view",
     "tactile_dynamics_ros.cli.effects",
     "tactile_dynamics_ros.cli.excite",
     "tactile_dynamics_ros.cli.import_",

@@ -49,7 +49,7 @@ def _add_timeout(parser: ArgumentParser, default: float, text: str) -> None:
 
 
 @contextmanager
-def short_lived_node() -> Iterator[Node]:
+def short_lived_node(namespace: str = "") -> Iterator[Node]:
     """A node that lives as long as the context; SIGTERM ends the command as Ctrl-C does."""
     stay_on_this_host()
     import rclpy
@@ -59,7 +59,12 @@ def short_lived_node() -> Iterator[Node]:
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(TERMINATED))
     try:
-        yield RosNode("tactile_dynamics", enable_rosout=False, start_parameter_services=False)
+        yield RosNode(
+            "tactile_dynamics",
+            namespace=namespace,
+            enable_rosout=False,
+            start_parameter_services=False,
+        )
     finally:
         rclpy.try_shutdown()
 
@@ -161,23 +166,40 @@ def full_names(node: Node) -> set[str]:
     return {f"{space.rstrip('/')}/{name}" for name, space in found if name != node.get_name()}
 
 
-def run_set(args: Namespace) -> int:
-    """Change one parameter."""
-    import yaml
+def set_parameter(node: Node, target: str, name: str, value: Any, timeout: float) -> None:
+    """Change a parameter of a running node.
+
+    Args:
+        node: that asks.
+        target: name of the node that has the parameter.
+        name: of the parameter.
+        value: its new value.
+        timeout: s for the answer.
+
+    Raises:
+        BadInputError: the node is not there, or refuses the value.
+        TactileDynamicsError: no answer in time.
+    """
     from rclpy.parameter import Parameter
     from rclpy.parameter_client import AsyncParameterClient
 
+    client = AsyncParameterClient(node, target.lstrip("/"))
+    if not spin_until(node, client.services_are_ready, 5.0):
+        raise BadInputError(f"node '{target}' is not running; there are {sorted(full_names(node))}")
+    future = client.set_parameters([Parameter(name, value=value)])
+    if not spin_until(node, future.done, timeout):
+        raise TactileDynamicsError(f"node '{target}': no answer within {timeout} s")
+    result = future.result().results[0]
+    if not result.successful:
+        raise BadInputError(f"{target} {name} = {value}: {result.reason}")
+
+
+def run_set(args: Namespace) -> int:
+    """Change one parameter."""
+    import yaml
+
     value = yaml.safe_load(args.value)
     with short_lived_node() as node:
-        client = AsyncParameterClient(node, args.node.lstrip("/"))
-        if not spin_until(node, client.services_are_ready, 5.0):
-            known = sorted(full_names(node))
-            raise BadInputError(f"node '{args.node}' is not running; there are {known}")
-        future = client.set_parameters([Parameter(args.parameter, value=value)])
-        if not spin_until(node, future.done, args.timeout):
-            raise TactileDynamicsError(f"node '{args.node}': no answer within {args.timeout} s")
-        result = future.result().results[0]
-    if not result.successful:
-        raise BadInputError(f"{args.node} {args.parameter} = {args.value}: {result.reason}")
+        set_parameter(node, args.node, args.parameter, value, args.timeout)
     print(json.dumps({args.parameter: value}) if args.json else f"{args.parameter} = {value}")
     return 0

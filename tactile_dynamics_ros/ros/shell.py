@@ -57,7 +57,7 @@ LATCHED = QoSProfile(
 """Estimates: reliable, and the last one is kept for those who come later."""
 
 
-class _Polled(CallbackGroup):
+class Polled(CallbackGroup):
     """Callback group that no executor serves, because the node takes the messages itself."""
 
     def can_execute(self, entity: Any) -> bool:
@@ -116,7 +116,7 @@ class Shell(Node):
         self.rivals: dict[str, float] = {}
         self._numbers: dict[Subscription, _Numbers] = {}
         self._skimmed: set[Subscription] = set()
-        self._polled_group = _Polled()
+        self._polled_group = Polled()
         self._periodic: list[_Periodic] = []
         self.faults = Faults(self)
         self.every(1.0, self.faults.publish)

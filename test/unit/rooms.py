@@ -30,7 +30,7 @@ class Room:
 
 
 COMMON = ("", "core", "share")
-HEAVY = ("torch", "gtsam", "pybullet", "pybullet_data", "rclpy")
+HEAVY = ("torch", "gtsam", "pybullet", "pybullet_data", "rclpy", "viser")
 _INERTIA = "core/inertia/"
 
 ROOMS = {
@@ -82,6 +82,10 @@ ROOMS = {
         "motion of links on a support with Coulomb friction, under a tip or a grip"
     ),
     "core/planar/actions": Room("pushes and pulls as paths of a gripper", ("core/rigid_body",)),
+    "core/planar/sparse": Room(
+        "friction force and centre of mass from poses before and after pushes",
+        ("core/planar", "core/planar/mechanics"),
+    ),
     _INERTIA + "residuals": Room(
         "Newton-Euler residuals of a recording and their noise",
         ("core/contact", "core/effects", "core/numerics", "core/rigid_body", "core/streams"),
@@ -164,6 +168,12 @@ ROOMS = {
         + ("recording",),
         ("rclpy",),
     ),
+    "view": Room(
+        "the live page in the browser, of topics or of a recording",
+        ("api", _INERTIA + "live", "core/rigid_body", "core/robot", "core/streams")
+        + ("recording", "ros"),
+        ("rclpy", "viser"),
+    ),
     "nodes": Room(
         "one file per executable: parameters, subscriptions, publishers",
         ("core/contact", "core/discrepancy", "core/friction", _INERTIA + "diagnosis")
@@ -186,7 +196,7 @@ ROOMS = {
             "core/shape",
             "core/tactile",
         )
-        + ("recording", "report", "ros", "sim", "synthetic"),
+        + ("recording", "report", "ros", "sim", "synthetic", "view"),
         ("rclpy", "torch"),
     ),
 }

@@ -1,0 +1,249 @@
+"""`tactile-dynamics view [BAG]`: a page in the browser, of running nodes or of a recording."""
+
+from __future__ import annotations
+
+import ipaddress
+import json
+import secrets
+import time
+from argparse import ArgumentParser, Namespace, _SubParsersAction
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from importlib.util import find_spec
+from threading import Lock
+from typing import TYPE_CHECKING, Any
+
+from tactile_dynamics_ros.cli.live import StopRequest
+from tactile_dynamics_ros.cli.recordings import add_recording_arguments, read_recording
+from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError
+
+if TYPE_CHECKING:
+    from rclpy.node import Node
+
+    from tactile_dynamics_ros.view.page import LivePage
+
+_PERIOD = 0.1
+"""Time between pictures, s: fluent for a person, and a tenth of a core at most. Twice as often
+costs twice that."""
+_CHARTS_EVERY = 10
+"""Pictures from one drawing of the charts to the next: whole columns are sent, and numbers of a
+minute do not change faster than once a second."""
+_DISCOVER_EVERY = 10
+"""Pictures from one look for new contacts to the next."""
+
+SERVICES = {
+    "Diagnose": ("model_check/diagnose", 300.0),
+    "Probe friction": ("friction_probe/probe", 10.0),
+    "Reset the estimate": ("inertial_estimator/reset", 10.0),
+    "Explore": ("explorer/explore", 10.0),
+}
+"""Buttons: service and time for its answer, s."""
+
+
+def add_parser(verbs: _SubParsersAction[Any]) -> None:
+    """Add the verb."""
+    parser = verbs.add_parser("view", help="live page in the browser; with BAG, of a recording")
+    add_recording_arguments(parser, optional=True)
+    add_page_arguments(parser)
+    parser.set_defaults(run=run)
+
+
+def add_page_arguments(parser: ArgumentParser) -> None:
+    """Add where the page is and what it may do."""
+    parser.add_argument(
+        "--host",
+        default="127.0.0.1",
+        metavar="ADDRESS",
+        help="to listen on (127.0.0.1; others need the token that is printed)",
+    )
+    parser.add_argument("--port", type=int, default=8080, metavar="N", help="to listen on (8080)")
+    parser.add_argument(
+        "--control",
+        action="store_true",
+        help="with buttons that call services and change effects; without, the page only shows",
+    )
+
+
+def run(args: Namespace) -> int:
+    """Serve the page until Ctrl-C."""
+    require_viser()
+    with StopRequest() as stop:
+        if args.bag:
+            _play(args, stop)
+        else:
+            _watch(args, stop)
+    return 0
+
+
+def require_viser() -> None:
+    """Check that the page's library is there.
+
+    Raises:
+        BadInputError: it is not.
+    """
+    if find_spec("viser") is None:
+        raise BadInputError("the page needs viser: pip install 'tactile_dynamics_ros[view]'")
+
+
+@contextmanager
+def served(args: Namespace, actions: Mapping[str, Callable[[], str]] | None) -> Iterator[LivePage]:
+    """A page at the address of the arguments, behind a token where others could reach it.
+
+    Raises:
+        BadInputError: the address cannot be listened on.
+    """
+    from tactile_dynamics_ros.view.gate import Gate
+    from tactile_dynamics_ros.view.page import LivePage
+
+    guarded = args.control or not _is_loopback(args.host)
+    gate = None
+    try:
+        if not guarded and args.port:
+            _require_free(args.host, args.port)
+        page = LivePage("127.0.0.1" if guarded else args.host, 0 if guarded else args.port, actions)
+        token = secrets.token_urlsafe(16)
+        gate = Gate(args.host, args.port, page.port, token) if guarded else None
+    except OSError as error:
+        raise BadInputError(f"--port {args.port} of {args.host}: {error.strerror}") from error
+    port, ending = (gate.port, f"?token={token}") if gate else (page.port, "")
+    address = f"http://{args.host}:{port}/{ending}"
+    print(json.dumps({"page": address}) if args.json else f"page: {address}", flush=True)
+    try:
+        yield page
+    finally:
+        if gate is not None:
+            gate.close()
+        page.close()
+
+
+def _require_free(host: str, port: int) -> None:
+    """Check that nobody listens there; viser would take the next port without a word."""
+    import socket
+
+    with socket.create_server((host, port)):
+        pass
+
+
+def _is_loopback(host: str) -> bool:
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+def _play(args: Namespace, stop: StopRequest) -> None:
+    """Show a recording with a slider for its time."""
+    from tactile_dynamics_ros.view.playback import Playback
+
+    args.bag = [args.bag] if isinstance(args.bag, str) else args.bag
+    playback = Playback(read_recording(args))
+    with served(args, {"Diagnose": playback.diagnose}) as page:
+        moment = page.add_time(playback.duration)
+        page.draw_charts(playback.at(0.0))
+        while not stop.requested:
+            page.show(playback.at(moment.value))
+            time.sleep(_PERIOD)
+
+
+def _watch(args: Namespace, stop: StopRequest) -> None:
+    """Show what nodes publish until somebody stops it."""
+    from tactile_dynamics_ros.cli.topics import short_lived_node
+
+    with short_lived_node(args.namespace or "") as node:
+        control = Control(node) if args.control else None
+        with served(args, control.actions() if control else None) as page:
+            if control:
+                control.add_effects(page)
+            follow(page, node, lambda: stop.requested)
+
+
+def follow(page: LivePage, node: Node, stop: Callable[[], bool]) -> None:
+    """Show what nodes publish on a page.
+
+    Args:
+        page: to show it on.
+        node: that listens, in the namespace of the hand; nobody else may spin it.
+        stop: asked ten times a second.
+    """
+    from tactile_dynamics_ros.view.live import LiveSource
+
+    source = LiveSource(node)
+    count = 0
+    while not stop():
+        if count % _DISCOVER_EVERY == 0:
+            source.discover()
+        source.read()
+        page.show(source.state)
+        if count % _CHARTS_EVERY == 0:
+            page.draw_charts(source.state)
+        count += 1
+        time.sleep(_PERIOD)
+
+
+class Control:
+    """What the buttons of a page do: one at a time, except stopping.
+
+    Args:
+        node: that calls services.
+    """
+
+    def __init__(self, node: Node) -> None:
+        from std_msgs.msg import Bool
+
+        from tactile_dynamics_ros.ros.names import EMERGENCY_STOP
+        from tactile_dynamics_ros.ros.shell import LATCHED
+
+        self._node, self._message = node, Bool
+        self._stop = node.create_publisher(Bool, EMERGENCY_STOP, LATCHED)
+        self._lock = Lock()
+
+    def actions(self) -> dict[str, Callable[[], str]]:
+        """Return what each button does."""
+        calls = {text: self._caller(*service) for text, service in SERVICES.items()}
+        return {"STOP all motion": self._halt, "Allow motion again": self._release, **calls}
+
+    def add_effects(self, page: LivePage) -> None:
+        """Add the choice of the effects of the model."""
+        from tactile_dynamics_ros.core.effects import EFFECT_NAMES
+
+        page.add_choice("Effects of the model", EFFECT_NAMES, self._set_effects)
+
+    def _halt(self) -> str:
+        self._stop.publish(self._message(data=True))
+        return "stopped: all nodes that command motion stay as they are"
+
+    def _release(self) -> str:
+        self._stop.publish(self._message(data=False))
+        return "motion is allowed again; it begins at the next call"
+
+    def _caller(self, service: str, timeout: float) -> Callable[[], str]:
+        from tactile_dynamics_ros.cli.topics import call_trigger
+
+        return lambda: self._alone(lambda: _words(*call_trigger(self._node, service, timeout)))
+
+    def _set_effects(self, names: list[str]) -> str:
+        from tactile_dynamics_ros.cli.topics import set_parameter
+
+        def change() -> str:
+            set_parameter(self._node, "inertial_estimator", "effects", names or ["[]"], 10.0)
+            return f"effects of the model: {', '.join(names) or 'none'}"
+
+        return self._alone(change)
+
+    def _alone(self, action: Callable[[], str]) -> str:
+        if not self._lock.acquire(blocking=False):
+            return "something else is being asked; wait for its answer"
+        try:
+            return action()
+        except TactileDynamicsError as error:
+            return str(error)
+        finally:
+            self._lock.release()
+
+
+def _words(success: bool, message: str) -> str:
+    """Return a service's answer as a sentence: that of its document, if it is one."""
+    try:
+        return str(json.loads(message)["sentence"])
+    except (ValueError, KeyError, TypeError):
+        return message if success else f"not done: {message}"

@@ -1,0 +1,1 @@
+"""A page in the browser: what is handled, how sure that is, and whether the model fits."""

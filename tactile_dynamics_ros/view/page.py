@@ -1,0 +1,276 @@
+"""The page itself: a scene with numbers, charts and a verdict beside it. The only user of viser."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import redirect_stdout
+from io import StringIO
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from viser import ViserServer, uplot
+
+from tactile_dynamics_ros.core.rigid_body.rotation import matrix_to_quaternion
+from tactile_dynamics_ros.view.robot import RobotFigure
+from tactile_dynamics_ros.view.state import Body, Force, Quantity, State
+
+Array = NDArray[np.float64]
+
+METRES_PER_NEWTON = 0.02
+"""Length of a force's arrow: fingertips press with 1 to 5 N, which is as long as an object."""
+_BAND = 2.0
+"""Standard deviations that ellipsoids and bands show: 95 % of one coordinate."""
+_SMALLEST = 5e-4
+"""Least semi-axis of an ellipsoid, m, below which nothing could be seen of it."""
+_BLUE, _ORANGE, _GREEN, _GREY = (37, 99, 235), (234, 120, 30), (46, 158, 119), (170, 180, 190)
+
+_EYE = np.array([0.42, -0.38, 0.3])
+"""Place of the eye from the object, m: a hand fills the picture. Nearer cuts it off."""
+
+CHARTS = {
+    "mass": "mass, g",
+    "com": "centre of mass x, mm",
+    "friction": "friction",
+    "error": "error",
+}
+"""Charts by quantity of the state; the state has them in these units."""
+
+
+class LivePage:
+    """A page that shows a state; several browsers may look.
+
+    Args:
+        host: address to listen on.
+        port: to listen on; 0 takes a free one.
+        actions: what buttons do, by their text: each returns the answer in words. None for a page
+            that only shows.
+    """
+
+    def __init__(
+        self, host: str, port: int, actions: Mapping[str, Callable[[], str]] | None = None
+    ) -> None:
+        with redirect_stdout(StringIO()):  # viser greets there, where JSON may be expected
+            self.server = ViserServer(host=host, port=port, verbose=False, label="tactile dynamics")
+        scene = self.server.scene
+        scene.set_up_direction("+z")
+        scene.add_grid("/support", 2.0, 2.0, cell_size=0.1, section_size=0.5)
+        self._robot: RobotFigure | None = None
+        self._urdf = ""
+        self._drawn: dict[str, Any] = {}
+        gui = self.server.gui
+        gui.configure_theme(control_layout="fixed", show_logo=False, show_share_button=False)
+        self._verdict = gui.add_html("")
+        self._numbers = gui.add_html("")
+        self.buttons = [self._add_button(*one) for one in (actions or {}).items()]
+        self._answer = gui.add_html("")
+        self._charts: dict[str, Any] = {}
+        self._content: dict[str, Array] = {}
+
+    @property
+    def port(self) -> int:
+        """Port that is listened on."""
+        return int(self.server.get_port())
+
+    @property
+    def nodes(self) -> set[str]:
+        """Names of what is drawn in the scene."""
+        return set(self._drawn) | ({"/robot"} if self._robot else set())
+
+    def drawn(self, name: str) -> Any:
+        """Return a node of the scene."""
+        return self._drawn[name]
+
+    def close(self) -> None:
+        """Stop serving."""
+        with redirect_stdout(StringIO()):
+            self.server.stop()
+
+    def show(self, state: State) -> None:
+        """Show a state; what has not changed is not sent again."""
+        with self.server.atomic():
+            self._show_robot(state)
+            self._show_object(state)
+            for name in [key for key in self._drawn if key.startswith("/contacts/")]:
+                if name.split("/")[2] not in state.forces:
+                    self._drawn.pop(name).remove()
+            for name, force in state.forces.items():
+                self._show_force(name, force)
+        self._say(self._verdict, _verdict(state))
+        self._say(self._numbers, _numbers(state))
+
+    def draw_charts(self, state: State) -> None:
+        """Draw the histories; less often than the scene, since whole columns are sent."""
+        for name, title in CHARTS.items():
+            history = state.histories.get(name)
+            if history is None:
+                continue
+            columns = tuple(history.columns())
+            if name not in self._charts:
+                self._charts[name] = self._add_chart(columns, title)
+            else:
+                self._charts[name].data = columns
+
+    def answer(self, text: str) -> None:
+        """Show what an action answered."""
+        self._say(self._answer, f"<p>{html.escape(text)}</p>")
+
+    def add_time(self, duration: float) -> Any:
+        """Add a slider of the time in a recording, s; its `value` is what is chosen."""
+        return self.server.gui.add_slider("time, s", 0.0, max(duration, 0.01), 0.01, 0.0, order=-1)
+
+    def add_choice(
+        self, text: str, names: Sequence[str], choose: Callable[[list[str]], str]
+    ) -> None:
+        """Add boxes for names and a button that hands on those that are ticked."""
+        gui = self.server.gui
+        with gui.add_folder(text, expand_by_default=False):
+            boxes = {name: gui.add_checkbox(name, False) for name in names}
+            self._add_button("Set", lambda: choose([n for n, box in boxes.items() if box.value]))
+
+    def _add_button(self, text: str, action: Callable[[], str]) -> Any:
+        button = self.server.gui.add_button(text)
+
+        @button.on_click
+        def _(_: Any) -> None:
+            self.answer(f"{text} ...")
+            self.answer(action())
+
+        return button
+
+    def _add_chart(self, columns: tuple[Array, ...], title: str) -> Any:
+        blue = "rgb(37, 99, 235)"
+        edge = uplot.Series(label="", stroke="rgba(0,0,0,0)", points={"show": False})
+        return self.server.gui.add_uplot(
+            columns,
+            (
+                uplot.Series(label="s"),
+                uplot.Series(label=title, stroke=blue, width=2, points={"show": False}),
+                edge,
+                edge,
+            ),
+            bands=(uplot.Band(series=(3, 2), fill="rgba(37, 99, 235, 0.18)", dir=-1),),
+            scales={"x": uplot.Scale(time=False, auto=True), "y": uplot.Scale(auto=True)},
+            legend=uplot.Legend(show=False),
+            title=title,
+            height=150,
+        )
+
+    def _say(self, element: Any, text: str) -> None:
+        if element.content != text:
+            element.content = text
+
+    def _show_robot(self, state: State) -> None:
+        if state.urdf != self._urdf:
+            self._urdf = state.urdf
+            self._robot = RobotFigure(self.server.scene, state.urdf)
+        if self._robot is not None:
+            self._robot.move(state.joints)
+
+    def _show_object(self, state: State) -> None:
+        scene = self.server.scene
+        if state.shape is not None:
+            corners = state.shape
+            faces = np.arange(len(corners)).reshape(-1, 3)
+            self._replace("/shape", corners, scene.add_mesh_simple, corners, faces, color=_GREY)
+        if state.next_view is not None:
+            frustum = self._once("/next_view", scene.add_camera_frustum, 0.8, 1.3, scale=0.1)
+            _place(frustum, state.next_view)
+        if state.object_pose is None:
+            return
+        if "/object" not in self._drawn:
+            self._look_at(state.object_pose[:3, 3])
+        frame = self._once("/object", scene.add_frame, axes_length=0.05, axes_radius=0.002)
+        _place(frame, state.object_pose)
+        if state.body is not None:
+            self._show_centre(state.body)
+
+    def _look_at(self, point: Array) -> None:
+        """Turn the eyes of those who come, and of those who are there, to a point."""
+        self.server.initial_camera.look_at = point
+        self.server.initial_camera.position = point + _EYE
+        for client in self.server.get_clients().values():
+            client.camera.position, client.camera.look_at = point + _EYE, point
+
+    def _show_centre(self, body: Body) -> None:
+        """The centre of mass as the ellipsoid of two standard deviations, in the object's frame."""
+        name = "/object/centre_of_mass"
+        ball = self._once(name, self.server.scene.add_icosphere, 1.0, _ORANGE, opacity=0.6)
+        ball.position = body.com
+        ball.scale = tuple(np.maximum(_BAND * body.com_std, _SMALLEST).tolist())
+
+    def _show_force(self, name: str, force: Force) -> None:
+        """An arrow whose head ends in the ellipsoid of two standard deviations of the force."""
+        scene = self.server.scene
+        tip = force.point + METRES_PER_NEWTON * force.force
+        line = np.array([[force.point, tip]], dtype=np.float32)
+        arrow = self._once(
+            f"/contacts/{name}/force",
+            scene.add_arrows,
+            line,
+            _GREEN,
+            shaft_radius=0.002,
+            head_radius=0.005,
+            head_length=0.012,
+        )
+        arrow.points = line
+        if force.std is None:
+            return
+        ball = self._once(
+            f"/contacts/{name}/uncertainty", scene.add_icosphere, 1.0, _GREEN, opacity=0.35
+        )
+        ball.position = tip
+        size = _BAND * METRES_PER_NEWTON * force.std
+        ball.scale = tuple(np.maximum(size, _SMALLEST).tolist())
+
+    def _once(self, name: str, add: Callable[..., Any], *args: Any, **options: Any) -> Any:
+        """Return the node of a name, added if it is not there."""
+        if name not in self._drawn:
+            self._drawn[name] = add(name, *args, **options)
+        return self._drawn[name]
+
+    def _replace(
+        self, name: str, content: Array, add: Callable[..., Any], *args: Any, **options: Any
+    ) -> None:
+        """Draw a node anew if its content is another array than that which is drawn."""
+        if self._content.get(name) is not content:
+            self._content[name] = content
+            self._drawn[name] = add(name, *args, **options)
+
+
+def _place(node: Any, pose: Array) -> None:
+    node.position = pose[:3, 3]
+    node.wxyz = np.roll(matrix_to_quaternion(pose[:3, :3]), 1)
+
+
+def _verdict(state: State) -> str:
+    """The two sentences that matter most, as HTML."""
+    colour = "#2e9e77" if state.good else "#c8423b"
+    lines = [text for text in (state.verdict, state.remark) if text] or ["waiting for an estimate"]
+    paragraphs = "".join(f"<p style='margin:.2em 0'>{html.escape(line)}</p>" for line in lines)
+    style = f"border-left:5px solid {colour};padding:.3em .7em;margin:.4em"
+    return f"<div id='verdict' style='{style}'>{paragraphs}</div>"
+
+
+def _numbers(state: State) -> str:
+    """The numbers with their standard deviations, as HTML."""
+    rows: list[tuple[str, str]] = []
+    if state.body is not None:
+        mass = state.body.mass
+        rows.append(("mass", f"{1e3 * mass.value:.1f} ± {1e3 * mass.std:.1f} g"))
+        for axis, value, std in zip("xyz", state.body.com, state.body.com_std, strict=True):
+            rows.append((f"centre of mass {axis}", f"{1e3 * value:.1f} ± {1e3 * std:.1f} mm"))
+    if state.friction is not None:
+        rows.append(("friction", _plain(state.friction)))
+    if state.error is not None:
+        rows.append(("error", f"{state.error:.2f} × the noise"))
+    cells = "".join(
+        f"<tr><td style='padding-right:1.2em'>{name}</td><td>{value}</td></tr>"
+        for name, value in rows
+    )
+    return f"<table id='numbers' style='margin:.4em 1em'>{cells}</table>"
+
+
+def _plain(quantity: Quantity) -> str:
+    return f"{quantity.value:.3f} ± {quantity.std:.3f}"

@@ -1,0 +1,92 @@
+"""A recording at one of its times, for the page."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tactile_dynamics_ros.api.verbs import diagnose, estimate
+from tactile_dynamics_ros.core.errors import TactileDynamicsError
+from tactile_dynamics_ros.core.inertia.live.live_estimate import MISFIT
+from tactile_dynamics_ros.core.streams.streams import nearest_samples
+from tactile_dynamics_ros.recording import Recording
+from tactile_dynamics_ros.view.state import KEPT, Body, Force, Quantity, State
+
+_NEAR = 0.1
+"""Distance of a sample, s, up to which it is shown for a time: twice the period of slow loggers.
+Smaller makes arrows flicker on them, larger shows forces that are gone."""
+
+
+class Playback:
+    """States of a recording over time.
+
+    Args:
+        recording: with a pose of the object.
+    """
+
+    def __init__(self, recording: Recording) -> None:
+        self.recording = recording
+        streams = recording.streams
+        times = [contact.time for contact in streams.contacts.values()]
+        if streams.pose is not None:
+            times.append(streams.pose.time)
+        self.start = min(float(time[0]) for time in times if len(time))
+        self.stop = max(float(time[-1]) for time in times if len(time))
+        self._state = State()
+        self._estimate()
+        self._add_load()
+
+    @property
+    def duration(self) -> float:
+        """Length of the recording, s."""
+        return self.stop - self.start
+
+    def at(self, seconds: float) -> State:
+        """Return the state at a time from the start, s; the estimate is that of all of it."""
+        time, state, streams = self.start + seconds, self._state, self.recording.streams
+        pose = streams.pose
+        if pose is not None and len(pose.time):
+            k = int(nearest_samples(pose.time, np.array([time]))[0])
+            state.object_pose = np.eye(4)
+            state.object_pose[:3, :3], state.object_pose[:3, 3] = pose.rotation[k], pose.position[k]
+        state.forces = {}
+        for name, contact in streams.contacts.items():
+            k = int(nearest_samples(contact.time, np.array([time]))[0])
+            place = int(nearest_samples(contact.pose_time, np.array([time]))[0])
+            if abs(contact.time[k] - time) > _NEAR or not np.any(contact.force[k]):
+                continue
+            std = None if contact.force_std is None else contact.force_std[k]
+            state.forces[name] = Force(contact.position[place], contact.force[k], std)
+        return state
+
+    def diagnose(self) -> str:
+        """Find out what the model lacks; return the sentence."""
+        try:
+            document = diagnose(self.recording).to_json()
+        except TactileDynamicsError as error:
+            return str(error)
+        self._state.verdict = str(document["sentence"])
+        self._state.good = document["verdict"] == "adequate"
+        return self._state.verdict
+
+    def _estimate(self) -> None:
+        try:
+            found = estimate(self.recording).to_json()
+        except TactileDynamicsError as error:
+            self._state.remark, self._state.good = str(error), False
+            return
+        mass, com = found["mass"], found["com"]
+        self._state.body = Body(
+            Quantity(mass["value"], mass["std"]), np.array(com["value"]), np.array(com["std"])
+        )
+        error = self._state.error = found["error"]["whitened_rms"]
+        self._state.good = error < MISFIT
+        said = "fits" if self._state.good else "does not fit, something is missing"
+        self._state.remark = f"The model {said}: error {error:.2f} times the noise."
+
+    def _add_load(self) -> None:
+        """The vertical force of all contacts over the whole recording, for its chart."""
+        for time in np.linspace(self.start, self.stop, KEPT):
+            forces = self.at(time - self.start).forces.values()
+            load = sum(float(force.force[2]) for force in forces)
+            std = sum(float(force.std[2]) ** 2 for force in forces if force.std is not None) ** 0.5
+            self._state.note("load", time, load, std)

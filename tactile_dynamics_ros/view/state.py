@@ -1,0 +1,112 @@
+"""What the page shows, whether it comes from topics or from a recording."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+KEPT = 600
+"""Points of a chart: a minute at 10 Hz, about as many as it has pixels. More cost time to send."""
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A number with its standard deviation."""
+
+    value: float
+    std: float
+
+
+@dataclass(frozen=True)
+class Force:
+    """Force of a contact on the object.
+
+    Attributes:
+        point: (3,) m, world.
+        force: (3,) N, world axes.
+        std: (3,) N along world axes; None if not stated.
+    """
+
+    point: Array
+    force: Array
+    std: Array | None = None
+
+
+@dataclass(frozen=True)
+class Body:
+    """Mass and centre of mass of the object.
+
+    Attributes:
+        mass: kg.
+        com: (3,) m, axes of the object.
+        com_std: (3,) m.
+    """
+
+    mass: Quantity
+    com: Array
+    com_std: Array
+
+
+class History:
+    """The last values of a quantity with their bands."""
+
+    def __init__(self) -> None:
+        self._rows: deque[tuple[float, float, float]] = deque(maxlen=KEPT)
+
+    def add(self, time: float, value: float, std: float = 0.0) -> None:
+        """Add a value unless nothing is newer; what lies in the future of the time is dropped."""
+        while self._rows and self._rows[-1][0] > time:
+            self._rows.pop()
+        if not self._rows or self._rows[-1][0] < time:
+            self._rows.append((time, value, std))
+
+    def columns(self) -> Array:
+        """Time from the first, value, and both ends of two standard deviations, (4, N)."""
+        rows = np.array(self._rows, dtype=float).reshape(-1, 3).T
+        time, value, std = rows
+        start = time[0] if len(time) else 0.0
+        return np.array([time - start, value, value - 2.0 * std, value + 2.0 * std])
+
+
+@dataclass
+class State:
+    """Everything that the page shows; what nobody told is None or empty.
+
+    Attributes:
+        object_pose: (4, 4) X_WO.
+        forces: by contact.
+        body: mass and centre of mass.
+        friction: static coefficient.
+        error: whitened RMS; 1 is the noise that sensors report.
+        remark: what the estimator says of its estimate.
+        good: whether that is good news.
+        verdict: of the last diagnosis, in a sentence.
+        shape: (K, 3) corners of triangles of the object's surface, m, world.
+        next_view: (4, 4) pose where the camera should look from.
+        urdf: of the robot.
+        joints: positions by name, rad or m.
+        histories: by quantity.
+    """
+
+    object_pose: Array | None = None
+    forces: dict[str, Force] = field(default_factory=dict)
+    body: Body | None = None
+    friction: Quantity | None = None
+    error: float | None = None
+    remark: str = ""
+    good: bool = True
+    verdict: str = ""
+    shape: Array | None = None
+    next_view: Array | None = None
+    urdf: str = ""
+    joints: dict[str, float] = field(default_factory=dict)
+    histories: dict[str, History] = field(default_factory=dict)
+
+    def note(self, name: str, time: float, value: float, std: float = 0.0) -> None:
+        """Add a value to the history of a quantity."""
+        self.histories.setdefault(name, History()).add(time, value, std)
