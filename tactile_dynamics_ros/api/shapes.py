@@ -55,8 +55,6 @@ class Shape(Result):
             x, y = (f"{1e3 * part[k]:.1f} +- {1e3 * part['std'][k]:.1f}" for k in "xy")
             lines.append(f"{part['words'].split(',')[0]}: at x {x}, y {y} mm")
         lines.append(_next_view(said["next_view"]))
-        if len(self.scene.objects) > 1:
-            lines.append(f"object {self.number} of {len(self.scene.objects)}; --object chooses")
         return [*lines, *said["remarks"]]
 
     def rows(self) -> Rows:

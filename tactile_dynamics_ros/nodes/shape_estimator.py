@@ -130,8 +130,7 @@ class ShapeEstimatorNode(Shell):
             self._target.publish(pose_to_message(search.target, search.stamp, WORLD))
             return
         self._told.publish(sight.scene.objects[sight.chosen].parts, search.stamp)
-        said = sight.scene.to_json(sight.chosen)
-        self._finish(True, json.dumps({**said, "looks": len(search.looks.clouds)}))
+        self._finish(True, json.dumps(search.looks.to_json(sight)))
 
     def _finish(self, success: bool, text: str) -> None:
         if self._search is not None:

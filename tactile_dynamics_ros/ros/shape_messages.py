@@ -15,8 +15,8 @@ from tactile_dynamics_ros.core.rigid_body.rotation import (
     quaternion_to_matrix,
 )
 from tactile_dynamics_ros.core.shape.superquadric.recovery import Recovery
-from tactile_dynamics_ros.core.shape.superquadric.scene import describe
 from tactile_dynamics_ros.core.shape.superquadric.superquadric import Superquadric
+from tactile_dynamics_ros.core.shape.superquadric.words import describe
 from tactile_dynamics_ros.ros.conversions import MessageError, header
 from tactile_dynamics_ros.ros.diagnostics import status_message, status_values
 from tactile_dynamics_ros.ros.names import OBJECT_SHAPE

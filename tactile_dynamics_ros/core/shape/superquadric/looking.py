@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,7 @@ from scipy.spatial import cKDTree
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.shape.superquadric.parts import TableObject
 from tactile_dynamics_ros.core.shape.superquadric.scene import Scene, read_scene
 from tactile_dynamics_ros.core.shape.superquadric.views import View, ViewConfig
 
@@ -70,6 +72,7 @@ class Looks:
         support: height of the table, m.
         clouds: (N, 3) of each look, world, m. depths: (N,) of each, along the camera's axis, m.
         box: (2, 3) lowest and highest corner around the chosen object; None before it is chosen.
+        neighbours: what the first look told of other objects.
     """
 
     config: LookingConfig
@@ -78,6 +81,7 @@ class Looks:
     clouds: list[Array] = field(default_factory=list)
     depths: list[Array] = field(default_factory=list)
     box: Array | None = None
+    neighbours: tuple[str, ...] = ()
 
     def add(self, depth: NDArray[np.float32], intrinsics: Array, pose: Array) -> None:
         """Keep a share of the points that an image shows of the object.
@@ -107,14 +111,42 @@ class Looks:
     def take(self, sight: Sight) -> None:
         """Keep to the object that was chosen from now on."""
         found = sight.scene.objects[sight.chosen]
-        shown = [part.shape.mesh().vertices for part in found.parts]
-        corners = np.concatenate([found.points, *shown])
+        if self.box is None:
+            self.neighbours = tuple(sight.scene.neighbours(sight.chosen))
+        corners = _corners(found)
         self.box = np.stack([corners.min(axis=0) - _BESIDE, corners.max(axis=0) + _BESIDE])
+
+    def to_json(self, sight: Sight) -> dict[str, Any]:
+        """Return what was found, for programs, with the number of looks."""
+        told = sight.scene.to_json(sight.chosen)
+        if self.box is not None:
+            own = set(sight.scene.neighbours(sight.chosen))
+            remarks = [text for text in told["remarks"] if text not in own]
+            told["remarks"] = [*self.neighbours, *remarks]
+        return {**told, "looks": len(self.clouds)}
+
+    def nearest(self, scene: Scene) -> int:
+        """Return the object of a scene that is in the middle of the box around the chosen one."""
+        assert self.box is not None
+        middle = self.box.mean(axis=0)
+        away = [np.linalg.norm(_middle(found) - middle) for found in scene.objects]
+        return int(np.argmin(away))
 
     @property
     def finished(self) -> bool:
         """Whether no more looks are allowed."""
         return len(self.clouds) >= self.config.most_looks
+
+
+def _corners(found: TableObject) -> Array:
+    """Return points (N, 3) that reach as far as an object does, seen or not."""
+    shown = [part.shape.mesh().vertices for part in found.parts]
+    return np.concatenate([found.points, *shown])
+
+
+def _middle(found: TableObject) -> Array:
+    corners = _corners(found)
+    return np.asarray(0.5 * (corners.min(axis=0) + corners.max(axis=0)))
 
 
 def judge(looks: Looks) -> Sight:
@@ -131,14 +163,12 @@ def judge(looks: Looks) -> Sight:
         np.concatenate(looks.depths),
         numbers if looks.config.align and len(looks.clouds) > 1 else None,
     )
-    chosen = 0
-    if looks.box is None:
-        chosen = looks.config.object - 1
-        if chosen >= len(scene.objects):
-            raise BadInputError(
-                f"object {looks.config.object}: {len(scene.objects)} objects were found, "
-                "the largest is 1"
-            )
+    chosen = looks.config.object - 1 if looks.box is None else looks.nearest(scene)
+    if chosen >= len(scene.objects):
+        raise BadInputError(
+            f"object {looks.config.object}: {len(scene.objects)} objects were found, "
+            "the largest is 1"
+        )
     view = None if looks.finished else scene.next_views[chosen]
     return Sight(scene, chosen, view)
 

@@ -1,4 +1,4 @@
-"""A cloud of a table scene to objects, parts, the next view, and words for them."""
+"""A cloud of a table scene to objects, parts and the next view."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from tactile_dynamics_ros.core.shape.superquadric.recovery import (
     even_choice,
 )
 from tactile_dynamics_ros.core.shape.superquadric.registration import registered
-from tactile_dynamics_ros.core.shape.superquadric.superquadric import Superquadric
 from tactile_dynamics_ros.core.shape.superquadric.views import SurfaceEntropy, View, ViewConfig
+from tactile_dynamics_ros.core.shape.superquadric.words import describe, remarks_of
 
 Array = NDArray[np.float64]
 
@@ -38,14 +38,6 @@ _TABLE_SHARE = 0.3
 """Share of all points in the lowest layer from which they are a table and no object's foot. Lower
 takes the foot of a wide object for a table and cuts it off, higher takes a table for an object
 where clutter covers it."""
-_MISFIT = 0.015
-"""Misfit, as a share of the size, from which it is said that no superquadric describes an object.
-Lower remarks on objects that are described well enough to grasp, higher keeps quiet about ones that
-are not."""
-_INSIDE = 0.05
-"""Share of points inside the surface from which an object is said to look open or hollow. Strays
-alone put some there; lower remarks on them, higher overlooks the inside of a cup seen from the
-side."""
 
 
 @dataclass(frozen=True)
@@ -77,8 +69,20 @@ class Scene:
             "next_view": None if view is None else view_json(view),
             "support_m": self.support,
             "objects": len(self.objects),
-            "remarks": [*self.remarks, *remarks_of(found)],
+            "remarks": [*self.remarks, *self.neighbours(k), *remarks_of(found)],
         }
+
+    def neighbours(self, k: int) -> list[str]:
+        """Say which other objects stand beside object k, if any."""
+        if len(self.objects) == 1:
+            return []
+        others = "; ".join(
+            f"{n + 1} at x {x:.0f}, y {y:.0f} mm"
+            for n, other in enumerate(self.objects)
+            if n != k
+            for x, y in [1e3 * other.parts[0].shape.pose[:2, 3]]
+        )
+        return [f"{len(self.objects)} objects: this is {k + 1}, by points seen; {others}"]
 
 
 def read_scene(
@@ -185,64 +189,3 @@ def view_json(view: View) -> dict[str, Any]:
         "quaternion": Rotation.from_matrix(view.pose[:3, :3]).as_quat().tolist(),
         "gain": view.gain,
     }
-
-
-def describe(part: Recovery) -> str:
-    """Return a part in plain words, with its size in mm."""
-    size = 2e3 * part.shape.semi_axes
-    spread = 2e3 * max(part.std[f"a{axis}"] for axis in "xyz")
-    lengths = " x ".join(f"{value:.0f}" for value in size)
-    return f"{kind(part.shape)} {lengths} mm, +- {max(spread, 0.1):.1f}"
-
-
-def kind(shape: Superquadric) -> str:
-    """Return the name of a kind of shape."""
-    (e1, e2), (k1, k2) = shape.exponents, shape.taper
-    upright = e1 < 0.5
-    if abs(k1) > 0.6:
-        return "a wedge" if upright else "a rounded wedge"
-    if k2 < -0.3:
-        return "a body with a six-sided outline" if e2 < 0.5 else "a body with pointed ends"
-    if k2 > 0.3:
-        return "a waisted body"
-    round_section = 0.7 < e2 < 1.4
-    even = abs(np.log(shape.semi_axes[0] / shape.semi_axes[1])) < 0.1
-    if upright:
-        if round_section:
-            return "a cylinder" if even else "an elliptic cylinder"
-        return "a box" if e2 <= 0.7 else "a prism"
-    if round_section:
-        return "a ball" if even and e1 > 0.7 else "a rounded body"
-    return "a rounded box"
-
-
-def remarks_of(found: TableObject) -> list[str]:
-    """Return what a fit cannot say, in plain sentences."""
-    size = float(np.ptp(found.points, axis=0).max())
-    remarks = []
-    if len(found.parts) > 1:
-        remarks.append(
-            "nothing was seen where its parts meet: their lengths toward each other are the least "
-            "that explain the points"
-        )
-    if found.misfit > _MISFIT * size:
-        remarks.append(
-            f"no superquadric describes it: surfaces are {1e3 * found.misfit:.1f} mm off (RMS) "
-            "beyond the camera's noise"
-        )
-    inside = share_inside(found)
-    if inside > _INSIDE:
-        remarks.append(
-            f"{100 * inside:.0f} % of its points lie inside the surface: it may be open, hollow or "
-            "deformed"
-        )
-    return remarks
-
-
-def share_inside(found: TableObject) -> float:
-    """Return the share of points that lie deep inside of a part, not on any surface."""
-    deep = np.zeros(len(found.points), dtype=bool)
-    for part in found.parts:
-        distance = part.mixture.chart.distance(part.shape, found.points)
-        deep |= distance < -5.0 * part.mixture.noise
-    return float(deep.mean())
