@@ -86,6 +86,10 @@ ROOMS = {
         "friction force and centre of mass from poses before and after pushes",
         ("core/planar", "core/planar/mechanics"),
     ),
+    "core/planar/sparse": Room(
+        "friction force and centre of mass from poses before and after pushes",
+        ("core/planar", "core/planar/mechanics"),
+    ),
     _INERTIA + "residuals": Room(
         "Newton-Euler residuals of a recording and their noise",
         ("core/contact", "core/effects", "core/numerics", "core/rigid_body", "core/streams"),

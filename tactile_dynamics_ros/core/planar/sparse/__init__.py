@@ -1,0 +1,5 @@
+"""Friction force and centre of mass from slow pushes, by integration of the mechanics."""
+
+from tactile_dynamics_ros.core.planar.sparse.fit import SparseFit, fit_sparse
+
+__all__ = ["SparseFit", "fit_sparse"]
