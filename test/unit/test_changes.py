@@ -1,4 +1,4 @@
-"""What begins at one time, or follows a law of its own, is not put down to many parameters."""
+"""What begins at one time is told with its time, what follows a law of its own as unexplained."""
 
 from __future__ import annotations
 
@@ -45,15 +45,15 @@ def jump_of_reading(contact, size=0.15):
     ("seed", "alter"),
     [(901, jump_of_contact_point), (902, jump_of_contact_point), (903, jump_of_reading)],
 )
-def test_what_begins_at_one_time_is_no_known_effect_and_its_time_is_told(seed, alter):
+def test_what_begins_at_one_time_is_told_with_its_time(seed, alter):
     diagnosis = diagnose_altered(seed, alter)
-    assert diagnosis.verdict == "unexplained"
-    change = diagnosis.signature.change
-    assert change is not None
-    assert not change.ends
-    assert change.time == pytest.approx(0.55 * DURATION, abs=0.8)
-    assert "index" in change.label
-    assert f"begins at {change.time:.1f} s" in diagnosis_sentence(diagnosis)
+    regime = diagnosis.regime
+    assert regime.condition.symbol == "t"
+    assert regime.gate.low == pytest.approx(0.55 * DURATION, abs=0.2)
+    assert np.isinf(regime.gate.high)
+    assert f"Above t = {regime.gate.low:.3f} +- " in diagnosis_sentence(diagnosis)
+    if alter is jump_of_contact_point:
+        assert diagnosis.steps[0].choice.best.label == f"contact_offset[{regime.gate}]:index"
 
 
 def test_a_sensor_that_saturates_is_no_known_effect():
@@ -66,6 +66,7 @@ def test_a_sensor_that_saturates_is_no_known_effect():
     assert diagnosis.verdict == "unexplained"
     assert diagnosis.signature.correlates_with == "force"
     assert diagnosis.signature.change is None
+    assert diagnosis.regime is None
 
 
 def test_an_effect_is_drowned_if_louder_noise_takes_back_what_it_explains() -> None:

@@ -137,12 +137,13 @@ def diagnose(
         return unnamed("unexplained", (), first.structure.floor)
     steps = find_effects(model, first, config)
     floor = min([first.structure.floor] + [s.after.structure.floor for s in steps])
-    regional = add_regional_effect(model, first, steps, config)
+    accounted = _accounts_for(model, steps, first, floor, config) and not is_outdone(
+        model, steps, floor, config.indifference
+    )
+    regional = add_regional_effect(model, first, steps, accounted, config)
     if regional is not None:
         steps = (regional,)
-    elif not _accounts_for(model, steps, first, floor, config) or is_outdone(
-        model, steps, floor, config.indifference
-    ):
+    elif not accounted:
         if first.within_stated:
             return unnamed("adequate", steps, floor)
         partial = explain_most(model, steps, first, floor, config)

@@ -29,7 +29,7 @@ _MEMORY = 0.07
 begins at an instant is seen up to so much later, which widens borders by how far the condition
 moves meanwhile, over the root of the number of crossings. Less claims borders that are known better
 than they are."""
-_DIGITS = 0.2
+_DIGITS = 0.1
 """Step to which a border is rounded, in its standard deviations: names stay short and no border
 moves by more than a tenth of it."""
 
@@ -86,7 +86,7 @@ def find_border(
     if not smears:
         return None
     std = float(np.hypot(max(low[1], high[1]), max(smears)))
-    gate = Gate(start.symbol, _rounded(low[0], std), _rounded(high[0], std))
+    gate = Gate(start.symbol, round_to(low[0], std), round_to(high[0], std))
     share = float(gate.inside(values).mean())
     return Border(gate, std, share) if _LEAST <= share <= 1.0 - _LEAST else None
 
@@ -162,7 +162,7 @@ def _around(height: Array, peak: int) -> slice:
     return slice(start, peak + int(after[0]) if len(after) else len(height))
 
 
-def _rounded(value: float, std: float) -> float:
+def round_to(value: float, std: float) -> float:
     """Value with the digits that its standard deviation leaves."""
     if not math.isfinite(value) or not std > 0.0:
         return value

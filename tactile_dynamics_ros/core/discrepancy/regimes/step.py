@@ -8,6 +8,7 @@ from dataclasses import replace
 from tactile_dynamics_ros.core.discrepancy.challenges import is_outdone_by_law
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import Condition, ResidualModel
 from tactile_dynamics_ros.core.discrepancy.regimes.border import find_border
+from tactile_dynamics_ros.core.discrepancy.regimes.refinement import refine_border
 from tactile_dynamics_ros.core.discrepancy.regimes.search import Candidate, RegimeSearch
 from tactile_dynamics_ros.core.discrepancy.screening import Score, screen
 from tactile_dynamics_ros.core.discrepancy.search import (
@@ -20,7 +21,7 @@ from tactile_dynamics_ros.core.discrepancy.search import (
 from tactile_dynamics_ros.core.discrepancy.selection import choose_effect
 from tactile_dynamics_ros.core.discrepancy.trials import CHANCE, reachable
 from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import Assessment, assess
-from tactile_dynamics_ros.core.numerics.regime import split_label
+from tactile_dynamics_ros.core.numerics.regime import Gate, split_label
 
 _CLEARLY = 3.0
 """Multiple of `indifference` by which an effect in a regime must do better than one everywhere: 30
@@ -35,7 +36,11 @@ most to be preferred to them. Nearer to 1 regimes are told for what is next to n
 
 
 def add_regional_effect(
-    model: ResidualModel, first: Assessment, steps: Sequence[Step], config: DiagnosisConfig
+    model: ResidualModel,
+    first: Assessment,
+    steps: Sequence[Step],
+    accounted: bool,
+    config: DiagnosisConfig,
 ) -> Step | None:
     """The effect that explains a residual from within a regime; None if none does so better.
 
@@ -47,9 +52,10 @@ def add_regional_effect(
         model: fitted.
         first: assessment of it.
         steps: effects that were found to act everywhere.
+        accounted: whether these are the cause, as far as that is known.
         config: levels and depths.
     """
-    if first.within_stated or (len(steps) == 1 and steps[0].after.white):
+    if first.within_stated or (accounted and len(steps) == 1 and steps[0].after.white):
         return None
     floor = first.structure.floor
     search = RegimeSearch.of(model, floor)
@@ -63,7 +69,7 @@ def add_regional_effect(
     if choice is None or split_label(choice.best.name)[1] is None or not choice.thorough:
         return None
     step = Step(choice, assess(choice.model, config.significance))
-    return step if _is_preferred(step, first, steps, config) else None
+    return step if _is_preferred(step, first, steps if accounted else (), config) else None
 
 
 def _promising(search: RegimeSearch, config: DiagnosisConfig) -> list[Candidate]:
@@ -85,20 +91,27 @@ def _promising(search: RegimeSearch, config: DiagnosisConfig) -> list[Candidate]
 def _scores(
     model: ResidualModel, search: RegimeSearch, candidates: Sequence[Candidate]
 ) -> list[Score]:
-    """Scores of the candidates behind their own borders, with the price of the search."""
+    """Scores of the candidates behind their own borders, with the price of the search.
+
+    The border of the best is refined, and is that of all with the same condition.
+    """
     conditions: dict[str, Condition] = {c.symbol: c for c in model.conditions()}
-    names: dict[str, int] = {}
+    gates: list[tuple[Candidate, Gate]] = []
+    refined: dict[str, Gate] = {}
     for one in candidates:
-        condition = conditions[one.gate.symbol]
-        border = find_border(search.sums, one.family, condition, one.gate, search.floor)
-        if border is not None:
-            names[f"{one.family.name}[{border.gate}]"] = len(search.gates.gates)
-    families = [
-        replace(family, choices=family.choices * names[family.name])
-        for family in model.families(list(names))
-        if family.name in names
-    ]
-    return screen(model, families, search.floor)
+        symbol, name = one.gate.symbol, one.family.name
+        border = find_border(search.sums, one.family, conditions[symbol], one.gate, search.floor)
+        if border is None:
+            continue
+        if not refined:
+            border = refine_border(model, name, one.family.label, border)
+            refined[symbol] = border.gate
+        gates.append((one, refined.get(symbol, border.gate)))
+    names = [f"{one.family.name}[{gate}]" for one, gate in gates]
+    searched = len(search.gates.gates)
+    families = model.families(list(dict.fromkeys(names)))
+    priced = [replace(family, choices=family.choices * searched) for family in families]
+    return screen(model, priced, search.floor)
 
 
 def _is_preferred(
