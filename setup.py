@@ -38,6 +38,7 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
         shared("config", "*.yaml"),
+        shared("config/layouts", "*"),
         shared("config/objects", "*.yaml"),
         shared("config/robots", "*"),
         shared("config/objects/friction", "*.yaml"),

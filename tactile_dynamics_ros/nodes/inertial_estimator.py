@@ -22,6 +22,7 @@ from tactile_dynamics_ros.core.inertia.live.refit import RefitConfig
 from tactile_dynamics_ros.core.streams.streams import ContactSample
 from tactile_dynamics_ros.ros.conversions import header, inertia_to_message
 from tactile_dynamics_ros.ros.diagnostics import status_message
+from tactile_dynamics_ros.ros.estimate_markers import EstimateMarkers
 from tactile_dynamics_ros.ros.friction_messages import friction_range
 from tactile_dynamics_ros.ros.held_streams import HeldStreams
 from tactile_dynamics_ros.ros.inertia_status import status_of, waiting_status
@@ -84,6 +85,7 @@ class InertialEstimatorNode(Shell):
         )
         self._inertia = self.latched(InertiaStamped, INERTIA)
         self._status = self.latched(DiagnosticArray, ESTIMATOR_STATUS)
+        self._markers = EstimateMarkers(self)
         self.serve(ESTIMATOR_RESET, self.reset)
         self.every(1.0 / config.update_rate_hz, self._update)
 
@@ -111,6 +113,7 @@ class InertialEstimatorNode(Shell):
         self._told = self._last_time = -np.inf
 
     def _on_pose(self, time: float, pose: Array, covariance: Array | None) -> None:
+        self._markers.add_pose(pose)
         self.estimator.add_pose(time, pose, covariance)
         self.refitter.model.window.add_pose(time, pose, covariance)
 
@@ -118,6 +121,7 @@ class InertialEstimatorNode(Shell):
         self._friction = friction_range(message) or self._friction
 
     def _on_contact(self, contact: ContactSample) -> None:
+        self._markers.add_contact(contact)
         believed = replace(contact, std=self._believed_std(contact))
         self.estimator.add_contact(believed)
         self.refitter.model.window.add_contact(believed)
@@ -169,6 +173,8 @@ class InertialEstimatorNode(Shell):
         verdict = judge_estimate(estimate, self._obstacles, self.resolve_service_name(DIAGNOSE))
         if not verdict.withheld:
             self._inertia.publish(inertia_to_message(estimate.inertia, estimate.time, "object"))
+        com = None if verdict.withheld else estimate.inertia.com
+        self._markers.publish(estimate.time, com, estimate.parameter_std[1:4])
         message = DiagnosticArray(header=header(estimate.time, "object"))
         message.status = [
             *status_of(estimate, self.refitter.model.effects, verdict),

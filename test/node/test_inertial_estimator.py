@@ -8,11 +8,13 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import InertiaStamped
 from rclpy.parameter import Parameter
 from synthetic_recording import COM, FORCE_STD, INERTIA_COM, MASS, held_box
+from visualization_msgs.msg import MarkerArray
 
 from tactile_dynamics_ros.core.friction.estimate import FrictionEstimate
 from tactile_dynamics_ros.nodes.inertial_estimator import InertialEstimatorNode
 from tactile_dynamics_ros.ros import conversions as cv
 from tactile_dynamics_ros.ros.diagnostics import status_values
+from tactile_dynamics_ros.ros.estimate_markers import METRES_PER_NEWTON
 from tactile_dynamics_ros.ros.friction_messages import estimate_status
 from tactile_dynamics_ros.ros.shell import LATCHED
 
@@ -178,3 +180,20 @@ def test_contact_names_are_free(bench):
     topics = {name for name, _ in node.get_topic_names_and_types()}
     assert "/contact/wrist/force" in topics
     assert "/contact/index/force" not in topics
+
+
+def test_markers_show_the_forces_and_the_centre_of_mass_where_they_are(bench):
+    bench.start(InertialEstimatorNode, "-p", "update_rate_hz:=100.0")
+    markers = bench.follow(MarkerArray, "/object/markers", profile=LATCHED)
+    streams = held_box().streams
+    play(bench, streams)
+    found = {(m.ns, m.text): m for m in markers[-1].markers}
+    assert {text for ns, text in found if ns == "forces"} == set(streams.contacts)
+    ball = found["centre_of_mass", ""]
+    centres = streams.pose.position + streams.pose.rotation @ COM
+    place = [ball.pose.position.x, ball.pose.position.y, ball.pose.position.z]
+    assert np.linalg.norm(centres - place, axis=1).min() < 4e-3 < np.linalg.norm(COM)
+    index, contact = found["forces", "index"], streams.contacts["index"]
+    start, tip = (np.array([p.x, p.y, p.z]) for p in index.points)
+    k = np.abs(contact.position - start).sum(axis=1).argmin()
+    np.testing.assert_allclose(tip - start, METRES_PER_NEWTON * contact.force[k], atol=1e-3)
