@@ -169,7 +169,7 @@ class Pusher:
         return found, missed
 
     def _is_idle(self) -> bool:
-        still = np.abs(self._rate).max() < 1e-6 and np.abs(self._pace).max() == 0.0
+        still = max(np.abs(self._rate).max(), np.abs(self._pace).max()) < 1e-6
         return bool(still and self._jaw_rate == 0.0 and not self._touching)
 
     def _act(self, world: TableWorld) -> None:
