@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -57,16 +58,15 @@ class PoseHistory:
 def tracker_of(
     message: DiagnosticArray, volume: TreeVolume | None, config: VisionTrackerConfig
 ) -> TableTracker:
-    """Return the tracker of the links of `/object/shape`.
+    """Return the tracker of the links of `/object/shape`; the table is where they stand.
 
     Raises:
         MessageError: the message is wrong.
     """
-    links = [
-        Link.of_superquadric(link.name, link.shape, link.std)
-        for link in shape_from_message(message)
-    ]
-    return TableTracker(links, volume, config)
+    told = shape_from_message(message)
+    foot = min(float(link.shape.pose[2, 3] - link.shape.semi_axes[2]) for link in told)
+    links = [Link.of_superquadric(link.name, link.shape, link.std) for link in told]
+    return TableTracker(links, volume, replace(config, support_height=foot))
 
 
 def load_volume(path: str, margin: float) -> TreeVolume | None:

@@ -51,8 +51,9 @@ def test_links_of_the_shape_are_told_with_the_stamp_of_the_image(bench):
     bench.until(lambda: node._table is not None)
     stage = Stage([part.solid()], 1)
     stage.place((pose,), None)
-    for k in range(20):
-        when, place = 1.0 + 0.1 * k, camera_pose(0.5, 0.4, 0.1 * k)
+    stamps = 1.0 + 0.1 * np.arange(20)
+    for k, when in enumerate(stamps):
+        place = camera_pose(0.5, 0.4, 0.1 * k)
         info = cv.camera_info(LENS.intrinsics, LENS.width, LENS.height, when, "camera")
         publishers[CAMERA_INFO].publish(info)
         for side in (-0.01, 0.01):
@@ -66,6 +67,6 @@ def test_links_of_the_shape_are_told_with_the_stamp_of_the_image(bench):
     stage.close()
     assert poses, dict(node.faults.counts)
     found, covariance = cv.uncertain_pose_to_core(poses[-1], "/object/pose", "world")
-    assert abs(cv.to_seconds(poses[-1].stamp) - when) < 1e-6
+    assert np.abs(cv.to_seconds(poses[-1].stamp) - stamps).min() < 1e-6
     assert np.linalg.norm(found[:3, 3] - middle[:3, 3]) < 3e-3
     assert 1e-5 < np.sqrt(covariance[3, 3]) < 5e-3

@@ -6,7 +6,7 @@ import time
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from rosgraph_msgs.msg import Clock
 
 from tactile_dynamics_ros.cli.bringup import write_parameters
@@ -24,6 +24,7 @@ def test_one_call_looks_around_an_object_and_tells_its_size(listener, tmp_path):
         listener.follow(Clock, "/clock")
         listener.follow(PoseStamped, "/camera/target")
         listener.follow(DiagnosticArray, "/object/shape", latched=True)
+        listener.follow(PoseWithCovarianceStamped, "/object/pose")
         listener.wait_for_new("/clock", 60.0, 50)
         client = listener.node.get_service_names_and_types
         listener.wait(
@@ -37,8 +38,12 @@ def test_one_call_looks_around_an_object_and_tells_its_size(listener, tmp_path):
         told = json.loads(message)
         truth = json.loads(call_trigger(listener.node, "/robot_sim/reveal", 20.0)[1])
         listener.wait(lambda: listener.seen["/object/shape"], 20.0, "/object/shape")
+        listener.wait_for_new("/object/pose", 60.0, 3)  # by vision_tracker, image by image
     assert len(listener.seen["/camera/target"]) == told["looks"] - 1 > 0
     (link,) = shape_from_message(listener.seen["/object/shape"][-1])
     (part,) = truth["objects"][0]["parts"]
     size = np.sort([*np.ptp(part["corners"], axis=0), part["height"]])
     assert np.sort(2.0 * link.shape.semi_axes) == pytest.approx(size, abs=2e-3)
+    followed = listener.seen["/object/pose"][-1].pose.pose.position
+    told = link.shape.pose[:3, 3]
+    assert [followed.x, followed.y, followed.z] == pytest.approx(told, abs=2e-3)
