@@ -32,29 +32,29 @@ class GoalPushesZhou2017Importer(Importer):
     source_help = "goal_pushes_zhou2017/logs.npz"
 
     def add_arguments(self, parser: ArgumentParser) -> None:
-        """Add the choice of a run."""
-        parser.add_argument("--run", type=int, default=0, metavar="N", help="from 0; default 0")
+        """Add the choice of a log."""
+        parser.add_argument("--log", type=int, default=0, metavar="N", help="from 0; default 0")
 
     def read(self, source: Path, options: Namespace) -> PushedRecording:
-        """Read one run.
+        """Read one log.
 
         Raises:
-            BadInputError: there is no such file, no such run, or no pose in it.
+            BadInputError: there is no such file, no such log, or no pose in it.
         """
         if not source.is_file():
             raise BadInputError(f"{source}: no such file; expected logs.npz")
         with np.load(source) as archive:
             names, offset = archive["names"], archive["offset"].astype(int)
-            if not 0 <= options.run < len(names):
-                raise BadInputError(f"{source}: --run from 0 to {len(names) - 1}")
-            rows = slice(*offset[options.run : options.run + 2])
+            if not 0 <= options.log < len(names):
+                raise BadInputError(f"{source}: --log from 0 to {len(names) - 1}")
+            rows = slice(*offset[options.log : options.log + 2])
             table = np.asarray(archive["data"][rows], dtype=np.float64)
         tracked = np.any(table[:, 1:3] != 0.0, axis=1)
         if not tracked.any():
-            raise BadInputError(f"{source}: run {options.run} has no pose")
+            raise BadInputError(f"{source}: log {options.log} has no pose")
         lost = int((~tracked).sum())
         problems = {_LOST: lost} if lost else {}
-        return PushedRecording(_streams(table, tracked), f"{source} {names[options.run]}", problems)
+        return PushedRecording(_streams(table, tracked), f"{source} {names[options.log]}", problems)
 
 
 def _streams(table: Array, tracked: NDArray[np.bool_]) -> PushedStreams:
