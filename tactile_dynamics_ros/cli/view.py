@@ -200,7 +200,7 @@ class Control:
     def actions(self) -> dict[str, Callable[[], str]]:
         """Return what each button does."""
         calls = {text: self._caller(*service) for text, service in SERVICES.items()}
-        return {"STOP all motion": self._halt, "Allow motion again": self._release, **calls}
+        return {"STOP": self._halt, "Allow motion again": self._release, **calls}
 
     def add_effects(self, page: LivePage) -> None:
         """Add the choice of the effects of the model."""

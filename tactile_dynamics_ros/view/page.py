@@ -130,7 +130,7 @@ class LivePage:
             self._add_button("Set", lambda: choose([n for n, box in boxes.items() if box.value]))
 
     def _add_button(self, text: str, action: Callable[[], str]) -> Any:
-        button = self.server.gui.add_button(text)
+        button = self.server.gui.add_button(text, color="red" if text.isupper() else None)
 
         @button.on_click
         def _(_: Any) -> None:

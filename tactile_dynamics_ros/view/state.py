@@ -13,6 +13,10 @@ Array = NDArray[np.float64]
 KEPT = 600
 """Points of a chart: a minute at 10 Hz, about as many as it has pixels. More cost time to send."""
 
+_REACH = 4.0
+"""Height of a chart either way, in multiples of what the newer half of it needs. Smaller cuts off
+more of how an estimate began, larger makes its last bands thin."""
+
 
 @dataclass(frozen=True)
 class Quantity:
@@ -66,11 +70,18 @@ class History:
             self._rows.append((time, value, std))
 
     def columns(self) -> Array:
-        """Time from the first, value, and both ends of two standard deviations, (4, N)."""
-        rows = np.array(self._rows, dtype=float).reshape(-1, 3).T
-        time, value, std = rows
-        start = time[0] if len(time) else 0.0
-        return np.array([time - start, value, value - 2.0 * std, value + 2.0 * std])
+        """Time from the first, value, and both ends of two standard deviations, (4, N).
+
+        What lies far from the newest value, as the first bands do, is cut off: later ones could not
+        be seen beside it.
+        """
+        time, value, std = np.array(self._rows, dtype=float).reshape(-1, 3).T
+        if not len(time):
+            return np.zeros((4, 0))
+        lately = value[len(value) // 2 :]
+        reach = _REACH * max(np.ptp(lately), 2.0 * std[-1], 0.02 * abs(value[-1]))
+        rows = np.array([value, value - 2.0 * std, value + 2.0 * std])
+        return np.vstack([time - time[0], np.clip(rows, value[-1] - reach, value[-1] + reach)])
 
 
 @dataclass

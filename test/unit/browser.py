@@ -26,7 +26,7 @@ class Browser:
         call = {"id": self._count, "method": method, "params": parameters}
         self._socket.send(json.dumps(call))
         while True:
-            answer = json.loads(self._socket.recv(timeout=60))
+            answer = json.loads(self._socket.recv(timeout=120))
             if answer.get("id") == self._count:
                 return answer["result"]
 

@@ -75,6 +75,14 @@ def test_a_history_keeps_a_minute_and_forgets_a_time_that_is_set_back():
     assert history.columns().shape == (4, 1)
 
 
+def test_the_wide_bands_of_the_beginning_do_not_hide_the_later_ones():
+    history = History()
+    for k in range(100):
+        history.add(0.1 * k, 0.4, 5.0 if k < 10 else 0.01)
+    _, _, low, high = history.columns()
+    assert high[0] - low[0] < 0.2 and high[-1] - low[-1] == pytest.approx(0.04)
+
+
 def test_a_recording_plays_with_its_estimate():
     recording = held_box()
     state = Playback(recording).at(3.0)
