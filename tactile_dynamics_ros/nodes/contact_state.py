@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +12,7 @@ from geometry_msgs.msg import PoseStamped, Vector3Stamped, WrenchStamped
 from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
 
+from tactile_dynamics_ros.core.configuration import parameter
 from tactile_dynamics_ros.core.contact.contact_state import (
     Contact,
     ContactState,
@@ -31,12 +33,22 @@ from tactile_dynamics_ros.ros.conversions import (
 from tactile_dynamics_ros.ros.joint_history import JointHistory
 from tactile_dynamics_ros.ros.names import JOINT_STATES, contact_topic, fingertip_topic
 from tactile_dynamics_ros.ros.parameters import declare_config
+from tactile_dynamics_ros.ros.pushed_contacts import PushedContacts
 from tactile_dynamics_ros.ros.robot import declare_robot
 from tactile_dynamics_ros.ros.shell import Shell, run_node
 from tactile_dynamics_ros.ros.wire import Joints, Stamp, Stamped
 
 WORLD = "world"
 WAITING = 200
+
+
+@dataclass(frozen=True)
+class PlaceConfig:
+    """What the forces are of."""
+
+    pushing: bool = parameter(
+        False, "of a tip and pads that push on a table, placed on the object's outline"
+    )
 
 
 class Touch(NamedTuple):
@@ -56,6 +68,12 @@ class ContactStateNode(Shell):
 
     def __init__(self) -> None:
         super().__init__("contact_state")
+        self._pushed = PushedContacts(self) if declare_config(self, PlaceConfig).pushing else None
+        if self._pushed is None:
+            self._begin_hand()
+
+    def _begin_hand(self) -> None:
+        """Listen to a hand's fingertips."""
         config = declare_config(self, ContactStateConfig)
         self.robot = robot = declare_robot(self)
         self.contact_state = ContactState(HandKinematics(robot), config)
@@ -112,7 +130,10 @@ class ContactStateNode(Shell):
         return take
 
     def process(self) -> None:
-        """Place the forces for whose time joint positions are known."""
+        """Place the forces for whose time joint positions, or poses, are known."""
+        if self._pushed is not None:
+            self._pushed.process()
+            return
         ready: list[tuple[Touch, NDArray[np.float64]]] = []
         for _ in range(len(self._waiting)):
             touch = self._waiting.popleft()

@@ -55,7 +55,12 @@ from tactile_dynamics_ros.ros.names import (
 )
 from tactile_dynamics_ros.ros.pacing import DelayLine, Pace, PaceConfig
 from tactile_dynamics_ros.ros.parameters import declare_config
-from tactile_dynamics_ros.ros.pusher_streams import ContactStreams, LinkStreams, PusherStreams
+from tactile_dynamics_ros.ros.pusher_streams import (
+    ContactStreams,
+    LinkStreams,
+    PusherStreams,
+    SensorStreams,
+)
 from tactile_dynamics_ros.ros.shell import Shell, run_node
 from tactile_dynamics_ros.ros.wire import Joints, Stamp, Stamped, encode_clock, to_stamp
 
@@ -81,7 +86,10 @@ class SceneConfig:
     """What is simulated; each scene has parameters of its own."""
 
     scene: str = parameter(
-        "hand", "hand: arm, hand and object; table: objects on a table, a moving camera"
+        "hand", "hand: arm, hand and object; table: objects, a moving camera, an arm that pushes"
+    )
+    place_contacts: bool = parameter(
+        True, "of an arm that pushes: publish contacts in the world, not forces of sensors"
     )
 
     def __post_init__(self) -> None:
@@ -116,6 +124,7 @@ class RobotSim(Shell):
     Attributes:
         late: messages that are due later, with their publishers.
         pace: couples simulated to real time.
+        shown: which scene is simulated.
     """
 
     gather = 0.0
@@ -126,8 +135,8 @@ class RobotSim(Shell):
         self.config = declare_config(self, PaceConfig)
         self.late: DelayLine[tuple[Publisher, object]] = DelayLine()
         self.pace = Pace(self.config)
-        on_table = declare_config(self, SceneConfig).scene == "table"
-        self.scene: Scene = TableScene(self) if on_table else HandScene(self)
+        self.shown = declare_config(self, SceneConfig)
+        self.scene: Scene = (TableScene if self.shown.scene == "table" else HandScene)(self)
         self._ticks = self.create_publisher(Clock, CLOCK, 10)
         self.serve(REVEAL, lambda: json.dumps(self.scene.reveal()))
         self.every(PERIOD / self.config.real_time_factor, self._tick)
@@ -197,7 +206,8 @@ class TableScene:
         self._depth = _DepthStreams(node, self.table.camera.config)
         self._camera_pose = node.stream(PoseStamped, CAMERA_POSE)
         self._pusher, self._joints = PusherStreams(node), node.stream(JointState, JOINT_STATES)
-        self._contacts = ContactStreams(node, self.table.pusher.contacts)
+        streams = ContactStreams if node.shown.place_contacts else SensorStreams
+        self._touch = streams(node, self.table.pusher.contacts)
         self._links: LinkStreams | None = None
         if self.table.config.vision_rate_hz > 0.0:
             self._links = LinkStreams(node, [link.corners for link in self.table.outlines])
@@ -229,10 +239,9 @@ class TableScene:
         names, joints = self.table.pusher.machine.joint_names, readings.joints
         load = np.zeros(len(joints))
         self._joints.publish(joints_to_message(names, readings.time, joints, readings.rates, load))
-        late, config, std = self.node.late, self.node.config, self.table.sensors.force_std
+        late, config = self.node.late, self.node.config
         for felt in readings.touch:
-            told = self._contacts.messages(felt.name, felt.force, std, felt.pose, felt.time)
-            for entry in told if felt.touching else told[-1:]:
+            for entry in self._touch.report(felt, self.table.sensors.force_std, readings.pusher):
                 late.add(readings.time + config.touch_latency, entry)
         if self._links is not None and readings.links:
             covariance = self.table.markers[0].covariance

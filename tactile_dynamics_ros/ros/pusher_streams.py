@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Protocol
 
 import numpy as np
 from geometry_msgs.msg import (
@@ -28,13 +29,15 @@ from tactile_dynamics_ros.ros.names import (
     GRIPPER_WIDTH,
     PUSHER_POSE,
     contact_topic,
+    fingertip_topic,
     link_topic,
 )
 from tactile_dynamics_ros.ros.shell import Shell
+from tactile_dynamics_ros.ros.wire import AnyStamp
 
 Array = NDArray[np.float64]
 
-WORLD = "world"
+WORLD, PUSHER_FRAME = "world", "pusher"
 
 
 class PusherStreams:
@@ -54,6 +57,34 @@ class PusherStreams:
         self._width.publish(Float64(data=width))
 
 
+class Felt(Protocol):
+    """What the sensor of one contact reports; `raw` is the force before contact is judged."""
+
+    @property
+    def name(self) -> str:
+        """Of the contact."""
+
+    @property
+    def time(self) -> float:
+        """Of the force, s."""
+
+    @property
+    def force(self) -> Array:
+        """On the object, (3,) N, world; zero where nothing is touched."""
+
+    @property
+    def raw(self) -> Array:
+        """As it was measured, (3,) N, world."""
+
+    @property
+    def pose(self) -> Array:
+        """Of the contact, (4, 4)."""
+
+    @property
+    def touching(self) -> bool:
+        """Whether anything is touched."""
+
+
 class ContactStreams:
     """Publishes contacts that a robot itself places in the world.
 
@@ -71,7 +102,7 @@ class ContactStreams:
         }
 
     def messages(
-        self, name: str, force: Array, std: Array, pose: Array, time: float
+        self, name: str, force: Array, std: Array, pose: Array, time: float | AnyStamp
     ) -> list[tuple[Publisher, bytes]]:
         """Return what is told of a contact, with the publishers that tell it.
 
@@ -80,13 +111,51 @@ class ContactStreams:
             force: (3,) N on the object, world.
             std: (3,) N, of the force.
             pose: (4, 4), the contact point, z the normal into the object.
-            time: s.
+            time: s, or a stamp.
         """
         wrench = np.concatenate([np.zeros(3), force])
         return [
             (self._publishers[name, "pose"], pose_to_message(pose, time, WORLD)),
             (self._publishers[name, "force_std"], std_to_message(std, time, WORLD)),
             (self._publishers[name, "force"], wrench_to_message(wrench, time, WORLD)),
+        ]
+
+    def report(self, felt: Felt, std: Array, gripper: Array) -> list[tuple[Publisher, bytes]]:
+        """Return what is told of a contact; where nothing is touched its force, zero, alone."""
+        told = self.messages(felt.name, felt.force, std, felt.pose, felt.time)
+        return told if felt.touching else told[-1:]
+
+
+class SensorStreams:
+    """Publishes forces as three-axis sensors tell them, for `contact_state` to place.
+
+    Args:
+        node: that publishes.
+        names: of all contacts.
+    """
+
+    def __init__(self, node: Shell, names: Sequence[str]) -> None:
+        kinds = {"force": WrenchStamped, "force_std": Vector3Stamped}
+        self._publishers = {
+            (name, kind): node.stream(message, fingertip_topic(name, kind, "pad"))
+            for name in names
+            for kind, message in kinds.items()
+        }
+
+    def report(self, felt: Felt, std: Array, gripper: Array) -> list[tuple[Publisher, bytes]]:
+        """Return what is told of a sensor, with the publishers that tell it.
+
+        Args:
+            felt: what it reports.
+            std: (3,) N, of the force.
+            gripper: (4, 4) of the tip, in whose axes the sensor measures.
+        """
+        wrench = np.concatenate([np.zeros(3), felt.raw @ gripper[:3, :3]])
+        std_message = std_to_message(std, felt.time, PUSHER_FRAME)
+        force_message = wrench_to_message(wrench, felt.time, PUSHER_FRAME)
+        return [
+            (self._publishers[felt.name, "force_std"], std_message),
+            (self._publishers[felt.name, "force"], force_message),
         ]
 
 

@@ -40,12 +40,17 @@ def type_name(kind):
 def name_of(resolved):
     """Return a name relative to the hand's namespace, global ones with their slash."""
     parts = resolved.removeprefix(f"{HAND}/").split("/")
-    named = (*ROBOT.fingers, *(PUSHING if parts[0] == "contact" else ()))
+    named = (*ROBOT.fingers, *(PUSHING if parts[0] in ("contact", "pad") else ()))
     return "/".join("<finger>" if part in named else part for part in parts)
 
 
 TABLE = ("-p", "scene:=table", "-p", "vision_rate_hz:=30.0")
-STARTS = [*((name, ()) for name in node_names()), ("robot_sim", TABLE)]
+STARTS = [
+    *((name, ()) for name in node_names()),
+    ("robot_sim", TABLE),
+    ("robot_sim", (*TABLE, "-p", "place_contacts:=false")),
+    ("contact_state", ("-p", "pushing:=true")),
+]
 """Nodes, and arguments with which one has other topics."""
 
 

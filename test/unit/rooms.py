@@ -86,10 +86,6 @@ ROOMS = {
         "friction force and centre of mass from poses before and after pushes",
         ("core/planar", "core/planar/mechanics"),
     ),
-    "core/planar/sparse": Room(
-        "friction force and centre of mass from poses before and after pushes",
-        ("core/planar", "core/planar/mechanics"),
-    ),
     _INERTIA + "residuals": Room(
         "Newton-Euler residuals of a recording and their noise",
         ("core/contact", "core/effects", "core/numerics", "core/rigid_body", "core/streams"),
@@ -166,7 +162,13 @@ ROOMS = {
     ),
     "ros": Room(
         "what nodes share: shell, wire, conversions, parameters, diagnostics",
-        ("core/friction", _INERTIA + "batch", _INERTIA + "diagnosis", _INERTIA + "live")
+        (
+            "core/contact",
+            "core/friction",
+            _INERTIA + "batch",
+            _INERTIA + "diagnosis",
+            _INERTIA + "live",
+        )
         + ("core/planar/actions", "core/rigid_body", "core/robot", "core/shape", "core/streams")
         + ("core/tracking",)
         + ("recording",),

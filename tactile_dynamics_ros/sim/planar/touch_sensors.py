@@ -41,6 +41,7 @@ class Felt:
         name: of the contact.
         time: s, of the force.
         force: (3,) N on the object, world axes; zero where nothing is touched.
+        raw: (3,) N, as it was measured, noise alone where nothing is touched.
         pose: (4, 4) in the world: the contact point, z the normal into the object.
         touching: whether anything is touched.
     """
@@ -48,6 +49,7 @@ class Felt:
     name: str
     time: float
     force: Array
+    raw: Array
     pose: Array
     touching: bool
 
@@ -83,9 +85,9 @@ class TouchSensors:
         error = config.point_noise * self._rng.standard_normal(3)
         error[2] += config.height_offset
         if not contact.in_contact or np.linalg.norm(force) < config.touch_force:
-            return Felt(contact.name, contact.time, np.zeros(3), rest, False)
+            return Felt(contact.name, contact.time, np.zeros(3), force, rest, False)
         pose = np.eye(4)
         across = np.array([-contact.normal[1], contact.normal[0], 0.0])
         pose[:3, :3] = np.column_stack([across, np.array([0.0, 0.0, 1.0]), contact.normal])
         pose[:3, 3] = contact.point + error
-        return Felt(contact.name, contact.time, force, pose, True)
+        return Felt(contact.name, contact.time, force, force, pose, True)
