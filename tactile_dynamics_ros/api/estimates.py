@@ -7,10 +7,12 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from tactile_dynamics_ros.api.result import ReportedResult, Rows
 from tactile_dynamics_ros.api.text_table import align_rows
 from tactile_dynamics_ros.core.discrepancy.verdict.wording import write_interval
-from tactile_dynamics_ros.core.errors import NotIdentifiableError
+from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 from tactile_dynamics_ros.report.numbers import parameter_rows
 
 if TYPE_CHECKING:
@@ -18,6 +20,8 @@ if TYPE_CHECKING:
 
     from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
     from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import InertialEstimate
+    from tactile_dynamics_ros.core.inertia.batch.knowledge import Comparison as MemoryComparison
+    from tactile_dynamics_ros.core.rigid_body.known_body import KnownBody
     from tactile_dynamics_ros.export import Export
     from tactile_dynamics_ros.recording import Recording
 
@@ -34,15 +38,98 @@ class Estimate(ReportedResult):
     Attributes:
         recording: what was measured.
         model: fitted to it.
+        tool: what was carried as well and is not meant, such as a gripper.
+        prior: the same object, from earlier recordings.
     """
 
     recording: Recording
     model: FittedModel
+    tool: KnownBody | None = None
+    prior: KnownBody | None = None
 
     @cached_property
     def found(self) -> InertialEstimate:
-        """Values with their covariance."""
-        return self.model.to_estimate()
+        """Values with their covariance: without the tool, together with what was known."""
+        return self._combined[0]
+
+    @cached_property
+    def alone(self) -> InertialEstimate:
+        """Values from this recording alone, without the tool."""
+        from tactile_dynamics_ros.core.inertia.batch.knowledge import without_tool
+
+        both = self.model.to_estimate()
+        return both if self.tool is None else without_tool(both, self.tool)
+
+    @cached_property
+    def _combined(self) -> tuple[InertialEstimate, MemoryComparison | None]:
+        from tactile_dynamics_ros.core.inertia.batch.knowledge import with_memory
+
+        return (self.alone, None) if self.prior is None else with_memory(self.alone, self.prior)
+
+    @property
+    def changed(self) -> list[str]:
+        """What differs from the earlier recordings beyond chance: the object is another one."""
+        comparison = self._combined[1]
+        return [] if comparison is None else comparison.changed
+
+    @property
+    def notes(self) -> tuple[str, ...]:  # type: ignore[override]
+        """Sentences on the tool and on what was known before."""
+        return (*self._tool_notes(), *self._memory_notes())
+
+    def _tool_notes(self) -> list[str]:
+        if self.tool is None:
+            return []
+        mass = f"{self.tool.phi[0]:.4g} kg of {self.tool.name} are taken out"
+        exact = ", as if they were known exactly" if self.tool.is_exact else ""
+        return [mass + exact]
+
+    def _memory_notes(self) -> list[str]:
+        if self.prior is None:
+            return []
+        if self.changed:
+            return [
+                f"{' and '.join(self.changed)} differ from {self.prior.name} beyond chance: the "
+                "object has changed, or its frame lies otherwise in it; this recording alone counts"
+            ]
+        before = f"together with {self.prior.recordings} recordings of {self.prior.name}"
+        known = set(self.prior.effects) - set(self.found.effects)
+        if not known:
+            return [before]
+        return [before, f"effects that it had: {', '.join(sorted(known))}; add them by --effects"]
+
+    def known(self) -> KnownBody:
+        """Return what is known of the body now, as files of bodies hold it."""
+        from tactile_dynamics_ros.core.rigid_body.known_body import KnownBody
+
+        self.require_answer()
+        combined = self.prior is not None and not self.changed
+        earlier = self.prior if combined else None
+        effects = {name: effect.to_json() for name, effect in self.found.effects.items()}
+        return KnownBody(
+            self.found.inertia.dynamic_parameters,
+            self.found.covariance,
+            self.recording.source,
+            self.found.not_excited,
+            effects if earlier is None else earlier.effects | effects,
+            1 if earlier is None else earlier.recordings + 1,
+        )
+
+    def save(self, path: str | Path) -> Path:
+        """Write what is known of the body, for `tool` or `prior` of later estimates.
+
+        Raises:
+            BadInputError: another file is there, or the file of another object.
+            NotIdentifiableError: the numbers are no answer.
+        """
+        from tactile_dynamics_ros.recording.body_files import write_body
+
+        if self.changed and self.prior and Path(self.prior.name) == Path(path):
+            raise BadInputError(
+                f"{path} is the file of another object: {' and '.join(self.changed)} differ; "
+                "choose another path"
+            )
+        return write_body(self.known(), path)
 
     @property
     def undetermined(self) -> tuple[str, ...]:
@@ -51,7 +138,18 @@ class Estimate(ReportedResult):
 
     def to_json(self) -> dict[str, Any]:
         """Return the document of `estimate`."""
-        return self.found.to_json()
+        document = self.found.to_json()
+        if self.tool is not None:
+            document["tool"] = {"name": self.tool.name, "mass": float(self.tool.phi[0])}
+        comparison = self._combined[1]
+        if self.prior is not None and comparison is not None:
+            document["prior"] = {
+                "name": self.prior.name,
+                "recordings": self.prior.recordings,
+                "p_value": comparison.p_value,
+                "changed": comparison.changed,
+            }
+        return document
 
     def lines(self) -> list[str]:
         """Return the estimate for people."""
@@ -81,14 +179,23 @@ class Estimate(ReportedResult):
         return [("", "value", "std", "unit"), *parameter_rows(self.found)]
 
     def draw(self) -> Figure:
-        """Draw how the estimate settles."""
-        from tactile_dynamics_ros.report.estimates import draw_convergence
+        """Draw how the estimate settles; with a tool or prior, what remains unexplained."""
+        from tactile_dynamics_ros.report.estimates import draw_convergence, draw_residuals
         from tactile_dynamics_ros.report.history import settle
 
-        return draw_convergence(settle(self.model), None, self.undetermined)
+        if self.tool is None and self.prior is None:
+            return draw_convergence(settle(self.model), None, self.undetermined)
+        time = np.concatenate([samples.time for samples in self.model.samples])
+        return draw_residuals(time, -self.model.smooth_residual(), self.model.white_residual)
 
     def report(self, folder: Path, command: str = "") -> Path:
-        """Write folder/report.html with all figures and return its path."""
+        """Write folder/report.html with all figures and return its path.
+
+        Raises:
+            BadInputError: there is a tool or prior, of which the page knows nothing.
+        """
+        if self.tool is not None or self.prior is not None:
+            raise BadInputError("the report is of one recording as it is; leave out tool and prior")
         from tactile_dynamics_ros.report.estimate_report import write_estimate_report
 
         return write_estimate_report(self.recording, self.model, Path(folder), command=command)

@@ -75,20 +75,32 @@ def check(recording: Recording, goal: float = 0.1) -> Check:
     return check_recording(recording, goal)
 
 
-def estimate(recording: Recording, effects: Effects = ()) -> Estimate:
+def estimate(
+    recording: Recording,
+    effects: Effects = (),
+    *,
+    tool: str | Path | None = None,
+    prior: str | Path | None = None,
+) -> Estimate:
     """Estimate mass, centre of mass and inertia of a held object, and the parameters of effects.
 
     Args:
         recording: what was measured.
         effects: of the model: "a,b", names, or `Effect`s.
+        tool: file of what was carried as well, such as a gripper: a URDF, or one of
+            `Estimate.save`.
+        prior: file of `Estimate.save` of the same object, from earlier recordings.
 
     Raises:
-        BadInputError: contacts and motion do not overlap, or an effect is unknown.
+        BadInputError: contacts and motion do not overlap, an effect is unknown, or a file is no
+            body's.
         NotIdentifiableError: the iteration diverged.
     """
     from tactile_dynamics_ros.core.inertia.estimate import estimate as fit
+    from tactile_dynamics_ros.recording.body_files import read_body
 
-    return Estimate(recording, fit(recording, effects_of(effects)))
+    known = [None if path is None else read_body(path) for path in (tool, prior)]
+    return Estimate(recording, fit(recording, effects_of(effects)), *known)
 
 
 def compare(recording: Recording, effects: Effects = ()) -> Comparison:

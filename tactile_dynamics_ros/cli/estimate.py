@@ -32,6 +32,18 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
         help="print the body as urdf, sdf, mjcf, ur (payload call) or franka (SetLoad request) "
         "instead; refused if the recording does not tell it",
     )
+    parser.add_argument(
+        "--tool",
+        metavar="FILE",
+        help="take this known part out of what is carried, such as a gripper: a URDF (FILE#LINK if "
+        "it has several), or a file of --save",
+    )
+    parser.add_argument(
+        "--prior", metavar="FILE", help="file of --save: the same object in earlier recordings"
+    )
+    parser.add_argument(
+        "--save", metavar="FILE", help="write what is known of the body now, for --tool or --prior"
+    )
     parser.set_defaults(run=run)
 
 
@@ -39,7 +51,9 @@ def run(args: Namespace) -> int:
     """Estimate and print; the exit code is 3 where the numbers are no answer."""
     from tactile_dynamics_ros.api.verbs import estimate
 
-    found = estimate(read_recording(args), read_effects(args))
+    found = estimate(read_recording(args), read_effects(args), tool=args.tool, prior=args.prior)
+    for note in found.notes:
+        print(f"note: {note}", file=sys.stderr)
     if args.export:
         print(_export(args, found), end="")
     else:
@@ -47,6 +61,8 @@ def run(args: Namespace) -> int:
     if args.out:
         print(f"report: {found.report(Path(args.out))}", file=sys.stderr)
     found.require_answer()
+    if args.save:
+        print(f"saved: {found.save(args.save)}", file=sys.stderr)
     return 0
 
 

@@ -157,7 +157,7 @@ ROOMS = {
         "the verbs of the command as functions, with results for notebooks",
         ("core/discrepancy", "core/effects", "core/friction", "core/inertia")
         + (_INERTIA + "batch", _INERTIA + "diagnosis", _INERTIA + "excitation")
-        + (_INERTIA + "residuals", "core/shape")
+        + (_INERTIA + "residuals", "core/rigid_body", "core/shape")
         + ("export", "recording", "report"),
     ),
     "ros": Room(

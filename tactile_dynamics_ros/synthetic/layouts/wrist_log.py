@@ -44,7 +44,29 @@ class WristLog:
         motion = _Motion.draw(rng)
         mass = float(np.exp(rng.uniform(np.log(0.5), np.log(3.0))))
         com = rng.uniform([-0.03, -0.03, 0.02], [0.03, 0.03, 0.09])
-        force, torque = motion.load(time, mass, com)
+        return cls._measured(rng, time, motion, [(mass, com)])
+
+    @classmethod
+    def carrying(
+        cls, seed: int, loads: list[tuple[float, np.ndarray]], seconds: float = 20.0
+    ) -> WristLog:
+        """Record loads of given masses and centres that move as one; mass and com are their sum."""
+        rng = np.random.default_rng([seed, 73])
+        time = np.arange(round(seconds * 100.0)) / 100.0
+        return cls._measured(rng, time, _Motion.draw(rng), loads)
+
+    @classmethod
+    def _measured(
+        cls,
+        rng: np.random.Generator,
+        time: np.ndarray,
+        motion: _Motion,
+        loads: list[tuple[float, np.ndarray]],
+    ) -> WristLog:
+        """Sensors with bias and noise on what moves the loads."""
+        wrenches = [motion.load(time, mass, com) for mass, com in loads]
+        force, torque = (np.sum(part, axis=0) for part in zip(*wrenches, strict=True))
+        mass = float(sum(one for one, _ in loads))
         position, rotation = motion.at(time)
         return cls(
             time,
@@ -53,7 +75,7 @@ class WristLog:
             force + rng.normal(scale=4.0, size=3) + 0.05 * rng.normal(size=force.shape),
             torque + rng.normal(scale=0.2, size=3) + 0.003 * rng.normal(size=force.shape),
             mass,
-            com,
+            np.sum([one * com for one, com in loads], axis=0) / mass,
         )
 
     @classmethod

@@ -1,0 +1,156 @@
+"""Files of known bodies: yaml with covariance, or the inertial block of a URDF."""
+
+from __future__ import annotations
+
+import os
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
+    InertialParameters,
+    com_inertia_jacobian,
+    is_feasible,
+)
+from tactile_dynamics_ros.core.rigid_body.known_body import KnownBody
+
+Array = NDArray[np.float64]
+
+_FORMAT = "tactile_dynamics_body"
+_MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+
+
+def read_body(path: str | Path) -> KnownBody:
+    """Read a known body.
+
+    Args:
+        path: a yaml file of `write_body`, or a URDF; with several links that have an inertia,
+            "robot.urdf#link" says which.
+
+    Raises:
+        BadInputError: it cannot be read, or is no body that can exist.
+    """
+    file, _, link = str(path).partition("#")
+    try:
+        text = Path(file).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise BadInputError(f"{file} cannot be read: {error}") from error
+    known = _from_urdf(text, link, str(path)) if "<" in text[:200] else _from_yaml(text, file)
+    if not is_feasible(known.phi):
+        raise BadInputError(f"{path}: no body has such mass and inertia; check units and axes")
+    return known
+
+
+def write_body(known: KnownBody, path: str | Path) -> Path:
+    """Write a known body as yaml, over an older file of one only.
+
+    Raises:
+        BadInputError: another file is there, or it cannot be written.
+    """
+    path = Path(path)
+    if path.exists() and _FORMAT not in path.read_text(errors="replace")[:200]:
+        raise BadInputError(f"{path} exists and is no file of a body; choose another path")
+    body = InertialParameters.from_dynamic_parameters(known.phi)
+    to_com = com_inertia_jacobian(known.phi)
+    std = np.sqrt(np.diag(to_com @ known.covariance @ to_com.T))
+    document = {
+        "format": _FORMAT,
+        "source": known.name,
+        "recordings": known.recordings,
+        "mass_kg": {"value": body.mass, "std": float(std[0])},
+        "com_m": {"value": body.com.tolist(), "std": std[1:4].tolist()},
+        "undetermined": list(known.undetermined),
+        "effects": known.effects,
+        "dynamic_parameters": known.phi.tolist(),
+        "covariance": known.covariance.tolist(),
+    }
+    draft = path.with_name(path.name + ".part")
+    try:
+        draft.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
+        os.replace(draft, path)
+    except OSError as error:
+        raise BadInputError(f"{path} cannot be written: {error.strerror}") from error
+    return path
+
+
+def _from_yaml(text: str, file: str) -> KnownBody:
+    try:
+        document = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise BadInputError(f"{file}: no yaml: {error}") from error
+    if not isinstance(document, dict) or document.get("format") != _FORMAT:
+        raise BadInputError(
+            f"{file}: expected a URDF, or a file that `estimate --save` has written "
+            f"(format: {_FORMAT})"
+        )
+    phi = _array(document, "dynamic_parameters", (10,), file)
+    covariance = _array(document, "covariance", (10, 10), file)
+    return KnownBody(
+        phi,
+        covariance,
+        file,
+        tuple(document.get("undetermined", ())),
+        dict(document.get("effects") or {}),
+        int(document.get("recordings", 1)),
+    )
+
+
+def _array(document: dict[str, Any], key: str, shape: tuple[int, ...], file: str) -> Array:
+    try:
+        values = np.array(document[key], dtype=float)
+    except (KeyError, TypeError, ValueError) as error:
+        raise BadInputError(f"{file}: {key}: expected numbers of shape {shape}") from error
+    if values.shape != shape or not np.all(np.isfinite(values)):
+        raise BadInputError(f"{file}: {key}: expected finite numbers of shape {shape}")
+    return values
+
+
+def _from_urdf(text: str, link: str, name: str) -> KnownBody:
+    try:
+        root = ElementTree.fromstring(text)
+    except ElementTree.ParseError as error:
+        raise BadInputError(f"{name}: no XML: {error}") from error
+    blocks = {
+        str(one.get("name")): one.find("inertial")
+        for one in root.iter("link")
+        if one.find("inertial") is not None
+    }
+    if root.tag == "inertial":
+        blocks = {link: root}
+    if not link and len(blocks) == 1:
+        [link] = blocks
+    block = blocks.get(link)
+    if block is None:
+        raise BadInputError(
+            f"{name}: expected one link with an inertial block, or FILE#LINK; found "
+            f"{', '.join(blocks) or 'none'}"
+        )
+    try:
+        return KnownBody.exact(_body_of(block), name)
+    except (AttributeError, KeyError, ValueError) as error:
+        raise BadInputError(
+            f"{name}: the inertial block of {link or 'the file'} lacks mass or inertia"
+        ) from error
+
+
+def _body_of(block: ElementTree.Element) -> InertialParameters:
+    """Return the body of an inertial block, in the axes of its link."""
+    origin = block.find("origin")
+    place = {} if origin is None else origin.attrib
+    com = np.array(place.get("xyz", "0 0 0").split(), dtype=float)
+    angles = np.array(place.get("rpy", "0 0 0").split(), dtype=float)
+    mass, moments = block.find("mass"), block.find("inertia")
+    if mass is None or moments is None:
+        raise KeyError("mass or inertia")
+    inertia = np.zeros((3, 3))
+    for name in _MOMENTS:
+        i, j = ("xyz".index(axis) for axis in name[1:])
+        inertia[i, j] = inertia[j, i] = float(moments.attrib[name])
+    turn = Rotation.from_euler("xyz", angles).as_matrix()
+    return InertialParameters(float(mass.attrib["value"]), com, turn @ inertia @ turn.T)
