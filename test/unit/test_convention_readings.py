@@ -126,7 +126,7 @@ def test_noise_that_a_reading_makes_larger_does_not_flatter_it():
 @pytest.mark.parametrize("name", ["torque_unit", "mirrored_axes", "gyro_sign"])
 def test_the_mistaken_convention_ranks_first(name):
     _, recorded = right_and_recorded(name, 5, 0)
-    ranking = Readings.of(recorded).rank()
+    ranking = Readings.of(recorded).alone
     assert ranking.ranked[0].reading.name == name
     assert ranking.gain > 0.9
 
@@ -134,8 +134,8 @@ def test_the_mistaken_convention_ranks_first(name):
 @pytest.mark.parametrize("hand", ["wrist", "finger"])
 def test_no_reading_of_a_right_recording_is_better(hand):
     right, _ = right_and_recorded("force_sign", 7, 0, hand)
-    assert Readings.of(right).rank().gain < 0.01
-    assert Readings.of(right).rank(disturbed=True).gain < 0.01
+    assert Readings.of(right).alone.gain < 0.01
+    assert Readings.of(right).disturbed.gain < 0.01
 
 
 def test_a_convention_is_assumed_in_the_form_that_fits():

@@ -102,18 +102,42 @@ def test_unit_and_sign_of_torques_are_one_reading():
     assert (found.verdict, found.effects) == ("adequate", ())
 
 
-def test_readings_that_mend_each_other_are_not_believed():
-    """A wrong gravity, a true sign and gravity once more leave only noise together."""
-    found = two("gravity_direction", "force_sign", 41)
-    names = [one.name for one in found.conventions]
-    assert names == ["gravity_direction", "force_sign", "gravity_direction"]
+def test_gravity_and_a_sign_are_two_conventions():
+    """Lengths in mm, by which accelerations count for nothing, look better than the recording."""
+    found = two("gravity_direction", "force_sign", 40)
+    assert [one.name for one in found.conventions] == ["force_sign", "gravity_direction"]
+    assert (found.verdict, found.effects) == ("adequate", ())
+
+
+def test_a_diagnosis_says_that_more_than_one_convention_may_be_wrong():
+    table, _ = wrist_table(40, WristOptions(duration=12.0))
+    table = mistaken(mistaken(table, "torque_unit", 40), "quaternion_order", 40)
+    document = diagnosis_document(diagnose(question(table.streams())))
+    assert document["convention"]["name"] == "quaternion_order"
+    remains = document["error"]["after"] / document["error"]["noise_floor"]
+    assert f"{remains:.1f} times the noise. More may be wrong" in document["sentence"]
+    assert "Correct the recording" not in document["sentence"]
+
+
+def test_a_sign_beside_a_push_is_read_right_before_the_push_is_named():
+    """The right reading leaves only 2.2 times less of the load alone, and still less beside it."""
+    streams, _ = wrist(12, "torque_sign", 12, effects=(("unsensed_contact", 1.0),))
+    found = explain(question(streams))
+    assert [one.name for one in found.conventions] == ["torque_sign"]
+    assert (found.verdict, found.effects) == ("adequate", ("unsensed_contact",))
+
+
+def test_three_conventions_are_not_believed():
+    table, _ = wrist_table(41, WristOptions(duration=12.0))
+    for name in ("gravity_direction", "force_sign", "torque_unit"):
+        table = mistaken(table, name, 41)
+    found = explain(question(table.streams()))
+    assert len(found.conventions) == 3
     assert (found.verdict, found.effects) == ("unexplained", ())
     document = explanation_document(found)
     assert document["convention"] is None and len(document["steps"]) == 1
     assert document["error"]["after"] == document["error"]["before"]
-    assert document["sentence"].startswith(
-        "Several readings of the numbers fit in turn (gravity_direction and force_sign), "
-    )
+    assert document["sentence"].startswith("Several readings of the numbers fit in turn (")
 
 
 def test_a_recording_is_read_as_assumed(tmp_path, capsys):

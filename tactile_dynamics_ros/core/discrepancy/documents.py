@@ -223,13 +223,22 @@ def _convention_sentence(diagnosis: Diagnosis, convention: Convention) -> str:
     before, after = diagnosis.before.rms, convention.error_after
     text = (
         f"The recording means something else than it says ({convention.name}): "
-        f"{convention.change}. The error falls from {before:.2f} to {after:.2f}"
+        f"{convention.change}. The error "
     )
+    unlike = ""
     if convention.others:
-        text += f"; this recording cannot tell it from {join_names(convention.others)}"
+        unlike = f"; this recording cannot tell it from {join_names(convention.others)}"
     if diagnosis.remaining > _REMAINS:
-        text += f"; what remains is {diagnosis.remaining:.1f} times the noise: explain goes on"
-    return f"{text}. Correct the recording, or read it so with --assume {convention.name}."
+        return (
+            f"{text}was {before:.2f} and remains {after:.2f}, {diagnosis.remaining:.1f} times the "
+            f"noise{unlike}. More may be wrong, of the recording or of the model: ask explain, "
+            "which goes on, before you correct anything "
+            f"(--assume {convention.name} reads it so)."
+        )
+    return (
+        f"{text}falls from {before:.2f} to {after:.2f}{unlike}. Correct the recording, or read it "
+        f"so with --assume {convention.name}."
+    )
 
 
 def _unexplained_sentence(diagnosis: Diagnosis) -> str:

@@ -13,12 +13,17 @@ from tactile_dynamics_ros.core.discrepancy.search import DiagnosisConfig
 from tactile_dynamics_ros.core.discrepancy.validation import HeldOut, fits_equally, held_out
 from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import noise_floor
 from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError
-from tactile_dynamics_ros.core.inertia.conventions.ranking import Ranked, Ranking, Readings
+from tactile_dynamics_ros.core.inertia.conventions.ranking import (
+    ALIKE,
+    Ranked,
+    Ranking,
+    Readings,
+)
 from tactile_dynamics_ros.core.inertia.conventions.reading import CONVENTIONS, Reading
 from tactile_dynamics_ros.core.streams.streams import Streams
 
 Fit = Callable[[Streams], ResidualModel]
-FitReading = Callable[[Reading], tuple[ResidualModel, HeldOut] | None]
+_FitReading = Callable[[Reading], tuple[ResidualModel, HeldOut] | None]
 
 _CERTAIN = 60.0
 """-2 log likelihood by which the best reading must be better than the recording as it is: chance
@@ -26,9 +31,15 @@ among 250 readings makes 11 (2 log 250), errors that last for ten samples ten ti
 is left per sample. At 20 a motion that tells nothing may be read otherwise, at 200 short recordings
 of slow loggers are not."""
 _LARGE = 0.9
-"""Fall of what is left, summed over force and torque in logarithms, from which a reading is
-believed although something else remains: a factor of 2.5. Of 76 recordings with one effect of up to
-four times the noise one has a reading that gains 0.5, and the others none."""
+"""Fall of what is left, in logarithms summed over force and torque and over both rankings (the load
+alone, and beside other forces), from which a reading is believed although something else remains.
+A strong spring of 200 recordings with one effect makes a reading gain 0.6 of the load alone and
+nothing beside other forces, a push beside a true mistake leaves it 0.8 and 0.4."""
+_OUTDONE = 0.25
+"""Fall, in logarithms, by which another reading may be better beside other forces at most: rankings
+differ by 0.02 where nothing is mistaken. Of two mistakes, gravity and a sign, either of them makes
+lengths in mm look better than the recording as it is, since accelerations then count for nothing;
+other forces stand for gravity and leave the sign. Above 1 such lengths are believed."""
 _WORSE = 0.1
 """Rise of what is left in one channel, in logarithms, up to which such a reading is believed: what
 is meant improves them all, what imitates an effect takes from the forces what it gives to the
@@ -42,10 +53,6 @@ _LEVELS = DiagnosisConfig()
 """Levels as for effects: a reading is believed that leaves at most `near_floor` over the noise
 floor and explains `mostly` of the excess error. At mostly = 0.99 a delay of clocks beside a
 mistaken sign hides it; lower, readings are believed that only imitate an effect."""
-_ALIKE = 0.08
-"""Difference of scores up to which readings are fitted thoroughly to be told apart: 4 % of what is
-left of forces and of torques. At 0.02 units that a slow motion hardly tells are taken for told; at
-0.3 time is spent on readings that no fit makes up for."""
 _OTHER_FORM = 0.5
 """Difference of scores up to which other forms of the best reading are fitted: a factor of 1.6, by
 which noise of accelerations may flatter one. At 0.1 positions in cm are read in mm."""
@@ -99,25 +106,31 @@ def find_convention(streams: Streams, recorded: float, fit: Fit) -> Convention |
         return model, held_out(model)
 
     readings = Readings.of(streams)
-    for disturbed in (False, True):
-        ranking = readings.rank(disturbed)
-        if ranking.gain < -_HOPELESS:
-            return None
-        found = _believe(ranking, recorded, fit_reading) if _is_certain(ranking) else None
-        if found is not None:
-            return found
-    return None
+    if readings.alone.gain < -_HOPELESS:
+        return None
+    found = _believe(readings.alone, readings, recorded, fit_reading)
+    return found or _believe(readings.disturbed, readings, recorded, fit_reading)
 
 
-def _believe(ranking: Ranking, recorded: float, fit: FitReading) -> Convention | None:
+def _believe(
+    ranking: Ranking, readings: Readings, recorded: float, fit: _FitReading
+) -> Convention | None:
     """The best of the readings, if it is to be believed."""
-    fitted = _fit_best(ranking, fit)
+    if not _is_certain(ranking):
+        return None
+    large = ranking.loss <= _WORSE and _is_large(ranking.ranked[0].reading.name, readings)
+    fitted = _fit_best(ranking, large, fit)
     if not fitted:
         return None
     least = min(fitted, key=lambda one: one.error)
-    equal = [one for one in fitted if _is_equal(least, one)]
+    noise = _leaves_noise(least)
+    equal = [
+        one
+        for one in fitted
+        if _is_equal(least, one) or (not noise and readings.ranks_equal(least.reading, one.reading))
+    ]
     best = equal[0]
-    if not _is_believed(ranking, best, recorded):
+    if not large and not _explains(best, recorded):
         return None
     others = dict.fromkeys(one.reading.name for one in equal[1:])
     names = tuple(name for name in others if name != best.reading.name)
@@ -136,7 +149,7 @@ def assumed(streams: Streams, name: str) -> tuple[Streams, Reading]:
     """
     if name not in CONVENTIONS:
         raise BadInputError(f"--assume {name}: expected one of {', '.join(CONVENTIONS)}")
-    ranked = Readings.of(streams, (name,)).rank().ranked
+    ranked = Readings.of(streams, (name,)).alone.ranked
     if not ranked:
         raise BadInputError(
             f"--assume {name}: nothing in this recording can be read so; see docs/diagnosis.md"
@@ -154,14 +167,14 @@ def _is_certain(ranking: Ranking) -> bool:
 
 def _commonest(ranked: Sequence[Ranked]) -> list[Ranked]:
     """Readings that leave as little as the best, in the order in which they are common."""
-    near = [one for one in ranked if one.score <= ranked[0].score + _ALIKE]
+    near = [one for one in ranked if one.score <= ranked[0].score + ALIKE]
     return sorted(near, key=lambda one: one.rarity)
 
 
-def _fit_best(ranking: Ranking, fit: FitReading) -> list[_Fitted]:
+def _fit_best(ranking: Ranking, large: bool, fit: _FitReading) -> list[_Fitted]:
     """The best readings, fitted thoroughly, the commonest first.
 
-    None where the best leaves more than noise and is not better by enough for that.
+    None where the best leaves more than noise and is not better by enough (large) for that.
     """
     found: list[_Fitted] = []
     for one in _worth_fitting(ranking.ranked):
@@ -169,7 +182,7 @@ def _fit_best(ranking: Ranking, fit: FitReading) -> list[_Fitted]:
         if model is None:
             continue
         found.append(_Fitted(one, *model))
-        if not _is_large(ranking) and not any(map(_leaves_noise, found)) and len(found) > 1:
+        if not large and not any(map(_leaves_noise, found)) and len(found) > 1:
             return []
     return sorted(found, key=lambda fitted: fitted.ranked.rarity)
 
@@ -196,18 +209,19 @@ def _is_equal(best: _Fitted, other: _Fitted) -> bool:
     return close and fits_equally(best.held_out, other.held_out)
 
 
-def _is_believed(ranking: Ranking, best: _Fitted, recorded: float) -> bool:
-    """Whether a reading leaves noise and explains the error, or leaves a fraction of what was."""
-    if _is_large(ranking):
-        return True
+def _explains(best: _Fitted, recorded: float) -> bool:
+    """Whether a reading leaves noise and explains the error."""
     floor = noise_floor(best.model)
     left, excess = best.error**2 - floor**2, recorded**2 - floor**2
     return _leaves_noise(best) and left <= (1.0 - _LEVELS.mostly) * excess
 
 
-def _is_large(ranking: Ranking) -> bool:
-    """Whether the best reading leaves a fraction of what was, in no channel more."""
-    return ranking.gain >= _LARGE and ranking.loss <= _WORSE
+def _is_large(name: str, readings: Readings) -> bool:
+    """Whether a convention leaves a fraction of what was, and no other does beside other forces."""
+    alone, disturbed = readings.alone.gain_of(name), readings.disturbed.gain_of(name)
+    if disturbed < readings.disturbed.gain - _OUTDONE:
+        return False
+    return max(alone, 0.0) + max(disturbed, 0.0) >= _LARGE
 
 
 def _leaves_noise(fitted: _Fitted) -> bool:
