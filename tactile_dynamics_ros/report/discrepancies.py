@@ -122,6 +122,7 @@ def draw_before_after(
     after: Array | None,
     groups: Sequence[Channels],
     titles: tuple[str, str],
+    regimes: Sequence[tuple[float, float]] = (),
 ) -> Figure:
     """Draw the residual before and after effects are added, on the same scales.
 
@@ -131,12 +132,14 @@ def draw_before_after(
         after: the same with the effects, or None.
         groups: the channels.
         titles: of both.
+        regimes: starts and ends in s of spans in which an added effect acts, to shade.
     """
     shown = [(title, v) for title, v in zip(titles, (before, after), strict=True) if v is not None]
     figure = new_figure(0.3 + 1.8 * len(groups))
     grid = figure.subplots(len(groups), len(shown), sharex=True, sharey="row", squeeze=False)
     for row, group in enumerate(groups):
         for axes, (title, values) in zip(grid[row], shown, strict=True):
+            _shade(axes, regimes)
             draw_vector(axes, time, values[:, group.columns], group.colours)
             axes.set_title(title if row == 0 else "")
         grid[row, 0].set_ylabel(f"{group.name} in {group.unit}")
@@ -146,6 +149,11 @@ def draw_before_after(
     if len(groups[0].columns) > 1:
         label_lines(grid[0, -1], list(groups[0].colours))
     return figure
+
+
+def _shade(axes: Axes, spans: Sequence[tuple[float, float]]) -> None:
+    for start, stop in spans:
+        axes.axvspan(start, stop, color=ORANGE, alpha=0.15, linewidth=0)
 
 
 def _robust_limits(values: Array) -> tuple[float, float]:
@@ -240,8 +248,7 @@ def draw_error_over_time(
     """
     figure = new_figure(2.2)
     axes = figure.subplots()
-    for start, stop in intervals:
-        axes.axvspan(start, stop, color=ORANGE, alpha=0.15, linewidth=0)
+    _shade(axes, intervals)
     for group, colour in zip(groups, _colours(groups), strict=True):
         square = np.mean(white[:, group.columns] ** 2, axis=1, keepdims=True)
         rms, thin = np.sqrt(running_mean(time, square)[:, 0]), thinning(len(time))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from tactile_dynamics_ros.core.discrepancy.diagnosis import Diagnosis
 from tactile_dynamics_ros.core.discrepancy.documents import diagnosis_document
 from tactile_dynamics_ros.core.discrepancy.explanation import Explanation
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import Convention, ResidualModel
+from tactile_dynamics_ros.core.discrepancy.regimes.finding import RegimeFinding
 from tactile_dynamics_ros.core.discrepancy.structure import periodogram
 from tactile_dynamics_ros.report.discrepancy_report import DiscrepancyFindings
 
@@ -54,7 +55,10 @@ def findings_of_diagnosis(
         return _findings_of_convention(source, document, diagnosis.model, diagnosis.convention)
     after = diagnosis.explained_model if diagnosis.effect else None
     added = [diagnosis.effect] if diagnosis.effect else []
-    return _findings(source, diagnosis.model, after, added, document["sentence"], document, {})
+    return _findings(
+        source, diagnosis.model, after, added, document["sentence"], document, {},
+        regimes=[diagnosis.regime] if diagnosis.regime else [],
+    )  # fmt: skip
 
 
 def _findings_of_convention(
@@ -80,6 +84,7 @@ def findings_of_explanation(
         first | {"unexplained": document["unexplained"]},
         document,
         good=explanation.verdict == "adequate",
+        regimes=list(explanation.regimes.values()),
     )
 
 
@@ -92,6 +97,7 @@ def _findings(
     diagnosis: Mapping[str, Any],
     explanation: Mapping[str, Any],
     good: bool | None = None,
+    regimes: Sequence[RegimeFinding] = (),
 ) -> DiscrepancyFindings:
     comparison = compare(model)
     residuals = comparison.residuals
@@ -108,6 +114,7 @@ def _findings(
         diagnosis=diagnosis,
         explanation=explanation,
         frequency=spectrum.hz,
+        regimes=[span for regime in regimes for span in regime.spans(residuals.time)],
         power=dict(zip(residuals.channels, spectrum.power.T, strict=True)),
         **_circumstances(comparison),
     )

@@ -59,6 +59,7 @@ class DiscrepancyFindings:
         white: (N, D) whitened residual of the compared model.
         conditions: (N,) what was going on, by label such as "speed in m/s".
         intervals: starts and ends in s of spans in which the model fails.
+        regimes: starts and ends in s of spans in which an added effect acts that does not always.
         frequency: (K,) Hz of `power`.
         power: (K,) spectral density of the unexplained part by channel.
         extra: further sections.
@@ -82,6 +83,7 @@ class DiscrepancyFindings:
     white: Array | None = None
     conditions: Mapping[str, Array] = field(default_factory=dict)
     intervals: Sequence[tuple[float, float]] = ()
+    regimes: Sequence[tuple[float, float]] = ()
     frequency: Array | None = None
     power: Mapping[str, Array] = field(default_factory=dict)
     extra: Sequence[Section] = ()
@@ -159,6 +161,7 @@ def _residual(findings: DiscrepancyFindings) -> Section:
         if np.median(np.diff(findings.time)) < _DENSE
         else ""
     )
+    shaded = " Shaded where the regime of the added effect holds." if findings.regimes else ""
     pictures = [
         Picture(
             "residuals",
@@ -168,10 +171,11 @@ def _residual(findings: DiscrepancyFindings) -> Section:
                 findings.after,
                 findings.groups,
                 (findings.alone, f"with {', '.join(findings.added)}"),
+                findings.regimes,
             ),
             f"unexplained {' and '.join(g.name for g in findings.groups)} over time, "
             "before and after",
-            f"Measured minus predicted{axes}. {means}",
+            f"Measured minus predicted{axes}. {means}{shaded}",
         )
     ]
     channels = findings.comparison.get("channels") or {}
@@ -267,12 +271,13 @@ def _places(findings: DiscrepancyFindings) -> list[Section]:
             Picture(
                 "over_time",
                 draw_error_over_time(
-                    findings.time, findings.white, findings.groups, findings.intervals
+                    findings.time,
+                    findings.white,
+                    findings.groups,
+                    findings.regimes or findings.intervals,
                 ),
                 "error over time in units of the noise",
-                "Error over time; shaded where the model fails most."
-                if findings.intervals
-                else "Error over time.",
+                _over_time(findings),
             )
         )
         if findings.conditions:
@@ -286,6 +291,15 @@ def _places(findings: DiscrepancyFindings) -> list[Section]:
                 )
             )
     return [Section("Where it fails", sentences, pictures)] if pictures else []
+
+
+def _over_time(findings: DiscrepancyFindings) -> str:
+    """Return what the shading of the error over time means."""
+    if findings.regimes:
+        return "Error over time; shaded where the regime of the added effect holds."
+    if findings.intervals:
+        return "Error over time; shaded where the model fails most."
+    return "Error over time."
 
 
 def _unexplained(findings: DiscrepancyFindings) -> list[Section]:

@@ -13,6 +13,7 @@ from tactile_dynamics_ros.core.discrepancy.model.residual_model import (
     ResidualModel,
     Residuals,
 )
+from tactile_dynamics_ros.core.discrepancy.regimes.energy import ErrorRegime, find_error_regime
 from tactile_dynamics_ros.core.discrepancy.structure import window_index
 from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import Assessment, assess
 from tactile_dynamics_ros.core.discrepancy.verdict.materiality import Trace, find_trace
@@ -67,6 +68,7 @@ class Comparison:
         places: where it fails, worst first; empty if it is adequate.
         intervals: stretches (start, end) in s in which the error is far above its median.
         trace: what is significant and does not matter, or None.
+        regime: in which the error is larger than elsewhere, whatever causes it; or None.
     """
 
     assessment: Assessment
@@ -75,6 +77,23 @@ class Comparison:
     places: tuple[Place, ...]
     intervals: tuple[tuple[float, float], ...]
     trace: Trace | None = None
+    regime: ErrorRegime | None = None
+
+    def _regimes(self) -> list[dict[str, Any]]:
+        """Entry of `fails_where` for the regime of the error."""
+        if self.regime is None:
+            return []
+        gate, unit = self.regime.gate, f" {self.regime.unit}".rstrip()
+        words = f"where {gate}{unit} ({100.0 * self.regime.share_of_time:.0f} % of the time)"
+        return [
+            {
+                "channel": "all channels",
+                "condition": words,
+                "share_of_error": self.regime.share_of_error,
+                "regime": str(gate),
+                "p_value": self.regime.p_value,
+            }
+        ]
 
     @property
     def adequate(self) -> bool:
@@ -89,7 +108,7 @@ class Comparison:
             "white": self.assessment.white,
             "p_value": self.assessment.p_value,
             "noise_floor": self.assessment.structure.floor,
-            "fails_where": [vars(place) for place in self.places],
+            "fails_where": [*self._regimes(), *(vars(place) for place in self.places)],
             "intervals": [list(interval) for interval in self.intervals],
             "trace": self.trace.to_json() if self.trace else None,
         }
@@ -115,6 +134,7 @@ def compare(model: ResidualModel, significance: float = 0.01) -> Comparison:
         places=() if adequate else _places(residuals, assessment.structure.floor),
         intervals=intervals,
         trace=trace,
+        regime=None if adequate else find_error_regime(model, assessment.structure.floor),
     )
 
 

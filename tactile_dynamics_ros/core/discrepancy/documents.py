@@ -107,7 +107,7 @@ def _candidates(diagnosis: Diagnosis) -> list[Document]:
     tests = len(diagnosis.assessment.scores)
     trials = _first_trials(diagnosis)
     rest = [name for name in scores if name not in {t.name for t in trials}]
-    found = [_refitted(t, scores[t.name], diagnosis, tests) for t in trials if t.name in scores]
+    found = [_refitted(t, scores.get(t.name, t.source), diagnosis, tests) for t in trials]
     found += [_scored(scores[name], tests) for name in rest]
     return [entry | {"remark": _why_not(entry, diagnosis)} for entry in found]
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import Condition, ResidualModel
 from tactile_dynamics_ros.core.discrepancy.regimes.border import find_border
@@ -14,6 +15,8 @@ from tactile_dynamics_ros.core.discrepancy.regimes.sums import CellSums
 from tactile_dynamics_ros.core.discrepancy.screening import screen
 from tactile_dynamics_ros.core.discrepancy.verdict.wording import write_interval
 from tactile_dynamics_ros.core.numerics.regime import Gate, split_label
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -44,6 +47,19 @@ class RegimeFinding:
             "std": self.std if math.isfinite(self.std) else None,
             "share_of_time": self.share,
         }
+
+    def spans(self, time: Array) -> list[tuple[float, float]]:
+        """Starts and ends, s, of the stretches in which the regime holds.
+
+        Args:
+            time: (N,) s of the values of the condition.
+        """
+        inside = np.concatenate([[False], self.gate.inside(self.condition.values), [False]])
+        edges = np.flatnonzero(inside[1:] != inside[:-1])
+        return [
+            (float(time[a]), float(time[min(b, len(time) - 1)]))
+            for a, b in zip(edges[::2], edges[1::2], strict=True)
+        ]
 
     @property
     def words(self) -> str:
