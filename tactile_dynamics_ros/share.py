@@ -7,7 +7,7 @@ import os
 import sys
 from pathlib import Path
 
-from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.errors import BadInputError, nearest
 
 PACKAGE = "tactile_dynamics_ros"
 
@@ -68,5 +68,7 @@ def object_file(name: str) -> Path:
     folder = share_file("config/objects/box_0.yaml").parent
     known = sorted(path.stem for path in folder.glob("*.yaml"))
     if name not in known:
-        raise BadInputError(f"object '{name}' is unknown: expected one of {', '.join(known)}")
+        raise BadInputError(
+            f"object '{name}' is unknown: expected one of {', '.join(known)}{nearest(name, known)}"
+        )
     return folder / f"{name}.yaml"

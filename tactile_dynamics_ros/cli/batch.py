@@ -17,7 +17,7 @@ from typing import Any
 from tactile_dynamics_ros.cli.batch_jobs import Answer, Job, ask
 from tactile_dynamics_ros.cli.batch_table import columns, row, short_names, write_index
 from tactile_dynamics_ros.cli.recordings import add_recording_arguments
-from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
+from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError, require_extra
 
 VERBS = ("estimate", "compare", "diagnose", "explain")
 """Verbs that ask about one recording."""
@@ -135,12 +135,9 @@ def _executor(args: Namespace) -> Iterator[Executor]:
         with ThreadPoolExecutor(max(args.workers, 1)) as threads:
             yield threads
         return
-    try:
-        from distributed import Client
-    except ImportError as error:
-        raise BadInputError(
-            "--scheduler needs Dask: pip install 'tactile_dynamics_ros[dask]'"
-        ) from error
+    require_extra("distributed", "dask", "--scheduler")
+    from distributed import Client
+
     try:
         client = Client(args.scheduler, timeout="10s")
     except (OSError, ValueError) as error:

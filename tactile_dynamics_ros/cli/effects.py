@@ -8,7 +8,7 @@ from argparse import Namespace, _SubParsersAction
 from typing import TYPE_CHECKING, Any
 
 from tactile_dynamics_ros.cli.recordings import add_effect_file, read_effect_files
-from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.errors import BadInputError, nearest
 
 if TYPE_CHECKING:
     from tactile_dynamics_ros.core.effects.catalogue import CatalogueEntry
@@ -79,7 +79,7 @@ def _entries(model: str, name: str | None) -> list[CatalogueEntry]:
 def _unknown(name: str, models: list[str]) -> str:
     """Return what is wrong with a name that no model has."""
     known = [entry.name for model in models for entry in _entries(model, None)]
-    return f"effect '{name}' is unknown: expected one of {', '.join(known)}"
+    return f"effect '{name}' is unknown: expected one of {', '.join(known)}" + nearest(name, known)
 
 
 def _describe(entry: CatalogueEntry, at_length: bool) -> str:

@@ -23,7 +23,7 @@ from tactile_dynamics_ros.cli.bringup import (
 )
 from tactile_dynamics_ros.cli.domain import stay_on_this_host
 from tactile_dynamics_ros.cli.supervisor import Supervisor, node_command
-from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError
+from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError, nearest
 from tactile_dynamics_ros.share import share_file
 
 DEFAULT_CONFIG = "config/allegro_iiwa.yaml"
@@ -105,7 +105,10 @@ def _object_parameters(args: Namespace) -> dict[str, object]:
 def run_node(args: Namespace) -> int:
     """Run one node in this process."""
     if args.node not in node_names():
-        raise BadInputError(f"node '{args.node}': expected one of {', '.join(node_names())}")
+        known = node_names()
+        raise BadInputError(
+            f"node '{args.node}': expected one of {', '.join(known)}{nearest(args.node, known)}"
+        )
     stay_on_this_host()
     sys.argv = [args.node, *args.arguments]
     module = importlib.import_module(f"tactile_dynamics_ros.nodes.{args.node}")

@@ -7,9 +7,11 @@ import importlib
 import sys
 from collections.abc import Sequence
 from types import ModuleType
+from typing import Any
 
 from tactile_dynamics_ros import __version__
-from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError
+from tactile_dynamics_ros.cli.examples import epilog
+from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError, nearest
 
 VERB_MODULES: tuple[str, ...] = (
     "tactile_dynamics_ros.cli.demo",
@@ -30,6 +32,7 @@ VERB_MODULES: tuple[str, ...] = (
     "tactile_dynamics_ros.cli.synthetic",
     "tactile_dynamics_ros.cli.train",
     "tactile_dynamics_ros.cli.calibrate",
+    "tactile_dynamics_ros.cli.completion",
 )
 """Modules with `add_parser(subparsers)`; every parser sets `run=callable(args) -> int`.
 
@@ -38,11 +41,33 @@ To add a verb, add its module here. Heavy imports belong inside the run function
 
 
 class _Parser(argparse.ArgumentParser):
-    """An argument parser that reports a usage error in one line."""
+    """An argument parser that reports a usage error in one line, with the nearest known name."""
 
     def error(self, message: str) -> None:  # type: ignore[override]
         """Raise what argparse would print and exit for."""
         raise BadInputError(f"{self.prog}: {message} (see {self.prog} --help)")
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        if action.choices is not None and value not in action.choices:
+            known = [str(choice) for choice in action.choices]
+            raise argparse.ArgumentError(
+                action,
+                f"'{value}' is unknown{nearest(str(value), known)}; expected {_listed(known)}",
+            )
+
+    def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Return the arguments; an option that no verb has is refused with the nearest."""
+        found, left = self.parse_known_args(args, namespace)
+        if left:
+            verbs = next(a for a in self._actions if isinstance(a, argparse._SubParsersAction))
+            parser = verbs.choices[found.verb]
+            known = list(parser._option_string_actions)
+            parser.error(f"'{left[0]}' is unknown{nearest(left[0].partition('=')[0], known)}")
+        return found
+
+
+def _listed(known: Sequence[str]) -> str:
+    return known[0] if len(known) == 1 else f"one of {', '.join(known)}"
 
 
 def build_parser(modules: Sequence[ModuleType]) -> argparse.ArgumentParser:
@@ -55,7 +80,9 @@ def build_parser(modules: Sequence[ModuleType]) -> argparse.ArgumentParser:
     verbs = parser.add_subparsers(dest="verb", metavar="VERB", required=True)
     for module in modules:
         module.add_parser(verbs)
-    for verb in verbs.choices.values():
+    for name, verb in verbs.choices.items():
+        verb.epilog = verb.epilog or epilog(name)
+        verb.formatter_class = argparse.RawDescriptionHelpFormatter
         if "--json" not in verb._option_string_actions:
             verb.add_argument("--json", action="store_true", help="print only JSON on stdout")
     return parser

@@ -9,13 +9,12 @@ import time
 from argparse import ArgumentParser, Namespace, _SubParsersAction
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from importlib.util import find_spec
 from threading import Lock
 from typing import TYPE_CHECKING, Any
 
 from tactile_dynamics_ros.cli.live import StopRequest
 from tactile_dynamics_ros.cli.recordings import add_recording_arguments, read_recording
-from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError
+from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError, require_extra
 
 if TYPE_CHECKING:
     from rclpy.node import Node
@@ -79,10 +78,9 @@ def require_viser() -> None:
     """Check that the page's library is there.
 
     Raises:
-        BadInputError: it is not.
+        MissingExtraError: it is not.
     """
-    if find_spec("viser") is None:
-        raise BadInputError("the page needs viser: pip install 'tactile_dynamics_ros[view]'")
+    require_extra("viser", "view", "the page")
 
 
 @contextmanager

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from difflib import get_close_matches
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -54,3 +56,14 @@ def refuse_existing(path: Path) -> None:
     """
     if path.exists():
         raise BadInputError(f"{path} exists already; choose another path or remove it")
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """Return the end of a sentence that names what was probably meant; empty if nothing is near.
+
+    Args:
+        name: that is unknown.
+        known: what it could have been.
+    """
+    found = get_close_matches(name, [*known], 1)
+    return f"; did you mean '{found[0]}'?" if found else ""

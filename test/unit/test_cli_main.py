@@ -2,6 +2,7 @@
 
 import json
 import os
+import shlex
 import subprocess
 import sys
 from types import ModuleType
@@ -10,6 +11,7 @@ import pytest
 
 from tactile_dynamics_ros.cli import main as cli
 from tactile_dynamics_ros.cli.domain import private_domain
+from tactile_dynamics_ros.cli.examples import EXAMPLES
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 
 
@@ -62,6 +64,60 @@ def test_all_verbs_have_help_and_json():
     assert {"demo", "sim", "run", "up", "echo", "record", "probe", "estimate"} <= set(verbs)
     for sub in verbs.values():
         assert "--json" in sub.format_help()
+
+
+def verbs():
+    return cli.build_parser(cli.load_modules())._subparsers._group_actions[0].choices
+
+
+def test_every_verb_shows_examples_that_it_takes():
+    parser = cli.build_parser(cli.load_modules())
+    assert set(EXAMPLES) == set(verbs())
+    for name, examples in EXAMPLES.items():
+        help_text = " ".join(verbs()[name].format_help().split())
+        for example in examples:
+            assert f"tactile-dynamics {example}" in help_text
+            args = parser.parse_args(shlex.split(example.partition(" > ")[0]))
+            assert args.verb == name
+
+
+@pytest.mark.parametrize(
+    ("words", "meant"),
+    [
+        (["diagnos", "run.mcap"], "'diagnose'"),
+        (["estimate", "run.mcap", "--efects", "x"], "'--effects'"),
+        (["batch", "compar", "*", "--out", "o"], "'compare'"),
+        (["run", "inertial_estimater"], "inertial_estimator"),
+        (["effects", "viscous_drog"], "'viscous_drag'"),
+    ],
+)
+def test_a_name_that_is_nearly_right_is_answered_with_the_right_one(words, meant, capsys):
+    assert cli.main(words) == 2
+    assert meant in capsys.readouterr().err
+
+
+def test_bash_completes_verbs_options_and_choices(capsys):
+    assert cli.main(["completion", "bash"]) == 0
+    script = capsys.readouterr().out
+    program = (
+        script
+        + """
+        ask() {
+            COMP_WORDS=("$@") COMP_CWORD=$(($# - 1)); _tactile_dynamics; echo "${COMPREPLY[@]}"
+        }
+        ask tactile-dynamics diag
+        ask tactile-dynamics estimate --eff
+        ask tactile-dynamics run inertial
+        ask tactile-dynamics batch exp
+    """
+    )
+    done = subprocess.run(["bash", "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines() == [
+        "diagnose",
+        "--effect-file --effects",
+        "inertial_estimator",
+        "explain",
+    ]
 
 
 def test_unknown_verb_exits_with_2_and_no_traceback():

@@ -9,7 +9,7 @@ from typing import Generic, TypeVar
 
 from tactile_dynamics_ros.core.effects.effect import Effect
 from tactile_dynamics_ros.core.effects.gated import gate_effect
-from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.errors import BadInputError, nearest
 from tactile_dynamics_ros.core.numerics.regime import Regime, split_label
 
 ENTRY_POINT_GROUP = "tactile_dynamics_ros.effects"
@@ -104,6 +104,7 @@ class EffectRegistry(Generic[EffectT]):
             known = ", ".join(self.names())
             raise BadInputError(
                 f"effect '{name}' is unknown of model {self.model}: expected one of {known}"
+                + nearest(name, self._known)
             )
         effect = self._known[name]()
         if not reading:

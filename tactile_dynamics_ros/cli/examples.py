@@ -1,0 +1,40 @@
+"""What a person types: at least one command for every verb, shown by its --help."""
+
+from __future__ import annotations
+
+EXAMPLES: dict[str, tuple[str, ...]] = {
+    "demo": ("demo", "demo --object mug --seed 3 --view", "demo --hidden random --seed 11"),
+    "run": ("run inertial_estimator --ros-args -r __ns:=/left",),
+    "sim": ("sim --object box_0 --hidden viscous_drag",),
+    "up": ("up", "up --simulate false --without friction_probe,vision_tracker"),
+    "echo": ("echo /inertial_estimator/status --count 1",),
+    "call": ("call /model_check/diagnose",),
+    "set": ("set inertial_estimator effects [viscous_drag]",),
+    "probe": ("probe --reference 0.78",),
+    "record": ("record run", "record run --duration 30"),
+    "estimate": ("estimate run.mcap", "estimate run.mcap --effects force_bias --out report"),
+    "compare": ("compare run.mcap --out report",),
+    "diagnose": ("diagnose run.mcap", "diagnose run.mcap second.mcap --out report"),
+    "explain": ("explain run.mcap --out report",),
+    "batch": ("batch diagnose runs/**/*.mcap --out answers",),
+    "view": ("view", "view run.mcap", "view --control --port 8090"),
+    "check": ("check run.mcap",),
+    "effects": ("effects", "effects viscous_drag"),
+    "excite": ("excite --object box_0 --out motion.json", "excite run.mcap --out motion.json"),
+    "import": ("import csv log.csv run.mcap",),
+    "shape": ("shape cloud.ply", "shape first.ply second.ply --align --out report"),
+    "synthetic": ("synthetic held run.mcap --effect viscous_drag --seed 3",),
+    "train": ("train biotac --units 2000 --out weights",),
+    "calibrate": ("calibrate presses.mcap",),
+    "completion": (
+        "completion bash > ~/.local/share/bash-completion/completions/tactile-dynamics",
+    ),
+    "push": ("push --from 0.5 -0.2 --to 0.5 0.1 --speed 0.05",),
+}
+"""Arguments after `tactile-dynamics`, by verb."""
+
+
+def epilog(verb: str) -> str:
+    """The end of a verb's --help."""
+    lines = [f"  tactile-dynamics {example}" for example in EXAMPLES.get(verb, ())]
+    return "\n".join(["examples:", *lines]) if lines else ""
