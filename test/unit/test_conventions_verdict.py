@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
 from tactile_dynamics_ros.core.discrepancy.documents import (
     diagnosis_document,
     explanation_document,
+    explanation_sentence,
 )
 from tactile_dynamics_ros.core.discrepancy.explanation import explain
 from tactile_dynamics_ros.core.inertia.diagnosis.misreading import question
@@ -74,12 +76,15 @@ def test_an_effect_is_no_convention(effect, size):
 
 def test_explain_reads_right_first_and_then_names_the_effect():
     streams, _ = wrist(25, "gravity_direction", 0, effects=(("viscous_drag", 3.0),))
-    document = explanation_document(explain(question(streams)))
+    found = explain(question(streams))
+    document = explanation_document(found)
     assert document["steps"][1]["added"].startswith("read as gravity_direction (gravity acts up")
     assert document["effects"] == ["viscous_drag"]
     assert document["convention"]["name"] == "gravity_direction"
     assert document["verdict"] == "adequate"
     assert document["sentence"].startswith("Read as gravity_direction: ")
+    unsure = explanation_sentence(replace(found, verdict="unexplained"))
+    assert unsure.startswith("Read as gravity_direction (in doubt, since something remains): ")
     errors = [step["error"] for step in document["steps"]]
     assert errors[0] > errors[1] > errors[2]
 

@@ -305,7 +305,8 @@ def explanation_sentence(explanation: Explanation) -> str:
     """The outcome of all steps for people."""
     if explanation.in_turn:
         return _in_turn_sentence(explanation.conventions)
-    read = "".join(f"Read as {c.name}: {c.change}. " for c in explanation.conventions)
+    doubt = " (in doubt, since something remains)" if explanation.verdict == "unexplained" else ""
+    read = "".join(f"Read as {c.name}{doubt}: {c.change}. " for c in explanation.conventions)
     return read + _outcome(explanation)
 
 
