@@ -128,20 +128,25 @@ def test_two_pads_grip_a_block_and_pull_it(rig):
     assert not told[-1][1][1].in_contact  # it let go
 
 
-def test_the_arm_stays_where_it_meets_too_much_force_until_it_is_sent_up(rig):
-    made = rig()
-    inside = np.eye(4)
-    inside[:3, 3] = [0.47, 0.0, HEIGHT]
-    made.pusher.place(np.array([0.47, 0.0, HEIGHT, 0.0]))
+@pytest.mark.parametrize(("depth", "why"), [(0.003, "15 N"), (0.03, "came down on an object")])
+def test_an_arm_that_is_stopped_stays_until_it_is_sent_up(rig, depth, why):
+    made = rig(most_force=15.0)
+    x = 0.5 - 0.5 * LENGTH - 0.006 + depth
+    target = np.eye(4)
+    target[:3, 3] = [x, 0.0, HEIGHT]
+    made.pusher.place(np.array([x, 0.0, HEIGHT, 0.0]))
     for _ in range(3):
-        made.tick(inside)
-    assert "40 N" in made.pusher.fault
-    inside[0, 3] = 0.6
-    made.tick(inside)
+        made.tick(target)
+    assert why in made.pusher.fault
+    assert np.linalg.norm(made.block[:2, 3] - [0.5, 0.0]) < 0.01
+    target[0, 3] = 0.6
+    made.tick(target)
     assert made.pusher.fault
-    inside[2, 3] = 0.2
-    made.tick(inside)
-    assert not made.pusher.fault
+    target[[0, 2], 3] = x, 0.2
+    for _ in range(50):
+        made.tick(target)
+        assert not made.pusher.fault
+    assert made.pusher.frame[2] > 0.19
 
 
 def test_a_target_out_of_reach_is_not_followed(rig):

@@ -128,10 +128,15 @@ class Pusher:
         Args:
             time: s, of the middle of that window.
         """
-        read = [touch.read(time) for touch in (self._tip, *self._pads)]
+        touches = (self._tip, *self._pads)
+        rising = self._pace[2] > 0.0  # the way out
+        if any(touch.buried for touch in touches) and not rising:
+            self._stop("the gripper came down on an object")
+        read = [touch.read(time) for touch in touches]
         self._touching = any(each.in_contact for each in read)
         self._squeeze = min(float(np.linalg.norm(each.force)) for each in read[1:])
-        if max(float(np.linalg.norm(each.force)) for each in read) > self.config.most_force:
+        most = max(float(np.linalg.norm(each.force)) for each in read)
+        if most > self.config.most_force and not rising:
             self._stop(f"a contact bears more than {self.config.most_force:g} N")
         joints, gap = self._solve(self.joints, 8)
         if gap > MISSED and gap > self._gap:

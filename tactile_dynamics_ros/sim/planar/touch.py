@@ -15,6 +15,11 @@ from tactile_dynamics_ros.sim.planar.links import Outline, outlines
 Array = NDArray[np.float64]
 
 
+BURIED = 0.002
+"""Depth of the middle of a rounded point in an outline, m, at which it stands on the object instead
+of touching its side: 40 N press a tip in by 2 mm of its radius."""
+
+
 @dataclass(frozen=True)
 class Skin:
     """How a tip or a pad gives way.
@@ -112,11 +117,15 @@ class Touch:
         places: (P, 2) m, middles of the rounded points, in the axes of the gripper.
         radius: m, of each.
         skin: of all points together.
+
+    Attributes:
+        buried: whether a point came down on an object, where nothing is pushed any more.
     """
 
     def __init__(self, name: str, places: Array, radius: float, skin: Skin) -> None:
         self.name, self._radius, self._skin = name, radius, skin
         self.move(places)
+        self.buried = False
         self._sheared: dict[tuple[int, int], float] = {}
         self._sums = _Sums()
 
@@ -157,6 +166,7 @@ class Touch:
             time: s, of the middle of the window.
         """
         sums, self._sums = self._sums, _Sums()
+        self.buried = False
         if not sums.touched:
             zero = np.zeros(3)
             return ContactReading(self.name, time, False, zero, zero, zero, zero, 0.0)
@@ -187,8 +197,9 @@ class Touch:
         pose, angular, linear = side.body.state(side.k)
         turn, origin = _turn(pose), complex(pose[0, 3], pose[1, 3])
         near, normal, depth = side.nearest((place - origin) / turn)
+        self.buried |= depth > BURIED
         depth += self._radius
-        if depth <= 0.0:
+        if depth <= 0.0 or self.buried:
             self._sheared.pop(key, None)
             return
         arm, normal = turn * near, turn * normal
