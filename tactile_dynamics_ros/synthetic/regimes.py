@@ -66,7 +66,7 @@ CASES: dict[str, tuple[str, Draw]] = {
         "unsensed_contact",
         lambda rng, path: path.above("y", rng.uniform(0.2, 0.4)),
     ),
-    "gain that sags under load": (
+    "gain too high under load": (
         "force_scale",
         lambda rng, path: path.above(f"load_{FINGERS[rng.integers(3)]}", rng.uniform(0.25, 0.45)),
     ),
@@ -108,7 +108,7 @@ def generate_in_regime(
     inner = create_hidden_effect(name, 1.0, seed, scenario)
     if isinstance(inner, ForceScale):
         affected = np.array([bounds.quantity == f"load_{finger}" for finger in FINGERS])
-        inner = dataclasses.replace(inner, weight=-1.0 * affected)
+        inner = dataclasses.replace(inner, weight=1.0 * affected)
     effect = Gated(1.0, inner, bounds)
     values = path.values(bounds.quantity)
     share = float(np.mean((values > bounds.low) & (values < bounds.high)))

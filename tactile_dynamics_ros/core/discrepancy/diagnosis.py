@@ -9,7 +9,7 @@ from typing import Any
 from tactile_dynamics_ros.core.discrepancy.challenges import follows_other_law, is_outdone, temper
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import Convention, ResidualModel
 from tactile_dynamics_ros.core.discrepancy.regimes.finding import RegimeFinding, regime_of
-from tactile_dynamics_ros.core.discrepancy.regimes.step import add_regional_effect
+from tactile_dynamics_ros.core.discrepancy.regimes.step import add_regional_effects
 from tactile_dynamics_ros.core.discrepancy.search import (
     DiagnosisConfig,
     Step,
@@ -140,9 +140,9 @@ def diagnose(
     accounted = _accounts_for(model, steps, first, floor, config) and not is_outdone(
         model, steps, floor, config.indifference
     )
-    regional = add_regional_effect(model, first, steps, accounted, config)
-    if regional is not None:
-        steps = (regional,)
+    regional = add_regional_effects(model, first, steps, accounted, config)
+    if regional:
+        steps = regional
     elif not accounted:
         if first.within_stated:
             return unnamed("adequate", steps, floor)

@@ -25,6 +25,9 @@ _MOST_OF_ALL = 20
 _BLOCK = 0.5
 """Length of the blocks that are fitted and predicted in turn, s: far longer than the windows of the
 motion (+-70 ms), and so short that a regime of three seconds has six of them."""
+_LEAST_LOSS = 1e-2
+"""Squared residual of a block, in those of one white number, below which ratios do not count: only
+exact data have less."""
 
 
 @dataclass(frozen=True)
@@ -120,25 +123,32 @@ class RegimeSearch:
         """P-value that a regime, found in every second block, does not predict the other blocks.
 
         In each half the best gate of the best of the families is found and fitted, as is the best
-        effect that acts everywhere; what the first predicts better of the other half is summed over
-        blocks.
+        effect that acts everywhere. The log ratio of what they leave of each block of the other
+        half is averaged over blocks: few blocks of large errors do not decide.
 
         Args:
             families: that may act in a regime.
         """
         block = window_index(self.sums.time, _BLOCK)
-        gains = np.zeros(len(block))
+        numbers = np.unique(block)
+        ratios = np.zeros(len(numbers))
+        noise = _LEAST_LOSS * self.floor**2
         for parity in (0, 1):
             used = (block % 2 == parity).astype(float)
             best = self.candidates(used, families)[0]
             rival = self.best_everywhere(used)
             inside = self.gates.inside[self.gates.gates.index(best.gate)]
-            gated = self._losses(best.family, inside, used)
-            always = self._losses(rival, np.ones_like(inside), used)
-            gains += np.where(used > 0.0, 0.0, always - gated)
-        sums = np.bincount(block, gains)[np.unique(block)]
-        spread = float(sums.std(ddof=1) * np.sqrt(len(sums)))
-        return float(ndtr(-sums.sum() / max(spread, 1e-300)))
+            gated, always = (
+                np.bincount(block, losses)[numbers]
+                for losses in (
+                    self._losses(best.family, inside, used),
+                    self._losses(rival, np.ones_like(inside), used),
+                )
+            )
+            logs = np.log(np.maximum(always, noise)) - np.log(np.maximum(gated, noise))
+            ratios += np.where(numbers % 2 == parity, 0.0, logs)
+        spread = float(ratios.std(ddof=1) / np.sqrt(len(ratios)))
+        return float(ndtr(-ratios.mean() / max(spread, 1e-300)))
 
     def _losses(self, family: Family, inside: Array, used: Array) -> Array:
         columns = self.sums.columns(family)

@@ -10,16 +10,19 @@ from tactile_dynamics_ros.core.discrepancy.model.residual_model import Condition
 from tactile_dynamics_ros.core.discrepancy.regimes.border import find_border
 from tactile_dynamics_ros.core.discrepancy.regimes.refinement import refine_border
 from tactile_dynamics_ros.core.discrepancy.regimes.search import Candidate, RegimeSearch
+from tactile_dynamics_ros.core.discrepancy.regimes.sums import CellSums
 from tactile_dynamics_ros.core.discrepancy.screening import Score, screen
 from tactile_dynamics_ros.core.discrepancy.search import (
     DiagnosisConfig,
     Step,
     explained_share,
     is_enough,
+    is_hopeless,
     is_noise,
+    reconsider_steps,
 )
-from tactile_dynamics_ros.core.discrepancy.selection import choose_effect
-from tactile_dynamics_ros.core.discrepancy.trials import CHANCE, reachable
+from tactile_dynamics_ros.core.discrepancy.selection import at_home, choose_effect, rematch
+from tactile_dynamics_ros.core.discrepancy.trials import CHANCE, in_place, reachable, try_effect
 from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import Assessment, assess
 from tactile_dynamics_ros.core.numerics.regime import Gate, split_label
 
@@ -35,18 +38,19 @@ _HALF = 0.5
 most to be preferred to them. Nearer to 1 regimes are told for what is next to nothing."""
 
 
-def add_regional_effect(
+def add_regional_effects(
     model: ResidualModel,
     first: Assessment,
     steps: Sequence[Step],
     accounted: bool,
     config: DiagnosisConfig,
-) -> Step | None:
-    """The effect that explains a residual from within a regime; None if none does so better.
+) -> tuple[Step, ...]:
+    """Effects of which the first acts in a regime, if they explain a residual better than others.
 
     It must have clearly more evidence than any effect that acts everywhere, with the price of the
-    search; its regime, found in every second block, must predict the other blocks; and it must
-    explain nine tenths of the excess error.
+    search; its regime, found in every second block, must predict the other blocks. Further effects
+    are added while much remains, and borders that were found without them are found again. They
+    must explain the residual together, or the first nine tenths of the excess error.
 
     Args:
         model: fitted.
@@ -56,20 +60,70 @@ def add_regional_effect(
         config: levels and depths.
     """
     if first.within_stated or (accounted and len(steps) == 1 and steps[0].after.white):
-        return None
-    floor = first.structure.floor
+        return ()
+    found: list[Step] = []
+    present, assessment = model, first
+    while len(found) < config.depth:
+        step = _add_one(present, assessment, bool(found), config)
+        if step is None:
+            break
+        found.append(step)
+        if len(found) > 1:
+            found = _with_new_borders(found, config)
+        if is_enough(found, first, config) or is_hopeless(found, first, config):
+            break
+        present, assessment = found[-1].choice.model, found[-1].after
+    if len(found) > 1 and is_enough(found, first, config):
+        return reconsider_steps(found, config)
+    rivals = steps if accounted else ()
+    return tuple(found[:1]) if found and _is_preferred(found[0], first, rivals, config) else ()
+
+
+def _add_one(
+    model: ResidualModel, before: Assessment, beside: bool, config: DiagnosisConfig
+) -> Step | None:
+    """One effect in a regime; beside one that is there already, also one that acts everywhere."""
+    floor = before.structure.floor
     search = RegimeSearch.of(model, floor)
-    found = () if search is None else _promising(search, config)
-    if search is None or not found:
+    found = [] if search is None else _promising(search, config)
+    scores = _scores(model, search, found) if search is not None and found else []
+    if not scores and not beside:
         return None
-    scores = _scores(model, search, found)
-    if not scores:
+    choice = choose_effect(model, [*scores, *before.scores], floor)
+    if choice is None or choice.best.criterion > choice.without - config.indifference:
         return None
-    choice = choose_effect(model, [*scores, *first.scores], floor)
-    if choice is None or split_label(choice.best.name)[1] is None or not choice.thorough:
+    if not beside and split_label(choice.best.name)[1] is None:
         return None
-    step = Step(choice, assess(choice.model, config.significance))
-    return step if _is_preferred(step, first, steps if accounted else (), config) else None
+    return Step(choice, assess(choice.model, config.significance))
+
+
+def _with_new_borders(steps: Sequence[Step], config: DiagnosisConfig) -> list[Step]:
+    """Steps in which the earlier regimes have the borders that they have beside the last effect."""
+    found = [steps[-1]]
+    for step in steps[:-1]:
+        found.append(_with_new_border(step, found[-1], config))
+    return found
+
+
+def _with_new_border(step: Step, last: Step, config: DiagnosisConfig) -> Step:
+    """A step as it is in the model of the last one, its border found again."""
+    model, floor = last.choice.model, last.after.structure.floor
+    name = step.name
+    bare = model.without_effect(name)
+    plain, regime = split_label(name)
+    label = split_label(step.choice.best.label)[0]
+    if regime is not None:
+        [gate] = regime.gates
+        condition = next(c for c in bare.conditions() if c.symbol == gate.symbol)
+        family = next(f for f in bare.families([plain]) if f.label == label)
+        border = find_border(CellSums.of(bare), family, condition, gate, floor)
+        if border is not None:
+            name = f"{plain}[{refine_border(bare, plain, label, border).gate}]"
+    trial = try_effect(bare, screen(bare, bare.families([name]), floor), name, floor)
+    fitted = trial.model.refined()
+    own = in_place(trial, fitted, floor)
+    choice = at_home(own, *rematch(fitted, name, [name], floor), floor)
+    return Step(choice, assess(fitted, config.significance))
 
 
 def _promising(search: RegimeSearch, config: DiagnosisConfig) -> list[Candidate]:
