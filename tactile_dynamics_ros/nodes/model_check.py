@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import partial
@@ -29,6 +30,7 @@ from tactile_dynamics_ros.ros.background import Background
 from tactile_dynamics_ros.ros.conversions import header, wrench_to_message
 from tactile_dynamics_ros.ros.diagnostics import status_message, status_values
 from tactile_dynamics_ros.ros.held_streams import HeldStreams
+from tactile_dynamics_ros.ros.kept_recordings import keep_and_diagnose
 from tactile_dynamics_ros.ros.names import (
     CONTACTS,
     DIAGNOSE,
@@ -39,6 +41,7 @@ from tactile_dynamics_ros.ros.names import (
 )
 from tactile_dynamics_ros.ros.parameters import declare_config
 from tactile_dynamics_ros.ros.shell import LATCHED, REQUESTS, Shell, run_node
+from tactile_dynamics_ros.ros.watch import Event, Watch, WatchConfig
 
 REST = 3.0
 """Pause after a comparison, in multiples of the time that it took."""
@@ -69,7 +72,9 @@ class ModelCheckNode(Shell):
         super().__init__("model_check")
         config = declare_config(self, ModelCheckConfig)
         spans = declare_config(self, LiveCheckConfig)
-        window = self._window = MeasurementWindow(spans.diagnosis_window)
+        self._watch = Watch(declare_config(self, WatchConfig, "watch."))
+        kept = max(spans.diagnosis_window, self._watch.config.span)
+        window = self._window = MeasurementWindow(kept)
         compare = partial(compare_streams, iterations=config.iterations)
         self.check = LiveModelCheck(window, compare, diagnose_streams, spans)
         self._background = Background()
@@ -105,13 +110,17 @@ class ModelCheckNode(Shell):
     def _compare(self) -> None:
         """Start a comparison if something new has come, nothing runs, and there is time for it."""
         now, newest = time.monotonic(), self._window.newest
-        if self._background.busy or newest == self._compared or now < self._rest_until:
+        if self._background.busy or now < self._rest_until:
+            return
+        if newest == self._compared:
+            self._end_watch()
             return
         self._compared, self._started = newest, now
         try:
             comparison = self.check.comparison()
         except TactileDynamicsError as error:
             self.faults.add("not_compared", str(error))
+            self._end_watch()
             return
         self._comparison = self._background.submit(comparison)
 
@@ -127,10 +136,29 @@ class ModelCheckNode(Shell):
             result = future.result()
         except TactileDynamicsError as error:
             self.faults.add("not_compared", str(error))
+            self._end_watch()
             return
         self._error.publish(Float64(data=float(result.whitened_rms)))
         message = wrench_to_message(result.residual[-1], float(result.time[-1]), "object")
         self._residual.publish(message)
+        for event in self._watch.update(float(result.time[-1]), float(result.whitened_rms)):
+            self._act(event, float(result.whitened_rms))
+
+    def _end_watch(self) -> None:
+        """Keep what a report was about, now that nothing is measured any longer."""
+        for event in self._watch.end():
+            self._act(event)
+
+    def _act(self, event: Event, error: float = np.nan) -> None:
+        """Report an error that stays too large, or keep what was measured."""
+        watch = self._watch.config
+        if event is Event.REPORT:
+            text = f"the model does not fit: error {error:.1f} times the noise"
+            self.faults.alarm("error", text, {"error": error, "threshold": watch.threshold})
+            return
+        streams = self._window.streams(watch.span)
+        effects, folder = self.check.effects, watch.folder
+        self._diagnose_by(partial(keep_and_diagnose, streams, effects, folder, watch.most))
 
     async def _diagnose(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Diagnose what is kept; the answer comes when it is finished."""
@@ -149,9 +177,14 @@ class ModelCheckNode(Shell):
             effects, running = self._diagnosing
             if effects == self.check.effects and not running.done():
                 return running
-        done = RosFuture()
+        done = self._diagnose_by(self.check.diagnosis())
         self._diagnosing = self.check.effects, done
-        future = self._background.submit(self.check.diagnosis())
+        return done
+
+    def _diagnose_by(self, work: Callable[[], Document]) -> RosFuture:
+        """Diagnose in the background and publish the document."""
+        done = RosFuture()
+        future = self._background.submit(work)
         future.add_done_callback(done.set_result)
         done.add_done_callback(self._publish)
         return done
@@ -159,8 +192,13 @@ class ModelCheckNode(Shell):
     def _publish(self, done: RosFuture) -> None:
         finished = done.result()
         if finished.exception() is not None:
+            self.faults.add("not_diagnosed", str(finished.exception()))
             return
         document: Document = finished.result()
+        if "kept" in document:
+            self.faults.show("kept", document["kept"])
+        if document["verdict"] is None:
+            return
         verdict = document["verdict"]
         level = DiagnosticStatus.OK if verdict == "adequate" else DiagnosticStatus.WARN
         text = document.get("sentence") or verdict

@@ -46,6 +46,12 @@ class Faults:
         """Publish a value of interest beside the counts."""
         self._shown[name] = value
 
+    def alarm(self, subject: str, message: str, values: Mapping[str, object]) -> None:
+        """Publish an ERROR at once, under the node's name and a subject."""
+        self._node.get_logger().error(message)
+        name = f"{self._node.get_fully_qualified_name().lstrip('/')}: {subject}"
+        self._send(status_message(name, values, DiagnosticStatus.ERROR, message))
+
     def publish(self) -> None:
         """Publish all counts; the level is WARN while new faults come in.
 
@@ -59,6 +65,9 @@ class Faults:
             DiagnosticStatus.WARN if fresh else DiagnosticStatus.OK,
             self._last if fresh else "ok",
         )
+        self._send(status)
+
+    def _send(self, status: DiagnosticStatus) -> None:
         message = DiagnosticArray(status=[status])
         message.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(message)

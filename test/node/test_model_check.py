@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
 from rclpy.executors import SingleThreadedExecutor
 from std_msgs.msg import Float64
@@ -12,10 +12,12 @@ from std_srvs.srv import Trigger
 from synthetic_recording import held_box
 from test_inertial_estimator import play
 
+from tactile_dynamics_ros.core.streams.cutting import cut_streams
 from tactile_dynamics_ros.nodes.model_check import ModelCheckNode
 from tactile_dynamics_ros.ros.conversions import header
 from tactile_dynamics_ros.ros.diagnostics import status_message
 from tactile_dynamics_ros.ros.shell import LATCHED
+from tactile_dynamics_ros.synthetic import ScenarioOptions, generate_at_whitened_rms
 
 ERROR = "/model_check/error"
 
@@ -65,3 +67,32 @@ def test_diagnosis_answers_while_messages_go_on(checker):
     assert document["effect"] is None
     assert np.isfinite(document["error"]["before"])
     checker.until(lambda: checker.seen["/model_check/diagnosis"])
+
+
+def test_an_error_that_stays_is_reported_once_and_kept_with_its_diagnosis(bench, tmp_path):
+    drag = {"viscous_drag": 3.0}
+    made = generate_at_whitened_rms(31, drag, ScenarioOptions(duration=8.0))
+    values = {"threshold": 1.5, "hold": 0.5, "span": 6.0, "folder": str(tmp_path)}
+    arguments = [f"watch.{name}:={value}" for name, value in values.items()]
+    arguments += ["period:=0.5", "error_window:=3.0", "iterations:=1"]
+    bench.start(ModelCheckNode, *[word for a in arguments for word in ("-p", a)])
+    bench.follow(DiagnosticArray, "/diagnostics")
+    bench.follow(DiagnosticArray, "/model_check/diagnosis", profile=LATCHED)
+    # The rest after each comparison is real time, so that the samples come in parts.
+    for start in (0.0, 3.0, 4.0, 5.0, 6.0, 7.0):
+        stop = 3.0 if start == 0.0 else start + 1.0
+        seen = len(bench.seen["/diagnostics"])
+        play(bench, cut_streams(made.streams, start, stop))
+        bench.until(lambda seen=seen: len(bench.seen["/diagnostics"]) > seen + 3, timeout=60.0)
+    bench.until(lambda: list(tmp_path.glob("*/diagnosis.json")), timeout=120.0)
+    errors = [
+        status
+        for message in bench.seen["/diagnostics"]
+        for status in message.status
+        if status.level == DiagnosticStatus.ERROR
+    ]
+    assert [status.name for status in errors] == ["model_check: error"]
+    assert "times the noise" in errors[0].message
+    [path] = tmp_path.glob("*/diagnosis.json")
+    assert json.loads(path.read_text())["effect"] == "viscous_drag"
+    bench.until(lambda: bench.seen["/model_check/diagnosis"])
