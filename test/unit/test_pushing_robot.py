@@ -166,7 +166,14 @@ def test_pushes_become_streams_and_a_recording_of_a_pushed_object(tmp_path):
         SimulatedTableConfig(object_number=85, seed=3), PushOptions(count=1, speed=(0.15, 0.15))
     )
     assert not told.faults
-    assert [link["mass"] > 0.0 for link in told.truth["links"]] == [True, True]
+    links, joint = told.truth["links"], told.truth["joint"]
+    for link in links:
+        force = link["mass"] * link["friction"] * GRAVITY
+        assert link["friction_force_n"] == pytest.approx(force)
+    first, second = (stream.pose[:, :2] for stream in told.streams.links)
+    arm = np.linalg.norm(second - first, axis=1)
+    assert np.linalg.norm(joint["position"]) < arm.min()  # between the middles of the parts
+    assert joint["friction_torque_nm"] > 0.0
     bag = told.streams
     path = PushedRecording(bag, "simulated").to_bag(tmp_path / "bag")
     assert recorded_model(path) == "pushed"

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.sim.planar.bed import GRAVITY, feet_of
 from tactile_dynamics_ros.sim.planar.body import PlanarBody
 from tactile_dynamics_ros.sim.planar_objects import PlanarPart
 
@@ -41,14 +42,30 @@ class Outline:
         return pose
 
     def truth(self) -> dict[str, Any]:
-        """Return what an estimator should find, in the link's frame."""
+        """Return what an estimator should find, in the link's frame.
+
+        The inertia is about the centre of mass, and the friction radius that of an even face.
+        """
         part = self.part
+        solid = part.solid()
+        places, shares = feet_of(part.corners)
         return {
             "mass": part.mass,
             "friction": part.friction,
+            "friction_force_n": part.mass * part.friction * GRAVITY,
+            "friction_radius_m": float(shares @ np.linalg.norm(places - part.com, axis=1)),
             "com": (part.com - self.middle).tolist(),
             "com_height": 0.5 * part.height,
+            "inertia_zz": float(part.mass / solid.volume * solid.moment_inertia[2, 2]),
         }
+
+
+def joint_truth(body: PlanarBody) -> dict[str, Any] | None:
+    """Return place, in the first link's frame, and friction of a joint; None without one."""
+    if body.thing.joint is None:
+        return None
+    place = body.thing.joint - outlines(body)[0].middle
+    return {"position": place.tolist(), "friction_torque_nm": body.thing.joint_friction}
 
 
 def outlines(body: PlanarBody) -> list[Outline]:

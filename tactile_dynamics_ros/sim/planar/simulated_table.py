@@ -12,7 +12,7 @@ from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.sim.planar.bed import Surface, uneven_friction
 from tactile_dynamics_ros.sim.planar.carriage import Carriage
 from tactile_dynamics_ros.sim.planar.hidden_effects import hide
-from tactile_dynamics_ros.sim.planar.links import Outline, outlines
+from tactile_dynamics_ros.sim.planar.links import Outline, joint_truth, outlines
 from tactile_dynamics_ros.sim.planar.pusher import Pusher, PusherConfig
 from tactile_dynamics_ros.sim.planar.table import TableWorld, scattered
 from tactile_dynamics_ros.sim.planar.touch_sensors import Felt, TouchSensorConfig, TouchSensors
@@ -162,6 +162,7 @@ class SimulatedTable:
         return {
             "objects": [body.truth() for body in self.world.bodies],
             "links": [outline.truth() for outline in self.outlines],
+            "joint": joint_truth(self.world.bodies[0]) if self.world.bodies else None,
             "support": self.support.tolist(),
             "hidden_effect": self.effect.describe(),
             "time": self.world.time,
