@@ -59,6 +59,7 @@ from tactile_dynamics_ros.ros.pusher_streams import (
     ContactStreams,
     LinkStreams,
     PusherStreams,
+    SensedConfig,
     SensorStreams,
 )
 from tactile_dynamics_ros.ros.shell import Shell, run_node
@@ -207,7 +208,8 @@ class TableScene:
         self._camera_pose = node.stream(PoseStamped, CAMERA_POSE)
         self._pusher, self._joints = PusherStreams(node), node.stream(JointState, JOINT_STATES)
         streams = ContactStreams if node.shown.place_contacts else SensorStreams
-        self._touch = streams(node, self.table.pusher.contacts)
+        self._sensed = declare_config(node, SensedConfig).contacts
+        self._touch = streams(node, self._sensed)
         self._links: LinkStreams | None = None
         if self.table.config.vision_rate_hz > 0.0:
             self._links = LinkStreams(node, [link.corners for link in self.table.outlines])
@@ -240,7 +242,7 @@ class TableScene:
         load = np.zeros(len(joints))
         self._joints.publish(joints_to_message(names, readings.time, joints, readings.rates, load))
         late, config = self.node.late, self.node.config
-        for felt in readings.touch:
+        for felt in (felt for felt in readings.touch if felt.name in self._sensed):
             for entry in self._touch.report(felt, self.table.sensors.force_std, readings.pusher):
                 late.add(readings.time + config.touch_latency, entry)
         if self._links is not None and readings.links:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +17,6 @@ from geometry_msgs.msg import (
 from numpy.typing import NDArray
 from std_msgs.msg import Float64
 
-from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.contact.outline_contact import (
     OutlineContact,
     OutlineContactConfig,
@@ -41,7 +39,12 @@ from tactile_dynamics_ros.ros.names import (
     link_topic,
 )
 from tactile_dynamics_ros.ros.parameters import declare_config
-from tactile_dynamics_ros.ros.pusher_streams import PUSHER_FRAME, WORLD, ContactStreams
+from tactile_dynamics_ros.ros.pusher_streams import (
+    PUSHER_FRAME,
+    WORLD,
+    ContactStreams,
+    SensedConfig,
+)
 from tactile_dynamics_ros.ros.shell import LATCHED, Shell
 from tactile_dynamics_ros.ros.wire import Stamp, Stamped
 
@@ -50,18 +53,6 @@ Array = NDArray[np.float64]
 WAITING = 200
 LINKS = ("link_1", "link_2")
 SIDE = {"pad_left": 1.0, "pad_right": -1.0}
-
-
-@dataclass(frozen=True)
-class SensedConfig:
-    """Which contacts have sensors."""
-
-    sensed: tuple[str, ...] = parameter(
-        ("pusher", "pad_left", "pad_right"), "contacts of an arm that pushes, those with a sensor"
-    )
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
 
 
 class _Touch(NamedTuple):
@@ -85,7 +76,7 @@ class PushedContacts:
     def __init__(self, node: Shell) -> None:
         self._node = node
         self.config = declare_config(node, OutlineContactConfig, "outline.")
-        self.names = declare_config(node, SensedConfig).sensed
+        self.names = declare_config(node, SensedConfig).contacts
         self._std: dict[str, Array] = {}
         self._width = 0.0
         self._pusher = JointHistory()

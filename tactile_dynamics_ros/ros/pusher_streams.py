@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -18,6 +19,8 @@ from numpy.typing import NDArray
 from rclpy.publisher import Publisher
 from std_msgs.msg import Float64
 
+from tactile_dynamics_ros.core.configuration import check_ranges, parameter
+from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.ros.conversions import (
     header,
     pose_to_message,
@@ -38,6 +41,29 @@ from tactile_dynamics_ros.ros.wire import AnyStamp
 Array = NDArray[np.float64]
 
 WORLD, PUSHER_FRAME = "world", "pusher"
+
+
+PUSHER, PADS = "pusher", ("pad_left", "pad_right")
+
+
+@dataclass(frozen=True)
+class SensedConfig:
+    """Which contacts of an arm that pushes have sensors; the tip always has one."""
+
+    sensed_pads: tuple[str, ...] = parameter(
+        PADS, "pads with a sensor, of pad_left and pad_right; [''] if none has"
+    )
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+        unknown = [pad for pad in self.sensed_pads if pad and pad not in PADS]
+        if unknown:
+            raise BadInputError(f"sensed_pads '{unknown[0]}': expected {' or '.join(PADS)}")
+
+    @property
+    def contacts(self) -> tuple[str, ...]:
+        """Names of the contacts with a sensor."""
+        return (PUSHER, *(pad for pad in self.sensed_pads if pad))
 
 
 class PusherStreams:

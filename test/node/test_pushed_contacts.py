@@ -7,10 +7,11 @@ from numpy.testing import assert_allclose
 from std_msgs.msg import Float64
 
 from tactile_dynamics_ros.core.contact.outline_contact import nearest_side
+from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 from tactile_dynamics_ros.nodes.contact_state import ContactStateNode
 from tactile_dynamics_ros.ros import conversions as cv
-from tactile_dynamics_ros.ros.pusher_streams import outline_message
+from tactile_dynamics_ros.ros.pusher_streams import SensedConfig, outline_message
 from tactile_dynamics_ros.ros.shell import LATCHED
 
 SQUARE = 0.05 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
@@ -131,3 +132,12 @@ def test_a_force_far_from_the_object_is_no_contact_with_it(arm):
     arm.force(1.0, [2.0, 0.0, 0.0])
     arm.bench.until(lambda: arm.bench.nodes[0].faults.counts["touch_off_the_object"] == 1)
     assert not arm.bench.seen["/contact/pusher/force"]
+
+
+def test_a_pad_without_sensor_has_no_contact_and_an_unknown_one_is_refused(bench):
+    node = bench.start(ContactStateNode, "-p", "pushing:=true", "-p", "sensed_pads:=[pad_right]")
+    topics = {publisher.topic_name for publisher in node.publishers}
+    assert {"/contact/pusher/force", "/contact/pad_right/force"} <= topics
+    assert "/contact/pad_left/force" not in topics
+    with pytest.raises(BadInputError, match="expected pad_left or pad_right"):
+        SensedConfig(sensed_pads=("index",))
