@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr
+from scipy.stats import ttest_ind
 
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import ResidualModel, instants
 from tactile_dynamics_ros.core.discrepancy.regimes.gates import Gates, gates_to_try
@@ -25,6 +25,8 @@ places, shorter ones cost time."""
 _BLOCK = 0.5
 """Length of the blocks of which one half finds the regime and the other tests it, s. Longer leaves
 few blocks of a short regime, shorter lets what is correlated pass for independent."""
+_FEWEST = 4
+"""Blocks inside and outside at least: of fewer the scatter is unknown. More refuse short ones."""
 _SIGNIFICANT = 1e-3
 """P-value from which a regime is told. Higher tells more of them by chance."""
 _NOTABLE = 0.7
@@ -97,7 +99,10 @@ def _best(gates: Gates, square: Array, counts: Array, used: Array) -> int:
 
 
 def _split_p_value(gates: Gates, square: Array, counts: Array, block: NDArray[np.int64]) -> float:
-    """P-value that the blocks which did not find the gate are alike inside and outside."""
+    """P-value that the blocks which did not find the gate are alike inside and outside.
+
+    Logarithms of their mean squares are compared, so that few large errors do not decide.
+    """
     inner: list[float] = []
     outer: list[float] = []
     for parity in (0, 1):
@@ -107,8 +112,9 @@ def _split_p_value(gates: Gates, square: Array, counts: Array, block: NDArray[np
             own = block == number
             for found, acts in ((inner, best), (outer, 1.0 - best)):
                 if acts[own] @ counts[own] > 0.5 * counts[own].sum():
-                    found.append(float(acts[own] @ square[own] / (acts[own] @ counts[own])))
-    if min(len(inner), len(outer)) < 2:
+                    count = acts[own] @ counts[own]
+                    mean = max(float(acts[own] @ square[own] / count), 1e-12)
+                    found.append(float(np.log(mean) + 1.0 / count))
+    if min(len(inner), len(outer)) < _FEWEST:
         return 1.0
-    spread = np.hypot(*(np.std(p, ddof=1) / np.sqrt(len(p)) for p in (inner, outer)))
-    return float(ndtr((np.mean(outer) - np.mean(inner)) / max(float(spread), 1e-300)))
+    return float(ttest_ind(inner, outer, equal_var=False, alternative="greater").pvalue)
