@@ -61,7 +61,7 @@ class Shape(Result):
         """Return size and place of each part."""
         body = []
         for part in self.to_json()["parts"]:
-            size = " x ".join(f"{2e3 * axis:.1f}" for axis in part["semi_axes_m"])
+            size = " x ".join(f"{1e3 * length:.1f}" for length in part["extents_m"])
             place = ", ".join(f"{1e3 * part[k]:.1f} +- {1e3 * part['std'][k]:.1f}" for k in "xy")
             body.append((part["words"].split(",")[0], size, place))
         return [("part", "size, mm", "x, y, mm"), *body]

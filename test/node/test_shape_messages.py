@@ -6,8 +6,8 @@ from numpy.testing import assert_allclose
 from rclpy.serialization import deserialize_message, serialize_message
 
 from tactile_dynamics_ros.core.shape.superquadric.recovery import recover
-from tactile_dynamics_ros.core.shape.superquadric.words import describe
 from tactile_dynamics_ros.core.shape.superquadric.superquadric import Superquadric
+from tactile_dynamics_ros.core.shape.superquadric.words import describe
 from tactile_dynamics_ros.ros.conversions import MessageError
 from tactile_dynamics_ros.ros.shape_messages import STDS, shape_from_message, shape_message
 

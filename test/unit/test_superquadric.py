@@ -240,3 +240,17 @@ def test_what_no_superquadric_describes_has_intervals_as_wide_as_the_misfit():
     assert rough.misfit > 1e-3
     assert plain.parts[0].std["ax"] < 0.2e-3
     assert rough.parts[0].std["ax"] > rough.misfit
+
+
+@pytest.mark.parametrize("sections", [3, 6])
+def test_intervals_of_what_has_sharp_corners_reach_them(sections):
+    """No taper that is a parabola follows straight sides up to a corner."""
+    solid = drum(0.04, 0.05, sections=sections)
+    (found,) = find_objects(seen_points([solid], 3, seed=7), support=0.0)
+    (part,) = found.parts
+    spread = 2.0 * np.array([part.std[f"a{axis}"] for axis in "xyz"])
+    true = np.sort(np.ptp(solid.vertices, axis=0)[:2])
+    order = np.argsort(part.shape.extents()[:2])
+    off = np.abs(part.shape.extents()[:2][order] - true)
+    assert off.max() > 1e-3
+    assert np.all(off < 2.0 * spread[:2][order])

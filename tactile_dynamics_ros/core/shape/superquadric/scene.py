@@ -168,6 +168,7 @@ def part_json(part: Recovery) -> dict[str, Any]:
     shape, std = part.shape, part.std
     return {
         "semi_axes_m": shape.semi_axes.tolist(),
+        "extents_m": shape.extents().tolist(),
         "exponents": shape.exponents.tolist(),
         "taper": shape.taper.tolist(),
         "x": float(shape.pose[0, 3]),

@@ -220,6 +220,10 @@ class Superquadric:
         ring /= np.max(np.abs(ring), axis=1, keepdims=True)
         return self.to_world(self._on_surface(ring))[:, :2]
 
+    def extents(self) -> Array:
+        """Return lengths (3,) along the axes of the body, m: twice a_x and more where it tapers."""
+        return np.asarray(np.ptp(self._on_surface(unit_cube(_FACE)[0]), axis=0))
+
     def _on_surface(self, directions: Array) -> Array:
         """Return the surface points (N, 3), body frame, in directions of the unit body."""
         return surface_points(self.parameters, directions)[0]

@@ -34,7 +34,7 @@ nearly all lie on its top, of cups and trays hardly any. Halfway, anything betwe
 
 def describe(part: Recovery) -> str:
     """Return a part in plain words, with its size in mm."""
-    size = 2e3 * part.shape.semi_axes
+    size = 1e3 * part.shape.extents()
     spread = 2e3 * max(part.std[f"a{axis}"] for axis in "xyz")
     lengths = " x ".join(f"{value:.0f}" for value in size)
     return f"{kind(part.shape)} {lengths} mm, +- {max(spread, 0.1):.1f}"
