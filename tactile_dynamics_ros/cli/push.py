@@ -68,7 +68,7 @@ def run(args: Namespace) -> int:
     if args.json:
         print(json.dumps(told))
     else:
-        word = "reached" if told["reached"] else "not reached"
+        word = "reached" if told["reached"] else "not reached (/diagnostics may say why)"
         print(f"{word}: {1e3 * error:.1f} mm from the goal after {motion.duration:.1f} s")
     return 0 if told["reached"] else 1
 
