@@ -20,6 +20,7 @@ from tactile_dynamics_ros.core.inertia.live import (
 from tactile_dynamics_ros.core.inertia.live.live_estimate import judge_estimate
 from tactile_dynamics_ros.core.inertia.live.refit import RefitConfig
 from tactile_dynamics_ros.core.streams.streams import ContactSample
+from tactile_dynamics_ros.ros.carried_tool import CarriedTool
 from tactile_dynamics_ros.ros.conversions import header, inertia_to_message
 from tactile_dynamics_ros.ros.diagnostics import status_message
 from tactile_dynamics_ros.ros.estimate_markers import EstimateMarkers
@@ -76,6 +77,7 @@ class InertialEstimatorNode(Shell):
             self, InertialEstimatorConfig, live=["effects"], on_change=self._change_model
         )
         self._change_model(config)
+        self._tool = CarriedTool(self)
         self._last_time = -np.inf
         self._friction: tuple[float, float] | None = None
         self._grip: dict[str, object] = {}
@@ -169,7 +171,10 @@ class InertialEstimatorNode(Shell):
         message.status = [*waiting_status(self.refitter.model.effects, self.refitter.progress)]
         self._status.publish(message)
 
-    def _publish(self, estimate: LiveEstimate) -> None:
+    def _publish(self, carried: LiveEstimate) -> None:
+        estimate = self._tool.take_out(carried)
+        if estimate is None:
+            return
         verdict = judge_estimate(estimate, self._obstacles, self.resolve_service_name(DIAGNOSE))
         if not verdict.withheld:
             self._inertia.publish(inertia_to_message(estimate.inertia, estimate.time, "object"))

@@ -11,7 +11,10 @@ from synthetic_recording import COM, FORCE_STD, INERTIA_COM, MASS, held_box
 from visualization_msgs.msg import MarkerArray
 
 from tactile_dynamics_ros.core.friction.estimate import FrictionEstimate
+from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
+from tactile_dynamics_ros.core.rigid_body.known_body import KnownBody
 from tactile_dynamics_ros.nodes.inertial_estimator import InertialEstimatorNode
+from tactile_dynamics_ros.recording.body_files import write_body
 from tactile_dynamics_ros.ros import conversions as cv
 from tactile_dynamics_ros.ros.diagnostics import status_values
 from tactile_dynamics_ros.ros.estimate_markers import METRES_PER_NEWTON
@@ -197,3 +200,16 @@ def test_markers_show_the_forces_and_the_centre_of_mass_where_they_are(bench):
     start, tip = (np.array([p.x, p.y, p.z]) for p in index.points)
     k = np.abs(contact.position - start).sum(axis=1).argmin()
     np.testing.assert_allclose(tip - start, METRES_PER_NEWTON * contact.force[k], atol=1e-3)
+
+
+def test_a_tool_is_taken_out_of_what_is_published(bench, tmp_path):
+    share = InertialParameters(0.6 * MASS, COM, 0.6 * INERTIA_COM)
+    file = write_body(KnownBody.exact(share, "part"), tmp_path / "part.yaml")
+    bench.start(InertialEstimatorNode, "-p", f"tool:={file}")
+    bench.follow(InertiaStamped, INERTIA, profile=LATCHED)
+    bench.follow(DiagnosticArray, STATUS, profile=LATCHED)
+    play(bench, held_box(seconds=5.0).streams)
+    bench.until(lambda: settled(bench, 400))
+    inertia = bench.seen[INERTIA][-1].inertia
+    assert inertia.m == pytest.approx(0.4 * MASS, rel=0.03)
+    assert float(status(bench, "parameters")["mass"]) == pytest.approx(inertia.m, rel=1e-6)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,7 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
 from tactile_dynamics_ros.core.rigid_body.known_body import KnownBody
 
 Array = NDArray[np.float64]
+Estimate = TypeVar("Estimate", bound=InertialEstimate)
 
 _CHANGED = 1e-4
 """Probability, of an object that is the same, below which it is said to have changed. One grasp in
@@ -64,7 +66,7 @@ class Comparison:
         return [name for name, p in self.p_value.items() if p < _CHANGED]
 
 
-def without_tool(estimate: InertialEstimate, tool: KnownBody) -> InertialEstimate:
+def without_tool(estimate: Estimate, tool: KnownBody) -> Estimate:
     """Take a tool's share out of the estimate of tool and load together.
 
     phi is linear in the bodies that move as one: phi_load = phi - phi_tool, with the sum of the
@@ -175,8 +177,8 @@ def _larger_than_body(body: InertialParameters, covariance: Array) -> list[str]:
 
 
 def _with_body(
-    estimate: InertialEstimate, body: InertialParameters, covariance: Array, unknown: set[str]
-) -> InertialEstimate:
+    estimate: Estimate, body: InertialParameters, covariance: Array, unknown: set[str]
+) -> Estimate:
     names = tuple(name for name in PARAMETER_NAMES if name in unknown)
     return replace(estimate, inertia=body, covariance=covariance, not_excited=names)
 
