@@ -133,13 +133,14 @@ class Bed:
         surface: Surface,
     ) -> None:
         self._feet = np.vstack([feet.T, np.ones(len(feet))])
-        self._height, self.shares, self._surface = height, shares, surface
-        self._stiffness = mass * GRAVITY / SINK
-        self._damping = 2.0 * DAMPING * mass * np.sqrt(GRAVITY / SINK)
+        self._height, self._surface = height, surface
+        self._hard = mass * GRAVITY / SINK
+        self._damped = 2.0 * DAMPING * mass * np.sqrt(GRAVITY / SINK)
         self._friction, self._rough = friction, friction
         self._known_at = np.full(4, np.inf)
         self._stretch = np.zeros((2, len(feet)))
         self._pressure = np.zeros(len(feet))
+        self.reshape(shares)
 
     @property
     def pressure(self) -> Array:
@@ -149,6 +150,7 @@ class Bed:
     def reshape(self, shares: Array) -> None:
         """Let the feet share the load in another way, (K,)."""
         self.shares = shares
+        self._stiffness, self._damping = self._hard * shares, self._damped * shares
 
     def places(self) -> Array:
         """Feet (K, 2) m, body frame."""
@@ -170,19 +172,17 @@ class Bed:
         moved = motion @ self._feet
         depth = self._height - moved[2]
         carried = self._stiffness * depth - self._damping * moved[5]
-        np.maximum(carried, 0.0, out=carried)
-        self._pressure = pressure = self.shares * carried * (depth > 0.0)
+        self._pressure = pressure = np.maximum(carried, 0.0) * (depth > 0.0)
         total = float(pressure.sum())
         if total <= 0.0:
             self._stretch[:] = 0.0
             return None
-        place = moved[:2]
+        x, y = place = moved[:2]
         self._feel(pose, place)
         drag = self._drag(moved[3:5], step)
-        centre = place @ pressure / total
-        torque = float((place[0] - centre[0]) @ drag[1] - (place[1] - centre[1]) @ drag[0])
-        force = np.array([*drag.sum(axis=1), total])
-        return Support(force, np.array([*centre, self._height]), torque)
+        (cx, cy), (fx, fy) = (place @ pressure / total).tolist(), drag.sum(axis=1).tolist()
+        torque = float(x @ drag[1] - y @ drag[0]) - cx * fy + cy * fx
+        return Support(np.array([fx, fy, total]), np.array([cx, cy, self._height]), torque)
 
     def _feel(self, pose: Array, place: Array) -> None:
         """Look up the table's roughness under feet (2, K) that have moved on."""
@@ -192,21 +192,22 @@ class Bed:
 
     def _drag(self, velocity: Array, step: float) -> Array:
         """Stretch the bristles and return the friction (2, K) of each foot, N."""
-        surface, shares = self._surface, self.shares
+        surface = self._surface
         seen = velocity if surface.stretch is None else surface.stretch @ velocity
-        stiffness, damped = self._stiffness * shares, self._damping * shares * seen
-        self._stretch += step * seen
-        force = -stiffness * self._stretch - damped
+        damped = self._damping * seen
+        held = self._stiffness * (self._stretch + step * seen) + damped
         limit = surface.factor * self._rough * self._pressure
         if surface.lost > 0.0:
-            speed = np.sqrt(seen[0] ** 2 + seen[1] ** 2)
+            speed = np.hypot(seen[0], seen[1])
             limit *= 1.0 - surface.lost * (1.0 - np.exp(-speed / surface.lost_speed))
-        size = np.sqrt(force[0] ** 2 + force[1] ** 2)
-        force *= np.minimum(limit / np.maximum(size, 1e-12), 1.0)
-        self._stretch = -(force + damped) / stiffness
+        size = np.maximum(np.hypot(held[0], held[1]), 1e-12)
+        held *= np.minimum(limit / size, 1.0)
+        self._stretch = (held - damped) / self._stiffness
         if surface.stretch is not None:
-            force = surface.stretch @ force
-        return np.asarray(force - surface.viscosity * shares * velocity)
+            held = surface.stretch @ held
+        if surface.viscosity > 0.0:
+            held += surface.viscosity * self.shares * velocity
+        return np.asarray(-held)
 
 
 def uneven_friction(spread: float, seed: int) -> FrictionMap:

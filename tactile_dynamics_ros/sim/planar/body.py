@@ -13,13 +13,11 @@ import pybullet
 import trimesh
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.rigid_body.rotation import cross
 from tactile_dynamics_ros.sim.bodies import (
     SHAPE_COLOUR,
     from_matrix,
     inverse_pose,
     principal_frame,
-    to_matrix,
 )
 from tactile_dynamics_ros.sim.planar.bed import SINK, Bed, Surface, feet_of, gathered
 from tactile_dynamics_ros.sim.planar_objects import PlanarObject, PlanarPart, prism
@@ -192,10 +190,14 @@ class PlanarBody:
                 self.body, self.links[k], 1, 1, physicsClientId=self.client
             )
             place, (linear, angular) = state[:2], state[6:8]
-        centre = to_matrix(*place)
-        pose = centre @ self._inverse[k]
+        pose = np.empty((4, 4))
+        pose[:3, :3] = np.reshape(pybullet.getMatrixFromQuaternion(place[1]), (3, 3))
+        pose[:3, 3], pose[3] = place[0], (0.0, 0.0, 0.0, 1.0)
+        pose = pose @ self._inverse[k]
         turning = np.array(angular)
-        return pose, turning, np.array(linear) + cross(turning, pose[:3, 3] - centre[:3, 3])
+        (x, y, z), (a, b, c) = angular, (pose[:3, 3] - place[0]).tolist()
+        around = [y * c - z * b, z * a - x * c, x * b - y * a]
+        return pose, turning, np.array(linear) + around
 
     def _spawn(self, pose: Array) -> int:
         """Create the body, sunk into the table as deep as it rests."""
