@@ -118,8 +118,7 @@ def _believe(
     """The best of the readings, if it is to be believed."""
     if not _is_certain(ranking):
         return None
-    large = ranking.loss <= _WORSE and _is_large(ranking.ranked[0].reading.name, readings)
-    fitted = _fit_best(ranking, large, fit)
+    fitted = _fit_best(ranking, readings, fit)
     if not fitted:
         return None
     least = min(fitted, key=lambda one: one.error)
@@ -130,7 +129,7 @@ def _believe(
         if _is_equal(least, one) or (not noise and readings.ranks_equal(least.reading, one.reading))
     ]
     best = equal[0]
-    if not large and not _explains(best, recorded):
+    if not _explains(best, recorded) and not _is_large(best.reading, ranking, readings):
         return None
     others = dict.fromkeys(one.reading.name for one in equal[1:])
     names = tuple(name for name in others if name != best.reading.name)
@@ -171,10 +170,10 @@ def _commonest(ranked: Sequence[Ranked]) -> list[Ranked]:
     return sorted(near, key=lambda one: one.rarity)
 
 
-def _fit_best(ranking: Ranking, large: bool, fit: _FitReading) -> list[_Fitted]:
+def _fit_best(ranking: Ranking, readings: Readings, fit: _FitReading) -> list[_Fitted]:
     """The best readings, fitted thoroughly, the commonest first.
 
-    None where the best leaves more than noise and is not better by enough (large) for that.
+    None where the best leaves more than noise and is not better by enough for that.
     """
     found: list[_Fitted] = []
     for one in _worth_fitting(ranking.ranked):
@@ -182,7 +181,9 @@ def _fit_best(ranking: Ranking, large: bool, fit: _FitReading) -> list[_Fitted]:
         if model is None:
             continue
         found.append(_Fitted(one, *model))
-        if not large and not any(map(_leaves_noise, found)) and len(found) > 1:
+        if len(found) < 2 or any(map(_leaves_noise, found)):
+            continue
+        if not _is_large(ranking.ranked[0].reading, ranking, readings):
             return []
     return sorted(found, key=lambda fitted: fitted.ranked.rarity)
 
@@ -216,9 +217,12 @@ def _explains(best: _Fitted, recorded: float) -> bool:
     return _leaves_noise(best) and left <= (1.0 - _LEVELS.mostly) * excess
 
 
-def _is_large(name: str, readings: Readings) -> bool:
+def _is_large(reading: Reading, ranking: Ranking, readings: Readings) -> bool:
     """Whether a convention leaves a fraction of what was, and no other does beside other forces."""
-    alone, disturbed = readings.alone.gain_of(name), readings.disturbed.gain_of(name)
+    if ranking.loss > _WORSE:
+        return False
+    alone = readings.alone.gain_of(reading.name)
+    disturbed = readings.disturbed.gain_of(reading.name)
     if disturbed < readings.disturbed.gain - _OUTDONE:
         return False
     return max(alone, 0.0) + max(disturbed, 0.0) >= _LARGE
