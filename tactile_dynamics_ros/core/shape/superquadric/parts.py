@@ -81,10 +81,10 @@ a face that touches is a quarter of a surface at most, two halves of a hexagon l
 other. Lower joins parts that only touch, higher keeps halves of one body apart."""
 _UNSHOWN_GAIN, _UNSHOWN_INSIDE = 0.9, 0.15
 """Log likelihood per point that a further part must gain, and the largest share of its surface
-inside another, where neither outline nor top shows that there are two: a box beside an ellipse as
-wide gains 1.1 to 1.7 with 0.07 inside at most (numbers 67, 141 and 142), halves of hexagons 0.7 at
-most with 0.22 and more. Lower gains or larger shares split hexagons, the reverse leaves such pairs
-as one body."""
+inside another, where neither outline nor top shows that there are two: a box beside a cylinder as
+wide gains 1.5 to 1.7 with 0.06 inside at most (numbers 47 and 67), halves of hexagons 0.7 at most
+with 0.22 and more (seven up to 39). Lower gains or larger shares split hexagons, the reverse leaves
+such pairs as one body."""
 _PRICE = 30.0
 """Log likelihood that a further part must gain: ten parameters at 3 each, for points whose errors
 go together. Lower adds parts for correlated errors, higher leaves small true parts out."""
