@@ -106,7 +106,7 @@ def test_compare_tells_the_regime_of_the_error_with_its_p_value():
     place = document["fails_where"][0]
     assert place["regime"] == "7.5275<t<15.01"
     assert place["p_value"] < 1e-3
-    assert place["share_of_error"] > 0.8
+    assert place["share_of_error"] > 0.95
     assert not any("regime" in p for p in compare(fitted(make("none", 8))).to_json()["fails_where"])
 
 

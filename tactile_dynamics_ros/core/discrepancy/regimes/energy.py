@@ -1,4 +1,4 @@
-"""Where the error of a model is larger than elsewhere, whatever causes it."""
+"""Where a model fails that is fitted to the rest of the recording, whatever causes it."""
 
 from __future__ import annotations
 
@@ -8,27 +8,26 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import ttest_ind
 
-from tactile_dynamics_ros.core.discrepancy.model.residual_model import ResidualModel, instants
+from tactile_dynamics_ros.core.discrepancy.model.residual_model import ResidualModel
 from tactile_dynamics_ros.core.discrepancy.regimes.gates import Gates, gates_to_try
-from tactile_dynamics_ros.core.discrepancy.structure import (
-    window_index,
-    window_rows,
-    window_starts,
-)
+from tactile_dynamics_ros.core.discrepancy.regimes.sums import CellSums
+from tactile_dynamics_ros.core.discrepancy.screening import FEIGNED
+from tactile_dynamics_ros.core.discrepancy.structure import window_index
 from tactile_dynamics_ros.core.numerics.regime import Gate
 
 Array = NDArray[np.float64]
 
-_CELL = 0.1
-"""Length of a cell, s, as of those from which effects in regimes are sought. Longer ones blur
-places, shorter ones cost time."""
 _BLOCK = 0.5
 """Length of the blocks of which one half finds the regime and the other tests it, s. Longer leaves
 few blocks of a short regime, shorter lets what is correlated pass for independent."""
 _FEWEST = 4
 """Blocks inside and outside at least: of fewer the scatter is unknown. More refuse short ones."""
-_SIGNIFICANT = 1e-3
-"""P-value from which a regime is told. Higher tells more of them by chance."""
+_SIGNIFICANT = 1e-2
+"""P-value from which a regime is told, as that of the adequacy test. Higher tells more of them by
+chance, lower none of recordings of a few seconds."""
+_CONTRAST = 1.2
+"""Mean square inside over that outside from which a regime is told: what a fit has not seen is a
+few per cent larger in any case. Lower tells regimes of motion that the rest does not have."""
 _NOTABLE = 0.7
 """Share of the excess error that a regime must hold to be told: what fails everywhere alike has as
 much in a regime as the share of time that it takes. Lower tells regimes of what follows speed."""
@@ -54,10 +53,11 @@ class ErrorRegime:
 
 
 def find_error_regime(model: ResidualModel, floor: float) -> ErrorRegime | None:
-    """The regime that holds most of the error; None if there is none.
+    """The regime that holds most of the error of a fit to the rest; None if there is none.
 
-    The best gate parts the cells into two of different mean square with the greatest likelihood.
-    Found in every second block, it must part the other blocks as well.
+    The best gate parts the cells into two of different mean square with the greatest likelihood,
+    where the model is fitted to the cells outside: what happens inside cannot spoil it. Found in
+    every second block, the gate must part the other blocks as well.
 
     Args:
         model: fitted.
@@ -66,54 +66,69 @@ def find_error_regime(model: ResidualModel, floor: float) -> ErrorRegime | None:
     conditions = model.conditions()
     if not conditions:
         return None
-    time, white = instants(model)
-    starts = window_starts(time, _CELL)
-    cells = window_rows(starts, len(time))
+    sums = CellSums.of(model)
+    channels = len(model.residual) // len(conditions[0].values)
+    cells = [slice(r.start // channels, r.stop // channels) for r in sums.rows]
     gates = gates_to_try(conditions, cells)
     if not gates.gates:
         return None
-    square = np.add.reduceat((white**2).mean(axis=1), starts)
-    counts = np.diff(np.append(starts, len(time))).astype(float)
-    everything = np.ones(len(cells))
-    best = _best(gates, square, counts, everything)
+    counts = np.array([float(r.stop - r.start) for r in sums.rows])
+    best, losses = _best(gates, sums, counts, np.ones(len(cells)))
     inside = gates.inside[best] > 0.0
-    excess = square - floor**2 * counts
+    excess = losses - floor**2 * counts
     share = float(np.clip(excess[inside].sum() / max(excess.sum(), 1e-12), 0.0, 1.0))
-    p_value = _split_p_value(gates, square, counts, window_index(time[starts], _BLOCK))
-    condition = conditions[gates.of_condition[best]]
+    within, without = (losses[own].sum() / counts[own].sum() for own in (inside, ~inside))
     taken = float(counts[inside].sum() / counts.sum())
+    if within < _CONTRAST * without or share < max(_NOTABLE, 0.5 + 0.5 * taken):
+        return None
+    p_value = _split_p_value(gates, sums, counts)
+    condition = conditions[gates.of_condition[best]]
     found = ErrorRegime(gates.gates[best], condition.name, condition.unit, share, taken, p_value)
-    return found if p_value < _SIGNIFICANT and share > max(_NOTABLE, 0.5 + 0.5 * taken) else None
+    return found if p_value < _SIGNIFICANT else None
 
 
-def _best(gates: Gates, square: Array, counts: Array, used: Array) -> int:
-    """The gate with the greatest likelihood of two variances, larger inside."""
-    weight = gates.inside * used
-    inner, total = weight @ square, float(used @ square)
-    count, whole = weight @ counts, float(used @ counts)
-    within = inner / np.maximum(count, 1.0)
-    without = (total - inner) / np.maximum(whole - count, 1.0)
-    logs = [np.log(np.maximum(values, 1e-12)) for values in (within, without)]
-    spread = count * logs[0] + (whole - count) * logs[1]
-    return int(np.argmin(np.where(within > without, spread, np.inf)))
+def _best(gates: Gates, sums: CellSums, counts: Array, used: Array) -> tuple[int, Array]:
+    """The gate with the greatest likelihood of two variances, larger inside, and losses (W,)."""
+    losses = _losses(gates, sums, used)
+    inner_weight, outer_weight = gates.inside * used, (1.0 - gates.inside) * used
+    spread = np.zeros(len(losses))
+    means = []
+    for weight in (inner_weight, outer_weight):
+        number = weight @ counts
+        mean = np.sum(weight * losses, axis=1) / np.maximum(number, 1.0)
+        spread += number * np.log(np.maximum(mean, 1e-12))
+        means.append(mean)
+    best = int(np.argmin(np.where(means[0] > means[1], spread, np.inf)))
+    return best, losses[best]
 
 
-def _split_p_value(gates: Gates, square: Array, counts: Array, block: NDArray[np.int64]) -> float:
+def _losses(gates: Gates, sums: CellSums, used: Array) -> Array:
+    """Squared residuals (G, W) of every cell under a fit to the used cells outside each gate."""
+    size = sums.share.shape[1]
+    outside = (1.0 - gates.inside) * used
+    own = (outside @ sums.own.reshape(len(used), -1)).reshape(-1, size, size)
+    found = np.linalg.solve(own + FEIGNED * np.eye(size), (outside @ sums.share)[..., None])[..., 0]
+    bent = np.stack([np.sum((found @ cell) * found, axis=1) for cell in sums.own], axis=1)
+    return np.asarray(sums.square - 2.0 * found @ sums.share.T + bent)
+
+
+def _split_p_value(gates: Gates, sums: CellSums, counts: Array) -> float:
     """P-value that the blocks which did not find the gate are alike inside and outside.
 
     Logarithms of their mean squares are compared, so that few large errors do not decide.
     """
+    block = window_index(sums.time, _BLOCK)
     inner: list[float] = []
     outer: list[float] = []
     for parity in (0, 1):
         used = (block % 2 == parity).astype(float)
-        best = gates.inside[_best(gates, square, counts, used)]
-        for number in np.unique(block[used == 0.0]):
-            own = block == number
-            for found, acts in ((inner, best), (outer, 1.0 - best)):
-                if acts[own] @ counts[own] > 0.5 * counts[own].sum():
-                    count = acts[own] @ counts[own]
-                    mean = max(float(acts[own] @ square[own] / count), 1e-12)
+        best, losses = _best(gates, sums, counts, used)
+        for found, acts in ((inner, gates.inside[best]), (outer, 1.0 - gates.inside[best])):
+            for number in np.unique(block[used == 0.0]):
+                own = block == number
+                count = float(acts[own] @ counts[own])
+                if count > 0.5 * counts[own].sum():
+                    mean = max(float(acts[own] @ losses[own] / count), 1e-12)
                     found.append(float(np.log(mean) + 1.0 / count))
     if min(len(inner), len(outer)) < _FEWEST:
         return 1.0
