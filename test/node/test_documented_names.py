@@ -103,14 +103,3 @@ def test_services_are_documented(interfaces):
 def test_only_what_all_hands_share_is_global(interfaces):
     names_used = {name for found in interfaces for name, _ in found}
     assert {name for name in names_used if name.startswith("/")} <= GLOBAL
-
-
-def test_readme_knows_no_other_topics(interfaces):
-    table = (ROOT / "README.md").read_text().split("## Topics\n")[1].split("\n## ")[0]
-    told = [line.split("|")[1] for line in table.splitlines() if line.startswith("| `")]
-    known = {name for found in interfaces for name, _ in found} | {"object/imu"}
-    for cell in told:
-        first, *others = [part.strip(" `") for part in cell.replace("(optional)", "").split(",")]
-        stem = first.rpartition("/")[0]
-        named = {first, *(part if "/" in part else f"{stem}/{part}" for part in others)}
-        assert named <= known, named - known
