@@ -184,3 +184,55 @@ def test_pushes_become_streams_and_a_recording_of_a_pushed_object(tmp_path):
     assert_allclose(again.streams.links[1].pose, bag.links[1].pose, atol=1e-9)
     assert_allclose(again.streams.contacts["pusher"].time, bag.contacts["pusher"].time - offset)
     assert_allclose(again.streams.contacts["pusher"].force, bag.contacts["pusher"].force)
+
+
+def even_face(corners, count=24):
+    """Return points (K, 2) that fill a convex outline."""
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    axes = [np.linspace(a, b, 2 * count + 1)[1::2] for a, b in zip(low, high, strict=True)]
+    points = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
+    edge = np.roll(corners, -1, axis=0) - corners
+    away = points[:, None] - corners
+    return points[np.all(edge[:, 0] * away[..., 1] - edge[:, 1] * away[..., 0] > 0.0, axis=1)]
+
+
+def balance(streams, link, k):
+    """Return force measured and force that an even face with tipping pressure needs, (2,) N each.
+
+    Args:
+        streams: without noise.
+        link: truth of its only link.
+        k: number of a pose; the force is the mean between it and the one before.
+    """
+    pose, push, step = streams.links[0].pose, streams.contacts["pusher"], 0.01
+    n = int(np.abs(push.time - streams.links[0].time[k] + 0.0045).argmin())
+    x, y, yaw = 0.5 * (pose[k] + pose[k - 1])
+    rate = (pose[k] - pose[k - 1]) / step
+    change = (pose[k + 1] - pose[k] - pose[k - 1] + pose[k - 2]) / (2.0 * step**2)
+    turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
+    feet, com = even_face(streams.links[0].footprint) @ turn.T, turn @ link["com"]
+    velocity = rate[:2] + rate[2] * np.column_stack([-feet[:, 1], feet[:, 0]])
+    acceleration = change[:2] + change[2] * np.array([-com[1], com[0]]) - rate[2] ** 2 * com
+    weight, inert = link["mass"] * GRAVITY, link["mass"] * acceleration
+    tipping = weight * com - link["com_height"] * inert + push.point[n, 2] * push.force[n, :2]
+    columns = np.column_stack([np.ones(len(feet)), feet])
+    pressure = columns @ np.linalg.solve(columns.T @ columns, np.array([weight, *tipping]))
+    slip = velocity / np.linalg.norm(velocity, axis=1)[:, None]
+    return push.force[n, :2], inert + link["friction"] * pressure @ slip
+
+
+def test_turning_pushes_balance_an_even_face_under_tipping_pressure():
+    told = simulate_pushes(
+        SimulatedTableConfig(object_number=129, seed=129, friction_spread=0.0, noise=False),
+        PushOptions(count=1),
+    )
+    (link,), streams = told.truth["links"], told.streams
+    pose, times = streams.links[0].pose, streams.contacts["pusher"].time
+    sliding = np.abs(np.diff(pose, axis=0))[:, :2].max(axis=1) > 2e-4
+    touched = (streams.links[0].time > times[0] + 0.1) & (streams.links[0].time < times[-1])
+    ks = [k for k in range(2, len(pose) - 1) if sliding[k - 2 : k + 1].all() and touched[k]]
+    assert len(ks) > 20
+    pairs = [balance(streams, link, k) for k in ks]
+    gaps = [np.linalg.norm(measured - needed) for measured, needed in pairs]
+    assert np.median(gaps) < 0.01 * link["friction_force_n"]
+    assert abs(pose[-1, 2] - pose[0, 2]) > 0.1  # it turned
