@@ -162,7 +162,8 @@ class Check(Result):
         """Return what a further motion would bring."""
         if not self.promises:
             return ""
-        own = [a for a in self.additions if a.parameter == name] or self.additions
+        own = [a for a in self.additions if a.parameter == name]
+        own = own or [a for a in self.additions if a.tells(name)]
         best = min(own, key=lambda a: self._promised(a, name), default=None)
         if best is None or self._promised(best, name) > WORTH * self.relative[name]:
             return f"; no simple motion of {DURATION:.0f} s helps"

@@ -132,3 +132,19 @@ def test_the_exit_code_tells_scripts_whether_to_go_on(calm, tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)["ready"] is True
     assert main(["check", str(bag), "--goal", "0"]) == 2
     assert main(["check", str(bag), "--effects", "viscous_drag"]) == 2
+
+
+def test_a_motion_that_leaves_the_parameter_undetermined_is_not_proposed(checked, monkeypatch):
+    from tactile_dynamics_ros.core.inertia.excitation import addition
+
+    useless = replace(checked.additions[0], undetermined=("inertia_zz",))
+    asked = []
+
+    def best_for(parameter, held):
+        asked.append(parameter)
+        return replace(useless, parameter=parameter)
+
+    monkeypatch.setattr(addition, "_best_for", best_for)
+    found = addition.propose_additions(None, checked.estimate.found, 0.15)
+    assert asked[0] == "inertia_zz"
+    assert "inertia_zz" not in [each.parameter for each in found]

@@ -96,6 +96,7 @@ class Addition:
         squeeze: how hard to grip, over the present grip.
         offsets: the motion as offsets in world axes.
         std: (10,) expected standard deviations afterwards, in the order of PARAMETER_NAMES.
+        undetermined: parameters that are expected to stay undetermined.
     """
 
     parameter: str
@@ -103,6 +104,11 @@ class Addition:
     squeeze: float
     offsets: FourierOffsets
     std: Array
+    undetermined: tuple[str, ...] = ()
+
+    def tells(self, parameter: str) -> bool:
+        """Whether a parameter is expected to be determined afterwards."""
+        return parameter not in self.undetermined
 
     @property
     def promised(self) -> float:
@@ -127,6 +133,7 @@ class Addition:
             "sine": self.offsets.sine.tolist(),
             "cosine": self.offsets.cosine.tolist(),
             "expected_std": dict(zip(PARAMETER_NAMES, self.std.tolist(), strict=True)),
+            "undetermined": list(self.undetermined),
         }
 
 
@@ -169,11 +176,11 @@ def propose_additions(
         addition = _best_for(worst, held)
         now = estimate.parameter_std[PARAMETER_NAMES.index(worst)]
         del lacking[worst]
-        if addition is None or addition.promised > WORTH * now:
+        if addition is None or not addition.tells(worst) or addition.promised > WORTH * now:
             continue
         found.append(addition)
-        met = addition.std <= goal * sizes
-        lacking = {n: r for n, r in lacking.items() if not met[PARAMETER_NAMES.index(n)]}
+        met = dict(zip(PARAMETER_NAMES, addition.std <= goal * sizes, strict=True))
+        lacking = {n: r for n, r in lacking.items() if not (met[n] and addition.tells(n))}
     return found
 
 
@@ -195,13 +202,16 @@ def _best_for(parameter: str, held: Continuation) -> Addition | None:
             best, least = (motion, squeeze, offsets), variance
     if best is None:
         return None
-    return Addition(parameter, *best, expected_std(held.squeezed(best[1]), best[2]))
+    after = expected_estimate(held.squeezed(best[1]), best[2])
+    return Addition(parameter, *best, after.parameter_std, after.not_excited)
 
 
-def expected_std(held: Continuation, offsets: FourierOffsets, seed: int = 0) -> Array:
-    """Standard deviations (10,) of the estimate from the recording and a motion together."""
+def expected_estimate(
+    held: Continuation, offsets: FourierOffsets, seed: int = 0
+) -> InertialEstimate:
+    """The estimate from the recording and a simulated recording of a motion together."""
     both = join_streams([held.streams, held.record(offsets, seed)])
-    return fit_body(both).to_estimate().parameter_std
+    return fit_body(both).to_estimate()
 
 
 def _candidates() -> Iterator[SimpleMotion]:
