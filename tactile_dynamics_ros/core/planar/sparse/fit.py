@@ -37,12 +37,16 @@ _PRIOR_LN_PRODUCT_STD = 3.0
 _STARTS = ((0.0, 0.0, 0.6), (0.4, 0.4, 0.35), (-0.4, -0.4, 0.35))
 """Centre of mass, in prior std (both axes), and tip friction at which fits begin: slip and stick
 make valleys. With the first alone a fit in ten ends in a worse one."""
-_ITERATIONS = 15
-"""Steps at most; five to eight suffice from these starts."""
+_ITERATIONS = 20
+"""Steps at most; five to ten suffice from these starts."""
+_SHORTER, _SHORTEST = 0.4, 0.05
+"""Factor of the step where the cost rose, and share of a step below which it has ended: the cost
+has kinks where tips begin to slip, so that the last falls take short steps or do not come."""
 _SCATTER_ROUNDS = 6
 """Fixed-point rounds for the scatter; the last changes it by less than a percent."""
 _IMMATERIAL = 0.05
-"""Step, in std of each number, below which the iteration has converged."""
+"""Change of the cost (twice the log posterior) below which the iteration has converged: a step of a
+fifth of a std."""
 _SAME = 0.5
 """Distance of two optima, in std, up to which they are the same."""
 _PATCH = 0.02
@@ -193,17 +197,15 @@ def _optimum(
         step = -np.linalg.solve(matrix, gradient + (best.common - mean) / np.square(std))
         size = float(np.max(np.abs(step) * np.sqrt(np.diag(matrix))))
         trial = _at(model, prior, best.common + share * step / max(1.0, size / 8.0))
-        if trial.cost < best.cost:
-            settled = best.cost - trial.cost < _IMMATERIAL and share == 1.0
+        fall = best.cost - trial.cost
+        if fall > 0.0:
             best, share = trial, min(1.0, 2.0 * share)
         else:
-            settled = size < _IMMATERIAL
-            share *= 0.4
-        if settled or share < 0.02:
+            share *= _SHORTER
+        settled = abs(fall) < _IMMATERIAL or share < _SHORTEST
+        if settled:
             break
-    return _Optimum(
-        best.common, best.cost, settled or share < 0.02, best.residual, best.slope, best.scatter
-    )
+    return _Optimum(best.common, best.cost, settled, best.residual, best.slope, best.scatter)
 
 
 def _at(model: Prediction, prior: tuple[Array, Array], common: Array) -> _Optimum:

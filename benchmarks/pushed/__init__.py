@@ -1,0 +1,1 @@
+"""Objects on a support that are pushed: accuracy, honesty, real measurements, peers, time."""
