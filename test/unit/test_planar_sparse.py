@@ -1,6 +1,8 @@
 """Estimates from poses before and after slow pushes, and from the work of fast ones."""
 
+from argparse import Namespace
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,9 +13,14 @@ from tactile_dynamics_ros.core.planar.sparse import fit as fit_module
 from tactile_dynamics_ros.core.planar.sparse import fit_sparse, product_between_rests
 from tactile_dynamics_ros.core.planar.sparse.pushes import cut_pushes
 from tactile_dynamics_ros.core.planar.sparse.residual_map import residual_map
+from tactile_dynamics_ros.recording.importers.goal_pushes_zhou2017 import (
+    GoalPushesZhou2017Importer,
+)
+from tactile_dynamics_ros.recording.importers.pushes_mit import PushesMitImporter
 from tactile_dynamics_ros.synthetic import pushed
 from tactile_dynamics_ros.synthetic.pushed.scene import STEP
 
+SHARED = Path(__file__).resolve().parents[3] / "shared" / "data"
 SLOW = pushed.ActionOptions(count=5, speed=(0.03, 0.04), travel=0.03, duration=1.0, pauses=0)
 FAST = pushed.ActionOptions(count=2, speed=(0.2, 0.25), travel=0.15, pauses=0, gap=0.002)
 
@@ -106,3 +113,28 @@ def test_the_map_names_the_direction_in_which_friction_differs(fit):
     assert first.stands_out and second.stands_out
     assert first.residual == second.residual == "ln_work"
     assert {first.group[:3], second.group[:3]} == {"0 d", "180"}
+
+
+@pytest.mark.parametrize("metal", ["Al", "St"])
+def test_real_pushes_at_speed_repeat_to_three_percent(metal):
+    path = SHARED / "pushes_mit" / "prelim_al_st_blocks.npz"
+    if not path.exists():
+        pytest.skip("../shared/data/pushes_mit is not on this machine")
+    values = [
+        product_between_rests(
+            PushesMitImporter().read(path, Namespace(push=f"{metal}_{k}")).streams
+        )
+        for k in range(1, 7)
+    ]
+    assert np.std(values, ddof=1) < 0.03 * np.mean(values)
+
+
+def test_lost_poses_of_goal_pushes_are_left_out_and_told():
+    path = SHARED / "goal_pushes_zhou2017" / "logs.npz"
+    if not path.exists():
+        pytest.skip("../shared/data/goal_pushes_zhou2017 is not on this machine")
+    recording = GoalPushesZhou2017Importer().read(path, Namespace(log=3))
+    link = recording.streams.links[0]
+    assert list(recording.problems.values()) == [19]
+    assert np.linalg.norm(link.pose[-1, :2] - [0.0, -0.3175]) < 0.01
+    assert np.linalg.norm(link.pose[:, :2], axis=1).min() > 0.1
