@@ -6,6 +6,7 @@ import asyncio
 import hmac
 import threading
 from concurrent.futures import Future
+from contextlib import suppress
 from http.cookies import SimpleCookie
 from urllib.parse import parse_qs, urlsplit
 
@@ -62,7 +63,8 @@ class Gate:
             return
         target, shown = _read_head(head.decode("latin-1"))
         if any(self._is_right(token) for token in shown):
-            await self._hand_on(head, reader, writer)
+            with suppress(asyncio.CancelledError):  # the gate closes
+                await self._hand_on(head, reader, writer)
         elif any(
             self._is_right(token) for token in parse_qs(urlsplit(target).query).get("token", [])
         ):
