@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from benchmarks.friction.generator import draw_surface, generate_events
 from benchmarks.local_terms import CASES, TRUE, ScalarModel, ask, make
 from tactile_dynamics_ros.core.discrepancy.comparison import compare
 from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
@@ -16,6 +17,8 @@ from tactile_dynamics_ros.core.discrepancy.regimes.search import RegimeSearch
 from tactile_dynamics_ros.core.effects.check import example_samples
 from tactile_dynamics_ros.core.effects.registry import create_effect, create_effects
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.friction.discrepancy_model import FrictionModel
+from tactile_dynamics_ros.core.friction.slip_table import tabulate_slips
 from tactile_dynamics_ros.core.inertia.diagnosis.discrepancy_model import HeldObjectModel
 from tactile_dynamics_ros.core.inertia.diagnosis.readings import fit_with_readings
 from tactile_dynamics_ros.core.numerics.regime import Regime, split_label
@@ -108,6 +111,19 @@ def test_compare_tells_the_regime_of_the_error_with_its_p_value():
     assert place["p_value"] < 1e-3
     assert place["share_of_error"] > 0.95
     assert not any("regime" in p for p in compare(fitted(make("none", 8))).to_json()["fails_where"])
+
+
+def test_skin_that_sticks_from_a_time_on_is_found_in_a_probe_and_not_gated_if_it_always_does():
+    slips = tabulate_slips(generate_events(draw_surface("none", 503), 503))
+    half = len(slips) // 2
+    later = (np.arange(len(slips)) >= half)[:, None]
+    sticky = replace(slips, tangential=slips.tangential + np.where(later, 0.12, 0.0))
+    diagnosis = diagnose(FrictionModel.fit(sticky))
+    assert diagnosis.effect == f"adhesion[{diagnosis.regime.gate}]"
+    time = slips.time - slips.time[0]
+    assert time[half - 3] <= diagnosis.regime.gate.low <= time[half + 2]
+    always = tabulate_slips(generate_events(draw_surface("adhesion", 502), 502))
+    assert diagnose(FrictionModel.fit(always)).effect == "adhesion"
 
 
 def test_drag_below_a_water_line_is_found_in_a_held_object_and_kept_out_of_its_mass():
