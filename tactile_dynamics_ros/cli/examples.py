@@ -22,7 +22,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "effects": ("effects", "effects viscous_drag"),
     "excite": ("excite --object box_0 --out motion.json", "excite run.mcap --out motion.json"),
     "import": ("import csv log.csv run.mcap",),
-    "shape": ("shape cloud.ply", "shape first.ply second.ply --align --out report"),
+    "shape": ("shape cloud.ply", "shape first.ply second.ply --align --out surface.ply"),
     "synthetic": ("synthetic held run.mcap --effect viscous_drag --seed 3",),
     "train": ("train biotac --units 2000 --out weights",),
     "calibrate": ("calibrate presses.mcap",),
