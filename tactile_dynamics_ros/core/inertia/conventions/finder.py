@@ -126,7 +126,8 @@ def _believe(
     equal = [
         one
         for one in fitted
-        if _is_equal(least, one) or (not noise and readings.ranks_equal(least.reading, one.reading))
+        if _is_equal(least, one)
+        or (not noise and _ranks_equal(least.reading, one.reading, readings))
     ]
     best = equal[0]
     if not _explains(best, recorded) and not _is_large(best.reading, ranking, readings):
@@ -208,6 +209,11 @@ def _is_equal(best: _Fitted, other: _Fitted) -> bool:
     """Whether a reading predicts held-out blocks as well as the best does."""
     close = other.error <= _AS_WELL * best.error
     return close and fits_equally(best.held_out, other.held_out)
+
+
+def _ranks_equal(best: Reading, other: Reading, readings: Readings) -> bool:
+    """Whether another convention leaves as little; forms of one are told by their fits."""
+    return other.name != best.name and readings.ranks_equal(best, other)
 
 
 def _explains(best: _Fitted, recorded: float) -> bool:
