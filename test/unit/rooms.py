@@ -128,6 +128,7 @@ ROOMS = {
             "core/friction",
             "core/numerics",
             "core/planar",
+            "core/planar/mechanics",
             "core/rigid_body",
             "core/robot",
             "core/streams",
