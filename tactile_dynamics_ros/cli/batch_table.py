@@ -67,9 +67,16 @@ def columns(verb: str) -> list[str]:
 
 def row(verb: str, answer: Answer) -> list[str]:
     """One recording's cells; those of its document are empty without an answer."""
-    cells = _COLUMNS[verb].values()
-    said = [cell(answer.document) if answer.document else "" for cell in cells]
+    said = [_told(cell, answer.document) for cell in _COLUMNS[verb].values()]
     return [answer.recording, answer.status, *said, f"{answer.seconds:.1f}", answer.message]
+
+
+def _told(cell: Callable[[Document], str], document: Document) -> str:
+    """A cell of a document; empty where the document is none, or of another model."""
+    try:
+        return cell(document)
+    except (KeyError, TypeError):
+        return ""
 
 
 def write_index(verb: str, answers: Sequence[Answer], folder: Path) -> Path:

@@ -7,6 +7,7 @@ import pytest
 from synthetic_recording import held_box
 
 from tactile_dynamics_ros.cli import batch_jobs
+from tactile_dynamics_ros.cli.batch_table import row
 from tactile_dynamics_ros.cli.main import main
 
 SAID = {
@@ -101,6 +102,11 @@ def test_the_verb_itself_is_asked_in_a_process_of_its_own(tmp_path, capfd):
     good, bad = json.loads(capfd.readouterr().out)
     assert good["status"] == "done" and good["estimate"]["mass"]["value"] > 0.0
     assert bad["status"] == "bad input" and "bad.mcap" in bad["message"]
+
+
+def test_a_document_of_another_model_leaves_cells_empty():
+    answer = batch_jobs.Answer("push.mcap", ".", "done", 1.0, {"model": "pushed", "links": []})
+    assert row("estimate", answer)[:3] == ["push.mcap", "done", ""]
 
 
 def test_nothing_that_matches_is_bad_input(tmp_path, capsys):
