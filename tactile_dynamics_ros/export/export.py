@@ -84,10 +84,12 @@ def _remarks(estimate: InertialEstimate, source: str, form: str) -> list[str]:
     """Return what a reader of the block should know."""
     std = estimate.parameter_std
     centre = ", ".join(f"{1e3 * one:.2g}" for one in std[1:4])
+    moments = ", ".join(f"{one:.2g}" for one in std[[4, 6, 9]])
     lines = [
         f"estimated from {source or 'a recording'}: {estimate.duration:.1f} s, error "
         f"{estimate.error.whitened_rms:.2f} times the sensor noise",
-        f"standard deviations: mass {std[0]:.2g} kg, centre of mass {centre} mm",
+        f"standard deviations: mass {std[0]:.2g} kg, centre of mass {centre} mm, moments of "
+        f"inertia {moments} kg m^2",
         "frame: that of the object's pose in the recording; inertia about the centre of mass",
     ]
     if form in _ON_FLANGE:
