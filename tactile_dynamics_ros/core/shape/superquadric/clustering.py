@@ -1,4 +1,4 @@
-"""Which points belong together, and how noisy they are."""
+"""Clouds: which points belong together, how noisy they are, and in which frame they are read."""
 
 from __future__ import annotations
 
@@ -60,3 +60,30 @@ def camera_noise(points: Array) -> float:
     patch = points[cKDTree(points).query(chosen, count)[1]]
     values = np.linalg.svd(patch - patch.mean(axis=1, keepdims=True), compute_uv=False)
     return float(np.median(values[:, 2]) / np.sqrt(max(count - 3, 1)))
+
+
+def own_frame(points: Array, upright: bool) -> Array:
+    """Return the pose X (4, 4) of a frame that moves and turns with a cloud.
+
+    Its axes are the principal ones, the longest first; each points to the side of the longer tail
+    (a positive third moment).
+
+    Args:
+        points: (N, 3) m.
+        upright: whether z, and the height z = 0, stay those of the world.
+    """
+    count = 2 if upright else 3
+    middle = points[:, :count].mean(axis=0)
+    apart = points[:, :count] - middle
+    axes = np.linalg.eigh(apart.T @ apart)[1][:, ::-1]
+    axes = axes * np.where(np.sum((apart @ axes) ** 3, axis=0) < 0.0, -1.0, 1.0)
+    if np.linalg.det(axes) < 0.0:
+        axes[:, -1] *= -1.0
+    frame = np.eye(4)
+    frame[:count, :count], frame[:count, 3] = axes, middle
+    return frame
+
+
+def into(frame: Array, points: Array) -> Array:
+    """Return points (N, 3) of the world in a frame (4, 4)."""
+    return np.asarray((points - frame[:3, 3]) @ frame[:3, :3])

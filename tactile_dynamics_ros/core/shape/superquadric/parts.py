@@ -10,9 +10,14 @@ from scipy.spatial import ConvexHull, cKDTree
 
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.shape.superquadric.ascent import maximise, maximise_all
-from tactile_dynamics_ros.core.shape.superquadric.clustering import camera_noise, clusters, reach_of
+from tactile_dynamics_ros.core.shape.superquadric.clustering import (
+    camera_noise,
+    clusters,
+    into,
+    own_frame,
+    reach_of,
+)
 from tactile_dynamics_ros.core.shape.superquadric.mixture import Mixture
-from tactile_dynamics_ros.core.shape.superquadric.own_frame import into, own_frame
 from tactile_dynamics_ros.core.shape.superquadric.recovery import (
     LEAST_POINTS,
     Recovery,

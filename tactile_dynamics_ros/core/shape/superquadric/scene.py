@@ -8,8 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.shape.superquadric.clustering import camera_noise, clusters
-from tactile_dynamics_ros.core.shape.superquadric.own_frame import into, own_frame
+from tactile_dynamics_ros.core.shape.superquadric.clustering import (
+    camera_noise,
+    clusters,
+    into,
+    own_frame,
+)
 from tactile_dynamics_ros.core.shape.superquadric.parts import (
     TableObject,
     find_objects,
