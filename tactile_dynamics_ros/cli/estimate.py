@@ -10,13 +10,20 @@ from typing import TYPE_CHECKING, Any
 
 from tactile_dynamics_ros.cli.recordings import (
     add_recording_arguments,
+    model_of,
     read_effects,
     read_recording,
 )
-from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 
 if TYPE_CHECKING:
     from tactile_dynamics_ros.api.estimates import Estimate
+
+_HELD_ONLY = (
+    *("effects", "out", "export", "tool", "prior"),
+    *("save", "remap", "between", "assume", "world_frame"),
+)
+"""Options that mean nothing for an object on a support."""
 
 
 def add_parser(verbs: _SubParsersAction[Any]) -> None:
@@ -44,11 +51,19 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
     parser.add_argument(
         "--save", metavar="FILE", help="write what is known of the body now, for --tool or --prior"
     )
+    parser.add_argument(
+        "--model",
+        choices=("auto", "held", "pushed"),
+        default="auto",
+        help="what the object is: held, or pushed on a support; auto decides by the topics",
+    )
     parser.set_defaults(run=run)
 
 
 def run(args: Namespace) -> int:
     """Estimate and print; the exit code is 3 where the numbers are no answer."""
+    if model_of(args) == "pushed":
+        return _estimate_pushed(args)
     from tactile_dynamics_ros.api.verbs import estimate
 
     found = estimate(read_recording(args), read_effects(args), tool=args.tool, prior=args.prior)
@@ -63,6 +78,30 @@ def run(args: Namespace) -> int:
     found.require_answer()
     if args.save:
         print(f"saved: {found.save(args.save)}", file=sys.stderr)
+    return 0
+
+
+def _estimate_pushed(args: Namespace) -> int:
+    """Estimate what was pushed or pulled over a support, and print.
+
+    Raises:
+        BadInputError: an option is asked for that holds for held objects only.
+        NotIdentifiableError: the recording does not tell the friction force.
+    """
+    from tactile_dynamics_ros.core.planar.properties.estimate import estimate
+    from tactile_dynamics_ros.recording.pushed import PushedRecording
+
+    asked = [name for name in _HELD_ONLY if getattr(args, name)]
+    if asked or len(args.bag) > 1:
+        what = f"--{asked[0].replace('_', '-')}" if asked else "several recordings"
+        raise BadInputError(f"{what}: not for an object on a support; leave it out")
+    recording = PushedRecording.from_bag(args.bag[0])
+    for line in recording.problem_lines():
+        print(f"note: {line}", file=sys.stderr)
+    found = estimate(recording)
+    print(json.dumps(found.to_document()) if args.json else "\n".join(found.lines()))
+    if not found.is_answer:
+        raise NotIdentifiableError("the friction force is undetermined; push further")
     return 0
 
 

@@ -84,6 +84,19 @@ def add_effect_file(parser: ArgumentParser) -> None:
     )
 
 
+def model_of(args: Namespace) -> str:
+    """Return "pushed" or "held", as the option says or as the topics of the recording tell.
+
+    Raises:
+        BadInputError: there is no recording at the path.
+    """
+    from tactile_dynamics_ros.recording.pushed import recorded_model
+
+    chosen = str(getattr(args, "model", "auto"))
+    first = args.bag if isinstance(args.bag, str) else args.bag[0]
+    return recorded_model(first) if chosen == "auto" else chosen
+
+
 def read_recording(args: Namespace) -> Recording:
     """Read the recordings that the arguments name; problems go to stderr, one line each.
 
@@ -99,6 +112,10 @@ def read_recording(args: Namespace) -> Recording:
     bags = [args.bag] if isinstance(args.bag, str) else list(args.bag)
     if span and len(bags) > 1:
         raise BadInputError(f"--between cuts one recording; {len(bags)} are given")
+    if model_of(args) == "pushed":
+        raise BadInputError(
+            f"{bags[0]}: an object on a support; only `tactile-dynamics estimate` answers for those"
+        )
     recordings = [_read(bag, args) for bag in bags]
     recording = _part(recordings[0], *span) if span else Recording.join(recordings)
     for name in getattr(args, "assume", []):

@@ -82,6 +82,10 @@ ROOMS = {
         "motion of links on a support with Coulomb friction, under a tip or a grip"
     ),
     "core/planar/actions": Room("pushes and pulls as paths of a gripper", ("core/rigid_body",)),
+    "core/planar/properties": Room(
+        "the door to estimates of pushed objects; mass, friction and centre on a latent motion",
+        ("core/planar", "core/planar/mechanics", "core/planar/sparse"),
+    ),
     "core/planar/sparse": Room(
         "friction force and centre of mass from poses before and after pushes",
         ("core/planar", "core/planar/mechanics"),
@@ -198,6 +202,7 @@ ROOMS = {
             _INERTIA + "residuals",
             "core/manipulation",
             "core/planar/actions",
+            "core/planar/properties",
             "core/rigid_body",
             "core/robot",
             "core/shape",

@@ -15,9 +15,8 @@ from tactile_dynamics_ros.core.discrepancy.model.least_squares import LeastSquar
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import Condition, Family, Residuals
 from tactile_dynamics_ros.core.effects.parameter import EffectParameter
 from tactile_dynamics_ros.core.friction.effects import FRICTION, FrictionEffect
-from tactile_dynamics_ros.core.friction.gated import slip_scalars
 from tactile_dynamics_ros.core.friction.separating_slips import plan_slips
-from tactile_dynamics_ros.core.friction.slip_table import SlipTable
+from tactile_dynamics_ros.core.friction.slip_table import SlipTable, slip_scalars
 
 Array = NDArray[np.float64]
 

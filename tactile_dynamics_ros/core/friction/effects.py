@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.core.effects.catalogue import CatalogueEntry, entry_of
 from tactile_dynamics_ros.core.effects.parameter import EffectParameter
 from tactile_dynamics_ros.core.effects.registry import EffectRegistry
-from tactile_dynamics_ros.core.friction.gated import gate_friction
-from tactile_dynamics_ros.core.friction.slip_table import SlipTable
+from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.friction.slip_table import SlipTable, slip_scalars
+from tactile_dynamics_ros.core.numerics.regime import Regime
 
 Array = NDArray[np.float64]
 
@@ -22,11 +23,6 @@ slides of a probe have 3 to 14 mm/s. Another one only shifts the coefficient tha
 STATIC, KINETIC = 0, 1
 """Columns of the forces of a slip: just before it began, and while it went on. They number the
 arrays of a `SlipTable` and mean nothing elsewhere."""
-
-
-FRICTION: EffectRegistry[FrictionEffect] = EffectRegistry("friction", gate=gate_friction)
-"""Effects that Coulomb's law of a probed surface may lack. Without it the diagnosis of a surface
-has no effects to name."""
 
 
 class FrictionEffect(ABC):
@@ -60,6 +56,51 @@ class FrictionEffect(ABC):
     def curvature(self, slips: SlipTable, mu: Array) -> Array:
         """Columns (N, 2, m) that the effect also fills where it is too large to be linear."""
         return np.zeros((*slips.normal.shape, 0))
+
+
+def _inside(regime: Regime, slips: SlipTable) -> NDArray[np.bool_]:
+    """(N,) slips of a regime.
+
+    Raises:
+        BadInputError: slips have no scalar of that symbol.
+    """
+    known = slip_scalars(slips)
+
+    def values(symbol: str) -> Array:
+        if symbol not in known:
+            raise BadInputError(f"regime: '{symbol}' is unknown; there are {', '.join(known)}")
+        return known[symbol][2]
+
+    return regime.inside(values)
+
+
+def _gated(effect: FrictionEffect, regime: Regime) -> FrictionEffect:
+    """An effect on the slips of a regime, with the name ``name[regime]``."""
+    kind = type(effect)
+
+    def factor(self: FrictionEffect, slips: SlipTable, theta: Array) -> Array:
+        """Factor of the effect, 1 outside."""
+        acts = _inside(regime, slips)[:, None]
+        return np.where(acts, kind.factor(self, slips, theta), 1.0)
+
+    def term(self: FrictionEffect, slips: SlipTable, mu: Array, theta: Array) -> Array:
+        """Term of the effect, 0 outside."""
+        return np.where(_inside(regime, slips)[:, None], kind.term(self, slips, mu, theta), 0.0)
+
+    def curvature(self: FrictionEffect, slips: SlipTable, mu: Array) -> Array:
+        """Columns of the effect, 0 outside."""
+        acts = _inside(regime, slips)[:, None, None]
+        return np.where(acts, kind.curvature(self, slips, mu), 0.0)
+
+    body = {"factor": factor, "term": term, "curvature": curvature}
+    name = f"{effect.name}[{regime}]"
+    gated: FrictionEffect = type("Gated" + kind.__name__, (kind,), {**body, "name": name})()
+    return gated
+
+
+FRICTION: EffectRegistry[FrictionEffect] = EffectRegistry("friction", gate=_gated)
+"""Effects that Coulomb's law of a probed surface may lack. Without it the diagnosis of a surface
+has no effects to name."""
 
 
 @FRICTION.register

@@ -102,3 +102,16 @@ def event_from_values(values: Mapping[str, str]) -> SlipEvent:
     except (KeyError, ValueError) as error:
         raise BadInputError(f"/friction_probe/slip: {error!r}; expected all of a slip") from error
     return SlipEvent(**found)  # type: ignore[arg-type]
+
+
+def slip_scalars(slips: SlipTable) -> dict[str, tuple[str, str, Array]]:
+    """Name, unit and values (N,) of what a slip went through, by symbol.
+
+    `t` (time), `N` (normal force), `v` (sliding speed) and `phi` (direction of the pull).
+    """
+    return {
+        "t": ("time", "s", slips.time - slips.time[0]),
+        "N": ("normal force", "N", slips.normal[:, 0]),
+        "v": ("sliding speed", "m/s", slips.speed),
+        "phi": ("direction", "deg", np.degrees(np.mod(slips.angle, 2.0 * np.pi))),
+    }

@@ -1,0 +1,1 @@
+"""Mass, friction and centre of mass of links from recorded pushes and pulls."""

@@ -1,0 +1,302 @@
+"""Maximum a posteriori fit of one pushed link on its latent motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.errors import NotIdentifiableError
+from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
+from tactile_dynamics_ros.core.planar.properties.bordered import (
+    NormalEquations,
+    Solution,
+    minimise,
+)
+from tactile_dynamics_ros.core.planar.properties.intervals import Intervals, cut_intervals
+from tactile_dynamics_ros.core.planar.properties.push_model import (
+    NAMES,
+    Kinematics,
+    PushModel,
+    Sharpness,
+    add_poses,
+    add_smoothness,
+)
+from tactile_dynamics_ros.core.planar.streams import PushedStreams
+
+Array = NDArray[np.float64]
+
+_STEADY = (0.05, 0.05, 1.0)
+"""Accelerations that the first guess of the motion takes for steady, m/s^2 and rad/s^2: a fifth of
+what an arm needs to reach 30 mm/s in 0.1 s. Larger ones leave noise in the velocities, of which
+friction then has the wrong direction."""
+_MOTION_ROUNDS = 8
+"""Rounds of reweighting of the first guess; after six the velocities change by less than 1 %."""
+_LEAST_SPREAD = (0.5, 0.5, 10.0)
+"""Accelerations allowed where nothing is modelled and nothing touches, m/s^2 and rad/s^2: what
+turns out during a slide to a stop. A tenth holds the object back while it still slides."""
+_FREE = 5.0
+"""Accelerations allowed around touches whose friction is not modelled, m/s^2: a coefficient of 0.5.
+Without a limit the motion takes paths there that no object takes; at 2 masses come out too low."""
+_AROUND = 3
+"""Intervals around touches in which that is so: an arm that stops within 20 ms."""
+_START = 0.3
+"""Friction coefficient at which the fit begins; from 0.15 and 0.8 the stages lead to the same
+place."""
+_STAGES = ((2e-2, 30.0, 8), (5e-3, 10.0, 8), (2e-3, 3.0, 8), (5e-4, 1.0, 40))
+"""Slip speed, m/s, floor over its final value, and iterations of each stage; slip is for 50 mm/s
+and slower in proportion below. Straight at the last one the fit sticks at signs that noise
+decides."""
+_VARIATIONS = (0.003, 0.03, 0.1)
+"""Relative variation of friction from place to place that is tried; real tables have 0.08 to
+0.13."""
+_FIRST_VARIATION = 0.03
+"""The one with which fits begin, the middle."""
+_VOLUME_ROUNDS = 2
+"""Refits with a new slope of the volume of motions; the second moves masses by a tenth of the
+first."""
+_REFIT = 30
+"""Iterations of a refit with another variation; from a neighbour's optimum 6 to 15 suffice."""
+_SLIDING_SPEED, _SLIDING_SHARE = 0.02, 0.4
+"""Speed of the footprint from which it slides all over, m/s, or as share of the fast tenth if that
+is less. Slower intervals may stick in part."""
+_LEAST_INTERVALS = 10
+"""Intervals of sliding below which nothing is said: a tenth of a second at 100 Hz."""
+_LOOSE = 1e-6
+"""Information on every node beside the data, in units of one pose: the delay may leave the
+outermost node of a segment without any. A millionth changes no interval."""
+_TOLERANCE = 3e-2
+"""Fall of the cost (twice the log probability) that is immaterial: 0.03 of a std squared; at a
+third of it fits take twice as long and move by less than 0.1 std."""
+_WIDTH = 2.0
+"""By how much std of mass and inertia are widened: on twelve recordings made for tuning their
+errors were up to twice as large as the curvature of the optimum says, as noise of accelerations is
+no Gaussian of small width. At 1 one in five intervals of 90 % misses."""
+_PENDING = 0.5
+"""Step that the optimiser would still take, in std of the common numbers taken together, up to
+which its result is an answer; the step is in the interval."""
+
+
+@dataclass(frozen=True, eq=False)
+class PushFit:
+    """Common numbers of one link, averaged over variations of friction by evidence.
+
+    Attributes:
+        model: residuals with their final mask. nodes: (N, 6) of the likeliest variation.
+        common: (p,) by `NAMES`. covariance: (p, p), widened by the misfit.
+        whitened_rms: error over the noise, 1 where only noise remains.
+        variation: relative, of friction from place to place.
+        converged: whether the optimiser had next to nothing left to do.
+    """
+
+    model: PushModel
+    nodes: Array
+    common: Array
+    covariance: Array
+    whitened_rms: float
+    variation: float
+    converged: bool
+
+    def std(self, index: int) -> float:
+        """Standard deviation of one of the common numbers."""
+        return float(np.sqrt(self.covariance[index, index]))
+
+
+@dataclass(frozen=True, eq=False)
+class _Optimum:
+    solution: Solution
+    covariance: Array
+    evidence: float
+    pending: float
+    variation: float
+
+    @property
+    def misfit(self) -> float:
+        """Root of the cost over rows less unknowns: error of one-step predictions over its std."""
+        equations = self.solution.equations
+        unknowns = self.solution.nodes.size + len(self.solution.common)
+        return float(np.sqrt(equations.cost / max(equations.rows - unknowns, 1)))
+
+
+def fit_push(streams: PushedStreams) -> PushFit:
+    """Fit the first link.
+
+    Args:
+        streams: forces, contact points and poses at 5 Hz or more.
+
+    Raises:
+        BadInputError: nothing is touched while poses are known.
+        NotIdentifiableError: nothing slides long enough.
+    """
+    cut = cut_intervals(streams)
+    patch = SupportPatch(np.asarray(streams.links[0].footprint, dtype=float))
+    nodes, spread = _first_motion(cut)
+    model = _prepared(streams, cut, patch, nodes, spread)
+    found = _staged(model, nodes)
+    return _averaged(model, [_optimum(model, found, variation) for variation in _VARIATIONS])
+
+
+def _first_motion(cut: Intervals) -> tuple[Array, Array]:
+    """Nodes of a motion through the poses whose velocity changes little, but for a few moments.
+
+    Also returns the spread (N, 3) of its accelerations, m/s^2 and rad/s^2.
+    """
+    poses = cut.poses[0]
+    nodes = np.zeros((len(cut), 6))
+    for axis in range(3):
+        nodes[:, axis] = np.interp(cut.time, poses.time, poses.value[:, axis])
+    middle = np.flatnonzero(cut.inner)
+    spread = np.tile(_STEADY, (len(cut), 1)) * 10.0
+    loose = np.broadcast_to(np.repeat([1e-3, 1.0], 3), nodes.shape)
+    for _ in range(_MOTION_ROUNDS):
+        equations = NormalEquations(len(nodes), 6, len(NAMES))
+        add_poses(equations, cut, nodes, np.zeros(len(NAMES)))
+        add_smoothness(equations, nodes, middle, spread[middle] * cut.step**2)
+        step, _ = equations.factor(loose, np.ones(len(NAMES))).step()
+        nodes = nodes + step
+        curve = nodes[middle - 1, :3] - 2.0 * nodes[middle, :3] + nodes[middle + 1, :3]
+        spread[middle] = np.sqrt(0.5 * (np.square(curve / cut.step**2) + np.square(_STEADY)))
+    return nodes, spread
+
+
+def _foot_speed(patch: SupportPatch, kinematics: Kinematics) -> Array:
+    """Root mean square speed (N,) of the footprint, m/s."""
+    yaw, rate = kinematics.pose[:, 2], kinematics.velocity[:, 2]
+    x, y = patch.centroid
+    u = kinematics.velocity[:, 0] - rate * (np.sin(yaw) * x + np.cos(yaw) * y)
+    v = kinematics.velocity[:, 1] + rate * (np.cos(yaw) * x - np.sin(yaw) * y)
+    plate = patch.share @ np.sum(patch.offset**2, axis=1)
+    return np.asarray(np.sqrt(u * u + v * v + plate * rate * rate))
+
+
+def _speeds(cut: Intervals, patch: SupportPatch, nodes: Array) -> Array:
+    speed = np.zeros(len(cut))
+    middle = np.flatnonzero(cut.inner)
+    speed[middle] = _foot_speed(patch, Kinematics.of_nodes(nodes, middle, cut.step))
+    return speed
+
+
+def _near(flags: NDArray[np.bool_], distance: int) -> NDArray[np.bool_]:
+    rolled = [np.roll(flags, k) for k in range(-distance, distance + 1)]
+    return np.asarray(np.any(rolled, axis=0))
+
+
+def _sliding(cut: Intervals, patch: SupportPatch, nodes: Array) -> NDArray[np.bool_]:
+    """Intervals that slide all over, but for those next to a touch or a release."""
+    speed = _speeds(cut, patch, nodes)
+    fast = float(np.percentile(speed[cut.touching], 90))
+    slides = (speed > min(_SLIDING_SPEED, _SLIDING_SHARE * fast)) & cut.measured & cut.inner
+    change = np.diff(cut.touching.astype(int), prepend=0) != 0
+    return np.asarray(slides & ~_near(change, 1))
+
+
+def _prepared(
+    streams: PushedStreams, cut: Intervals, patch: SupportPatch, nodes: Array, spread: Array
+) -> PushModel:
+    mask = _sliding(cut, patch, nodes)
+    if int(mask.sum()) < _LEAST_INTERVALS:
+        raise NotIdentifiableError(
+            f"the object slides in {int(mask.sum())} intervals of {cut.step:g} s only, expected "
+            f"{_LEAST_INTERVALS} at least; push it further"
+        )
+    height = float(np.median(cut.point[cut.touching, 2]))
+    known = streams.com_height is not None and streams.com_height_std is not None
+    com_height = streams.com_height[0] if streams.com_height is not None else height
+    std = streams.com_height_std[0] if known and streams.com_height_std else 0.3 * height + 1e-3
+    plate = float(np.sqrt(patch.share @ np.sum(patch.offset**2, axis=1)))
+    moved = np.linalg.norm(np.diff(nodes[:, :2], axis=0), axis=1)
+    free = np.array([_FREE, _FREE, _FREE / plate])
+    near = _near(cut.touching, _AROUND)[:, None]
+    return PushModel(
+        intervals=cut,
+        patch=patch,
+        gravity=streams.gravity,
+        com_height=com_height,
+        com_height_std=std,
+        mask=mask,
+        travelled=moved + plate * np.abs(np.diff(nodes[:, 2])),
+        spread=np.where(near, free, np.maximum(3.0 * spread, _LEAST_SPREAD)),
+    )
+
+
+def _scales(model: PushModel) -> tuple[Array, Array]:
+    return np.append(model.intervals.poses[0].std, [0.01, 0.01, 0.01]), model.prior[1]
+
+
+def _sharpness(model: PushModel, nodes: Array, stage: int, variation: float) -> Sharpness:
+    speed = _speeds(model.intervals, model.patch, nodes)
+    share = min(1.0, float(np.median(speed[model.mask])) / 0.05)
+    slip, floor, _ = _STAGES[stage]
+    return Sharpness(slip * share, floor, variation)
+
+
+def _staged(model: PushModel, nodes: Array) -> Solution:
+    """Fit through all stages."""
+    common = model.prior[0].copy()
+    common[0] = np.log(model.typical_force / -model.gravity[2])
+    common[1] = common[0] - np.log(_START)
+    start, found = nodes, None
+    for stage, (_, _, iterations) in enumerate(_STAGES):
+        sharp = _sharpness(model, start, stage, _FIRST_VARIATION)
+        found = _minimised(model, nodes, common, sharp, iterations)
+        nodes, common = found.nodes, found.common
+    assert found is not None
+    return found
+
+
+def _minimised(
+    model: PushModel,
+    nodes: Array,
+    common: Array,
+    sharp: Sharpness,
+    iterations: int,
+    slope: Array | None = None,
+) -> Solution:
+    linearise = partial(model.linearise, sharp=sharp, slope=slope)
+    return minimise(linearise, nodes, common, *_scales(model), iterations, _TOLERANCE)
+
+
+def _optimum(model: PushModel, start: Solution, variation: float) -> _Optimum:
+    """Refit with another variation of friction, with its evidence."""
+    sharp = _sharpness(model, start.nodes, len(_STAGES) - 1, variation)
+    found = start
+    for _ in range(_VOLUME_ROUNDS):
+        slope = model.volume_slope(found.nodes, found.common, sharp)
+        found = _minimised(model, found.nodes, found.common, sharp, _REFIT, slope)
+    node_scale, _ = _scales(model)
+    loose = np.broadcast_to(_LOOSE / np.square(node_scale), found.nodes.shape)
+    factor = found.equations.factor(loose, np.zeros(len(found.common)))
+    _, std = model.memory(sharp)
+    volume = 3.0 * (float(np.sum(np.log(std))) + np.log(variation))
+    evidence = -0.5 * (found.equations.cost + factor.log_determinant) - volume
+    covariance = factor.covariance
+    _, step = factor.step()
+    pending = float(np.sqrt(step @ np.linalg.solve(covariance, step)))
+    return _Optimum(found, covariance + np.outer(step, step), evidence, pending, variation)
+
+
+def _averaged(model: PushModel, trials: list[_Optimum]) -> PushFit:
+    """Mean over variations by their evidence."""
+    evidence = np.array([trial.evidence for trial in trials])
+    weight = np.exp(evidence - evidence.max())
+    weight /= weight.sum()
+    likeliest = trials[int(np.argmax(weight))]
+    common = np.sum([w * t.solution.common for w, t in zip(weight, trials, strict=True)], axis=0)
+    covariance = np.zeros((len(common), len(common)))
+    for w, trial in zip(weight, trials, strict=True):
+        away = trial.solution.common - common
+        covariance += w * (max(1.0, trial.misfit**2) * trial.covariance + np.outer(away, away))
+    width = np.ones(len(common))
+    width[[NAMES.index("ln_mass"), NAMES.index("ln_inertia")]] = _WIDTH
+    covariance *= np.outer(width, width)
+    return PushFit(
+        model=model,
+        nodes=likeliest.solution.nodes,
+        common=common,
+        covariance=covariance,
+        whitened_rms=likeliest.misfit,
+        variation=likeliest.variation,
+        converged=likeliest.solution.settled or likeliest.pending < _PENDING,
+    )

@@ -1,0 +1,403 @@
+"""Newton-Euler equations of one pushed link per interval, on a latent motion.
+
+The motion has one control point per interval of a quadratic B-spline, so that accelerations are
+constant over an interval. Beside it each node carries how friction differs there from its mean: a
+relative change and a shift of the centre of pressure, which vary over the distance travelled.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.planar.mechanics.linkage import cross, turned
+from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch, tipping_shift
+from tactile_dynamics_ros.core.planar.properties.bordered import NormalEquations
+from tactile_dynamics_ros.core.planar.properties.intervals import Intervals
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+NAMES = (
+    "ln_product", "ln_mass", "com_x", "com_y", "ln_inertia", "push_height", "com_height",
+    "point_x", "point_y", "ln_scale", "delay",
+)  # fmt: skip
+"""Numbers common to all intervals: ln of mass times friction (kg) and of the mass, centre of mass
+from the footprint's centroid (m), ln of the inertia over that of an even plate, errors of the
+height of the push and of the contact point (m), height of the centre of mass (m), ln of the size of
+the part that carries, delay of the forces (s)."""
+USUAL_FRICTION, FRICTION_SPREAD = 0.3, 0.6
+"""Median of friction coefficients and standard deviation of their logarithm before any data: 68 %
+between 0.16 and 0.55, from Teflon to wood. It is all that is said of the mass where nothing
+accelerates; half the spread would make such masses look known to 30 %."""
+_INERTIA_SPREAD = 0.3
+"""Standard deviation of ln(inertia over that of an even plate): a rim has 1.5 to 2 times that of a
+plate, a solid lump in the middle half of it. Wider changes masses of shapely objects by little."""
+_HEIGHT_STD, _POINT_STD = 2e-3, 5e-4
+"""What the height and the place of the push are off by, m: of a calibrated arm. An unstated error
+of 5 mm in height shifts the mass by 12 % and leaves no trace in the residuals."""
+_SCALE_SPREAD = 0.03
+"""Standard deviation of ln(size of the part that carries over the footprint): of flat faces. Feet
+or a rim are an effect of their own."""
+_DELAY_STD = 5e-3
+"""Delay between the clocks of force and pose, s: half a sample at 100 Hz."""
+_VOLUME_STEP = 0.02
+"""Change of a logarithm for a difference quotient; half or double changes slopes by 1 %."""
+_LOOSE = 1e-6
+"""Information on every node beside the data, in units of one pose: places that nothing tells, such
+as those of nodes before the first pose. A millionth changes no interval."""
+_DISTANCE = 0.02
+"""Distance over which friction stays alike, m: grain and wear of tables. Twice as long widens
+products of short pushes by 1.3."""
+
+
+@dataclass(frozen=True)
+class Sharpness:
+    """How strictly a stage of the fit takes the model.
+
+    Attributes:
+        slip: m/s below which friction falls. floor: of the model's error over its final value.
+        variation: relative standard deviation of friction from place to place.
+    """
+
+    slip: float
+    floor: float
+    variation: float
+
+
+@dataclass(frozen=True, eq=False)
+class Kinematics:
+    """Pose, velocity, acceleration (N, 3) of the link's frame, and how friction differs (N, 3)."""
+
+    pose: Array
+    velocity: Array
+    acceleration: Array
+    local: Array
+
+    @classmethod
+    def of_nodes(cls, nodes: Array, middle: NDArray[np.intp], step: float) -> Kinematics:
+        """At the middle of intervals, from nodes (N, 6) of control points and friction."""
+        before, here, after = (nodes[middle + k, :3] for k in (-1, 0, 1))
+        return cls(
+            (before + 6.0 * here + after) / 8.0,
+            (after - before) / (2.0 * step),
+            (before - 2.0 * here + after) / step**2,
+            nodes[middle, 3:],
+        )
+
+    def stacked(self) -> Array:
+        """(N, 12)."""
+        return np.concatenate([self.pose, self.velocity, self.acceleration, self.local], axis=1)
+
+    @classmethod
+    def of_stacked(cls, values: Array) -> Kinematics:
+        """Inverse of `stacked`."""
+        return cls(values[:, :3], values[:, 3:6], values[:, 6:9], values[:, 9:])
+
+
+Friction = Callable[[Array, Array, float], Array]
+"""Wrench (N, 3) on the object per newton of load times coefficient, about the centroid, link axes,
+from the twist (N, 3) there, the centre of pressure (N, 2) from it, and the scale."""
+
+
+@dataclass(frozen=True, eq=False)
+class PushModel:
+    """Residuals of one link.
+
+    Attributes:
+        intervals: forces and poses. patch: footprint. gravity: (3,) m/s^2.
+        com_height, com_height_std: m, before the data.
+        mask: (N,) intervals whose equations count; elsewhere the motion is smooth.
+        travelled: (N - 1,) m between nodes. spread: (N, 3) accelerations allowed elsewhere.
+    """
+
+    intervals: Intervals
+    patch: SupportPatch
+    gravity: Array
+    com_height: float
+    com_height_std: float
+    mask: Mask
+    travelled: Array
+    spread: Array
+
+    @cached_property
+    def plate(self) -> float:
+        """Inertia over mass of an even plate about its centroid, m^2."""
+        return float(self.patch.share @ np.sum(self.patch.offset**2, axis=1))
+
+    @cached_property
+    def prior(self) -> tuple[Array, Array]:
+        """Mean and standard deviation of the common numbers, but of the first two."""
+        reach = 0.5 * np.sqrt(self.plate)
+        mean = np.zeros(len(NAMES))
+        mean[NAMES.index("com_height")] = self.com_height
+        std = np.array(
+            [3.0, 3.0, reach, reach, _INERTIA_SPREAD, _HEIGHT_STD, self.com_height_std]
+            + [_POINT_STD, _POINT_STD, _SCALE_SPREAD, _DELAY_STD]
+        )
+        return mean, std
+
+    @cached_property
+    def typical_force(self) -> float:
+        """Median horizontal force while something is touched, N."""
+        horizontal = np.linalg.norm(self.intervals.force[:, :2], axis=1)
+        return float(np.median(horizontal[self.intervals.touching]))
+
+    @cached_property
+    def middle(self) -> NDArray[np.intp]:
+        """Nodes whose equations count."""
+        return np.flatnonzero(self.mask & self.intervals.inner)
+
+    def linearise(
+        self, nodes: Array, common: Array, sharp: Sharpness, slope: Array | None = None
+    ) -> NormalEquations:
+        """Normal equations of dynamics, poses, local friction, prior and `volume_slope`."""
+        equations = self.equations_of_motion(nodes, common, sharp)
+        if slope is not None:
+            equations.add_slope(slope, common)
+        add_poses(equations, self.intervals, nodes, common)
+        self._add_local(equations, nodes, sharp)
+        self._add_prior(equations, common)
+        return equations
+
+    def equations_of_motion(self, nodes: Array, common: Array, sharp: Sharpness) -> NormalEquations:
+        """Normal equations of the dynamics alone, and of smoothness where they do not count."""
+        equations = NormalEquations(len(nodes), 6, len(common))
+        self._add_dynamics(equations, nodes, common, sharp)
+        elsewhere = np.flatnonzero(~self.mask & self.intervals.inner)
+        add_smoothness(equations, nodes, elsewhere, self.spread[elsewhere] * self.intervals.step**2)
+        return equations
+
+    def volume_slope(self, nodes: Array, common: Array, sharp: Sharpness) -> Array:
+        """Slope (p,) of what the likeliest motion leaves out of the probability of the numbers.
+
+        Forces cause the motion: any force is as likely as any other beforehand, not any motion.
+        With J the derivative of the forces by the motion, and H that of the whole cost, the
+        probability integrated over all motions has the factor
+
+            |det J| / sqrt(det H),   |det J| = sqrt(det H_dynamics)
+
+        beside the likeliest one's. Without it the mass comes out too low: a light object follows
+        the noise of its poses at no cost.
+        """
+        slope = np.zeros(len(common))
+        for name in ("ln_product", "ln_mass"):
+            shift = np.zeros(len(common))
+            shift[NAMES.index(name)] = _VOLUME_STEP
+            values = [self._log_volume(nodes, common + k * shift, sharp) for k in (1.0, -1.0)]
+            slope[NAMES.index(name)] = (values[0] - values[1]) / (2.0 * _VOLUME_STEP)
+        return slope
+
+    def _log_volume(self, nodes: Array, common: Array, sharp: Sharpness) -> float:
+        loose = np.broadcast_to(
+            np.append(_LOOSE / np.square(self.intervals.poses[0].std), np.zeros(3)), nodes.shape
+        )
+        caused = self.equations_of_motion(nodes, common, sharp)
+        known = self.linearise(nodes, common, sharp)
+        return 0.5 * (
+            caused.log_determinant_of_nodes(loose, 3) - known.log_determinant_of_nodes(loose, 6)
+        )
+
+    def _add_dynamics(
+        self, equations: NormalEquations, nodes: Array, common: Array, sharp: Sharpness
+    ) -> None:
+        kinematics = Kinematics.of_nodes(nodes, self.middle, self.intervals.step)
+        friction = self._linear_friction(kinematics, common, sharp.slip)
+        scale = 1.0 / self._noise(sharp.floor)
+
+        def at(values: Array, numbers: Array) -> Array:
+            return self._balance(Kinematics.of_stacked(values), numbers, friction) * scale
+
+        values = kinematics.stacked()
+        residual = at(values, common)
+        steps = np.repeat([1e-6, 1e-5, 1e-3, 1e-5], 3)
+        by_values = np.stack(
+            [(at(values + h * row, common) - residual) / h
+             for h, row in zip(steps, np.eye(12), strict=True)], axis=2,
+        )  # fmt: skip
+        sizes = 1e-5 * self.prior[1]
+        by_common = np.stack(
+            [(at(values, common + h * row) - residual) / h
+             for h, row in zip(sizes, np.eye(len(common)), strict=True)], axis=2,
+        )  # fmt: skip
+        equations.add(self.middle, residual, self._by_nodes(by_values), by_common)
+
+    def _by_nodes(self, by_values: Array) -> Array:
+        """(R, 3, 3, 6) derivative by the three nodes from that by pose, velocity, acceleration."""
+        h = self.intervals.step
+        pose, velocity, acceleration = (by_values[:, :, 3 * k : 3 * k + 3] for k in range(3))
+        out = np.zeros((*by_values.shape[:2], 3, 6))
+        out[:, :, 0, :3] = pose / 8.0 - velocity / (2.0 * h) + acceleration / h**2
+        out[:, :, 1, :3] = 0.75 * pose - 2.0 * acceleration / h**2
+        out[:, :, 2, :3] = pose / 8.0 + velocity / (2.0 * h) + acceleration / h**2
+        out[:, :, 1, 3:] = by_values[:, :, 9:]
+        return out
+
+    def _noise(self, floor: float) -> Array:
+        """(R, 3) standard deviations of force, force and torque."""
+        cut = self.intervals
+        at = self.middle
+        least = floor * 0.003 * self.typical_force
+        touching = cut.touching[at]
+        force = np.where(touching[:, None], cut.force_std[at], 0.3 * cut.force_std[at])
+        size = np.linalg.norm(cut.force[at, :2], axis=1)
+        torque = np.hypot(size * cut.point_std[at], least * np.sqrt(self.plate))
+        return np.column_stack([np.hypot(force, least), torque])
+
+    def _balance(self, kinematics: Kinematics, common: Array, friction: Friction) -> Array:
+        """(R, 3) force and torque about the contact that are lacking, N, N m."""
+        motion = self._contact_motion(kinematics, common)
+        product, mass = np.exp(common[:2])
+        twist, centre, arm = self._friction_state(kinematics, common, motion)
+        wrench = friction(twist, centre, float(np.exp(common[9])))
+        load = (
+            (product / mass) * self._normal_force(mass)[:, None] * (1.0 + kinematics.local[:, :1])
+        )
+        yaw = kinematics.pose[:, 2]
+        support = turned(wrench[:, :2] * load, yaw)
+        from_point = turned(np.broadcast_to(-common[2:4], arm.shape), yaw) + arm
+        torque = wrench[:, 2] * load[:, 0] + cross(from_point, support)
+        inertia = mass * self.plate * np.exp(common[4])
+        external = self._external(mass)
+        force = motion[0] * mass - external - support
+        spin = inertia * kinematics.acceleration[:, 2] + cross(
+            arm, mass * motion[0] - mass * self.gravity[:2]
+        )
+        return np.column_stack([force, spin - torque - self.intervals.torque[self.middle]])
+
+    def _external(self, mass: float) -> Array:
+        return self.intervals.force[self.middle, :2] + mass * self.gravity[:2]
+
+    def _normal_force(self, mass: float) -> Array:
+        """(R,) N on the support."""
+        weight = -mass * self.gravity[2]
+        return np.asarray(np.maximum(weight - self.intervals.force[self.middle, 2], 0.1 * weight))
+
+    def _contact_motion(self, kinematics: Kinematics, common: Array) -> tuple[Array, Array]:
+        """Acceleration (R, 2) of the centre of mass, and its place (R, 2), axes of the support."""
+        yaw = kinematics.pose[:, 2]
+        com = turned(np.broadcast_to(self.patch.centroid + common[2:4], (len(yaw), 2)), yaw)
+        across = np.stack([-com[:, 1], com[:, 0]], axis=1)
+        rate, change = kinematics.velocity[:, 2:], kinematics.acceleration[:, 2:]
+        acceleration = kinematics.acceleration[:, :2] + change * across - rate**2 * com
+        return acceleration, kinematics.pose[:, :2] + com
+
+    def _friction_state(
+        self, kinematics: Kinematics, common: Array, motion: tuple[Array, Array]
+    ) -> tuple[Array, Array, Array]:
+        """Twist of the centroid, centre of pressure from it (link axes), and arm of the com.
+
+        The arm leads from the contact to the centre of mass, axes of the support.
+        """
+        cut, at = self.intervals, self.middle
+        mass = float(np.exp(common[1]))
+        yaw = kinematics.pose[:, 2]
+        arm = motion[1] - cut.point[at, :2] - common[7:9]
+        arm = np.where(cut.touching[at, None], arm, 0.0)
+        external = cut.force[at, :2]
+        support = mass * (motion[0] - self.gravity[:2]) - external
+        normal = self._normal_force(mass)
+        height = np.full(len(yaw), common[6])
+        shift = tipping_shift(normal, height, support, external, cut.point[at, 2] + common[5])
+        shift = shift + cut.force[at, 2:] * arm / normal[:, None]
+        centre = common[2:4] + turned(shift, -yaw) + kinematics.local[:, 1:] * np.sqrt(self.plate)
+        offset = turned(np.broadcast_to(self.patch.centroid, (len(yaw), 2)), yaw)
+        rate = kinematics.velocity[:, 2:]
+        linear = kinematics.velocity[:, :2] + rate * np.stack([-offset[:, 1], offset[:, 0]], axis=1)
+        twist = np.concatenate([turned(linear, -yaw), rate], axis=1)
+        return twist, centre, arm
+
+    def _linear_friction(self, kinematics: Kinematics, common: Array, slip: float) -> Friction:
+        """Friction to first order around the present motion, which costs seven evaluations."""
+        motion = self._contact_motion(kinematics, common)
+        twist, centre, _ = self._friction_state(kinematics, common, motion)
+        scale = float(np.exp(common[9]))
+        state = np.column_stack([twist, centre, np.full(len(twist), scale)])
+
+        def wrench(values: Array) -> Array:
+            load = self.patch.pressure(values[:, 3:5], values[:, 5])
+            matrix = self.patch.resistance(load, values[:, 5], values[:, :3], slip)
+            return -np.asarray((matrix @ values[:, :3, None])[..., 0])
+
+        base = wrench(state)
+        steps = np.array([1e-6, 1e-6, 1e-5, 1e-6, 1e-6, 1e-5])
+        slope = np.stack(
+            [(wrench(state + h * row) - base) / h
+             for h, row in zip(steps, np.eye(6), strict=True)], axis=2,
+        )  # fmt: skip
+
+        def friction(twist: Array, centre: Array, scale: float) -> Array:
+            change = np.column_stack([twist, centre, np.full(len(twist), scale)]) - state
+            return np.asarray(base + (slope @ change[..., None])[..., 0])
+
+        return friction
+
+    def _add_local(self, equations: NormalEquations, nodes: Array, sharp: Sharpness) -> None:
+        """Rows e_k+1 = rho e_k + sigma sqrt(1 - rho^2) w, rho = exp(-distance / 20 mm)."""
+        keep, std = self.memory(sharp)
+        local = nodes[:, 3:]
+        by_nodes = np.zeros((len(keep), 3, 3, 6))
+        index = np.arange(3)
+        by_nodes[:, index, 0, 3 + index] = -(keep / std)[:, None]
+        by_nodes[:, index, 1, 3 + index] = (1.0 / std)[:, None]
+        residual = (local[1:] - keep[:, None] * local[:-1]) / std[:, None]
+        equations.add(np.arange(1, len(nodes)), residual, by_nodes)
+        first = np.zeros((1, 3, 3, 6))
+        first[:, index, 1, 3 + index] = 1.0 / sharp.variation
+        equations.add(np.array([0]), local[:1] / sharp.variation, first)
+
+    def memory(self, sharp: Sharpness) -> tuple[Array, Array]:
+        """Factor (N - 1,) by which local friction lasts to the next node, and std of its change."""
+        keep = np.exp(-np.maximum(self.travelled, 1e-6) / _DISTANCE)
+        return keep, sharp.variation * np.sqrt(1.0 - keep**2)
+
+    def _add_prior(self, equations: NormalEquations, common: Array) -> None:
+        mean, std = self.prior
+        rows = np.diag(1.0 / std)[2:]
+        usual = np.zeros(len(common))
+        usual[0], usual[1] = 1.0 / FRICTION_SPREAD, -1.0 / FRICTION_SPREAD
+        residual = np.append(
+            (common - mean)[2:] / std[2:],
+            (common[0] - common[1] - np.log(USUAL_FRICTION)) / FRICTION_SPREAD,
+        )
+        equations.add_common(residual, np.concatenate([rows, usual[None]]))
+
+
+def add_poses(equations: NormalEquations, cut: Intervals, nodes: Array, common: Array) -> None:
+    """Add what was seen of the pose: the motion at the stamp plus the delay of the forces."""
+    poses = cut.poses[0]
+    delay = common[NAMES.index("delay")]
+    counts = np.diff(np.append(cut.first_node, len(cut)))
+    start = cut.first_node[poses.segment]
+    place = (poses.time + delay - cut.time[start]) / cut.step
+    nearest = np.clip(np.round(place), 1, counts[poses.segment] - 2).astype(np.intp)
+    share = place - nearest
+    inside = np.abs(share) <= 1.0
+    share, middle = share[inside], (start + nearest)[inside]
+    weights = np.stack(
+        [0.5 * (0.5 - share) ** 2, 0.75 - share**2, 0.5 * (0.5 + share) ** 2], axis=1
+    )
+    slopes = np.stack([share - 0.5, -2.0 * share, share + 0.5], axis=1) / cut.step
+    near = np.stack([nodes[middle + k, :3] for k in (-1, 0, 1)], axis=1)
+    residual = (np.einsum("mk,mki->mi", weights, near) - poses.value[inside]) / poses.std
+    by_nodes = np.zeros((len(middle), 3, 3, nodes.shape[1]))
+    for axis in range(3):
+        by_nodes[:, axis, :, axis] = weights / poses.std[axis]
+    by_common = np.zeros((len(middle), 3, len(common)))
+    by_common[:, :, NAMES.index("delay")] = np.einsum("mk,mki->mi", slopes, near) / poses.std
+    equations.add(middle, residual, by_nodes, by_common)
+
+
+def add_smoothness(
+    equations: NormalEquations, nodes: Array, middle: NDArray[np.intp], spread: Array
+) -> None:
+    """Add second differences of the motion around some nodes, with their std (R, 3)."""
+    by_nodes = np.zeros((len(middle), 3, 3, nodes.shape[1]))
+    for axis in range(3):
+        by_nodes[:, axis, :, axis] = np.array([1.0, -2.0, 1.0]) / spread[:, axis, None]
+    curve = nodes[middle - 1, :3] - 2.0 * nodes[middle, :3] + nodes[middle + 1, :3]
+    equations.add(middle, curve / spread, by_nodes)

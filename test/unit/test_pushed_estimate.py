@@ -1,0 +1,110 @@
+"""Mass, friction and centre of an object that is pushed: right where told, told where not known."""
+
+import json
+
+import numpy as np
+import pytest
+
+from tactile_dynamics_ros.cli.main import main
+from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
+from tactile_dynamics_ros.core.planar.properties import fit as fitting
+from tactile_dynamics_ros.core.planar.properties.estimate import estimate
+from tactile_dynamics_ros.core.planar.properties.intervals import cut_intervals
+from tactile_dynamics_ros.core.planar.properties.push_model import NAMES, Sharpness
+from tactile_dynamics_ros.recording.pushed import PushedRecording
+from tactile_dynamics_ros.synthetic import pushed
+from tactile_dynamics_ros.synthetic.pushed.actions import ActionOptions
+from tactile_dynamics_ros.synthetic.pushed.sensors import SensorOptions
+
+QUICK = ActionOptions(count=2, speed=(0.08, 0.15), travel=0.05)
+SLOW = ActionOptions(count=2, speed=(0.02, 0.025), travel=0.04, pauses=0, hard_stop=False)
+
+
+@pytest.fixture(scope="module")
+def quick():
+    """Two pushes that stop hard, at 100 Hz."""
+    return pushed.generate([7], {}, pushed.PushOptions(actions=QUICK))[0]
+
+
+@pytest.fixture(scope="module")
+def model(quick):
+    """Residuals of these pushes, with the first guess of the motion."""
+    cut = cut_intervals(quick.streams)
+    patch = SupportPatch(np.asarray(quick.streams.links[0].footprint))
+    nodes, spread = fitting._first_motion(cut)
+    return fitting._prepared(quick.streams, cut, patch, nodes, spread), nodes
+
+
+def test_what_two_pushes_tell_is_right(quick):
+    found, truth = estimate(quick.streams), quick.truth()["links"][0]
+    force, std = found.values["friction_force_n"]
+    assert force == pytest.approx(truth["friction_force_n"], rel=0.015)
+    assert abs(force - truth["friction_force_n"]) < 3.0 * std
+    for axis, name in enumerate(("com_x", "com_y")):
+        value, std = found.values[name]
+        assert abs(value - truth["com"][axis]) < min(3.0 * std, 2e-3)
+    mass, std = found.values["mass"]
+    assert abs(mass - truth["mass"]) < 2.0 * std
+    assert 0.7 < found.error < 1.2
+    assert found.is_answer
+
+
+def test_slow_pushes_at_15_hz_tell_the_product_alone():
+    sensors = SensorOptions(force_rate_hz=15.0, rate_hz=15.0)
+    options = pushed.PushOptions(actions=SLOW, sensors=sensors)
+    hidden = pushed.generate([8], {}, options)[0]
+    found = estimate(hidden.streams)
+    assert {"mass", "friction"} <= set(found.undetermined)
+    force, std = found.values["friction_force_n"]
+    assert abs(force - hidden.truth()["links"][0]["friction_force_n"]) < 3.0 * std
+    said = "\n".join(found.lines())
+    assert "known only as a product" in said
+    assert "mass      " not in said
+
+
+def test_gradient_of_the_cost_is_its_derivative(model):
+    residuals, nodes = model
+    rng = np.random.default_rng(0)
+    sharp = Sharpness(5e-3, 3.0, 0.03)
+    mean, std = residuals.prior
+    common = mean + 0.1 * std * rng.normal(size=len(NAMES))
+    common[:2] = np.log(residuals.typical_force / 9.81), np.log(residuals.typical_force / 3.0)
+    around = rng.normal(size=nodes.shape) * np.append(residuals.intervals.poses[0].std, [0.01] * 3)
+    across = rng.normal(size=len(NAMES)) * std * np.append([0.1, 0.1], np.ones(len(NAMES) - 2))
+    here = residuals.linearise(nodes, common, sharp)
+    by_formula = 2.0 * (np.sum(here.gradient * around) + here.common_gradient @ across)
+    step = 1e-5
+    ahead, behind = (
+        residuals.linearise(nodes + k * around, common + k * across, sharp).cost
+        for k in (step, -step)
+    )
+    assert (ahead - behind) / (2.0 * step) == pytest.approx(by_formula, rel=1e-3)
+
+
+def test_motions_that_a_light_object_could_make_do_not_count_for_it(model):
+    residuals, nodes = model
+    common = residuals.prior[0].copy()
+    common[:2] = np.log(residuals.typical_force / 9.81), np.log(residuals.typical_force / 3.0)
+    slope = residuals.volume_slope(nodes, common, Sharpness(5e-4, 1.0, 0.03))
+    assert slope[NAMES.index("ln_mass")] > 0.05
+
+
+def test_command_estimates_pushes_and_other_verbs_say_so(quick, tmp_path, capsys):
+    bag = str(PushedRecording(quick.streams, "pushes").to_bag(tmp_path / "pushes"))
+    assert main(["estimate", bag, "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["model"] == "pushed"
+    truth = quick.truth()["links"][0]
+    told = document["links"][0]["friction_force_n"]
+    assert told["value"] == pytest.approx(truth["friction_force_n"], rel=0.02)
+    assert main(["diagnose", bag]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+    assert main(["estimate", bag, "--export", "urdf"]) == 2
+    assert "--export" in capsys.readouterr().err
+
+
+def test_linked_parts_are_refused_in_one_line(quick):
+    link = quick.streams.links[0]
+    both = type(quick.streams)((link, link), quick.streams.contacts)
+    with pytest.raises(Exception, match="2 links"):
+        estimate(both)
