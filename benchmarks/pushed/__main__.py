@@ -8,10 +8,13 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from benchmarks.pushed import real
+from benchmarks.pushed import real, simulated
 
 Section = tuple[Callable[[argparse.Namespace], dict[str, Any]], Callable[[dict[str, Any]], str]]
-SECTIONS: dict[str, Section] = {"real": (real.measure, real.table)}
+SECTIONS: dict[str, Section] = {
+    "real": (real.measure, real.table),
+    "simulated": (simulated.measure, simulated.table),
+}
 """What measures each section and what makes a table of it; add a line to add one."""
 
 
@@ -21,7 +24,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--only", nargs="+", choices=sorted(SECTIONS), default=sorted(SECTIONS))
     parser.add_argument("--quick", action="store_true", help="few cases of each section")
     parser.add_argument("--json", action="store_true", help="print only JSON on stdout")
-    for add in (real.add_arguments,):
+    for add in (real.add_arguments, simulated.add_arguments):
         add(parser)
     options = parser.parse_args(arguments)
     found = {}
