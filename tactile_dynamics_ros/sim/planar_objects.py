@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -49,7 +49,7 @@ class PlanarObject:
 
     Attributes:
         number: in `config/planar_objects.yaml`.
-        kind: homogeneous, two_parts or jointed.
+        kind: homogeneous, two_parts or jointed; the name of a daily one.
         parts: one or two.
         joint: (2,) m, place of the revolute joint; None without.
         joint_friction: N m, of the joint.
@@ -80,20 +80,39 @@ def planar_object(number: int) -> PlanarObject:
         BadInputError: there is no such number.
     """
     ranges = _ranges()
+    daily = dict(enumerate(ranges["daily"], start=ranges["first_daily"]))
+    if number in daily:
+        return _bought(number, **daily[number])
     for kind, spans in ranges["kinds"].items():
         if any(low <= number <= high for low, high in spans):
             return _draw(number, kind, ranges)
-    raise BadInputError(f"planar object {number}: expected a number from 1 to {last_number()}")
+    raise BadInputError(f"planar object {number}: expected a number from 1 to {max(daily)}")
 
 
 def last_number() -> int:
-    """Return the highest number that an object has."""
+    """Return the highest number of the objects that are drawn; daily ones come after it."""
     return max(high for spans in _ranges()["kinds"].values() for _, high in spans)
 
 
 def _ranges() -> dict[str, Any]:
     found: dict[str, Any] = yaml.safe_load(share_file("config/planar_objects.yaml").read_text())
     return found
+
+
+def _bought(
+    number: int,
+    name: str,
+    outline: str,
+    size_m: Sequence[float],
+    mass_kg: float,
+    friction: float,
+    com_x_m: float,
+) -> PlanarObject:
+    """An object of a household: its name, and its size along x, y and z."""
+    corners = _shaped(outline, size_m[0], size_m[1], waist=1.0)
+    com = np.array([com_x_m, 0.0])
+    part = PlanarPart(outline, corners, size_m[2], mass_kg, friction, com)
+    return PlanarObject(number, name, (part,), None, 0.0)
 
 
 def _draw(number: int, kind: str, ranges: Mapping[str, Any]) -> PlanarObject:
@@ -132,7 +151,11 @@ def _outline(name: str, rng: np.random.Generator, ranges: Mapping[str, Any]) -> 
     """Corners (K, 2) of an outline about its middle, anticlockwise."""
     length = rng.uniform(*ranges["length_m"])
     width = length * (1.0 if name == "cylinder" else rng.uniform(*ranges["slenderness"]))
-    waist = rng.uniform(*ranges["waist"])
+    return _shaped(name, length, width, rng.uniform(*ranges["waist"]))
+
+
+def _shaped(name: str, length: float, width: float, waist: float) -> Array:
+    """Corners (K, 2) of an outline of a length along x and a width, m."""
     x, y = 0.5 * length, 0.5 * width
     angle = np.linspace(0.0, 2.0 * np.pi, _CORNERS, endpoint=False)
     if name == "box":

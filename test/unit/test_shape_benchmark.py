@@ -29,8 +29,8 @@ def test_kinds_outlines_and_ranges_are_those_of_the_file():
             assert solid.is_watertight
             assert solid.volume > 0.0
             assert 0.15 <= part.friction <= 0.5
-    with pytest.raises(BadInputError, match="1 to 156"):
-        planar_object(157)
+    with pytest.raises(BadInputError, match="1 to 164"):
+        planar_object(165)
 
 
 def test_a_trial_grades_what_was_found():
@@ -39,3 +39,22 @@ def test_a_trial_grades_what_was_found():
     assert trial.parts == [1]
     assert trial.chamfer[0] < 0.002
     assert max(trial.axes_error) < 0.004
+
+
+def test_daily_objects_have_their_published_properties():
+    things = [planar_object(number) for number in range(157, 165)]
+    assert [thing.parts[0].mass for thing in things] == [
+        1.0,
+        1.1,
+        1.61,
+        1.24,
+        0.67,
+        0.35,
+        0.82,
+        1.2,
+    ]
+    assert things[-1].kind == "hammer"
+    for thing in things:
+        part = thing.parts[0]
+        assert np.hypot(*part.com) < 0.5 * np.ptp(part.corners[:, 0])
+        assert part.solid().is_watertight
