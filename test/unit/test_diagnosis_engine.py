@@ -95,6 +95,9 @@ class SlidingBlock:
     def freedom(self) -> float:
         return float(len(self.effects))
 
+    def conditions(self) -> Sequence[Condition]:
+        return ()
+
     def families(self, names: Sequence[str] | None = None) -> list[Family]:
         wanted = [n for n in (names or self.known) if n not in self.effects]
         return [self._family(name) for name in wanted]

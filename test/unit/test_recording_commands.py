@@ -91,7 +91,7 @@ def test_estimate_uses_only_a_part_where_asked(bag, capsys):
         (["estimate", "BAG", "--effects", "magic"], "effect 'magic' is unknown"),
         (["estimate", "BAG", "--effects", "viscous_drag,viscous_drag"], "named twice"),
         (["import", "csv", "/no/such.yaml", "/tmp/never.mcap"], "cannot be read"),
-        (["import", "unheard", "a", "b"], "invalid choice: 'unheard'"),
+        (["import", "unheard", "a", "b"], "'unheard' is unknown"),
     ],
 )
 def test_bad_input_is_one_line_and_code_two(bag, arguments, message, capsys):
