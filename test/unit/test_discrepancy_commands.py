@@ -50,7 +50,8 @@ def test_hidden_drag_is_seen_named_added_and_the_error_falls(bags, capsys):
     _, compared = run(capsys, "compare", folder / "drag")
     assert compared["adequate"] is False
     assert compared["error"]["whitened_rms"] > 1.5
-    assert {"channel", "condition", "share_of_error"} == set(compared["fails_where"][0])
+    places = compared["fails_where"]
+    assert all({"channel", "condition", "share_of_error"} <= set(place) for place in places)
     _, diagnosed = run(capsys, "diagnose", folder / "drag")
     assert diagnosed["verdict"] == "missing_effect"
     assert diagnosed["effect"] == "viscous_drag"

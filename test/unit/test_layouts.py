@@ -90,7 +90,7 @@ def test_a_mapping_is_not_overwritten_and_a_file_alone_is_no_form(table, capsys)
     assert main(["import", str(path)]) == 2
     assert "add --guess" in capsys.readouterr().err
     assert main(["import", "misspelt", "a", "b"]) == 2
-    assert "invalid choice: 'misspelt'" in capsys.readouterr().err
+    assert "'misspelt' is unknown" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
