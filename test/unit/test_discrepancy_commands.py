@@ -51,7 +51,11 @@ def test_hidden_drag_is_seen_named_added_and_the_error_falls(bags, capsys):
     assert compared["adequate"] is False
     assert compared["error"]["whitened_rms"] > 1.5
     places = compared["fails_where"]
-    assert all({"channel", "condition", "share_of_error"} <= set(place) for place in places)
+    common = {"channel", "condition", "share_of_error"}
+    assert [set(place) - common for place in places] == [
+        {"regime", "p_value"},
+        *[set()] * (len(places) - 1),
+    ]
     _, diagnosed = run(capsys, "diagnose", folder / "drag")
     assert diagnosed["verdict"] == "missing_effect"
     assert diagnosed["effect"] == "viscous_drag"
