@@ -62,7 +62,8 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
 
 def run(args: Namespace) -> int:
     """Estimate and print; the exit code is 3 where the numbers are no answer."""
-    if model_of(args) == "pushed":
+    args.model = model_of(args)  # asked of the recording once
+    if args.model == "pushed":
         return _estimate_pushed(args)
     from tactile_dynamics_ros.api.verbs import estimate
 

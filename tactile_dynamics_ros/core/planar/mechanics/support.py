@@ -60,6 +60,11 @@ class SupportPatch:
         return self._points[1]
 
     @cached_property
+    def gyration(self) -> float:
+        """Squared radius of gyration of the even footprint about its centroid, m^2."""
+        return float(self.share @ np.sum(self.offset**2, axis=1))
+
+    @cached_property
     def _features(self) -> Array:
         """(n, 4) of 1, x, y, x^2 + y^2."""
         x, y = self.offset.T

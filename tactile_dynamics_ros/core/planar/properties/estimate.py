@@ -173,7 +173,6 @@ def _of_dense(fit: PushFit, streams: PushedStreams, patch: SupportPatch) -> Push
     chosen = [NAMES.index(n) for n in ("ln_product", "ln_mass", "com_x", "com_y")]
     covariance = fit.covariance[np.ix_(chosen, chosen)]
     at = NAMES.index("ln_inertia")
-    inertia_variance = fit.covariance[at, at]
     if fit.model.intervals.step > _COARSE:
         covariance = _without_mass(covariance)
     values = _values(
@@ -182,13 +181,13 @@ def _of_dense(fit: PushFit, streams: PushedStreams, patch: SupportPatch) -> Push
         streams,
         patch,
         (fit.common[NAMES.index("ln_scale")], fit.std(NAMES.index("ln_scale"))),
-        (fit.common[at], np.sqrt(inertia_variance)),
+        (fit.common[at], fit.std(at)),
     )
     return PushedEstimate(
         samples=int(fit.model.mask.sum()),
         duration=_duration(streams),
         values=values,
-        undetermined=_undetermined(values, fit.model.plate),
+        undetermined=_undetermined(values, patch.gyration),
         covariance=covariance,
         error=fit.whitened_rms,
     )
@@ -212,12 +211,11 @@ def _of_sparse(fit: SparseFit, streams: PushedStreams, patch: SupportPatch) -> P
         (fit.values[at], fit.std[at]),
         (0.0, _PRIOR_FRICTION_STD),
     )
-    plate = float(patch.share @ np.sum(patch.offset**2, axis=1))
     return PushedEstimate(
         samples=len(fit.residuals),
         duration=_duration(streams),
         values=values,
-        undetermined=_undetermined(values, plate),
+        undetermined=_undetermined(values, patch.gyration),
         covariance=covariance,
         error=fit.residual_rms,
     )
@@ -255,8 +253,7 @@ def _values(
     friction = force / mass / -streams.gravity[2]
     centre = patch.centroid + common[2:4]
     radius = float(patch.friction_radius(common[None, 2:4], np.exp([scale[0]]))[0])
-    plate = float(patch.share @ np.sum(patch.offset**2, axis=1))
-    about = mass * plate * np.exp(inertia[0])
+    about = mass * patch.gyration * np.exp(inertia[0])
     pairs = {
         "mass": (mass, mass * std[1]),
         "friction": (friction, friction * np.sqrt(ratio)),
@@ -269,10 +266,10 @@ def _values(
     return {name: (float(value), float(spread)) for name, (value, spread) in pairs.items()}
 
 
-def _undetermined(values: dict[str, tuple[float, float]], plate: float) -> tuple[str, ...]:
-    """Names of what is not told; plate is the squared radius of gyration of the footprint, m^2."""
+def _undetermined(values: dict[str, tuple[float, float]], gyration: float) -> tuple[str, ...]:
+    """Names of what is not told, with the footprint's squared radius of gyration, m^2."""
     relative = ("mass", "friction", "friction_force_n", "friction_radius_m", "inertia_zz")
     names = [n for n in relative if values[n][1] > _UNKNOWN * abs(values[n][0])]
-    reach = _UNKNOWN_COM * np.sqrt(plate)
+    reach = _UNKNOWN_COM * np.sqrt(gyration)
     names += ["com"] * any(values[n][1] > reach for n in ("com_x", "com_y"))
     return tuple(names)

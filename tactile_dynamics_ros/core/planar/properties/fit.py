@@ -167,8 +167,7 @@ def _foot_speed(patch: SupportPatch, kinematics: Kinematics) -> Array:
     x, y = patch.centroid
     u = kinematics.velocity[:, 0] - rate * (np.sin(yaw) * x + np.cos(yaw) * y)
     v = kinematics.velocity[:, 1] + rate * (np.cos(yaw) * x - np.sin(yaw) * y)
-    plate = patch.share @ np.sum(patch.offset**2, axis=1)
-    return np.asarray(np.sqrt(u * u + v * v + plate * rate * rate))
+    return np.asarray(np.sqrt(u * u + v * v + patch.gyration * rate * rate))
 
 
 def _speeds(cut: Intervals, patch: SupportPatch, nodes: Array) -> Array:
@@ -205,7 +204,7 @@ def _prepared(
     known = streams.com_height is not None and streams.com_height_std is not None
     com_height = streams.com_height[0] if streams.com_height is not None else height
     std = streams.com_height_std[0] if known and streams.com_height_std else 0.3 * height + 1e-3
-    plate = float(np.sqrt(patch.share @ np.sum(patch.offset**2, axis=1)))
+    plate = float(np.sqrt(patch.gyration))
     moved = np.linalg.norm(np.diff(nodes[:, :2], axis=0), axis=1)
     free = np.array([_FREE, _FREE, _FREE / plate])
     near = _near(cut.touching, _AROUND)[:, None]

@@ -127,7 +127,7 @@ class PushModel:
     @cached_property
     def plate(self) -> float:
         """Inertia over mass of an even plate about its centroid, m^2."""
-        return float(self.patch.share @ np.sum(self.patch.offset**2, axis=1))
+        return self.patch.gyration
 
     @cached_property
     def prior(self) -> tuple[Array, Array]:
