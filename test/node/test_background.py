@@ -53,6 +53,9 @@ def test_closing_ends_what_runs():
     background = Background()
     background.submit(divmod, 7, 2).result(30)
     running = background.submit(time.sleep, 60)
+    deadline = time.monotonic() + 30.0
+    while not running.running() and time.monotonic() < deadline:
+        time.sleep(0.01)
     started = time.monotonic()
     background.close()
     assert time.monotonic() - started < 20.0
