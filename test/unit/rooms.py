@@ -81,6 +81,10 @@ ROOMS = {
     "core/planar/mechanics": Room(
         "motion of links on a support with Coulomb friction, under a tip or a grip"
     ),
+    "core/planar/filter": Room(
+        "live belief about a pushed object: a dual filter over any model that predicts pushes",
+        ("core/planar", "core/planar/mechanics"),
+    ),
     "core/planar/actions": Room("pushes and pulls as paths of a gripper", ("core/rigid_body",)),
     "core/planar/properties": Room(
         "the door to estimates of pushed objects; mass, friction and centre on a latent motion",
