@@ -79,7 +79,7 @@ class Process(Protocol):
 
     @property
     def prior(self) -> tuple[Array, Array]:
-        """Mean (p,) and standard deviation (p,) of the parameters before any data."""
+        """Mean (p,) and covariance (p, p) of the parameters before any data."""
 
     def feasible(self, parameters: Array) -> Mask:
         """Which (C,) of the parameters (C, p) are physically possible."""
