@@ -86,6 +86,10 @@ ROOMS = {
         ("core/planar", "core/planar/mechanics"),
     ),
     "core/planar/actions": Room("pushes and pulls as paths of a gripper", ("core/rigid_body",)),
+    "core/planar/control": Room(
+        "the next pushes that bring an object to a pose, in closed loop",
+        ("core/numerics", "core/planar/actions", "core/planar/mechanics"),
+    ),
     "core/planar/properties": Room(
         "the door to estimates of pushed objects; mass, friction and centre on a latent motion",
         ("core/planar", "core/planar/mechanics", "core/planar/sparse"),

@@ -112,17 +112,25 @@ class StraightAction:
 
     def at(self, time: float) -> Moment:
         """Return where the gripper should be at a time since the start, s; held at the end."""
-        for leg in self.legs:
-            if time < leg.duration:
-                break
-            time -= leg.duration
-        else:
-            time = leg.duration
+        leg, time = self._leg(time)
         frame = leg.at(time)
         pose = np.eye(4)
         pose[:3, :3] = exp_so3(np.array([0.0, 0.0, frame[3]]))
         pose[:3, 3] = frame[:3]
         return Moment(leg.name, pose, leg.width)
+
+    def frame(self, time: float) -> Array:
+        """Return x, y, z and turn (4,) at a time since the start, s; held at the end."""
+        leg, time = self._leg(time)
+        return leg.at(time)
+
+    def _leg(self, time: float) -> tuple[Leg, float]:
+        """Return the leg at a time since the start, s, and the time since its own start."""
+        for leg in self.legs:
+            if time < leg.duration:
+                return leg, time
+            time -= leg.duration
+        return leg, leg.duration
 
 
 def straight_action(
@@ -155,25 +163,61 @@ def straight_action(
     if not 0.0 < speed <= 2.0:
         raise BadInputError(f"push: speed {speed} m/s: expected more than 0 and at most 2")
     turn = _turn_across(now[3], way) if pull else now[3]
-    high, low = support + config.clearance, support + config.height
-    closed, opened = 0.0, config.opening
+    low, closed, opened = support + config.height, 0.0, config.opening
     begin, finish = np.array([*start, low, turn]), np.array([*end, low, turn])
-    above = np.array([*start, high, turn])
-    up = np.array([*now[:2], max(high, now[2]), now[3]])
-    plan = [("rise", up, 0.0), ("travel", above, 0.0), ("descend", begin, config.hold)]
-    legs = _chain(now, plan, opened if pull else closed, config.travel_speed, config.acceleration)
+    legs = way_there(now, begin[:2], config, support, turn, opened if pull else closed)
     if pull:
         legs.append(Leg("grip", begin, begin, closed, 1.0, 1.0, config.grip_time))
     name = "pull" if pull else "push"
     legs.append(Leg(name, begin, finish, closed, speed, config.acceleration, config.hold))
     if pull:
         legs.append(Leg("release", finish, finish, opened, 1.0, 1.0, config.grip_time))
-    away = finish if pull else finish - [*(config.retreat / length * way), 0.0, 0.0]
-    raised = np.array([*away[:2], high, turn])
-    leaving = [("retreat", away, 0.0), ("rise", raised, 0.0)]
-    width = opened if pull else closed
-    legs += _chain(finish, leaving, width, config.travel_speed, config.acceleration)
+    back = np.zeros(2) if pull else -way / length
+    legs += way_back(finish, back, config, support, opened if pull else closed)
     return StraightAction(tuple(leg for leg in legs if leg.duration > 0.0))
+
+
+def way_there(
+    now: Array,
+    start: Array,
+    config: StraightConfig,
+    support: float,
+    turn: float,
+    width: float = 0.0,
+) -> list[Leg]:
+    """Return the legs up, over and down to where an action starts.
+
+    Args:
+        now: (4,) x, y, z (m) and turn (rad) of the tip.
+        start: (2,) m.
+        config: heights and speeds.
+        support: height of the table, m.
+        turn: of the gripper there, rad.
+        width: of the jaws, m.
+    """
+    high, low = support + config.clearance, support + config.height
+    up = np.array([*now[:2], max(high, now[2]), now[3]])
+    above, begin = np.array([*start, high, turn]), np.array([*start, low, turn])
+    stops = [("rise", up, 0.0), ("travel", above, 0.0), ("descend", begin, config.hold)]
+    return _chain(now, stops, width, config.travel_speed, config.acceleration)
+
+
+def way_back(
+    now: Array, back: Array, config: StraightConfig, support: float, width: float = 0.0
+) -> list[Leg]:
+    """Return the legs away from an object and up.
+
+    Args:
+        now: (4,) x, y, z (m) and turn (rad) of the tip.
+        back: (2,) unit, away from the object; zero to go straight up.
+        config: heights and speeds.
+        support: height of the table, m.
+        width: of the jaws, m.
+    """
+    away = now + [*(config.retreat * back), 0.0, 0.0]
+    raised = np.array([*away[:2], support + config.clearance, now[3]])
+    stops = [("retreat", away, 0.0), ("rise", raised, 0.0)]
+    return _chain(now, stops, width, config.travel_speed, config.acceleration)
 
 
 def _chain(

@@ -1,0 +1,1 @@
+"""Benchmark of exploring and of pushing to goals."""

@@ -1,0 +1,286 @@
+"""Pushing an object to a pose: plan, go there, push in closed loop, look, plan anew."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.configuration import check_ranges, parameter
+from tactile_dynamics_ros.core.planar.actions.straight import (
+    Leg,
+    StraightAction,
+    StraightConfig,
+    way_back,
+    way_there,
+)
+from tactile_dynamics_ros.core.planar.control.plan import Push
+
+Array = NDArray[np.float64]
+
+_SETTLE = 0.25
+"""s of slowing down: the speed is at most the length that is left over this, so that two
+corrections fall into the last 2 mm at 10 Hz. Longer makes pushes slower, shorter overshoots."""
+_CRAWL = 0.008
+"""m/s, lowest speed of a push: 1 mm takes a tenth of a second; slower only costs time."""
+_LOOKS = 5
+"""Poses that are averaged before a plan: noise of 0.5 mm becomes 0.2. More only wait longer."""
+_NEVER = 1e-3
+"""m that a planned sequence must save, at least; below that the object is as near as it gets."""
+
+
+@dataclass(frozen=True)
+class ControlConfig:
+    """When to push on, when to stop."""
+
+    speed: float = parameter(0.05, "of the tip while it pushes", "m/s", 1e-3, 0.5)
+    rate_hz: float = parameter(10.0, "at which a push is corrected", "Hz", 0.5, 100.0)
+    near: float = parameter(0.002, "distance from the goal that is near enough", "m", 1e-4, 0.1)
+    near_deg: float = parameter(1.2, "angle to the goal that is near enough", "deg", 0.01, 90.0)
+    reached: float = parameter(0.01, "largest distance that counts as reached", "m", 1e-3, 0.5)
+    reached_deg: float = parameter(8.0, "largest angle that counts as reached", "deg", 0.1, 180.0)
+    most_time: float = parameter(120.0, "after which it is given up", "s", 1.0, 3600.0)
+    most_force: float = parameter(25.0, "of the contact, at which it stops", "N", 0.1, 200.0)
+    stale: float = parameter(0.5, "age of the object's pose at which it stops", "s", 0.05, 10.0)
+    lost: float = parameter(0.006, "gap at which contact counts as lost", "m", 1e-3, 0.1)
+    tries: int = parameter(4, "pushes without progress before it is given up", "", 1, 100)
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What is known at an instant.
+
+    Attributes:
+        time: s. tip: (4,) x, y, z (m) and turn (rad). pose: (3,) of the object. pose_time: s.
+        force: N of the contact; 0 where nothing is felt or nobody tells.
+    """
+
+    time: float
+    tip: Array
+    pose: Array
+    pose_time: float
+    force: float = 0.0
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How it ended.
+
+    Attributes:
+        reached: whether the object is within what counts as reached.
+        error_m, error_rad: of the object's last pose. pushes: made. duration_s: in all.
+        why: it ended, in words.
+    """
+
+    reached: bool
+    error_m: float
+    error_rad: float
+    pushes: int
+    duration_s: float
+    why: str
+
+    def to_json(self) -> dict[str, object]:
+        """Plain numbers and words."""
+        return {
+            "reached": self.reached,
+            "error_m": self.error_m,
+            "error_rad": self.error_rad,
+            "pushes": self.pushes,
+            "duration_s": self.duration_s,
+            "stopped_because": self.why,
+        }
+
+
+class Planner(Protocol):
+    """What decides where to push."""
+
+    goal: Array
+
+    def error(self, pose: Array) -> Array:
+        """Distance (N,) of poses (N, 3) from the goal, m."""
+
+    def plan(self, pose: Array) -> Push:
+        """Return the next push of an object at a pose (3,)."""
+
+    def go_on(self, plan: Array, pose: Array, tip: Array, normal: Array) -> Push:
+        """Return the best way on from a tip (2,) that touches."""
+
+    def contact(self, pose: Array, tip: Array) -> tuple[float, Array]:
+        """Gap between tip (2,) and object at a pose (3,), m, and the normal (2,) into it."""
+
+
+class PushController:
+    """Answers each observation with where the tip should be; ends by itself.
+
+    Args:
+        planner: decides where to push.
+        straight: how the tip goes there and back.
+        config: when to stop.
+        support: height of the table, m.
+
+    Attributes:
+        outcome: how it ended; None while it goes on.
+        phase: what is being done. push: the last one decided. pushes: begun so far.
+    """
+
+    def __init__(
+        self,
+        planner: Planner,
+        straight: StraightConfig | None = None,
+        config: ControlConfig | None = None,
+        support: float = 0.0,
+    ) -> None:
+        self.planner, self.support = planner, support
+        self.straight, self.config = straight or StraightConfig(), config or ControlConfig()
+        self.outcome: Outcome | None = None
+        self.phase, self.push, self.pushes = "look", None, 0
+        self._began: float | None = None
+        self._looks: deque[Array] = deque(maxlen=_LOOKS)
+        self._look_time = -np.inf
+        self._way, self._way_began = StraightAction(()), 0.0
+        self._best, self._idle = np.inf, 0
+        self._touched = False
+
+    push: Push | None
+
+    def advance(self, seen: Seen) -> Array:
+        """Return where the tip should be now, (4,); where it is once it has ended."""
+        if self._began is None:
+            self._began = seen.time
+        reason = self._reason_to_stop(seen)
+        if reason and self.outcome is None:
+            self._end(seen, reason)
+        if self.outcome is not None:
+            return seen.tip.copy()
+        step = {"look": self._look, "go": self._go, "push": self._advance_push}.get(self.phase)
+        return self._leave(seen) if step is None else step(seen)
+
+    @property
+    def way_left(self) -> tuple[Array, float] | None:
+        """Where (4,) the way through the air ends and in how many s; None while something is near.
+
+        Simulations skip it.
+        """
+        if self.phase != "go" or not self._way.legs:
+            return None
+        return self._way.frame(np.inf), self._way.duration
+
+    def stop(self, seen: Seen, why: str) -> None:
+        """End now."""
+        if self.outcome is None:
+            self._end(seen, why)
+
+    def _reason_to_stop(self, seen: Seen) -> str:
+        config = self.config
+        if seen.force > config.most_force:
+            return f"the contact bears {seen.force:.1f} N, more than {config.most_force:g} N"
+        if seen.time - seen.pose_time > config.stale:
+            return f"the object's pose is {seen.time - seen.pose_time:.2g} s old"
+        assert self._began is not None
+        if seen.time - self._began > config.most_time and self.phase in ("look", "push"):
+            return f"not there after {config.most_time:g} s"
+        return ""
+
+    def _end(self, seen: Seen, why: str) -> None:
+        away, turn = self._away(seen.pose)
+        inside = away <= self.config.reached and turn <= np.deg2rad(self.config.reached_deg)
+        duration = 0.0 if self._began is None else seen.time - self._began
+        self.outcome = Outcome(inside, away, turn, self.pushes, duration, why)
+
+    def _away(self, pose: Array) -> tuple[float, float]:
+        """Distance (m) and angle (rad) of a pose from the goal."""
+        off = pose - self.planner.goal
+        turn = abs((off[2] + np.pi) % (2.0 * np.pi) - np.pi)
+        return float(np.hypot(*off[:2])), float(turn)
+
+    def _look(self, seen: Seen) -> Array:
+        """Gather poses at rest; then decide."""
+        if seen.pose_time > self._look_time:
+            self._look_time = seen.pose_time
+            self._looks.append(seen.pose)
+        if len(self._looks) == _LOOKS:
+            poses = np.array(self._looks)
+            poses[:, 2] = poses[0, 2] + np.angle(np.exp(1j * (poses[:, 2] - poses[0, 2])))
+            self._decide(seen, poses.mean(axis=0))
+        return seen.tip.copy()
+
+    def _decide(self, seen: Seen, pose: Array) -> None:
+        """Stop, or begin the way to the next push."""
+        config = self.config
+        away, turn = self._away(pose)
+        error = float(self.planner.error(pose[None])[0])
+        if away <= config.near and turn <= np.deg2rad(config.near_deg):
+            self._end(seen, "near enough")
+            return
+        self._idle = 0 if error < self._best - _NEVER else self._idle + 1
+        self._best = min(self._best, error)
+        push = self.planner.plan(pose)
+        if self._idle > config.tries or push.length <= 0.0:
+            self._end(seen, f"{config.tries} pushes brought it no nearer")
+            return
+        self.push, self.phase, self._touched = push, "go", False
+        self._walk(seen, way_there(seen.tip, push.start, self.straight, self.support, seen.tip[3]))
+
+    def _walk(self, seen: Seen, legs: Sequence[Leg]) -> None:
+        self._way, self._way_began = StraightAction(tuple(legs)), seen.time
+
+    def _follow(self, seen: Seen, then: str) -> Array:
+        """Go along the way; the next phase begins at its end."""
+        time = seen.time - self._way_began
+        if time >= self._way.duration:
+            self.phase = then
+        return self._way.frame(time)
+
+    def _go(self, seen: Seen) -> Array:
+        target = self._follow(seen, "push")
+        if self.phase == "push":
+            assert self.push is not None
+            self.pushes += 1
+            self._left, self._last = self.push.length, seen.time
+            self._place, self._turned = self.push.start.copy(), seen.time
+            self._z = target[2]
+        return target
+
+    def _advance_push(self, seen: Seen) -> Array:
+        """Move on along the direction, corrected at the configured rate."""
+        assert self.push is not None
+        gap = self.planner.contact(seen.pose, self._place)[0]
+        self._touched = self._touched or gap < 1e-3
+        if self._touched and seen.time - self._turned >= 1.0 / self.config.rate_hz:
+            self._turned = seen.time
+            start_normal = self.push.normal
+            self.push = self.planner.go_on(self.push.plan, seen.pose, self._place, start_normal)
+            self._left = self.push.length
+        step = seen.time - self._last
+        self._last = seen.time
+        speed = float(np.clip(self._left / _SETTLE, _CRAWL, self.config.speed))
+        way = min(speed * step, max(self._left, 0.0))
+        self._place = self._place + way * self.push.direction
+        self._left -= way
+        if self._left <= 1e-4 or gap > self._most_gap():
+            self._begin_leaving(seen)
+        return np.array([*self._place, self._z, seen.tip[3]])
+
+    def _most_gap(self) -> float:
+        assert self.push is not None
+        return self.config.lost if self._touched else self.config.lost + 0.02
+
+    def _begin_leaving(self, seen: Seen) -> None:
+        away = -self.planner.contact(seen.pose, self._place)[1]
+        now = np.array([*self._place, self._z, seen.tip[3]])
+        self.phase = "leave"
+        self._walk(seen, way_back(now, away, self.straight, self.support))
+
+    def _leave(self, seen: Seen) -> Array:
+        target = self._follow(seen, "look")
+        if self.phase == "look":
+            self._looks.clear()
+            self._look_time = seen.pose_time
+        return target

@@ -1,0 +1,155 @@
+"""Where straight pushes take an object: many candidates at once, quasi-static."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.planar.mechanics.limit_surface import pushed_twist
+from tactile_dynamics_ros.core.planar.mechanics.linkage import turned
+from tactile_dynamics_ros.core.planar.mechanics.outline import area_and_centroid
+from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
+
+Array = NDArray[np.float64]
+
+_MOST_CORNERS = 48
+"""Vertices of an outline that are used: a circle of 6 cm is then met 0.13 mm inside at most, and
+each distance costs a comparison per vertex. Fewer would make round objects angular."""
+
+
+@dataclass(frozen=True, eq=False)
+class PushedBody:
+    """What has to be known of an object to predict its motion under slow pushes.
+
+    Only the centre of friction and the friction radius count; mass and friction do not.
+
+    Attributes:
+        outline: (V, 2) m, object frame, anticlockwise.
+        com: (2,) m, object frame; the centre of friction lies below it.
+        tip_radius: m, of the pusher.
+        tip_friction: coefficient between tip and object.
+    """
+
+    outline: Array
+    com: Array
+    tip_radius: float = 0.006
+    tip_friction: float = 0.35
+
+    @classmethod
+    def from_footprint(
+        cls, footprint: Array, com: Array | None, tip_radius: float, tip_friction: float
+    ) -> PushedBody:
+        """Make one from an outline as cameras tell it; without a centre of mass its middle.
+
+        Raises:
+            BadInputError: the footprint encloses no area.
+        """
+        outline = np.asarray(footprint, dtype=float)
+        area, middle = area_and_centroid(outline) if len(outline) >= 3 else (0.0, np.zeros(2))
+        if not np.isfinite(area) or abs(area) < 1e-6:
+            raise BadInputError(f"footprint: {len(outline)} vertices enclose {area:.2g} m^2")
+        outline = outline if area > 0.0 else outline[::-1]
+        outline = _simplified(outline)
+        return cls(outline, middle if com is None else com, tip_radius, tip_friction)
+
+    @cached_property
+    def radius(self) -> float:
+        """Friction radius, m: largest friction torque over largest force."""
+        patch = SupportPatch(self.outline)
+        centre = (self.com - patch.centroid)[None]
+        return float(patch.friction_radius(centre, np.ones(1))[0])
+
+    @cached_property
+    def edges(self) -> tuple[Array, Array, Array]:
+        """Start (V, 2), way (V, 2) and length (V,) of each edge."""
+        way = np.roll(self.outline, -1, axis=0) - self.outline
+        return self.outline, way, np.linalg.norm(way, axis=1)
+
+    @property
+    def perimeter(self) -> float:
+        """Length of the outline, m."""
+        return float(self.edges[2].sum())
+
+    def at(self, share: Array) -> tuple[Array, Array]:
+        """Point (N, 2) and inward normal (N, 2) at shares (N,) of the perimeter, object frame."""
+        start, way, length = self.edges
+        ends = np.cumsum(length)
+        along = np.mod(share, 1.0) * ends[-1]
+        k = np.minimum(np.searchsorted(ends, along, side="right"), len(length) - 1)
+        unit = way[k] / length[k, None]
+        left = along - (ends[k] - length[k])
+        normal = np.stack([-unit[:, 1], unit[:, 0]], axis=1)
+        return start[k] + left[:, None] * unit, normal
+
+    def nearest(self, point: Array) -> tuple[Array, Array, Array]:
+        """Nearest point (N, 2) of the outline, distance (N,) and inward normal (N, 2) of points.
+
+        Points are taken to lie outside, as the middle of a tip does.
+        """
+        start, way, length = self.edges
+        arm = point[:, None] - start
+        share = np.clip(np.sum(arm * way, axis=2) / np.square(length), 0.0, 1.0)
+        gap = arm - share[:, :, None] * way
+        squared = np.sum(gap * gap, axis=2)
+        k = squared.argmin(axis=1)
+        rows = np.arange(len(point))
+        distance = np.sqrt(squared[rows, k])
+        inward = np.stack([-way[k, 1], way[k, 0]], axis=1) / length[k, None]
+        outward = gap[rows, k]
+        normal = np.where(
+            distance[:, None] > 1e-6, -outward / np.maximum(distance, 1e-6)[:, None], inward
+        )
+        return point - outward, distance, normal
+
+
+def _simplified(outline: Array) -> Array:
+    """Drop the vertices that matter least (Visvalingam and Whyatt 1993) until few are left."""
+    while len(outline) > _MOST_CORNERS:
+        before, after = np.roll(outline, 1, axis=0), np.roll(outline, -1, axis=0)
+        one, two = outline - before, after - before
+        loss = np.abs(one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0])
+        outline = np.delete(outline, loss.argmin(), axis=0)
+    return outline
+
+
+def pushed(body: PushedBody, pose: Array, tip: Array, way: Array) -> tuple[Array, Array]:
+    """Poses (N, 3) and tips (N, 2) after the tips moved by short ways (N, 2).
+
+    The tip's radius is kept free by the motion that the limit surface's ellipsoid allows; a tip
+    that would only slide along moves nothing.
+
+    Args:
+        body: that is pushed.
+        pose: (N, 3) x, y, yaw of the object's frame.
+        tip: (N, 2) m, middle of the tip.
+        way: (N, 2) m.
+    """
+    tip = tip + way
+    local = turned(tip - pose[:, :2], -pose[:, 2])
+    near, distance, normal = body.nearest(local)
+    depth = body.tip_radius - distance
+    inward = turned(normal, pose[:, 2])
+    along = way - np.sum(way * inward, axis=1)[:, None] * inward
+    wanted = along + np.maximum(depth, 0.0)[:, None] * inward
+    count = len(pose)
+    twist = pushed_twist(
+        turned(near - body.com, pose[:, 2]),
+        inward,
+        wanted,
+        np.full(count, body.radius),
+        np.full(count, body.tip_friction),
+    )
+    twist = np.where((depth > 0.0)[:, None], twist, 0.0)
+    return moved(body, pose, twist), tip
+
+
+def moved(body: PushedBody, pose: Array, twist: Array) -> Array:
+    """Poses (N, 3) after displacements (N, 3) of the centre of friction."""
+    com = np.broadcast_to(body.com, (len(pose), 2))
+    centre = pose[:, :2] + turned(com, pose[:, 2]) + twist[:, :2]
+    yaw = pose[:, 2] + twist[:, 2]
+    return np.column_stack([centre - turned(com, yaw), yaw])
