@@ -1,0 +1,156 @@
+"""A contact without memory: the touched point moves as the pusher does, with stick and slip."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.planar.mechanics.linkage import applied, cross, shifting, turned
+from tactile_dynamics_ros.core.planar.mechanics.outline import edge_normals, nearest_edge
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_GAIN = 1e5
+"""Force per slip velocity that holds the contact, N s/m: 3 N let it creep by 0.03 mm/s. The tip's
+own spring is left out: a depth of micrometres cannot be told from poses of 0.5 mm, and its force
+would be the poses' noise. Ten times less would change velocities by 1 % of a slow push."""
+_TURNING_GAIN = 100.0
+"""Torque per turning rate that holds a grip, N m s/rad: 0.1 N m let it creep by 0.06 deg/s."""
+_CLOSING = 0.1
+"""Time in which a tip that lies inside the outline leaves it where only the outline tells of
+contact, s. Shorter ones push the object with the pose's error."""
+
+
+@dataclass(frozen=True, eq=False)
+class Tip:
+    """A tip whose contact is felt, or follows from a convex outline.
+
+    f_n = max(0, c (p - v) . n), |f_t| <= friction f_n
+
+    Attributes:
+        outline: (V, 2) m, convex, link frame. height: (B,) m. friction: (B,) against the object.
+        touching: whether it touches; None where the outline decides.
+        normal: (2,) into the object, axes of S, or None where the outline decides.
+        link: index of the touched link.
+    """
+
+    outline: Array
+    height: Array
+    friction: Array
+    touching: bool | None = None
+    normal: Array | None = None
+    link: int = 0
+
+    def hold(self, frame: Array, before: Array, after: Array, step: float) -> TipHold:
+        """Contact during a step."""
+        arm = before[:, :2] - frame[:, :2]
+        velocity = (after[:, :2] - before[:, :2]) / step
+        if self.normal is not None and self.touching is not None:
+            normal, depth = np.broadcast_to(self.normal, arm.shape), np.zeros(len(arm))
+        else:
+            own = turned(arm, -frame[:, 2])
+            depth, normal = nearest_edge(self.outline, edge_normals(self.outline), own)
+            normal = turned(normal, frame[:, 2])
+        felt = np.full(len(arm), bool(self.touching))
+        if self.touching is None:
+            felt = depth + step * np.maximum(np.sum(velocity * normal, axis=1), 0.0) > 0.0
+            velocity = velocity + normal * (np.maximum(depth, 0.0) / _CLOSING)[:, None]
+        return TipHold(self.friction, arm, normal, velocity, felt)
+
+
+class TipHold:
+    """Contact of a tip during one step."""
+
+    def __init__(
+        self, friction: Array, arm: Array, normal: Array, velocity: Array, felt: Mask
+    ) -> None:
+        tangent = np.stack([-normal[:, 1], normal[:, 0]], axis=1)
+        self.friction, self.felt = friction, felt
+        self.along = [np.column_stack([d, cross(arm, d)]) for d in (normal, tangent)]
+        self.drive = [np.sum(velocity * d, axis=1) for d in (normal, tangent)]
+        self.touches = felt
+        self.slides = np.zeros(len(arm), dtype=bool)
+        self.limit = np.zeros(len(arm))
+
+    def linear(self) -> tuple[Array, Array]:
+        """Damping and push of the present state of contact."""
+        sticks = self.touches & ~self.slides
+        gains = _GAIN * self.touches, _GAIN * sticks
+        push = [gains[0] * self.drive[0], gains[1] * self.drive[1] + self.limit * self.slides]
+        damping = sum(
+            g[:, None, None] * a[:, :, None] * a[:, None, :]
+            for g, a in zip(gains, self.along, strict=True)
+        )
+        total = sum(p[:, None] * a for p, a in zip(push, self.along, strict=True))
+        return np.asarray(damping), np.asarray(total)
+
+    def settle(self, twist: Array) -> None:
+        """Touch while the normal force presses; slide where the tangential one is too large."""
+        normal, tangential = self._forces(twist)
+        self.touches = self.felt & (normal > 0.0)
+        most = self.friction * np.maximum(normal, 0.0)
+        self.slides = self.touches & (np.abs(tangential) > most)
+        self.limit = np.sign(tangential) * most
+
+    def wrench(self, twist: Array) -> Array:
+        """Wrench of the tip on the object."""
+        normal, tangential = self._forces(twist)
+        normal = np.maximum(normal, 0.0) * self.felt
+        most = self.friction * normal
+        force = (normal, np.clip(tangential, -most, most))
+        return np.asarray(sum(f[:, None] * a for f, a in zip(force, self.along, strict=True)))
+
+    def remember(self, twist: Array) -> None:
+        """Nothing to keep."""
+
+    def _forces(self, twist: Array) -> tuple[Array, Array]:
+        """Normal and tangential force if it touches and sticks."""
+        normal, tangential = (
+            _GAIN * (drive - np.sum(along * twist, axis=1))
+            for drive, along in zip(self.drive, self.along, strict=True)
+        )
+        return normal, tangential
+
+
+@dataclass(frozen=True, eq=False)
+class Grip:
+    """A grip that the link moves and turns with.
+
+    Attributes:
+        height: (B,) m. link: index of the gripped link.
+    """
+
+    height: Array
+    link: int = 0
+
+    def hold(self, frame: Array, before: Array, after: Array, step: float) -> GripHold:
+        """Hold during a step."""
+        return GripHold(before[:, :2] - frame[:, :2], (after - before) / step)
+
+
+class GripHold:
+    """A grip during one step; it needs no settling."""
+
+    def __init__(self, arm: Array, velocity: Array) -> None:
+        gains = np.array([_GAIN, _GAIN, _TURNING_GAIN])
+        motion = shifting(arm)
+        back = motion.swapaxes(1, 2)
+        self._push = applied(back, gains * velocity)
+        self._damping = back @ (gains[:, None] * motion)
+
+    def linear(self) -> tuple[Array, Array]:
+        """Damping and push of the grip."""
+        return self._damping, self._push
+
+    def settle(self, twist: Array) -> None:
+        """Nothing to choose."""
+
+    def wrench(self, twist: Array) -> Array:
+        """Wrench of the grip."""
+        return np.asarray(self._push - applied(self._damping, twist))
+
+    def remember(self, twist: Array) -> None:
+        """Nothing to keep."""

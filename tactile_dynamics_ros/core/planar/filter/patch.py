@@ -1,0 +1,138 @@
+"""The physical model of pushing as a process: one link with Coulomb friction of every point."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.planar.filter.hold import Grip, Tip
+from tactile_dynamics_ros.core.planar.filter.process import (
+    LINK_PARAMETERS,
+    Mask,
+    Prediction,
+    PusherMotion,
+)
+from tactile_dynamics_ros.core.planar.mechanics.linkage import Link, Linkage, cross, turned
+from tactile_dynamics_ros.core.planar.mechanics.outline import edge_normals, nearest_edge
+from tactile_dynamics_ros.core.planar.mechanics.simulation import (
+    GRAVITY,
+    PlanarSimulation,
+    StepConfig,
+)
+from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
+
+Array = NDArray[np.float64]
+
+_FRICTION, _FRICTION_SPREAD = 0.3, 0.6
+"""Median of support friction and standard deviation of its logarithm before any data: 68 % between
+0.16 and 0.55, from Teflon to wood, as the fits to recordings presume."""
+_MASS, _MASS_SPREAD = 0.5, 1.2
+"""Median of masses, kg, and standard deviation of their logarithm: 95 % between 45 g and 5.5 kg,
+what arms push. Twice as wide takes the filter one more tenth of a second."""
+_TIP_FRICTION, _TIP_SPREAD = 0.4, 0.5
+"""The same of the coefficient between pusher and object, which only counts where it slips."""
+_REACH = 0.5
+"""Standard deviation of the centre of mass from the centroid over the footprint's radius of
+gyration: a lump that leaves the middle third of a box is rare."""
+
+
+@dataclass(frozen=True, eq=False)
+class PatchProcess:
+    """Mechanics of one link.
+
+    Attributes:
+        outline: (V, 2) m, link frame.
+        com_height: m above the support.
+        points: of the footprint, roughly; 25 instead of 64 change friction torques by 2 %, and
+            centres of mass by less than 0.1 mm.
+        step: s, longest step of the mechanics. rounds: solutions of each.
+    """
+
+    outline: Array
+    com_height: float = 0.03
+    points: int = 25
+    step: float = 0.01
+    rounds: int = 4
+    links: int = 1
+    patch: SupportPatch = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "patch", SupportPatch(self.outline, self.points))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the parameters: those of a link, and ln of the friction between pusher and object."""
+        return (*LINK_PARAMETERS, "ln_tip_friction")
+
+    @property
+    def prior(self) -> tuple[Array, Array]:
+        """Mean (5,) and covariance (5, 5); a heavier object has the larger product."""
+        mean = np.array(
+            [np.log(_MASS * _FRICTION), np.log(_MASS), *self.patch.centroid, np.log(_TIP_FRICTION)]
+        )
+        reach = _REACH * np.sqrt(self.patch.gyration)
+        std = np.array([_FRICTION_SPREAD, _MASS_SPREAD, reach, reach, _TIP_SPREAD])
+        mixing = np.eye(5)
+        mixing[0, 1] = 1.0
+        root = mixing * std
+        return mean, np.asarray(root @ root.T)
+
+    def feasible(self, parameters: Array) -> Mask:
+        """Whether the centre of mass lies above the footprint's hull."""
+        inside, _ = nearest_edge(self.outline, edge_normals(self.outline), parameters[:, 2:4])
+        return np.asarray(inside > 0.0)
+
+    def predict(self, states: Array, parameters: Array, motion: PusherMotion) -> Prediction:
+        """Advance by one step of the pusher, in as many steps of the mechanics as it needs."""
+        count = len(states)
+        com, yaw = parameters[:, 2:4], states[:, 2]
+        linkage = Linkage((self._link(parameters, motion.lift),))
+        twist = _shifted(states[:, 3:6], turned(com, yaw))
+        steps = max(1, int(np.ceil(motion.step / self.step - 1e-9)))
+        config = StepConfig(motion.step / steps, self.rounds)
+        simulation = PlanarSimulation(
+            linkage, self._pusher(parameters, motion), states[:, None, :3], config, twist[:, None]
+        )
+        wrench = np.zeros((count, 3))
+        place = np.linspace(motion.before, motion.after, steps + 1)
+        for k in range(steps):
+            before, after = (np.broadcast_to(p, (count, 3)) for p in place[k : k + 2])
+            simulation.step(before, after)
+            part = simulation.wrench.copy()
+            moved = np.broadcast_to(place[k, :2] - place[0, :2], (count, 2))
+            part[:, 2] += cross(moved, part[:, :2])
+            wrench += part / steps
+        pose = linkage.frames(simulation.coordinates)[:, 0]
+        back = _shifted(simulation.twist[:, 0], -turned(com, pose[:, 2]))
+        return Prediction(np.concatenate([pose, back], axis=1), wrench)
+
+    def _link(self, parameters: Array, lift: float) -> Link:
+        """Properties of the hypotheses; a lift takes load and its friction off the support."""
+        product, mass = np.exp(parameters[:, :2].T)
+        borne = np.maximum(1.0 - lift / (mass * GRAVITY), 0.1)
+        same = np.ones(len(mass))
+        return Link(
+            patch=self.patch,
+            mass=mass,
+            friction=product / mass * borne,
+            com=parameters[:, 2:4],
+            com_height=self.com_height * same,
+            inertia=mass * self.patch.gyration,
+            scale=same,
+        )
+
+    def _pusher(self, parameters: Array, motion: PusherMotion) -> Tip | Grip:
+        height = np.full(len(parameters), motion.height)
+        if motion.grip:
+            return Grip(height)
+        friction = np.exp(parameters[:, 4])
+        return Tip(self.outline, height, friction, motion.touching, motion.normal)
+
+
+def _shifted(twist: Array, arm: Array) -> Array:
+    """Twist (B, 3) of the point at an arm (B, 2) from that of a twist."""
+    rate = twist[:, 2:]
+    across = np.stack([-arm[:, 1], arm[:, 0]], axis=1)
+    return np.concatenate([twist[:, :2] + rate * across, rate], axis=1)
