@@ -113,14 +113,14 @@ class ModelCheckNode(Shell):
         if self._background.busy or now < self._rest_until:
             return
         if newest == self._compared:
-            self._end_watch()
+            self._pause_watch()
             return
         self._compared, self._started = newest, now
         try:
             comparison = self.check.comparison()
         except TactileDynamicsError as error:
             self.faults.add("not_compared", str(error))
-            self._end_watch()
+            self._pause_watch()
             return
         self._comparison = self._background.submit(comparison)
 
@@ -136,7 +136,7 @@ class ModelCheckNode(Shell):
             result = future.result()
         except TactileDynamicsError as error:
             self.faults.add("not_compared", str(error))
-            self._end_watch()
+            self._pause_watch()
             return
         self._error.publish(Float64(data=float(result.whitened_rms)))
         message = wrench_to_message(result.residual[-1], float(result.time[-1]), "object")
@@ -144,9 +144,9 @@ class ModelCheckNode(Shell):
         for event in self._watch.update(float(result.time[-1]), float(result.whitened_rms)):
             self._act(event, float(result.whitened_rms))
 
-    def _end_watch(self) -> None:
-        """Keep what a report was about, now that nothing is measured any longer."""
-        for event in self._watch.end():
+    def _pause_watch(self) -> None:
+        """Keep what a report was about, now that nothing is measured."""
+        for event in self._watch.pause():
             self._act(event)
 
     def _act(self, event: Event, error: float = np.nan) -> None:

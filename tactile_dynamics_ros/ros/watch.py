@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import Enum
 
@@ -35,17 +36,20 @@ class Watch:
     """Follows an error: reports it once it has stayed above the threshold, then keeps the data.
 
     Data are kept when all `span` seconds are of the time since the error rose, so that a diagnosis
-    finds nothing else in them, or as soon as the error is small again or nothing is measured.
+    finds nothing else in them, or as soon as the error is small again or nothing is measured. Only a
+    small error ends a rise: silence tells nothing, and a stream that pauses is not reported again.
 
     Attributes:
         config: threshold and times.
         risen: s, when the error rose; None while it is small.
+        newest: s, time of the newest error.
         reported: whether this rise was reported.
         kept: whether this rise was kept.
     """
 
     config: WatchConfig
     risen: float | None = None
+    newest: float = -math.inf
     reported: bool = False
     kept: bool = False
 
@@ -53,17 +57,28 @@ class Watch:
         """Take the error at a time, s, and say what is to be done now."""
         if not self.config.threshold:
             return []
+        before, self.newest = self.newest, time
+        if time < before:
+            self._forget()  # the clock was set back, what was measured is gone
         if error < self.config.threshold:
-            return self.end()
-        if self.risen is None or time < self.risen:
+            left = self.pause()
+            self._forget()
+            return left
+        left_behind = not self.reported and time - before > self.config.span
+        if self.risen is None or left_behind:
             self.risen = time
         return self._of_large(time - self.risen)
 
-    def end(self) -> list[Event]:
-        """Begin anew, as the error is small or nothing is measured, and say what is left to do."""
-        left = [Event.KEEP] if self.reported and not self.kept else []
+    def pause(self) -> list[Event]:
+        """Say what is left to do as nothing is measured for now."""
+        if not self.reported or self.kept:
+            return []
+        self.kept = True
+        return [Event.KEEP]
+
+    def _forget(self) -> None:
+        """Begin anew."""
         self.risen, self.reported, self.kept = None, False, False
-        return left
 
     def _of_large(self, lasted: float) -> list[Event]:
         """Return what is to be done about an error that has been large for a time, s."""

@@ -35,12 +35,29 @@ def test_what_ends_early_is_kept_at_its_end_and_the_next_rise_is_reported_again(
     assert found[1][0] == 17.5
 
 
-def test_what_stops_after_a_report_is_kept():
+def test_what_stops_after_a_report_is_kept_once_and_not_reported_again_when_it_goes_on():
     watch = Watch(CONFIG)
     for k in range(5):
         watch.update(2.5 * k, 2.0)
-    assert watch.end() == [Event.KEEP]
-    assert watch.end() == []
+    assert watch.pause() == [Event.KEEP]
+    assert watch.pause() == []
+    assert [watch.update(60.0 + 2.5 * k, 2.0) for k in range(20)] == [[]] * 20
+    assert watch.update(110.0, 1.0) == []
+    assert [event for k in range(4) for event in watch.update(112.5 + 2.5 * k, 2.0)] == [
+        Event.REPORT
+    ]
+
+
+def test_silence_does_not_end_a_rise_but_counts_only_while_its_data_are_there():
+    watch = Watch(CONFIG)
+    watch.update(0.0, 2.0)
+    assert watch.pause() == []
+    assert watch.update(6.0, 2.0) == [Event.REPORT]
+    watch = Watch(CONFIG)
+    watch.update(0.0, 2.0)
+    assert watch.update(31.0, 2.0) == []
+    assert watch.update(35.9, 2.0) == []
+    assert watch.update(36.1, 2.0) == [Event.REPORT]
 
 
 def test_nothing_is_watched_without_a_threshold():
@@ -53,6 +70,8 @@ def test_a_clock_that_is_set_back_begins_anew():
     assert watch.update(3.0, 2.0) == []
     assert watch.update(7.9, 2.0) == []
     assert watch.update(8.1, 2.0) == [Event.REPORT]
+    assert watch.update(2.0, 2.0) == []
+    assert watch.update(7.1, 2.0) == [Event.REPORT]
 
 
 def test_recordings_are_kept_with_their_diagnosis_and_the_oldest_goes(tmp_path):
