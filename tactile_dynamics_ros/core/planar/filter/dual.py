@@ -37,8 +37,8 @@ _LEAST_COUNT = 0.5
 left out: with a tenth of them their covariance would be of ten points."""
 _NOISE = (2e-5, 2e-5, 4e-4, 1e-3, 1e-3, 2e-2)
 """Standard deviation that a step of 10 ms adds to x, y, yaw and their rates: what the mechanics
-miss of a link (m, rad, m/s, rad/s). At a tenth poses lag behind pushes whose contact point is off by
-0.3 mm; at ten times forces tell nothing, since each follows from a change of velocity."""
+miss of a link (m, rad, m/s, rad/s). At a tenth poses lag behind pushes whose contact point is off
+by 0.3 mm; at ten times forces tell nothing, since each follows from a change of velocity."""
 _STANDING = (1e-3, 1e-3, 1e-2)
 """Standard deviation of the rates of an object that nothing touches and that has stopped, m/s and
 rad/s; it is taken to stand still."""
@@ -48,7 +48,8 @@ rad/s; it is taken to stand still."""
 class DualConfig:
     """How many hypotheses there are, and what tables are like."""
 
-    hypotheses: int = parameter(100, "weighted at each step; even", "", 40, 2000)
+    hypotheses: int = parameter(60, "of parameters, weighted at each step; even", "", 20, 2000)
+    motions: int = parameter(40, "of state and local friction at each step; even", "", 20, 2000)
     variation: float = parameter(
         0.08, "standard deviation of friction from place to place, over its mean", "", 0.0, 0.5
     )
@@ -60,22 +61,16 @@ class DualConfig:
 
 @dataclass(frozen=True, eq=False)
 class _Ahead:
-    """Hypotheses at the end of a step and what they expect.
+    """What hypotheses are and expect at the end of a step, each row what moves (n) and is seen (m).
 
     Attributes:
-        values: (C, D) parameters, state, local friction. seen: (C, m).
-        noise: (q, D + m) rows of independent noise that the step adds.
+        own: (C, p) parameters. by_own: (C, n + m) of each, its motion at its likeliest.
+        spread: (K, n + m) rows whose product is the covariance of the rest, given the parameters.
     """
 
-    values: Array
-    seen: Array
-    noise: Array
-
-    def moments(self) -> tuple[Array, Array]:
-        """Mean (D + m,) and lower root (D + m, D + m) of both together."""
-        both = np.concatenate([self.values, self.seen], axis=1)
-        mean = both.mean(axis=0)
-        return mean, root_of(np.concatenate([(both - mean) / np.sqrt(len(both)), self.noise]))
+    own: Array
+    by_own: Array
+    spread: Array
 
 
 class DualFilter:
@@ -123,8 +118,9 @@ class DualFilter:
         )
         self.kept = 1.0
         """Share of the last measurement that was not left out."""
-        size = len(self.belief.mean)
-        self._unit = unit_points(self.config.hypotheses, size, self._rng)
+        n = self._moving + len(self._local)
+        self._unit_own = unit_points(self.config.hypotheses, self._own, self._rng)
+        self._unit_moving = unit_points(self.config.motions, n, self._rng)
 
     @property
     def parameters(self) -> tuple[Array, Array]:
@@ -147,59 +143,104 @@ class DualFilter:
             seen: during the step.
         """
         ahead = self._ahead(motion, seen)
-        mean, root = ahead.moments()
-        size = len(self.belief.mean)
-        if len(seen.value) == 0:
-            self.belief = Belief(mean[:size], root[:size, :size], self._own)
-            return
-        noise = self._believed_noise(seen, mean[size:], root[size:])
-        self.belief = self._updated(ahead, mean, root, seen.value, noise, motion is None)
+        noise = self._believed_noise(seen, ahead)
+        self.belief = self._updated(ahead, seen.value, noise, motion is None)
 
     def _ahead(self, motion: PusherMotion | None, seen: Observation) -> _Ahead:
-        """Hypotheses of the belief, moved by the process."""
-        turn = np.linalg.qr(self._rng.standard_normal((len(self.belief.mean),) * 2))[0]
-        values = self.belief.points(self._unit @ turn)
-        own, size = self._own, len(self.belief.mean)
-        start = values[:, own : own + self._moving]
-        step = 0.01 if motion is None else motion.step
-        noise = np.tile(_NOISE, self.process.links) * np.sqrt(step / 0.01)
-        if motion is None:
-            begin = start.copy()
-            begin.reshape(len(begin), -1, 6)[:, :, 3:] = 0.0
-            noise = np.tile([1e-6, 1e-6, 1e-6, *_STANDING], self.process.links)
-            prediction, memory = Prediction(begin, np.zeros((len(begin), 3))), 1.0
-        else:
-            prediction = self._predict(values, motion)
-            moved = float(np.linalg.norm(self.belief.mean[own + 3 : own + 5])) * step
-            memory = float(np.exp(-moved / _DISTANCE))
-        values = np.concatenate(
-            [values[:, :own], prediction.states, memory * values[:, own + self._moving :]], axis=1
-        )
-        rows = np.zeros((size - own, size + len(seen.value)))
-        fresh = self._local * np.sqrt(1.0 - memory**2)
-        rows[:, own:size] = np.diag(np.concatenate([noise, fresh]))
-        rows[: self._moving, size:] = noise[:, None] * seen.by_state(self._moving).T
-        return _Ahead(values, seen.expected(prediction), rows)
+        """Parameters with their likeliest motion, and motions with the mean parameters, moved on.
 
-    def _predict(self, values: Array, motion: PusherMotion) -> Prediction:
+        So neither blurs what the other is told: a heavy hypothesis is not judged by the velocity
+        that was drawn with it.
+        """
+        own, mean, root = self._own, self.belief.mean, self.belief.root
+        parts = [
+            (own_unit @ self._turn(own_unit.shape[1])) @ block.T
+            for own_unit, block in (
+                (self._unit_own, root[:, :own]),
+                (self._unit_moving, root[:, own:]),
+            )
+        ]
+        values = mean + np.concatenate([np.zeros((1, len(mean))), *parts])
+        split = np.cumsum([1, len(parts[0])])
+        states, memory = self._moved(values, motion, split)
+        local = memory * values[:, own + self._moving :]
+        both = np.concatenate([states.states, local, seen.expected(states)], axis=1)
+        middle, by_own, moved = np.split(both, split)
+        average = moved.mean(axis=0)
+        rows = (moved - average) / np.sqrt(len(moved))
+        return _Ahead(
+            values[1 : split[1], :own],
+            by_own + average - middle,
+            np.concatenate([rows, self._noise_rows(motion, seen, memory)]),
+        )
+
+    def _turn(self, size: int) -> Array:
+        """Random rotation, so that no direction is always between the hypotheses."""
+        return np.asarray(np.linalg.qr(self._rng.standard_normal((size, size)))[0])
+
+    def _moved(
+        self, values: Array, motion: PusherMotion | None, split: NDArray[np.intp]
+    ) -> tuple[Prediction, float]:
+        """States at the end of the step, and how much of the local friction is the same there."""
+        states = values[:, self._own : self._own + self._moving].copy()
+        if motion is None:
+            states.reshape(len(states), -1, 6)[:, :, 3:] = 0.0
+            return Prediction(states, np.zeros((len(states), 3))), 1.0
+        speed = float(np.linalg.norm(states[0, 3:5]))
+        memory = float(np.exp(-speed * motion.step / _DISTANCE))
+        return self._predict(states, self._here(values), motion, split), memory
+
+    def _noise_rows(self, motion: PusherMotion | None, seen: Observation, memory: float) -> Array:
+        """Rows (q, n + m) of independent noise that a step adds."""
+        if motion is None:
+            noise = np.tile([1e-6, 1e-6, 1e-6, *_STANDING], self.process.links)
+        else:
+            noise = np.tile(_NOISE, self.process.links) * np.sqrt(motion.step / 0.01)
+        fresh = self._local * np.sqrt(1.0 - memory**2)
+        n = self._moving + len(fresh)
+        by_state = seen.by_state(self._moving)
+        rows = np.zeros((n, n + len(by_state)))
+        rows[:, :n] = np.diag(np.concatenate([noise, fresh]))
+        rows[: self._moving, n:] = noise[:, None] * by_state.T
+        if motion is None or seen.wrench is None:
+            return rows
+        return np.concatenate([rows, self._given_way(motion, seen, by_state)])
+
+    def _given_way(self, motion: PusherMotion, seen: Observation, by_state: Array) -> Array:
+        """Row (1, n + m) of what a lag of the touched point behind the pusher changes."""
+        assert seen.wrench is not None
+        first = 6 * motion.link
+        slack = seen.wrench.slack
+        state = np.zeros(self._moving)
+        state[first : first + 2], state[first + 3 : first + 5] = -slack * motion.step, -slack
+        felt = by_state @ state
+        mass = np.exp(self.belief.mean[len(LINK_PARAMETERS) * motion.link + 1])
+        start = len(felt) - len(seen.wrench.value)
+        felt[start : start + 2] -= mass * slack / motion.step
+        local = np.zeros(len(self._local))
+        return np.concatenate([state, local, felt])[None]
+
+    def _predict(
+        self, states: Array, here: Array, motion: PusherMotion, split: NDArray[np.intp]
+    ) -> Prediction:
         """Predict all hypotheses; impossible ones are kept, and follow the others' linear trend.
 
         Clipping them to what is possible would shrink the belief; dropping them too.
 
         Source: paper B, III-F1.
         """
-        own = self._own
-        states = values[:, own : own + self._moving]
-        here = self._here(values)
         possible = self.process.feasible(here)
         if possible.all():
             return self.process.predict(states, here, motion)
+        possible[0] = True
         found = self.process.predict(states[possible], here[possible], motion)
-        columns = np.column_stack([np.ones(len(values)), values])
-        known = np.concatenate([found.states, found.wrench], axis=1)
-        trend = np.linalg.lstsq(columns[possible], known, rcond=None)[0]
-        both = columns @ trend
-        both[possible] = known
+        both = np.zeros((len(states), self._moving + 3))
+        both[possible] = np.concatenate([found.states, found.wrench], axis=1)
+        columns = np.column_stack([np.ones(len(states)), here, states])
+        for part in np.split(np.arange(len(states)), split)[1:]:
+            known, lacking = part[possible[part]], part[~possible[part]]
+            trend = np.linalg.lstsq(columns[known], both[known], rcond=None)[0]
+            both[lacking] = columns[lacking] @ trend
         return Prediction(both[:, : self._moving], both[:, self._moving :])
 
     def _here(self, values: Array) -> Array:
@@ -211,50 +252,44 @@ class DualFilter:
             here[:, [first, first + 2, first + 3]] += local[:, 3 * link : 3 * link + 3]
         return here
 
-    def _believed_noise(self, seen: Observation, mean: Array, root: Array) -> Array:
+    def _believed_noise(self, seen: Observation, ahead: _Ahead) -> Array:
         """Standard deviations (m,) of the noise, larger where a measurement is a surprise."""
-        std = seen.std.copy()
-        covariance = root @ root.T
+        std, n = seen.std.copy(), self._moving + len(self._local)
+        told = ahead.by_own[:, n:]
+        lack = seen.value - told.mean(axis=0)
+        covariance = np.cov(told.T, bias=True).reshape(len(std), len(std))
+        covariance = covariance + ahead.spread[:, n:].T @ ahead.spread[:, n:]
         for group in seen.groups:
-            lack = seen.value[group] - mean[group]
             spread = covariance[group, group] + np.diag(std[group] ** 2)
-            surprise = float(lack @ np.linalg.solve(spread, lack)) / len(lack)
-            if surprise > _MOST_SURPRISE:
-                std[group] = np.sqrt(
-                    std[group] ** 2
-                    + np.diag(spread) * (surprise / _MOST_SURPRISE - 1.0)
-                )  # fmt: skip
+            surprise = float(lack[group] @ np.linalg.solve(spread, lack[group]))
+            excess = surprise / (_MOST_SURPRISE * len(lack[group]))
+            if excess > 1.0:
+                std[group] = np.sqrt(std[group] ** 2 + np.diag(spread) * (excess - 1.0))
         return std
 
-    def _updated(
-        self, ahead: _Ahead, mean: Array, root: Array, value: Array, noise: Array, resting: bool
-    ) -> Belief:
+    def _updated(self, ahead: _Ahead, value: Array, noise: Array, resting: bool) -> Belief:
         """Parameter step, then the motion's step given the parameters, then both joined."""
-        own, size = self._own, len(self.belief.mean)
-        by_own = root[:own, :own]
-        inner, seen_inner = root[own:size, own:size], root[size:, own:size]
-        slope = slope_of(root[own:size, :own], by_own)
-        gain = slope_of(seen_inner, inner)
-        off_own = ahead.values[:, :own] - mean[:own]
-        off = ahead.values[:, own:] - mean[own:size] - off_own @ slope.T
-        told = ahead.seen - off @ gain.T
-        spread = seen_inner @ seen_inner.T + np.diag(noise**2)
-        weights = np.full(len(told), 1.0 / len(told))
+        n = self._moving + len(self._local)
+        told, weights = ahead.by_own[:, n:], np.full(len(ahead.own), 1.0 / len(ahead.own))
+        certain = np.diag(noise**2)
+        spread = certain + ahead.spread[:, n:].T @ ahead.spread[:, n:]
         self.kept = 1.0
-        if not resting:
+        if not resting and len(value):
             weights, self.kept = tempered_weights(_log_likelihood(value - told, spread))
-        marginal = weighted_moments(ahead.values[:, :own], weights)
-        expected = weights @ told
-        deviation = told - expected
-        about = ahead.values[:, :own] - marginal[0]
-        seen_slope = np.linalg.lstsq(
-            np.sqrt(weights)[:, None] * about, np.sqrt(weights)[:, None] * deviation, rcond=None
-        )[0].T
-        rest = deviation - about @ seen_slope.T
-        doubt = np.diag(noise**2) + (1.0 / self.kept - 1.0) * spread + (rest.T * weights) @ rest
-        gain, inner = kalman_step(inner, seen_inner, doubt)
-        middle = mean[own:size] + slope @ (marginal[0] - mean[:own]) + gain @ (value - expected)
-        return joined(marginal, slope - gain @ seen_slope, (middle, inner))
+        marginal = weighted_moments(ahead.own, weights)
+        middle = weights @ ahead.by_own
+        root = np.sqrt(weights)[:, None]
+        away, deviation = root * (ahead.own - marginal[0]), root * (ahead.by_own - middle)
+        slope = np.linalg.lstsq(away, deviation, rcond=None)[0].T
+        rest = deviation - away @ slope.T
+        lower = root_of(np.concatenate([ahead.spread, rest]))
+        doubt = certain + lower[n:, n:] @ lower[n:, n:].T
+        doubt += (1.0 / self.kept - 1.0) * spread
+        if len(value) == 0:
+            return joined(marginal, slope, (middle, lower))
+        gain, inner = kalman_step(lower[:n, :n], lower[n:, :n], doubt)
+        corrected = middle[:n] + gain @ (value - middle[n:])
+        return joined(marginal, slope[:n] - gain @ slope[n:], (corrected, inner))
 
 
 def _log_likelihood(lack: Array, covariance: Array) -> Array:

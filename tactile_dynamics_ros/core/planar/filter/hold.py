@@ -73,19 +73,19 @@ class TipHold:
         self.drive = [np.sum(velocity * d, axis=1) for d in (normal, tangent)]
         self.touches = felt
         self.slides = np.zeros(len(arm), dtype=bool)
-        self.limit = np.zeros(len(arm))
+        self.way = np.ones(len(arm))
 
     def linear(self) -> tuple[Array, Array]:
-        """Damping and push of the present state of contact."""
+        """Damping and push of the present state; what slides is dragged along as it is pressed."""
         sticks = self.touches & ~self.slides
-        gains = _GAIN * self.touches, _GAIN * sticks
-        push = [gains[0] * self.drive[0], gains[1] * self.drive[1] + self.limit * self.slides]
-        damping = sum(
-            g[:, None, None] * a[:, :, None] * a[:, None, :]
-            for g, a in zip(gains, self.along, strict=True)
-        )
-        total = sum(p[:, None] * a for p, a in zip(push, self.along, strict=True))
-        return np.asarray(damping), np.asarray(total)
+        normal, tangent = self.along
+        pressing, holding = _GAIN * self.touches, _GAIN * sticks
+        acting = normal + (self.friction * self.way * self.slides)[:, None] * tangent
+        damping = pressing[:, None, None] * acting[:, :, None] * normal[:, None, :]
+        damping += holding[:, None, None] * tangent[:, :, None] * tangent[:, None, :]
+        push = (pressing * self.drive[0])[:, None] * acting
+        push += (holding * self.drive[1])[:, None] * tangent
+        return np.asarray(damping), np.asarray(push)
 
     def settle(self, twist: Array) -> None:
         """Touch while the normal force presses; slide where the tangential one is too large."""
@@ -93,7 +93,7 @@ class TipHold:
         self.touches = self.felt & (normal > 0.0)
         most = self.friction * np.maximum(normal, 0.0)
         self.slides = self.touches & (np.abs(tangential) > most)
-        self.limit = np.sign(tangential) * most
+        self.way = np.sign(tangential)
 
     def wrench(self, twist: Array) -> Array:
         """Wrench of the tip on the object."""

@@ -37,10 +37,13 @@ class FeltWrench:
     Attributes:
         value: (k,) force x, y (N) and, where the torque is known too, torque (N m).
         std: (k,).
+        slack: (2,) m/s, std of the velocity by which the touched point may lag behind the pusher,
+            along the force: tip and arm give way while the force changes.
     """
 
     value: Array
     std: Array
+    slack: Array
 
 
 @dataclass(frozen=True, eq=False)

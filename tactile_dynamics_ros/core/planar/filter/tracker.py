@@ -45,6 +45,9 @@ class TrackerConfig:
     """Steps of the filter."""
 
     step: float = parameter(0.01, "of the filter", "s", 0.002, 0.1)
+    stiffness: float = parameter(
+        1e4, "least of tip, pads and arm: what they may give way", "N/m", 1e2, 1e6
+    )
     filter: DualConfig = DualConfig()
 
     def __post_init__(self) -> None:
@@ -175,6 +178,7 @@ class PushTracker:
         self._poses = [_Series() for _ in range(process.links)]
         self._pusher, self._contacts = _Series(), dict[str, _Contact]()
         self._was, self._free_since = False, -np.inf
+        self._force = np.zeros(2)
         self._arm: list[Array] = []
 
     def add_pose(self, time: float, pose: Array, std: Array, link: int = 0) -> None:
@@ -250,7 +254,7 @@ class PushTracker:
             self.touched += 1
             self._was, self._free_since = True, end
             return
-        self._was, self._arm = False, []
+        self._was, self._arm, self._force = False, [], np.zeros(2)
         resting = self._stands() or start - self._free_since > _STANDS_AFTER
         free = None if resting else _unpushed(step)
         self.filter.step(free, Observation(poses))
@@ -304,16 +308,18 @@ class PushTracker:
             normal=normal,
             lift=float(sum(row[2] for row in rows)),
         )
-        if not steady or not rows:
-            return motion, None
-        return motion, self._wrench(touch, rows, motion)
+        wrench = self._wrench(touch, rows, motion) if rows else None
+        return motion, wrench if steady else None
 
     def _wrench(self, touch: _Touch, rows: list[Array], motion: PusherMotion) -> FeltWrench | None:
-        """Force of a tip, or force and torque of both pads; one pad alone also feels the squeeze."""
+        """Force of a tip, or wrench of both pads; one pad alone also feels the squeeze."""
         force = np.sum([row[:2] for row in rows], axis=0)
         std = np.linalg.norm([row[3:5] for row in rows], axis=0)
+        change, self._force = force - self._force, force
+        size = max(float(np.linalg.norm(force)), 1e-9)
+        slack = float(np.linalg.norm(change)) / (self.config.stiffness * motion.step)
         if not touch.pads:
-            return FeltWrench(force, std)
+            return FeltWrench(force, std, slack * force / size)
         if len(rows) < len(_PADS):
             return None
         arms = [row[6:8] - motion.before[:2] for row in rows]
@@ -322,7 +328,8 @@ class PushTracker:
             max(float(np.linalg.norm(a)) for a in arms) * std[0],
             3e-4 * max(float(np.linalg.norm(row[:2])) for row in rows),
         )
-        return FeltWrench(np.append(force, torque), np.append(std, spread))
+        lag = slack * force / size
+        return FeltWrench(np.append(force, torque), np.append(std, spread), lag)
 
     def _stands(self) -> bool:
         assert self.filter is not None
