@@ -90,9 +90,18 @@ ROOMS = {
         "the next pushes that bring an object to a pose, in closed loop",
         ("core/numerics", "core/planar/actions", "core/planar/mechanics"),
     ),
+    "core/planar/effects": Room(
+        "what the model of a pushed object may lack, by name",
+        ("core/effects", "core/planar/mechanics"),
+    ),
+    "core/planar/network": Room(
+        "the graph network that predicts pushes, alone or beside the mechanics, and its training",
+        ("core/planar/filter", "core/planar/mechanics"),
+        ("torch",),
+    ),
     "core/planar/properties": Room(
         "the door to estimates of pushed objects; mass, friction and centre on a latent motion",
-        ("core/planar", "core/planar/mechanics", "core/planar/sparse"),
+        ("core/planar", "core/planar/effects", "core/planar/mechanics", "core/planar/sparse"),
     ),
     "core/planar/sparse": Room(
         "friction force and centre of mass from poses before and after pushes",
@@ -149,7 +158,7 @@ ROOMS = {
     ),
     "synthetic": Room(
         "recordings with known truth from closed forms; knows no effect of the catalogue",
-        ("core/planar", "core/streams"),
+        ("core/planar", "core/planar/mechanics", "core/planar/network", "core/streams"),
     ),
     "sim": Room(
         "the PyBullet stand-in for hand, arm, sensors and object, with hidden effects",
@@ -210,6 +219,7 @@ ROOMS = {
             _INERTIA + "residuals",
             "core/manipulation",
             "core/planar/actions",
+            "core/planar/network",
             "core/planar/properties",
             "core/rigid_body",
             "core/robot",

@@ -8,9 +8,10 @@ import pytest
 from tactile_dynamics_ros.cli.main import main
 from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
 from tactile_dynamics_ros.core.planar.properties import fit as fitting
+from tactile_dynamics_ros.core.planar.properties.balance import NAMES
 from tactile_dynamics_ros.core.planar.properties.estimate import estimate
 from tactile_dynamics_ros.core.planar.properties.intervals import cut_intervals
-from tactile_dynamics_ros.core.planar.properties.push_model import NAMES, Sharpness
+from tactile_dynamics_ros.core.planar.properties.push_model import Sharpness
 from tactile_dynamics_ros.recording.pushed import PushedRecording
 from tactile_dynamics_ros.synthetic import pushed
 from tactile_dynamics_ros.synthetic.pushed.actions import ActionOptions

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
-from tactile_dynamics_ros.core.planar.properties.push_model import NAMES
+from tactile_dynamics_ros.core.planar.properties.balance import NAMES
 from tactile_dynamics_ros.core.planar.sparse import fit_sparse
 from tactile_dynamics_ros.core.planar.sparse.prediction import NAMES as SPARSE_NAMES
 from tactile_dynamics_ros.core.planar.streams import PushedStreams

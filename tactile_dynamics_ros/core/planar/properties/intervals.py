@@ -41,6 +41,8 @@ class Intervals:
         inner: (N,) whether the nodes before and after belong to the same segment.
         force: (N, 3) N, mean over the interval, sum of all contacts.
         force_std: (N, 2) N of its horizontal components.
+        force_rate: (N, 3) N/s, change of the force.
+        facing: (N,) rad, direction of the contact's normal.
         point: (N, 3) m where it acts. point_std: (N,) m.
         torque: (N,) N m of all contacts about that point.
         touching: (N,) whether anything is touched.
@@ -54,6 +56,8 @@ class Intervals:
     inner: Mask
     force: Array
     force_std: Array
+    force_rate: Array
+    facing: Array
     point: Array
     point_std: Array
     torque: Array
@@ -85,6 +89,7 @@ class _Gathered:
     force: Array
     variance: Array
     point: Array
+    normal: Array
     point_std: float
     torque: Array
     touching: Mask
@@ -182,11 +187,15 @@ def _gather(contact: PushContact, time: Array, step: float) -> _Gathered:
     gap = contact.time[after] - contact.time[after - 1]
     known = gap <= 3.0 * max(step, float(np.median(np.diff(contact.time))))
     size = np.linalg.norm(value[:, :3], axis=1)
-    point = np.stack([np.interp(time, contact.pose_time, p) for p in contact.point.T], axis=1)
+    point, normal = (
+        np.stack([np.interp(time, contact.pose_time, column) for column in values.T], axis=1)
+        for values in (contact.point, contact.normal[:, :2])
+    )
     return _Gathered(
         value[:, :3] * known[:, None],
         std[None, :2] ** 2 / np.maximum(count, 1)[:, None],
         point,
+        normal,
         _POINT_STD if contact.point_std is None else contact.point_std,
         value[:, 5] * known if contact.torque is not None else np.zeros(len(time)),
         known & (size > _TOUCH * float(np.max(std))),
@@ -222,12 +231,15 @@ def _joined(
     total_force = force.sum(axis=0)
     variance = np.sum([g.variance for g in gathered], axis=0)
     spread = np.einsum("cn,c->n", share, [g.point_std for g in gathered])
+    normal = np.einsum("cn,cni->ni", share, np.stack([g.normal for g in gathered]))
     return Intervals(
         step=step,
         time=time,
         inner=inner,
         force=total_force,
         force_std=np.sqrt(variance + np.square(_bend(total_force, inner))),
+        force_rate=_rate(total_force, inner, step),
+        facing=np.arctan2(normal[:, 1], normal[:, 0]),
         point=point,
         point_std=spread,
         torque=torque,
@@ -244,3 +256,11 @@ def _bend(force: Array, inner: Mask) -> Array:
     at = np.flatnonzero(inner)
     bend[at] = force[at - 1, :2] - 2.0 * force[at, :2] + force[at + 1, :2]
     return np.abs(bend) / _BEND
+
+
+def _rate(force: Array, inner: Mask, step: float) -> Array:
+    """Derivative (N, 3) of the force by its neighbours, N/s; 0 at the ends of segments."""
+    rate = np.zeros_like(force)
+    at = np.flatnonzero(inner)
+    rate[at] = (force[at + 1] - force[at - 1]) / (2.0 * step)
+    return rate

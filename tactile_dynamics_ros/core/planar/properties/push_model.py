@@ -7,29 +7,23 @@ relative change and a shift of the centre of pressure, which vary over the dista
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.planar.mechanics.linkage import cross, turned
-from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch, tipping_shift
+from tactile_dynamics_ros.core.planar.effects.effect import PushEffect
+from tactile_dynamics_ros.core.planar.mechanics.linkage import turned
+from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
+from tactile_dynamics_ros.core.planar.properties.balance import NAMES, Balance, Kinematics
 from tactile_dynamics_ros.core.planar.properties.bordered import NormalEquations
 from tactile_dynamics_ros.core.planar.properties.intervals import Intervals
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-NAMES = (
-    "ln_product", "ln_mass", "com_x", "com_y", "ln_inertia", "push_height", "com_height",
-    "point_x", "point_y", "ln_scale", "delay",
-)  # fmt: skip
-"""Numbers common to all intervals: ln of mass times friction (kg) and of the mass, centre of mass
-from the footprint's centroid (m), ln of the inertia over that of an even plate, errors of the
-height of the push and of the contact point (m), height of the centre of mass (m), ln of the size of
-the part that carries, delay of the forces (s)."""
 USUAL_FRICTION, FRICTION_SPREAD = 0.3, 0.6
 """Median of friction coefficients and standard deviation of their logarithm before any data: 68 %
 between 0.16 and 0.55, from Teflon to wood. It is all that is said of the mass where nothing
@@ -70,41 +64,6 @@ class Sharpness:
 
 
 @dataclass(frozen=True, eq=False)
-class Kinematics:
-    """Pose, velocity, acceleration (N, 3) of the link's frame, and how friction differs (N, 3)."""
-
-    pose: Array
-    velocity: Array
-    acceleration: Array
-    local: Array
-
-    @classmethod
-    def of_nodes(cls, nodes: Array, middle: NDArray[np.intp], step: float) -> Kinematics:
-        """At the middle of intervals, from nodes (N, 6) of control points and friction."""
-        before, here, after = (nodes[middle + k, :3] for k in (-1, 0, 1))
-        return cls(
-            (before + 6.0 * here + after) / 8.0,
-            (after - before) / (2.0 * step),
-            (before - 2.0 * here + after) / step**2,
-            nodes[middle, 3:],
-        )
-
-    def stacked(self) -> Array:
-        """(N, 12)."""
-        return np.concatenate([self.pose, self.velocity, self.acceleration, self.local], axis=1)
-
-    @classmethod
-    def of_stacked(cls, values: Array) -> Kinematics:
-        """Inverse of `stacked`."""
-        return cls(values[:, :3], values[:, 3:6], values[:, 6:9], values[:, 9:])
-
-
-Friction = Callable[[Array, Array, float], Array]
-"""Wrench (N, 3) on the object per newton of load times coefficient, about the centroid, link axes,
-from the twist (N, 3) there, the centre of pressure (N, 2) from it, and the scale."""
-
-
-@dataclass(frozen=True, eq=False)
 class PushModel:
     """Residuals of one link.
 
@@ -123,6 +82,7 @@ class PushModel:
     mask: Mask
     travelled: Array
     spread: Array
+    effects: tuple[PushEffect, ...] = ()
 
     @cached_property
     def plate(self) -> float:
@@ -138,8 +98,30 @@ class PushModel:
         std = np.array(
             [3.0, 3.0, reach, reach, _INERTIA_SPREAD, _HEIGHT_STD, self.com_height_std]
             + [_POINT_STD, _POINT_STD, _SCALE_SPREAD, _DELAY_STD]
+            + [p.prior_std for effect in self.effects for p in effect.parameters]
         )
-        return mean, std
+        return np.append(mean, np.zeros(len(std) - len(mean))), std
+
+    @cached_property
+    def balance(self) -> Balance:
+        """Balance of the intervals whose equations count."""
+        return self.balance_with(self.effects)
+
+    def balance_with(self, effects: tuple[PushEffect, ...]) -> Balance:
+        """Balance of the same intervals with other effects."""
+        poses = self.intervals.poses[0].value
+        offset = turned(np.broadcast_to(self.patch.centroid, (len(poses), 2)), poses[:, 2])
+        middle = np.mean(poses[:, :2] + offset, axis=0)
+        return Balance(self.intervals, self.middle, self.patch, self.gravity, middle, effects)
+
+    @property
+    def delayers(self) -> tuple[int, ...]:
+        """Places, among the common numbers, of those that effects add to the delay."""
+        first, found = len(NAMES), []
+        for effect in self.effects:
+            found += [first] * (effect.adds_to == "delay")
+            first += len(effect.parameters)
+        return tuple(found)
 
     @cached_property
     def typical_force(self) -> float:
@@ -159,7 +141,7 @@ class PushModel:
         equations = self.equations_of_motion(nodes, common, sharp)
         if slope is not None:
             equations.add_slope(slope, common)
-        add_poses(equations, self.intervals, nodes, common)
+        add_poses(equations, self.intervals, nodes, common, self.delayers)
         self._add_local(equations, nodes, sharp)
         self._add_prior(equations, common)
         return equations
@@ -206,11 +188,11 @@ class PushModel:
         self, equations: NormalEquations, nodes: Array, common: Array, sharp: Sharpness
     ) -> None:
         kinematics = Kinematics.of_nodes(nodes, self.middle, self.intervals.step)
-        friction = self._linear_friction(kinematics, common, sharp.slip)
-        scale = 1.0 / self._noise(sharp.floor)
+        friction = self.balance.linear_friction(kinematics, common, sharp.slip)
+        scale = 1.0 / self.noise(sharp.floor)
 
         def at(values: Array, numbers: Array) -> Array:
-            return self._balance(Kinematics.of_stacked(values), numbers, friction) * scale
+            return self.balance.lack(Kinematics.of_stacked(values), numbers, friction) * scale
 
         values = kinematics.stacked()
         residual = at(values, common)
@@ -224,9 +206,9 @@ class PushModel:
             [(at(values, common + h * row) - residual) / h
              for h, row in zip(sizes, np.eye(len(common)), strict=True)], axis=2,
         )  # fmt: skip
-        equations.add(self.middle, residual, self._by_nodes(by_values), by_common)
+        equations.add(self.middle, residual, self.by_nodes(by_values), by_common)
 
-    def _by_nodes(self, by_values: Array) -> Array:
+    def by_nodes(self, by_values: Array) -> Array:
         """(R, 3, 3, 6) derivative by the three nodes from that by pose, velocity, acceleration."""
         h = self.intervals.step
         pose, velocity, acceleration = (by_values[:, :, 3 * k : 3 * k + 3] for k in range(3))
@@ -237,7 +219,7 @@ class PushModel:
         out[:, :, 1, 3:] = by_values[:, :, 9:]
         return out
 
-    def _noise(self, floor: float) -> Array:
+    def noise(self, floor: float) -> Array:
         """(R, 3) standard deviations of force, force and torque."""
         cut = self.intervals
         at = self.middle
@@ -247,94 +229,6 @@ class PushModel:
         size = np.linalg.norm(cut.force[at, :2], axis=1)
         torque = np.hypot(size * cut.point_std[at], least * np.sqrt(self.plate))
         return np.column_stack([np.hypot(force, least), torque])
-
-    def _balance(self, kinematics: Kinematics, common: Array, friction: Friction) -> Array:
-        """(R, 3) force and torque about the contact that are lacking, N, N m."""
-        motion = self._contact_motion(kinematics, common)
-        product, mass = np.exp(common[:2])
-        twist, centre, arm = self._friction_state(kinematics, common, motion)
-        wrench = friction(twist, centre, float(np.exp(common[9])))
-        load = (
-            (product / mass) * self._normal_force(mass)[:, None] * (1.0 + kinematics.local[:, :1])
-        )
-        yaw = kinematics.pose[:, 2]
-        support = turned(wrench[:, :2] * load, yaw)
-        from_point = turned(np.broadcast_to(-common[2:4], arm.shape), yaw) + arm
-        torque = wrench[:, 2] * load[:, 0] + cross(from_point, support)
-        inertia = mass * self.plate * np.exp(common[4])
-        external = self._external(mass)
-        force = motion[0] * mass - external - support
-        spin = inertia * kinematics.acceleration[:, 2] + cross(
-            arm, mass * motion[0] - mass * self.gravity[:2]
-        )
-        return np.column_stack([force, spin - torque - self.intervals.torque[self.middle]])
-
-    def _external(self, mass: float) -> Array:
-        return self.intervals.force[self.middle, :2] + mass * self.gravity[:2]
-
-    def _normal_force(self, mass: float) -> Array:
-        """(R,) N on the support."""
-        weight = -mass * self.gravity[2]
-        return np.asarray(np.maximum(weight - self.intervals.force[self.middle, 2], 0.1 * weight))
-
-    def _contact_motion(self, kinematics: Kinematics, common: Array) -> tuple[Array, Array]:
-        """Acceleration (R, 2) of the centre of mass, and its place (R, 2), axes of the support."""
-        yaw = kinematics.pose[:, 2]
-        com = turned(np.broadcast_to(self.patch.centroid + common[2:4], (len(yaw), 2)), yaw)
-        across = np.stack([-com[:, 1], com[:, 0]], axis=1)
-        rate, change = kinematics.velocity[:, 2:], kinematics.acceleration[:, 2:]
-        acceleration = kinematics.acceleration[:, :2] + change * across - rate**2 * com
-        return acceleration, kinematics.pose[:, :2] + com
-
-    def _friction_state(
-        self, kinematics: Kinematics, common: Array, motion: tuple[Array, Array]
-    ) -> tuple[Array, Array, Array]:
-        """Twist of the centroid, centre of pressure from it (link axes), and arm of the com.
-
-        The arm leads from the contact to the centre of mass, axes of the support.
-        """
-        cut, at = self.intervals, self.middle
-        mass = float(np.exp(common[1]))
-        yaw = kinematics.pose[:, 2]
-        arm = motion[1] - cut.point[at, :2] - common[7:9]
-        arm = np.where(cut.touching[at, None], arm, 0.0)
-        external = cut.force[at, :2]
-        support = mass * (motion[0] - self.gravity[:2]) - external
-        normal = self._normal_force(mass)
-        height = np.full(len(yaw), common[6])
-        shift = tipping_shift(normal, height, support, external, cut.point[at, 2] + common[5])
-        shift = shift + cut.force[at, 2:] * arm / normal[:, None]
-        centre = common[2:4] + turned(shift, -yaw) + kinematics.local[:, 1:] * np.sqrt(self.plate)
-        offset = turned(np.broadcast_to(self.patch.centroid, (len(yaw), 2)), yaw)
-        rate = kinematics.velocity[:, 2:]
-        linear = kinematics.velocity[:, :2] + rate * np.stack([-offset[:, 1], offset[:, 0]], axis=1)
-        twist = np.concatenate([turned(linear, -yaw), rate], axis=1)
-        return twist, centre, arm
-
-    def _linear_friction(self, kinematics: Kinematics, common: Array, slip: float) -> Friction:
-        """Friction to first order around the present motion, which costs seven evaluations."""
-        motion = self._contact_motion(kinematics, common)
-        twist, centre, _ = self._friction_state(kinematics, common, motion)
-        scale = float(np.exp(common[9]))
-        state = np.column_stack([twist, centre, np.full(len(twist), scale)])
-
-        def wrench(values: Array) -> Array:
-            load = self.patch.pressure(values[:, 3:5], values[:, 5])
-            matrix = self.patch.resistance(load, values[:, 5], values[:, :3], slip)
-            return -np.asarray((matrix @ values[:, :3, None])[..., 0])
-
-        base = wrench(state)
-        steps = np.array([1e-6, 1e-6, 1e-5, 1e-6, 1e-6, 1e-5])
-        slope = np.stack(
-            [(wrench(state + h * row) - base) / h
-             for h, row in zip(steps, np.eye(6), strict=True)], axis=2,
-        )  # fmt: skip
-
-        def friction(twist: Array, centre: Array, scale: float) -> Array:
-            change = np.column_stack([twist, centre, np.full(len(twist), scale)]) - state
-            return np.asarray(base + (slope @ change[..., None])[..., 0])
-
-        return friction
 
     def _add_local(self, equations: NormalEquations, nodes: Array, sharp: Sharpness) -> None:
         """Rows e_k+1 = rho e_k + sigma sqrt(1 - rho^2) w, rho = exp(-distance / 20 mm)."""
@@ -367,10 +261,25 @@ class PushModel:
         equations.add_common(residual, np.concatenate([rows, usual[None]]))
 
 
-def add_poses(equations: NormalEquations, cut: Intervals, nodes: Array, common: Array) -> None:
-    """Add what was seen of the pose: the motion at the stamp plus the delay of the forces."""
+def add_poses(
+    equations: NormalEquations,
+    cut: Intervals,
+    nodes: Array,
+    common: Array,
+    delayers: Sequence[int] = (),
+) -> None:
+    """Add what was seen of the pose: the motion at the stamp plus the delay of the forces.
+
+    Args:
+        equations: to be extended.
+        cut: poses and nodes.
+        nodes: (N, b) control points first.
+        common: (p,) numbers.
+        delayers: places of further numbers that are added to the delay.
+    """
     poses = cut.poses[0]
-    delay = common[NAMES.index("delay")]
+    delaying = [NAMES.index("delay"), *delayers]
+    delay = float(np.sum(common[delaying]))
     counts = np.diff(np.append(cut.first_node, len(cut)))
     start = cut.first_node[poses.segment]
     place = (poses.time + delay - cut.time[start]) / cut.step
@@ -388,7 +297,7 @@ def add_poses(equations: NormalEquations, cut: Intervals, nodes: Array, common: 
     for axis in range(3):
         by_nodes[:, axis, :, axis] = weights / poses.std[axis]
     by_common = np.zeros((len(middle), 3, len(common)))
-    by_common[:, :, NAMES.index("delay")] = np.einsum("mk,mki->mi", slopes, near) / poses.std
+    by_common[:, :, delaying] = (np.einsum("mk,mki->mi", slopes, near) / poses.std)[..., None]
     equations.add(middle, residual, by_nodes, by_common)
 
 

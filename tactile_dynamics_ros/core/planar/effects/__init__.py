@@ -1,0 +1,1 @@
+"""What the model of a pushed object may lack, by name."""

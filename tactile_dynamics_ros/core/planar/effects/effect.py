@@ -1,0 +1,127 @@
+"""What every effect of a pushed object is, and their registry."""
+
+from __future__ import annotations
+
+from abc import ABC
+from typing import ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.effects.catalogue import CatalogueEntry, entry_of
+from tactile_dynamics_ros.core.effects.parameter import EffectParameter
+from tactile_dynamics_ros.core.effects.registry import EffectRegistry
+from tactile_dynamics_ros.core.planar.effects.situation import PlanarMotion, Situation
+
+Array = NDArray[np.float64]
+
+PUSHED_EFFECT_NAMES = (
+    "support_tilt",
+    "viscous_support",
+    "velocity_weakening",
+    "anisotropic_support",
+    "friction_gradient",
+    "concentrated_pressure",
+    "tether_spring",
+    "constant_pull",
+    "unsensed_contact",
+    "force_bias",
+    "force_scale",
+    "sensor_rotation",
+    "friction_change",
+    "load_change",
+    "contact_offset",
+    "sensor_lag",
+    "time_offset",
+)
+"""Names of the effects of a pushed object in the order in which people see them; they are API."""
+
+
+class PushEffect(ABC):
+    """A change of what acts, of the friction, a further wrench, or another value of a number.
+
+    Attributes:
+        name: API name. family: group in the catalogue.
+        formula: the law in one line.
+        looks_like: one plain sentence on the error that it leaves.
+        sentence: subject and verb for a verdict.
+        remedy: what to do about it.
+        parameters: theirs; all zero is absent.
+        adds_to: name of the common number of the model to which the parameter is added, with a
+            wider prior; empty for none.
+        sudden: whether it begins at one time, which an instance carries.
+        lasting: whether it is an error of the sensor.
+        start: s, when it begins; None where it is there all along, or not yet known.
+    """
+
+    name: ClassVar[str]
+    family: ClassVar[str]
+    formula: ClassVar[str]
+    looks_like: ClassVar[str]
+    sentence: ClassVar[str]
+    remedy: ClassVar[str]
+    parameters: ClassVar[tuple[EffectParameter, ...]]
+    adds_to: ClassVar[str] = ""
+    sudden: ClassVar[bool] = False
+    lasting: ClassVar[bool] = False
+    start: float | None = None
+
+    def from_time(self, start: float) -> Self:
+        """The effect that begins at a time, s."""
+        made = type(self)()
+        made.start = start
+        return made
+
+    def since(self, time: Array) -> Array:
+        """(R,) 1 from its beginning on, else 0."""
+        begin = -np.inf if self.start is None else self.start
+        return np.asarray(time >= begin, dtype=float)
+
+    def changed(self, situation: Situation, theta: Array) -> Situation:
+        """What acts really, given what was measured or presumed."""
+        return situation
+
+    def friction(self, motion: PlanarMotion, theta: Array) -> Array | None:
+        """Matrices (R, 2, 2) on the friction force, axes of the support; None for the identity.
+
+        The torque is multiplied by half the trace.
+        """
+        return None
+
+    def wrench(self, motion: PlanarMotion, theta: Array) -> Array | None:
+        """Further force (axes of the support) and torque (R, 3) about the footprint's centroid."""
+        return None
+
+    def family_thetas(self) -> Array | None:
+        """Parameters (m, k) whose effects, each over its size, span the effect; None: near zero.
+
+        An effect whose parameters multiply each other is not linear near absence.
+        """
+        return None
+
+    def guess(self, coefficients: Array) -> Array:
+        """Parameters (k,) from the coefficients (m,) of what spans the effect."""
+        return coefficients
+
+    def is_possible(self, theta: Array) -> bool:
+        """Whether parameters are such that the effect can exist."""
+        least = np.array([parameter.least for parameter in self.parameters])
+        return bool(np.all(theta >= least))
+
+
+PUSHED: EffectRegistry[PushEffect] = EffectRegistry(
+    "pushed",
+    PUSHED_EFFECT_NAMES,
+    (
+        "tactile_dynamics_ros.core.planar.effects.support",
+        "tactile_dynamics_ros.core.planar.effects.load",
+        "tactile_dynamics_ros.core.planar.effects.sensing",
+    ),
+)
+"""Effects of a pushed object."""
+
+
+def describe_pushed_effect(name: str) -> CatalogueEntry:
+    """Entry of an effect in the catalogue."""
+    effect = PUSHED.create(name)
+    return entry_of(effect, PUSHED.model, effect.parameters, (name,))

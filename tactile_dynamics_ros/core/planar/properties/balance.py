@@ -1,0 +1,247 @@
+"""Newton-Euler balance of one pushed link in single intervals, with whatever effects it has."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.planar.effects.effect import PushEffect
+from tactile_dynamics_ros.core.planar.effects.situation import PlanarMotion, Situation
+from tactile_dynamics_ros.core.planar.mechanics.linkage import applied, cross, turned
+from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch, tipping_shift
+from tactile_dynamics_ros.core.planar.properties.intervals import Intervals
+
+Array = NDArray[np.float64]
+
+NAMES = (
+    "ln_product", "ln_mass", "com_x", "com_y", "ln_inertia", "push_height", "com_height",
+    "point_x", "point_y", "ln_scale", "delay",
+)  # fmt: skip
+"""Numbers common to all intervals: ln of mass times friction (kg) and of the mass, centre of mass
+from the footprint's centroid (m), ln of the inertia over that of an even plate, errors of the
+height of the push and of the contact point (m), height of the centre of mass (m), ln of the size of
+the part that carries, delay of the forces (s)."""
+
+
+@dataclass(frozen=True)
+class Kinematics:
+    """Pose, velocity, acceleration (N, 3) of the link's frame, and how friction differs (N, 3)."""
+
+    pose: Array
+    velocity: Array
+    acceleration: Array
+    local: Array
+
+    @classmethod
+    def of_nodes(cls, nodes: Array, middle: NDArray[np.intp], step: float) -> Kinematics:
+        """At the middle of intervals, from nodes (N, 6) of control points and friction."""
+        before, here, after = (nodes[middle + k, :3] for k in (-1, 0, 1))
+        return cls(
+            (before + 6.0 * here + after) / 8.0,
+            (after - before) / (2.0 * step),
+            (before - 2.0 * here + after) / step**2,
+            nodes[middle, 3:],
+        )
+
+    def stacked(self) -> Array:
+        """(N, 12)."""
+        return np.concatenate([self.pose, self.velocity, self.acceleration, self.local], axis=1)
+
+    @classmethod
+    def of_stacked(cls, values: Array) -> Kinematics:
+        """Inverse of `stacked`."""
+        return cls(values[:, :3], values[:, 3:6], values[:, 6:9], values[:, 9:])
+
+
+Friction = Callable[[Array, Array, float], Array]
+"""Wrench (N, 3) on the object per newton of load times coefficient, about the centroid, link axes,
+from the twist (N, 3) there, the centre of pressure (N, 2) from it, and the scale."""
+
+
+@dataclass(frozen=True, eq=False)
+class _State:
+    """How the link moves and rests, given what acts."""
+
+    situation: Situation
+    com_acceleration: Array
+    arm: Array
+    normal: Array
+    twist: Array
+    centre: Array
+    numbers: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Balance:
+    """Forces and torque that are lacking in some intervals.
+
+    Attributes:
+        intervals: forces and contact points. at: (R,) which of them.
+        patch: footprint. gravity: (3,) m/s^2. middle: (2,) m, mean place of the centroid.
+        effects: of the model; their parameters follow the common numbers.
+    """
+
+    intervals: Intervals
+    at: NDArray[np.intp]
+    patch: SupportPatch
+    gravity: Array
+    middle: Array
+    effects: tuple[PushEffect, ...] = ()
+
+    def lack(self, kinematics: Kinematics, common: Array, friction: Friction) -> Array:
+        """(R, 3) force, N, and torque about the contact, N m, that are lacking."""
+        state = self._state(kinematics, common)
+        numbers, mass = state.numbers, state.situation.mass
+        yaw = kinematics.pose[:, 2]
+        unit = friction(state.twist, state.centre, float(np.exp(numbers[9])))
+        coefficient = float(np.exp(numbers[0] - numbers[1]))
+        load = coefficient * state.normal * (1.0 + kinematics.local[:, 0])
+        support = turned(unit[:, :2] * load[:, None], yaw)
+        support, spin = self._resisted(kinematics, common, support, unit[:, 2] * load)
+        from_point = state.arm - turned(state.situation.com, yaw)
+        torque = spin + cross(from_point, support)
+        inertia = mass * self.patch.gyration * np.exp(numbers[4])
+        pull = mass[:, None] * (state.com_acceleration - state.situation.gravity[:2])
+        force = pull - state.situation.force[:, :2] - support
+        turning = inertia * kinematics.acceleration[:, 2] + cross(state.arm, pull)
+        return np.column_stack([force, turning - torque - self.intervals.torque[self.at]])
+
+    def linear_friction(self, kinematics: Kinematics, common: Array, slip: float) -> Friction:
+        """Friction to first order around the present motion, which costs seven evaluations."""
+        state = self._state(kinematics, common)
+        scale = np.full(len(state.twist), float(np.exp(state.numbers[9])))
+        around = np.column_stack([state.twist, state.centre, scale])
+
+        def wrench(values: Array, load: Array) -> Array:
+            matrix = self.patch.resistance(load, values[:, 5], values[:, :3], slip)
+            return -applied(matrix, values[:, :3])
+
+        load = self.patch.pressure(state.centre, scale)
+        base = wrench(around, load)
+        slopes = []
+        for k, (h, row) in enumerate(
+            zip((1e-6, 1e-6, 1e-5, 1e-6, 1e-6, 1e-5), np.eye(6), strict=True)
+        ):
+            moved = around + h * row
+            pressed = load if k < 3 else self.patch.pressure(moved[:, 3:5], moved[:, 5])
+            slopes.append((wrench(moved, pressed) - base) / h)
+        slope = np.stack(slopes, axis=2)
+
+        def friction(twist: Array, centre: Array, scale: float) -> Array:
+            change = np.column_stack([twist, centre, np.full(len(twist), scale)]) - around
+            return np.asarray(base + applied(slope, change))
+
+        return friction
+
+    def _thetas(self, common: Array) -> Sequence[Array]:
+        sizes = [len(effect.parameters) for effect in self.effects]
+        return np.split(common[len(NAMES) :], np.cumsum(sizes)[:-1]) if sizes else []
+
+    def numbers(self, common: Array) -> Array:
+        """The common numbers with what effects add to them."""
+        numbers = common[: len(NAMES)]
+        for effect, theta in zip(self.effects, self._thetas(common), strict=True):
+            if effect.adds_to:
+                numbers = numbers.copy()
+                numbers[NAMES.index(effect.adds_to)] += theta[0]
+        return numbers
+
+    @cached_property
+    def _measured(self) -> Situation:
+        cut, at = self.intervals, self.at
+        return Situation(
+            time=cut.time[at],
+            force=cut.force[at],
+            force_rate=cut.force_rate[at],
+            point=cut.point[at],
+            facing=cut.facing[at],
+            touching=cut.touching[at],
+            gravity=self.gravity,
+            mass=np.ones(len(at)),
+            com=np.zeros((len(at), 2)),
+        )
+
+    def _situation(self, common: Array, numbers: Array) -> Situation:
+        situation = replace(
+            self._measured,
+            mass=np.full(len(self.at), float(np.exp(numbers[1]))),
+            com=np.broadcast_to(numbers[2:4], (len(self.at), 2)),
+        )
+        for effect, theta in zip(self.effects, self._thetas(common), strict=True):
+            situation = effect.changed(situation, theta)
+        return situation
+
+    def motion(self, kinematics: Kinematics) -> PlanarMotion:
+        """Motion of the footprint's centroid."""
+        yaw, rate = kinematics.pose[:, 2], kinematics.velocity[:, 2]
+        offset = turned(np.broadcast_to(self.patch.centroid, (len(yaw), 2)), yaw)
+        across = np.stack([-offset[:, 1], offset[:, 0]], axis=1)
+        return PlanarMotion(
+            time=self.intervals.time[self.at],
+            place=kinematics.pose[:, :2] + offset,
+            velocity=kinematics.velocity[:, :2] + rate[:, None] * across,
+            yaw=yaw,
+            rate=rate,
+            gyration=self.patch.gyration,
+            middle=self.middle,
+        )
+
+    def _resisted(
+        self, kinematics: Kinematics, common: Array, support: Array, spin: Array
+    ) -> tuple[Array, Array]:
+        """Force of the support (R, 2) and torque (R,) about the centroid, as effects change it."""
+        if not self.effects:
+            return support, spin
+        motion = self.motion(kinematics)
+        added = np.zeros((len(spin), 3))
+        for effect, theta in zip(self.effects, self._thetas(common), strict=True):
+            matrix, wrench = effect.friction(motion, theta), effect.wrench(motion, theta)
+            if matrix is not None:
+                support = applied(matrix, support)
+                spin = spin * 0.5 * np.trace(matrix, axis1=1, axis2=2)
+            if wrench is not None:
+                added = added + wrench
+        return support + added[:, :2], spin + added[:, 2]
+
+    def _state(self, kinematics: Kinematics, common: Array) -> _State:
+        numbers = self.numbers(common)
+        situation = self._situation(common, numbers)
+        yaw, rate = kinematics.pose[:, 2], kinematics.velocity[:, 2:]
+        com = turned(self.patch.centroid + situation.com, yaw)
+        across = np.stack([-com[:, 1], com[:, 0]], axis=1)
+        acceleration = kinematics.acceleration[:, :2] - rate**2 * com
+        acceleration = acceleration + kinematics.acceleration[:, 2:] * across
+        arm = kinematics.pose[:, :2] + com - situation.point[:, :2] - numbers[7:9]
+        arm = np.where(situation.touching[:, None], arm, 0.0)
+        weight = -situation.mass * situation.gravity[2]
+        normal = np.maximum(weight - situation.force[:, 2], 0.1 * weight)
+        centre = self._centre(kinematics, situation, numbers, acceleration, arm, normal)
+        offset = turned(np.broadcast_to(self.patch.centroid, (len(yaw), 2)), yaw)
+        aside = np.stack([-offset[:, 1], offset[:, 0]], axis=1)
+        linear = turned(kinematics.velocity[:, :2] + rate * aside, -yaw)
+        twist = np.concatenate([linear, rate], axis=1)
+        return _State(situation, acceleration, arm, normal, twist, centre, numbers)
+
+    def _centre(
+        self,
+        kinematics: Kinematics,
+        situation: Situation,
+        numbers: Array,
+        acceleration: Array,
+        arm: Array,
+        normal: Array,
+    ) -> Array:
+        """Centre of pressure (R, 2) from the centroid, m, axes of the link."""
+        external = situation.force[:, :2]
+        pull = acceleration - situation.gravity[:2]
+        support = situation.mass[:, None] * pull - external
+        height = np.full(len(arm), numbers[6])
+        above = situation.point[:, 2] + numbers[5]
+        shift = tipping_shift(normal, height, support, external, above)
+        shift = shift + situation.force[:, 2:] * arm / normal[:, None]
+        moved = situation.com + turned(shift, -kinematics.pose[:, 2])
+        return np.asarray(moved + kinematics.local[:, 1:] * np.sqrt(self.patch.gyration))
