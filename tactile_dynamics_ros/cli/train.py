@@ -19,14 +19,22 @@ _MOST_HELD_OUT = 400
 
 def add_parser(verbs: _SubParsersAction[Any]) -> None:
     """Add the verb."""
-    parser = verbs.add_parser("train", help="retrain the force network on simulated presses")
-    parser.add_argument("what", choices=["biotac"], help="what to train")
+    parser = verbs.add_parser("train", help="retrain shipped networks on what is simulated")
+    parser.add_argument("what", choices=["biotac", "pushing"], help="what to train")
     parser.add_argument("--seed", type=int, default=0, help="of units, presses and weights (0)")
     parser.add_argument(
         "--units", type=int, default=12000, help="simulated sensors per protocol (12000)"
     )
-    parser.add_argument("--epochs", type=int, default=11, help="passes over the frames (11)")
+    parser.add_argument(
+        "--epochs", type=int, default=None, help="passes over the frames (biotac 11, pushing 60)"
+    )
     parser.add_argument("--out", metavar="FILE", help="where to write (the shipped file)")
+    pushing = parser.add_argument_group("pushing")
+    pushing.add_argument("--kind", choices=["graph", "graph_residual"], default="graph")
+    pushing.add_argument("--setting", choices=["slow", "fast"], default="slow", help="15 Hz (slow)")
+    pushing.add_argument("--objects", type=int, default=320, help="simulated single objects (320)")
+    pushing.add_argument("--width", type=int, default=64, help="hidden units (64)")
+    pushing.add_argument("--keep", metavar="DIR", help="where an interrupted run goes on from")
     parser.set_defaults(run=run)
 
 
@@ -41,6 +49,12 @@ def _count(parts: Iterable[Any]) -> Iterator[Any]:
 def run(args: Namespace) -> int:
     """Press, train, calibrate and write the weights."""
     require_extra("torch", "train", "training")
+    if args.epochs is None:
+        args.epochs = 11 if args.what == "biotac" else 60
+    if args.what == "pushing":
+        from tactile_dynamics_ros.cli import train_pushing
+
+        return train_pushing.run(args)
     import torch
 
     from tactile_dynamics_ros.core.tactile.network.training import TrainingConfig, train_network

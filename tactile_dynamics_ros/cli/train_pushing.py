@@ -1,0 +1,172 @@
+"""`tactile-dynamics train pushing`: simulate pushes and train the graph network on them."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import pickle
+import sys
+import time
+from argparse import Namespace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from tactile_dynamics_ros.core.planar.network.mechanics import expected_steps
+from tactile_dynamics_ros.core.planar.network.process import help_units
+from tactile_dynamics_ros.core.planar.network.transitions import (
+    Examples,
+    Transitions,
+    joined,
+    make_examples,
+)
+from tactile_dynamics_ros.core.planar.network.weights import GraphWeights, shipped_file
+from tactile_dynamics_ros.synthetic import pushed
+from tactile_dynamics_ros.synthetic.pushed.transitions import cut_all
+
+_PART = 32
+"""Objects that are simulated together and kept as one file: half a minute's work may be lost."""
+_HELD_OUT_FROM = 500_000
+"""First seed of objects whose loss is only reported; far from all that are trained on."""
+_FIRST = 10_000
+"""First seed of objects to train on: benchmarks have those below."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """How objects are pushed, and how a network sees it.
+
+    Attributes:
+        period: s of a step. every: s between the beginnings of steps. speed: m/s, unit.
+        velocity_std: m/s, point_std: m, errors of the states that every second example starts from.
+        actions: pushes.
+    """
+
+    period: float
+    every: float
+    speed: float
+    velocity_std: float
+    point_std: float
+    actions: pushed.ActionOptions
+
+
+SETTINGS = {
+    "slow": Setting(
+        period=1.0 / 15.0,
+        every=1.0 / 45.0,
+        speed=0.025,
+        velocity_std=0.001,
+        point_std=0.0003,
+        actions=pushed.ActionOptions(
+            count=2, speed=(0.015, 0.03), duration=1.5, travel=0.125, pauses=0, hard_stop=False
+        ),
+    ),
+    "fast": Setting(
+        period=0.01,
+        every=0.02,
+        speed=0.1,
+        velocity_std=0.002,
+        point_std=0.0003,
+        actions=pushed.ActionOptions(count=2, speed=(0.03, 0.2)),
+    ),
+}
+"""Paper B's 15 Hz and 25 mm/s, and 100 Hz with pushes of 30 to 200 mm/s that stop hard."""
+KINDS = {"single": 1.0, "rigid_pair": 0.5, "jointed": 0.5}
+"""Shares of `--objects`."""
+
+
+def run(args: Namespace) -> int:
+    """Simulate, train and write the weights."""
+    import torch
+
+    from tactile_dynamics_ros.core.planar.network.training import GraphTrainingConfig, train_graph
+
+    torch.set_num_threads(1)
+    start = time.monotonic()
+    setting, kept = SETTINGS[args.setting], Path(args.keep) if args.keep else None
+    residual = args.kind == "graph_residual"
+    kinds = ["single"] if residual else list(KINDS)
+    train, held_out = (
+        [
+            _examples(_simulated(kind, first, count, args.setting, kept), setting, residual)
+            for kind, count in ((k, _count(args.objects * share * KINDS[k])) for k in kinds)
+        ]
+        for first, share in ((_FIRST + 1000 * args.seed, 1.0), (_HELD_OUT_FROM, 0.1))
+    )
+    command = (
+        f"tactile-dynamics train pushing --kind {args.kind} --setting {args.setting} --seed "
+        f"{args.seed} --objects {args.objects} --epochs {args.epochs}"
+    )
+    about = GraphWeights(
+        args.kind, setting.period, setting.speed, *help_units(setting.speed), {}, command
+    )
+    config = GraphTrainingConfig(epochs=args.epochs, seed=args.seed, width=args.width)
+    checkpoint = None
+    if kept is not None:
+        checkpoint = str(kept / f"training_{hashlib.sha256(command.encode()).hexdigest()[:12]}.pt")
+    weights = train_graph(about, train, held_out, config, _report(args.epochs), checkpoint)
+    print(file=sys.stderr)
+    path = Path(args.out) if args.out else shipped_file(args.kind, args.setting)
+    weights.save(path)
+    return _say(args, path, weights.origin, time.monotonic() - start)
+
+
+def _say(args: Namespace, path: Path, origin: str, seconds: float) -> int:
+    if args.json:
+        print(json.dumps({"file": str(path), "seconds": seconds, "origin": origin}))
+    else:
+        print(f"wrote {path} ({path.stat().st_size / 1024:.0f} KiB) in {seconds:.0f} s")
+    return 0
+
+
+def _count(objects: float) -> int:
+    return max(2, round(objects))
+
+
+def _report(epochs: int) -> Callable[[int, float, float], None]:
+    def report(epoch: int, loss: float, held_out: float) -> None:
+        said = f"\repoch {epoch}/{epochs}  loss {loss:.4f}  on other objects {held_out:.4f}"
+        print(said, end="", file=sys.stderr)
+
+    return report
+
+
+def _simulated(
+    kind: str, first: int, count: int, name: str, kept: Path | None
+) -> list[Transitions]:
+    """Steps of `count` objects from a seed on; parts that are kept are not simulated again."""
+    found: list[Transitions] = []
+    for start in range(first, first + count, _PART):
+        seeds = range(start, min(start + _PART, first + count))
+        print(f"\rpushing {kind} objects: {seeds.stop - first}/{count}", end="", file=sys.stderr)
+        file = None if kept is None else kept / f"{kind}_{name}_{seeds.start}_{seeds.stop}.pkl"
+        if file is not None and file.exists():
+            found += pickle.loads(file.read_bytes())
+            continue
+        part = simulate_steps(kind, seeds, SETTINGS[name])
+        if file is not None:
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_bytes(pickle.dumps(part))
+        found += part
+    print(file=sys.stderr)
+    return found
+
+
+def simulate_steps(kind: str, seeds: Sequence[int], setting: Setting) -> list[Transitions]:
+    """Steps of pushed objects on tables whose friction varies, on faces that are not quite even."""
+    options = pushed.PushOptions(
+        kind=kind, actions=setting.actions, variation=0.08, stiction=0.1, uneven=0.1
+    )
+    made: Any = pushed.generate(seeds, None, options)
+    return cut_all([(one.scene, one.motion) for one in made], setting.period, setting.every)
+
+
+def _examples(steps: Sequence[Transitions], setting: Setting, residual: bool) -> Examples:
+    """Examples of all steps, once from exact and once from disturbed states."""
+    units, mechanics = help_units(setting.speed), expected_steps if residual else None
+    parts = []
+    for k, one in enumerate(steps):
+        for each in (one, one.disturbed(setting.velocity_std, setting.point_std, k)):
+            parts.append(make_examples(each, setting.speed, units, mechanics))
+    return joined(parts)

@@ -1,0 +1,1 @@
+"""Graph network that predicts pushes: forward pass in numpy, training in torch."""

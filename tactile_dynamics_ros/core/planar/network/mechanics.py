@@ -1,0 +1,69 @@
+"""What the mechanics of one link expect of many steps at once, for a residual network to learn."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.planar.filter.hold import Tip
+from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess
+from tactile_dynamics_ros.core.planar.mechanics.linkage import Link, Linkage, turned
+from tactile_dynamics_ros.core.planar.mechanics.simulation import PlanarSimulation, StepConfig
+from tactile_dynamics_ros.core.planar.network.graph import centre_motion
+from tactile_dynamics_ros.core.planar.network.transitions import Transitions
+
+Array = NDArray[np.float64]
+
+
+def expected_steps(steps: Transitions) -> tuple[Array, Array]:
+    """States (N, 6) and mean forces (N, 2): what `PatchProcess` predicts of each step alone.
+
+    It takes one motion of the pusher for all hypotheses; here every step has its own.
+    """
+    base = PatchProcess(steps.thing.patches[0].outline, float(steps.thing.com_height[0]))
+    states, forces = steps.states.copy(), np.zeros((len(steps), 2))
+    for touching in (True, False):
+        rows = np.flatnonzero((steps.push.touching > 0.5) == touching)
+        if len(rows):
+            states[rows], forces[rows] = _part(base, steps, rows, touching)
+    return states, forces
+
+
+def _part(
+    base: PatchProcess, steps: Transitions, rows: NDArray[np.intp], touching: bool
+) -> tuple[Array, Array]:
+    push, parameters = steps.push, steps.parameters[rows]
+    linkage = Linkage((_link(base, parameters),))
+    tip = Tip(
+        base.outline, push.height[rows], np.exp(parameters[:, 4]), touching, push.normal[rows]
+    )
+    _, twist = centre_motion(steps.states[rows], parameters, 0)
+    count = max(1, int(np.ceil(push.step / base.step - 1e-9)))
+    pose = steps.states[rows, None, :3]
+    config = StepConfig(push.step / count, base.rounds)
+    simulation = PlanarSimulation(linkage, tip, pose, config, twist[:, None])
+    point = np.pad(push.point[rows], ((0, 0), (0, 1)))
+    moving = np.pad(push.velocity[rows], ((0, 0), (0, 1))) * config.step
+    force = np.zeros((len(rows), 2))
+    for k in range(count):
+        simulation.step(point + k * moving, point + (k + 1) * moving)
+        force += simulation.wrench[:, :2] / count
+    frame = linkage.frames(simulation.coordinates)[:, 0]
+    arm, final = turned(parameters[:, 2:4], frame[:, 2]), simulation.twist[:, 0]
+    across = np.stack([-arm[:, 1], arm[:, 0]], axis=1)
+    velocity = final[:, :2] - final[:, 2:] * across
+    return np.concatenate([frame, velocity, final[:, 2:]], axis=1), force
+
+
+def _link(base: PatchProcess, parameters: Array) -> Link:
+    product, mass = np.exp(parameters[:, :2].T)
+    same = np.ones(len(mass))
+    return Link(
+        patch=base.patch,
+        mass=mass,
+        friction=product / mass,
+        com=parameters[:, 2:4],
+        com_height=base.com_height * same,
+        inertia=mass * base.patch.gyration,
+        scale=same,
+    )

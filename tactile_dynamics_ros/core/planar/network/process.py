@@ -1,0 +1,167 @@
+"""The graph network as a model of pushing that can be filtered, explored and planned with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import block_diag
+
+from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess
+from tactile_dynamics_ros.core.planar.filter.process import (
+    LINK_PARAMETERS,
+    Mask,
+    Prediction,
+    PusherMotion,
+)
+from tactile_dynamics_ros.core.planar.mechanics.linkage import turned
+from tactile_dynamics_ros.core.planar.mechanics.outline import edge_normals, nearest_edge
+from tactile_dynamics_ros.core.planar.network.graph import (
+    MOTION,
+    Push,
+    Thing,
+    build_graph,
+    from_contact,
+    to_contact,
+    touched_first,
+)
+from tactile_dynamics_ros.core.planar.network.transitions import Transitions, helping, outcome
+from tactile_dynamics_ros.core.planar.network.weights import GraphWeights
+
+Array = NDArray[np.float64]
+
+_JOINT_FRICTION, _JOINT_SPREAD = 0.03, 0.8
+"""Median of a joint's friction, N m, and spread of its logarithm before any data: from hinges that
+fall shut to such as hold a page. Wider only delays the filter."""
+_UNITS = np.array([1.0, 1.0, 20.0]), np.ones(2)
+"""Units of the features by which mechanics help, over the unit of velocities, and N: those that the
+shipped networks are trained with."""
+
+
+def help_units(speed: float) -> tuple[Array, Array]:
+    """Units (MOTION,) of velocities and (2,) of forces among a residual network's inputs."""
+    return speed * np.tile(_UNITS[0], MOTION // 3), _UNITS[1]
+
+
+@dataclass(frozen=True, eq=False)
+class GraphProcess:
+    """The network of `weights` for one object.
+
+    Attributes:
+        thing: geometry. weights: of the network; a residual one needs an object of one link.
+        base: mechanics of each link, for the prior and for what a residual network starts from.
+    """
+
+    thing: Thing
+    weights: GraphWeights
+    base: tuple[PatchProcess, ...]
+
+    @classmethod
+    def of(cls, thing: Thing, weights: GraphWeights) -> GraphProcess:
+        """The process of an object.
+
+        Raises:
+            BadInputError: a residual network for linked parts, whose mechanics no process predicts.
+        """
+        if weights.residual and thing.links > 1:
+            raise BadInputError("graph_residual: one link only; for linked parts choose graph")
+        base = tuple(
+            PatchProcess(patch.outline, float(height))
+            for patch, height in zip(thing.patches, thing.com_height, strict=True)
+        )
+        return cls(thing, weights, base)
+
+    @property
+    def links(self) -> int:
+        """L."""
+        return self.thing.links
+
+    @property
+    def _turns(self) -> bool:
+        return self.thing.joint is not None and not self.thing.rigid
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the parameters: those of each link, ln of the tip's friction and of the joint's."""
+        joint = ("ln_joint_friction",) * self._turns
+        return (*LINK_PARAMETERS * self.links, "ln_tip_friction", *joint)
+
+    @property
+    def prior(self) -> tuple[Array, Array]:
+        """Mean (p,) and covariance (p, p)."""
+        parts = [each.prior for each in self.base]
+        size = len(LINK_PARAMETERS)
+        means = [mean[:size] for mean, _ in parts] + [parts[0][0][size:]]
+        blocks = [covariance[:size, :size] for _, covariance in parts] + [parts[0][1][size:, size:]]
+        if self._turns:
+            means.append(np.array([np.log(_JOINT_FRICTION)]))
+            blocks.append(np.array([[_JOINT_SPREAD**2]]))
+        return np.concatenate(means), np.asarray(block_diag(*blocks))
+
+    def feasible(self, parameters: Array) -> Mask:
+        """Whether each centre of mass lies above its link's footprint."""
+        each = [one.feasible(parameters[:, 4 * k :]) for k, one in enumerate(self.base)]
+        return np.asarray(np.all(each, axis=0))
+
+    def predict(self, states: Array, parameters: Array, motion: PusherMotion) -> Prediction:
+        """Advance by one step of the pusher."""
+        return self.predict_with_noise(states, parameters, motion)[0]
+
+    def predict_with_noise(
+        self, states: Array, parameters: Array, motion: PusherMotion
+    ) -> tuple[Prediction, Array]:
+        """Prediction, and std (C, 2) of forces around it, axes of the contact, N."""
+        push = self.push_of(states, motion)
+        velocity, force = np.zeros((len(states), self.links, MOTION)), np.zeros((len(states), 2))
+        help_ = None
+        if self.weights.residual:
+            base = self.base[0].predict(states, parameters, motion)
+            steps = Transitions(self.thing, parameters, states, base.states, push, force)
+            velocity, force = outcome(steps, base.states), to_contact(base.wrench, push.normal)
+            help_ = helping(velocity, force, help_units(self.weights.speed))
+        graph = build_graph(self.thing, states, parameters, push, self.weights.speed, help_)
+        expected = self.weights.evaluate(graph)
+        after = advanced(self.thing, states, parameters, push, velocity + expected.motion)
+        felt = from_contact(force + expected.force, push.normal) * push.touching[:, None]
+        wrench = np.concatenate([felt, np.zeros((len(felt), 1))], axis=1)
+        return Prediction(after, wrench), expected.force_std
+
+    def push_of(self, states: Array, motion: PusherMotion) -> Push:
+        """What the pusher does, in the outline's or the felt normal."""
+        count = len(states)
+        point = np.broadcast_to(motion.before[:2], (count, 2))
+        velocity = np.broadcast_to((motion.after - motion.before)[:2] / motion.step, (count, 2))
+        if motion.normal is not None and motion.touching is not None:
+            normal = np.broadcast_to(motion.normal, (count, 2))
+            touching = np.full(count, float(motion.touching))
+        else:
+            normal, depth = self._outline_at(states, point, motion.link)
+            closing = np.maximum(np.sum(velocity * normal, axis=1), 0.0)
+            touching = (depth + motion.step * closing > 0.0).astype(float)
+        height = np.full(count, motion.height)
+        return Push(point, velocity, normal, touching, height, motion.step, motion.link)
+
+    def _outline_at(self, states: Array, point: Array, link: int) -> tuple[Array, Array]:
+        own = states[:, 6 * link : 6 * link + 3]
+        outline = self.thing.patches[link].outline
+        local = turned(point - own[:, :2], -own[:, 2])
+        depth, normal = nearest_edge(outline, edge_normals(outline), local)
+        return turned(normal, own[:, 2]), depth
+
+
+def advanced(thing: Thing, states: Array, parameters: Array, push: Push, motion: Array) -> Array:
+    """States (C, 6 L) after a step in which centres of mass move as (C, L, MOTION) says."""
+    after = states.copy()
+    for row, link in enumerate(touched_first(thing.links, push.link)):
+        own, com = slice(6 * link, 6 * link + 6), parameters[:, 4 * link + 2 : 4 * link + 4]
+        moved, state = motion[:, row], states[:, own]
+        yaw = state[:, 2] + push.step * moved[:, 2]
+        place = state[:, :2] + turned(com, state[:, 2])
+        place = place + push.step * from_contact(moved[:, :2], push.normal)
+        arm = turned(com, yaw)
+        across = np.stack([-arm[:, 1], arm[:, 0]], axis=1)
+        velocity = from_contact(moved[:, 3:5], push.normal) - moved[:, 5:6] * across
+        after[:, own] = np.column_stack([place - arm, yaw, velocity, moved[:, 5]])
+    return after
