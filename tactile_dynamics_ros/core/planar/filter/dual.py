@@ -32,6 +32,9 @@ products of long pushes look known better by a third."""
 _MOST_SURPRISE = 9.0
 """Squared innovation per number, in units of its variance, above which a measurement counts as
 uncertain by more: three standard deviations. At 4 one good sample in twenty is widened."""
+_TRUST = 0.2
+"""Power of the likelihood in the parameter step: errors of contact point, friction and arm last for
+about five steps, which then tell as much as one. At 1 masses are off by up to twelve of their std."""
 _LEAST_COUNT = 0.5
 """Share of the hypotheses that must go on counting after a step. What a measurement says beyond is
 left out: with a tenth of them their covariance would be of ten points."""
@@ -39,6 +42,13 @@ _NOISE = (2e-5, 2e-5, 4e-4, 1e-3, 1e-3, 2e-2)
 """Standard deviation that a step of 10 ms adds to x, y, yaw and their rates: what the mechanics
 miss of a link (m, rad, m/s, rad/s). At a tenth poses lag behind pushes whose contact point is off
 by 0.3 mm; at ten times forces tell nothing, since each follows from a change of velocity."""
+_SHAKEN, _RATES = 0.5, np.array([0.0, 0.0, 0.0, 1.0, 1.0, 30.0])
+"""Share of the velocity by which a touched point may lag that all rates of the object may differ
+by, and how much of it each gets (1/m for the yaw's rate, of an arm of 3 cm): impacts turn an object
+as they push it. At 0 the filter explains turns of fast impacts by a slippery tip."""
+_FADING, _FADES = ("ln_tip_friction",), 0.5
+"""Parameters that return to what is known beforehand, and within which time of touch, s: they
+differ from touch to touch, and a wrong one makes every push slide."""
 _STANDING = (1e-3, 1e-3, 1e-2)
 """Standard deviation of the rates of an object that nothing touches and that has stopped, m/s and
 rad/s; it is taken to stand still."""
@@ -99,7 +109,7 @@ class DualFilter:
     ) -> None:
         self.process, self.config = process, config or DualConfig()
         self._rng = np.random.default_rng(self.config.seed)
-        mean, covariance = process.prior if prior is None else prior
+        mean, covariance = self._prior = process.prior if prior is None else prior
         self._own = len(mean)
         self._moving = 6 * process.links
         reach = np.sqrt(np.diag(process.prior[1]))
@@ -162,6 +172,8 @@ class DualFilter:
         ]
         values = mean + np.concatenate([np.zeros((1, len(mean))), *parts])
         split = np.cumsum([1, len(parts[0])])
+        if motion is not None:
+            self._fade(values[1 : split[1]], motion.step)
         states, memory = self._moved(values, motion, split)
         local = memory * values[:, own + self._moving :]
         both = np.concatenate([states.states, local, seen.expected(states)], axis=1)
@@ -177,6 +189,19 @@ class DualFilter:
     def _turn(self, size: int) -> Array:
         """Random rotation, so that no direction is always between the hypotheses."""
         return np.asarray(np.linalg.qr(self._rng.standard_normal((size, size)))[0])
+
+    def _fade(self, values: Array, step: float) -> None:
+        """Let parameters of single touches return to what is known beforehand, with its spread."""
+        mean, covariance = self._prior
+        keep = float(np.exp(-step / _FADES))
+        for name in _FADING:
+            if name in self.process.names:
+                k = self.process.names.index(name)
+                here, middle = values[:, k], values[:, k].mean()
+                variance = float(np.var(here))
+                grown = keep**2 * variance + (1.0 - keep**2) * covariance[k, k]
+                back = mean[k] + keep * (middle - mean[k])
+                values[:, k] = back + (here - middle) * np.sqrt(grown / max(variance, 1e-12))
 
     def _moved(
         self, values: Array, motion: PusherMotion | None, split: NDArray[np.intp]
@@ -195,28 +220,29 @@ class DualFilter:
         if motion is None:
             noise = np.tile([1e-6, 1e-6, 1e-6, *_STANDING], self.process.links)
         else:
-            noise = np.tile(_NOISE, self.process.links) * np.sqrt(motion.step / 0.01)
+            shaken = _SHAKEN * float(np.linalg.norm(seen.slack)) * _RATES
+            noise = np.hypot(np.array(_NOISE) * np.sqrt(motion.step / 0.01), shaken)
+            noise = np.tile(noise, self.process.links)
         fresh = self._local * np.sqrt(1.0 - memory**2)
         n = self._moving + len(fresh)
         by_state = seen.by_state(self._moving)
         rows = np.zeros((n, n + len(by_state)))
         rows[:, :n] = np.diag(np.concatenate([noise, fresh]))
         rows[: self._moving, n:] = noise[:, None] * by_state.T
-        if motion is None or seen.wrench is None:
+        if motion is None or not seen.slack.any():
             return rows
         return np.concatenate([rows, self._given_way(motion, seen, by_state)])
 
     def _given_way(self, motion: PusherMotion, seen: Observation, by_state: Array) -> Array:
         """Row (1, n + m) of what a lag of the touched point behind the pusher changes."""
-        assert seen.wrench is not None
-        first = 6 * motion.link
-        slack = seen.wrench.slack
+        first, slack = 6 * motion.link, seen.slack
         state = np.zeros(self._moving)
         state[first : first + 2], state[first + 3 : first + 5] = -slack * motion.step, -slack
         felt = by_state @ state
-        mass = np.exp(self.belief.mean[len(LINK_PARAMETERS) * motion.link + 1])
-        start = len(felt) - len(seen.wrench.value)
-        felt[start : start + 2] -= mass * slack / motion.step
+        if seen.wrench is not None:
+            mass = np.exp(self.belief.mean[len(LINK_PARAMETERS) * motion.link + 1])
+            start = len(felt) - len(seen.wrench.value)
+            felt[start : start + 2] -= mass * slack / motion.step
         local = np.zeros(len(self._local))
         return np.concatenate([state, local, felt])[None]
 
@@ -275,7 +301,8 @@ class DualFilter:
         spread = certain + ahead.spread[:, n:].T @ ahead.spread[:, n:]
         self.kept = 1.0
         if not resting and len(value):
-            weights, self.kept = tempered_weights(_log_likelihood(value - told, spread))
+            likelihood = _TRUST * _log_likelihood(value - told, spread)
+            weights, self.kept = tempered_weights(likelihood)
         marginal = weighted_moments(ahead.own, weights)
         middle = weights @ ahead.by_own
         root = np.sqrt(weights)[:, None]

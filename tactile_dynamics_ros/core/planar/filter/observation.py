@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,21 +37,25 @@ class FeltWrench:
     Attributes:
         value: (k,) force x, y (N) and, where the torque is known too, torque (N m).
         std: (k,).
-        slack: (2,) m/s, std of the velocity by which the touched point may lag behind the pusher,
-            along the force: tip and arm give way while the force changes.
     """
 
     value: Array
     std: Array
-    slack: Array
 
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """All of one step; streams that dropped out are absent."""
+    """All of one step; streams that dropped out are absent.
+
+    Attributes:
+        poses: of links. wrench: while the touch lasts.
+        slack: (2,) m/s, std of the velocity by which the touched point may lag behind the pusher,
+            along the force: tip and arm give way while the force changes.
+    """
 
     poses: tuple[SeenPose, ...] = ()
     wrench: FeltWrench | None = None
+    slack: Array = field(default_factory=lambda: np.zeros(2))
 
     @property
     def value(self) -> Array:

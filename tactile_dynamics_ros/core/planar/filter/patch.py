@@ -54,7 +54,7 @@ class PatchProcess:
     com_height: float = 0.03
     points: int = 25
     step: float = 0.01
-    rounds: int = 4
+    rounds: int = 3
     links: int = 1
     patch: SupportPatch = field(init=False)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +37,9 @@ _STANDS_AFTER = 0.5
 it slides for 0.3 s."""
 _KEPT = 2.0
 """Measurements that are held back for the filter at most, s; older ones are of no use to it."""
+_STIFFNESS_SPREAD = 1.0
+"""Standard deviation of the velocity at which tip and arm give way over what their stiffness says:
+stiffnesses of arms are known to a factor of two."""
 _PADS = ("pad_left", "pad_right")
 
 
@@ -45,9 +48,7 @@ class TrackerConfig:
     """Steps of the filter."""
 
     step: float = parameter(0.01, "of the filter", "s", 0.002, 0.1)
-    stiffness: float = parameter(
-        1e4, "least of tip, pads and arm: what they may give way", "N/m", 1e2, 1e6
-    )
+    stiffness: float = parameter(2e4, "of tip or pads with the arm", "N/m", 1e2, 1e7)
     filter: DualConfig = DualConfig()
 
     def __post_init__(self) -> None:
@@ -146,6 +147,12 @@ class _Touch:
     @property
     def any(self) -> bool:
         return self.tip is not None or bool(self.pads)
+
+    @property
+    def rows(self) -> list[Array]:
+        """Of what is touched, where the force is known."""
+        both = self.pads or ([] if self.tip is None else [self.tip])
+        return [row for _, row in both if row is not None]
 
 
 class PushTracker:
@@ -249,8 +256,11 @@ class PushTracker:
         if touch.any:
             assert ends[0] is not None and ends[1] is not None
             steady = self._was and after.any
-            motion, wrench = self._pushed(touch, ends[0], ends[1], step, steady)
-            self.filter.step(motion, Observation(poses, wrench))
+            motion, rows = self._pushed(touch, ends[0], ends[1], step)
+            lag = self._lag(rows, after.rows, step)
+            motion = replace(motion, after=motion.after - np.append(step * lag, 0.0))
+            wrench = self._wrench(touch, rows, motion) if rows and steady else None
+            self.filter.step(motion, Observation(poses, wrench, _STIFFNESS_SPREAD * lag))
             self.touched += 1
             self._was, self._free_since = True, end
             return
@@ -281,10 +291,10 @@ class PushTracker:
         return tuple(seen)
 
     def _pushed(
-        self, touch: _Touch, before: Array, after: Array, step: float, steady: bool
-    ) -> tuple[PusherMotion, FeltWrench | None]:
-        """How the touching point moves, and what it feels where the touch lasts all the step."""
-        rows = [row for _, row in (touch.pads or [touch.tip]) if row is not None]  # type: ignore
+        self, touch: _Touch, before: Array, after: Array, step: float
+    ) -> tuple[PusherMotion, list[Array]]:
+        """How the touching point moves, and the rows of what it feels."""
+        rows = touch.rows
         if rows:
             at = np.mean([row[6:9] for row in rows], axis=0)
             arm = at[:2] - 0.5 * (before + after)[:2]
@@ -308,18 +318,22 @@ class PushTracker:
             normal=normal,
             lift=float(sum(row[2] for row in rows)),
         )
-        wrench = self._wrench(touch, rows, motion) if rows else None
-        return motion, wrench if steady else None
+        return motion, rows
+
+    def _lag(self, rows: list[Array], after: list[Array], step: float) -> Array:
+        """Velocity (2,), m/s, at which tip and arm give way while the force grows."""
+        before, self._force = self._force, np.sum([row[:2] for row in rows], axis=0) + np.zeros(2)
+        if not rows or not after:
+            return np.zeros(2)
+        change = 0.5 * (np.sum([row[:2] for row in after], axis=0) - before)
+        return np.asarray(change / (self.config.stiffness * step))
 
     def _wrench(self, touch: _Touch, rows: list[Array], motion: PusherMotion) -> FeltWrench | None:
         """Force of a tip, or wrench of both pads; one pad alone also feels the squeeze."""
         force = np.sum([row[:2] for row in rows], axis=0)
         std = np.linalg.norm([row[3:5] for row in rows], axis=0)
-        change, self._force = force - self._force, force
-        size = max(float(np.linalg.norm(force)), 1e-9)
-        slack = float(np.linalg.norm(change)) / (self.config.stiffness * motion.step)
         if not touch.pads:
-            return FeltWrench(force, std, slack * force / size)
+            return FeltWrench(force, std)
         if len(rows) < len(_PADS):
             return None
         arms = [row[6:8] - motion.before[:2] for row in rows]
@@ -328,8 +342,7 @@ class PushTracker:
             max(float(np.linalg.norm(a)) for a in arms) * std[0],
             3e-4 * max(float(np.linalg.norm(row[:2])) for row in rows),
         )
-        lag = slack * force / size
-        return FeltWrench(np.append(force, torque), np.append(std, spread), lag)
+        return FeltWrench(np.append(force, torque), np.append(std, spread))
 
     def _stands(self) -> bool:
         assert self.filter is not None
