@@ -13,6 +13,7 @@ NODES = (
     "inertial_estimator",
     "kinematic_tracker",
     "model_check",
+    "push_controller",
     "robot_sim",
     "shape_estimator",
     "vision_tracker",

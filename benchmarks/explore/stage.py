@@ -80,6 +80,7 @@ class Stage:
                 end, duration = way
                 self.table.pusher.place(end)
                 self.skipped += duration
+                self._hold(0.1)
             target = controller.advance(self.seen())
             pose = np.eye(4)
             pose[:3, 3] = target[:3]
@@ -88,6 +89,11 @@ class Stage:
             note(readings)
             self._take(readings)
         return controller.outcome
+
+    def _hold(self, duration: float) -> None:
+        """Let time pass until poses are as new as they would be."""
+        for _ in range(round(duration / self.table.period)):
+            self._take(self.table.advance(looking=False))
 
     def _take(self, readings: TableReadings) -> None:
         for link in readings.links[:1]:

@@ -1,4 +1,4 @@
-"""`tactile-dynamics push`: one straight push or pull of what stands on a table."""
+"""`tactile-dynamics push`: what stands on a table, along a straight line or to a pose."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any
 
 from tactile_dynamics_ros.cli.bringup import read_namespace
+from tactile_dynamics_ros.cli.push_goal import push_to_goal
 from tactile_dynamics_ros.cli.topics import short_lived_node, spin_until
 from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError
 from tactile_dynamics_ros.core.planar.actions.straight import StraightConfig
@@ -30,11 +31,18 @@ NEAR = 2e-3
 
 def add_parser(verbs: _SubParsersAction[Any]) -> None:
     """Add the verb."""
-    parser = verbs.add_parser("push", help="push (or pull) along a straight line on the table")
-    place = {"nargs": 2, "type": float, "metavar": ("X", "Y"), "required": True}
+    parser = verbs.add_parser("push", help="push an object to a pose, or along a straight line")
+    parser.add_argument(
+        "--goal",
+        nargs=3,
+        type=float,
+        metavar=("X", "Y", "YAW_DEG"),
+        help="where the object's frame should come to, world, m and deg; push_controller does it",
+    )
+    place = {"nargs": 2, "type": float, "metavar": ("X", "Y")}
     parser.add_argument("--from", dest="start", help="where the tip comes down, world, m", **place)
     parser.add_argument("--to", dest="end", help="where it stops, world, m", **place)
-    parser.add_argument("--speed", type=float, required=True, metavar="S", help="on the way, m/s")
+    parser.add_argument("--speed", type=float, metavar="S", help="on the way, m/s")
     parser.add_argument("--pull", action="store_true", help="grip at the start, open at the end")
     about = {option.name: option.metadata["description"] for option in fields(StraightConfig)}
     for name, metavar in (("height", "M"), ("retreat", "M"), ("acceleration", "A")):
@@ -46,8 +54,20 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
 def run(args: Namespace) -> int:
     """Move the tip by `pusher/target`; nothing moves unless this is called.
 
-    Ends with 0 where the tip came to where it was sent, 1 where it did not or was stopped.
+    Ends with 0 where tip or object came to where it was sent, 1 where not or it was stopped.
     """
+    line = (args.start, args.end, args.speed)
+    if args.goal is not None:
+        if any(given is not None for given in line) or args.pull:
+            raise BadInputError("push: --goal goes without --from, --to, --speed and --pull")
+        return push_to_goal(args)
+    if any(given is None for given in line):
+        raise BadInputError("push: give --goal X Y YAW_DEG, or --from, --to and --speed")
+    return _push_straight(args)
+
+
+def _push_straight(args: Namespace) -> int:
+    """Move the tip along a line."""
     from tactile_dynamics_ros.ros.straight_motion import StraightMotion
 
     given = {name: getattr(args, name) for name in ("height", "retreat", "acceleration")}

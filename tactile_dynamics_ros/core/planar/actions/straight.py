@@ -198,7 +198,7 @@ def way_there(
     high, low = support + config.clearance, support + config.height
     up = np.array([*now[:2], max(high, now[2]), now[3]])
     above, begin = np.array([*start, high, turn]), np.array([*start, low, turn])
-    stops = [("rise", up, 0.0), ("travel", above, 0.0), ("descend", begin, config.hold)]
+    stops = [("rise", up, 0.0), ("travel", above, config.hold), ("descend", begin, config.hold)]
     return _chain(now, stops, width, config.travel_speed, config.acceleration)
 
 

@@ -30,7 +30,26 @@ _CRAWL = 0.008
 _LOOKS = 5
 """Poses that are averaged before a plan: noise of 0.5 mm becomes 0.2. More only wait longer."""
 _NEVER = 1e-3
-"""m that a planned sequence must save, at least; below that the object is as near as it gets."""
+"""m that a push must save to count as progress: twice what averaged poses are uncertain by."""
+_MISSED, _MISSED_FOR = 0.03, 1.0
+"""m by which a tip may be from its target, and s for how long: a tip that travels at 0.3 m/s lags
+by 15 mm. Beyond, the arm is blocked, out of reach or commanded by somebody else."""
+_BLOCKED, _BLOCKED_FOR = 0.01, 0.3
+"""m by which a tip that pushes may be from its target, and s for how long, before it lifts off and
+plans anew: pushes lag by 3 mm; where messages come late the target leaps ahead by 1 cm at times."""
+_MOST_STEP = 0.1
+"""s of motion that one target may be ahead of the last; longer gaps between poses slow the push
+down instead of making the tip leap."""
+
+
+@dataclass(frozen=True)
+class WayConfig(StraightConfig):
+    """How the tip goes from push to push: low, as what is pushed high falls over, and swiftly."""
+
+    height: float = parameter(0.012, "of the push above the support", "m", 1e-3, 0.5)
+    clearance: float = parameter(0.2, "height above the support on the way there", "m", 0.01, 1.0)
+    travel_speed: float = parameter(0.3, "on the way there and back", "m/s", 1e-3, 1.0)
+    hold: float = parameter(0.1, "rest before and after the push", "s", 0.0, 10.0)
 
 
 @dataclass(frozen=True)
@@ -138,7 +157,7 @@ class PushController:
         support: float = 0.0,
     ) -> None:
         self.planner, self.support = planner, support
-        self.straight, self.config = straight or StraightConfig(), config or ControlConfig()
+        self.straight, self.config = straight or WayConfig(), config or ControlConfig()
         self.outcome: Outcome | None = None
         self.phase, self.push, self.pushes = "look", None, 0
         self._began: float | None = None
@@ -147,6 +166,8 @@ class PushController:
         self._way, self._way_began = StraightAction(()), 0.0
         self._best, self._idle = np.inf, 0
         self._touched = False
+        self._target: Array | None = None
+        self._missed = self._late = np.inf
 
     push: Push | None
 
@@ -160,7 +181,8 @@ class PushController:
         if self.outcome is not None:
             return seen.tip.copy()
         step = {"look": self._look, "go": self._go, "push": self._advance_push}.get(self.phase)
-        return self._leave(seen) if step is None else step(seen)
+        self._target = self._leave(seen) if step is None else step(seen)
+        return self._target
 
     @property
     def way_left(self) -> tuple[Array, float] | None:
@@ -177,20 +199,35 @@ class PushController:
         if self.outcome is None:
             self._end(seen, why)
 
+    def progress(self, seen: Seen) -> dict[str, object]:
+        """Numbers of what is being done."""
+        away, turn = self._away(seen.pose)
+        return {"pushes": self.pushes, "error_m": away, "error_rad": turn}
+
     def _reason_to_stop(self, seen: Seen) -> str:
         config = self.config
         if seen.force > config.most_force:
             return f"the contact bears {seen.force:.1f} N, more than {config.most_force:g} N"
         if seen.time - seen.pose_time > config.stale:
             return f"the object's pose is {seen.time - seen.pose_time:.2g} s old"
+        self._missed = min(self._missed, seen.time) if self._miss(seen) >= _MISSED else np.inf
+        if seen.time - self._missed > _MISSED_FOR:
+            return "the arm does not follow its targets"
         assert self._began is not None
         if seen.time - self._began > config.most_time and self.phase in ("look", "push"):
             return f"not there after {config.most_time:g} s"
         return ""
 
+    def _miss(self, seen: Seen) -> float:
+        """Distance of the tip from where it was last sent, m."""
+        if self._target is None:
+            return 0.0
+        return float(np.linalg.norm(self._target[:3] - seen.tip[:3]))
+
     def _end(self, seen: Seen, why: str) -> None:
         away, turn = self._away(seen.pose)
-        inside = away <= self.config.reached and turn <= np.deg2rad(self.config.reached_deg)
+        near = away <= self.config.reached
+        inside = bool(near and turn <= np.deg2rad(self.config.reached_deg))
         duration = 0.0 if self._began is None else seen.time - self._began
         self.outcome = Outcome(inside, away, turn, self.pushes, duration, why)
 
@@ -258,13 +295,16 @@ class PushController:
             start_normal = self.push.normal
             self.push = self.planner.go_on(self.push.plan, seen.pose, self._place, start_normal)
             self._left = self.push.length
-        step = seen.time - self._last
+        step = min(seen.time - self._last, _MOST_STEP)
         self._last = seen.time
         speed = float(np.clip(self._left / _SETTLE, _CRAWL, self.config.speed))
         way = min(speed * step, max(self._left, 0.0))
         self._place = self._place + way * self.push.direction
         self._left -= way
-        if self._left <= 1e-4 or gap > self._most_gap():
+        late = self._miss(seen) > _BLOCKED
+        self._late = min(self._late, seen.time) if late else np.inf
+        blocked = seen.time - self._late > _BLOCKED_FOR
+        if self._left <= 1e-4 or gap > self._most_gap() or blocked:
             self._begin_leaving(seen)
         return np.array([*self._place, self._z, seen.tip[3]])
 
@@ -274,7 +314,7 @@ class PushController:
 
     def _begin_leaving(self, seen: Seen) -> None:
         away = -self.planner.contact(seen.pose, self._place)[1]
-        now = np.array([*self._place, self._z, seen.tip[3]])
+        now = seen.tip.copy()
         self.phase = "leave"
         self._walk(seen, way_back(now, away, self.straight, self.support))
 

@@ -39,7 +39,7 @@ class PlanConfig:
     most_length: float = parameter(0.15, "of one push", "m", 0.01, 0.5)
     most_turn: float = parameter(0.6, "of its direction from the outline's normal", "rad", 0.0, 1.2)
     arm: float = parameter(0.08, "at which an angle counts as a distance", "m", 1e-3, 1.0)
-    gap: float = parameter(0.003, "between tip and object before a push", "m", 0.0, 0.05)
+    gap: float = parameter(0.005, "between tip and object before a push", "m", 0.0, 0.05)
     effort: float = parameter(2e-4, "error that a further push must save", "m", 0.0, 0.05)
     length_effort: float = parameter(0.03, "error that a further metre must save", "", 0.0, 1.0)
     early: float = parameter(0.4, "weight of the error between pushes", "", 0.0, 1.0)

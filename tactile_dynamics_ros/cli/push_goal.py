@@ -1,0 +1,97 @@
+"""`tactile-dynamics push --goal`: ask push_controller, and wait for what becomes of it."""
+
+from __future__ import annotations
+
+import json
+from argparse import Namespace
+from typing import Any
+
+import numpy as np
+
+from tactile_dynamics_ros.cli.bringup import read_namespace
+from tactile_dynamics_ros.cli.topics import short_lived_node, spin_until
+from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError
+
+PATIENCE = 5.0
+"""Real time without a word of the controller after which it is given up, s: it speaks five times a
+second, and a plan takes a second on a slow machine."""
+
+
+def push_to_goal(args: Namespace) -> int:
+    """Publish the goal and tell how it ended; 0 if the object is there, 1 if not."""
+    if not np.all(np.isfinite(args.goal)):
+        raise BadInputError(f"push: --goal {args.goal}: expected X Y YAW_DEG as numbers")
+    with short_lived_node() as node:
+        told = ask(node, args.goal, read_namespace(args.namespace), args.json)
+    if args.json:
+        print(json.dumps(told))
+    else:
+        word = "reached" if told["reached"] else "not reached"
+        print(
+            f"{word}: {1e3 * told['error_m']:.1f} mm and {np.rad2deg(told['error_rad']):.1f} deg "
+            f"from the goal after {told['pushes']} pushes and {told['duration_s']:.0f} s "
+            f"({told['stopped_because']})"
+        )
+    return 0 if told["reached"] else 1
+
+
+def ask(node: Any, goal: Any, namespace: str = "", quiet: bool = True) -> dict[str, Any]:
+    """Send a goal and return what the controller says in the end.
+
+    Args:
+        node: to talk with.
+        goal: x, y (m) and yaw (deg).
+        namespace: of the controller.
+        quiet: print nothing on the way.
+
+    Raises:
+        BadInputError: there is no controller.
+        TactileDynamicsError: it refuses, or falls silent.
+    """
+    from diagnostic_msgs.msg import DiagnosticStatus
+    from geometry_msgs.msg import PoseStamped
+
+    from tactile_dynamics_ros.ros.diagnostics import status_values
+    from tactile_dynamics_ros.ros.names import GOAL_POSE, PUSH_PROGRESS
+    from tactile_dynamics_ros.ros.shell import LATCHED
+
+    def name(topic: str) -> str:
+        return f"{namespace}/{topic}" if namespace else f"/{topic}"
+
+    heard: list[Any] = []
+    node.create_subscription(DiagnosticStatus, name(PUSH_PROGRESS), heard.append, LATCHED)
+    publisher = node.create_publisher(PoseStamped, name(GOAL_POSE), 10)
+    if not spin_until(node, lambda: publisher.get_subscription_count() > 0, PATIENCE):
+        raise BadInputError("nobody takes goal_pose; start the node push_controller")
+    spin_until(node, lambda: bool(heard), 0.5)  # what was said of an earlier goal
+    heard.clear()
+    publisher.publish(_pose(goal))
+    while True:
+        count = len(heard)
+        if not spin_until(node, lambda count=count: len(heard) > count, PATIENCE):
+            raise TactileDynamicsError(f"push_controller says nothing for {PATIENCE:g} s")
+        status = heard[-1]
+        values = status_values(status)
+        if values.get("state") == "refused":
+            raise TactileDynamicsError(status.message)
+        if values.get("state") == "finished":
+            told: dict[str, Any] = json.loads(values["result"])
+            return told
+        if not quiet and "error_m" in values:
+            away = 1e3 * float(values["error_m"])
+            print(f"  push {values['pushes']}: {away:.1f} mm to go", flush=True)
+
+
+def _pose(goal: Any) -> Any:
+    """Return the PoseStamped of x, y (m) and yaw (deg) in the world."""
+    from geometry_msgs.msg import PoseStamped
+
+    message = PoseStamped()
+    message.header.frame_id = "world"
+    message.pose.position.x, message.pose.position.y = float(goal[0]), float(goal[1])
+    half = 0.5 * np.deg2rad(float(goal[2]))
+    message.pose.orientation.z, message.pose.orientation.w = (
+        float(np.sin(half)),
+        float(np.cos(half)),
+    )
+    return message

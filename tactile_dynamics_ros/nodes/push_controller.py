@@ -1,0 +1,131 @@
+"""Node: pushes the object to a pose."""
+
+from __future__ import annotations
+
+import json
+import time
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import PoseStamped
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.errors import TactileDynamicsError
+from tactile_dynamics_ros.core.planar.control.controller import (
+    ControlConfig,
+    PushController,
+    WayConfig,
+)
+from tactile_dynamics_ros.core.planar.control.plan import PlanConfig, PushPlanner
+from tactile_dynamics_ros.ros.conversions import pose_to_core, pose_to_message
+from tactile_dynamics_ros.ros.diagnostics import status_message
+from tactile_dynamics_ros.ros.emergency import EmergencyStop
+from tactile_dynamics_ros.ros.names import (
+    GOAL_POSE,
+    PUSH_PROGRESS,
+    PUSH_STOP,
+    PUSHER_POSE,
+    PUSHER_TARGET,
+)
+from tactile_dynamics_ros.ros.parameters import declare_config
+from tactile_dynamics_ros.ros.shell import Shell, run_node
+from tactile_dynamics_ros.ros.table_scene import WORLD, TableScene, TableSceneConfig
+from tactile_dynamics_ros.ros.wire import Stamp, Stamped
+
+Array = NDArray[np.float64]
+
+SILENT = 1.0
+"""Real time without a pose of the tip after which a push is given up, s."""
+
+
+class PushControllerNode(Shell):
+    """Takes /goal_pose as the call to push; answers each pose of the tip with its next target."""
+
+    skimming = True
+
+    def __init__(self) -> None:
+        super().__init__("push_controller")
+        self.plan = declare_config(self, PlanConfig, "plan.")
+        self.straight = declare_config(self, WayConfig, "way.")
+        self.config = declare_config(self, ControlConfig)
+        self.scene = TableScene(self, declare_config(self, TableSceneConfig))
+        self.controller: PushController | None = None
+        self._answered, self._heard = Stamp(0, 0), time.monotonic()
+        self._target = self.create_publisher(PoseStamped, PUSHER_TARGET, 10)
+        self._progress = self.latched(DiagnosticStatus, PUSH_PROGRESS)
+        self.stop = EmergencyStop(self, lambda: self._halt("the emergency stop is on"))
+        self.listen(PoseStamped, GOAL_POSE, self._on_goal)
+        self.serve(PUSH_STOP, self._on_stop)
+        self.every(0.2, self._tell)
+
+    def process(self) -> None:
+        """Answer the newest pose of the tip."""
+        controller = self.controller
+        if controller is None or self.scene.stamp == self._answered:
+            return
+        self._answered = self.scene.stamp
+        if self.scene.fallen:
+            self._halt("the object has fallen over")
+            return
+        target = controller.advance(self.scene.seen())
+        self._heard = time.monotonic()  # a plan takes a while, and nothing is heard meanwhile
+        if controller.outcome is not None:
+            self._finish()
+            return
+        pose = np.eye(4)
+        pose[:2, :2] = _turn(target[3])
+        pose[:3, 3] = target[:3]
+        self._target.publish(pose_to_message(pose, self._answered, WORLD))
+
+    def _on_goal(self, message: Stamped) -> None:
+        """Begin, or take the new goal from where the tip is."""
+        pose = pose_to_core(message, GOAL_POSE, WORLD)
+        goal = np.array([*pose[:2, 3], np.arctan2(pose[1, 0], pose[0, 0])])
+        try:
+            self.stop.require_released()
+            body = self.scene.body()
+        except TactileDynamicsError as error:
+            self._publish(False, str(error), {})
+            raise
+        planner = PushPlanner(body, goal, self.scene.config.bounds, self.plan)
+        self.controller = PushController(planner, self.straight, self.config, self.scene.support)
+        self._heard = time.monotonic()
+
+    def _on_stop(self) -> str:
+        self._halt("it was told to stop")
+        return "stopped"
+
+    def _halt(self, why: str) -> None:
+        """Leave the tip where it is."""
+        if self.controller is not None:
+            self.controller.stop(self.scene.seen(), why)
+            self._finish()
+
+    def _finish(self) -> None:
+        assert self.controller is not None and self.controller.outcome is not None
+        outcome, self.controller = self.controller.outcome, None
+        self._publish(True, outcome.why, {"result": json.dumps(outcome.to_json())})
+
+    def _tell(self) -> None:
+        """Say what is being done."""
+        if time.monotonic() - self._heard > SILENT:
+            self._halt(f"no {PUSHER_POSE} for {SILENT:g} s")
+        if self.controller is not None:
+            values = self.controller.progress(self.scene.seen())
+            self._publish(None, self.controller.phase, values)
+
+    def _publish(self, finished: bool | None, text: str, values: dict[str, object]) -> None:
+        state = {True: "finished", False: "refused", None: "pushing"}[finished]
+        level = DiagnosticStatus.WARN if finished is False else DiagnosticStatus.OK
+        status = status_message("push_controller", {"state": state, **values}, level, text)
+        self._progress.publish(status)
+
+
+def _turn(angle: float) -> Array:
+    cos, sin = np.cos(angle), np.sin(angle)
+    return np.array([[cos, -sin], [sin, cos]])
+
+
+def main() -> int:
+    """Run the node."""
+    return run_node(PushControllerNode)

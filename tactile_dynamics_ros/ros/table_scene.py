@@ -1,0 +1,170 @@
+"""What a node that pushes has to hear: tip, object, outline, contact, table, estimate."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import (
+    PolygonStamped,
+    PoseStamped,
+    PoseWithCovarianceStamped,
+    WrenchStamped,
+)
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.configuration import check_ranges, parameter
+from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
+from tactile_dynamics_ros.core.planar.control.controller import Seen
+from tactile_dynamics_ros.core.planar.control.plan import Bounds
+from tactile_dynamics_ros.core.planar.control.prediction import PushedBody
+from tactile_dynamics_ros.ros.conversions import MessageError, pose_to_core, to_seconds
+from tactile_dynamics_ros.ros.diagnostics import status_values
+from tactile_dynamics_ros.ros.names import (
+    OBJECT_POSE,
+    PROPERTY_STATUS,
+    PUSHER_POSE,
+    SUPPORT_POSE,
+    contact_topic,
+    link_topic,
+)
+from tactile_dynamics_ros.ros.shell import LATCHED, Shell
+from tactile_dynamics_ros.ros.wire import Stamp, Stamped
+
+Array = NDArray[np.float64]
+
+WORLD, PUSHER = "world", "pusher"
+UPRIGHT = 0.97
+"""Cosine of the tilt up to which an object stands, 14 deg: what falls over does so at more, and
+trackers are wrong by a few degrees."""
+SILENT = 0.2
+"""Age of a force beyond which nothing is felt, s: twenty messages at 100 Hz."""
+
+
+@dataclass(frozen=True)
+class TableSceneConfig:
+    """Tip and room of an arm that pushes."""
+
+    tip_radius: float = parameter(0.006, "of the tip", "m", 1e-3, 0.1)
+    tip_friction: float = parameter(0.35, "between tip and objects", "", 0.01, 2.0)
+    low: tuple[float, ...] = parameter((0.2, -0.45), "corner of where the tip may be, world", "m")
+    high: tuple[float, ...] = parameter((0.85, 0.45), "opposite corner, world", "m")
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+        if (
+            len(self.low) != 2
+            or len(self.high) != 2
+            or np.any(np.subtract(self.high, self.low) <= 0)
+        ):
+            raise BadInputError(f"low {self.low}, high {self.high}: expected x, y each, low first")
+
+    @property
+    def bounds(self) -> Bounds:
+        """Where the tip may be."""
+        return Bounds(np.array(self.low), np.array(self.high))
+
+
+class TableScene:
+    """Keeps the newest of each, and calls back with each pose of the tip.
+
+    Args:
+        node: that listens.
+        config: tip and room.
+
+    Attributes:
+        support: height of the table, m. properties: the newest estimate as numbers by name.
+        fallen: whether the object no longer stands. stamp: of the tip's newest pose.
+    """
+
+    def __init__(self, node: Shell, config: TableSceneConfig) -> None:
+        self.config, self.support, self.fallen = config, 0.0, False
+        self.properties: dict[str, float] = {}
+        self.property_message: DiagnosticArray | None = None
+        self.stamp = Stamp(0, 0)
+        self._tip: Array | None = None
+        self._object: tuple[float, Array] | None = None
+        self._footprint: Array | None = None
+        self._force = (-np.inf, 0.0)
+        node.listen(PoseStamped, PUSHER_POSE, self._on_tip, skim=True)
+        node.listen(PoseWithCovarianceStamped, OBJECT_POSE, self._on_object)
+        node.listen(PolygonStamped, link_topic("link_1", "footprint"), self._on_outline, LATCHED)
+        node.listen(PoseStamped, SUPPORT_POSE, self._on_support, LATCHED)
+        node.listen(WrenchStamped, contact_topic(PUSHER, "force"), self._on_force)
+        node.listen(DiagnosticArray, PROPERTY_STATUS, self._on_properties, LATCHED)
+
+    @property
+    def com(self) -> Array | None:
+        """Centre of mass (2,) in the object's frame, m; None if nobody tells."""
+        found = [self.properties.get(name, np.nan) for name in ("com_x", "com_y")]
+        return np.array(found) if np.all(np.isfinite(found)) else None
+
+    def body(self) -> PushedBody:
+        """Return the object as it is known.
+
+        Raises:
+            NotIdentifiableError: something is not published.
+        """
+        self.seen()
+        if self._footprint is None:
+            raise NotIdentifiableError("no object/footprint yet: call /shape_estimator/start")
+        config = self.config
+        return PushedBody.from_footprint(
+            self._footprint, self.com, config.tip_radius, config.tip_friction
+        )
+
+    def seen(self) -> Seen:
+        """Return what is known now.
+
+        Raises:
+            NotIdentifiableError: something is not published.
+        """
+        if self._tip is None:
+            raise NotIdentifiableError(f"no {PUSHER_POSE} yet: start the robot")
+        if self._object is None:
+            raise NotIdentifiableError(
+                f"no {OBJECT_POSE} yet: call /shape_estimator/start, or start a tracker"
+            )
+        now = to_seconds(self.stamp)
+        time, pose = self._object
+        force = self._force[1] if abs(now - self._force[0]) < SILENT else 0.0
+        return Seen(now, self._tip, pose, time, force)
+
+    def _on_tip(self, message: Stamped) -> None:
+        pose = pose_to_core(message, PUSHER_POSE, WORLD)
+        self.stamp = message.stamp
+        self._tip = np.array([*pose[:3, 3], np.arctan2(pose[1, 0], pose[0, 0])])
+
+    def _on_object(self, message: Stamped) -> None:
+        pose = pose_to_core(message, OBJECT_POSE, WORLD)
+        self.fallen = pose[2, 2] < UPRIGHT
+        yaw = np.arctan2(pose[1, 0], pose[0, 0])
+        self._object = to_seconds(message.stamp), np.array([*pose[:2, 3], yaw])
+
+    def _on_outline(self, message: PolygonStamped) -> None:
+        points = np.array([[p.x, p.y] for p in message.polygon.points]).reshape(-1, 2)
+        if len(points) < 3 or not np.all(np.isfinite(points)):
+            raise MessageError("bad_footprint", f"object/footprint: {len(points)} usable vertices")
+        self._footprint = points
+
+    def _on_support(self, message: Stamped) -> None:
+        self.support = float(pose_to_core(message, SUPPORT_POSE, WORLD)[2, 3])
+
+    def _on_force(self, message: Stamped) -> None:
+        self._force = to_seconds(message.stamp), float(np.linalg.norm(message.values[:3]))
+
+    def _on_properties(self, message: DiagnosticArray) -> None:
+        self.property_message = message
+        for status in message.status:
+            values = status_values(status)
+            if "com_x" in values:
+                self.properties = {k: _number(v) for k, v in values.items()}
+                return
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return float("nan")
