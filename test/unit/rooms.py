@@ -83,9 +83,12 @@ ROOMS = {
     ),
     "core/planar/filter": Room(
         "live belief about a pushed object: a dual filter over any model that predicts pushes",
-        ("core/planar", "core/planar/mechanics"),
+        ("core/planar", "core/planar/mechanics", "core/planar/properties"),
     ),
-    "core/planar/actions": Room("pushes and pulls as paths of a gripper", ("core/rigid_body",)),
+    "core/planar/actions": Room(
+        "pushes and pulls as paths of a gripper; what they would tell",
+        ("core/planar/mechanics", "core/rigid_body"),
+    ),
     "core/planar/control": Room(
         "the next pushes that bring an object to a pose, in closed loop",
         ("core/numerics", "core/planar/actions", "core/planar/mechanics"),
@@ -191,7 +194,14 @@ ROOMS = {
             _INERTIA + "diagnosis",
             _INERTIA + "live",
         )
-        + ("core/planar/actions", "core/rigid_body", "core/robot", "core/shape", "core/streams")
+        + (
+            "core/planar/actions",
+            "core/planar/filter",
+            "core/rigid_body",
+            "core/robot",
+            "core/shape",
+            "core/streams",
+        )
         + ("core/tracking",)
         + ("recording",),
         ("rclpy",),
@@ -206,7 +216,8 @@ ROOMS = {
         "one file per executable: parameters, subscriptions, publishers",
         ("core/contact", "core/discrepancy", "core/friction", _INERTIA + "diagnosis")
         + (_INERTIA + "live", "core/manipulation", "core/rigid_body", "core/robot", "core/shape")
-        + ("core/streams", "core/tactile", "core/tracking", "ros", "sim"),
+        + ("core/planar/filter", "core/planar/properties", "core/streams", "core/tactile")
+        + ("core/tracking", "ros", "sim"),
         ("rclpy",),
     ),
     "cli": Room(

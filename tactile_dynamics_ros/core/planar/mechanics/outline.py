@@ -92,3 +92,22 @@ def nearest_edge(outline: Array, normals: Array, point: Array) -> tuple[Array, A
     distance = point @ normals.T - np.einsum("vi,vi->v", outline, normals)
     edge = np.argmax(distance, axis=1)
     return -distance[np.arange(len(point)), edge], -normals[edge]
+
+
+def convex_hull(outline: Array) -> Array:
+    """Vertices (H, 2) of the convex hull of points (V, 2), anticlockwise (Andrew 1979)."""
+    points = np.unique(outline, axis=0)
+    halves = []
+    for ordered in (points, points[::-1]):
+        chain: list[Array] = []
+        for point in ordered:
+            while len(chain) > 1 and _turn(chain[-2], chain[-1], point) <= 0.0:
+                chain.pop()
+            chain.append(point)
+        halves.append(chain[:-1])
+    return np.array(halves[0] + halves[1])
+
+
+def _turn(a: Array, b: Array, c: Array) -> float:
+    """Twice the signed area of a triangle, m^2; positive anticlockwise."""
+    return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))

@@ -1,0 +1,260 @@
+"""What a push would tell about product, mass and centre of mass: Fisher information by simulation.
+
+Parameters are (ln of mass times friction, ln mass, com x, com y); masses in kg, lengths in m.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.configuration import check_ranges, parameter
+from tactile_dynamics_ros.core.planar.mechanics.linkage import Link, Linkage
+from tactile_dynamics_ros.core.planar.mechanics.pusher import Tip
+from tactile_dynamics_ros.core.planar.mechanics.simulation import Motion, StepConfig, simulate
+from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
+
+Array = NDArray[np.float64]
+
+NAMES = ("ln_product", "ln_mass", "com_x", "com_y")
+"""Parameters of a belief, in the order of its mean and covariance."""
+_STEPS = np.array([0.02, 0.02, 5e-4, 5e-4])
+"""Steps of the differences: 2 %, 2 %, 0.5 mm. Below a tenth of that regularised friction rounds the
+differences, above five times that they are no longer slopes."""
+_HEIGHT_STEP, _PLACE_STEP = 1e-3, 5e-4
+"""m, steps of the differences by height and place of the push: what is uncertain of them; larger
+ones would leave the outline's edge near corners."""
+_VARIANTS = 7
+"""Simulations of each candidate: as believed, four parameters, height and place of the push."""
+_STIFFNESS = 4000.0
+"""N/m of the tip in these simulations: softer than real ones (20 000), so that steps of 5 ms follow
+impacts; forces after 30 ms differ by less than 1 %."""
+
+_SLIDING = 0.015
+"""m/s, speed below which forces are not counted: feet stick and creep there, and estimators leave
+such samples out. At zero the start of every push would seem to tell the mass."""
+_NO_USE = 1e6
+"""N, standard deviation of a force that is not counted: beyond all that is measured."""
+
+
+@dataclass(frozen=True)
+class SensingConfig:
+    """What is measured, and what is not known beside the parameters."""
+
+    force_std: float = parameter(0.05, "of each force component", "N", 1e-4, 10.0)
+    force_rate_hz: float = parameter(100.0, "of forces", "Hz", 1.0, 1000.0)
+    pose_std: float = parameter(7e-4, "of each coordinate", "m", 1e-6, 0.1)
+    turn_std: float = parameter(4e-3, "of the angle", "rad", 1e-6, 1.0)
+    pose_rate_hz: float = parameter(30.0, "of poses", "Hz", 0.1, 1000.0)
+    variation: float = parameter(0.08, "of friction from push to push, over its mean", "", 0.0, 1.0)
+    local: float = parameter(0.03, "of friction within a push, per sample", "", 0.0, 1.0)
+    height_std: float = parameter(0.002, "of the height of the push", "m", 0.0, 0.1)
+    point_std: float = parameter(5e-4, "of the contact along the outline", "m", 0.0, 0.1)
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+
+@dataclass(frozen=True, eq=False)
+class Belief:
+    """What is known so far.
+
+    Attributes:
+        mean: (4,) as `NAMES`. covariance: (4, 4).
+    """
+
+    mean: Array
+    covariance: Array
+
+    @property
+    def std(self) -> Array:
+        """(4,) of each parameter alone."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    @classmethod
+    def unknown(cls, outline: Array) -> Belief:
+        """What is known of an object that was only seen: 0.3 kg of product, 0.9 kg, the middle.
+
+        Args:
+            outline: (V, 2) m.
+        """
+        patch = SupportPatch(outline)
+        reach = 0.35 * np.sqrt(patch.gyration)
+        std = np.array([0.7, 0.6, reach, reach])
+        return cls(np.array([np.log(0.3), np.log(0.9), *patch.centroid]), np.diag(std**2))
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A straight push that might be made, in the object's frame.
+
+    Attributes:
+        point: (2,) m on the outline. normal: (2,) into the object. direction: (2,) unit.
+        speed: m/s. length: m after contact. acceleration: m/s^2, of start and stop.
+    """
+
+    point: Array
+    normal: Array
+    direction: Array
+    speed: float
+    length: float
+    acceleration: float
+
+
+@dataclass(frozen=True, eq=False)
+class PredictedObject:
+    """What a simulation needs beside a belief.
+
+    Attributes:
+        outline: (V, 2) m, convex. tip_friction: against the tip. push_height: m.
+        com_height: m. points: that carry it.
+    """
+
+    outline: Array
+    tip_friction: float = 0.35
+    push_height: float = 0.02
+    com_height: float = 0.025
+    points: int = 36
+
+
+def informations(
+    thing: PredictedObject,
+    belief: Belief,
+    candidates: Sequence[Candidate],
+    sensing: SensingConfig | None = None,
+) -> Array:
+    """Fisher information (N, 4, 4) of each candidate about the parameters.
+
+    Unknown friction of this push, its height and its place on the outline are marginalised:
+    F = J' W J - J' W K (K' W K + prior)^-1 K' W J.
+
+    Args:
+        thing: the object.
+        belief: where the sensitivities are taken.
+        candidates: with the same speed, length and acceleration.
+        sensing: what is measured.
+    """
+    sensing = sensing or SensingConfig()
+    slopes, weights = _slopes(thing, belief, candidates, sensing)
+    known, nuisance = slopes[..., :4], slopes[..., [0, 4, 5]]
+    unsure = np.array([sensing.variation, sensing.height_std, sensing.point_std])
+    prior = np.diag(np.maximum(unsure, 1e-6) ** -2)
+    weighted = weights[..., None] * known
+    information = known.swapaxes(1, 2) @ weighted
+    across = nuisance.swapaxes(1, 2) @ weighted
+    own = nuisance.swapaxes(1, 2) @ (weights[..., None] * nuisance) + prior
+    return np.asarray(information - across.swapaxes(1, 2) @ np.linalg.solve(own, across))
+
+
+def expected_gain(belief: Belief, information: Array) -> Array:
+    """Expected gain (N,) in nats: half the fall of the logarithm of the covariance's determinant.
+
+    Args:
+        belief: before.
+        information: (N, 4, 4).
+    """
+    before = np.linalg.slogdet(np.linalg.inv(belief.covariance))[1]
+    after = np.linalg.slogdet(np.linalg.inv(belief.covariance) + information)[1]
+    return np.asarray(0.5 * (after - before))
+
+
+def updated(belief: Belief, information: Array) -> Belief:
+    """What will be known after a push with an information (4, 4)."""
+    precision = np.linalg.inv(belief.covariance) + information
+    return Belief(belief.mean, np.asarray(np.linalg.inv(precision), dtype=float))
+
+
+def _slopes(
+    thing: PredictedObject,
+    belief: Belief,
+    candidates: Sequence[Candidate],
+    sensing: SensingConfig,
+) -> tuple[Array, Array]:
+    """Sensitivities (N, M, 6) of M measurements, and weights (N, M).
+
+    By the parameters, then by height and place of the push.
+    """
+    motion = _simulated(thing, belief, candidates)
+    count, step = len(candidates), float(motion.time[1])
+    forces, poses = (
+        slice(None, None, max(1, round(1.0 / (rate * step))))
+        for rate in (sensing.force_rate_hz, sensing.pose_rate_hz)
+    )
+    force, pose = motion.wrench[:, forces, :2], motion.pose[:, poses, 0]
+    base = force[::_VARIANTS]
+    size = np.linalg.norm(base, axis=2, keepdims=True)
+    noise = np.sqrt(sensing.force_std**2 + np.square(sensing.local * size))
+    noise = np.where(_slides(motion.twist[::_VARIANTS, forces, 0], thing), noise, _NO_USE)
+    noise = np.broadcast_to(noise, base.shape).reshape(count, -1)
+    std_pose = np.array([sensing.pose_std, sensing.pose_std, sensing.turn_std])
+    stds = np.broadcast_to(std_pose, (count, *pose.shape[1:])).reshape(count, -1)
+    runs = count * _VARIANTS
+    rows = np.concatenate([force.reshape(runs, -1), pose.reshape(runs, -1)], axis=1)
+    rows = rows.reshape(count, _VARIANTS, -1)
+    steps = np.array([*_STEPS, _HEIGHT_STEP, _PLACE_STEP])
+    slopes = (rows[:, 1:] - rows[:, :1]).swapaxes(1, 2) / steps
+    return slopes, np.concatenate([noise, stds], axis=1) ** -2.0
+
+
+def _simulated(thing: PredictedObject, belief: Belief, candidates: Sequence[Candidate]) -> Motion:
+    """All variants of all candidates, one after the other."""
+    count = len(candidates)
+    variants = np.repeat(belief.mean[None], _VARIANTS, axis=0)
+    variants[1:5] += np.diag(_STEPS)
+    heights = np.full(_VARIANTS, thing.push_height)
+    heights[5] += _HEIGHT_STEP
+    config = StepConfig(step=5e-3, rounds=3)
+    paths = np.repeat(np.stack([_path(c, config.step) for c in candidates]), _VARIANTS, axis=0)
+    tangents = np.array([[-c.normal[1], c.normal[0]] for c in candidates])
+    paths[6::_VARIANTS, :, :2] += _PLACE_STEP * tangents[:, None]
+    tip = Tip(
+        thing.outline,
+        np.tile(heights, count),
+        np.full(_VARIANTS * count, thing.tip_friction),
+        stiffness=_STIFFNESS,
+    )
+    linkage = _linkage(thing, np.tile(variants, (count, 1)))
+    return simulate(linkage, tip, np.zeros((_VARIANTS * count, 1, 3)), paths, config)
+
+
+def _slides(twist: Array, thing: PredictedObject) -> Array:
+    """Whether (N, T, 1) objects with twists (N, T, 3) slide so fast that friction is Coulomb's."""
+    reach = np.sqrt(SupportPatch(thing.outline, thing.points).gyration)
+    speed = np.hypot(np.linalg.norm(twist[..., :2], axis=2), reach * twist[..., 2])
+    return np.asarray(speed > _SLIDING)[..., None]
+
+
+def _linkage(thing: PredictedObject, parameters: Array) -> Linkage:
+    """Objects with parameters (B, 4)."""
+    patch = SupportPatch(thing.outline, thing.points)
+    count, mass = len(parameters), np.exp(parameters[:, 1])
+    offset = parameters[:, 2:] - patch.centroid
+    inertia = mass * (patch.gyration + np.sum(offset**2, axis=1))
+    return Linkage(
+        (
+            Link(
+                patch,
+                mass,
+                np.exp(parameters[:, 0]) / mass,
+                parameters[:, 2:],
+                np.full(count, thing.com_height),
+                inertia,
+                np.ones(count),
+            ),
+        )
+    )
+
+
+def _path(candidate: Candidate, step: float) -> Array:
+    """Poses (T, 3) of the tip's point: from rest to rest, and a little rest."""
+    speed, hard = candidate.speed, candidate.acceleration
+    ramp = speed / hard
+    moving = candidate.length / speed + ramp
+    time = np.arange(int(np.ceil((moving + 0.1) / step)) + 1) * step
+    pace = np.clip(np.minimum(time / ramp, (moving - time) / ramp), 0.0, 1.0) * speed
+    along = np.concatenate([[0.0], np.cumsum(0.5 * (pace[1:] + pace[:-1])) * step])
+    place = candidate.point + along[:, None] * candidate.direction
+    return np.column_stack([place, np.zeros(len(time))])
