@@ -114,19 +114,13 @@ class GraphProcess:
     ) -> tuple[Prediction, Array]:
         """Prediction, and std (C, 2) of forces around it, axes of the contact, N."""
         push = self.push_of(states, motion)
-        velocity, force = np.zeros((len(states), self.links, MOTION)), np.zeros((len(states), 2))
-        help_ = None
+        base = None
         if self.weights.residual:
-            base = self.base[0].predict(states, parameters, motion)
-            steps = Transitions(self.thing, parameters, states, base.states, push, force)
-            velocity, force = outcome(steps, base.states), to_contact(base.wrench, push.normal)
-            help_ = helping(velocity, force, help_units(self.weights.speed))
-        graph = build_graph(self.thing, states, parameters, push, self.weights.speed, help_)
-        expected = self.weights.evaluate(graph)
-        after = advanced(self.thing, states, parameters, push, velocity + expected.motion)
-        felt = from_contact(force + expected.force, push.normal) * push.touching[:, None]
-        wrench = np.concatenate([felt, np.zeros((len(felt), 1))], axis=1)
-        return Prediction(after, wrench), expected.force_std
+            found = self.base[0].predict(states, parameters, motion)
+            base = found.states, found.wrench[:, :2]
+        after, force, std = step_on(self.weights, self.thing, states, parameters, push, base)
+        wrench = np.concatenate([force, np.zeros((len(force), 1))], axis=1)
+        return Prediction(after, wrench), std
 
     def push_of(self, states: Array, motion: PusherMotion) -> Push:
         """What the pusher does, in the outline's or the felt normal."""
@@ -149,6 +143,37 @@ class GraphProcess:
         local = turned(point - own[:, :2], -own[:, 2])
         depth, normal = nearest_edge(outline, edge_normals(outline), local)
         return turned(normal, own[:, 2]), depth
+
+
+def step_on(
+    weights: GraphWeights,
+    thing: Thing,
+    states: Array,
+    parameters: Array,
+    push: Push,
+    base: tuple[Array, Array] | None = None,
+) -> tuple[Array, Array, Array]:
+    """States (C, 6 L), forces (C, 2) in axes of the support, std (C, 2) in those of the contact.
+
+    Args:
+        weights: of the network.
+        thing: geometry.
+        states: (C, 6 L) when the step begins.
+        parameters: (C, p).
+        push: of the robot.
+        base: states (C, 6) and forces (C, 2) that mechanics expect; a residual network needs them.
+    """
+    force = np.zeros((len(states), 2))
+    velocity, help_ = np.zeros((len(states), thing.links, MOTION)), None
+    if base is not None:
+        steps = Transitions(thing, parameters, states, base[0], push, base[1])
+        velocity, force = outcome(steps, base[0]), to_contact(base[1], push.normal)
+        help_ = helping(velocity, force, help_units(weights.speed))
+    graph = build_graph(thing, states, parameters, push, weights.speed, help_)
+    expected = weights.evaluate(graph)
+    after = advanced(thing, states, parameters, push, velocity + expected.motion)
+    felt = from_contact(force + expected.force, push.normal) * push.touching[:, None]
+    return after, felt, expected.force_std
 
 
 def advanced(thing: Thing, states: Array, parameters: Array, push: Push, motion: Array) -> Array:

@@ -1,0 +1,166 @@
+"""Learnt and physical models of pushing: one step ahead, and properties by a filter with each."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from benchmarks.planar import ahead
+from benchmarks.planar.scores import scored
+from benchmarks.planar.trial import (
+    SETTINGS,
+    Population,
+    filtered,
+    simulated,
+    truth_of,
+)
+from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess
+from tactile_dynamics_ros.core.planar.filter.process import Process
+from tactile_dynamics_ros.core.planar.network.mechanics import expected_steps
+from tactile_dynamics_ros.core.planar.network.process import GraphProcess
+from tactile_dynamics_ros.core.planar.network.weights import shipped_file, shipped_graph
+from tactile_dynamics_ros.synthetic.pushed.objects import draw_object
+from tactile_dynamics_ros.synthetic.pushed.transitions import cut_steps, describe
+
+MODELS = {"single": ("patch", "graph_residual", "graph"), "rigid_pair": ("graph",),
+          "jointed": ("graph",)}  # fmt: skip
+"""Which models predict a family: mechanics of linked parts are no process of the filter."""
+SET = range(1, 121)
+"""Seeds of the object set whose range normalises errors."""
+FIRST = 121
+"""First seed of the test objects: networks are trained on seeds from 10000 on."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Measure all families and print tables."""
+    parser = argparse.ArgumentParser(prog="bench planar", description=__doc__)
+    parser.add_argument("--families", nargs="+", choices=sorted(MODELS), default=list(MODELS))
+    parser.add_argument("--models", nargs="+", default=["patch", "graph_residual", "graph"])
+    parser.add_argument("--setting", choices=sorted(SETTINGS), default="slow")
+    parser.add_argument("--objects", type=int, default=12, help="test objects of each family (12)")
+    parser.add_argument("--only", choices=("ahead", "filter"), help="one part only")
+    parser.add_argument("--json", action="store_true", help="print only JSON on stdout")
+    options = parser.parse_args(arguments)
+    found = {}
+    for family in options.families:
+        found[family] = measure(family, options)
+        if not options.json:
+            print(table(family, found[family]), flush=True)
+    if options.json:
+        print(json.dumps(found))
+    return 0
+
+
+def models_of(family: str, options: argparse.Namespace) -> list[str]:
+    """Models of a family that are asked for and, if learnt, shipped for this setting."""
+    return [
+        name
+        for name in MODELS[family]
+        if name in options.models
+        and (name == "patch" or shipped_file(name, options.setting).exists())
+    ]
+
+
+def measure(family: str, options: argparse.Namespace) -> dict[str, Any]:
+    """All figures of a family."""
+    seeds = range(FIRST, FIRST + options.objects)
+    ones = simulated(seeds, family, options.setting)
+    names = models_of(family, options)
+    found: dict[str, Any] = {"n": len(ones), "setting": options.setting}
+    if options.only != "filter":
+        found["ahead"] = one_step(names, ones, options.setting)
+    if options.only != "ahead":
+        found["filter"] = properties(names, family, ones, options.setting)
+    return found
+
+
+def one_step(names: list[str], ones: list[Any], setting: str) -> dict[str, Any]:
+    """Errors of one step from exact states with true parameters."""
+    objects = [cut_steps(one.scene, one.motion, SETTINGS[setting][0]) for one in ones]
+    found = {"goes on": ahead.errors_of(ahead.still, objects)}
+    for name in names:
+        model = expected_steps if name == "patch" else ahead.network(shipped_graph(name, setting))
+        found[name] = ahead.errors_of(model, objects)
+    return found
+
+
+def process_of(name: str, one: Any, setting: str) -> Process:
+    """A model of one object."""
+    thing = describe(one.scene.thing)
+    if name == "patch":
+        return PatchProcess(thing.patches[0].outline, float(thing.com_height[0]))
+    return GraphProcess.of(thing, shipped_graph(name, setting))
+
+
+def properties(names: list[str], family: str, ones: list[Any], setting: str) -> dict[str, Any]:
+    """NRMSE of estimates after all pushes, beside what is known without and from the product."""
+    population = Population.of(family)
+    truths = [truth_of(one.scene) for one in ones]
+    ranges = _ranges(family)
+    links = len(ones[0].scene.thing.links)
+    known = [
+        population.given_product(np.array([t[f"q{k + 1}"] for k in range(links)])) for t in truths
+    ]
+    found: dict[str, Any] = {
+        "prior mean": scored([population.means()] * len(ones), truths, ranges),
+        "product known": scored(known, truths, ranges),
+    }
+    for name in names:
+        start = time.process_time()
+        told = []
+        for k, one in enumerate(ones):
+            process = process_of(name, one, setting)
+            told.append(filtered(process, population, one, setting, name, k))
+            print(f"\r{family} {name} {k + 1}/{len(ones)}", end="", file=sys.stderr)
+        print(file=sys.stderr)
+        found[name] = scored([t["values"] for t in told], truths, ranges)
+        found[name]["inside_90"] = {
+            key: float(np.mean([abs(t["z"][key]) < 1.645 for t in told])) for key in told[0]["z"]
+        }
+        found[name]["worst_z"] = max(abs(z) for t in told for z in t["z"].values())
+        found[name]["seconds_per_object"] = (time.process_time() - start) / len(ones)
+    return found
+
+
+def _ranges(family: str) -> dict[str, float]:
+    from types import SimpleNamespace
+
+    all_ = [truth_of(SimpleNamespace(thing=draw_object(seed, family))) for seed in SET]
+    return {n: float(np.ptp([each[n] for each in all_])) for n in all_[0]}
+
+
+def table(family: str, found: dict[str, Any]) -> str:
+    """Rows for people."""
+    rows = [f"## {family}, {found['setting']}, n = {found['n']} objects", ""]
+    if "ahead" in found:
+        rows += ["| one step ahead | place mm | yaw deg | force, relative |", "|---|---|---|---|"]
+        for name, one in found["ahead"].items():
+            cells = [_cell(one[key]) for key in ("place_mm", "yaw_deg", "force_relative")]
+            rows.append(f"| {name} | {' | '.join(cells)} |")
+        rows.append("")
+    if "filter" in found:
+        keys = [k for k in found["filter"]["prior mean"] if not k.startswith("overall")]
+        links = sorted({k[-1] for k in keys})
+        rows.append(f"| NRMSE | {' | '.join(keys)} | overall | in 90 % |")
+        rows.append("|---" * (len(keys) + 3) + "|")
+        for name, one in found["filter"].items():
+            cells = [_cell(one[key]) if key in one else "" for key in keys]
+            overall = ", ".join(f"{one[f'overall{k}']:.2f}" for k in links if f"overall{k}" in one)
+            inside = " ".join(f"{k} {v:.0%}" for k, v in one.get("inside_90", {}).items())
+            rows.append(f"| {name} | {' | '.join(cells)} | {overall} | {inside} |")
+        rows.append("")
+    return "\n".join(rows)
+
+
+def _cell(one: dict[str, float]) -> str:
+    return f"{one['mean']:.3g} ({one['low']:.2g}-{one['high']:.2g})"
+
+
+if __name__ == "__main__":
+    sys.exit(main())

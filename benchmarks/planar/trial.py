@@ -1,0 +1,200 @@
+"""One simulated object of the test set: pushed as in paper B, sensed, and filtered."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.planar.filter.dual import DualConfig, DualFilter
+from tactile_dynamics_ros.core.planar.filter.observation import FeltWrench, Observation, SeenPose
+from tactile_dynamics_ros.core.planar.filter.process import Process, PusherMotion
+from tactile_dynamics_ros.synthetic import pushed
+from tactile_dynamics_ros.synthetic.pushed.objects import GRAVITY, PushedObject, draw_object
+from tactile_dynamics_ros.synthetic.pushed.scene import STEP
+from tactile_dynamics_ros.synthetic.pushed.transitions import states_at, true_parameters
+
+Array = NDArray[np.float64]
+
+SLOW = pushed.ActionOptions(
+    count=4, speed=(0.024, 0.025), duration=5.0, travel=0.125, pauses=0, hard_stop=False, tilt_deg=5
+)
+FAST = pushed.ActionOptions(count=4, speed=(0.03, 0.2), tilt_deg=5)
+SETTINGS = {"slow": (1.0 / 15.0, SLOW), "fast": (0.01, FAST)}
+"""Paper B: 15 Hz, 25 mm/s, 5 s per push, normal +-5 deg; and 100 Hz, 30 to 200 mm/s, hard stops."""
+FORCE_STD, POSE_STD = 0.03, np.array([5e-4, 5e-4, np.radians(0.2)])
+"""Noise of each mean force, N, and of each pose."""
+MODEL_STD = {"patch": 0.0, "graph_residual": 0.0, "graph": 0.05}
+"""What is added to the noise of forces for the model's own error, over the force (see `--help`)."""
+STIFFNESS = 2e4
+"""N/m of tip and arm, by which the touched point lags behind the pusher."""
+DRAWS = 4000
+"""Objects that stand for what is known beforehand."""
+
+
+def simulated(seeds: Sequence[int], kind: str, setting: str) -> list[Any]:
+    """Recordings of the test set: tables vary by 8 %, faces are uneven by 10 %, stiction 10 %."""
+    options = pushed.PushOptions(
+        kind=kind, actions=SETTINGS[setting][1], variation=0.08, stiction=0.1, uneven=0.1
+    )
+    return pushed.generate(seeds, None, options)
+
+
+def parameters_of(thing: PushedObject) -> Array:
+    """Parameters (4 L,) of links: ln product, ln mass, centre."""
+    rows = [
+        [np.log(link.mass * link.friction), np.log(link.mass), *link.com] for link in thing.links
+    ]
+    return np.ravel(rows)
+
+
+@dataclass(frozen=True, eq=False)
+class Population:
+    """What is known of a family before any push.
+
+    Attributes:
+        values: (DRAWS, 4 L) parameters. offsets: (DRAWS, L) distance of the centre of mass from the
+            geometric one, m. joints: (DRAWS,) ln of joint friction.
+    """
+
+    values: Array
+    offsets: Array
+    joints: Array
+
+    @classmethod
+    def of(cls, kind: str) -> Population:
+        """Draw it, from seeds that nothing else uses."""
+        things = [draw_object(seed, kind) for seed in range(900_000, 900_000 + DRAWS)]
+        middle = [[link.feet.mean(axis=0) for link in t.links] for t in things]
+        com = [[link.com for link in t.links] for t in things]
+        joints = np.log([max(t.joint_friction, 1e-3) for t in things])
+        offsets = np.linalg.norm(np.array(com) - np.array(middle), axis=2)
+        return cls(np.array([parameters_of(t) for t in things]), offsets, joints)
+
+    def prior(self, process: Process) -> tuple[Array, Array]:
+        """Mean and covariance of the parameters of a process; the tip's friction is its own."""
+        mean, covariance = (np.array(part) for part in process.prior)
+        size = self.values.shape[1]
+        mean[:size], covariance[:size, :size] = self.values.mean(axis=0), np.cov(self.values.T)
+        if len(mean) > size + 1:
+            mean[-1], covariance[-1, -1] = self.joints.mean(), self.joints.var()
+        return mean, covariance
+
+    def means(self) -> dict[str, float]:
+        """The best guess without data of each quantity of each link."""
+        return {name: float(np.mean(v)) for name, v in self.quantities().items()}
+
+    def quantities(self) -> dict[str, Array]:
+        """Of all draws: m, f, q and the centre's distance, of each link."""
+        found = {}
+        for k in range(self.offsets.shape[1]):
+            q, m = np.exp(self.values[:, 4 * k : 4 * k + 2].T)
+            found |= {f"m{k + 1}": m, f"f{k + 1}": q / m, f"q{k + 1}": q * GRAVITY}
+            found[f"com{k + 1}"] = self.offsets[:, k]
+        return found
+
+    def given_product(self, product: Array) -> dict[str, float]:
+        """Best guess of mass and friction where the products (L,), N, are known exactly."""
+        all_ = self.quantities()
+        found = {}
+        for k, value in enumerate(product):
+            near = np.argsort(np.abs(np.log(all_[f"q{k + 1}"] / value)))[:150]
+            found[f"m{k + 1}"] = float(all_[f"m{k + 1}"][near].mean())
+            found[f"f{k + 1}"] = float(all_[f"f{k + 1}"][near].mean())
+            found[f"q{k + 1}"] = float(value)
+        return found
+
+
+def truth_of(scene: Any) -> dict[str, float]:
+    """Quantities of the object of a scene."""
+    found = {}
+    for k, link in enumerate(scene.thing.links):
+        found |= {f"m{k + 1}": link.mass, f"f{k + 1}": link.friction}
+        found[f"q{k + 1}"] = link.mass * link.friction * GRAVITY
+        found[f"com{k + 1}"] = float(np.linalg.norm(link.com - link.feet.mean(axis=0)))
+    return found
+
+
+def sensed_steps(
+    one: Any, setting: str, seed: int
+) -> list[tuple[PusherMotion | None, Observation]]:
+    """Motions of the pusher and what is sensed, step by step; None where nothing is touched."""
+    scene, motion = one.scene, one.motion
+    period = SETTINGS[setting][0]
+    span, rng = round(period / STEP), np.random.default_rng([seed, 7])
+    states, tip = states_at(scene, motion), motion.pusher[:, :2]
+    found: list[tuple[PusherMotion | None, Observation]] = []
+    for k in range(3, len(states) - span - 1, span):
+        window = slice(k + 1, k + span + 1)
+        touched = motion.contact[window, 0].mean()
+        poses = tuple(
+            SeenPose(pose[:3] + POSE_STD * rng.normal(size=3), POSE_STD, 0.0, link)
+            for link, pose in enumerate(states[k + span].reshape(-1, 6))
+        )
+        felt = motion.force[window, 0].mean(axis=0) + FORCE_STD * rng.normal(size=2)
+        if touched < 0.5:
+            found.append((None, Observation(poses)))
+            continue
+        row = k + 1 + int(np.argmax(motion.contact[window, 0]))
+        normal = motion.normal[row, 0]
+        before = np.append(tip[k] + scene.tip.radius * normal, 0.0)
+        after = before + np.append(tip[k + span] - tip[k], 0.0)
+        push = PusherMotion(
+            before, after, period, scene.tip.height, touching=True, normal=normal,
+            link=int(motion.touched[row]),
+        )  # fmt: skip
+        steady = touched > 0.99 and found and found[-1][0] is not None
+        wrench = FeltWrench(felt, np.full(2, FORCE_STD)) if steady else None
+        found.append((push, Observation(poses, wrench)))
+    return found
+
+
+def filtered(
+    process: Process, population: Population, one: Any, setting: str, model: str, seed: int
+) -> dict[str, Any]:
+    """What a filter with a model makes of all pushes of an object."""
+    steps = sensed_steps(one, setting, seed)
+    start = np.concatenate([pose.value for pose in steps[0][1].poses])
+    belief = DualFilter(process, start, POSE_STD, DualConfig(seed=seed), population.prior(process))
+    for k, (motion, seen) in enumerate(steps):
+        if model == "patch" and motion is not None:
+            motion, seen = _giving_way(motion, seen, steps[max(k - 1, 0) : k + 2])
+        wrench = seen.wrench
+        if wrench is not None and MODEL_STD[model] > 0.0:
+            own = MODEL_STD[model] * np.linalg.norm(wrench.value)
+            felt = FeltWrench(wrench.value, np.hypot(wrench.std, own))
+            seen = replace(seen, wrench=felt)
+        belief.step(motion, seen)
+    return _described(*belief.parameters, process, one.scene)
+
+
+def _giving_way(
+    motion: PusherMotion, seen: Observation, near: list[tuple[PusherMotion | None, Observation]]
+) -> tuple[PusherMotion, Observation]:
+    """The touched point of a tip that gives way while the force grows, as the tracker has it."""
+    force = [s.wrench.value if s.wrench is not None else np.zeros(2) for _, s in near]
+    lag = 0.5 * (force[-1] - force[0]) / (STIFFNESS * motion.step)
+    after = motion.after - np.append(motion.step * lag, 0.0)
+    return replace(motion, after=after), replace(seen, slack=lag)
+
+
+def _described(mean: Array, covariance: Array, process: Process, scene: Any) -> dict[str, Any]:
+    """Estimates of each quantity, and by how many std each number is off."""
+    truth, std = true_parameters(scene), np.sqrt(np.diag(covariance))
+    values: dict[str, float] = {}
+    z: dict[str, float] = {}
+    for k, link in enumerate(scene.thing.links):
+        a = 4 * k
+        ratio = np.sqrt(max(covariance[a, a] + covariance[a + 1, a + 1]
+                            - 2 * covariance[a, a + 1], 1e-12))  # fmt: skip
+        q, m = np.exp(mean[a : a + 2])
+        values |= {f"m{k + 1}": m, f"f{k + 1}": q / m, f"q{k + 1}": q * GRAVITY}
+        values[f"com{k + 1}"] = float(np.linalg.norm(mean[a + 2 : a + 4] - link.feet.mean(axis=0)))
+        off = (mean - truth)[a : a + 4]
+        z |= {f"q{k + 1}": off[0] / std[a], f"m{k + 1}": off[1] / std[a + 1]}
+        z |= {f"f{k + 1}": (off[0] - off[1]) / ratio, f"com{k + 1}": off[2] / std[a + 2]}
+    return {"values": {n: float(v) for n, v in values.items()},
+            "z": {n: float(v) for n, v in z.items()}}  # fmt: skip
