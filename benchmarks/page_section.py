@@ -2,6 +2,15 @@
 
 from __future__ import annotations
 
+import sys
+from argparse import ArgumentParser
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import TypeVar
+
+Outcome = TypeVar("Outcome")
+"""What a benchmark finds in one recording."""
+
 
 def replace_section(page: str, section: str) -> str:
     """Return a page with a section replaced, or appended.
@@ -16,3 +25,38 @@ def replace_section(page: str, section: str) -> str:
         before, _, rest = page.partition(begin)
         return before + section.rstrip("\n") + rest.partition(end)[2]
     return (page.rstrip("\n") or "# Benchmarks") + "\n\n" + section
+
+
+def section_parser(text: str | None, start: int) -> ArgumentParser:
+    """Return a parser of what benchmarks with a section of their own take.
+
+    Args:
+        text: what the benchmark asks.
+        start: first seed, unless another is given.
+    """
+    parser = ArgumentParser(description=text)
+    parser.add_argument("--start", type=int, default=start, help="first seed")
+    parser.add_argument("--write", type=Path, metavar="PAGE", help="page that gets the section")
+    return parser
+
+
+def show(
+    outcomes: Iterable[Outcome],
+    table: Callable[[Sequence[Outcome]], Sequence[str]],
+    section: Callable[[Sequence[Outcome]], str],
+    page: Path | None,
+) -> int:
+    """Print outcomes as they come and their table, write their section if a page is given.
+
+    Returns:
+        Exit code of the benchmark.
+    """
+    found = []
+    for outcome in outcomes:
+        found.append(outcome)
+        print(outcome, file=sys.stderr, flush=True)
+    print("\n".join(table(found)))
+    if page:
+        text = page.read_text() if page.exists() else ""
+        page.write_text(replace_section(text, section(found)))
+    return 0

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from benchmarks.effects.cases import Case
-from benchmarks.page_section import replace_section
+from benchmarks.page_section import section_parser, show
 from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
 from tactile_dynamics_ros.core.discrepancy.documents import Document, diagnosis_document
 from tactile_dynamics_ros.core.discrepancy.explanation import ask_twice
@@ -132,21 +130,12 @@ def section(found: Sequence[Outcome], command: str) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Ask, print the table and write it."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--start", type=int, default=FIRST_SEED)
+    parser = section_parser(__doc__, FIRST_SEED)
     parser.add_argument("--count", type=int, default=20, help="recordings with a motion")
-    parser.add_argument("--write", type=Path, metavar="PAGE")
     options = parser.parse_args(arguments)
-    found = []
-    for outcome in outcomes(options.start, options.count):
-        found.append(outcome)
-        print(outcome, file=sys.stderr, flush=True)
-    print("\n".join(table(found)))
-    if options.write:
-        command = f"./dev bench several --start {options.start} --count {options.count}"
-        page = options.write.read_text()
-        options.write.write_text(replace_section(page, section(found, command)))
-    return 0
+    command = f"./dev bench several --start {options.start} --count {options.count}"
+    found = outcomes(options.start, options.count)
+    return show(found, table, lambda found: section(found, command), options.write)
 
 
 if __name__ == "__main__":

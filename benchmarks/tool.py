@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
+from argparse import Namespace
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 import tactile_dynamics_ros as td
-from benchmarks.page_section import replace_section
+from benchmarks.page_section import section_parser, show
 from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import InertialEstimate
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
 from tactile_dynamics_ros.core.rigid_body.known_body import KnownBody
@@ -119,7 +119,7 @@ def real_lines(data: Path) -> list[str]:
     folder = data / "kuka_ft_imu" / "1-baseline"
     if not folder.parent.exists():
         return [f"({folder.parent} is not on this machine)"]
-    run = KukaFtImuImporter().read(folder, argparse.Namespace(tare=False, imu_delay=0.0084))
+    run = KukaFtImuImporter().read(folder, Namespace(tare=False, imu_delay=0.0084))
     whole = td.estimate(run, "force_bias").found
     mass, com = 2.0 / 3.0 * 0.9333, np.array([0.3e-3, 0.1e-3, 43.9e-3])
     part = InertialParameters(mass, com, mass * 1e-4 * np.eye(3))
@@ -162,23 +162,15 @@ def section(found: Sequence[Outcome], real: Sequence[str], command: str) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Estimate; print the table and write it."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--start", type=int, default=FIRST_SEED)
+    parser = section_parser(__doc__, FIRST_SEED)
     parser.add_argument("--count", type=int, default=20, help="loads")
     parser.add_argument("--data", type=Path, default=Path("../shared/data"))
-    parser.add_argument("--write", type=Path, metavar="PAGE")
     options = parser.parse_args(arguments)
-    found = []
-    for outcome in outcomes(options.start, options.count):
-        found.append(outcome)
-        print(outcome, file=sys.stderr, flush=True)
     real = real_lines(options.data)
-    print("\n".join([*table(found), *real]))
-    if options.write:
-        command = f"./dev bench tool --start {options.start} --count {options.count}"
-        page = options.write.read_text() if options.write.exists() else ""
-        options.write.write_text(replace_section(page, section(found, real, command)))
-    return 0
+    print("\n".join(real))
+    command = f"./dev bench tool --start {options.start} --count {options.count}"
+    found = outcomes(options.start, options.count)
+    return show(found, table, lambda found: section(found, real, command), options.write)
 
 
 if __name__ == "__main__":

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.page_section import replace_section
+from benchmarks.page_section import section_parser, show
 from tactile_dynamics_ros.core.discrepancy.live_check import LiveCheckConfig
 from tactile_dynamics_ros.core.inertia.diagnosis.live_check import compare_streams, diagnose_streams
 from tactile_dynamics_ros.core.streams.cutting import cut_streams
@@ -95,6 +93,12 @@ def quiet(seed: int) -> Outcome:
     return Outcome("", CLEAN, tuple(reports))
 
 
+def outcomes(start: int, effects: Sequence[str], clean: int) -> Iterator[Outcome]:
+    """Watch over a recording with each effect, then over clean ones."""
+    yield from (late(start + k, name) for k, name in enumerate(effects))
+    yield from (quiet(start + 100 + k) for k in range(clean))
+
+
 def _followed(first: Streams, second: Streams) -> Streams:
     """Two parts of one motion, one after the other."""
     assert first.pose is not None and second.pose is not None
@@ -159,26 +163,14 @@ def section(found: Sequence[Outcome], command: str) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Watch; print the table and write it."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--start", type=int, default=FIRST_SEED)
+    parser = section_parser(__doc__, FIRST_SEED)
     parser.add_argument("--clean", type=int, default=12, help="clean recordings of five minutes")
     parser.add_argument("--effects", default=",".join(EFFECTS), metavar="A,B")
-    parser.add_argument("--write", type=Path, metavar="PAGE")
     options = parser.parse_args(arguments)
     names = [name for name in options.effects.split(",") if name]
-    found = []
-    for k, name in enumerate(names):
-        found.append(late(options.start + k, name))
-        print(found[-1], file=sys.stderr, flush=True)
-    for k in range(options.clean):
-        found.append(quiet(options.start + 100 + k))
-        print(found[-1], file=sys.stderr, flush=True)
-    print("\n".join(table(found)))
-    if options.write:
-        command = f"./dev bench watch --start {options.start} --clean {options.clean}"
-        page = options.write.read_text() if options.write.exists() else ""
-        options.write.write_text(replace_section(page, section(found, command)))
-    return 0
+    command = f"./dev bench watch --start {options.start} --clean {options.clean}"
+    found = outcomes(options.start, names, options.clean)
+    return show(found, table, lambda found: section(found, command), options.write)
 
 
 if __name__ == "__main__":

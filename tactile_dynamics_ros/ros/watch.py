@@ -36,8 +36,8 @@ class Watch:
     """Follows an error: reports it once it has stayed above the threshold, then keeps the data.
 
     Data are kept when all `span` seconds are of the time since the error rose, so that a diagnosis
-    finds nothing else in them, or as soon as the error is small again or nothing is measured. Only a
-    small error ends a rise: silence tells nothing, and a stream that pauses is not reported again.
+    finds nothing else in them, or as soon as the error is small again or nothing is measured. Only
+    a small error ends a rise: silence tells nothing, and a stream that pauses is not reported again.
 
     Attributes:
         config: threshold and times.

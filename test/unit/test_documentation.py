@@ -54,3 +54,17 @@ def test_the_section_of_real_measurements_is_replaced_in_place(tmp_path, capsys)
     assert replace_section(page.replace("new", "old") + "\nlast\n", section) == page + "\nlast\n"
     assert main([str(tmp_path)]) == 2
     assert "is not on this machine" in capsys.readouterr().err
+
+
+def test_a_benchmark_prints_its_outcomes_and_its_table_and_writes_its_section(tmp_path, capsys):
+    from benchmarks.page_section import section_parser, show
+
+    page = tmp_path / "page.md"
+    options = section_parser("asks", 7).parse_args(["--write", str(page)])
+    assert options.start == 7
+    for word in ("old", "new"):
+        outcomes = iter((word, "last"))
+        code = show(outcomes, list, lambda f: f"<!-- b -->\n{f[0]}\n<!-- e -->\n", options.write)
+        assert code == 0
+    assert page.read_text() == "# Benchmarks\n\n<!-- b -->\nnew\n<!-- e -->\n"
+    assert capsys.readouterr() == ("old\nlast\nnew\nlast\n",) * 2
