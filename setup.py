@@ -8,11 +8,13 @@ NAME = "tactile_dynamics_ros"
 NODES = (
     "biotac_force",
     "contact_state",
+    "explorer",
     "friction_probe",
     "grasp_controller",
     "inertial_estimator",
     "kinematic_tracker",
     "model_check",
+    "property_estimator",
     "push_controller",
     "robot_sim",
     "shape_estimator",

@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.planar.control.controller import Outcome, PushController, Seen
+from tactile_dynamics_ros.core.planar.control.controller import Outcome, PushController
+from tactile_dynamics_ros.core.planar.control.guard import Seen
 from tactile_dynamics_ros.core.rigid_body.rotation import log_so3
 from tactile_dynamics_ros.sim.planar.simulated_table import (
     SimulatedTable,

@@ -19,6 +19,7 @@ VERB_MODULES: tuple[str, ...] = (
     "tactile_dynamics_ros.cli.topics",
     "tactile_dynamics_ros.cli.probe",
     "tactile_dynamics_ros.cli.push",
+    "tactile_dynamics_ros.cli.explore",
     "tactile_dynamics_ros.cli.record",
     "tactile_dynamics_ros.cli.check",
     "tactile_dynamics_ros.cli.estimate",

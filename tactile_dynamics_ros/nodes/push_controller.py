@@ -8,14 +8,13 @@ import time
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
-from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
 from tactile_dynamics_ros.core.planar.control.controller import (
     ControlConfig,
     PushController,
-    WayConfig,
 )
+from tactile_dynamics_ros.core.planar.control.performance import WayConfig
 from tactile_dynamics_ros.core.planar.control.plan import PlanConfig, PushPlanner
 from tactile_dynamics_ros.ros.conversions import pose_to_core, pose_to_message
 from tactile_dynamics_ros.ros.diagnostics import status_message
@@ -29,10 +28,8 @@ from tactile_dynamics_ros.ros.names import (
 )
 from tactile_dynamics_ros.ros.parameters import declare_config
 from tactile_dynamics_ros.ros.shell import Shell, run_node
-from tactile_dynamics_ros.ros.table_scene import WORLD, TableScene, TableSceneConfig
+from tactile_dynamics_ros.ros.table_scene import WORLD, TableScene, TableSceneConfig, tip_pose
 from tactile_dynamics_ros.ros.wire import Stamp, Stamped
-
-Array = NDArray[np.float64]
 
 SILENT = 1.0
 """Real time without a pose of the tip after which a push is given up, s."""
@@ -72,10 +69,7 @@ class PushControllerNode(Shell):
         if controller.outcome is not None:
             self._finish()
             return
-        pose = np.eye(4)
-        pose[:2, :2] = _turn(target[3])
-        pose[:3, 3] = target[:3]
-        self._target.publish(pose_to_message(pose, self._answered, WORLD))
+        self._target.publish(pose_to_message(tip_pose(target), self._answered, WORLD))
 
     def _on_goal(self, message: Stamped) -> None:
         """Begin, or take the new goal from where the tip is."""
@@ -119,11 +113,6 @@ class PushControllerNode(Shell):
         level = DiagnosticStatus.WARN if finished is False else DiagnosticStatus.OK
         status = status_message("push_controller", {"state": state, **values}, level, text)
         self._progress.publish(status)
-
-
-def _turn(angle: float) -> Array:
-    cos, sin = np.cos(angle), np.sin(angle)
-    return np.array([[cos, -sin], [sin, cos]])
 
 
 def main() -> int:

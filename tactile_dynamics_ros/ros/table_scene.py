@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
@@ -16,9 +17,12 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
-from tactile_dynamics_ros.core.planar.control.controller import Seen
+from tactile_dynamics_ros.core.planar.actions.information import Belief
+from tactile_dynamics_ros.core.planar.control.guard import Seen
 from tactile_dynamics_ros.core.planar.control.plan import Bounds
 from tactile_dynamics_ros.core.planar.control.prediction import PushedBody
+from tactile_dynamics_ros.core.planar.mechanics.simulation import GRAVITY
+from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 from tactile_dynamics_ros.ros.conversions import MessageError, pose_to_core, to_seconds
 from tactile_dynamics_ros.ros.diagnostics import status_values
 from tactile_dynamics_ros.ros.names import (
@@ -75,13 +79,16 @@ class TableScene:
 
     Attributes:
         support: height of the table, m. properties: the newest estimate as numbers by name.
+        undetermined: names of what it does not tell. fits: how often it was made anew.
         fallen: whether the object no longer stands. stamp: of the tip's newest pose.
     """
 
     def __init__(self, node: Shell, config: TableSceneConfig) -> None:
         self.config, self.support, self.fallen = config, 0.0, False
         self.properties: dict[str, float] = {}
-        self.property_message: DiagnosticArray | None = None
+        self.undetermined: list[str] = []
+        self.fits = 0
+        self._fit: tuple[str | None, str | None] = (None, None)
         self.stamp = Stamp(0, 0)
         self._tip: Array | None = None
         self._object: tuple[float, Array] | None = None
@@ -99,6 +106,36 @@ class TableScene:
         """Centre of mass (2,) in the object's frame, m; None if nobody tells."""
         found = [self.properties.get(name, np.nan) for name in ("com_x", "com_y")]
         return np.array(found) if np.all(np.isfinite(found)) else None
+
+    def properties_json(self) -> dict[str, object]:
+        """The newest estimate as `tactile-dynamics estimate --json` tells it."""
+        told = self.properties
+        link: dict[str, Any] = {
+            name: {"value": value, "std": told[f"{name}_std"]}
+            for name, value in told.items()
+            if f"{name}_std" in told
+        }
+        com = [link.pop(name) for name in ("com_x", "com_y") if name in link]
+        if len(com) == 2:
+            link["com"] = {key: [part[key] for part in com] for key in ("value", "std")}
+        return {"links": [link] if link else [], "undetermined": self.undetermined}
+
+    def belief(self, outline: Array) -> Belief:
+        """What is known of product, mass and centre of mass; little if nobody tells.
+
+        Args:
+            outline: (V, 2) m, of the object.
+        """
+        unknown = Belief.unknown(outline)
+        told, com = self.properties, self.com
+        names = ("friction_force_n", "mass", "com_x", "com_y")
+        values = np.array([told.get(name, np.nan) for name in names])
+        stds = np.array([told.get(f"{name}_std", np.nan) for name in names])
+        if com is None or not np.all(np.isfinite([values, stds])) or np.any(values[:2] <= 0.0):
+            return unknown
+        mean = np.array([np.log(values[0] / GRAVITY), np.log(values[1]), *com])
+        std = np.array([*(stds[:2] / values[:2]), *stds[2:]])
+        return Belief(mean, np.diag(np.square(np.clip(std, 1e-4, unknown.std))))
 
     def body(self) -> PushedBody:
         """Return the object as it is known.
@@ -155,12 +192,22 @@ class TableScene:
         self._force = to_seconds(message.stamp), float(np.linalg.norm(message.values[:3]))
 
     def _on_properties(self, message: DiagnosticArray) -> None:
-        self.property_message = message
         for status in message.status:
             values = status_values(status)
+            told = values.get("fits"), values.get("refused")
+            if told[0] is not None and told != self._fit:
+                self._fit, self.fits = told, self.fits + 1
             if "com_x" in values:
                 self.properties = {k: _number(v) for k, v in values.items()}
-                return
+                self.undetermined = [*filter(None, values.get("undetermined", "").split(","))]
+
+
+def tip_pose(frame: Array) -> Array:
+    """Return the pose (4, 4) of an upright tip at x, y, z (m) and turn (rad)."""
+    pose = np.eye(4)
+    pose[:3, :3] = exp_so3(np.array([0.0, 0.0, frame[3]]))
+    pose[:3, 3] = frame[:3]
+    return pose
 
 
 def _number(text: str) -> float:

@@ -211,6 +211,11 @@ class Explorer:
         return int(near[self._rng.integers(len(near))])
 
 
+def next_choice(explorer: Explorer, belief: Belief, pose: Array) -> tuple[Explorer, Choice | str]:
+    """Choose in another process: return the explorer as it is afterwards, and its choice."""
+    return explorer, explorer.choose(belief, pose)
+
+
 def _places(outline: Array, count: int) -> list[tuple[Array, Array]]:
     """Points (2,) of an anticlockwise outline and normals (2,) into it, away from sharp corners."""
     hull = convex_hull(outline)

@@ -18,6 +18,8 @@ from tactile_dynamics_ros.core.planar.actions.straight import (
     way_back,
     way_there,
 )
+from tactile_dynamics_ros.core.planar.control.guard import Guard, GuardConfig, Seen, miss
+from tactile_dynamics_ros.core.planar.control.performance import WayConfig
 from tactile_dynamics_ros.core.planar.control.plan import Push
 
 Array = NDArray[np.float64]
@@ -31,9 +33,6 @@ _LOOKS = 5
 """Poses that are averaged before a plan: noise of 0.5 mm becomes 0.2. More only wait longer."""
 _NEVER = 1e-3
 """m that a push must save to count as progress: twice what averaged poses are uncertain by."""
-_MISSED, _MISSED_FOR = 0.03, 1.0
-"""m by which a tip may be from its target, and s for how long: a tip that travels at 0.3 m/s lags
-by 15 mm. Beyond, the arm is blocked, out of reach or commanded by somebody else."""
 _BLOCKED, _BLOCKED_FOR = 0.01, 0.3
 """m by which a tip that pushes may be from its target, and s for how long, before it lifts off and
 plans anew: pushes lag by 3 mm; where messages come late the target leaps ahead by 1 cm at times."""
@@ -43,17 +42,7 @@ down instead of making the tip leap."""
 
 
 @dataclass(frozen=True)
-class WayConfig(StraightConfig):
-    """How the tip goes from push to push: low, as what is pushed high falls over, and swiftly."""
-
-    height: float = parameter(0.012, "of the push above the support", "m", 1e-3, 0.5)
-    clearance: float = parameter(0.2, "height above the support on the way there", "m", 0.01, 1.0)
-    travel_speed: float = parameter(0.3, "on the way there and back", "m/s", 1e-3, 1.0)
-    hold: float = parameter(0.1, "rest before and after the push", "s", 0.0, 10.0)
-
-
-@dataclass(frozen=True)
-class ControlConfig:
+class ControlConfig(GuardConfig):
     """When to push on, when to stop."""
 
     speed: float = parameter(0.05, "of the tip while it pushes", "m/s", 1e-3, 0.5)
@@ -63,29 +52,11 @@ class ControlConfig:
     reached: float = parameter(0.01, "largest distance that counts as reached", "m", 1e-3, 0.5)
     reached_deg: float = parameter(8.0, "largest angle that counts as reached", "deg", 0.1, 180.0)
     most_time: float = parameter(120.0, "after which it is given up", "s", 1.0, 3600.0)
-    most_force: float = parameter(25.0, "of the contact, at which it stops", "N", 0.1, 200.0)
-    stale: float = parameter(0.5, "age of the object's pose at which it stops", "s", 0.05, 10.0)
     lost: float = parameter(0.006, "gap at which contact counts as lost", "m", 1e-3, 0.1)
     tries: int = parameter(4, "pushes without progress before it is given up", "", 1, 100)
 
     def __post_init__(self) -> None:
         check_ranges(self)
-
-
-@dataclass(frozen=True)
-class Seen:
-    """What is known at an instant.
-
-    Attributes:
-        time: s. tip: (4,) x, y, z (m) and turn (rad). pose: (3,) of the object. pose_time: s.
-        force: N of the contact; 0 where nothing is felt or nobody tells.
-    """
-
-    time: float
-    tip: Array
-    pose: Array
-    pose_time: float
-    force: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -167,7 +138,8 @@ class PushController:
         self._best, self._idle = np.inf, 0
         self._touched = False
         self._target: Array | None = None
-        self._missed = self._late = np.inf
+        self._late = np.inf
+        self._guard = Guard(self.config)
 
     push: Push | None
 
@@ -205,24 +177,12 @@ class PushController:
         return {"pushes": self.pushes, "error_m": away, "error_rad": turn}
 
     def _reason_to_stop(self, seen: Seen) -> str:
-        config = self.config
-        if seen.force > config.most_force:
-            return f"the contact bears {seen.force:.1f} N, more than {config.most_force:g} N"
-        if seen.time - seen.pose_time > config.stale:
-            return f"the object's pose is {seen.time - seen.pose_time:.2g} s old"
-        self._missed = min(self._missed, seen.time) if self._miss(seen) >= _MISSED else np.inf
-        if seen.time - self._missed > _MISSED_FOR:
-            return "the arm does not follow its targets"
+        reason = self._guard.reason(seen, self._target)
         assert self._began is not None
-        if seen.time - self._began > config.most_time and self.phase in ("look", "push"):
-            return f"not there after {config.most_time:g} s"
-        return ""
-
-    def _miss(self, seen: Seen) -> float:
-        """Distance of the tip from where it was last sent, m."""
-        if self._target is None:
-            return 0.0
-        return float(np.linalg.norm(self._target[:3] - seen.tip[:3]))
+        late = seen.time - self._began > self.config.most_time
+        if not reason and late and self.phase in ("look", "push"):
+            return f"not there after {self.config.most_time:g} s"
+        return reason
 
     def _end(self, seen: Seen, why: str) -> None:
         away, turn = self._away(seen.pose)
@@ -301,7 +261,7 @@ class PushController:
         way = min(speed * step, max(self._left, 0.0))
         self._place = self._place + way * self.push.direction
         self._left -= way
-        late = self._miss(seen) > _BLOCKED
+        late = miss(seen, self._target) > _BLOCKED
         self._late = min(self._late, seen.time) if late else np.inf
         blocked = seen.time - self._late > _BLOCKED_FOR
         if self._left <= 1e-4 or gap > self._most_gap() or blocked:

@@ -1,0 +1,61 @@
+"""`tactile-dynamics explore`: the explorer pushes an object until it is known."""
+
+from __future__ import annotations
+
+import json
+from argparse import Namespace, _SubParsersAction
+from typing import Any
+
+from tactile_dynamics_ros.cli.bringup import read_namespace
+from tactile_dynamics_ros.cli.topics import call_trigger, short_lived_node
+from tactile_dynamics_ros.core.errors import NotIdentifiableError, TactileDynamicsError
+
+
+def add_parser(verbs: _SubParsersAction[Any]) -> None:
+    """Add the verb."""
+    parser = verbs.add_parser(
+        "explore", help="push an object on a table where that tells most, until it is known"
+    )
+    parser.add_argument(
+        "--timeout", type=float, default=300.0, metavar="S", help="real time until it is given up"
+    )
+    parser.add_argument("--namespace", default="", metavar="NS", help="of the robot, as left")
+    parser.set_defaults(run=run)
+
+
+def run(args: Namespace) -> int:
+    """Call the explorer; 0 if it ended by itself, 1 if it was stopped, 3 if little is known."""
+    from tactile_dynamics_ros.ros.names import EXPLORE
+
+    with short_lived_node() as node:
+        namespace = read_namespace(args.namespace)
+        success, message = call_trigger(node, f"{namespace}/{EXPLORE}", args.timeout)
+    try:
+        told: dict[str, Any] = json.loads(message)
+    except ValueError:
+        raise TactileDynamicsError(message) from None
+    print(json.dumps(told) if args.json else describe(told))
+    if not success:
+        raise TactileDynamicsError(told["stopped_because"])
+    if "friction_force_n" in told["properties"]["undetermined"]:
+        raise NotIdentifiableError("the friction force is not known")
+    return 0
+
+
+def describe(told: dict[str, Any]) -> str:
+    """Return what was done and found, in lines for people."""
+    lines = []
+    for k, action in enumerate(told["actions"], 1):
+        x, y = action["point"]
+        lines.append(
+            f"{k}. {action['kind']} at ({x:.3f}, {y:.3f}) m, {action['speed']:g} m/s: expected "
+            f"{action['expected_gain']:.1f} nats, {action['chosen_because']}"
+        )
+    unknown = told["properties"]["undetermined"]
+    for link in told["properties"]["links"]:
+        for name, entry in link.items():
+            value, std = entry["value"], entry["std"]
+            pairs = zip(value, std, strict=True) if isinstance(value, list) else [(value, std)]
+            words = ", ".join(f"{v:.4g} +- {s:.2g}" for v, s in pairs)
+            lines.append(f"{name}: {words}{' (undetermined)' if name in unknown else ''}")
+    return "\n".join([*lines, f"stopped: {told['stopped_because']}"])

@@ -1,0 +1,88 @@
+"""A planned action carried out under a guard."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.configuration import parameter
+from tactile_dynamics_ros.core.planar.actions.information import Candidate
+from tactile_dynamics_ros.core.planar.actions.straight import (
+    StraightAction,
+    StraightConfig,
+    straight_action,
+)
+from tactile_dynamics_ros.core.planar.control.guard import Guard, Seen
+from tactile_dynamics_ros.core.planar.mechanics.linkage import turned
+
+Array = NDArray[np.float64]
+
+_SETTLING = 0.3
+"""s after the last target before an action counts as done: twice the delay of an arm."""
+
+
+@dataclass(frozen=True)
+class WayConfig(StraightConfig):
+    """How the tip goes from push to push: low, as what is pushed high falls over, and swiftly."""
+
+    height: float = parameter(0.012, "of the push above the support", "m", 1e-3, 0.5)
+    clearance: float = parameter(0.2, "height above the support on the way there", "m", 0.01, 1.0)
+    travel_speed: float = parameter(0.3, "on the way there and back", "m/s", 1e-3, 1.0)
+    hold: float = parameter(0.1, "rest before and after the push", "s", 0.0, 10.0)
+
+
+class Performance:
+    """Answers each observation with where the tip should be.
+
+    Args:
+        action: that is carried out.
+        guard: that may stop it.
+
+    Attributes:
+        finished: whether it has ended. why: it was stopped; empty if it was not.
+    """
+
+    def __init__(self, action: StraightAction, guard: Guard) -> None:
+        self.finished, self.why = False, ""
+        self._action, self._guard = action, guard
+        self._began: float | None = None
+        self._target: Array | None = None
+
+    def advance(self, seen: Seen) -> Array:
+        """Return where the tip should be now, (4,)."""
+        self._began = seen.time if self._began is None else self._began
+        self.why = self.why or self._guard.reason(seen, self._target)
+        time = seen.time - self._began
+        self.finished = bool(self.why) or time > self._action.duration + _SETTLING
+        if self.why:
+            return seen.tip.copy()
+        self._target = self._action.frame(time)
+        return self._target
+
+
+def action_of(
+    candidate: Candidate,
+    seen: Seen,
+    way: StraightConfig,
+    support: float,
+    standoff: float,
+    gap: float,
+) -> StraightAction:
+    """Return the action that makes a push of an object where it is seen.
+
+    Args:
+        candidate: in the object's frame.
+        seen: now.
+        way: how the tip goes there and back.
+        support: height of the table, m.
+        standoff: m, radius of the tip.
+        gap: m, between tip and object at the start.
+    """
+    vectors = np.stack([candidate.point, candidate.normal, candidate.direction])
+    point, normal, direction = turned(vectors, np.full(3, seen.pose[2]))
+    start = seen.pose[:2] + point - standoff * normal - gap * direction
+    end = start + (candidate.length + gap) * direction
+    hard = replace(way, acceleration=candidate.acceleration)
+    return straight_action(seen.tip, start, end, candidate.speed, hard, support)

@@ -1,0 +1,194 @@
+"""Node: pushes the object where that tells most, until it is known."""
+
+from __future__ import annotations
+
+import json
+import time
+from concurrent.futures import Future
+from dataclasses import dataclass, field
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import PoseStamped
+from rclpy.task import Future as RosFuture
+from std_srvs.srv import Trigger
+
+from tactile_dynamics_ros.core.errors import NotIdentifiableError, TactileDynamicsError
+from tactile_dynamics_ros.core.planar.actions.exploration import (
+    Choice,
+    ExploreConfig,
+    Explorer,
+    next_choice,
+)
+from tactile_dynamics_ros.core.planar.actions.information import PredictedObject, SensingConfig
+from tactile_dynamics_ros.core.planar.control.guard import Guard, GuardConfig
+from tactile_dynamics_ros.core.planar.control.performance import (
+    Performance,
+    WayConfig,
+    action_of,
+)
+from tactile_dynamics_ros.core.planar.mechanics.outline import convex_hull
+from tactile_dynamics_ros.ros.background import Background
+from tactile_dynamics_ros.ros.conversions import pose_to_message
+from tactile_dynamics_ros.ros.diagnostics import status_message
+from tactile_dynamics_ros.ros.emergency import EmergencyStop
+from tactile_dynamics_ros.ros.names import EXPLORE, EXPLORE_PROGRESS, PUSHER_TARGET
+from tactile_dynamics_ros.ros.parameters import declare_config
+from tactile_dynamics_ros.ros.shell import REQUESTS, Shell, run_node
+from tactile_dynamics_ros.ros.table_scene import WORLD, TableScene, TableSceneConfig, tip_pose
+from tactile_dynamics_ros.ros.wire import Stamp
+
+GAP = 0.006
+"""Between tip and object before a push, m: outlines from cameras are right to 2 mm."""
+PATIENCE = 30.0
+"""Real time for which the estimate of the last push is awaited, s; a fit to eight pushes takes
+fifteen on one core. Then the next one is chosen by what is known."""
+SILENT = 2.0
+"""Real time without a pose of the tip after which exploring is given up, s."""
+
+
+@dataclass
+class Run:
+    """A call of the service that is being answered.
+
+    Attributes:
+        answer: where it is awaited. explorer: that chooses. actions: done, as told in the end.
+        choosing: while that runs. choice: made. performance: while it is carried out.
+        fits: estimates before the last push. since: monotonic s, when it ended.
+    """
+
+    answer: RosFuture
+    explorer: Explorer
+    actions: list[dict[str, object]] = field(default_factory=list)
+    choosing: Future[tuple[Explorer, Choice | str]] | None = None
+    performance: Performance | None = None
+    fits: int = 0
+    since: float = -np.inf
+
+
+class ExplorerNode(Shell):
+    """On request chooses a push, makes it, waits for the estimate, and chooses again."""
+
+    skimming = True
+
+    def __init__(self) -> None:
+        super().__init__("explorer")
+        self.config = declare_config(self, ExploreConfig)
+        self.sensing = declare_config(self, SensingConfig, "sensing.")
+        self.way = declare_config(self, WayConfig, "way.")
+        self.guard = declare_config(self, GuardConfig)
+        self.scene = TableScene(self, declare_config(self, TableSceneConfig))
+        self._background = Background()
+        self._run: Run | None = None
+        self._answered, self._heard = Stamp(0, 0), time.monotonic()
+        self._target = self.create_publisher(PoseStamped, PUSHER_TARGET, 10)
+        self._progress = self.latched(DiagnosticStatus, EXPLORE_PROGRESS)
+        self.stop = EmergencyStop(self, lambda: self._finish("the emergency stop is on", False))
+        self.create_service(Trigger, EXPLORE, self._explore, qos_profile=REQUESTS)
+        self.every(0.1, self._advance)
+
+    def destroy_node(self) -> None:
+        """Stop the background work too."""
+        self._background.close()
+        super().destroy_node()
+
+    async def _explore(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Explore; the answer comes when it is known, or why not."""
+        try:
+            self.stop.require_released()
+            if self._run is not None:
+                raise NotIdentifiableError("it is already exploring")
+            self._run = Run(RosFuture(), self._explorer())
+        except TactileDynamicsError as error:
+            response.success, response.message = False, str(error)
+            return response
+        self._heard = time.monotonic()
+        response.success, response.message = await self._run.answer
+        return response
+
+    def _explorer(self) -> Explorer:
+        body, config = self.scene.body(), self.scene.config
+        thing = PredictedObject(
+            convex_hull(body.outline), config.tip_friction, push_height=self.way.height
+        )
+        room = (np.array(config.low), np.array(config.high))
+        return Explorer(thing, self.config, self.sensing, room, config.tip_radius)
+
+    def process(self) -> None:
+        """Answer the newest pose of the tip while a push is made."""
+        if self._run is None or self.scene.stamp == self._answered:
+            return
+        self._answered, self._heard = self.scene.stamp, time.monotonic()
+        performance = self._run.performance
+        if performance is None:
+            return
+        if self.scene.fallen:
+            self._finish("the object has fallen over", False)
+            return
+        target = performance.advance(self.scene.seen())
+        if performance.why:
+            self._finish(performance.why, False)
+        elif performance.finished:
+            self._run.performance, self._run.since = None, time.monotonic()
+            self._tell("waiting", "for the estimate from this push")
+        else:
+            self._target.publish(pose_to_message(tip_pose(target), self._answered, WORLD))
+
+    def _advance(self) -> None:
+        """Choose when the last push has been judged; begin what is chosen."""
+        run = self._run
+        if run is None or run.performance is not None:
+            return
+        if time.monotonic() - self._heard > SILENT:
+            self._finish(f"no pusher/pose for {SILENT:g} s", False)
+        elif run.choosing is not None:
+            if run.choosing.done():
+                self._begin(run, run.choosing)
+        elif self.scene.fits > run.fits or time.monotonic() - run.since > PATIENCE:
+            belief = self.scene.belief(run.explorer.thing.outline)
+            pose = self.scene.seen().pose
+            run.choosing = self._background.submit(next_choice, run.explorer, belief, pose)
+            self._tell("choosing", "simulating pushes")
+
+    def _begin(self, run: Run, choosing: Future[tuple[Explorer, Choice | str]]) -> None:
+        run.choosing = None
+        try:
+            run.explorer, choice = choosing.result()
+            if isinstance(choice, str):
+                self._finish(choice, True)
+                return
+            seen = self.scene.seen()
+            radius = self.scene.config.tip_radius
+            action = action_of(choice.candidate, seen, self.way, self.scene.support, radius, GAP)
+        except TactileDynamicsError as error:
+            self._finish(str(error), False)
+            return
+        run.fits, run.performance = self.scene.fits, Performance(action, Guard(self.guard))
+        run.actions.append(choice.to_json(seen.pose))
+        self._tell("pushing", choice.because)
+
+    def _tell(self, state: str, text: str, level: bytes = DiagnosticStatus.OK) -> None:
+        assert self._run is not None
+        values: dict[str, object] = {"state": state, "actions": len(self._run.actions)}
+        if self._run.actions:
+            values |= self._run.actions[-1]
+        self._progress.publish(status_message("explorer", values, level, text))
+
+    def _finish(self, why: str, success: bool) -> None:
+        """Leave the tip where it is and answer."""
+        if self._run is None:
+            return
+        level = DiagnosticStatus.OK if success else DiagnosticStatus.WARN
+        self._tell("finished", why, level)
+        told = {
+            "actions": self._run.actions,
+            "properties": self.scene.properties_json(),
+            "stopped_because": why,
+        }
+        answer, self._run = self._run.answer, None
+        answer.set_result((success, json.dumps(told)))
+
+
+def main() -> int:
+    """Run the node."""
+    return run_node(ExplorerNode)
