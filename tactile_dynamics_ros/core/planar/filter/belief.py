@@ -60,7 +60,7 @@ def joined(marginal: tuple[Array, Array], slope: Array, conditional: tuple[Array
 
 def root_of(rows: Array) -> Array:
     """Lower triangular root (d, d) of rows^T rows, from rows (k, d) with k >= d."""
-    lower = np.linalg.qr(rows, mode="r").T
+    lower = np.asarray(np.linalg.qr(rows, mode="r")).T
     return np.asarray(lower * np.where(np.diag(lower) < 0.0, -1.0, 1.0))
 
 

@@ -33,8 +33,9 @@ _MOST_SURPRISE = 9.0
 """Squared innovation per number, in units of its variance, above which a measurement counts as
 uncertain by more: three standard deviations. At 4 one good sample in twenty is widened."""
 _TRUST = 0.2
-"""Power of the likelihood in the parameter step: errors of contact point, friction and arm last for
-about five steps, which then tell as much as one. At 1 masses are off by up to twelve of their std."""
+"""Power of the likelihood in the parameter step: errors of contact point, friction and arm last
+for about five steps, which then tell as much as one. At 1 masses are off by up to twelve of their
+std."""
 _LEAST_COUNT = 0.5
 """Share of the hypotheses that must go on counting after a step. What a measurement says beyond is
 left out: with a tenth of them their covariance would be of ten points."""
@@ -144,6 +145,21 @@ class DualFilter:
         part = slice(self._own, self._own + self._moving)
         root = self.belief.root[part]
         return self.belief.mean[part], np.asarray(root @ root.T)
+
+    def inform(self, mean: Array, covariance: Array) -> None:
+        """Replace what is believed of the first parameters (k,); the rest and the motion stay."""
+        own, k, n = self._own, len(mean), len(self.belief.mean) - self._own
+        marginal = self.belief.covariance[:own, :own]
+        marginal[:k], marginal[:, :k] = 0.0, 0.0
+        marginal[:k, :k] = covariance
+        middle = self.belief.mean[:own].copy()
+        middle[:k] = mean
+        moving = np.asarray(np.linalg.cholesky(self.belief.covariance[own:, own:]), dtype=float)
+        known = np.asarray(np.linalg.cholesky(marginal), dtype=float)
+        self.belief = joined(
+            (middle, known), np.zeros((n, own)),
+            (self.belief.mean[own:], moving),
+        )  # fmt: skip
 
     def step(self, motion: PusherMotion | None, seen: Observation) -> None:
         """Advance by a step and learn from what was seen.

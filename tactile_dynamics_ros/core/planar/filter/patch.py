@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
 
 from tactile_dynamics_ros.core.planar.filter.hold import Grip, Tip
 from tactile_dynamics_ros.core.planar.filter.process import (
@@ -44,22 +46,28 @@ class PatchProcess:
 
     Attributes:
         outline: (V, 2) m, link frame.
-        com_height: m above the support.
+        com_height: m above the support; None takes the height of the push for it.
         points: of the footprint, roughly; 25 instead of 64 change friction torques by 2 %, and
             centres of mass by less than 0.1 mm.
         step: s, longest step of the mechanics. rounds: solutions of each.
     """
 
     outline: Array
-    com_height: float = 0.03
+    com_height: float | None = None
     points: int = 25
     step: float = 0.01
     rounds: int = 3
     links: int = 1
-    patch: SupportPatch = field(init=False)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "patch", SupportPatch(self.outline, self.points))
+    @cached_property
+    def patch(self) -> SupportPatch:
+        """Footprint."""
+        return SupportPatch(self.outline, self.points)
+
+    @cached_property
+    def hull(self) -> Array:
+        """(H, 2) m, anticlockwise: what a tip can touch."""
+        return np.asarray(self.outline[ConvexHull(self.outline).vertices], dtype=float)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -81,14 +89,14 @@ class PatchProcess:
 
     def feasible(self, parameters: Array) -> Mask:
         """Whether the centre of mass lies above the footprint's hull."""
-        inside, _ = nearest_edge(self.outline, edge_normals(self.outline), parameters[:, 2:4])
+        inside, _ = nearest_edge(self.hull, edge_normals(self.hull), parameters[:, 2:4])
         return np.asarray(inside > 0.0)
 
     def predict(self, states: Array, parameters: Array, motion: PusherMotion) -> Prediction:
         """Advance by one step of the pusher, in as many steps of the mechanics as it needs."""
         count = len(states)
         com, yaw = parameters[:, 2:4], states[:, 2]
-        linkage = Linkage((self._link(parameters, motion.lift),))
+        linkage = Linkage((self._link(parameters, motion),))
         twist = _shifted(states[:, 3:6], turned(com, yaw))
         steps = max(1, int(np.ceil(motion.step / self.step - 1e-9)))
         config = StepConfig(motion.step / steps, self.rounds)
@@ -108,17 +116,18 @@ class PatchProcess:
         back = _shifted(simulation.twist[:, 0], -turned(com, pose[:, 2]))
         return Prediction(np.concatenate([pose, back], axis=1), wrench)
 
-    def _link(self, parameters: Array, lift: float) -> Link:
+    def _link(self, parameters: Array, motion: PusherMotion) -> Link:
         """Properties of the hypotheses; a lift takes load and its friction off the support."""
         product, mass = np.exp(parameters[:, :2].T)
-        borne = np.maximum(1.0 - lift / (mass * GRAVITY), 0.1)
+        borne = np.maximum(1.0 - motion.lift / (mass * GRAVITY), 0.1)
         same = np.ones(len(mass))
+        height = motion.height if self.com_height is None else self.com_height
         return Link(
             patch=self.patch,
             mass=mass,
             friction=product / mass * borne,
             com=parameters[:, 2:4],
-            com_height=self.com_height * same,
+            com_height=height * same,
             inertia=mass * self.patch.gyration,
             scale=same,
         )
@@ -128,7 +137,7 @@ class PatchProcess:
         if motion.grip:
             return Grip(height)
         friction = np.exp(parameters[:, 4])
-        return Tip(self.outline, height, friction, motion.touching, motion.normal)
+        return Tip(self.hull, height, friction, motion.touching, motion.normal)
 
 
 def _shifted(twist: Array, arm: Array) -> Array:

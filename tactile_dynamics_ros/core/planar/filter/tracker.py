@@ -72,6 +72,11 @@ class Felt:
     normal: Array
 
 
+def touches(felt: Felt) -> bool:
+    """Whether a force is more than its noise."""
+    return bool(np.linalg.norm(felt.force) > _TOUCH * float(felt.std.max()))
+
+
 class _Series:
     """Rows in the order of time, of which old ones are dropped."""
 

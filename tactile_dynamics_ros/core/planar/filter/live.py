@@ -1,0 +1,168 @@
+"""One pushed object, live: the filter step by step, and what fits after its pushes tell."""
+
+from __future__ import annotations
+
+import time as clock
+from collections import deque
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.configuration import check_ranges, parameter
+from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess
+from tactile_dynamics_ros.core.planar.filter.record import PushRecord
+from tactile_dynamics_ros.core.planar.filter.summary import Properties, of_filter, of_fit
+from tactile_dynamics_ros.core.planar.filter.tracker import Felt, PushTracker, TrackerConfig
+from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
+from tactile_dynamics_ros.core.planar.properties.estimate import PushedEstimate
+from tactile_dynamics_ros.core.planar.streams import PushedStreams
+
+Array = NDArray[np.float64]
+
+MODELS = ("patch",)
+"""Models that can be filtered: the physical one."""
+_POSE_STD = np.array([5e-4, 5e-4, 3e-3])
+"""Noise of poses, m, m, rad, presumed where none is stated, as in the fits to recordings."""
+_SAME = 1e-4
+"""Change of an outline's corners, m, up to which it is still the same object: rounding of messages.
+A new outline is a new object, of which nothing is known."""
+_FIT_FLOOR = 0.02
+"""Least std of ln friction force and, over the radius of gyration, of the centre of mass with which
+the filter goes on after a fit: a tighter belief could not follow a table that differs."""
+
+
+@dataclass(frozen=True)
+class PropertyConfig:
+    """What the properties of a pushed object are estimated with."""
+
+    model: str = parameter("patch", "of pushing: patch, the physical one")
+    longest: float = parameter(30.0, "touch that fits look at, the latest", "s", 1.0, 300.0)
+    tracker: TrackerConfig = field(default_factory=TrackerConfig)
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+        if self.model not in MODELS:
+            raise BadInputError(f"model '{self.model}': expected {' or '.join(MODELS)}")
+
+
+class LiveProperties:
+    """Takes measurements in S in the order of time, and says what is known.
+
+    After every push a fit to all pushes since the reset is due; once there is one, it is what is
+    said, because it looks at all measurements at once and lets the motion itself be unknown. The
+    filter is what is said before, follows the pose, goes on from the fit's numbers and tells where
+    the object slides unlike them.
+
+    Args:
+        config: of everything.
+
+    Attributes:
+        fits: so far. refused: why the last fit failed; empty if it did not.
+    """
+
+    def __init__(self, config: PropertyConfig | None = None) -> None:
+        self.config = config or PropertyConfig()
+        self.outline: Array | None = None
+        self.gravity = np.array([0.0, 0.0, -9.81])
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all measurements; the outline stays."""
+        self.record = PushRecord(self.config.longest)
+        self.fit: PushedEstimate | None = None
+        self.fits, self.refused = 0, ""
+        self.newest = -np.inf
+        self.durations: deque[float] = deque(maxlen=500)
+        self._yaw = 0.0
+        self.tracker: PushTracker | None = None
+        if self.outline is not None:
+            self._begin(self.outline)
+
+    def set_outline(self, outline: Array) -> bool:
+        """Take the footprint (V, 2), m; return whether it is that of another object."""
+        known, before = self.outline is not None, self.outline
+        if before is not None and _alike(before, outline):
+            return False
+        self.outline = outline
+        if known:
+            self.reset()
+        else:
+            self._begin(outline)
+        return known
+
+    def _begin(self, outline: Array) -> None:
+        self.patch = SupportPatch(outline)
+        self.tracker = PushTracker(PatchProcess(outline), self.config.tracker)
+
+    def add_pose(self, time: float, pose: Array, std: Array | None) -> None:
+        """Take where the link is: x, y, yaw, with their std where stated."""
+        turn = (pose[2] - self._yaw + np.pi) % (2.0 * np.pi) - np.pi
+        self._yaw += turn
+        placed = np.array([pose[0], pose[1], self._yaw])
+        spread = _POSE_STD if std is None or not np.all(std > 0.0) else std
+        self.newest = max(self.newest, time)
+        self.record.add_pose(time, placed, spread)
+        if self.tracker is not None:
+            self.tracker.add_pose(time, placed, spread)
+
+    def add_pusher(self, time: float, pose: Array) -> None:
+        """Take where the pusher is: x, y, z, yaw (unwrapped)."""
+        if self.tracker is not None:
+            self.tracker.add_pusher(time, pose)
+
+    def add_contact(self, felt: Felt) -> None:
+        """Take a force on the object."""
+        self.newest = max(self.newest, felt.time)
+        self.record.add_contact(felt)
+        if self.tracker is not None:
+            self.tracker.add_contact(felt)
+
+    def advance(self, until: float) -> int:
+        """Take the filter's steps up to a time by which all measurements have come."""
+        if self.tracker is None:
+            return 0
+        start = clock.perf_counter()
+        taken = self.tracker.advance(until)
+        if taken:
+            self.durations.append((clock.perf_counter() - start) / taken)
+        return taken
+
+    def due(self, now: float) -> PushedStreams | None:
+        """Return what a fit should look at, where a push has ended since the last."""
+        if self.outline is None or not self.record.has_ended(now):
+            return None
+        return self.record.streams(self.outline, self.gravity)
+
+    def take_fit(self, fit: PushedEstimate | None, refused: str = "") -> None:
+        """Take a fit, or why there is none; the filter goes on from its numbers."""
+        self.refused = refused
+        if fit is None:
+            return
+        self.fit, self.fits = fit, self.fits + 1
+        if self.tracker is None or self.tracker.filter is None:
+            return
+        values = fit.values
+        mean = np.array(
+            [
+                np.log(values["friction_force_n"][0] / -self.gravity[2]),
+                np.log(values["mass"][0]),
+                values["com_x"][0],
+                values["com_y"][0],
+            ]
+        )
+        reach = _FIT_FLOOR * np.sqrt(self.patch.gyration)
+        floor = np.diag(np.square([_FIT_FLOOR, _FIT_FLOOR, reach, reach]))
+        self.tracker.filter.inform(mean, fit.covariance + floor)
+
+    def properties(self) -> Properties | None:
+        """What is known now; None before the object was seen."""
+        if self.tracker is None or self.tracker.filter is None:
+            return None
+        live = of_filter(*self.tracker.filter.parameters, self.patch, self.tracker.touched)
+        return live if self.fit is None else of_fit(self.fit, live, self.refused)
+
+
+def _alike(one: Array, other: Array) -> bool:
+    return one.shape == other.shape and bool(np.abs(one - other).max() < _SAME)

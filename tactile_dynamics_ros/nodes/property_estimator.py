@@ -1,0 +1,110 @@
+"""Node: pushes of an object on a support to friction force, mass and centre of mass."""
+
+from __future__ import annotations
+
+from concurrent.futures import Future
+from dataclasses import dataclass
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.configuration import check_ranges, parameter
+from tactile_dynamics_ros.core.errors import TactileDynamicsError
+from tactile_dynamics_ros.core.planar.filter.live import LiveProperties, PropertyConfig
+from tactile_dynamics_ros.core.planar.properties.estimate import PushedEstimate, estimate
+from tactile_dynamics_ros.ros.background import Background
+from tactile_dynamics_ros.ros.conversions import header
+from tactile_dynamics_ros.ros.names import PROPERTY_RESET, PROPERTY_STATUS
+from tactile_dynamics_ros.ros.parameters import declare_config
+from tactile_dynamics_ros.ros.property_status import property_status
+from tactile_dynamics_ros.ros.pusher_streams import PADS, PUSHER
+from tactile_dynamics_ros.ros.pushing_streams import PushingStreams
+from tactile_dynamics_ros.ros.shell import LATCHED, Shell, run_node
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PropertyEstimatorConfig:
+    """What is listened to, and how often is told what is known."""
+
+    contacts: tuple[str, ...] = parameter(
+        (PUSHER, *PADS), "names of the contacts on contact/<name>"
+    )
+    status_rate_hz: float = parameter(
+        10.0, "rate of the status while anything comes", "Hz", 0.1, 100
+    )
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+
+class PropertyEstimatorNode(Shell):
+    """Feeds the filter, fits all pushes after each in a process of its own, and tells both."""
+
+    gather = 0.005
+    by_arrival = True
+
+    def __init__(self) -> None:
+        super().__init__("property_estimator")
+        self.live = LiveProperties(declare_config(self, PropertyConfig))
+        config = declare_config(self, PropertyEstimatorConfig)
+        self._background = Background()
+        self._fitting: Future[PushedEstimate] | None = None
+        self._told = -np.inf
+        self._streams = PushingStreams(self, config.contacts, self.live, self._forget)
+        self._status = self.create_publisher(DiagnosticArray, PROPERTY_STATUS, LATCHED)
+        self.serve(PROPERTY_RESET, self.reset)
+        self.every(1.0 / config.status_rate_hz, self._tell)
+
+    def destroy_node(self) -> None:
+        """Stop the background work too."""
+        self._background.close()
+        super().destroy_node()
+
+    def reset(self) -> str:
+        """Forget all measurements; the outline stays."""
+        self._forget()
+        return "all measurements forgotten; the outline is kept"
+
+    def process(self) -> None:
+        """Take the filter's steps for which everything has come."""
+        until = self._streams.release()
+        self.live.advance(until)
+        self._take_fit()
+        streams = self.live.due(until) if self._fitting is None else None
+        if streams is not None:
+            self._fitting = self._background.submit(estimate, streams)
+
+    def _forget(self) -> None:
+        self.live.reset()
+        self._fitting, self._told = None, -np.inf
+
+    def _take_fit(self) -> None:
+        """Take over a fit that is finished; one that was begun before a reset is dropped."""
+        if self._fitting is None or not self._fitting.done():
+            return
+        fitting, self._fitting = self._fitting, None
+        try:
+            self.live.take_fit(fitting.result())
+        except TactileDynamicsError as error:
+            self.live.take_fit(None, str(error))
+            self.faults.add("not_fitted", str(error))
+        self._told = -np.inf
+
+    def _tell(self) -> None:
+        """Publish what is known, with the stamp of the newest measurement in it."""
+        known = self.live.properties()
+        tracker = self.live.tracker
+        if known is None or tracker is None or tracker.time == self._told:
+            return
+        self._told = tracker.time
+        message = DiagnosticArray(header=header(tracker.time, "object"))
+        message.status = [*property_status(known, self.live)]
+        self._status.publish(message)
+
+
+def main() -> int:
+    """Run the node."""
+    return run_node(PropertyEstimatorNode)

@@ -1,0 +1,203 @@
+"""What nodes hear of a pushed object, in the frame of its support and in the order of time."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+from geometry_msgs.msg import (
+    PolygonStamped,
+    PoseStamped,
+    PoseWithCovarianceStamped,
+    Vector3Stamped,
+    WrenchStamped,
+)
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.planar.filter.tracker import Felt
+from tactile_dynamics_ros.core.streams.stamps import Reordered
+from tactile_dynamics_ros.ros.conversions import (
+    MessageError,
+    pose_to_core,
+    std_to_core,
+    uncertain_pose_to_core,
+    wrench_to_core,
+)
+from tactile_dynamics_ros.ros.names import PUSHER_POSE, SUPPORT_POSE, contact_topic, link_topic
+from tactile_dynamics_ros.ros.shell import LATCHED, Shell
+from tactile_dynamics_ros.ros.stream_clock import StreamClock
+from tactile_dynamics_ros.ros.wire import Stamped
+
+Array = NDArray[np.float64]
+
+WORLD = "world"
+HOLD = 0.03
+"""How long a reading waits for those that were taken before it and come later, s: three samples at
+100 Hz."""
+NEAR = 0.03
+"""Distance of a force's stamp to a pose's beyond which they do not belong together, s."""
+FORCE_STD = np.full(3, 0.03)
+"""Noise of a force, N, presumed before one is stated."""
+
+
+class PushedObject(Protocol):
+    """Takes what is heard; x, y, z and yaw are in the frame of the support."""
+
+    gravity: Array
+
+    def set_outline(self, outline: Array) -> bool:
+        """Take the footprint (V, 2), m; return whether it is that of another object."""
+
+    def add_pose(self, time: float, pose: Array, std: Array | None) -> None:
+        """Take x, y, yaw (3,) of the object and their std."""
+
+    def add_pusher(self, time: float, pose: Array) -> None:
+        """Take x, y, z, yaw (4,) of the pusher, yaw unwrapped."""
+
+    def add_contact(self, felt: Felt) -> None:
+        """Take a force."""
+
+
+class PushingStreams:
+    """Subscriptions to pose, footprint, pusher, support and contacts.
+
+    Args:
+        node: that subscribes.
+        contacts: their names.
+        thing: that takes what is heard, in the order of time.
+        forget: called when the clock of the streams was set back.
+    """
+
+    def __init__(
+        self,
+        node: Shell,
+        contacts: Sequence[str],
+        thing: PushedObject,
+        forget: Callable[[], None],
+    ) -> None:
+        self._node, self._thing = node, thing
+        self._X_SW, self._yaw = np.eye(4), 0.0
+        self.clock = StreamClock(node)
+        self._poses = Reordered[tuple[Array, Array | None]]()
+        self._pusher = Reordered[Array]()
+        self.clock.on_restart += [self._poses.clear, self._pusher.clear, forget]
+        self._pose_topic, self._outline = (link_topic("link_1", k) for k in ("pose", "footprint"))
+        node.listen(PoseWithCovarianceStamped, self._pose_topic, self._on_pose, sole=True)
+        node.listen(PoseStamped, PUSHER_POSE, self._on_pusher, sole=True)
+        node.listen(PolygonStamped, self._outline, self._on_outline, LATCHED)
+        node.listen(PoseStamped, SUPPORT_POSE, self._on_support, LATCHED)
+        self._contacts = [_Contact(node, name, self.clock) for name in contacts]
+
+    def release(self) -> float:
+        """Hand on what need not wait any longer; return up to which time, s."""
+        until = self.clock.newest if self.clock.is_idle else self.clock.newest - HOLD
+        for time, pose in self._pusher.take(until):
+            placed = self._X_SW @ pose
+            turn = np.arctan2(placed[1, 0], placed[0, 0]) - self._yaw
+            self._yaw += (turn + np.pi) % (2.0 * np.pi) - np.pi
+            self._thing.add_pusher(time, np.append(placed[:3, 3], self._yaw))
+        for time, (pose, covariance) in self._poses.take(until):
+            placed = self._X_SW @ pose
+            flat = np.array([*placed[:2, 3], np.arctan2(placed[1, 0], placed[0, 0])])
+            self._thing.add_pose(time, flat, self._planar_std(covariance))
+        for contact in self._contacts:
+            for felt in contact.take(until, self._X_SW):
+                self._thing.add_contact(felt)
+        return until
+
+    def _planar_std(self, covariance: Array | None) -> Array | None:
+        """Std (3,) of x, y and yaw in S from a covariance [rotation, position] in the world."""
+        if covariance is None:
+            return None
+        turn = self._X_SW[:3, :3]
+        place, angle = (turn @ covariance[k : k + 3, k : k + 3] @ turn.T for k in (3, 0))
+        return np.sqrt(np.maximum([place[0, 0], place[1, 1], angle[2, 2]], 0.0))
+
+    def _on_pose(self, message: Stamped) -> None:
+        both = uncertain_pose_to_core(message, self._pose_topic, WORLD)
+        time = self.clock.admit(message.stamp, self._pose_topic)
+        _add(self._poses, time, both, self._pose_topic)
+
+    def _on_pusher(self, message: Stamped) -> None:
+        pose = pose_to_core(message, PUSHER_POSE, WORLD)
+        _add(self._pusher, self.clock.admit(message.stamp, PUSHER_POSE), pose, PUSHER_POSE)
+
+    def _on_support(self, message: Stamped) -> None:
+        self._X_SW = np.linalg.inv(pose_to_core(message, SUPPORT_POSE, WORLD))
+        self._thing.gravity = self._X_SW[:3, :3] @ np.array([0.0, 0.0, -9.81])
+
+    def _on_outline(self, message: PolygonStamped) -> None:
+        corners = np.array([[p.x, p.y] for p in message.polygon.points], dtype=float)
+        if len(corners) < 3 or not np.isfinite(corners).all():
+            raise MessageError("bad_outline", f"{self._outline}: {len(corners)} corners, not 3")
+        after = np.roll(corners, -1, axis=0)
+        area = float(np.sum(corners[:, 0] * after[:, 1] - corners[:, 1] * after[:, 0]))
+        if self._thing.set_outline(corners if area > 0.0 else corners[::-1].copy()):
+            self._node.faults.add("outline_changed", f"{self._outline}: another object; forgotten")
+
+
+class _Contact:
+    """Force, standard deviation and place of one contact; silent or zero where nothing is touched.
+
+    Args:
+        node: that subscribes.
+        name: of the contact.
+        clock: of the node's streams.
+    """
+
+    def __init__(self, node: Shell, name: str, clock: StreamClock) -> None:
+        self._node, self._name, self._clock = node, name, clock
+        self._forces = Reordered[Array]()
+        self._places = Reordered[Array]()
+        self._recent: deque[tuple[float, Array]] = deque(maxlen=20)
+        self._std = FORCE_STD
+        clock.on_restart += [self._forces.clear, self._places.clear, self._recent.clear]
+        self._topics = {kind: contact_topic(name, kind) for kind in ("force", "force_std", "pose")}
+        node.listen(PoseStamped, self._topics["pose"], self._on_pose, sole=True)
+        node.listen(Vector3Stamped, self._topics["force_std"], self._on_std, sole=True)
+        node.listen(WrenchStamped, self._topics["force"], self._on_force, sole=True)
+
+    def take(self, until: float, X_SW: Array) -> list[Felt]:
+        """Return the forces up to a time (s), in the frame of the support."""
+        self._recent.extend(self._places.take(until))
+        felt = []
+        for time, force in self._forces.take(until):
+            place = min(self._recent, key=lambda row: abs(row[0] - time), default=None)
+            pose = X_SW
+            if force.any():
+                if place is None or abs(place[0] - time) > NEAR:
+                    text = f"{self._topics['force']}: no pose of the contact within {NEAR} s"
+                    self._node.faults.add(f"force_without_pose_{self._name}", text)
+                    continue
+                pose = X_SW @ place[1]
+            std = np.abs(X_SW[:3, :3]) @ self._std
+            turned = X_SW[:3, :3] @ force
+            felt.append(Felt(self._name, time, turned, std, pose[:3, 3], pose[:3, 2]))
+        return felt
+
+    def _on_pose(self, message: Stamped) -> None:
+        pose = pose_to_core(message, self._topics["pose"], WORLD)
+        time = self._clock.admit(message.stamp, self._topics["pose"])
+        _add(self._places, time, pose, self._topics["pose"])
+
+    def _on_std(self, message: Stamped) -> None:
+        self._std = std_to_core(message, self._topics["force_std"])
+
+    def _on_force(self, message: Stamped) -> None:
+        wrench = wrench_to_core(message, self._topics["force"], WORLD)
+        time = self._clock.admit(message.stamp, self._topics["force"])
+        _add(self._forces, time, wrench[3:], self._topics["force"])
+
+
+def _add(held: Reordered[Any], time: float, item: Any, topic: str) -> None:
+    """Hold a reading.
+
+    Raises:
+        MessageError: its stamp repeats or is passed already.
+    """
+    if not held.add(time, item):
+        raise MessageError(
+            "stamp_repeated", f"{topic}: stamp {time:.6f} s repeats or comes too late"
+        )
