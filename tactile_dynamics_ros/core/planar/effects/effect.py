@@ -51,6 +51,7 @@ class PushEffect(ABC):
             wider prior; empty for none.
         sudden: whether it begins at one time, which an instance carries.
         lasting: whether it is an error of the sensor.
+        told: whether pushes can tell it at all; a wrong gain looks like another load.
         start: s, when it begins; None where it is there all along, or not yet known.
     """
 
@@ -64,6 +65,7 @@ class PushEffect(ABC):
     adds_to: ClassVar[str] = ""
     sudden: ClassVar[bool] = False
     lasting: ClassVar[bool] = False
+    told: ClassVar[bool] = True
     start: float | None = None
 
     def from_time(self, start: float) -> Self:

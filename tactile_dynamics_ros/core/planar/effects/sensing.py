@@ -45,7 +45,11 @@ class ForceBias(PushEffect):
 
 @PUSHED.register
 class ForceScale(PushEffect):
-    """The sensor's gain is wrong."""
+    """The sensor's gain is wrong.
+
+    Forces, mass and friction force times one factor obey the same equations: no push tells a wrong
+    gain from another load, so that it is never named; a known mass would tell it.
+    """
 
     name = "force_scale"
     family = "sensor"
@@ -55,10 +59,11 @@ class ForceScale(PushEffect):
     remedy = "Calibrate the sensor with a known weight."
     parameters = (EffectParameter("g", "", 0.3, "relative correction of the gain", 0.1),)
     lasting = True
+    told = False
 
     def changed(self, situation: Situation, theta: Array) -> Situation:
         """Forces by another gain."""
-        return _flat(situation, (1.0 + theta[0]) * situation.force[:, :2])
+        return _flat(situation, situation.force[:, :2] + theta[0] * situation.expected[:, :2])
 
 
 @PUSHED.register
@@ -76,8 +81,9 @@ class SensorRotation(PushEffect):
 
     def changed(self, situation: Situation, theta: Array) -> Situation:
         """Forces turned back."""
-        angle = np.full(len(situation.time), theta[0])
-        return _flat(situation, turned(situation.force[:, :2], angle))
+        before = situation.expected[:, :2]
+        after = turned(before, np.full(len(before), theta[0]))
+        return _flat(situation, situation.force[:, :2] + after - before)
 
 
 @PUSHED.register
@@ -117,7 +123,7 @@ class SensorLag(PushEffect):
 
     def changed(self, situation: Situation, theta: Array) -> Situation:
         """Forces ahead by the lag, to first order."""
-        return _flat(situation, situation.force[:, :2] + theta[0] * situation.force_rate[:, :2])
+        return _flat(situation, situation.force[:, :2] + theta[0] * situation.expected_rate[:, :2])
 
 
 @PUSHED.register

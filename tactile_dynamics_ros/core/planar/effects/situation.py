@@ -17,7 +17,8 @@ class Situation:
     Attributes:
         time: (R,) s.
         force: (R, 3) N of the pusher on the object, as measured.
-        force_rate: (R, 3) N/s, its derivative.
+        expected: (R, 3) N, the same without its noise, which errors of the sensor multiply: times
+            the noise itself they would seem to explain it. expected_rate: (R, 3) N/s.
         point: (R, 3) m where it acts.
         facing: (R,) rad, direction of the contact's normal.
         touching: (R,) whether anything is touched.
@@ -28,7 +29,8 @@ class Situation:
 
     time: Array
     force: Array
-    force_rate: Array
+    expected: Array
+    expected_rate: Array
     point: Array
     facing: Array
     touching: NDArray[np.bool_]

@@ -156,7 +156,8 @@ class Balance:
         return Situation(
             time=cut.time[at],
             force=cut.force[at],
-            force_rate=cut.force_rate[at],
+            expected=cut.expected[at],
+            expected_rate=cut.expected_rate[at],
             point=cut.point[at],
             facing=cut.facing[at],
             touching=cut.touching[at],

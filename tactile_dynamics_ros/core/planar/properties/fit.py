@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
+from tactile_dynamics_ros.core.planar.effects.effect import PushEffect
 from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
 from tactile_dynamics_ros.core.planar.properties.balance import NAMES, Kinematics
 from tactile_dynamics_ros.core.planar.properties.bordered import (
@@ -153,7 +154,7 @@ def _optima(model: PushModel, start: Solution) -> list[_Optimum]:
 
 def _hope(model: PushModel, start: Solution, variation: float) -> float:
     """Evidence that one Gauss-Newton step towards the optimum of a variation promises."""
-    sharp = _sharpness(model, start.nodes, len(_STAGES) - 1, variation)
+    sharp = final_sharpness(model, start.nodes, variation)
     equations = model.linearise(start.nodes, start.common, sharp)
     factor = _factor(model, equations)
     nodes, common = factor.step()
@@ -281,6 +282,39 @@ def _staged(model: PushModel, nodes: Array) -> Solution:
     return found
 
 
+def final_sharpness(model: PushModel, nodes: Array, variation: float) -> Sharpness:
+    """How strictly the last stage takes a model."""
+    return _sharpness(model, nodes, len(_STAGES) - 1, variation)
+
+
+def with_expected_force(fit: PushFit) -> PushFit:
+    """The fit with what it expects of the forces, which differs from them by their noise."""
+    model, cut = fit.model, fit.model.intervals
+    kinematics = Kinematics.of_nodes(fit.nodes, model.middle, cut.step)
+    slip = final_sharpness(model, fit.nodes, fit.variation).slip
+    friction = model.balance.linear_friction(kinematics, fit.common, slip)
+    expected = cut.force.copy()
+    expected[model.middle, :2] += model.balance.lack(kinematics, fit.common, friction)[:, :2]
+    return replace(fit, model=replace(model, intervals=replace(cut, expected=expected)))
+
+
+def refit(
+    fit: PushFit, effects: tuple[PushEffect, ...], common: Array, variation: float
+) -> PushFit:
+    """Fit a model with effects from a fit without them.
+
+    Args:
+        fit: start of the motion.
+        effects: of the model.
+        common: (p,) start of the common numbers and of the effects' parameters.
+        variation: relative standard deviation of friction from place to place.
+    """
+    model = replace(fit.model, effects=effects)
+    sharp = final_sharpness(model, fit.nodes, variation)
+    start = _minimised(model, fit.nodes, common, sharp, _REFIT)
+    return _averaged(model, [_optimum(model, start, variation)])
+
+
 def _minimised(
     model: PushModel,
     nodes: Array,
@@ -295,7 +329,7 @@ def _minimised(
 
 def _optimum(model: PushModel, start: Solution, variation: float) -> _Optimum:
     """Refit with another variation of friction, with its evidence."""
-    sharp = _sharpness(model, start.nodes, len(_STAGES) - 1, variation)
+    sharp = final_sharpness(model, start.nodes, variation)
     found = start
     for _ in range(_VOLUME_ROUNDS):
         slope = model.volume_slope(found.nodes, found.common, sharp)

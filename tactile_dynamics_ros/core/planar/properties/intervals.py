@@ -41,7 +41,8 @@ class Intervals:
         inner: (N,) whether the nodes before and after belong to the same segment.
         force: (N, 3) N, mean over the interval, sum of all contacts.
         force_std: (N, 2) N of its horizontal components.
-        force_rate: (N, 3) N/s, change of the force.
+        expected: (N, 3) N what the force is without its noise, where a model has told it, or the
+            force itself.
         facing: (N,) rad, direction of the contact's normal.
         point: (N, 3) m where it acts. point_std: (N,) m.
         torque: (N,) N m of all contacts about that point.
@@ -56,7 +57,7 @@ class Intervals:
     inner: Mask
     force: Array
     force_std: Array
-    force_rate: Array
+    expected: Array
     facing: Array
     point: Array
     point_std: Array
@@ -68,6 +69,14 @@ class Intervals:
 
     def __len__(self) -> int:
         return len(self.time)
+
+    @property
+    def expected_rate(self) -> Array:
+        """Derivative (N, 3) of the expected force, N/s; 0 at the ends of segments."""
+        rate = np.zeros_like(self.expected)
+        at = np.flatnonzero(self.inner)
+        rate[at] = (self.expected[at + 1] - self.expected[at - 1]) / (2.0 * self.step)
+        return rate
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,7 +247,7 @@ def _joined(
         inner=inner,
         force=total_force,
         force_std=np.sqrt(variance + np.square(_bend(total_force, inner))),
-        force_rate=_rate(total_force, inner, step),
+        expected=total_force,
         facing=np.arctan2(normal[:, 1], normal[:, 0]),
         point=point,
         point_std=spread,
@@ -256,11 +265,3 @@ def _bend(force: Array, inner: Mask) -> Array:
     at = np.flatnonzero(inner)
     bend[at] = force[at - 1, :2] - 2.0 * force[at, :2] + force[at + 1, :2]
     return np.abs(bend) / _BEND
-
-
-def _rate(force: Array, inner: Mask, step: float) -> Array:
-    """Derivative (N, 3) of the force by its neighbours, N/s; 0 at the ends of segments."""
-    rate = np.zeros_like(force)
-    at = np.flatnonzero(inner)
-    rate[at] = (force[at + 1] - force[at - 1]) / (2.0 * step)
-    return rate

@@ -149,7 +149,7 @@ class PushModel:
     def equations_of_motion(self, nodes: Array, common: Array, sharp: Sharpness) -> NormalEquations:
         """Normal equations of the dynamics alone, and of smoothness where they do not count."""
         equations = NormalEquations(len(nodes), 6, len(common))
-        self._add_dynamics(equations, nodes, common, sharp)
+        equations.add(self.middle, *self.dynamics(nodes, common, sharp))
         elsewhere = np.flatnonzero(~self.mask & self.intervals.inner)
         add_smoothness(equations, nodes, elsewhere, self.spread[elsewhere] * self.intervals.step**2)
         return equations
@@ -184,9 +184,8 @@ class PushModel:
             caused.log_determinant_of_nodes(loose, 3) - known.log_determinant_of_nodes(loose, 6)
         )
 
-    def _add_dynamics(
-        self, equations: NormalEquations, nodes: Array, common: Array, sharp: Sharpness
-    ) -> None:
+    def dynamics(self, nodes: Array, common: Array, sharp: Sharpness) -> tuple[Array, Array, Array]:
+        """White residuals (R, 3) of `middle`, derivative by nodes (R, 3, 3, 6) and numbers."""
         kinematics = Kinematics.of_nodes(nodes, self.middle, self.intervals.step)
         friction = self.balance.linear_friction(kinematics, common, sharp.slip)
         scale = 1.0 / self.noise(sharp.floor)
@@ -206,7 +205,7 @@ class PushModel:
             [(at(values, common + h * row) - residual) / h
              for h, row in zip(sizes, np.eye(len(common)), strict=True)], axis=2,
         )  # fmt: skip
-        equations.add(self.middle, residual, self.by_nodes(by_values), by_common)
+        return residual, self.by_nodes(by_values), by_common
 
     def by_nodes(self, by_values: Array) -> Array:
         """(R, 3, 3, 6) derivative by the three nodes from that by pose, velocity, acceleration."""
@@ -277,15 +276,48 @@ def add_poses(
         common: (p,) numbers.
         delayers: places of further numbers that are added to the delay.
     """
-    poses = cut.poses[0]
     delaying = [NAMES.index("delay"), *delayers]
-    delay = float(np.sum(common[delaying]))
+    seen = see_poses(cut, nodes, float(np.sum(common[delaying])))
+    std = cut.poses[0].std
+    by_nodes = np.zeros((len(seen.middle), 3, 3, nodes.shape[1]))
+    for axis in range(3):
+        by_nodes[:, axis, :, axis] = seen.weights / std[axis]
+    by_common = np.zeros((len(seen.middle), 3, len(common)))
+    by_common[:, :, delaying] = seen.slope[..., None]
+    equations.add(seen.middle, seen.residual, by_nodes, by_common)
+
+
+@dataclass(frozen=True, eq=False)
+class SeenPoses:
+    """Poses (M,) beside the motion at their stamps.
+
+    Attributes:
+        index: among the poses. middle: node. weights: (M, 3) of the node and its neighbours.
+        residual: (M, 3) white. slope: (M, 3) its derivative by the delay.
+    """
+
+    index: NDArray[np.intp]
+    middle: NDArray[np.intp]
+    weights: Array
+    residual: Array
+    slope: Array
+
+
+def see_poses(cut: Intervals, nodes: Array, delay: float) -> SeenPoses:
+    """What the motion of the nodes differs from the poses, by their noise.
+
+    Args:
+        cut: poses and nodes.
+        nodes: (N, b) control points first.
+        delay: s, of the stamps of the forces.
+    """
+    poses = cut.poses[0]
     counts = np.diff(np.append(cut.first_node, len(cut)))
     start = cut.first_node[poses.segment]
     place = (poses.time + delay - cut.time[start]) / cut.step
     nearest = np.clip(np.round(place), 1, counts[poses.segment] - 2).astype(np.intp)
     share = place - nearest
-    inside = np.abs(share) <= 1.0
+    inside = np.flatnonzero(np.abs(share) <= 1.0)
     share, middle = share[inside], (start + nearest)[inside]
     weights = np.stack(
         [0.5 * (0.5 - share) ** 2, 0.75 - share**2, 0.5 * (0.5 + share) ** 2], axis=1
@@ -293,12 +325,8 @@ def add_poses(
     slopes = np.stack([share - 0.5, -2.0 * share, share + 0.5], axis=1) / cut.step
     near = np.stack([nodes[middle + k, :3] for k in (-1, 0, 1)], axis=1)
     residual = (np.einsum("mk,mki->mi", weights, near) - poses.value[inside]) / poses.std
-    by_nodes = np.zeros((len(middle), 3, 3, nodes.shape[1]))
-    for axis in range(3):
-        by_nodes[:, axis, :, axis] = weights / poses.std[axis]
-    by_common = np.zeros((len(middle), 3, len(common)))
-    by_common[:, :, delaying] = (np.einsum("mk,mki->mi", slopes, near) / poses.std)[..., None]
-    equations.add(middle, residual, by_nodes, by_common)
+    slope = np.einsum("mk,mki->mi", slopes, near) / poses.std
+    return SeenPoses(inside, middle, weights, residual, slope)
 
 
 def add_smoothness(
