@@ -8,7 +8,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import (
@@ -83,7 +83,7 @@ def without_tool(estimate: Estimate, tool: KnownBody) -> Estimate:
     covariance = estimate.covariance + tool.covariance
     rest = estimate.inertia.dynamic_parameters - tool.phi
     body, distance = nearest_body(rest, covariance)
-    if chi2.sf(distance, 10) < _CANNOT_BE:
+    if chdtrc(10, distance) < _CANNOT_BE:
         raise BadInputError(
             f"tool {tool.name}: {tool.phi[0]:.3g} kg cannot be part of what was carried "
             f"({estimate.inertia.mass:.3g} kg); expected its inertia in the frame of the object's "
@@ -161,7 +161,7 @@ def _compare(estimate: InertialEstimate, known: KnownBody) -> Comparison:
     for name, rows in _GROUPS.items():
         own, difference = covariance[rows, rows], apart[rows]
         square = float(difference @ np.linalg.solve(own, difference))
-        p_value[name] = float(chi2.sf(square, len(difference)))
+        p_value[name] = float(chdtrc(len(difference), square))
     return Comparison(p_value)
 
 
