@@ -163,7 +163,8 @@ def table(found: dict[str, Any]) -> str:
     """A line for each table and number of pushes."""
     head = (
         "| table | pushes | n | force % median, worst | within 3 % | within 2 std "
-        "| filter: force %, within 2 std | mass % (where told) | update p99 ms | answer after the push s |"
+        "| filter: force %, within 2 std | mass % (where told) | update p99 ms "
+        "| answer after the push s |"
     )
     lines = [head, "|" + "---|" * (head.count("|") - 1)]
     for name, rows in found.items():

@@ -41,6 +41,8 @@ _STIFFNESS_SPREAD = 1.0
 """Standard deviation of the velocity at which tip and arm give way over what their stiffness says:
 stiffnesses of arms are known to a factor of two."""
 _PADS = ("pad_left", "pad_right")
+"""Contacts that touch only while an object is gripped, by their names on the topics. Others push:
+were one of them missing here, a pull would count as a push by a tip."""
 
 
 @dataclass(frozen=True)
