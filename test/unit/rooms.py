@@ -104,7 +104,23 @@ ROOMS = {
     ),
     "core/planar/properties": Room(
         "the door to estimates of pushed objects; mass, friction and centre on a latent motion",
-        ("core/planar", "core/planar/effects", "core/planar/mechanics", "core/planar/sparse"),
+        ("core/planar", "core/planar/effects", "core/planar/linked", "core/planar/mechanics")
+        + ("core/planar/sparse",),
+    ),
+    "core/planar/linked": Room(
+        "two parts beside each other: outlines, relative motion, what pushes let expect",
+        ("core/planar", "core/planar/mechanics"),
+    ),
+    "core/planar/diagnosis": Room(
+        "a pushed object as the diagnosis questions it: white innovations of its poses",
+        (
+            "core/discrepancy/model",
+            "core/effects",
+            "core/planar",
+            "core/planar/effects",
+            "core/planar/mechanics",
+            "core/planar/properties",
+        ),
     ),
     "core/planar/sparse": Room(
         "friction force and centre of mass from poses before and after pushes",

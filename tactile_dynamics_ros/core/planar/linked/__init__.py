@@ -1,0 +1,1 @@
+"""Two parts beside each other: outlines, relative motion, friction of each."""

@@ -1,0 +1,313 @@
+"""Newton-Euler equations of two parts on one latent motion: what both structures share.
+
+The motion has D coordinates with one control point per interval of a quadratic B-spline. Beside it
+each node carries how friction differs there from its mean, and how the centre of pressure does.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
+from tactile_dynamics_ros.core.planar.properties.bordered import NormalEquations
+from tactile_dynamics_ros.core.planar.properties.intervals import Intervals
+from tactile_dynamics_ros.core.planar.properties.linked_motion import Sightings
+from tactile_dynamics_ros.core.planar.properties.push_model import Sharpness
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+USUAL_FRICTION, FRICTION_SPREAD = 0.3, 0.6
+"""Median of friction coefficients and standard deviation of their logarithm before any data, as for
+one part: 68 % between 0.16 and 0.55."""
+INERTIA_SPREAD = 0.3
+"""Standard deviation of ln(inertia over that of an even plate), as for one part."""
+HEIGHT_STD, POINT_STD = 2e-3, 5e-4
+"""What the height and the place of the push are off by, m: of a calibrated arm, as for one part."""
+SCALE_SPREAD = 0.03
+"""Standard deviation of ln(size of the part that carries over the footprint): of flat faces."""
+DELAY_STD = 5e-3
+"""Delay between the clocks of force and pose, s: half a sample at 100 Hz."""
+MODEL_ERROR = 0.003
+"""Error of the equations of motion over the typical force; it is all the noise that the balance of
+the untouched part has. At a third of it the fit needs twice as many steps."""
+_PRODUCT_SPREAD = 3.0
+"""Standard deviation of the logarithm of a product before the data: none to speak of."""
+_DISTANCE = 0.02
+"""Distance over which friction stays alike, m, as for one part."""
+_VOLUME_STEP = 0.02
+"""Change of a logarithm for a difference quotient; half or double changes slopes by 1 %."""
+LOOSE = 1e-6
+"""Information on every node beside the data, in units of one pose: a millionth changes nothing."""
+_STEPS = {"pose": 1e-6, "velocity": 1e-5, "acceleration": 1e-3, "local": 1e-5}
+"""Changes for difference quotients, m, m/s, m/s^2 and 1; ten times as large changes no digit that
+matters."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Coordinates (R, D), their velocities and accelerations, and how friction differs (R, l)."""
+
+    pose: Array
+    velocity: Array
+    acceleration: Array
+    local: Array
+
+    @classmethod
+    def of_nodes(cls, nodes: Array, middle: NDArray[np.intp], step: float, size: int) -> Motion:
+        """At the middle of intervals, from nodes (N, D + l) of control points and friction."""
+        before, here, after = (nodes[middle + k, :size] for k in (-1, 0, 1))
+        return cls(
+            (before + 6.0 * here + after) / 8.0,
+            (after - before) / (2.0 * step),
+            (before - 2.0 * here + after) / step**2,
+            nodes[middle, size:],
+        )
+
+    def shifted(self, name: str, axis: int) -> Motion:
+        """With one column changed by `_STEPS`."""
+        columns = {n: getattr(self, n) for n in _STEPS}
+        columns[name] = columns[name].copy()
+        columns[name][:, axis] += _STEPS[name]
+        return Motion(**columns)
+
+
+Lack = Callable[[Motion, Array], Array]
+"""Equations (R, e) that are lacking, N or N m, from motion and common numbers."""
+
+
+@dataclass(frozen=True, eq=False)
+class PairData:
+    """What a model of two parts is made from.
+
+    Attributes:
+        intervals: forces and poses. patches: footprints. gravity: (3,) m/s^2.
+        com_height, com_height_std: m, of both before the data.
+        mask: (N,) intervals whose equations count. spread: (N, D) accelerations allowed elsewhere.
+        travelled: (N - 1,) m between nodes.
+        touched: (N,) 0 or 1, the part that is touched.
+        turning: (N,) whether the parts turn beside each other.
+    """
+
+    intervals: Intervals
+    patches: tuple[SupportPatch, SupportPatch]
+    gravity: Array
+    com_height: Array
+    com_height_std: Array
+    mask: Mask
+    spread: Array
+    travelled: Array
+    touched: Array
+    turning: Mask
+
+
+@dataclass(frozen=True, eq=False)
+class PairModel(ABC):
+    """Residuals of two parts; a structure says which coordinates and equations they have."""
+
+    data: PairData
+    names: tuple[str, ...] = field(init=False, default=())
+    freedoms: int = field(init=False, default=3)
+    locals: int = field(init=False, default=3)
+
+    @property
+    @abstractmethod
+    def prior(self) -> tuple[Array, Array]:
+        """Mean and standard deviation of the common numbers."""
+
+    @abstractmethod
+    def lack(self, common: Array, motion: Motion, slip: float) -> Lack:
+        """Equations with friction to first order around a motion."""
+
+    @abstractmethod
+    def noise(self, floor: float) -> Array:
+        """(R, e) standard deviations of the equations."""
+
+    @abstractmethod
+    def part_poses(self, coordinates: Array, common: Array) -> tuple[Array, Array]:
+        """Poses (M, 3) of both parts' frames."""
+
+    @property
+    @abstractmethod
+    def scalings(self) -> tuple[str, ...]:
+        """Names of the numbers by whose scale the volume of motions changes."""
+
+    def at(self, name: str) -> int:
+        """Place of a common number."""
+        return self.names.index(name)
+
+    @cached_property
+    def middle(self) -> NDArray[np.intp]:
+        """Nodes whose equations count."""
+        return np.flatnonzero(self.data.mask & self.data.intervals.inner)
+
+    @cached_property
+    def typical_force(self) -> float:
+        """Median horizontal force while something is touched, N."""
+        cut = self.data.intervals
+        return float(np.median(np.linalg.norm(cut.force[cut.touching, :2], axis=1)))
+
+    @cached_property
+    def size(self) -> float:
+        """Root of the mean squared radius of gyration of the footprints, m."""
+        return float(np.sqrt(np.mean([patch.gyration for patch in self.data.patches])))
+
+    def linearise(
+        self, nodes: Array, common: Array, sharp: Sharpness, slope: Array | None = None
+    ) -> NormalEquations:
+        """Normal equations of dynamics, poses, local friction, prior and `volume_slope`."""
+        equations = self.equations_of_motion(nodes, common, sharp)
+        if slope is not None:
+            equations.add_slope(slope, common)
+        for part in (0, 1):
+            self._add_poses(equations, nodes, common, part)
+        self._add_local(equations, nodes, sharp)
+        self._add_prior(equations, common)
+        return equations
+
+    def equations_of_motion(self, nodes: Array, common: Array, sharp: Sharpness) -> NormalEquations:
+        """Normal equations of the dynamics alone, and of smoothness where they do not count."""
+        cut, count = self.data.intervals, self.freedoms
+        equations = NormalEquations(len(nodes), nodes.shape[1], len(common))
+        self._add_dynamics(equations, nodes, common, sharp)
+        elsewhere = np.flatnonzero(~self.data.mask & cut.inner)
+        spread = self.data.spread[elsewhere, :count] * cut.step**2
+        self._add_smoothness(equations, nodes, elsewhere, spread)
+        return equations
+
+    def _add_smoothness(
+        self, equations: NormalEquations, nodes: Array, middle: NDArray[np.intp], spread: Array
+    ) -> None:
+        by_nodes = np.zeros((len(middle), self.freedoms, 3, nodes.shape[1]))
+        for axis in range(self.freedoms):
+            by_nodes[:, axis, :, axis] = np.array([1.0, -2.0, 1.0]) / spread[:, axis, None]
+        curve = nodes[middle - 1] - 2.0 * nodes[middle] + nodes[middle + 1]
+        equations.add(middle, curve[:, : self.freedoms] / spread, by_nodes)
+
+    def _add_dynamics(
+        self, equations: NormalEquations, nodes: Array, common: Array, sharp: Sharpness
+    ) -> None:
+        step = self.data.intervals.step
+        motion = Motion.of_nodes(nodes, self.middle, step, self.freedoms)
+        lack, scale = self.lack(common, motion, sharp.slip), 1.0 / self.noise(sharp.floor)
+        residual = lack(motion, common) * scale
+
+        def by(name: str, count: int) -> Array:
+            columns = [
+                (lack(motion.shifted(name, axis), common) * scale - residual) / _STEPS[name]
+                for axis in range(count)
+            ]
+            return np.stack(columns, axis=2)
+
+        size = self.freedoms
+        pose, velocity = by("pose", size), by("velocity", size) / (2.0 * step)
+        acceleration = by("acceleration", size) / step**2
+        by_nodes = np.zeros((*residual.shape, 3, nodes.shape[1]))
+        by_nodes[:, :, 0, :size] = pose / 8.0 - velocity + acceleration
+        by_nodes[:, :, 1, :size] = 0.75 * pose - 2.0 * acceleration
+        by_nodes[:, :, 2, :size] = pose / 8.0 + velocity + acceleration
+        by_nodes[:, :, 1, size:] = by("local", self.locals)
+        columns = []
+        for h, row in zip(1e-5 * self.prior[1], np.eye(len(common)), strict=True):
+            columns.append((lack(motion, common + h * row) * scale - residual) / h)
+        equations.add(self.middle, residual, by_nodes, np.stack(columns, axis=2))
+
+    def _add_poses(
+        self, equations: NormalEquations, nodes: Array, common: Array, part: int
+    ) -> None:
+        cut, size = self.data.intervals, self.freedoms
+        poses, delay = cut.poses[part], self.at("delay")
+        at = Sightings.of_poses(cut, poses, float(common[delay]))
+        near = at.near(nodes)[:, :, :size]
+        place = np.einsum("mk,mki->mi", at.weights, near)
+        seen = self.part_poses(place, common)[part]
+        residual = (seen - poses.value[at.inside]) / poses.std
+        slope = np.zeros((len(place), 3, size))
+        for axis, row in enumerate(1e-6 * np.eye(size)):
+            moved = self.part_poses(place + row, common)[part]
+            slope[:, :, axis] = (moved - seen) / 1e-6 / poses.std
+        by_nodes = np.zeros((len(place), 3, 3, nodes.shape[1]))
+        by_nodes[:, :, :, :size] = slope[:, :, None, :] * at.weights[:, None, :, None]
+        by_common = np.zeros((len(place), 3, len(common)))
+        for k in self._placing:
+            row = np.eye(len(common))[k] * 1e-6
+            by_common[:, :, k] = (self.part_poses(place, common + row)[part] - seen) / 1e-6
+        by_common /= poses.std[:, None]
+        rate = np.einsum("mk,mki->mi", at.slopes, near)
+        by_common[:, :, delay] = np.einsum("mai,mi->ma", slope, rate)
+        equations.add(at.middle, residual, by_nodes, by_common)
+
+    @property
+    def _placing(self) -> list[int]:
+        """Places of the common numbers on which the second part's pose depends."""
+        return [k for k, name in enumerate(self.names) if name.startswith("joint_at")]
+
+    def _add_local(self, equations: NormalEquations, nodes: Array, sharp: Sharpness) -> None:
+        """Rows e_k+1 = rho e_k + sigma sqrt(1 - rho^2) w, rho = exp(-distance / 20 mm)."""
+        keep, std = self.memory(sharp)
+        local = nodes[:, self.freedoms :]
+        index = np.arange(self.locals)
+        by_nodes = np.zeros((len(keep), self.locals, 3, nodes.shape[1]))
+        by_nodes[:, index, 0, self.freedoms + index] = -(keep / std)[:, None]
+        by_nodes[:, index, 1, self.freedoms + index] = (1.0 / std)[:, None]
+        residual = (local[1:] - keep[:, None] * local[:-1]) / std[:, None]
+        equations.add(np.arange(1, len(nodes)), residual, by_nodes)
+        first = np.zeros((1, self.locals, 3, nodes.shape[1]))
+        first[:, index, 1, self.freedoms + index] = 1.0 / sharp.variation
+        equations.add(np.array([0]), local[:1] / sharp.variation, first)
+
+    def memory(self, sharp: Sharpness) -> tuple[Array, Array]:
+        """Factor (N - 1,) by which local friction lasts to the next node, and std of its change."""
+        keep = np.exp(-np.maximum(self.data.travelled, 1e-6) / _DISTANCE)
+        return keep, sharp.variation * np.sqrt(1.0 - keep**2)
+
+    def _add_prior(self, equations: NormalEquations, common: Array) -> None:
+        mean, std = self.prior
+        equations.add_common((common - mean) / std, np.diag(1.0 / std))
+        for name in self.names:
+            if name.startswith("ln_mass"):
+                product, mass = self.at(name.replace("mass", "product")), self.at(name)
+                row = np.zeros((1, len(common)))
+                row[0, [product, mass]] = 1.0 / FRICTION_SPREAD, -1.0 / FRICTION_SPREAD
+                away = common[product] - common[mass] - np.log(USUAL_FRICTION)
+                equations.add_common(np.array([away / FRICTION_SPREAD]), row)
+
+    def volume_slope(self, nodes: Array, common: Array, sharp: Sharpness) -> Array:
+        """Slope (p,) of what the likeliest motion leaves out of the probability of the numbers.
+
+        As for one part: |det J| / sqrt(det H), with J the derivative of the forces by the motion.
+        """
+        slope = np.zeros(len(common))
+        for name in self.scalings:
+            shift = np.zeros(len(common))
+            shift[self.at(name)] = _VOLUME_STEP
+            values = [self._log_volume(nodes, common + k * shift, sharp) for k in (1.0, -1.0)]
+            slope[self.at(name)] = (values[0] - values[1]) / (2.0 * _VOLUME_STEP)
+        return slope
+
+    def _log_volume(self, nodes: Array, common: Array, sharp: Sharpness) -> float:
+        loose = np.broadcast_to(self.loosening, nodes.shape)
+        caused = self.equations_of_motion(nodes, common, sharp)
+        known = self.linearise(nodes, common, sharp)
+        return 0.5 * (
+            caused.log_determinant_of_nodes(loose, self.freedoms)
+            - known.log_determinant_of_nodes(loose, nodes.shape[1])
+        )
+
+    @cached_property
+    def node_scale(self) -> Array:
+        """(D + l,) sizes of the nodes' numbers, in whose inverse squares damping is counted."""
+        std = self.data.intervals.poses[0].std
+        return np.append(std[[0, 1, 2, 2][: self.freedoms]], np.full(self.locals, 0.01))
+
+    @property
+    def loosening(self) -> Array:
+        """(D + l,) information on every node beside the data."""
+        motion = np.arange(len(self.node_scale)) < self.freedoms
+        return np.asarray(LOOSE / np.square(self.node_scale) * motion)

@@ -1,0 +1,135 @@
+"""Two parts as they were seen: intervals, motion of both, and what they are to each other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.errors import NotIdentifiableError
+from tactile_dynamics_ros.core.planar.linked.chances import SeenParts, weigh_chances
+from tactile_dynamics_ros.core.planar.linked.outlines import in_second, meeting_points
+from tactile_dynamics_ros.core.planar.linked.relative import RelativePoses
+from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
+from tactile_dynamics_ros.core.planar.properties.intervals import Intervals, cut_intervals
+from tactile_dynamics_ros.core.planar.properties.linked_motion import smoothed
+from tactile_dynamics_ros.core.planar.properties.linked_structure import Structure, infer_structure
+from tactile_dynamics_ros.core.planar.streams import PushedStreams
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_LEAST_POSES = 10
+"""Poses of each part within the pushes below which their motion tells no structure."""
+
+
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """Two parts while something pushes them.
+
+    Attributes:
+        streams: what was measured. intervals: of it, with poses of both parts.
+        nodes, spread: (N, 3) of each part's smoothed motion.
+        relative: poses of the second part in the first one's frame.
+    """
+
+    streams: PushedStreams
+    intervals: Intervals
+    nodes: tuple[Array, Array]
+    spread: tuple[Array, Array]
+    relative: RelativePoses
+
+    @classmethod
+    def of_streams(cls, streams: PushedStreams) -> Pair:
+        """Cut a recording into intervals and smooth the motion of both parts.
+
+        Raises:
+            BadInputError: nothing is touched while poses are known.
+            NotIdentifiableError: there are more than two parts, or too few poses of one.
+        """
+        if len(streams.links) != 2:
+            raise NotIdentifiableError(
+                f"{len(streams.links)} links: properties of up to two are estimated; record fewer"
+            )
+        cut = cut_intervals(streams)
+        for k, poses in enumerate(cut.poses):
+            if len(poses.time) < _LEAST_POSES:
+                raise NotIdentifiableError(
+                    f"link_{k + 1} has {len(poses.time)} poses during pushes, expected "
+                    f"{_LEAST_POSES} at least; record its pose all the time"
+                )
+        first, second = (smoothed(cut, poses) for poses in cut.poses)
+        relative = RelativePoses.of_links(*streams.links)
+        nodes, spread = zip(first, second, strict=True)
+        return cls(streams, cut, nodes, spread, relative)
+
+    @cached_property
+    def outlines(self) -> tuple[Array, Array]:
+        """(V, 2) m, each in its part's frame."""
+        first, second = (np.asarray(k.footprint, dtype=float) for k in self.streams.links)
+        return first, second
+
+    @cached_property
+    def patches(self) -> tuple[SupportPatch, SupportPatch]:
+        """Footprints."""
+        return SupportPatch(self.outlines[0]), SupportPatch(self.outlines[1])
+
+    @cached_property
+    def seen(self) -> SeenParts:
+        """Motion of both parts at the inner nodes."""
+        cut = self.intervals
+        at = np.flatnonzero(cut.inner)
+        before, here, after = ([n[at + k] for n in self.nodes] for k in (-1, 0, 1))
+        rows = list(zip(before, here, after, strict=True))
+        poses = [(b + 6.0 * h + a) / 8.0 for b, h, a in rows]
+        velocities = [(a - b) / (2.0 * cut.step) for b, _, a in rows]
+        accelerations = [(b - 2.0 * h + a) / cut.step**2 for b, h, a in rows]
+        force = float(np.median(np.linalg.norm(cut.force[cut.touching, :2], axis=1)))
+        return SeenParts(
+            step=cut.step,
+            outlines=self.outlines,
+            poses=(poses[0], poses[1]),
+            velocities=(velocities[0], velocities[1]),
+            accelerations=(accelerations[0], accelerations[1]),
+            offset=self.relative.value[0],
+            point=cut.point[at, :2],
+            touching=cut.touching[at],
+            force=force,
+        )
+
+    @cached_property
+    def structure(self) -> Structure:
+        """What the parts are to each other."""
+        offset = self.relative.value[0]
+        place = meeting_points(*self.outlines, offset).mean(axis=0)
+        size = sum(float(np.linalg.norm(np.ptp(o, axis=0))) for o in self.outlines) / np.sqrt(2.0)
+        between = np.stack([place, in_second(place, offset)])
+        return infer_structure(self.relative, between, size, weigh_chances(self.seen))
+
+    @cached_property
+    def touched(self) -> Array:
+        """(N,) 0 or 1, the part that is touched, at every node."""
+        cut = self.intervals
+        touched = np.zeros(len(cut))
+        touched[cut.inner] = self.seen.touched
+        return touched
+
+    def alone(self, part: int) -> PushedStreams:
+        """One part with what touches it, as an object of its own."""
+        contacts = {}
+        for name, contact in self.streams.contacts.items():
+            touches = np.interp(contact.time, self.intervals.time, self.touched) > 0.5
+            kept = touches == (part == 1)
+            force = np.where(kept[:, None], contact.force, 0.0)
+            contacts[name] = replace(contact, force=force)
+        heights = self.streams.com_height, self.streams.com_height_std
+        own = [(h[part],) if h is not None else None for h in heights]
+        return replace(
+            self.streams,
+            links=(self.streams.links[part],),
+            contacts=contacts,
+            com_height=own[0],
+            com_height_std=own[1],
+        )
