@@ -39,7 +39,7 @@ std."""
 _LEAST_COUNT = 0.5
 """Share of the hypotheses that must go on counting after a step. What a measurement says beyond is
 left out: with a tenth of them their covariance would be of ten points."""
-_NOISE = (2e-5, 2e-5, 4e-4, 1e-3, 1e-3, 2e-2)
+_NOISE = (5e-5, 5e-5, 4e-4, 1e-3, 1e-3, 2e-2)
 """Standard deviation that a step of 10 ms adds to x, y, yaw and their rates: what the mechanics
 miss of a link (m, rad, m/s, rad/s). At a tenth poses lag behind pushes whose contact point is off
 by 0.3 mm; at ten times forces tell nothing, since each follows from a change of velocity."""
@@ -50,6 +50,10 @@ as they push it. At 0 the filter explains turns of fast impacts by a slippery ti
 _FADING, _FADES = ("ln_tip_friction",), 0.5
 """Parameters that return to what is known beforehand, and within which time of touch, s: they
 differ from touch to touch, and a wrong one makes every push slide."""
+_RESTING = (2e-5, 2e-5, 2e-4)
+"""Standard deviation that a step adds to the pose of an object that stands, m and rad: with poses
+of 0.5 mm it is then known to 0.1 mm. A tenth would keep the error with which a push ended for
+seconds."""
 _STANDING = (1e-3, 1e-3, 1e-2)
 """Standard deviation of the rates of an object that nothing touches and that has stopped, m/s and
 rad/s; it is taken to stand still."""
@@ -59,8 +63,8 @@ rad/s; it is taken to stand still."""
 class DualConfig:
     """How many hypotheses there are, and what tables are like."""
 
-    hypotheses: int = parameter(60, "of parameters, weighted at each step; even", "", 20, 2000)
-    motions: int = parameter(40, "of state and local friction at each step; even", "", 20, 2000)
+    hypotheses: int = parameter(50, "of parameters, weighted at each step; even", "", 20, 2000)
+    motions: int = parameter(30, "of state and local friction at each step; even", "", 20, 2000)
     variation: float = parameter(
         0.08, "standard deviation of friction from place to place, over its mean", "", 0.0, 0.5
     )
@@ -234,7 +238,7 @@ class DualFilter:
     def _noise_rows(self, motion: PusherMotion | None, seen: Observation, memory: float) -> Array:
         """Rows (q, n + m) of independent noise that a step adds."""
         if motion is None:
-            noise = np.tile([1e-6, 1e-6, 1e-6, *_STANDING], self.process.links)
+            noise = np.tile([*_RESTING, *_STANDING], self.process.links)
         else:
             shaken = _SHAKEN * float(np.linalg.norm(seen.slack)) * _RATES
             noise = np.hypot(np.array(_NOISE) * np.sqrt(motion.step / 0.01), shaken)

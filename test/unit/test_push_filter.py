@@ -1,0 +1,257 @@
+"""The dual filter of pushed objects: its algebra, the patch process, and a push step by step."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from tactile_dynamics_ros.core.planar.filter import dual
+from tactile_dynamics_ros.core.planar.filter.belief import joined, root_of, slope_of, unit_points
+from tactile_dynamics_ros.core.planar.filter.observation import (
+    FeltWrench,
+    Observation,
+    SeenPose,
+)
+from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess
+from tactile_dynamics_ros.core.planar.filter.process import Prediction, PusherMotion
+from tactile_dynamics_ros.core.planar.filter.tracker import Felt, PushTracker
+from tactile_dynamics_ros.synthetic import pushed
+from tactile_dynamics_ros.synthetic.pushed.actions import ActionOptions
+
+BLOCK = np.array([[-0.05, -0.03], [0.05, -0.03], [0.05, 0.03], [-0.05, 0.03]])
+KNOWN = np.array([np.log(0.3), 0.0, 0.0, 0.0, np.log(0.4)])
+"""0.3 kg of product, 1 kg, centred."""
+
+
+@dataclass(frozen=True)
+class Linear:
+    """States that follow the first parameters, and a wrench that is linear in both."""
+
+    least: float = -np.inf
+    links: int = 1
+    names: tuple[str, ...] = ("ln_product", "ln_mass", "com_x", "com_y")
+    by_own = np.array([[0.3, 0.0, 0.1, 0.0], [0.0, 0.2, 0.0, 0.4], [0.0, 0.0, 0.0, 0.0]])
+
+    @property
+    def prior(self):
+        """Mean and a covariance with a correlation."""
+        root = np.diag([0.5, 0.3, 0.2, 0.4])
+        root[1, 0] = 0.2
+        return np.array([0.1, -0.2, 0.0, 0.1]), root @ root.T
+
+    def feasible(self, parameters):
+        """Centres on one side only."""
+        return parameters[:, 2] > self.least
+
+    def predict(self, states, parameters, motion):
+        """Velocities become those of parameters and half of their own."""
+        moved = states.copy()
+        moved[:, :3] += motion.step * states[:, 3:]
+        moved[:, 3:] = 0.5 * states[:, 3:] + parameters @ self.by_own.T
+        return Prediction(moved, parameters @ self.by_own.T + 0.7 * states[:, 3:])
+
+
+STILL = PusherMotion(np.zeros(3), np.zeros(3), 0.01, touching=True)
+
+
+def linear_filter(process, **config):
+    settings = dual.DualConfig(**{"variation": 1e-6, "hypotheses": 1000, **config})
+    return dual.DualFilter(process, np.zeros(3), np.array([1e-3, 2e-3, 0.01]), settings)
+
+
+def test_points_have_exactly_the_moments_of_the_belief():
+    points = unit_points(60, 7, np.random.default_rng(0))
+    assert_allclose(points.mean(axis=0), 0.0, atol=1e-12)
+    assert_allclose(points.T @ points / 60, np.eye(7), atol=1e-12)
+
+
+def test_a_joint_is_rebuilt_from_marginal_and_conditional():
+    rng = np.random.default_rng(1)
+    covariance = root_of(rng.normal(size=(9, 5)))
+    own, slope = covariance[:2, :2], slope_of(covariance[2:, :2], covariance[:2, :2])
+    belief = joined((np.zeros(2), own), slope, (np.zeros(3), covariance[2:, 2:]))
+    assert_allclose(belief.covariance, covariance @ covariance.T, atol=1e-12)
+
+
+def test_weighted_moments_keep_the_spread_of_all_that_counts_alike():
+    points = unit_points(60, 3, np.random.default_rng(2)) * [0.1, 2.0, 5.0] + 1.0
+    mean, root = dual.weighted_moments(points, np.full(60, 1.0 / 60.0))
+    assert_allclose(mean, 1.0, atol=1e-12)
+    assert_allclose(root @ root.T, np.diag([0.01, 4.0, 25.0]), atol=1e-9)
+
+
+def test_a_measurement_beyond_what_hypotheses_can_say_is_left_out_in_part():
+    spread = np.linspace(-1.0, 1.0, 60)
+    weights, kept = dual.tempered_weights(-0.5 * (spread / 1e-3) ** 2)
+    assert 1.0 / np.sum(weights**2) == pytest.approx(30.0, rel=0.02)
+    assert kept < 1e-3
+    assert dual.tempered_weights(-0.5 * spread**2)[1] == 1.0
+
+
+def test_both_steps_together_are_the_exact_update_of_a_linear_model(monkeypatch):
+    monkeypatch.setattr(dual, "_TRUST", 1.0)
+    process = Linear()
+    found = linear_filter(process)
+    mean, covariance = found.belief.mean.copy(), found.belief.covariance
+    seen = Observation(
+        (SeenPose(np.array([2e-4, 1e-3, 0.0]), np.array([1e-3, 1e-3, 5e-3]), 0.004),),
+        FeltWrench(np.array([0.05, 0.02, 0.01]), np.array([0.3, 0.2, 0.5])),
+    )
+    found.step(STILL, seen)
+    by = np.zeros((13, 13))
+    by[:4, :4], by[10:, 10:] = np.eye(4), np.eye(3)
+    by[4:7, 4:7], by[4:7, 7:10], by[7:10, 7:10] = np.eye(3), 0.01 * np.eye(3), 0.5 * np.eye(3)
+    by[7:10, :4] = process.by_own
+    noise = np.zeros((13, 13))
+    noise[4:10, 4:10] = np.diag(np.square(dual._NOISE))
+    by_seen = np.zeros((6, 13))
+    by_seen[:3, 4:7], by_seen[:3, 7:10] = np.eye(3), -0.004 * np.eye(3)
+    felt = np.zeros((3, 13))
+    felt[:, :4], felt[:, 7:10] = process.by_own, 0.7 * np.eye(3)
+    rows = np.concatenate([by_seen[:3] @ by, felt])
+    extra = by_seen @ noise @ by_seen.T
+    total = rows @ covariance @ rows.T + extra + np.diag(seen.std**2)
+    cross = by @ covariance @ rows.T + noise @ by_seen.T
+    gain = cross @ np.linalg.inv(total)
+    expected = by @ mean + gain @ (seen.value - rows @ mean)
+    spread = by @ covariance @ by.T + noise - gain @ total @ gain.T
+    std = np.sqrt(np.diag(spread))[:10]
+    assert_allclose(found.belief.mean[:10], expected[:10], atol=0.12 * std.max())
+    assert np.all(np.abs(found.belief.mean[:10] - expected[:10]) < 0.12 * std)
+    assert_allclose(found.belief.std[:10], std, rtol=0.1)
+
+
+def test_impossible_hypotheses_are_kept_so_that_the_belief_does_not_shrink():
+    free, bounded = linear_filter(Linear()), linear_filter(Linear(least=-0.1))
+    for each in (free, bounded):
+        each.step(STILL, Observation())
+    assert_allclose(bounded.belief.std, free.belief.std, rtol=1e-6)
+    unit = unit_points(60, 13, np.random.default_rng(4))
+    assert 0.5 < np.mean(Linear(least=-0.1).feasible(free.belief.points(unit))) < 0.9
+
+
+def pushed_by(process, at, way, parameters, steps=60, **motion):
+    """Push a block for a while; return the last prediction."""
+    states = np.zeros((1, 6))
+    for k in range(steps):
+        before, after = (np.array([*at, 0.0]) + (k + i) * np.array([*way, 0.0]) for i in (0, 1))
+        given = {"touching": True, "normal": np.array([1.0, 0.0]), **motion}
+        found = process.predict(
+            states, parameters[None], PusherMotion(before, after, 0.01, **given)
+        )
+        states = found.states
+    return found
+
+
+def test_a_steady_push_through_the_centre_takes_the_friction_force():
+    found = pushed_by(PatchProcess(BLOCK), [-0.05, 0.0], [3e-4, 0.0], KNOWN)
+    assert_allclose(found.wrench[0], [0.3 * 9.81, 0.0, 0.0], atol=1e-3)
+    assert_allclose(found.states[0, 3:], [0.03, 0.0, 0.0], atol=1e-4)
+
+
+def test_a_lift_takes_load_off_the_support():
+    lifted = pushed_by(PatchProcess(BLOCK), [-0.05, 0.0], [3e-4, 0.0], KNOWN, lift=0.981)
+    assert_allclose(lifted.wrench[0, 0], 0.9 * 0.3 * 9.81, rtol=1e-3)
+
+
+def test_a_tip_that_slides_pushes_along_the_edge_of_its_cone():
+    found = pushed_by(PatchProcess(BLOCK), [-0.05, 0.0], [1e-4, 3e-4], KNOWN, steps=8)
+    assert found.wrench[0, 1] / found.wrench[0, 0] == pytest.approx(0.4, rel=1e-3)
+    assert found.states[0, 3] == pytest.approx(0.01, rel=0.2)
+
+
+def test_without_touch_the_object_stops_as_friction_says():
+    states = np.array([[0.0, 0.0, 0.0, 0.1, 0.0, 0.0]])
+    away = PusherMotion(np.zeros(3), np.zeros(3), 0.01, touching=False)
+    found = PatchProcess(BLOCK).predict(states, KNOWN[None], away)
+    assert found.states[0, 3] == pytest.approx(0.1 - 0.01 * 0.3 * 9.81, rel=0.02)
+    assert not found.wrench.any()
+
+
+def test_where_nothing_is_felt_the_outline_decides():
+    away = pushed_by(PatchProcess(BLOCK), [-0.07, 0.0], [3e-4, 0.0], KNOWN, 20, touching=None)
+    assert not away.wrench.any()
+    reached = pushed_by(PatchProcess(BLOCK), [-0.06, 0.0], [3e-4, 0.0], KNOWN, 60, touching=None)
+    assert reached.wrench[0, 0] == pytest.approx(0.3 * 9.81, rel=0.01)
+
+
+def test_a_grip_takes_the_object_along():
+    found = PatchProcess(BLOCK).predict(
+        np.zeros((1, 6)),
+        KNOWN[None],
+        PusherMotion(np.zeros(3), np.array([1e-4, 0.0, 2e-3]), 0.01, grip=True, touching=True),
+    )
+    assert_allclose(found.states[0, 3:], [0.01, 0.0, 0.2], atol=2e-3)
+
+
+@pytest.fixture(scope="module")
+def recording():
+    """One object pushed once, with the truth."""
+    actions = ActionOptions(count=1, speed=(0.08, 0.1), pauses=0)
+    return pushed.generate([612], {}, pushed.PushOptions(actions=actions))[0]
+
+
+def play(recording, drop=lambda kind, time: False, until=np.inf):
+    """Feed a tracker as measurements would come."""
+    link, contact = recording.streams.links[0], recording.streams.contacts["pusher"]
+    motion, height = recording.motion, recording.truth()["push_height"]
+    tracker = PushTracker(PatchProcess(link.footprint))
+    rows = [(t, "pose", k) for k, t in enumerate(link.time)]
+    rows += [(t, "force", k) for k, t in enumerate(contact.time)]
+    rows += [(t, "pusher", 0) for t in np.arange(motion.time[0], motion.time[-1], 0.01)]
+    yaw = np.unwrap(motion.pusher[:, 2])
+    columns = [motion.pusher[:, 0], motion.pusher[:, 1], np.full(len(yaw), height), yaw]
+    for time, kind, k in sorted(rows):
+        if drop(kind, time) or time > until:
+            continue
+        if kind == "pose":
+            tracker.add_pose(time, link.pose[k], link.pose_std)
+        elif kind == "pusher":
+            place = [np.interp(time, motion.time, column) for column in columns]
+            tracker.add_pusher(time, np.array(place))
+        else:
+            tracker.add_contact(
+                Felt("pusher", time, contact.force[k], contact.force_std, contact.point[k],
+                     contact.normal[k])
+            )  # fmt: skip
+        tracker.advance(time - 0.02)
+    return tracker
+
+
+def check_friction(tracker, recording):
+    truth = recording.truth()["links"][0]
+    mean, covariance = tracker.filter.parameters
+    off = mean[0] - np.log(truth["mass"] * truth["friction"])
+    std = np.sqrt(covariance[0, 0])
+    assert std < 0.12
+    assert abs(off) < 3.0 * std
+    return std
+
+
+def test_pushes_tell_the_friction_and_the_pose_is_followed(recording):
+    tracker = play(recording)
+    check_friction(tracker, recording)
+    motion = recording.motion
+    k = int(np.searchsorted(motion.time, tracker.time))
+    state, covariance = tracker.filter.state
+    truth = np.array([*motion.origin[k, 0], motion.angle[k, 0]])
+    std = np.sqrt(np.diag(covariance))[:3]
+    assert np.all(np.abs(state[:3] - truth) < 4.0 * std)
+    assert std[0] < 2.5e-4  # poses of 0.5 mm, many
+
+
+def test_messages_that_drop_out_cost_precision_only(recording):
+    rng = np.random.default_rng(3)
+
+    def drop(kind, time):
+        return kind != "pusher" and (rng.uniform() < 0.3 or (kind == "pose" and 1.0 < time < 1.2))
+
+    check_friction(play(recording, drop), recording)
+
+
+def test_a_touch_without_the_pusher_is_counted_and_teaches_nothing(recording):
+    tracker = play(recording, lambda kind, time: kind == "pusher", until=1.5)
+    assert tracker.problems["pusher_missing"] > 10
+    before = PatchProcess(recording.streams.links[0].footprint).prior
+    assert_allclose(tracker.filter.parameters[1][:4, :4], before[1][:4, :4], atol=1e-9)
