@@ -76,7 +76,7 @@ class Stage:
             note: gets all readings.
         """
         while controller.outcome is None:
-            way = controller.way_left
+            way = controller.skip_way()
             if way is not None:
                 end, duration = way
                 self.table.pusher.place(end)

@@ -26,6 +26,9 @@ Array = NDArray[np.float64]
 
 CHOOSERS = ("gain", "uniform", "random")
 """Ways to choose: by expected gain, round the object in equal steps, by chance."""
+_STANDS, _LOOKED_BACK = 0.9, 2
+"""Ratio to which the last so many pushes have to narrow something that is wanted narrower; else
+pushing on is no use, whatever is expected. Nearer to 1 a budget is spent on hopeless masses."""
 _CORNER = 0.012
 """m from a corner within which no push begins: a tip of 6 mm radius would slip off."""
 
@@ -118,6 +121,7 @@ class Explorer:
         self.thing, self.config = thing, config or ExploreConfig()
         self.sensing, self.room, self.tip_radius = sensing, room, tip_radius
         self.count = 0
+        self._stds: list[Array] = []
         self._rng = np.random.default_rng([self.config.seed, 47])
         self._angle = self._rng.uniform(0.0, 2.0 * np.pi)
 
@@ -129,6 +133,13 @@ class Explorer:
         if self.count >= self.config.budget:
             return f"{self.count} pushes were made; still wider than wanted: {', '.join(lacking)}"
         return ""
+
+    def _stands(self, belief: Belief) -> bool:
+        """Whether pushes have ceased to narrow what is wider than wanted."""
+        if self.count < self.config.least + _LOOKED_BACK or len(self._stds) <= _LOOKED_BACK:
+            return False
+        wide = belief.std > self.config.wanted
+        return bool(np.all(belief.std[wide] > _STANDS * self._stds[-1 - _LOOKED_BACK][wide]))
 
     def lacking(self, belief: Belief) -> list[str]:
         """Names of parameters that are wider than wanted."""
@@ -145,6 +156,12 @@ class Explorer:
         reason = self.reason_to_stop(belief)
         if reason:
             return reason
+        self._stds.append(belief.std)
+        if self._stands(belief):
+            names = ", ".join(self.lacking(belief))
+            return (
+                f"the last {_LOOKED_BACK} pushes hardly narrowed what is wanted narrower: {names}"
+            )
         candidates = [c for c in self._candidates() if self._fits(c, pose)]
         if not candidates:
             return "no push keeps tip and object where the arm may be"

@@ -27,11 +27,12 @@ differences, above five times that they are no longer slopes."""
 _HEIGHT_STEP, _PLACE_STEP = 1e-3, 5e-4
 """m, steps of the differences by height and place of the push: what is uncertain of them; larger
 ones would leave the outline's edge near corners."""
-_VARIANTS = 7
-"""Simulations of each candidate: as believed, four parameters, height and place of the push."""
-_STIFFNESS = 4000.0
-"""N/m of the tip in these simulations: softer than real ones (20 000), so that steps of 5 ms follow
-impacts; forces after 30 ms differ by less than 1 %."""
+_VARIANTS = 9
+"""Simulations of each candidate: as believed, four parameters, height and place of the push,
+stiffness of the tip, height of the centre of mass."""
+_STIFFNESS, _STIFFER = 1e4, 0.2
+"""N/m of the tip in these simulations, half of real ones so that steps of 5 ms follow impacts, and
+the step of its logarithm. If it were known, the ringing after contact would tell the mass."""
 
 _SLIDING = 0.015
 """m/s, speed below which forces are not counted: feet stick and creep there, and estimators leave
@@ -50,9 +51,12 @@ class SensingConfig:
     turn_std: float = parameter(4e-3, "of the angle", "rad", 1e-6, 1.0)
     pose_rate_hz: float = parameter(30.0, "of poses", "Hz", 0.1, 1000.0)
     variation: float = parameter(0.08, "of friction from push to push, over its mean", "", 0.0, 1.0)
-    local: float = parameter(0.03, "of friction within a push, per sample", "", 0.0, 1.0)
+    local: float = parameter(0.08, "of friction from place to place, over its mean", "", 0.0, 1.0)
+    place: float = parameter(0.015, "way over which friction changes", "m", 1e-3, 1.0)
     height_std: float = parameter(0.002, "of the height of the push", "m", 0.0, 0.1)
     point_std: float = parameter(5e-4, "of the contact along the outline", "m", 0.0, 0.1)
+    stiffness: float = parameter(0.5, "relative std of the tip's stiffness", "", 0.0, 10.0)
+    com_height_std: float = parameter(0.003, "of the centre of mass's height", "m", 0.0, 0.1)
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -128,7 +132,9 @@ def informations(
 ) -> Array:
     """Fisher information (N, 4, 4) of each candidate about the parameters.
 
-    Unknown friction of this push, its height and its place on the outline are marginalised:
+    Unknown are also friction of this push and of each place on its way, its height and its place
+    on the outline, the stiffness of the tip and the height of the centre of mass; they are
+    marginalised:
     F = J' W J - J' W K (K' W K + prior)^-1 K' W J.
 
     Args:
@@ -138,9 +144,13 @@ def informations(
         sensing: what is measured.
     """
     sensing = sensing or SensingConfig()
-    slopes, weights = _slopes(thing, belief, candidates, sensing)
-    known, nuisance = slopes[..., :4], slopes[..., [0, 4, 5]]
-    unsure = np.array([sensing.variation, sensing.height_std, sensing.point_std])
+    slopes, weights, places = _slopes(thing, belief, candidates, sensing)
+    known = slopes[..., :4]
+    nuisance = np.concatenate([slopes[..., [0, 4, 5, 6, 7]], slopes[..., :1] * places], axis=2)
+    each = np.full(places.shape[2], sensing.local)
+    lasting = [sensing.variation, sensing.height_std, sensing.point_std]
+    lasting += [sensing.stiffness, sensing.com_height_std]
+    unsure = np.array([*lasting, *each])
     prior = np.diag(np.maximum(unsure, 1e-6) ** -2)
     weighted = weights[..., None] * known
     information = known.swapaxes(1, 2) @ weighted
@@ -172,10 +182,11 @@ def _slopes(
     belief: Belief,
     candidates: Sequence[Candidate],
     sensing: SensingConfig,
-) -> tuple[Array, Array]:
-    """Sensitivities (N, M, 6) of M measurements, and weights (N, M).
+) -> tuple[Array, Array, Array]:
+    """Sensitivities (N, M, 8) of M measurements, weights (N, M), places (N, M, K).
 
-    By the parameters, then by height and place of the push.
+    By the parameters, then by what else is unknown. Places are 1 where the tip is in the
+    k-th part of its way, else 0.
     """
     motion = _simulated(thing, belief, candidates)
     count, step = len(candidates), float(motion.time[1])
@@ -185,18 +196,26 @@ def _slopes(
     )
     force, pose = motion.wrench[:, forces, :2], motion.pose[:, poses, 0]
     base = force[::_VARIANTS]
-    size = np.linalg.norm(base, axis=2, keepdims=True)
-    noise = np.sqrt(sensing.force_std**2 + np.square(sensing.local * size))
-    noise = np.where(_slides(motion.twist[::_VARIANTS, forces, 0], thing), noise, _NO_USE)
+    slides = _slides(motion.twist[::_VARIANTS, forces, 0], thing)
+    noise = np.where(slides, sensing.force_std, _NO_USE)
     noise = np.broadcast_to(noise, base.shape).reshape(count, -1)
     std_pose = np.array([sensing.pose_std, sensing.pose_std, sensing.turn_std])
     stds = np.broadcast_to(std_pose, (count, *pose.shape[1:])).reshape(count, -1)
     runs = count * _VARIANTS
     rows = np.concatenate([force.reshape(runs, -1), pose.reshape(runs, -1)], axis=1)
     rows = rows.reshape(count, _VARIANTS, -1)
-    steps = np.array([*_STEPS, _HEIGHT_STEP, _PLACE_STEP])
+    steps = np.array([*_STEPS, _HEIGHT_STEP, _PLACE_STEP, _STIFFER, _HEIGHT_STEP])
     slopes = (rows[:, 1:] - rows[:, :1]).swapaxes(1, 2) / steps
-    return slopes, np.concatenate([noise, stds], axis=1) ** -2.0
+    weights = np.concatenate([noise, stds], axis=1) ** -2.0
+    way = np.linalg.norm(
+        motion.point[::_VARIANTS, :, :2] - motion.point[::_VARIANTS, :1, :2], axis=2
+    )
+    at = np.concatenate(
+        [np.repeat(way[:, forces], 2, axis=1), np.repeat(way[:, poses], 3, axis=1)], 1
+    )
+    parts = np.arange(int(np.ceil(candidates[0].length / sensing.place)))
+    inside = np.floor(at[..., None] / sensing.place) == parts
+    return slopes, weights, inside.astype(float)
 
 
 def _simulated(thing: PredictedObject, belief: Belief, candidates: Sequence[Candidate]) -> Motion:
@@ -206,6 +225,10 @@ def _simulated(thing: PredictedObject, belief: Belief, candidates: Sequence[Cand
     variants[1:5] += np.diag(_STEPS)
     heights = np.full(_VARIANTS, thing.push_height)
     heights[5] += _HEIGHT_STEP
+    stiffness = np.full(_VARIANTS, _STIFFNESS)
+    stiffness[7] *= np.exp(_STIFFER)
+    com_height = np.full(_VARIANTS, thing.com_height)
+    com_height[8] += _HEIGHT_STEP
     config = StepConfig(step=5e-3, rounds=3)
     paths = np.repeat(np.stack([_path(c, config.step) for c in candidates]), _VARIANTS, axis=0)
     tangents = np.array([[-c.normal[1], c.normal[0]] for c in candidates])
@@ -214,9 +237,9 @@ def _simulated(thing: PredictedObject, belief: Belief, candidates: Sequence[Cand
         thing.outline,
         np.tile(heights, count),
         np.full(_VARIANTS * count, thing.tip_friction),
-        stiffness=_STIFFNESS,
+        stiffness=np.tile(stiffness, count),
     )
-    linkage = _linkage(thing, np.tile(variants, (count, 1)))
+    linkage = _linkage(thing, np.tile(variants, (count, 1)), np.tile(com_height, count))
     return simulate(linkage, tip, np.zeros((_VARIANTS * count, 1, 3)), paths, config)
 
 
@@ -227,8 +250,8 @@ def _slides(twist: Array, thing: PredictedObject) -> Array:
     return np.asarray(speed > _SLIDING)[..., None]
 
 
-def _linkage(thing: PredictedObject, parameters: Array) -> Linkage:
-    """Objects with parameters (B, 4)."""
+def _linkage(thing: PredictedObject, parameters: Array, com_height: Array) -> Linkage:
+    """Objects with parameters (B, 4) and heights (B,) of the centre of mass, m."""
     patch = SupportPatch(thing.outline, thing.points)
     count, mass = len(parameters), np.exp(parameters[:, 1])
     offset = parameters[:, 2:] - patch.centroid
@@ -240,7 +263,7 @@ def _linkage(thing: PredictedObject, parameters: Array) -> Linkage:
                 mass,
                 np.exp(parameters[:, 0]) / mass,
                 parameters[:, 2:],
-                np.full(count, thing.com_height),
+                com_height,
                 inertia,
                 np.ones(count),
             ),

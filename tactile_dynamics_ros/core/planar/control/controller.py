@@ -19,7 +19,7 @@ from tactile_dynamics_ros.core.planar.actions.straight import (
     way_there,
 )
 from tactile_dynamics_ros.core.planar.control.guard import Guard, GuardConfig, Seen, miss
-from tactile_dynamics_ros.core.planar.control.performance import WayConfig
+from tactile_dynamics_ros.core.planar.control.performance import Clock, WayConfig
 from tactile_dynamics_ros.core.planar.control.plan import Push
 
 Array = NDArray[np.float64]
@@ -134,7 +134,7 @@ class PushController:
         self._began: float | None = None
         self._looks: deque[Array] = deque(maxlen=_LOOKS)
         self._look_time = -np.inf
-        self._way, self._way_began = StraightAction(()), 0.0
+        self._way, self._clock = StraightAction(()), Clock()
         self._best, self._idle = np.inf, 0
         self._touched = False
         self._target: Array | None = None
@@ -156,14 +156,14 @@ class PushController:
         self._target = self._leave(seen) if step is None else step(seen)
         return self._target
 
-    @property
-    def way_left(self) -> tuple[Array, float] | None:
-        """Where (4,) the way through the air ends and in how many s; None while something is near.
+    def skip_way(self) -> tuple[Array, float] | None:
+        """Skip the way through the air that begins: return its end (4,) and how many s it takes.
 
-        Simulations skip it.
+        None while the tip is not on such a way. For simulations in which nothing happens there.
         """
-        if self.phase != "go" or not self._way.legs:
+        if self.phase != "go" or self._clock.time >= self._way.duration:
             return None
+        self._clock.time = self._way.duration
         return self._way.frame(np.inf), self._way.duration
 
     def stop(self, seen: Seen, why: str) -> None:
@@ -226,11 +226,12 @@ class PushController:
         self._walk(seen, way_there(seen.tip, push.start, self.straight, self.support, seen.tip[3]))
 
     def _walk(self, seen: Seen, legs: Sequence[Leg]) -> None:
-        self._way, self._way_began = StraightAction(tuple(legs)), seen.time
+        self._way, self._clock = StraightAction(tuple(legs)), Clock()
+        self._clock.advance(seen.time)
 
     def _follow(self, seen: Seen, then: str) -> Array:
         """Go along the way; the next phase begins at its end."""
-        time = seen.time - self._way_began
+        time = self._clock.advance(seen.time)
         if time >= self._way.duration:
             self.phase = then
         return self._way.frame(time)

@@ -22,6 +22,10 @@ Array = NDArray[np.float64]
 _SETTLING = 0.3
 """s after the last target before an action counts as done: twice the delay of an arm."""
 
+_MOST_STEP = 0.04
+"""s by which a motion goes on from one pose of the tip to the next: four periods of 100 Hz, 12 mm
+of travel. Longer gaps between poses make the motion wait instead of leap."""
+
 
 @dataclass(frozen=True)
 class WayConfig(StraightConfig):
@@ -31,6 +35,24 @@ class WayConfig(StraightConfig):
     clearance: float = parameter(0.2, "height above the support on the way there", "m", 0.01, 1.0)
     travel_speed: float = parameter(0.3, "on the way there and back", "m/s", 1e-3, 1.0)
     hold: float = parameter(0.1, "rest before and after the push", "s", 0.0, 10.0)
+
+
+class Clock:
+    """Time of a motion, which never leaps: where poses come late the motion waits.
+
+    An arm goes straight to its newest target; leaps would cut the corners of the way.
+    """
+
+    def __init__(self) -> None:
+        self._last: float | None = None
+        self.time = 0.0
+
+    def advance(self, now: float) -> float:
+        """Return the time since the first call, s, less what leaps took."""
+        if self._last is not None:
+            self.time += min(max(now - self._last, 0.0), _MOST_STEP)
+        self._last = now
+        return self.time
 
 
 class Performance:
@@ -47,14 +69,13 @@ class Performance:
     def __init__(self, action: StraightAction, guard: Guard) -> None:
         self.finished, self.why = False, ""
         self._action, self._guard = action, guard
-        self._began: float | None = None
+        self._clock = Clock()
         self._target: Array | None = None
 
     def advance(self, seen: Seen) -> Array:
         """Return where the tip should be now, (4,)."""
-        self._began = seen.time if self._began is None else self._began
         self.why = self.why or self._guard.reason(seen, self._target)
-        time = seen.time - self._began
+        time = self._clock.advance(seen.time)
         self.finished = bool(self.why) or time > self._action.duration + _SETTLING
         if self.why:
             return seen.tip.copy()

@@ -65,14 +65,14 @@ class Tip:
         outline: (V, 2) m, link frame, convex.
         height: (B,) m.
         friction: (B,) coefficient between tip and object.
-        stiffness: N/m of tip and arm along each direction. damping: N s/m along the normal.
+        stiffness: N/m of tip and arm along each direction, or (B,). damping: N s/m along the normal.
         link: index of the link that it touches.
     """
 
     outline: Array
     height: Array
     friction: Array
-    stiffness: float = 2e4
+    stiffness: float | Array = 2e4
     damping: float = 20.0
     link: int = 0
 
@@ -109,7 +109,7 @@ class TipHold:
         self.limit = np.zeros(len(depth))
 
     @property
-    def _gains(self) -> tuple[float, float]:
+    def _gains(self) -> tuple[float | Array, float | Array]:
         return self.step * self.tip.stiffness + self.tip.damping, self.step * self.tip.stiffness
 
     def _forces(self, twist: Array) -> tuple[Array, Array]:
