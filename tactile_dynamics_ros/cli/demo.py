@@ -54,6 +54,11 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
     parser.add_argument(
         "--duration", type=float, metavar="S", help="of the motion (30; with --hidden 60)"
     )
+    parser.add_argument(
+        "--planar",
+        action="store_true",
+        help="push an object on a table instead: explore it, and bring it to a goal",
+    )
     parser.add_argument("--out", metavar="DIR", help="recording, report and logs; new directory")
     parser.add_argument(
         "--view", type=int, nargs="?", const=8080, metavar="PORT", help="live page in the browser"
@@ -67,12 +72,12 @@ def run(args: Namespace) -> int:
     require_simulator()
     if args.view:
         require_viser()
+    if args.planar:
+        return _run_planar(args)
     object_file(args.object)
     share_file(args.config)
     args.duration = args.duration or (30.0 if args.hidden == "none" else 60.0)
-    out = Path(args.out or f"out/demo-{datetime.now():%Y%m%d-%H%M%S}").absolute()
-    refuse_existing(out / "recording")
-    out.mkdir(parents=True, exist_ok=True)
+    out = _new_folder(args)
     say = _Speaker(quiet=args.json)
     with private_domain() as domain, StopRequest() as stop:
         from tactile_dynamics_ros.cli.demo_monitor import Monitor
@@ -103,6 +108,25 @@ def run(args: Namespace) -> int:
     if args.json:
         print(json.dumps(result))
     say(f"done in {result['wall_time_s']:.0f} s; open {result['report']}")
+    return 0
+
+
+def _new_folder(args: Namespace) -> Path:
+    """Return the folder of a run, made, with nothing recorded in it yet."""
+    out = Path(args.out or f"out/demo-{datetime.now():%Y%m%d-%H%M%S}").absolute()
+    refuse_existing(out / "recording")
+    out.mkdir(parents=True, exist_ok=True)
+    return out
+
+
+def _run_planar(args: Namespace) -> int:
+    """Play the story of an object on a table; 0 if it came to its end."""
+    from tactile_dynamics_ros.cli.demo_planar import play
+
+    told = play(args, _new_folder(args), _Speaker(quiet=args.json))
+    if args.json:
+        hidden = ("path", "history", "footprint", "goal_from")
+        print(json.dumps({key: value for key, value in told.items() if key not in hidden}))
     return 0
 
 

@@ -1,0 +1,188 @@
+"""The page of an exploration: pushes with their expected gain, estimates, the way to the goal."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.report.page import Page, Picture, Section, write_page
+from tactile_dynamics_ros.report.style import BLUE, ORANGE, house_style, new_figure
+
+Array = NDArray[np.float64]
+
+COMPARED = ("friction_force_n", "mass", "friction", "com_x", "com_y")
+UNITS = {"friction_force_n": "N", "mass": "kg", "friction": "", "com_x": "m", "com_y": "m"}
+INTERVAL = 1.645
+"""Standard deviations of half a 90 % interval."""
+
+
+def compare_properties(properties: dict[str, Any], truth: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return estimates beside the truth of the first link, with what is undetermined.
+
+    Args:
+        properties: links and undetermined, as `explore` tells them.
+        truth: as robot_sim reveals it.
+    """
+    if not properties["links"]:
+        return []
+    found, known = _flat(properties["links"][0]), truth["links"][0]
+    known = {**known, "com_x": known["com"][0], "com_y": known["com"][1]}
+    rows = []
+    for name in (name for name in COMPARED if name in found):
+        value, std = found[name]
+        rows.append(
+            {
+                "name": name,
+                "value": value,
+                "std": std,
+                "truth": known[name],
+                "inside_90": bool(abs(value - known[name]) <= INTERVAL * std),
+                "undetermined": name in properties["undetermined"],
+            }
+        )
+    return rows
+
+
+def _flat(link: dict[str, Any]) -> dict[str, tuple[float, float]]:
+    """Values and stds by name, the centre of mass by coordinate."""
+    flat = {name: (entry["value"], entry["std"]) for name, entry in link.items() if name != "com"}
+    if "com" in link:
+        for k, name in enumerate(("com_x", "com_y")):
+            flat[name] = link["com"]["value"][k], link["com"]["std"][k]
+    return flat
+
+
+def write_exploration(told: dict[str, Any], folder: Path) -> Path:
+    """Write report.html of an exploration and a push to a goal.
+
+    Args:
+        told: explored, pushed, goal, path, goal_from, footprint, history, compared, truth.
+        folder: where it goes.
+    """
+    pushed, explored = told["pushed"], told["explored"]
+    with house_style():
+        page = Page(
+            title="What was pushed about",
+            verdict=(
+                f"{len(explored['actions'])} pushes explored it ({explored['stopped_because']}); "
+                f"then {pushed['pushes']} pushes brought it within "
+                f"{1e3 * pushed['error_m']:.1f} mm and {np.rad2deg(pushed['error_rad']):.1f} deg "
+                "of the goal."
+            ),
+            good=bool(pushed["reached"]),
+            source=str(folder / "recording"),
+            command="tactile-dynamics demo --planar",
+            sections=[_actions(told), _estimates(told), _way(told)],
+        )
+        return write_page(page, folder)
+
+
+def _actions(told: dict[str, Any]) -> Section:
+    actions = told["explored"]["actions"]
+    rows = [
+        [
+            str(k),
+            f"{a['point'][0]:.3f}, {a['point'][1]:.3f}",
+            f"{a['speed']:g}",
+            f"{a['expected_gain']:.1f}",
+            a["chosen_because"],
+        ]
+        for k, a in enumerate(actions, 1)
+    ]
+    end = told["goal_from"]
+    figure = _map(told, told["path"][:end], actions)
+    picture = Picture("actions", figure, "outline and pushes", "Arrows are pushes, numbered.")
+    return Section(
+        "Pushes that were chosen",
+        [f"It stopped because: {told['explored']['stopped_because']}."],
+        [picture],
+        ["push", "at, m", "m/s", "expected gain, nats", "why"],
+        rows,
+    )
+
+
+def _estimates(told: dict[str, Any]) -> Section:
+    rows = [
+        [
+            row["name"],
+            f"{row['value']:.4g} ± {row['std']:.2g} {UNITS[row['name']]}",
+            f"{row['truth']:.4g}",
+            "undetermined" if row["undetermined"] else "yes" if row["inside_90"] else "no",
+        ]
+        for row in told["compared"]
+    ]
+    hidden = told["truth"]["hidden_effect"]["name"]
+    pictures = []
+    if told["history"]:
+        figure = _history(told)
+        pictures = [Picture("estimates", figure, "estimates over time", "Band: 90 %; line: truth.")]
+    return Section(
+        "What was found",
+        [f"Hidden effect of this run, revealed at the end: {hidden}."],
+        pictures,
+        ["quantity", "estimate", "truth", "truth inside 90 %"],
+        rows,
+    )
+
+
+def _way(told: dict[str, Any]) -> Section:
+    figure = _map(told, told["path"][told["goal_from"] :], [])
+    pushed = told["pushed"]
+    return Section(
+        "The way to the goal",
+        [
+            f"{pushed['pushes']} pushes in {pushed['duration_s']:.0f} s; it ended because: "
+            f"{pushed['stopped_because']}."
+        ],
+        [Picture("goal", figure, "path to the goal", "Blue: on the way; orange: the goal.")],
+    )
+
+
+def _map(told: dict[str, Any], path: list[list[float]], actions: list[dict[str, Any]]) -> Figure:
+    """Draw outlines along a path, with pushes or the goal."""
+    figure = new_figure(4.0, 5.0)
+    axes = figure.add_subplot()
+    outline, rows = np.array(told["footprint"]), np.array(path or told["path"][-1:])
+    for k in np.linspace(0, len(rows) - 1, 8).astype(int):
+        axes.plot(*_placed(outline, rows[k]).T, color=BLUE, alpha=0.4, linewidth=0.8)
+    axes.plot(rows[:, 0], rows[:, 1], color=BLUE, linewidth=0.8)
+    for k, action in enumerate(actions, 1):
+        x, y = action["point"]
+        way = 0.04 * np.array(action["direction"])
+        axes.annotate("", (x, y), (x - way[0], y - way[1]), arrowprops={"arrowstyle": "->"})
+        axes.text(x - way[0], y - way[1], str(k), color=ORANGE)
+    if not actions:
+        goal = np.array(told["goal"]) * [1.0, 1.0, np.pi / 180.0]
+        axes.plot(*_placed(outline, goal).T, color=ORANGE)
+    axes.set_aspect("equal")
+    axes.set_xlabel("x, m")
+    axes.set_ylabel("y, m")
+    return figure
+
+
+def _placed(outline: Array, pose: Array) -> Array:
+    cos, sin = np.cos(pose[2]), np.sin(pose[2])
+    closed = np.vstack([outline, outline[:1]])
+    return np.asarray(closed @ np.array([[cos, sin], [-sin, cos]]) + pose[:2])
+
+
+def _history(told: dict[str, Any]) -> Figure:
+    """Draw each quantity over time with its interval and the truth."""
+    truth = {row["name"]: row["truth"] for row in told["compared"]}
+    figure = new_figure(6.0, 5.5)
+    time = np.array([row["time"] for row in told["history"]])
+    for k, name in enumerate(truth):
+        axes = figure.add_subplot(len(truth), 1, k + 1)
+        value = np.array([row.get(name, np.nan) for row in told["history"]])
+        std = np.array([row.get(f"{name}_std", np.nan) for row in told["history"]])
+        axes.plot(time, value, color=BLUE)
+        low, high = value - INTERVAL * std, value + INTERVAL * std
+        axes.fill_between(time, low, high, color=BLUE, alpha=0.2)
+        axes.axhline(truth[name], color=ORANGE)
+        axes.set_ylabel(name, fontsize=7)
+    axes.set_xlabel("time, s")
+    return figure
