@@ -26,13 +26,13 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
         "--units", type=int, default=12000, help="simulated sensors per protocol (12000)"
     )
     parser.add_argument(
-        "--epochs", type=int, default=None, help="passes over the frames (biotac 11, pushing 60)"
+        "--epochs", type=int, default=None, help="passes over the frames (biotac 11, pushing 30)"
     )
     parser.add_argument("--out", metavar="FILE", help="where to write (the shipped file)")
     pushing = parser.add_argument_group("pushing")
     pushing.add_argument("--kind", choices=["graph", "graph_residual"], default="graph")
     pushing.add_argument("--setting", choices=["slow", "fast"], default="slow", help="15 Hz (slow)")
-    pushing.add_argument("--objects", type=int, default=320, help="simulated single objects (320)")
+    pushing.add_argument("--objects", type=int, default=640, help="simulated single objects (640)")
     pushing.add_argument("--width", type=int, default=64, help="hidden units (64)")
     pushing.add_argument("--keep", metavar="DIR", help="where an interrupted run goes on from")
     parser.set_defaults(run=run)
@@ -50,7 +50,7 @@ def run(args: Namespace) -> int:
     """Press, train, calibrate and write the weights."""
     require_extra("torch", "train", "training")
     if args.epochs is None:
-        args.epochs = 11 if args.what == "biotac" else 60
+        args.epochs = 11 if args.what == "biotac" else 30
     if args.what == "pushing":
         from tactile_dynamics_ros.cli import train_pushing
 
