@@ -59,17 +59,12 @@ def coloured_noise(rng: np.random.Generator, shape: tuple[int, int, int], colour
     scale = frequency ** (-0.5 * colour)
     parts = rng.standard_normal((2, count, size, len(frequency)))
     noise = np.fft.irfft((parts[0] + 1j * parts[1]) * scale, n=horizon, axis=-1)
-    sure = np.sqrt(np.sum(np.square(scale) * _weights(horizon))) * 2.0 / horizon
-    return np.asarray(noise.swapaxes(1, 2) / sure / np.sqrt(0.5))
-
-
-def _weights(horizon: int) -> Array:
-    """Share of each frequency's parts that a real signal keeps."""
-    weights = np.full(horizon // 2 + 1, 0.5)
-    weights[0] = 0.25
+    weights = np.full(len(frequency), 4.0)
+    weights[0] = 1.0
     if horizon % 2 == 0:
-        weights[-1] = 0.25
-    return weights
+        weights[-1] = 1.0
+    std = np.sqrt(weights @ np.square(scale)) / horizon
+    return np.asarray(noise.swapaxes(1, 2) / std)
 
 
 def cross_entropy(

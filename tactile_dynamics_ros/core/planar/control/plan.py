@@ -137,8 +137,8 @@ class PushPlanner:
         def cost(plans: Array) -> Array:
             return self._cost(plans, pose, (tip, normal))
 
-        std = 0.5 * self._std()
-        std[:, PLACE] = 0.3 * _STD[PLACE]
+        std = 0.9 * self._std()
+        std[:, PLACE] = 0.5 * _STD[PLACE]
         found = cross_entropy(cost, plan, std, self._rng, _NEAR)
         first = found.best[:1]
         direction = self._directions(first, normal[None])[0, 0]
