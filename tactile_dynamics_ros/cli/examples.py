@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 EXAMPLES: dict[str, tuple[str, ...]] = {
-    "demo": ("demo", "demo --object mug --seed 3 --view", "demo --hidden random --seed 11"),
+    "demo": (
+        "demo",
+        "demo --object mug --seed 3 --view",
+        "demo --hidden random --seed 11",
+        "demo --planar --object 121",
+    ),
     "run": ("run inertial_estimator --ros-args -r __ns:=/left",),
     "sim": ("sim --object box_0 --hidden viscous_drag",),
     "up": ("up", "up --simulate false --without friction_probe,vision_tracker"),
@@ -29,7 +34,8 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "completion": (
         "completion bash > ~/.local/share/bash-completion/completions/tactile-dynamics",
     ),
-    "push": ("push --from 0.5 -0.2 --to 0.5 0.1 --speed 0.05",),
+    "push": ("push --goal 0.5 0.1 0", "push --from 0.5 -0.2 --to 0.5 0.1 --speed 0.05"),
+    "explore": ("explore", "explore --json"),
 }
 """Arguments after `tactile-dynamics`, by verb."""
 
