@@ -36,6 +36,7 @@ PATIENCE = 120.0
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the section's options."""
     parser.add_argument("--live-objects", type=int, default=6, help="of one part, on each table")
+    parser.add_argument("--live-tables", nargs="+", choices=sorted(TABLES), default=[*TABLES])
     parser.add_argument("--live-first", type=int, default=FIRST, help="number of the first object")
 
 
@@ -43,11 +44,8 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     """Rows of each table."""
     count = 1 if options.quick else options.live_objects
     numbers = range(options.live_first, options.live_first + count)
-    tables = {"even": 0.0} if options.quick else TABLES
-    return {
-        name: [push_object(number, spread) for number in numbers]
-        for name, spread in tables.items()
-    }  # fmt: skip
+    chosen = ["even"] if options.quick else options.live_tables
+    return {name: [push_object(number, TABLES[name]) for number in numbers] for name in chosen}
 
 
 class Heard:

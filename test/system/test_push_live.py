@@ -5,11 +5,15 @@ import subprocess
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from std_msgs.msg import Bool
 
 from tactile_dynamics_ros.cli.supervisor import node_command, verb_command
+from tactile_dynamics_ros.cli.topics import call_trigger
 from tactile_dynamics_ros.recording.pushed import PushedRecording, recorded_model
+from tactile_dynamics_ros.ros.diagnostics import status_values
+from tactile_dynamics_ros.ros.names import REVEAL
 from tactile_dynamics_ros.ros.shell import LATCHED
 
 BLOCK = 121
@@ -40,9 +44,16 @@ def push(*words):
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
-def test_a_push_by_command_moves_the_object_and_its_recording_tells_the_friction(
-    table, listener, tmp_path
-):
+def told(listener):
+    """Newest status of property_estimator: texts by name of the status and key."""
+    statuses = listener.seen["/property_estimator/status"]
+    return {s.name: status_values(s) for s in statuses[-1].status} if statuses else {}
+
+
+def test_a_push_by_command_moves_the_object_and_the_friction_is_told(table, listener, tmp_path):
+    table.start("property_estimator", node_command("property_estimator", None, {}))
+    listener.follow(DiagnosticArray, "/property_estimator/status", latched=True)
+    listener.wait(lambda: told(listener), 60.0, "a status")
     record = table.start_verb("record", "record", str(tmp_path / "bag"))
     listener.wait(lambda: (tmp_path / "bag").exists(), 30.0, "a recording")
     before = listener.wait_for_new("/object/pose").pose.pose.position.x
@@ -62,6 +73,14 @@ def test_a_push_by_command_moves_the_object_and_its_recording_tells_the_friction
     assert len(touched) > 20
     assert np.median(contact.normal[:, 0]) > 0.9  # into the object
     assert np.median(touched[:, 0]) > 0.5
+    tried = ("fits", "refused")
+    listener.wait(lambda: {told(listener)["solver"][k] for k in tried} != {"0", ""}, 120.0, "a fit")
+    assert told(listener)["solver"]["source"] == "fit", told(listener)
+    truth = json.loads(call_trigger(listener.node, REVEAL, 30.0)[1])["objects"][0]["parts"][0]
+    link = told(listener)["link_1"]
+    force, std = float(link["friction_force_n"]), float(link["friction_force_n_std"])
+    assert force == pytest.approx(9.81 * truth["mass"] * truth["friction"], rel=0.03)
+    assert std < 0.1 * force
 
 
 def test_an_emergency_stop_ends_a_push_and_forbids_another(table, listener):

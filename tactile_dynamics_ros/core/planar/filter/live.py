@@ -123,9 +123,9 @@ class LiveProperties:
         """Take the filter's steps up to a time by which all measurements have come."""
         if self.tracker is None:
             return 0
-        start = clock.perf_counter()
+        start, touched = clock.perf_counter(), self.tracker.touched
         taken = self.tracker.advance(until)
-        if taken:
+        if self.tracker.touched > touched:
             self.durations.append((clock.perf_counter() - start) / taken)
         return taken
 
