@@ -13,7 +13,9 @@ if TYPE_CHECKING:
     from tactile_dynamics_ros.core.effects.effect import Effect
     from tactile_dynamics_ros.core.friction.discrepancy_model import FrictionModel
     from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
+    from tactile_dynamics_ros.core.planar.diagnosis.discrepancy_model import PushDiscrepancy
     from tactile_dynamics_ros.recording import Recording
+    from tactile_dynamics_ros.recording.pushed import PushedRecording
 
 
 @dataclass(frozen=True)
@@ -77,6 +79,23 @@ def question_friction(
     slips = tabulate_slips(read_slips(probe, namespace))
     model = FrictionModel.fit(slips, list(names))
     return Question(model, str(probe), lambda: _friction_error(model))
+
+
+def question_pushed(recording: PushedRecording, names: Sequence[str] = ()) -> Question:
+    """Fit mass, friction and centre of mass of a pushed object, with the named effects."""
+    from tactile_dynamics_ros.core.planar.diagnosis.discrepancy_model import PushDiscrepancy
+
+    model = PushDiscrepancy.of_streams(recording.streams, names)
+    return Question(model, recording.source, lambda: _push_error(model))
+
+
+def _push_error(model: PushDiscrepancy) -> dict[str, Any]:
+    lacking = model.lacking()
+    return {
+        "whitened_rms": float(np.sqrt(np.mean(model.residual**2))),
+        "force_rms_n": float(np.sqrt(np.mean(np.sum(lacking[:, :2] ** 2, axis=1)))),
+        "torque_rms_nm": float(np.sqrt(np.mean(lacking[:, 2] ** 2))),
+    }
 
 
 def _notes(fitted: FittedModel) -> list[str]:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from tactile_dynamics_ros.api.discrepancies import Comparison, Diagnosis, Discrepancy, Explanation
-from tactile_dynamics_ros.api.questions import Question, question_held
+from tactile_dynamics_ros.api.questions import Question, question_held, question_pushed
 from tactile_dynamics_ros.cli.friction_recording import (
     add_model_argument,
     ask_about_friction,
@@ -17,7 +17,10 @@ from tactile_dynamics_ros.cli.friction_recording import (
 )
 from tactile_dynamics_ros.cli.recordings import (
     add_recording_arguments,
+    model_of,
+    pushed_effects,
     read_effects,
+    read_pushed,
     read_recording,
 )
 
@@ -55,4 +58,7 @@ def _ask(args: Namespace) -> Question:
     """Fit the model that suits the recording."""
     if is_probe_recording(args):
         return ask_about_friction(args)
+    args.model = model_of(args)  # asked of the recording once
+    if args.model == "pushed":
+        return question_pushed(read_pushed(args), pushed_effects(args))
     return question_held(read_recording(args), read_effects(args))

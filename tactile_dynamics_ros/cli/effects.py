@@ -11,13 +11,17 @@ from tactile_dynamics_ros.cli.recordings import add_effect_file, read_effect_fil
 from tactile_dynamics_ros.core.errors import BadInputError, nearest
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from tactile_dynamics_ros.core.effects.catalogue import CatalogueEntry
+    from tactile_dynamics_ros.core.effects.registry import EffectRegistry
 
 _WIDTH = 96
 """Characters of a line of text, as in the documentation: it fits a terminal of 100."""
 _MODELS = {
     "held": "of an object that a hand holds",
     "friction": "of the friction of a probed surface",
+    "pushed": "of an object that is pushed or pulled on a support",
 }
 """Models that effects belong to, as `--model` of the other verbs has them."""
 _QUANTITY_NOTE = """\
@@ -68,12 +72,19 @@ def _entries(model: str, name: str | None) -> list[CatalogueEntry]:
     from tactile_dynamics_ros.core.effects.catalogue import describe_effect
     from tactile_dynamics_ros.core.effects.registry import HELD
     from tactile_dynamics_ros.core.friction.effects import FRICTION, describe_friction_effect
+    from tactile_dynamics_ros.core.planar.effects.effect import PUSHED, describe_pushed_effect
 
-    known = (HELD if model == "held" else FRICTION).names()
+    registries: dict[str, EffectRegistry[Any]] = {
+        registry.model: registry for registry in (HELD, FRICTION, PUSHED)
+    }
+    known = registries[model].names()
     labels = known if name is None else [name] * (name.partition(":")[0] in known)
-    if model == "held":
-        return [describe_effect(HELD.create(label)) for label in labels]
-    return [describe_friction_effect(label) for label in labels]
+    describe: dict[str, Callable[[str], CatalogueEntry]] = {
+        "held": lambda label: describe_effect(HELD.create(label)),
+        "friction": describe_friction_effect,
+        "pushed": describe_pushed_effect,
+    }
+    return [describe[model](label) for label in labels]
 
 
 def _unknown(name: str, models: list[str]) -> str:

@@ -11,19 +11,15 @@ from typing import TYPE_CHECKING, Any
 from tactile_dynamics_ros.cli.recordings import (
     add_recording_arguments,
     model_of,
+    pushed_effects,
     read_effects,
+    read_pushed,
     read_recording,
 )
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 
 if TYPE_CHECKING:
     from tactile_dynamics_ros.api.estimates import Estimate
-
-_HELD_ONLY = (
-    *("effects", "out", "export", "tool", "prior"),
-    *("save", "remap", "between", "assume", "world_frame"),
-)
-"""Options that mean nothing for an object on a support."""
 
 
 def add_parser(verbs: _SubParsersAction[Any]) -> None:
@@ -90,16 +86,11 @@ def _estimate_pushed(args: Namespace) -> int:
         NotIdentifiableError: the recording does not tell the friction force.
     """
     from tactile_dynamics_ros.core.planar.properties.estimate import estimate
-    from tactile_dynamics_ros.recording.pushed import PushedRecording
 
-    asked = [name for name in _HELD_ONLY if getattr(args, name)]
-    if asked or len(args.bag) > 1:
-        what = f"--{asked[0].replace('_', '-')}" if asked else "several recordings"
-        raise BadInputError(f"{what}: not for an object on a support; leave it out")
-    recording = PushedRecording.from_bag(args.bag[0])
-    for line in recording.problem_lines():
-        print(f"note: {line}", file=sys.stderr)
-    found = estimate(recording)
+    if args.out:
+        raise BadInputError("--out: a pushed object has no report here; ask `compare --out`")
+    recording = read_pushed(args)
+    found = estimate(recording, pushed_effects(args))
     print(json.dumps(found.to_document()) if args.json else "\n".join(found.lines()))
     if not found.is_answer:
         raise NotIdentifiableError("the friction force is undetermined; push further")

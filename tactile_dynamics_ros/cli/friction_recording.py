@@ -14,9 +14,10 @@ def add_model_argument(parser: ArgumentParser) -> None:
     """Add the choice between the models that a recording can be held against."""
     parser.add_argument(
         "--model",
-        choices=("auto", "held", "friction"),
+        choices=("auto", "held", "pushed", "friction"),
         default="auto",
-        help="rigid body in the hand, or Coulomb friction of a probe; auto: by the topics",
+        help="rigid body in the hand, object on a support, or Coulomb friction of a probe; auto: "
+        "by the topics",
     )
 
 

@@ -14,6 +14,7 @@ from tactile_dynamics_ros.core.errors import BadInputError
 if TYPE_CHECKING:
     from tactile_dynamics_ros.core.effects.effect import Effect
     from tactile_dynamics_ros.recording import Recording
+    from tactile_dynamics_ros.recording.pushed import PushedRecording
 
 
 _QUESTIONS = ("diagnose", "explain")
@@ -97,6 +98,33 @@ def model_of(args: Namespace) -> str:
     return recorded_model(first) if chosen == "auto" else chosen
 
 
+_HELD_ONLY = ("export", "tool", "prior", "save", "remap", "between", "assume", "world_frame")
+"""Options of the verbs that mean nothing for an object on a support."""
+
+
+def read_pushed(args: Namespace) -> PushedRecording:
+    """Read the recording of an object on a support; problems go to stderr, one line each.
+
+    Raises:
+        BadInputError: it cannot be read, or an option holds for held objects only.
+    """
+    from tactile_dynamics_ros.recording.pushed import PushedRecording
+
+    asked = [name for name in _HELD_ONLY if getattr(args, name, None)]
+    if asked or len(args.bag) > 1:
+        what = f"--{asked[0].replace('_', '-')}" if asked else "several recordings"
+        raise BadInputError(f"{what}: not for an object on a support; leave it out")
+    recording = PushedRecording.from_bag(args.bag[0])
+    for line in recording.problem_lines():
+        print(f"note: {line}", file=sys.stderr)
+    return recording
+
+
+def pushed_effects(args: Namespace) -> list[str]:
+    """Return the names of effects of a pushed object that the arguments name."""
+    return [name.strip() for name in args.effects.split(",") if name.strip()]
+
+
 def read_recording(args: Namespace) -> Recording:
     """Read the recordings that the arguments name; problems go to stderr, one line each.
 
@@ -114,7 +142,7 @@ def read_recording(args: Namespace) -> Recording:
         raise BadInputError(f"--between cuts one recording; {len(bags)} are given")
     if model_of(args) == "pushed":
         raise BadInputError(
-            f"{bags[0]}: an object on a support; only `tactile-dynamics estimate` answers for those"
+            f"{bags[0]}: an object on a support; ask estimate, compare, diagnose or explain"
         )
     recordings = [_read(bag, args) for bag in bags]
     recording = _part(recordings[0], *span) if span else Recording.join(recordings)

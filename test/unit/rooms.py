@@ -199,7 +199,7 @@ ROOMS = {
         ("core/discrepancy", "core/effects", "core/friction", "core/inertia")
         + (_INERTIA + "batch", _INERTIA + "diagnosis", _INERTIA + "excitation")
         + (_INERTIA + "residuals", "core/rigid_body", "core/shape")
-        + ("export", "recording", "report"),
+        + ("core/planar/diagnosis", "export", "recording", "report"),
     ),
     "ros": Room(
         "what nodes share: shell, wire, conversions, parameters, diagnostics",
@@ -246,6 +246,7 @@ ROOMS = {
             _INERTIA + "residuals",
             "core/manipulation",
             "core/planar/actions",
+            "core/planar/effects",
             "core/planar/network",
             "core/planar/properties",
             "core/rigid_body",

@@ -46,8 +46,14 @@ _OWN = 4
 """Common numbers that a fit at fixed whitening may change: product, mass and centre of mass. The
 others are known beforehand to within their priors, which is part of the whitening."""
 _LARGEST_GUESS = 1.5
-"""Largest start of an effect's parameter, in its prior's standard deviations: linear forms overshoot
-where an effect is large. At 3 some fits began where friction is negative."""
+"""Largest start of an effect's parameter, in standard deviations of its prior: linear forms
+overshoot where an effect is large. At 3 some fits began where friction is negative."""
+_OF_WHITENING = (
+    *("_sharp", "_rows", "_filter", "_lasting"),
+    *("_spread", "_at_fit", "_motion", "_friction"),
+)
+"""What is computed of the linearisation alone, and handed on to models at the same whitening; what
+is left out is computed again, at half a second each."""
 _STEP = 1e-3
 """Step of the difference quotient by an effect's parameters, in their prior's standard deviations:
 laws bend by far less than a thousandth over it, rounding is a millionth of it."""
@@ -84,28 +90,13 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
             BadInputError: an effect is unknown, or nothing is touched while poses are known.
             NotIdentifiableError: nothing slides long enough.
         """
-        PUSHED.create_all(names)
-        found = with_expected_force(fit_push(streams))
-        model = cls(found, found.common[:_OWN], (), (), PUSHED.names(), found.variation)
-        model = replace(model, variation=model._likeliest_variation())
-        for name in names:
-            model = model.with_named(name)
-        return model.settled() if not names else model
-
-    def with_named(self, name: str) -> PushDiscrepancy:
-        """Fit thoroughly with one more effect, which begins at its likeliest time if it does."""
-        families = self.families_of(name)
-        best = max(families, key=self._gain)
-        coefficients = np.linalg.lstsq(self._beside(best.columns), self.residual, rcond=None)[0]
-        return self.with_effect(best, coefficients).refined()
-
-    def _beside(self, columns: Array) -> Array:
-        basis = np.linalg.qr(self.jacobian)[0]
-        return np.asarray(columns - basis @ (basis.T @ columns))
-
-    def _gain(self, family: Family) -> float:
-        basis = np.linalg.qr(self._beside(family.columns))[0]
-        return float(np.sum(np.square(basis.T @ self.residual)))
+        effects = PUSHED.create_all(names)
+        found = with_expected_force(fit_push(streams, effects))
+        first, *theta = np.split(found.common, len(NAMES) + _ends(effects))
+        model = cls(
+            found, first[:_OWN], found.model.effects, tuple(theta), PUSHED.names(), found.variation
+        )
+        return replace(model, variation=model._likeliest_variation()).settled()
 
     @property
     def own(self) -> Array:
@@ -275,9 +266,8 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
         """Fit motion and all numbers with the effects, and linearise there."""
         start = np.concatenate([self.values, self.fit.common[_OWN : len(NAMES)], *self.theta])
         found = refit(self.fit, self.effects, start, self.variation)
-        sizes = np.cumsum([len(theta) for theta in self.theta])[:-1]
-        theta = tuple(np.split(found.common[len(NAMES) :], sizes)) if self.theta else ()
-        return replace(self, fit=found, values=found.common[:_OWN], theta=theta).settled()
+        first, *theta = np.split(found.common, len(NAMES) + _ends(self.effects))
+        return replace(self, fit=found, values=first[:_OWN], theta=tuple(theta)).settled()
 
     def settled(self) -> PushDiscrepancy:
         """Fit at fixed whitening."""
@@ -385,6 +375,11 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
             "forces of the pusher; the residual is what it is off by, over the noise.",
         )
 
+    def lacking(self) -> Array:
+        """(R, 3) force, N, and torque about the contact, N m, that the fitted motion lacks."""
+        fit = self.fit
+        return fit.model.balance.lack(self._motion, fit.common, self._friction)
+
     def plan_against(self, rivals: Sequence[PushDiscrepancy]) -> dict[str, Any] | None:
         """The push that would tell this model from others."""
         return plan_push(self._pushed, [rival._pushed for rival in rivals], self.fit.model)
@@ -412,6 +407,12 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
         columns = self.whiten(self._innovations(motion, poses))
         lasting = 0.5 * float(np.sum(np.log1p(self._spread[1])))
         return log_evidence(self.whiten(self._at_fit), columns) - self._filter.log_volume - lasting
+
+
+def _ends(effects: Sequence[PushEffect]) -> NDArray[np.intp]:
+    """Where parameters of effects begin, from the first one's."""
+    counts = [len(effect.parameters) for effect in effects]
+    return np.cumsum([0, *counts])[: len(counts)]
 
 
 def _sizes(effect: PushEffect, count: int) -> Array:

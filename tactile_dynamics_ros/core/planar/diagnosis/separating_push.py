@@ -22,9 +22,9 @@ _HEADINGS_DEG = tuple(45.0 * k for k in range(8))
 _SPEEDS = (0.03, 0.1, 0.3)
 _PLACES = ((0.0, 0.0), (0.12, 0.0), (-0.12, 0.0), (0.0, 0.12), (0.0, -0.12))
 _TURNS_DEG = (0.0, 90.0, 180.0)
-"""Pushes that are compared: eight ways, from slow to as fast as arms push, in the middle of what was
-recorded and beside it by half an arm's step, with the object as it lay and turned. Finer grids name
-other pushes and part the same models."""
+"""Pushes that are compared: eight ways, from slow to as fast as arms push, in the middle of what
+was recorded and beside it by the length of a push, with the object as it lay and turned. Finer
+grids name other pushes and part the same models."""
 _SAMPLES = 50
 """Samples of force by which a push tells: half a second at 100 Hz."""
 _PARTED = 4.0

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
+from tactile_dynamics_ros.core.planar.effects.effect import PUSHED
 from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
 from tactile_dynamics_ros.core.planar.properties.balance import NAMES
 from tactile_dynamics_ros.core.planar.sparse import fit_sparse
@@ -58,6 +60,7 @@ class PushedEstimate:
         undetermined: names of those that this recording does not tell; their std is the prior's.
         covariance: (4, 4) of ln friction force, ln mass, com_x, com_y.
         error: whitened RMS, 1 where only noise remains.
+        effects: {effect: {parameter: {"value", "std", "unit"}}} of those in the model.
     """
 
     samples: int
@@ -66,6 +69,7 @@ class PushedEstimate:
     undetermined: tuple[str, ...]
     covariance: Array
     error: float
+    effects: dict[str, dict[str, dict[str, object]]] = field(default_factory=dict)
 
     @property
     def is_answer(self) -> bool:
@@ -92,7 +96,7 @@ class PushedEstimate:
                 "names": ["ln_friction_force", "ln_mass", "com_x", "com_y"],
                 "matrix": self.covariance.tolist(),
             },
-            "effects": [],
+            "effects": self.effects,
             "error": self.error,
         }
 
@@ -120,19 +124,26 @@ class PushedEstimate:
             inertia, inertia_std = v["inertia_zz"]
             said.append(f"inertia           {1e6 * inertia:.0f} +- {1e6 * inertia_std:.0f} kg mm^2")
         said.append(f"error             {self.error:.2f} times the noise, {self.samples} samples")
+        for name, parameters in self.effects.items():
+            told = [
+                f"{symbol} = {entry['value']:.3g} +- {entry['std']:.2g} {entry['unit']}".strip()
+                for symbol, entry in parameters.items()
+            ]
+            said.append(f"{name}: {', '.join(told)}")
         if self.undetermined:
             said.append(f"undetermined: {', '.join(self.undetermined)}")
         return said
 
 
-def estimate(recording: PushedStreams | Pushed) -> PushedEstimate:
+def estimate(recording: PushedStreams | Pushed, effects: Sequence[str] = ()) -> PushedEstimate:
     """Estimate friction force, mass and centre of mass of a pushed object of one link.
 
     Args:
         recording: streams, or what has them; poses may be sparse, before and after each push.
+        effects: names of those in the model.
 
     Raises:
-        BadInputError: nothing is touched while poses are known.
+        BadInputError: an effect is unknown, or nothing is touched while poses are known.
         NotIdentifiableError: the object has two links, slides too little, or the optimiser did not
             come to an end.
     """
@@ -143,11 +154,16 @@ def estimate(recording: PushedStreams | Pushed) -> PushedEstimate:
             "parts one by one"
         )
     patch = SupportPatch(np.asarray(streams.links[0].footprint, dtype=float))
+    chosen = PUSHED.create_all(effects)
     if _is_sparse(streams):
+        if chosen:
+            raise NotIdentifiableError(
+                "poses before and after pushes alone tell no effects; record them at 5 Hz"
+            )
         return _of_sparse(fit_sparse(streams), streams, patch)
     from tactile_dynamics_ros.core.planar.properties.fit import fit_push
 
-    return _of_dense(fit_push(streams), streams, patch)
+    return _of_dense(fit_push(streams, chosen), streams, patch)
 
 
 def _is_sparse(streams: PushedStreams) -> bool:
@@ -190,6 +206,7 @@ def _of_dense(fit: PushFit, streams: PushedStreams, patch: SupportPatch) -> Push
         undetermined=_undetermined(values, patch.gyration),
         covariance=covariance,
         error=fit.whitened_rms,
+        effects=fit.effects,
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -104,6 +105,19 @@ class PushFit:
     variation: float
     converged: bool
 
+    @property
+    def effects(self) -> dict[str, dict[str, dict[str, object]]]:
+        """{effect: {parameter: {"value", "std", "unit"}}}."""
+        table: dict[str, dict[str, dict[str, object]]] = {}
+        first = len(NAMES)
+        for effect in self.model.effects:
+            own = table.setdefault(effect.name, {})
+            for parameter in effect.parameters:
+                value, std = float(self.common[first]), self.std(first)
+                own[parameter.name] = {"value": value, "std": std, "unit": parameter.unit}
+                first += 1
+        return table
+
     def std(self, index: int) -> float:
         """Standard deviation of one of the common numbers."""
         return float(np.sqrt(self.covariance[index, index]))
@@ -125,11 +139,12 @@ class _Optimum:
         return float(np.sqrt(equations.cost / max(equations.rows - unknowns, 1)))
 
 
-def fit_push(streams: PushedStreams) -> PushFit:
+def fit_push(streams: PushedStreams, effects: Sequence[PushEffect] = ()) -> PushFit:
     """Fit the first link.
 
     Args:
         streams: forces, contact points and poses at 5 Hz or more.
+        effects: of the model, added one after the other.
 
     Raises:
         BadInputError: nothing is touched while poses are known.
@@ -140,22 +155,48 @@ def fit_push(streams: PushedStreams) -> PushFit:
     nodes, spread = _first_motion(cut)
     model = _prepared(streams, cut, patch, nodes, spread)
     found = _staged(model, nodes)
-    return _averaged(model, _optima(model, found))
+    fit = _averaged(model, _optima(model, found))
+    for effect in effects:
+        fit = _extended(with_expected_force(fit), effect)
+    return fit
+
+
+def _extended(fit: PushFit, effect: PushEffect) -> PushFit:
+    """Fit with one more effect; a sudden one begins with the push that promises most."""
+    start = np.append(fit.common, np.zeros(len(effect.parameters)))
+    trials = [effect]
+    if effect.sudden and effect.start is None:
+        cut = fit.model.intervals
+        trials = [effect.from_time(float(t)) for t in cut.time[cut.first_node[1:]]]
+    if not trials:
+        raise NotIdentifiableError(f"{effect.name}: one push tells no change; push again")
+    promises = []
+    for trial in trials:
+        model = replace(fit.model, effects=(*fit.model.effects, trial))
+        promises.append(_hope(model, (fit.nodes, start), fit.variation))
+    best = trials[int(np.argmax(promises))]
+    return refit(fit, (*fit.model.effects, best), start, fit.variation)
 
 
 def _optima(model: PushModel, start: Solution) -> list[_Optimum]:
     """Refits with each variation of friction, but for those that are hopeless beforehand."""
-    hopes = [_hope(model, start, variation) for variation in _VARIATIONS]
+    hopes = [_hope(model, (start.nodes, start.common), v) for v in _VARIATIONS]
     chosen = [
         v for v, hope in zip(_VARIATIONS, hopes, strict=True) if hope > max(hopes) - _HOPELESS
     ]
     return [_optimum(model, start, variation) for variation in chosen]
 
 
-def _hope(model: PushModel, start: Solution, variation: float) -> float:
-    """Evidence that one Gauss-Newton step towards the optimum of a variation promises."""
-    sharp = final_sharpness(model, start.nodes, variation)
-    equations = model.linearise(start.nodes, start.common, sharp)
+def _hope(model: PushModel, start: tuple[Array, Array], variation: float) -> float:
+    """Evidence that one Gauss-Newton step towards the optimum promises.
+
+    Args:
+        model: to be fitted.
+        start: nodes and common numbers.
+        variation: relative standard deviation of friction from place to place.
+    """
+    sharp = final_sharpness(model, start[0], variation)
+    equations = model.linearise(*start, sharp)
     factor = _factor(model, equations)
     nodes, common = factor.step()
     fall = -float(np.sum(nodes * equations.gradient) + common @ equations.common_gradient)
