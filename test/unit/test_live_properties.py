@@ -1,0 +1,146 @@
+"""What is said of a pushed object, live: before a push, by the filter, after fits."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.planar.filter.live import LiveProperties, PropertyConfig
+from tactile_dynamics_ros.core.planar.filter.record import PushRecord
+from tactile_dynamics_ros.core.planar.filter.summary import of_filter, of_fit
+from tactile_dynamics_ros.core.planar.filter.tracker import Felt
+from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
+from tactile_dynamics_ros.core.planar.properties.estimate import PushedEstimate
+
+BLOCK = np.array([[-0.05, -0.03], [0.05, -0.03], [0.05, 0.03], [-0.05, 0.03]])
+STD = np.array([5e-4, 5e-4, 3e-3])
+PATCH = SupportPatch(BLOCK)
+
+
+def felt(time, newtons, name="pusher"):
+    return Felt(
+        name,
+        time,
+        np.array([newtons, 0.0, 0.0]),
+        np.full(3, 0.03),
+        np.array([-0.05, 0.0, 0.02]),
+        np.array([1.0, 0.0, 0.0]),
+    )
+
+
+def fitted(force=3.0, std=0.03, error=1.0, undetermined=("mass",)):
+    values = {
+        "mass": (1.2, 0.4),
+        "friction": (force / 1.2 / 9.81, 0.1),
+        "friction_force_n": (force, std),
+        "com_x": (0.004, 1e-3),
+        "com_y": (-0.002, 1e-3),
+        "friction_radius_m": (0.04, 1e-3),
+        "inertia_zz": (1e-3, 4e-4),
+    }
+    covariance = np.diag(np.square([std / force, 0.3, 1e-3, 1e-3]))
+    return PushedEstimate(100, 2.0, values, undetermined, covariance, error)
+
+
+def seen():
+    """An object that was seen, and nothing else."""
+    live = LiveProperties()
+    live.set_outline(BLOCK)
+    for k in range(10):
+        live.add_pose(0.01 * k, np.array([0.5, 0.0, 0.3]), STD)
+    live.advance(0.08)
+    return live
+
+
+def test_a_record_keeps_what_lies_around_the_latest_touches():
+    record = PushRecord(longest=1.0)
+    for k in range(2000):
+        time = 0.01 * k
+        record.add_pose(time, np.zeros(3), STD)
+        touched = 2.0 <= time < 4.0 or 10.0 <= time < 10.5
+        record.add_contact(felt(time, 3.0 if touched else 0.0))
+        record.add_contact(felt(time, 0.0, "pad_left"))
+        over = 4.995 < time < 9.995 or time > 11.495
+        assert record.has_ended(time) == over, time
+    streams = record.streams(BLOCK, np.array([0.0, 0.0, -9.81]))
+    assert not record.has_ended(20.0)
+    assert list(streams.contacts) == ["pusher"]
+    contact, link = streams.contacts["pusher"], streams.links[0]
+    assert link.time[0] == pytest.approx(2.5)  # half a second of the first push, one before it
+    assert link.time[-1] == pytest.approx(11.49, abs=0.011)
+    assert not np.any((link.time > 5.0) & (link.time < 8.99))
+    assert len(contact.pose_time) == 200  # of the first push also what lies within one second
+    assert_allclose(contact.force_std, 0.03)
+
+
+def test_before_a_push_everything_is_said_to_be_undetermined():
+    known = seen().properties()
+    assert known.source == "nothing"
+    assert known.doubtful
+    assert {"mass", "friction_force_n", "com"} <= {*known.undetermined}
+    assert "nothing was pushed yet" in known.text
+
+
+def test_nothing_is_said_of_an_object_that_was_not_seen():
+    live = LiveProperties()
+    assert live.properties() is None
+    live.set_outline(BLOCK)
+    assert live.properties() is None
+
+
+def test_a_filter_never_calls_a_mass_determined():
+    mean = np.array([np.log(0.3), 0.0, 0.0, 0.0])
+    known = of_filter(mean, np.diag([1e-4, 1e-6, 1e-8, 1e-8]), PATCH, steps=100)
+    assert {"mass", "friction"} <= {*known.undetermined}
+    assert "friction_force_n" not in known.undetermined
+    force, std = known.values["friction_force_n"]
+    assert force == pytest.approx(0.3 * 9.81)
+    assert std == pytest.approx(0.01 * force)
+    assert known.values["mass"][1] == pytest.approx(0.25, rel=1e-3)
+    assert "known only as a product (2.94 +- 0.03 N)" in known.text
+
+
+@pytest.mark.parametrize(
+    ("fit", "refused", "words"),
+    [
+        (fitted(), "", ""),
+        (fitted(error=3.0), "", "the model does not fit (3.0 times the noise)"),
+        (fitted(force=2.0), "", "something changed"),
+        (fitted(), "it slides too little", "the latest push is not in it: it slides too little"),
+    ],
+)
+def test_what_speaks_against_a_fit_is_said(fit, refused, words):
+    mean = np.array([np.log(3.0 / 9.81), 0.0, 0.0, 0.0])
+    live = of_filter(mean, np.diag([2.5e-3, 1.0, 1e-6, 1e-6]), PATCH, steps=100)
+    known = of_fit(fit, live, refused)
+    assert words in known.text
+    assert known.doubtful == bool(words)
+    assert known.values == fit.values
+
+
+def test_the_filter_goes_on_from_a_fit():
+    live = seen()
+    live.take_fit(fitted(std=3e-3))
+    mean, covariance = live.tracker.filter.parameters
+    assert_allclose(mean[:4], [np.log(3.0 / 9.81), np.log(1.2), 0.004, -0.002])
+    assert np.sqrt(covariance[0, 0]) == pytest.approx(np.hypot(1e-3, 0.02))
+    assert np.all(np.linalg.eigvalsh(live.tracker.filter.belief.covariance) > 0.0)
+    assert live.properties().source == "fit"
+    live.take_fit(None, "it slides too little")
+    assert live.properties().source == "fit"
+    assert live.properties().doubtful
+
+
+def test_another_outline_is_another_object():
+    live = seen()
+    live.take_fit(fitted())
+    assert not live.set_outline(BLOCK + 1e-6)
+    assert live.fit is not None
+    assert live.set_outline(1.2 * BLOCK)
+    assert live.fit is None
+    assert live.properties() is None
+
+
+def test_a_model_that_nobody_has_is_refused():
+    with pytest.raises(BadInputError, match="model 'magic': expected patch"):
+        PropertyConfig(model="magic")
