@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import argparse
 import json
+import pickle
 import sys
-import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -37,6 +40,24 @@ FIRST = 121
 """First seed of the test objects: networks are trained on seeds from 10000 on."""
 
 
+@dataclass(frozen=True)
+class Kept:
+    """Results of an interrupted run, in a folder or, where there is none, nowhere."""
+
+    folder: Path | None
+    name: str
+
+    def of(self, what: str, make: Callable[[], Any]) -> Any:
+        """What was kept under a name, or else is made now."""
+        if self.folder is None:
+            return make()
+        file = self.folder / f"{self.name}_{what}.pkl"
+        if not file.exists():
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_bytes(pickle.dumps(make()))
+        return pickle.loads(file.read_bytes())
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure all families and print tables."""
     parser = argparse.ArgumentParser(prog="bench planar", description=__doc__)
@@ -45,6 +66,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--setting", choices=sorted(SETTINGS), default="slow")
     parser.add_argument("--objects", type=int, default=12, help="test objects of each family (12)")
     parser.add_argument("--only", choices=("ahead", "filter"), help="one part only")
+    parser.add_argument("--keep", type=Path, help="folder from which an interrupted run goes on")
     parser.add_argument("--json", action="store_true", help="print only JSON on stdout")
     options = parser.parse_args(arguments)
     found = {}
@@ -70,13 +92,14 @@ def models_of(family: str, options: argparse.Namespace) -> list[str]:
 def measure(family: str, options: argparse.Namespace) -> dict[str, Any]:
     """All figures of a family."""
     seeds = range(FIRST, FIRST + options.objects)
-    ones = simulated(seeds, family, options.setting)
+    keep = Kept(options.keep, f"{family}_{options.setting}_{FIRST}_{seeds.stop}")
+    ones = keep.of("pushes", lambda: simulated(seeds, family, options.setting))
     names = models_of(family, options)
     found: dict[str, Any] = {"n": len(ones), "setting": options.setting}
     if options.only != "filter":
         found["ahead"] = one_step(names, ones, options.setting)
     if options.only != "ahead":
-        found["filter"] = properties(names, family, ones, options.setting)
+        found["filter"] = properties(names, family, ones, options.setting, keep)
     return found
 
 
@@ -98,7 +121,9 @@ def process_of(name: str, one: Any, setting: str) -> Process:
     return GraphProcess.of(thing, shipped_graph(name, setting))
 
 
-def properties(names: list[str], family: str, ones: list[Any], setting: str) -> dict[str, Any]:
+def properties(
+    names: list[str], family: str, ones: list[Any], setting: str, keep: Kept
+) -> dict[str, Any]:
     """NRMSE of estimates after all pushes, beside what is known without and from the product."""
     population = Population.of(family)
     truths = [truth_of(one.scene) for one in ones]
@@ -112,11 +137,14 @@ def properties(names: list[str], family: str, ones: list[Any], setting: str) -> 
         "product known": scored(known, truths, ranges),
     }
     for name in names:
-        start = time.process_time()
         told = []
         for k, one in enumerate(ones):
-            process = process_of(name, one, setting)
-            told.append(filtered(process, population, one, setting, name, k))
+
+            def tell(k: int = k, one: Any = one, name: str = name) -> dict[str, Any]:
+                process = process_of(name, one, setting)
+                return filtered(process, population, one, setting, name, k)
+
+            told.append(keep.of(f"{name}_{k}", tell))
             print(f"\r{family} {name} {k + 1}/{len(ones)}", end="", file=sys.stderr)
         print(file=sys.stderr)
         found[name] = scored([t["values"] for t in told], truths, ranges)
@@ -124,13 +152,10 @@ def properties(names: list[str], family: str, ones: list[Any], setting: str) -> 
             key: float(np.mean([abs(t["z"][key]) < 1.645 for t in told])) for key in told[0]["z"]
         }
         found[name]["worst_z"] = max(abs(z) for t in told for z in t["z"].values())
-        found[name]["seconds_per_object"] = (time.process_time() - start) / len(ones)
     return found
 
 
 def _ranges(family: str) -> dict[str, float]:
-    from types import SimpleNamespace
-
     all_ = [truth_of(SimpleNamespace(thing=draw_object(seed, family))) for seed in SET]
     return {n: float(np.ptp([each[n] for each in all_])) for n in all_[0]}
 

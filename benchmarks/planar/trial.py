@@ -28,7 +28,7 @@ SETTINGS = {"slow": (1.0 / 15.0, SLOW), "fast": (0.01, FAST)}
 FORCE_STD, POSE_STD = 0.03, np.array([5e-4, 5e-4, np.radians(0.2)])
 """Noise of each mean force, N, and of each pose."""
 MODEL_STD = {"patch": 0.0, "graph_residual": 0.0, "graph": 0.05}
-"""What is added to the noise of forces for the model's own error, over the force (see `--help`)."""
+"""What is added to the noise of forces for the model's own error, over the force; not tuned."""
 STIFFNESS = 2e4
 """N/m of tip and arm, by which the touched point lags behind the pusher."""
 DRAWS = 4000
