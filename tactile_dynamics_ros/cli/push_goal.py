@@ -12,9 +12,11 @@ from tactile_dynamics_ros.cli.bringup import read_namespace
 from tactile_dynamics_ros.cli.topics import short_lived_node, spin_until
 from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError
 
-PATIENCE = 5.0
+DISCOVERY = 5.0
+"""Real time until the controller is given up if it is not found, s: DDS takes 0.3 s on one host."""
+PATIENCE = 30.0
 """Real time without a word of the controller after which it is given up, s: it speaks five times a
-second, and a plan takes a second on a slow machine."""
+second, but a plan takes ten on a machine that does twenty other things."""
 
 
 def push_to_goal(args: Namespace) -> int:
@@ -61,7 +63,7 @@ def ask(node: Any, goal: Any, namespace: str = "", quiet: bool = True) -> dict[s
     heard: list[Any] = []
     node.create_subscription(DiagnosticStatus, name(PUSH_PROGRESS), heard.append, LATCHED)
     publisher = node.create_publisher(PoseStamped, name(GOAL_POSE), 10)
-    if not spin_until(node, lambda: publisher.get_subscription_count() > 0, PATIENCE):
+    if not spin_until(node, lambda: publisher.get_subscription_count() > 0, DISCOVERY):
         raise BadInputError("nobody takes goal_pose; start the node push_controller")
     spin_until(node, lambda: bool(heard), 0.5)  # what was said of an earlier goal
     heard.clear()

@@ -40,9 +40,9 @@ from tactile_dynamics_ros.ros.wire import Stamp
 
 GAP = 0.006
 """Between tip and object before a push, m: outlines from cameras are right to 2 mm."""
-PATIENCE = 30.0
+PATIENCE = 60.0
 """Real time for which the estimate of the last push is awaited, s; a fit to eight pushes takes
-fifteen on one core. Then the next one is chosen by what is known."""
+fifteen on an idle core. Then the next one is chosen by what is known."""
 SILENT = 2.0
 """Real time without a pose of the tip after which exploring is given up, s."""
 

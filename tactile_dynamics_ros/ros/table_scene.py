@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -101,12 +101,6 @@ class TableScene:
         node.listen(WrenchStamped, contact_topic(PUSHER, "force"), self._on_force)
         node.listen(DiagnosticArray, PROPERTY_STATUS, self._on_properties, LATCHED)
 
-    @property
-    def com(self) -> Array | None:
-        """Centre of mass (2,) in the object's frame, m; None if nobody tells."""
-        found = [self.properties.get(name, np.nan) for name in ("com_x", "com_y")]
-        return np.array(found) if np.all(np.isfinite(found)) else None
-
     def properties_json(self) -> dict[str, object]:
         """The newest estimate as `tactile-dynamics estimate --json` tells it."""
         told = self.properties
@@ -127,15 +121,16 @@ class TableScene:
             outline: (V, 2) m, of the object.
         """
         unknown = Belief.unknown(outline)
-        told, com = self.properties, self.com
         names = ("friction_force_n", "mass", "com_x", "com_y")
-        values = np.array([told.get(name, np.nan) for name in names])
-        stds = np.array([told.get(f"{name}_std", np.nan) for name in names])
-        if com is None or not np.all(np.isfinite([values, stds])) or np.any(values[:2] <= 0.0):
+        values = np.array([self.properties.get(name, np.nan) for name in names])
+        stds = np.array([self.properties.get(f"{name}_std", np.nan) for name in names])
+        if not np.all(np.isfinite([values, stds])) or np.any(values[:2] <= 0.0):
             return unknown
-        mean = np.array([np.log(values[0] / GRAVITY), np.log(values[1]), *com])
+        mean = np.array([np.log(values[0] / GRAVITY), np.log(values[1]), *values[2:]])
         std = np.array([*(stds[:2] / values[:2]), *stds[2:]])
-        return Belief(mean, np.diag(np.square(np.clip(std, 1e-4, unknown.std))))
+        told = std < unknown.std
+        mean, std = np.where(told, mean, unknown.mean), np.where(told, std, unknown.std)
+        return Belief(mean, np.diag(np.square(np.maximum(std, 1e-4))))
 
     def body(self) -> PushedBody:
         """Return the object as it is known.
@@ -147,9 +142,10 @@ class TableScene:
         if self._footprint is None:
             raise NotIdentifiableError("no object/footprint yet: call /shape_estimator/start")
         config = self.config
-        return PushedBody.from_footprint(
-            self._footprint, self.com, config.tip_radius, config.tip_friction
+        seen = PushedBody.from_footprint(
+            self._footprint, None, config.tip_radius, config.tip_friction
         )
+        return replace(seen, com=self.belief(seen.outline).mean[2:])
 
     def seen(self) -> Seen:
         """Return what is known now.

@@ -212,7 +212,9 @@ ROOMS = {
         )
         + (
             "core/planar/actions",
+            "core/planar/control",
             "core/planar/filter",
+            "core/planar/mechanics",
             "core/rigid_body",
             "core/robot",
             "core/shape",
@@ -232,7 +234,8 @@ ROOMS = {
         "one file per executable: parameters, subscriptions, publishers",
         ("core/contact", "core/discrepancy", "core/friction", _INERTIA + "diagnosis")
         + (_INERTIA + "live", "core/manipulation", "core/rigid_body", "core/robot", "core/shape")
-        + ("core/planar/filter", "core/planar/properties", "core/streams", "core/tactile")
+        + ("core/planar/actions", "core/planar/control", "core/planar/filter")
+        + ("core/planar/mechanics", "core/planar/properties", "core/streams", "core/tactile")
         + ("core/tracking", "ros", "sim"),
         ("rclpy",),
     ),
