@@ -104,8 +104,8 @@ def test_command_estimates_pushes_and_other_verbs_say_so(quick, tmp_path, capsys
     assert "--export" in capsys.readouterr().err
 
 
-def test_linked_parts_are_refused_in_one_line(quick):
+def test_three_parts_are_refused_in_one_line(quick):
     link = quick.streams.links[0]
-    both = type(quick.streams)((link, link), quick.streams.contacts)
-    with pytest.raises(Exception, match="2 links"):
-        estimate(both)
+    three = type(quick.streams)((link, link, link), quick.streams.contacts)
+    with pytest.raises(Exception, match="3 links"):
+        estimate(three)

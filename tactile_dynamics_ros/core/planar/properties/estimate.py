@@ -18,6 +18,7 @@ from tactile_dynamics_ros.core.planar.sparse.prediction import NAMES as SPARSE_N
 from tactile_dynamics_ros.core.planar.streams import PushedStreams
 
 if TYPE_CHECKING:
+    from tactile_dynamics_ros.core.planar.linked.description import LinkedEstimate
     from tactile_dynamics_ros.core.planar.properties.fit import PushFit
     from tactile_dynamics_ros.core.planar.sparse import SparseFit
 
@@ -135,8 +136,10 @@ class PushedEstimate:
         return said
 
 
-def estimate(recording: PushedStreams | Pushed, effects: Sequence[str] = ()) -> PushedEstimate:
-    """Estimate friction force, mass and centre of mass of a pushed object of one link.
+def estimate(
+    recording: PushedStreams | Pushed, effects: Sequence[str] = ()
+) -> PushedEstimate | LinkedEstimate:
+    """Estimate friction force, mass and centre of mass of a pushed object of one or two parts.
 
     Args:
         recording: streams, or what has them; poses may be sparse, before and after each push.
@@ -144,15 +147,27 @@ def estimate(recording: PushedStreams | Pushed, effects: Sequence[str] = ()) -> 
 
     Raises:
         BadInputError: an effect is unknown, or nothing is touched while poses are known.
-        NotIdentifiableError: the object has two links, slides too little, or the optimiser did not
-            come to an end.
+        NotIdentifiableError: the object has more than two parts, slides too little, or the
+            optimiser did not come to an end.
     """
     streams = recording if isinstance(recording, PushedStreams) else recording.streams
     if len(streams.links) > 1:
+        return _of_pair(streams, effects)
+    return _of_one(streams, effects)
+
+
+def _of_pair(streams: PushedStreams, effects: Sequence[str]) -> LinkedEstimate:
+    if effects or _is_sparse(streams):
+        what = "effects" if effects else "poses before and after pushes alone"
         raise NotIdentifiableError(
-            f"{len(streams.links)} links: properties of linked parts are not estimated; record the "
-            "parts one by one"
+            f"{what}: for a single part only; record the parts one by one, or poses at 5 Hz"
         )
+    from tactile_dynamics_ros.core.planar.properties.linked_estimate import estimate_pair
+
+    return estimate_pair(streams, _of_one)
+
+
+def _of_one(streams: PushedStreams, effects: Sequence[str] = ()) -> PushedEstimate:
     patch = SupportPatch(np.asarray(streams.links[0].footprint, dtype=float))
     chosen = PUSHED.create_all(effects)
     if _is_sparse(streams):

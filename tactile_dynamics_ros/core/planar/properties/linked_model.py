@@ -8,8 +8,9 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,7 +38,7 @@ DELAY_STD = 5e-3
 MODEL_ERROR = 0.003
 """Error of the equations of motion over the typical force; it is all the noise that the balance of
 the untouched part has. At a third of it the fit needs twice as many steps."""
-_PRODUCT_SPREAD = 3.0
+PRODUCT_SPREAD = 3.0
 """Standard deviation of the logarithm of a product before the data: none to speak of."""
 _DISTANCE = 0.02
 """Distance over which friction stays alike, m, as for one part."""
@@ -109,12 +110,19 @@ class PairData:
 
 @dataclass(frozen=True, eq=False)
 class PairModel(ABC):
-    """Residuals of two parts; a structure says which coordinates and equations they have."""
+    """Residuals of two parts; a structure says which coordinates and equations they have.
+
+    Attributes:
+        data: what was measured.
+        names: of the common numbers. freedoms: D coordinates. locals: l numbers of friction.
+        scalings: names of the numbers with which the volume of motions changes.
+    """
 
     data: PairData
-    names: tuple[str, ...] = field(init=False, default=())
-    freedoms: int = field(init=False, default=3)
-    locals: int = field(init=False, default=3)
+    names: ClassVar[tuple[str, ...]]
+    freedoms: ClassVar[int]
+    locals: ClassVar[int]
+    scalings: ClassVar[tuple[str, ...]]
 
     @property
     @abstractmethod
@@ -132,11 +140,6 @@ class PairModel(ABC):
     @abstractmethod
     def part_poses(self, coordinates: Array, common: Array) -> tuple[Array, Array]:
         """Poses (M, 3) of both parts' frames."""
-
-    @property
-    @abstractmethod
-    def scalings(self) -> tuple[str, ...]:
-        """Names of the numbers by whose scale the volume of motions changes."""
 
     def at(self, name: str) -> int:
         """Place of a common number."""
@@ -165,11 +168,16 @@ class PairModel(ABC):
         equations = self.equations_of_motion(nodes, common, sharp)
         if slope is not None:
             equations.add_slope(slope, common)
+        self._add_seen(equations, nodes, common, sharp)
+        return equations
+
+    def _add_seen(
+        self, equations: NormalEquations, nodes: Array, common: Array, sharp: Sharpness
+    ) -> None:
         for part in (0, 1):
             self._add_poses(equations, nodes, common, part)
         self._add_local(equations, nodes, sharp)
         self._add_prior(equations, common)
-        return equations
 
     def equations_of_motion(self, nodes: Array, common: Array, sharp: Sharpness) -> NormalEquations:
         """Normal equations of the dynamics alone, and of smoothness where they do not count."""
@@ -293,12 +301,10 @@ class PairModel(ABC):
 
     def _log_volume(self, nodes: Array, common: Array, sharp: Sharpness) -> float:
         loose = np.broadcast_to(self.loosening, nodes.shape)
-        caused = self.equations_of_motion(nodes, common, sharp)
-        known = self.linearise(nodes, common, sharp)
-        return 0.5 * (
-            caused.log_determinant_of_nodes(loose, self.freedoms)
-            - known.log_determinant_of_nodes(loose, nodes.shape[1])
-        )
+        equations = self.equations_of_motion(nodes, common, sharp)
+        caused = equations.log_determinant_of_nodes(loose, self.freedoms)
+        self._add_seen(equations, nodes, common, sharp)
+        return 0.5 * (caused - equations.log_determinant_of_nodes(loose, nodes.shape[1]))
 
     @cached_property
     def node_scale(self) -> Array:

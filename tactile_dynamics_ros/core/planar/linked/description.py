@@ -1,0 +1,192 @@
+"""What is said of two parts: JSON and sentences."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Value = tuple[float, float]
+
+_NAMES = {"rigid": "rigidly joined", "jointed": "jointed", "separate": "separate objects"}
+_TELL_STRUCTURE = (
+    "push sideways close to where the parts meet, on either part in turn, faster or further"
+)
+_TELL_SHARES = (
+    "lift or push the parts one by one: parts that move as one body do not tell their shares"
+)
+_TELL_BY_TURNING = (
+    "push so that the joint turns by more than 5 degrees: parts that move as one body tell neither "
+    "their shares nor the friction of the joint"
+)
+_TELL_UNTOUCHED = "push each part"
+_TELL_MASS = "push faster, stop hard, or shake while pulling, with forces at 100 Hz"
+
+
+@dataclass(frozen=True)
+class PlacedJoint:
+    """Where a joint lies and how hard it turns.
+
+    Attributes:
+        position: (2,) m in the first part's frame. std: (2,) m.
+        friction_torque: N m and its std, or None where it did not turn far enough.
+    """
+
+    position: Array
+    std: Array
+    friction_torque: Value | None
+
+
+@dataclass(frozen=True)
+class LinkedEstimate:
+    """What is known of two parts on a support.
+
+    Attributes:
+        samples: intervals in which both slide. duration: s.
+        structure: "rigid", "jointed", "separate" or "undecided".
+        probability: of the three.
+        links: value and std by name of each part, as of one part.
+        whole: mass (kg), friction_force_n (N) and, of parts that moved as one body, com_x, com_y
+            (m, first part's frame), with std.
+        joint: where the structure is "jointed".
+        undetermined: names such as "link_1.mass" that this recording does not tell.
+        remedies: actions that would tell them.
+        covariance: of the numbers that `covariance_names` lists.
+        error: whitened RMS, 1 where only noise remains; None without a fit.
+    """
+
+    samples: int
+    duration: float
+    structure: str
+    probability: dict[str, float]
+    links: tuple[dict[str, Value], dict[str, Value]]
+    whole: dict[str, Value]
+    joint: PlacedJoint | None
+    undetermined: tuple[str, ...]
+    remedies: tuple[str, ...]
+    covariance: Array
+    covariance_names: tuple[str, ...]
+    error: float | None
+
+    @property
+    def is_answer(self) -> bool:
+        """Whether the friction force of both parts together is known."""
+        return "friction_force_n" not in self.undetermined
+
+    def to_document(self) -> dict[str, Any]:
+        """JSON of the estimate."""
+        joint: dict[str, Any] = {
+            "probability": self.probability["jointed"],
+            "position": None,
+            "position_std": None,
+            "friction_torque_nm": None,
+        }
+        if self.joint is not None:
+            joint["position"] = self.joint.position.tolist()
+            joint["position_std"] = self.joint.std.tolist()
+            if self.joint.friction_torque is not None:
+                joint["friction_torque_nm"] = _pair(self.joint.friction_torque)
+        return {
+            "model": "pushed",
+            "samples": self.samples,
+            "duration_s": self.duration,
+            "structure": self.structure,
+            "structure_probability": self.probability,
+            "links": [_described(link) for link in self.links],
+            "whole": _described(self.whole),
+            "joint": joint,
+            "undetermined": list(self.undetermined),
+            "remedies": list(self.remedies),
+            "covariance": {
+                "names": list(self.covariance_names),
+                "matrix": self.covariance.tolist(),
+            },
+            "effects": [],
+            "error": self.error,
+        }
+
+    def lines(self) -> list[str]:
+        """Sentences for people."""
+        said = [_structure_line(self.structure, self.probability)]
+        if self.joint is not None:
+            x, y = 1e3 * self.joint.position
+            dx, dy = 1e3 * self.joint.std
+            said.append(f"joint             {x:.1f} +- {dx:.1f}, {y:.1f} +- {dy:.1f} mm in link_1")
+            if self.joint.friction_torque is not None:
+                said.append(
+                    "joint friction    {:.4f} +- {:.4f} N m".format(*self.joint.friction_torque)
+                )
+        said.append("both together     friction force {:.3f} +- {:.3f} N".format(
+            *self.whole["friction_force_n"]))  # fmt: skip
+        for k, link in enumerate(self.links):
+            said += _link_lines(f"link_{k + 1}", link, self.undetermined)
+        if self.error is not None:
+            said.append(
+                f"error             {self.error:.2f} times the noise, {self.samples} samples"
+            )
+        if self.undetermined:
+            said.append(f"undetermined: {', '.join(self.undetermined)}")
+        said += [f"to tell more: {remedy}" for remedy in self.remedies]
+        return said
+
+
+def _pair(value: Value) -> dict[str, float]:
+    return {"value": value[0], "std": value[1]}
+
+
+def _described(values: dict[str, Value]) -> dict[str, Any]:
+    found: dict[str, Any] = {
+        name: _pair(value) for name, value in values.items() if not name.startswith("com_")
+    }
+    if "com_x" in values:
+        (x, dx), (y, dy) = values["com_x"], values["com_y"]
+        found["com"] = {"value": [x, y], "std": [dx, dy]}
+    return found
+
+
+def _structure_line(structure: str, probability: dict[str, float]) -> str:
+    shares = ", ".join(f"{_NAMES[name]} {p:.3f}" for name, p in probability.items())
+    if structure == "undecided":
+        return f"parts             undecided: the motion does not tell ({shares})"
+    return f"parts             {_NAMES[structure]} ({shares})"
+
+
+def _link_lines(name: str, link: dict[str, Value], undetermined: tuple[str, ...]) -> list[str]:
+    said = []
+    if f"{name}.friction_force_n" not in undetermined:
+        said.append(
+            "{}  friction force  {:.3f} +- {:.3f} N".format(name, *link["friction_force_n"])
+        )
+    if f"{name}.mass" not in undetermined:
+        said.append("{}  mass            {:.3f} +- {:.3f} kg".format(name, *link["mass"]))
+    if f"{name}.friction" not in undetermined:
+        said.append("{}  friction        {:.3f} +- {:.3f}".format(name, *link["friction"]))
+    if f"{name}.com" not in undetermined:
+        (x, dx), (y, dy) = link["com_x"], link["com_y"]
+        said.append(
+            f"{name}  centre of mass  {1e3 * x:.1f} +- {1e3 * dx:.1f}, {1e3 * y:.1f} +- "
+            f"{1e3 * dy:.1f} mm in its frame"
+        )
+    return said
+
+
+def remedies(structure: str, one_body: bool, undetermined: tuple[str, ...]) -> tuple[str, ...]:
+    """Actions that would tell what is not known.
+
+    Args:
+        structure: what the parts are to each other.
+        one_body: whether they moved as one body.
+        undetermined: names that are not known.
+    """
+    said = [_TELL_STRUCTURE] * (structure == "undecided")
+    parts = [n for n in undetermined if "." in n]
+    if parts and structure == "separate":
+        said.append(_TELL_UNTOUCHED)
+    if parts and one_body:
+        said.append(_TELL_BY_TURNING if structure == "jointed" else _TELL_SHARES)
+    if not one_body and any(n.endswith("mass") for n in parts):
+        said.append(_TELL_MASS)
+    return tuple(said)

@@ -1,0 +1,269 @@
+"""Maximum a posteriori fit of two parts on their latent motion."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.errors import NotIdentifiableError
+from tactile_dynamics_ros.core.planar.linked.rows import PairPatch
+from tactile_dynamics_ros.core.planar.mechanics.linkage import turned
+from tactile_dynamics_ros.core.planar.properties.bordered import Solution, minimise
+from tactile_dynamics_ros.core.planar.properties.linked_jointed import JointedModel
+from tactile_dynamics_ros.core.planar.properties.linked_model import PairData, PairModel
+from tactile_dynamics_ros.core.planar.properties.linked_pair import Pair
+from tactile_dynamics_ros.core.planar.properties.linked_rigid import RigidModel
+from tactile_dynamics_ros.core.planar.properties.push_model import Sharpness
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_STAGES = ((2e-2, 30.0, 8), (5e-3, 10.0, 8), (2e-3, 3.0, 8), (5e-4, 1.0, 30))
+"""Slip speed, m/s, floor over its final value, and iterations of each stage, as for one part."""
+_VARIATIONS = (0.003, 0.03, 0.1)
+"""Relative variation of friction from place to place that is tried, as for one part."""
+_FIRST_VARIATION = 0.03
+"""The one with which fits begin, the middle."""
+_HOPELESS = 8.0
+"""Log evidence by which a variation may promise less than the best and still be refitted; refits
+move evidence by up to 5."""
+_REFIT = 15
+"""Iterations of a refit with another variation; 5 to 10 suffice."""
+_SLIDING_SPEED, _SLIDING_SHARE = 0.02, 0.4
+"""Speed of both footprints from which they slide all over, m/s, or as share of the fast tenth if
+that is less. Slower intervals may stick in part."""
+_TURNING = 0.06
+"""Relative rate from which a joint turns, rad/s: three times what noise makes of a held one."""
+_LEAST_INTERVALS = 10
+"""Intervals of sliding below which nothing is said: a tenth of a second at 100 Hz."""
+_FREE, _LEAST_SPREAD = 5.0, (0.5, 10.0)
+"""Accelerations allowed where nothing is modelled: near touches, m/s^2, and elsewhere, m/s^2 and
+rad/s^2; as for one part."""
+_AROUND = 3
+"""Intervals around touches in which the former holds: an arm that stops within 20 ms."""
+_TOLERANCE = 3e-2
+"""Fall of the cost that is immaterial, as for one part."""
+_WIDTH = 2.0
+"""By how much std of masses and inertias are widened, as for one part."""
+_PENDING = 0.5
+"""Step that the optimiser would still take, in std of all numbers together, up to which its result
+is an answer; the step is in the interval."""
+
+
+@dataclass(frozen=True, eq=False)
+class PairFit:
+    """Common numbers of two parts, averaged over variations of friction by evidence.
+
+    Attributes:
+        model: residuals. common: (p,) by the model's names. covariance: (p, p).
+        whitened_rms: error over the noise. converged: whether the optimiser came to its end.
+    """
+
+    model: PairModel
+    common: Array
+    covariance: Array
+    whitened_rms: float
+    converged: bool
+
+    def value(self, name: str) -> float:
+        """One of the common numbers."""
+        return float(self.common[self.model.at(name)])
+
+    def std(self, name: str) -> float:
+        """Its standard deviation."""
+        at = self.model.at(name)
+        return float(np.sqrt(self.covariance[at, at]))
+
+
+@dataclass(frozen=True, eq=False)
+class _Optimum:
+    solution: Solution
+    covariance: Array
+    evidence: float
+    pending: float
+
+    @property
+    def misfit(self) -> float:
+        equations = self.solution.equations
+        unknowns = self.solution.nodes.size + len(self.solution.common)
+        return float(np.sqrt(equations.cost / max(equations.rows - unknowns, 1)))
+
+
+def fit_jointed(pair: Pair) -> PairFit:
+    """Fit two parts on a joint.
+
+    Raises:
+        NotIdentifiableError: they slide too little at the same time.
+    """
+    coordinates = np.column_stack([pair.nodes[0], pair.nodes[1][:, 2]])
+    spread = np.column_stack([pair.spread[0], pair.spread[1][:, 2]])
+    hinge = pair.structure.hinge
+    model = JointedModel(_data(pair, spread), hinge=hinge)
+    return _fitted(model, coordinates)
+
+
+def fit_rigid(pair: Pair) -> PairFit:
+    """Fit two parts as one body.
+
+    Raises:
+        NotIdentifiableError: it slides too little.
+    """
+    offset = pair.structure.offset
+    second = pair.outlines[1]
+    placed = offset[:2] + turned(second, np.full(len(second), offset[2]))
+    patch = PairPatch(pair.outlines[0], other=placed)
+    return _fitted(RigidModel(_data(pair, pair.spread[0]), patch, offset), pair.nodes[0])
+
+
+def _data(pair: Pair, spread: Array) -> PairData:
+    cut, streams = pair.intervals, pair.streams
+    speeds = [_speeds(pair, k) for k in (0, 1)]
+    mask = _sliding(pair, speeds)
+    if int(mask.sum()) < _LEAST_INTERVALS:
+        raise NotIdentifiableError(
+            f"both parts slide at the same time in {int(mask.sum())} intervals of {cut.step:g} s "
+            f"only, expected {_LEAST_INTERVALS} at least; push further"
+        )
+    height = float(np.median(cut.point[cut.touching, 2]))
+    known, std = streams.com_height, streams.com_height_std
+    moved = [np.linalg.norm(np.diff(n[:, :2], axis=0), axis=1) for n in pair.nodes]
+    rate = pair.nodes[1][:, 2] - pair.nodes[0][:, 2]
+    turning = np.zeros(len(cut), dtype=bool)
+    turning[1:-1] = np.abs(rate[2:] - rate[:-2]) / (2.0 * cut.step) > _TURNING
+    near = _near(cut.touching, _AROUND)[:, None]
+    size = float(np.sqrt(np.mean([patch.gyration for patch in pair.patches])))
+    free = np.array([_FREE, _FREE] + [_FREE / size] * (spread.shape[1] - 2))
+    least = np.array([_LEAST_SPREAD[0]] * 2 + [_LEAST_SPREAD[1]] * (spread.shape[1] - 2))
+    return PairData(
+        intervals=cut,
+        patches=pair.patches,
+        gravity=streams.gravity,
+        com_height=np.array(known if known is not None else [height, height]),
+        com_height_std=np.array(std if known and std else [0.3 * height + 1e-3] * 2),
+        mask=mask,
+        spread=np.where(near, free, np.maximum(3.0 * spread, least)),
+        travelled=0.5 * (moved[0] + moved[1]),
+        touched=pair.touched,
+        turning=turning,
+    )
+
+
+def _speeds(pair: Pair, k: int) -> Array:
+    """Root mean square speed (N,) of a footprint, m/s."""
+    cut, nodes, patch = pair.intervals, pair.nodes[k], pair.patches[k]
+    speed = np.zeros(len(cut))
+    at = np.flatnonzero(cut.inner)
+    velocity = (nodes[at + 1] - nodes[at - 1]) / (2.0 * cut.step)
+    arm = turned(np.broadcast_to(patch.centroid, (len(at), 2)), nodes[at, 2])
+    linear = velocity[:, :2] + velocity[:, 2:] * np.stack([-arm[:, 1], arm[:, 0]], axis=1)
+    speed[at] = np.sqrt(np.sum(linear**2, axis=1) + patch.gyration * velocity[:, 2] ** 2)
+    return speed
+
+
+def _near(flags: Mask, distance: int) -> Mask:
+    rolled = [np.roll(flags, k) for k in range(-distance, distance + 1)]
+    return np.asarray(np.any(rolled, axis=0))
+
+
+def _sliding(pair: Pair, speeds: list[Array]) -> Mask:
+    """Intervals in which both parts slide all over, but for those next to a touch or a release."""
+    cut = pair.intervals
+    slides = cut.measured & cut.inner
+    for speed in speeds:
+        fast = float(np.percentile(speed[cut.touching], 90))
+        slides = slides & (speed > min(_SLIDING_SPEED, _SLIDING_SHARE * fast))
+    change = np.diff(cut.touching.astype(int), prepend=0) != 0
+    return np.asarray(slides & ~_near(change, 1))
+
+
+def _fitted(model: PairModel, coordinates: Array) -> PairFit:
+    nodes = np.column_stack([coordinates, np.zeros((len(coordinates), model.locals))])
+    common = model.prior[0].copy()
+    found: Solution | None = None
+    for stage, (_, _, iterations) in enumerate(_STAGES):
+        sharp = _sharpness(model, stage, _FIRST_VARIATION)
+        found = _minimised(model, nodes, common, sharp, iterations)
+        nodes, common = found.nodes, found.common
+    assert found is not None
+    return _averaged(model, _refitted(model, found))
+
+
+def _refitted(model: PairModel, start: Solution) -> list[_Optimum]:
+    """Optima of the variations of friction that promise about as much evidence as the best."""
+    sharp = _sharpness(model, len(_STAGES) - 1, _FIRST_VARIATION)
+    slope = model.volume_slope(start.nodes, start.common, sharp)
+    begun = []
+    for variation in _VARIATIONS:
+        sharp = _sharpness(model, len(_STAGES) - 1, variation)
+        equations = model.linearise(start.nodes, start.common, sharp, slope)
+        begun.append(_weighed(model, replace(start, equations=equations), variation))
+    best = max(trial.evidence for trial in begun)
+    return [
+        _optimum(model, start, variation, slope)
+        for variation, trial in zip(_VARIATIONS, begun, strict=True)
+        if trial.evidence > best - _HOPELESS
+    ]
+
+
+def _sharpness(model: PairModel, stage: int, variation: float) -> Sharpness:
+    slip, floor, _ = _STAGES[stage]
+    return Sharpness(slip, floor, variation)
+
+
+def _minimised(
+    model: PairModel,
+    nodes: Array,
+    common: Array,
+    sharp: Sharpness,
+    iterations: int,
+    slope: Array | None = None,
+) -> Solution:
+    linearise: Callable[..., object] = partial(model.linearise, sharp=sharp, slope=slope)
+    scales = model.node_scale, model.prior[1]
+    return minimise(linearise, nodes, common, *scales, iterations, _TOLERANCE)  # type: ignore[arg-type]
+
+
+def _optimum(model: PairModel, start: Solution, variation: float, slope: Array) -> _Optimum:
+    """Refit with another variation of friction, with its evidence."""
+    sharp = _sharpness(model, len(_STAGES) - 1, variation)
+    found = _minimised(model, start.nodes, start.common, sharp, _REFIT, slope)
+    return _weighed(model, found, variation)
+
+
+def _weighed(model: PairModel, found: Solution, variation: float) -> _Optimum:
+    sharp = _sharpness(model, len(_STAGES) - 1, variation)
+    loose = np.broadcast_to(model.loosening, found.nodes.shape)
+    factor = found.equations.factor(loose, np.zeros(len(found.common)))
+    _, std = model.memory(sharp)
+    volume = model.locals * (float(np.sum(np.log(std))) + np.log(variation))
+    evidence = -0.5 * (found.equations.cost + factor.log_determinant) - volume
+    covariance = factor.covariance
+    _, step = factor.step()
+    pending = float(np.sqrt(step @ np.linalg.solve(covariance, step)))
+    return _Optimum(found, covariance + np.outer(step, step), evidence, pending)
+
+
+def _averaged(model: PairModel, trials: list[_Optimum]) -> PairFit:
+    """Mean over variations by their evidence."""
+    evidence = np.array([trial.evidence for trial in trials])
+    weight = np.exp(evidence - evidence.max())
+    weight /= weight.sum()
+    likeliest = trials[int(np.argmax(weight))]
+    common = np.sum([w * t.solution.common for w, t in zip(weight, trials, strict=True)], axis=0)
+    covariance = np.zeros((len(common), len(common)))
+    for w, trial in zip(weight, trials, strict=True):
+        away = trial.solution.common - common
+        covariance += w * (max(1.0, trial.misfit**2) * trial.covariance + np.outer(away, away))
+    wide = ("ln_mass", "ln_inertia")
+    width = np.array([_WIDTH if name.startswith(wide) else 1.0 for name in model.names])
+    return PairFit(
+        model=model,
+        common=common,
+        covariance=covariance * np.outer(width, width),
+        whitened_rms=likeliest.misfit,
+        converged=likeliest.solution.settled or likeliest.pending < _PENDING,
+    )
