@@ -12,9 +12,11 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
 from tactile_dynamics_ros.core.planar.filter.live import LiveProperties, PropertyConfig
+from tactile_dynamics_ros.core.planar.filter.summary import Properties
 from tactile_dynamics_ros.core.planar.properties.estimate import PushedEstimate, estimate
 from tactile_dynamics_ros.ros.background import Background
 from tactile_dynamics_ros.ros.conversions import header
+from tactile_dynamics_ros.ros.estimate_markers import EstimateMarkers
 from tactile_dynamics_ros.ros.names import PROPERTY_RESET, PROPERTY_STATUS
 from tactile_dynamics_ros.ros.parameters import declare_config
 from tactile_dynamics_ros.ros.property_status import property_status
@@ -55,6 +57,7 @@ class PropertyEstimatorNode(Shell):
         self._told = -np.inf
         self._streams = PushingStreams(self, config.contacts, self.live, self._forget)
         self._status = self.create_publisher(DiagnosticArray, PROPERTY_STATUS, LATCHED)
+        self._markers = EstimateMarkers(self)
         self.serve(PROPERTY_RESET, self.reset)
         self.every(1.0 / config.status_rate_hz, self._tell)
 
@@ -103,6 +106,16 @@ class PropertyEstimatorNode(Shell):
         message = DiagnosticArray(header=header(tracker.time, "object"))
         message.status = [*property_status(known, self.live)]
         self._status.publish(message)
+        self._mark(known, tracker.time)
+
+    def _mark(self, known: Properties, time: float) -> None:
+        """Show the centre of mass, at the height of the object's frame, where it is known."""
+        if self._streams.pose is None:
+            return
+        self._markers.add_pose(self._streams.pose)
+        (x, x_std), (y, y_std) = (known.values[name] for name in ("com_x", "com_y"))
+        com = None if "com" in known.undetermined else np.array([x, y, 0.0])
+        self._markers.publish(time, com, np.array([x_std, y_std, 0.0]))
 
 
 def main() -> int:

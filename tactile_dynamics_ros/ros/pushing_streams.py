@@ -68,6 +68,9 @@ class PushingStreams:
         contacts: their names.
         thing: that takes what is heard, in the order of time.
         forget: called when the clock of the streams was set back.
+
+    Attributes:
+        pose: (4, 4) of the object in the world, the newest.
     """
 
     def __init__(
@@ -79,6 +82,7 @@ class PushingStreams:
     ) -> None:
         self._node, self._thing = node, thing
         self._X_SW, self._yaw = np.eye(4), 0.0
+        self.pose: Array | None = None
         self.clock = StreamClock(node)
         self._poses = Reordered[tuple[Array, Array | None]]()
         self._pusher = Reordered[Array]()
@@ -99,7 +103,7 @@ class PushingStreams:
             self._yaw += (turn + np.pi) % (2.0 * np.pi) - np.pi
             self._thing.add_pusher(time, np.append(placed[:3, 3], self._yaw))
         for time, (pose, covariance) in self._poses.take(until):
-            placed = self._X_SW @ pose
+            self.pose, placed = pose, self._X_SW @ pose
             flat = np.array([*placed[:2, 3], np.arctan2(placed[1, 0], placed[0, 0])])
             self._thing.add_pose(time, flat, self._planar_std(covariance))
         for contact in self._contacts:

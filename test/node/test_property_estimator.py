@@ -1,0 +1,82 @@
+"""The property estimator as a node: frames, silent contacts, what it says before a push, reset."""
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped
+
+from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
+from tactile_dynamics_ros.nodes.property_estimator import PropertyEstimatorNode
+from tactile_dynamics_ros.ros import conversions as cv
+from tactile_dynamics_ros.ros.diagnostics import status_values
+from tactile_dynamics_ros.ros.names import PROPERTY_STATUS, SUPPORT_POSE
+from tactile_dynamics_ros.ros.pusher_streams import outline_message
+from tactile_dynamics_ros.ros.shell import LATCHED
+
+BLOCK = np.array([[-0.05, -0.03], [0.05, -0.03], [0.05, 0.03], [-0.05, 0.03]])
+COVARIANCE = np.diag([1.0, 1.0, 3e-3, 5e-4, 5e-4, 1.0]) ** 2
+
+
+def pose(x, y, z, yaw):
+    out = np.eye(4)
+    out[:3, :3], out[:3, 3] = exp_so3(np.array([0.0, 0.0, yaw])), [x, y, z]
+    return out
+
+
+@pytest.fixture
+def node(bench):
+    """A node that has heard where a turned table is, and an outline."""
+    node = bench.start(PropertyEstimatorNode)
+    bench.seen_status = bench.follow(DiagnosticArray, PROPERTY_STATUS, profile=LATCHED)
+    table = cv.pose_to_message(pose(0.1, 0.2, 0.4, 0.5 * np.pi), 1.0, "world")
+    for kind, topic, message in (
+        (PoseStamped, SUPPORT_POSE, table),
+        (type(outline_message(BLOCK, "object")), "object/footprint", outline_message(BLOCK, "o")),
+    ):
+        publisher = node.create_publisher(kind, topic, LATCHED)
+        publisher.publish(message)
+    bench.until(lambda: node.live.outline is not None and node._streams._X_SW[0, 3] != 0.0)
+    return node
+
+
+def tell(bench, start, count, force=0.0):
+    """Send poses of object and pusher and forces, without the pose of the contact."""
+    for k in range(count):
+        time = start + 0.01 * k
+        seen = cv.uncertain_pose_to_message(pose(0.1, 0.7, 0.4, 1.0), COVARIANCE, time, "world")
+        bench.send("object/pose", seen)
+        bench.send("pusher/pose", cv.pose_to_message(pose(0.1, 0.6, 0.42, 0.0), time, "world"))
+        wrench = np.array([0.0, 0.0, 0.0, 0.0, force, 0.0])
+        bench.send("contact/pusher/force", cv.wrench_to_message(wrench, time, "world"))
+        bench.work(0.002)
+
+
+def test_before_a_push_the_pose_is_followed_on_the_table_and_nothing_is_known(bench, node):
+    tell(bench, 5.0, 60)
+    bench.until(lambda: len(bench.seen_status) > 0)
+    newest = {s.name: s for s in bench.seen_status[-1].status}
+    assert "nothing was pushed yet" in newest["link_1"].message
+    values = status_values(newest["link_1"])
+    assert {"mass", "friction_force_n", "com"} <= {*values["undetermined"].split(",")}
+    moved = status_values(newest["motion"])
+    assert float(moved["x"]) == pytest.approx(0.5, abs=1e-4)
+    assert float(moved["y"]) == pytest.approx(0.0, abs=1e-4)
+    assert float(moved["yaw"]) == pytest.approx(1.0 - 0.5 * np.pi, abs=1e-3)
+    assert not [kind for kind in node.faults.counts if kind.startswith("force_without")]
+    assert status_values(newest["solver"])["source"] == "nothing"
+
+
+def test_a_force_without_its_place_is_counted_and_not_used(bench, node):
+    tell(bench, 5.0, 40, force=2.0)
+    bench.until(lambda: node.faults.counts["force_without_pose_pusher"] > 5)
+    assert node.live.tracker.touched == 0
+
+
+def test_a_reset_forgets_measurements_and_keeps_the_outline(bench, node):
+    tell(bench, 5.0, 40)
+    bench.until(lambda: node.live.properties() is not None)
+    assert "outline is kept" in node.reset()
+    assert node.live.properties() is None
+    assert node.live.outline is not None
+    tell(bench, 6.0, 40)
+    bench.until(lambda: node.live.properties() is not None)
