@@ -164,9 +164,9 @@ def table(family: str, found: dict[str, Any]) -> str:
     """Rows for people."""
     rows = [f"## {family}, {found['setting']}, n = {found['n']} objects", ""]
     if "ahead" in found:
-        rows += ["| one step ahead | place mm | yaw deg | force, relative |", "|---|---|---|---|"]
+        rows += ["| one step ahead | place mm | yaw deg | force | far |", "|---|---|---|---|---|"]
         for name, one in found["ahead"].items():
-            cells = [_cell(one[key]) for key in ("place_mm", "yaw_deg", "force_relative")]
+            cells = [_cell(one[key]) for key in ("place_mm", "yaw_deg", "force", "far")]
             rows.append(f"| {name} | {' | '.join(cells)} |")
         rows.append("")
     if "filter" in found:
