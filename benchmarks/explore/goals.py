@@ -42,15 +42,17 @@ and what decides on pushes."""
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the section's options."""
     parser.add_argument("--goals", type=int, default=3, help="of each object; the paper's first")
-    parser.add_argument("--objects", type=int, default=len(OBJECTS), help="of the eight")
+    parser.add_argument("--objects", type=int, nargs="+", default=OBJECTS, help="numbers")
     parser.add_argument("--ways", nargs="+", choices=sorted(WAYS), default=list(WAYS))
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
     """One row per object and goal of each way; rows go to standard error as they come."""
-    count, goals = (2, 1) if options.quick else (options.objects, options.goals)
+    numbers, goals = options.objects, options.goals
+    if options.quick:
+        numbers, goals = numbers[:2], 1
     found: dict[str, Any] = {way: [] for way in options.ways}
-    for number in OBJECTS[:count]:
+    for number in numbers:
         known = any(WAYS[way][0] for way in options.ways)
         centre = estimated_centre(number) if known else None
         for k in range(goals):

@@ -1,0 +1,191 @@
+"""Nodes that push: nothing moves unasked, what stops them, what they tell."""
+
+import json
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseStamped
+from std_msgs.msg import Bool
+from std_srvs.srv import Trigger
+
+from tactile_dynamics_ros.core.planar.control.prediction import PushedBody, pushed
+from tactile_dynamics_ros.nodes import explorer, push_controller
+from tactile_dynamics_ros.ros import conversions as cv
+from tactile_dynamics_ros.ros.diagnostics import status_message, status_values
+from tactile_dynamics_ros.ros.names import (
+    EMERGENCY_STOP,
+    EXPLORE,
+    GOAL_POSE,
+    OBJECT_POSE,
+    PROPERTY_STATUS,
+    PUSH_PROGRESS,
+    PUSH_STOP,
+    PUSHER_POSE,
+    PUSHER_TARGET,
+    link_topic,
+)
+from tactile_dynamics_ros.ros.pusher_streams import outline_message
+from tactile_dynamics_ros.ros.shell import LATCHED
+from tactile_dynamics_ros.ros.table_scene import tip_pose
+
+BOX = np.array([[-0.05, -0.04], [0.05, -0.04], [0.05, 0.04], [-0.05, 0.04]])
+STEP = 0.02
+"""Time between poses of the tip, s."""
+
+
+class Table:
+    """A tip that is where it was sent, and a box that moves as predicted."""
+
+    def __init__(self, bench, factory, *arguments):
+        self.bench, self.node = bench, bench.start(factory, *arguments)
+        self.goals = self.node.create_publisher(PoseStamped, GOAL_POSE, 10)
+        self.targets = bench.follow(PoseStamped, PUSHER_TARGET)
+        self.told = bench.follow(DiagnosticStatus, PUSH_PROGRESS, profile=LATCHED)
+        self.thing = PushedBody.from_footprint(BOX, None, 0.006, 0.35)
+        self.tip, self.pose = np.array([0.35, -0.2, 0.3, 0.0]), np.array([0.46, 0.09, 0.1])
+        self.time, self.count, self.fallen = 1.0, 0, False
+
+    def outline(self):
+        message = outline_message(BOX, "object")
+        self.bench.send(link_topic("link_1", "footprint"), message, profile=LATCHED)
+
+    def tell(self):
+        """Move the tip to its newest target, and tell where all is."""
+        self.time += STEP
+        if len(self.targets) > self.count:
+            self.count = len(self.targets)
+            wanted = cv.pose_to_core(self.targets[-1], PUSHER_TARGET, "world")
+            if max(self.tip[2], wanted[2, 3]) < 0.05:
+                way = wanted[None, :2, 3] - self.tip[None, :2]
+                self.pose = pushed(self.thing, self.pose[None], self.tip[None, :2], way)[0][0]
+            self.tip = np.array([*wanted[:3, 3], 0.0])
+        place = tip_pose(np.array([*self.pose[:2], 0.0, self.pose[2]]))
+        if self.fallen:
+            place[:3, :3] = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+        told = cv.uncertain_pose_to_message(place, 1e-6 * np.eye(6), self.time, "world")
+        self.bench.send(OBJECT_POSE, told)
+        self.bench.send(PUSHER_POSE, cv.pose_to_message(tip_pose(self.tip), self.time, "world"))
+        self.bench.work(0.006)
+
+    def ask(self, x=0.5, y=0.1, yaw=0.0):
+        goal = tip_pose(np.array([x, y, 0.0, yaw]))
+        self.goals.publish(cv.pose_to_message(goal, self.time, "world"))
+
+    def until(self, condition, steps=4000):
+        for _ in range(steps):
+            if condition():
+                return
+            self.tell()
+        raise AssertionError("condition not met")
+
+    def said(self, state):
+        return [s for s in self.told if status_values(s)["state"] == state]
+
+
+@pytest.fixture
+def table(bench):
+    return Table(bench, push_controller.PushControllerNode)
+
+
+def test_it_pushes_to_a_goal_and_tells_how_it_ended(table):
+    table.outline()
+    for _ in range(20):
+        table.tell()
+    assert not table.targets  # nothing moves unasked
+    table.ask()
+    table.until(lambda: table.said("finished"))
+    result = json.loads(status_values(table.said("finished")[-1])["result"])
+    assert result["reached"]
+    assert result["error_m"] < 2.5e-3
+    assert result["pushes"] >= 1
+    sent = len(table.targets)
+    for _ in range(20):
+        table.tell()
+    assert len(table.targets) == sent
+
+
+def test_an_emergency_stop_ends_a_push_and_forbids_another(table):
+    table.outline()
+    table.tell()
+    table.ask()
+    table.until(lambda: len(table.targets) > 10)
+    table.bench.send(EMERGENCY_STOP, Bool(data=True))
+    table.until(lambda: table.node.stop.active, 50)
+    sent = len(table.targets)
+    table.until(lambda: table.said("finished"), 50)
+    assert "emergency stop" in table.said("finished")[-1].message
+    table.ask(0.55)
+    table.until(lambda: table.said("refused"), 50)
+    assert len(table.targets) <= sent + 1
+
+
+@pytest.mark.parametrize("cause", ["fallen", "stop"])
+def test_what_falls_over_or_is_called_off_is_left(table, cause):
+    table.outline()
+    table.tell()
+    table.ask()
+    table.until(lambda: len(table.targets) > 10)
+    if cause == "stop":
+        service = next(s for s in table.node.services if s.srv_name == PUSH_STOP)
+        assert service.callback(Trigger.Request(), Trigger.Response()).success
+    table.fallen = cause == "fallen"
+    table.until(lambda: table.said("finished"), 50)
+    words = {"fallen": "fallen over", "stop": "told to stop"}
+    assert words[cause] in table.said("finished")[-1].message
+
+
+def test_a_goal_without_an_outline_is_refused(table):
+    table.tell()
+    table.ask()
+    table.until(lambda: table.said("refused"), 50)
+    assert "footprint" in table.said("refused")[-1].message
+    assert not table.targets
+
+
+def test_the_explorer_pushes_on_request_until_all_is_known(bench):
+    few = ("places:=3", "speeds:=[0.2]", "length:=0.03")
+    table = Table(bench, explorer.ExplorerNode, *(word for p in few for word in ("-p", p)))
+    table.outline()
+    for _ in range(5):
+        table.tell()
+    service = next(s for s in table.node.services if s.srv_name == EXPLORE)
+    running = service.callback(Trigger.Request(), Trigger.Response())
+    fits = 0
+
+    def answered():
+        try:
+            running.send(None)
+        except StopIteration as end:
+            return end.value
+        return None
+
+    def estimate(std):
+        values = {"friction_force_n": 2.0, "mass": 0.8, "com_x": 0.0, "com_y": 0.0}
+        spread = {f"{name}_std": std * value for name, value in values.items()}
+        spread |= {"com_x_std": 0.01 * std, "com_y_std": 0.01 * std}
+        message = DiagnosticArray()
+        message.status = [
+            status_message("link_1", {**values, **spread, "undetermined": ""}),
+            status_message("solver", {"fits": fits, "refused": ""}),
+        ]
+        return message
+
+    publisher = table.node.create_publisher(DiagnosticArray, PROPERTY_STATUS, LATCHED)
+    answer = None
+    for _ in range(6000):
+        answer = answered()
+        if answer is not None:
+            break
+        run = table.node._run
+        if run is not None and run.actions and run.performance is None and run.choosing is None:
+            fits = len(run.actions)
+            publisher.publish(estimate(0.2 if fits < 2 else 0.01))
+        table.tell()
+    assert answer is not None
+    told = json.loads(answer.message)
+    assert answer.success, told
+    assert len(told["actions"]) == 2
+    assert "known to the wanted width" in told["stopped_because"]
+    assert told["properties"]["links"][0]["mass"]["value"] == 0.8
+    assert np.hypot(*(table.pose[:2] - [0.46, 0.09])) > 0.01  # it was pushed
