@@ -8,10 +8,13 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from benchmarks.explore import goals
+from benchmarks.explore import actions, goals
 
 Section = tuple[Callable[[argparse.Namespace], dict[str, Any]], Callable[[dict[str, Any]], str]]
-SECTIONS: dict[str, Section] = {"goals": (goals.measure, goals.table)}
+SECTIONS: dict[str, Section] = {
+    "actions": (actions.measure, actions.table),
+    "goals": (goals.measure, goals.table),
+}
 """What measures each section and what makes a table of it; add a line to add one."""
 
 
@@ -21,6 +24,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--only", nargs="+", choices=sorted(SECTIONS), default=sorted(SECTIONS))
     parser.add_argument("--quick", action="store_true", help="few cases of each section")
     parser.add_argument("--json", action="store_true", help="print only JSON on stdout")
+    actions.add_arguments(parser)
     goals.add_arguments(parser)
     options = parser.parse_args(arguments)
     found = {}

@@ -16,7 +16,7 @@ from tactile_dynamics_ros.cli.explore import describe
 from tactile_dynamics_ros.cli.live import StopRequest
 from tactile_dynamics_ros.cli.push_goal import ask
 from tactile_dynamics_ros.cli.supervisor import Supervisor, node_command, verb_command
-from tactile_dynamics_ros.cli.topics import call_trigger, short_lived_node, spin_until
+from tactile_dynamics_ros.cli.topics import short_lived_node, spin_until
 from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError
 from tactile_dynamics_ros.share import share_file
 
@@ -47,7 +47,7 @@ def play(args: Namespace, out: Path, say: Callable[[str], None]) -> dict[str, An
     """
     started = time.monotonic()
     table = table_parameters(args)
-    with private_domain() as domain, StopRequest(), Supervisor(out / "logs", False) as supervisor:
+    with private_domain() as domain, StopRequest(), Supervisor(out / "logs") as supervisor:
         say(f"nodes run on ROS domain {domain} of this host; look in with")
         say(f"  ROS_DOMAIN_ID={domain} tactile-dynamics echo /property_estimator/status")
         supervisor.start("recorder", verb_command("record", str(out / "recording")))
@@ -121,7 +121,7 @@ def _look(node: Node, supervisor: Supervisor, say: Callable[[str], None]) -> dic
     from tactile_dynamics_ros.ros.names import SHAPE_START
 
     say("looking: the camera goes round ...")
-    success, message = call_trigger(node, f"/{SHAPE_START}", PATIENCE)
+    success, message = _call(node, supervisor, SHAPE_START)
     supervisor.stop(["shape_estimator"])
     if not success:
         say(f"its shape is not known: {message}")
@@ -141,7 +141,7 @@ def _story(node: Node, supervisor: Supervisor, say: Callable[[str], None]) -> di
     _await(node, supervisor, lambda: log.ready)
     seen = _look(node, supervisor, say)
     say("exploring: which pushes tell most? ...")
-    success, message = call_trigger(node, f"/{EXPLORE}", PATIENCE)
+    success, message = _call(node, supervisor, EXPLORE)
     if not success:
         raise TactileDynamicsError(f"exploring ended: {message[-300:]}")
     explored = json.loads(message)
@@ -154,7 +154,7 @@ def _story(node: Node, supervisor: Supervisor, say: Callable[[str], None]) -> di
         f"{word}: {1e3 * pushed['error_m']:.1f} mm, {pushed['error_rad']:.3f} rad from the goal "
         f"after {pushed['pushes']} pushes ({pushed['stopped_because']})"
     )
-    _, revealed = call_trigger(node, f"/{REVEAL}", 30.0)
+    _, revealed = _call(node, supervisor, REVEAL)
     return {
         "seen": seen,
         "explored": explored,
@@ -174,13 +174,49 @@ def _await(node: Node, supervisor: Supervisor, condition: Callable[[], bool]) ->
     Raises:
         TactileDynamicsError: a process died, or it takes too long.
     """
-    end = time.monotonic() + START
+    if not _spin(node, supervisor, condition, START):
+        raise TactileDynamicsError(f"not all nodes are heard after {START:.0f} s")
+
+
+def _call(node: Node, supervisor: Supervisor, service: str) -> tuple[bool, str]:
+    """Call a service; nodes that die meanwhile are started again.
+
+    Raises:
+        TactileDynamicsError: no answer in time, or the robot or the node that answers died.
+    """
+    from std_srvs.srv import Trigger
+
+    client = node.create_client(Trigger, f"/{service}")
+    if not _spin(node, supervisor, client.service_is_ready, START):
+        raise TactileDynamicsError(f"service {service} is not offered")
+    future = client.call_async(Trigger.Request())
+    if not _spin(node, supervisor, future.done, PATIENCE, service.partition("/")[0]):
+        raise TactileDynamicsError(f"service {service}: no answer within {PATIENCE:.0f} s")
+    answer = future.result()
+    return bool(answer.success), str(answer.message)
+
+
+def _spin(
+    node: Node,
+    supervisor: Supervisor,
+    condition: Callable[[], bool],
+    timeout: float,
+    needed: str = "robot_sim",
+) -> bool:
+    """Let the node work until the condition holds; return whether it does.
+
+    Raises:
+        TactileDynamicsError: the robot died, the node that is needed, or one too often.
+    """
+    end = time.monotonic() + timeout
     while not spin_until(node, condition, 0.5):
         for member in supervisor.watch():
-            print(member.last_words(), file=sys.stderr)
-            raise TactileDynamicsError(f"{member.name} ended with {member.exit_codes[-1]}")
+            print(f"{member.last_words()}\n{member.epitaph}", file=sys.stderr)
+            if member.name in ("robot_sim", needed) or member.due is None:
+                raise TactileDynamicsError(f"{member.name} ended with {member.exit_codes[-1]}")
         if time.monotonic() > end:
-            raise TactileDynamicsError(f"not all nodes are heard after {START:.0f} s")
+            return False
+    return True
 
 
 class Log:
