@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 from tactile_dynamics_ros.cli.bringup import write_parameters
 from tactile_dynamics_ros.cli.domain import private_domain
 from tactile_dynamics_ros.cli.explore import describe
-from tactile_dynamics_ros.cli.live import StopRequest
 from tactile_dynamics_ros.cli.push_goal import ask
 from tactile_dynamics_ros.cli.supervisor import Supervisor, node_command, verb_command
 from tactile_dynamics_ros.cli.topics import short_lived_node, spin_until
@@ -47,7 +46,7 @@ def play(args: Namespace, out: Path, say: Callable[[str], None]) -> dict[str, An
     """
     started = time.monotonic()
     table = table_parameters(args)
-    with private_domain() as domain, StopRequest(), Supervisor(out / "logs") as supervisor:
+    with private_domain() as domain, Supervisor(out / "logs") as supervisor:
         say(f"nodes run on ROS domain {domain} of this host; look in with")
         say(f"  ROS_DOMAIN_ID={domain} tactile-dynamics echo /property_estimator/status")
         supervisor.start("recorder", verb_command("record", str(out / "recording")))
