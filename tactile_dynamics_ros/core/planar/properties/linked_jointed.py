@@ -71,6 +71,15 @@ class _Acting:
 
 
 @dataclass(frozen=True, eq=False)
+class _Loaded:
+    """Pull (R, 2) N, friction coefficient times load (R,) N, and centre of pressure (R, 2) m."""
+
+    pull: Array
+    load: Array
+    centre: Array
+
+
+@dataclass(frozen=True, eq=False)
 class JointedModel(PairModel):
     """Residuals of a jointed pair; the coordinates are x, y, yaw of the first part, second yaw.
 
@@ -125,10 +134,12 @@ class JointedModel(PairModel):
 
     def lack(self, common: Array, motion: Motion, slip: float) -> Lack:
         """Equations with friction to first order around a motion."""
-        parts = self._parts(motion, common)
         frictions = []
-        for k in (0, 1):
-            state = self._state(k, parts[k], common, self._resting(k, parts[k], common))
+        for k, part in enumerate(self._parts(motion, common)):
+            state = self._state(k, part, common, self._resting(k, part, common))
+            rough = LinearFriction.of_state(self.data.patches[k], state, slip)
+            centre = self._loaded(k, part, motion, common, rough).centre
+            state = self._state(k, part, common, centre)
             frictions.append(LinearFriction.of_state(self.data.patches[k], state, slip))
         turning = slip / _ARM
 
@@ -170,43 +181,45 @@ class JointedModel(PairModel):
         held = motion.acceleration[:, 3] - motion.acceleration[:, 2]
         return np.column_stack([total, whole, np.where(self.data.turning[at], free, held)])
 
-    def _acting(
+    def _loaded(
         self, k: int, part: PartMotion, motion: Motion, common: Array, friction: LinearFriction
-    ) -> _Acting:
+    ) -> _Loaded:
+        """Load and pressure of a part; what the joint passes on tips it as a contact does."""
         cut, at, patch = self.data.intervals, self.middle, self.data.patches[k]
         own = common[7 * k : 7 * k + 7]
         mass, yaw = float(np.exp(own[1])), part.pose[:, 2]
-        place = patch.centroid + own[2:4]
-        pull = mass * (part.acceleration_of(place) - self.data.gravity[:2])
+        pull = mass * (part.acceleration_of(patch.centroid + own[2:4]) - self.data.gravity[:2])
         touched = (self.data.touched[at] == float(k)) & cut.touching[at]
-        down = np.where(touched, cut.force[at, 2], 0.0)
         weight = -mass * self.data.gravity[2]
-        normal = np.maximum(weight - down, 0.1 * weight)
+        normal = np.maximum(weight - np.where(touched, cut.force[at, 2], 0.0), 0.1 * weight)
         load = np.exp(own[0] - own[1]) * normal * (1.0 + motion.local[:, 3 * k])
-
-        def support(centre: Array) -> Array:
-            wrench = friction.at(self._state(k, part, common, centre)) * load[:, None]
-            return np.column_stack([turned(wrench[:, :2], yaw), wrench[:, 2]])
-
         resting = self._resting(k, part, common)
-        rough = support(resting)[:, :2]
+        rough = friction.at(self._state(k, part, common, resting))[:, :2] * load[:, None]
+        rough = turned(rough, yaw)
         pushed = np.where(touched[:, None], cut.force[at, :2], 0.0)
-        passed = pull - rough - pushed
         height = np.full(len(yaw), own[5])
-        above = cut.point[at, 2] + common[14]
-        shift = tipping_shift(normal, height, rough, pushed, above)
+        shift = tipping_shift(normal, height, rough, pushed, cut.point[at, 2] + common[14])
         middle = np.full(len(yaw), float(min(common[5], common[12])))
+        passed = pull - rough - pushed
         shift = shift + (middle - height)[:, None] * passed / normal[:, None]
         local = motion.local[:, 3 * k + 1 : 3 * k + 3] * np.sqrt(patch.gyration)
-        found = support(resting + turned(shift, -yaw) + local)
+        return _Loaded(pull, load, resting + turned(shift, -yaw) + local)
+
+    def _acting(
+        self, k: int, part: PartMotion, motion: Motion, common: Array, friction: LinearFriction
+    ) -> _Acting:
+        patch, own = self.data.patches[k], common[7 * k : 7 * k + 7]
+        loaded = self._loaded(k, part, motion, common, friction)
+        state = self._state(k, part, common, loaded.centre)
+        wrench = friction.at(state) * loaded.load[:, None]
         origin = part.pose[:, :2]
         return _Acting(
-            support=found[:, :2],
-            torque=found[:, 2],
-            pull=pull,
-            com=origin + part.place(place),
+            support=turned(wrench[:, :2], part.pose[:, 2]),
+            torque=wrench[:, 2],
+            pull=loaded.pull,
+            com=origin + part.place(patch.centroid + own[2:4]),
             centroid=origin + part.place(patch.centroid),
-            spin=mass * patch.gyration * np.exp(own[4]) * part.acceleration[:, 2],
+            spin=np.exp(own[1] + own[4]) * patch.gyration * part.acceleration[:, 2],
         )
 
     def noise(self, floor: float) -> Array:

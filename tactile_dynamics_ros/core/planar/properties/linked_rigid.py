@@ -81,8 +81,8 @@ class RigidModel(PairModel):
     def lack(self, common: Array, motion: Motion, slip: float) -> Lack:
         """Equations with friction to first order around a motion."""
         part = PartMotion(motion.pose, motion.velocity, motion.acceleration)
-        resting = np.broadcast_to(common[2:4], (len(motion.pose), 2))
-        friction = LinearFriction.of_state(self.patch, self._state(part, common, resting), slip)
+        state = self._state(part, common, self._loaded(part, motion, common)[1])
+        friction = LinearFriction.of_state(self.patch, state, slip)
 
         def equations(moved: Motion, numbers: Array) -> Array:
             return self._equations(moved, numbers, friction)
@@ -94,31 +94,36 @@ class RigidModel(PairModel):
         even = np.ones(len(twist))
         return np.column_stack([twist, centre, even * np.exp(common[6]), even * common[7]])
 
-    def _equations(self, motion: Motion, common: Array, friction: LinearFriction) -> Array:
-        cut, at, patch = self.data.intervals, self.middle, self.patch
-        part = PartMotion(motion.pose, motion.velocity, motion.acceleration)
+    def _loaded(
+        self, part: PartMotion, motion: Motion, common: Array
+    ) -> tuple[Array, Array, Array]:
+        """Friction coefficient times load (R,) N, centre of pressure (R, 2) m, pull (R, 2) N."""
+        cut, at = self.data.intervals, self.middle
         mass, yaw = float(np.exp(common[1])), motion.pose[:, 2]
-        place = patch.centroid + common[2:4]
-        pull = mass * (part.acceleration_of(place) - self.data.gravity[:2])
-        force = cut.force[at, :2]
-        com = motion.pose[:, :2] + part.place(place)
-        arm = com - cut.point[at, :2] - common[9:11]
-        arm = np.where(cut.touching[at, None], arm, 0.0)
+        pull = part.acceleration_of(self.patch.centroid + common[2:4]) - self.data.gravity[:2]
+        pull, force = mass * pull, cut.force[at, :2]
         weight = -mass * self.data.gravity[2]
         normal = np.maximum(weight - cut.force[at, 2], 0.1 * weight)
         height = np.full(len(yaw), common[5])
-        above = cut.point[at, 2] + common[8]
-        shift = tipping_shift(normal, height, pull - force, force, above)
-        local = motion.local[:, 1:] * np.sqrt(patch.gyration)
-        state = self._state(part, common, common[2:4] + turned(shift, -yaw) + local)
+        shift = tipping_shift(normal, height, pull - force, force, cut.point[at, 2] + common[8])
+        local = motion.local[:, 1:] * np.sqrt(self.patch.gyration)
         load = np.exp(common[0] - common[1]) * normal * (1.0 + motion.local[:, 0])
-        wrench = friction.at(state) * load[:, None]
-        support = turned(wrench[:, :2], yaw)
+        return load, common[2:4] + turned(shift, -yaw) + local, pull
+
+    def _equations(self, motion: Motion, common: Array, friction: LinearFriction) -> Array:
+        cut, at, patch = self.data.intervals, self.middle, self.patch
+        part = PartMotion(motion.pose, motion.velocity, motion.acceleration)
+        load, centre, pull = self._loaded(part, motion, common)
+        com = motion.pose[:, :2] + part.place(patch.centroid + common[2:4])
+        arm = com - cut.point[at, :2] - common[9:11]
+        arm = np.where(cut.touching[at, None], arm, 0.0)
+        wrench = friction.at(self._state(part, common, centre)) * load[:, None]
+        support = turned(wrench[:, :2], motion.pose[:, 2])
         to_centroid = arm - part.place(common[2:4])
-        inertia = mass * patch.gyration * np.exp(common[4])
+        inertia = np.exp(common[1] + common[4]) * patch.gyration
         turning = inertia * motion.acceleration[:, 2] + cross(arm, pull)
         torque = wrench[:, 2] + cross(to_centroid, support) + cut.torque[at]
-        return np.column_stack([pull - support - force, turning - torque])
+        return np.column_stack([pull - support - cut.force[at, :2], turning - torque])
 
     def noise(self, floor: float) -> Array:
         """(R, 3) standard deviations of two forces and the torque."""
