@@ -43,7 +43,7 @@ def test_importing_the_package_imports_nothing_heavy():
 
 def test_estimators_start_without_the_statistics_that_take_as_long_to_import_as_the_rest():
     inertia = "tactile_dynamics_ros.core.inertia"
-    modules = f"{inertia}.live.estimator, {inertia}.diagnosis.live_check"
+    modules = f"{inertia}.batch.knowledge, {inertia}.live.estimator, {inertia}.diagnosis.live_check"
     script = f"import sys, {modules}; print('scipy' in sys.modules, 'scipy.stats' in sys.modules)"
     out = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert out.stdout.split() == ["True", "False"]
