@@ -38,6 +38,8 @@ class PropertyEstimatorConfig:
         10.0, "rate of the status while anything comes", "Hz", 0.1, 100
     )
 
+    effects: tuple[str, ...] = parameter((), "effects of pushes in the model of the fits; live")
+
     def __post_init__(self) -> None:
         check_ranges(self)
 
@@ -51,10 +53,13 @@ class PropertyEstimatorNode(Shell):
     def __init__(self) -> None:
         super().__init__("property_estimator")
         self.live = LiveProperties(declare_config(self, PropertyConfig))
-        config = declare_config(self, PropertyEstimatorConfig)
         self._background = Background()
         self._fitting: Future[PushedEstimate] | None = None
         self._told = -np.inf
+        config = declare_config(
+            self, PropertyEstimatorConfig, live=["effects"], on_change=self._change_model
+        )
+        self._change_model(config)
         self._streams = PushingStreams(self, config.contacts, self.live, self._forget)
         self._status = self.create_publisher(DiagnosticArray, PROPERTY_STATUS, LATCHED)
         self._markers = EstimateMarkers(self)
@@ -78,7 +83,11 @@ class PropertyEstimatorNode(Shell):
         self._take_fit()
         streams = self.live.due(until) if self._fitting is None else None
         if streams is not None:
-            self._fitting = self._background.submit(estimate, streams)
+            self._fitting = self._background.submit(estimate, streams, self.live.effects)
+
+    def _change_model(self, config: PropertyEstimatorConfig) -> None:
+        self.live.set_effects([name for name in config.effects if name])
+        self._fitting, self._told = None, -np.inf
 
     def _forget(self) -> None:
         self.live.reset()

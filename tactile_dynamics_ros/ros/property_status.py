@@ -26,6 +26,7 @@ def property_status(known: Properties, live: LiveProperties) -> Sequence[Diagnos
     link["undetermined"] = ",".join(known.undetermined)
     solver: dict[str, object] = {
         "model": live.config.model,
+        "effects": ",".join(live.effects),
         "source": known.source,
         "fits": live.fits,
         "refused": live.refused,
@@ -33,6 +34,13 @@ def property_status(known: Properties, live: LiveProperties) -> Sequence[Diagnos
     if live.fit is not None:
         solver |= {"samples": live.fit.samples, "whitened_rms": live.fit.error}
     statuses = [status_message("link_1", link, level, known.text)]
+    for name, found in (live.fit.effects if live.fit is not None else {}).items():
+        entries = {
+            key if kind == "value" else f"{key}_{kind}": told
+            for key, entry in found.items()
+            for kind, told in entry.items()
+        }
+        statuses.append(status_message(f"effect {name}", entries))
     if live.tracker is not None and live.tracker.filter is not None:
         solver |= {"steps": live.tracker.steps, "touched": live.tracker.touched}
         solver |= {"latency": live.newest - live.tracker.time, **live.tracker.problems}

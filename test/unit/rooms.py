@@ -83,7 +83,7 @@ ROOMS = {
     ),
     "core/planar/filter": Room(
         "live belief about a pushed object: a dual filter over any model that predicts pushes",
-        ("core/planar", "core/planar/mechanics", "core/planar/properties"),
+        ("core/planar", "core/planar/effects", "core/planar/mechanics", "core/planar/properties"),
     ),
     "core/planar/actions": Room(
         "pushes and pulls as paths of a gripper; what they would tell",

@@ -141,6 +141,20 @@ def test_another_outline_is_another_object():
     assert live.properties() is None
 
 
+def test_other_effects_are_fitted_to_what_was_measured():
+    live = seen()
+    live.add_contact(felt(0.05, 3.0))
+    assert live.due(2.0) is not None
+    assert live.due(2.0) is None
+    live.take_fit(fitted())
+    live.set_effects(["support_tilt"])
+    assert live.properties().source != "fit"
+    assert live.due(2.0) is not None
+    with pytest.raises(BadInputError, match="no_such"):
+        live.set_effects(["no_such"])
+    assert live.effects == ("support_tilt",)
+
+
 def test_a_model_that_nobody_has_is_refused():
     with pytest.raises(BadInputError, match="model 'magic': expected patch"):
         PropertyConfig(model="magic")

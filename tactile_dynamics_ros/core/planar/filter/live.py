@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time as clock
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.planar.effects.effect import PUSHED
 from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess
 from tactile_dynamics_ros.core.planar.filter.record import PushRecord
 from tactile_dynamics_ros.core.planar.filter.summary import Properties, of_filter, of_fit
@@ -59,12 +61,14 @@ class LiveProperties:
         config: of everything.
 
     Attributes:
+        effects: in the model of the fits.
         fits: so far. refused: why the last fit failed; empty if it did not.
     """
 
     def __init__(self, config: PropertyConfig | None = None) -> None:
         self.config = config or PropertyConfig()
         self.outline: Array | None = None
+        self.effects: tuple[str, ...] = ()
         self.gravity = np.array([0.0, 0.0, -9.81])
         self.reset()
 
@@ -91,6 +95,16 @@ class LiveProperties:
         else:
             self._begin(outline)
         return known
+
+    def set_effects(self, names: Sequence[str]) -> None:
+        """Change the model of the fits; one to what was measured so far is due at once.
+
+        Raises:
+            BadInputError: an effect is unknown or named twice.
+        """
+        PUSHED.create_all(names)
+        self.effects, self.fit, self.refused = tuple(names), None, ""
+        self.record.ask_again()
 
     def _begin(self, outline: Array) -> None:
         self.patch = SupportPatch(outline)
@@ -123,10 +137,10 @@ class LiveProperties:
         """Take the filter's steps up to a time by which all measurements have come."""
         if self.tracker is None:
             return 0
-        start, touched = clock.perf_counter(), self.tracker.touched
+        start, touched = clock.thread_time(), self.tracker.touched
         taken = self.tracker.advance(until)
         if self.tracker.touched > touched:
-            self.durations.append((clock.perf_counter() - start) / taken)
+            self.durations.append((clock.thread_time() - start) / taken)
         return taken
 
     def due(self, now: float) -> PushedStreams | None:

@@ -50,6 +50,10 @@ class PushRecord:
         """Whether there was a push that is not in a fit yet, and has ended."""
         return self._new and now - self._touched[-1] > _AROUND
 
+    def ask_again(self) -> None:
+        """Let all pushes count as not in a fit yet."""
+        self._new = bool(self._touched)
+
     def streams(self, footprint: Array, gravity: Array) -> PushedStreams:
         """Drop what is far from touches or too old, and return the rest.
 
