@@ -32,7 +32,7 @@ from tactile_dynamics_ros.ros.background import Background
 from tactile_dynamics_ros.ros.conversions import pose_to_message
 from tactile_dynamics_ros.ros.diagnostics import status_message
 from tactile_dynamics_ros.ros.emergency import EmergencyStop
-from tactile_dynamics_ros.ros.names import EXPLORE, EXPLORE_PROGRESS, PUSHER_TARGET
+from tactile_dynamics_ros.ros.names import EXPLORE, EXPLORE_PROGRESS, PROPERTY_STATUS, PUSHER_TARGET
 from tactile_dynamics_ros.ros.parameters import declare_config
 from tactile_dynamics_ros.ros.shell import REQUESTS, Shell, run_node
 from tactile_dynamics_ros.ros.table_scene import WORLD, TableScene, TableSceneConfig, tip_pose
@@ -145,6 +145,9 @@ class ExplorerNode(Shell):
             if run.choosing.done():
                 self._begin(run, run.choosing)
         elif self.scene.fits > run.fits or time.monotonic() - run.since > PATIENCE:
+            if run.actions and not self.scene.properties:
+                self._finish(f"no {PROPERTY_STATUS} came: is property_estimator running?", False)
+                return
             belief = self.scene.belief(run.explorer.thing.outline)
             pose = self.scene.seen().pose
             run.choosing = self._background.submit(next_choice, run.explorer, belief, pose)
