@@ -37,7 +37,7 @@ class Watch:
 
     Data are kept when all `span` seconds are of the time since the error rose, so that a diagnosis
     finds nothing else in them, or as soon as the error is small again or nothing is measured. Only
-    a small error ends a rise: silence tells nothing, and a stream that pauses is not reported again.
+    a small error ends a rise: silence tells nothing, a stream that pauses is not reported again.
 
     Attributes:
         config: threshold and times.
