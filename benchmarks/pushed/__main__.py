@@ -8,10 +8,11 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from benchmarks.pushed import linked, live, real, simulated
+from benchmarks.pushed import diagnoses, linked, live, real, simulated
 
 Section = tuple[Callable[[argparse.Namespace], dict[str, Any]], Callable[[dict[str, Any]], str]]
 SECTIONS: dict[str, Section] = {
+    "diagnoses": (diagnoses.measure, diagnoses.table),
     "linked": (linked.measure, linked.table),
     "live": (live.measure, live.table),
     "real": (real.measure, real.table),
@@ -27,6 +28,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--quick", action="store_true", help="few cases of each section")
     parser.add_argument("--json", action="store_true", help="print only JSON on stdout")
     for add in (
+        diagnoses.add_arguments,
         linked.add_arguments,
         live.add_arguments,
         real.add_arguments,

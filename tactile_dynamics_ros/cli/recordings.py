@@ -98,7 +98,7 @@ def model_of(args: Namespace) -> str:
     return recorded_model(first) if chosen == "auto" else chosen
 
 
-_HELD_ONLY = ("export", "tool", "prior", "save", "remap", "between", "assume", "world_frame")
+_HELD_ONLY = ("export", "tool", "prior", "save", "remap", "between", "world_frame")
 """Options of the verbs that mean nothing for an object on a support."""
 
 
@@ -106,8 +106,10 @@ def read_pushed(args: Namespace) -> PushedRecording:
     """Read the recording of an object on a support; problems go to stderr, one line each.
 
     Raises:
-        BadInputError: it cannot be read, or an option holds for held objects only.
+        BadInputError: it cannot be read, an option holds for held objects only, or the tip presses
+            into the outline only if signs, units or axes are read another way.
     """
+    from tactile_dynamics_ros.core.planar.misreading import assumed, check_reading
     from tactile_dynamics_ros.recording.pushed import PushedRecording
 
     asked = [name for name in _HELD_ONLY if getattr(args, name, None)]
@@ -117,6 +119,11 @@ def read_pushed(args: Namespace) -> PushedRecording:
     recording = PushedRecording.from_bag(args.bag[0])
     for line in recording.problem_lines():
         print(f"note: {line}", file=sys.stderr)
+    for name in getattr(args, "assume", []):
+        streams, reading = assumed(recording.streams, name)
+        print(f"note: read as {name}: {reading.change}", file=sys.stderr)
+        recording = replace(recording, streams=streams)
+    check_reading(recording.streams)
     return recording
 
 

@@ -249,6 +249,7 @@ ROOMS = {
             _INERTIA + "residuals",
             "core/manipulation",
             "core/planar/actions",
+            "core/planar",
             "core/planar/effects",
             "core/planar/network",
             "core/planar/properties",

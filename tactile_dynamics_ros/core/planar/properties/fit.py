@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -73,6 +74,9 @@ _LEAST_INTERVALS = 10
 _LOOSE = 1e-6
 """Information on every node beside the data, in units of one pose: the delay may leave the
 outermost node of a segment without any. A millionth changes no interval."""
+_HELD = (1.0, 1e3, 1e6)
+"""Multiples of that information which are tried in turn where equations are singular: the last is
+one pose at each node. It happens where a model is far from the data, whose fit is no answer."""
 _TOLERANCE = 3e-2
 """Fall of the cost (twice the log probability) that is immaterial: 0.03 of a std squared; at a
 third of it fits take twice as long and move by less than 0.1 std."""
@@ -166,8 +170,8 @@ def _extended(fit: PushFit, effect: PushEffect) -> PushFit:
     start = np.append(fit.common, np.zeros(len(effect.parameters)))
     trials = [effect]
     if effect.sudden and effect.start is None:
-        cut = fit.model.intervals
-        trials = [effect.from_time(float(t)) for t in cut.time[cut.first_node[1:]]]
+        starts = fit.model.intervals.push_starts[1:]
+        trials = [effect.from_time(float(start)) for start in starts]
     if not trials:
         raise NotIdentifiableError(f"{effect.name}: one push tells no change; push again")
     promises = []
@@ -204,9 +208,15 @@ def _hope(model: PushModel, start: tuple[Array, Array], variation: float) -> flo
 
 
 def _factor(model: PushModel, equations: NormalEquations) -> Factor:
+    """Factor of the equations, loosely held where they are singular to double precision."""
     loose = _LOOSE / np.square(_scales(model)[0])
-    shape = (equations.nodes, equations.size)
-    return equations.factor(np.broadcast_to(loose, shape), np.zeros(equations.common))
+    shape, free = (equations.nodes, equations.size), np.zeros(equations.common)
+    for held in _HELD:
+        with suppress(np.linalg.LinAlgError):
+            return equations.factor(np.broadcast_to(held * loose, shape), free)
+    raise NotIdentifiableError(
+        "the motion that was found is singular; check the clocks and the units of the forces"
+    )
 
 
 def _evidence(model: PushModel, sharp: Sharpness, cost: float, factor: Factor) -> float:

@@ -19,6 +19,9 @@ doubles the time of an estimate and changes masses by less than a tenth of their
 _TOUCH = 4.0
 """Force from which something is touched, in standard deviations of the force. At 3 one sample in
 three hundred of a silent sensor would begin a push."""
+_SILENCE = 0.1
+"""Time without a touch that parts two pushes, s: an arm needs as long to come back; shorter ones are
+bounces."""
 _BEND = 24.0
 """The mean of a parabola over an interval differs from its middle by its second difference over 24:
 by so much a force that is sampled once may be off. At 1 hard stops tell nothing of the mass."""
@@ -69,6 +72,16 @@ class Intervals:
 
     def __len__(self) -> int:
         return len(self.time)
+
+    @property
+    def push_starts(self) -> Array:
+        """Times (K,) s at which something is touched after a silence, the first touch included."""
+        starts, last = [], -np.inf
+        for time in self.time[self.touching]:
+            if time - last > _SILENCE:
+                starts.append(time)
+            last = time
+        return np.array(starts)
 
     @property
     def expected_rate(self) -> Array:

@@ -28,6 +28,11 @@ USUAL_FRICTION, FRICTION_SPREAD = 0.3, 0.6
 """Median of friction coefficients and standard deviation of their logarithm before any data: 68 %
 between 0.16 and 0.55, from Teflon to wood. It is all that is said of the mass where nothing
 accelerates; half the spread would make such masses look known to 30 %."""
+_LEAST_FRICTION, _MOST_FRICTION = 0.05, 1.5
+"""Friction coefficients beyond which no table is: wet ice, soft rubber. Where something acts that
+the model lacks, a heavy object on ice would explain it, which hardly any pose contradicts."""
+_BEYOND = 0.1
+"""Standard deviation of the logarithm of friction beyond these; a tenth of it changes no fit."""
 _INERTIA_SPREAD = 0.3
 """Standard deviation of ln(inertia over that of an even plate): a rim has 1.5 to 2 times that of a
 plate, a solid lump in the middle half of it. Wider changes masses of shapely objects by little."""
@@ -258,6 +263,11 @@ class PushModel:
             (common[0] - common[1] - np.log(USUAL_FRICTION)) / FRICTION_SPREAD,
         )
         equations.add_common(residual, np.concatenate([rows, usual[None]]))
+        friction = common[0] - common[1]
+        bound = np.clip(friction, np.log(_LEAST_FRICTION), np.log(_MOST_FRICTION))
+        if friction != bound:
+            beyond = np.array([(friction - bound) / _BEYOND])
+            equations.add_common(beyond, usual[None] * FRICTION_SPREAD / _BEYOND)
 
 
 def add_poses(

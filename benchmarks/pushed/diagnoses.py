@@ -1,0 +1,108 @@
+"""What diagnose says of simulated pushes: clean ones, hidden effects, and what no catalogue has."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
+from tactile_dynamics_ros.core.errors import TactileDynamicsError
+from tactile_dynamics_ros.core.planar.diagnosis.discrepancy_model import PushDiscrepancy
+from tactile_dynamics_ros.synthetic import pushed
+
+CLEAN = "none"
+"""Stands for recordings in which nothing is hidden."""
+_MAGNITUDE = 1.35
+"""Multiple of the typical size at which effects are hidden, as for held objects."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the section's options."""
+    known = (CLEAN, *pushed.CATALOGUE, *pushed.OUTSIDE)
+    parser.add_argument("--diagnosed", nargs="+", choices=known, default=list(known))
+    parser.add_argument("--diagnosis-seeds", type=int, nargs="+", default=[210, 211, 212])
+    parser.add_argument("--variations", type=float, nargs="+", default=[0.0, 0.05])
+
+
+def measure(options: argparse.Namespace) -> dict[str, Any]:
+    """Verdicts of every effect, seed and variation of friction."""
+    names, seeds = options.diagnosed, options.diagnosis_seeds
+    if options.quick:
+        names, seeds = [CLEAN, "support_tilt"], seeds[:1]
+    rows = [
+        _row(name, seed, variation)
+        for variation in options.variations
+        for name in names
+        for seed in seeds
+    ]
+    return {"rows": rows, "magnitude": _MAGNITUDE}
+
+
+def _row(name: str, seed: int, variation: float) -> dict[str, Any]:
+    hidden = {} if name == CLEAN else {name: _MAGNITUDE}
+    made = pushed.generate([seed], hidden, pushed.PushOptions(variation=variation))[0]
+    row: dict[str, Any] = {"hidden": name, "seed": seed, "variation": variation}
+    start = time.process_time()
+    try:
+        model = PushDiscrepancy.of_streams(made.streams)
+        row["rms"] = float(np.sqrt(np.mean(model.residual**2)))
+        found = diagnose(model)
+    except TactileDynamicsError as error:
+        return row | {"refused": str(error), "cpu_s": time.process_time() - start}
+    named = found.explained_model.parameters() if found.effect else {}
+    return row | {
+        "cpu_s": time.process_time() - start,
+        "stated_variation": model.variation,
+        "verdict": found.verdict,
+        "effect": found.effect,
+        "group": list(found.group),
+        "before": found.before.rms,
+        "after": found.after.rms,
+        "floor": found.floor,
+        "parameters": named,
+        "truth": {k: v["parameters"] for k, v in made.truth()["effects"].items()},
+    }
+
+
+def _is_right(row: dict[str, Any]) -> bool:
+    """Whether a verdict is true: the name or its group; adequate; or unexplained."""
+    if row["hidden"] == CLEAN:
+        return bool(row.get("verdict") == "adequate")
+    if row["hidden"] in pushed.OUTSIDE:
+        return bool(row.get("verdict") == "unexplained")
+    return row["hidden"] in (row.get("effect"), *row.get("group", ()))
+
+
+def table(found: dict[str, Any]) -> str:
+    """Counts of every effect as Markdown."""
+    lines = ["| hidden | variation | n | true | alone | verdicts | error | CPU s |"]
+    lines.append("|---|---|---|---|---|---|---|---|")
+    cases = {(row["variation"], row["hidden"]): None for row in found["rows"]}
+    for variation, name in cases:
+        rows = [r for r in found["rows"] if (r["variation"], r["hidden"]) == (variation, name)]
+        right = sum(map(_is_right, rows))
+        alone = sum(r.get("effect") == name and not r["group"] for r in rows)
+        lines.append(
+            f"| `{name}` | {variation:g} | {len(rows)} | {right} | {alone or ''} | "
+            f"{_verdicts(rows)} | {_errors(rows)} | {np.median([r['cpu_s'] for r in rows]):.0f} |"
+        )
+    return "\n".join(lines)
+
+
+def _verdicts(rows: Sequence[dict[str, Any]]) -> str:
+    said = [r.get("effect") or r.get("verdict") or "refused" for r in rows]
+    return ", ".join(f"{said.count(word)} {word}" for word in sorted(set(said)))
+
+
+def _errors(rows: Sequence[dict[str, Any]]) -> str:
+    told = [r for r in rows if "before" in r]
+    if not told:
+        return ""
+    before, after = (
+        float(np.median([r[k] / r["floor"] for r in told])) for k in ("before", "after")
+    )
+    return f"{before:.2f} to {after:.2f}"
