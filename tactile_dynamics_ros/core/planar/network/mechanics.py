@@ -33,7 +33,7 @@ def _part(
     base: PatchProcess, steps: Transitions, rows: NDArray[np.intp], touching: bool
 ) -> tuple[Array, Array]:
     push, parameters = steps.push, steps.parameters[rows]
-    linkage = Linkage((_link(base, parameters),))
+    linkage = Linkage((_link(base, float(steps.thing.com_height[0]), parameters),))
     tip = Tip(
         base.outline, push.height[rows], np.exp(parameters[:, 4]), touching, push.normal[rows]
     )
@@ -55,7 +55,7 @@ def _part(
     return np.concatenate([frame, velocity, final[:, 2:]], axis=1), force
 
 
-def _link(base: PatchProcess, parameters: Array) -> Link:
+def _link(base: PatchProcess, com_height: float, parameters: Array) -> Link:
     product, mass = np.exp(parameters[:, :2].T)
     same = np.ones(len(mass))
     return Link(
@@ -63,7 +63,7 @@ def _link(base: PatchProcess, parameters: Array) -> Link:
         mass=mass,
         friction=product / mass,
         com=parameters[:, 2:4],
-        com_height=base.com_height * same,
+        com_height=com_height * same,
         inertia=mass * base.patch.gyration,
         scale=same,
     )
