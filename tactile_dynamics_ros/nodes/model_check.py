@@ -18,23 +18,15 @@ from std_srvs.srv import Trigger
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.discrepancy.documents import Document
-from tactile_dynamics_ros.core.discrepancy.live_check import (
-    LiveCheckConfig,
-    LiveComparison,
-    LiveModelCheck,
-)
+from tactile_dynamics_ros.core.discrepancy.live_check import LiveCheckConfig, LiveComparison
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
-from tactile_dynamics_ros.core.inertia.diagnosis.live_check import compare_streams, diagnose_streams
-from tactile_dynamics_ros.core.streams.measurement_window import MeasurementWindow
 from tactile_dynamics_ros.ros.background import Background
+from tactile_dynamics_ros.ros.checked_model import MODELS, checked_model
 from tactile_dynamics_ros.ros.conversions import header, wrench_to_message
 from tactile_dynamics_ros.ros.diagnostics import status_message, status_values
-from tactile_dynamics_ros.ros.held_streams import HeldStreams
 from tactile_dynamics_ros.ros.kept_recordings import keep_and_diagnose
 from tactile_dynamics_ros.ros.names import (
-    CONTACTS,
     DIAGNOSE,
-    ESTIMATOR_STATUS,
     MODEL_DIAGNOSIS,
     MODEL_ERROR,
     MODEL_RESIDUAL,
@@ -51,7 +43,10 @@ REST = 3.0
 class ModelCheckConfig:
     """What is listened to, and how often the model is compared."""
 
-    contacts: tuple[str, ...] = parameter(CONTACTS, "names of the contacts on contact/<name>")
+    model: str = parameter("held", f"of the object: {' or '.join(MODELS)}")
+    contacts: tuple[str, ...] = parameter(
+        (), "names of the contacts on contact/<name>; empty: those of the hand, or of the pusher"
+    )
     period: float = parameter(5.0, "time between comparisons, real time", "s", 0.5, 600.0)
     iterations: int = parameter(2, "iterations of the fit of a comparison", "", 1, 10)
 
@@ -62,7 +57,8 @@ class ModelCheckConfig:
 class ModelCheckNode(Shell):
     """Keeps the last seconds, compares in the background, diagnoses on request.
 
-    The model is that of inertial_estimator: effects that are added there are taken over here.
+    The model is that of inertial_estimator, or of property_estimator for a pushed object: effects
+    that are added there are taken over here.
     """
 
     gather = 0.1
@@ -74,18 +70,17 @@ class ModelCheckNode(Shell):
         spans = declare_config(self, LiveCheckConfig)
         self._watch = Watch(declare_config(self, WatchConfig, "watch."))
         kept = max(spans.diagnosis_window, self._watch.config.span)
-        window = self._window = MeasurementWindow(kept)
-        compare = partial(compare_streams, iterations=config.iterations)
-        self.check = LiveModelCheck(window, compare, diagnose_streams, spans)
+        self._model = checked_model(
+            self, config.model, config.contacts, config.iterations, spans, kept
+        )
+        self._window, self.check = self._model.window, self._model.check
+        self._streams = self._model.streams
         self._background = Background()
         self._comparison: Future[LiveComparison] | None = None
         self._diagnosing: tuple[tuple[str, ...], RosFuture] | None = None
         self._compared = -np.inf
         self._started = self._rest_until = 0.0
-        self._streams = HeldStreams(
-            self, config.contacts, window.add_pose, window.add_contact, window.clear
-        )
-        self.listen(DiagnosticArray, ESTIMATOR_STATUS, self._on_model, LATCHED)
+        self.listen(DiagnosticArray, self._model.status, self._on_model, LATCHED)
         self._residual = self.stream(WrenchStamped, MODEL_RESIDUAL)
         self._error = self.latched(Float64, MODEL_ERROR)
         self._diagnosis = self.latched(DiagnosticArray, MODEL_DIAGNOSIS)
@@ -157,8 +152,9 @@ class ModelCheckNode(Shell):
             self.faults.alarm("error", text, {"error": error, "threshold": watch.threshold})
             return
         streams = self._window.streams(watch.span)
-        effects, folder = self.check.effects, watch.folder
-        self._diagnose_by(partial(keep_and_diagnose, streams, effects, folder, watch.most))
+        ask = partial(self._model.diagnose, streams, self.check.effects)
+        write = partial(self._model.write, streams)
+        self._diagnose_by(partial(keep_and_diagnose, write, ask, watch.folder, watch.most))
 
     async def _diagnose(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Diagnose what is kept; the answer comes when it is finished."""

@@ -5,28 +5,25 @@ from __future__ import annotations
 import json
 import re
 import shutil
-from collections.abc import Sequence
+from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError
-from tactile_dynamics_ros.core.inertia.diagnosis.live_check import diagnose_streams
-from tactile_dynamics_ros.core.streams.streams import Streams
-from tactile_dynamics_ros.recording.bag_writer import write_bag
 
 _NAME = re.compile(r"\d{8}T\d{6}\.\d{3}Z")
 _BAG, _DIAGNOSIS = "recording.mcap", "diagnosis.json"
 
 
 def keep_and_diagnose(
-    streams: Streams, effects: Sequence[str], folder: str, most: int
+    write: Callable[[Path], Any], diagnose: Callable[[], dict[str, Any]], folder: str, most: int
 ) -> dict[str, Any]:
-    """Write streams to a new recording in a folder, diagnose them, and drop the oldest recordings.
+    """Write a new recording in a folder, diagnose it, and drop the oldest recordings.
 
     Args:
-        streams: measurements, stamped in s since 1970 or the start of a simulation.
-        effects: names of the effects in the model.
+        write: what was measured, to a path.
+        diagnose: the same.
         folder: where recordings are kept; nothing is kept if empty.
         most: recordings that may be there.
 
@@ -38,9 +35,9 @@ def keep_and_diagnose(
     """
     place = _new_place(Path(folder)) if folder else None
     if place is not None:
-        write_bag(streams, place / _BAG)
+        write(place / _BAG)
     try:
-        document = diagnose_streams(streams, effects)
+        document = diagnose()
     except TactileDynamicsError as error:
         if place is None:
             raise

@@ -209,10 +209,12 @@ ROOMS = {
             _INERTIA + "batch",
             _INERTIA + "diagnosis",
             _INERTIA + "live",
+            "core/discrepancy",
         )
         + (
             "core/planar/actions",
             "core/planar/control",
+            "core/planar/diagnosis",
             "core/planar/filter",
             "core/planar/mechanics",
             "core/rigid_body",

@@ -3,16 +3,24 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 
 import pytest
 
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.inertia.diagnosis.live_check import diagnose_streams
 from tactile_dynamics_ros.recording import Recording
+from tactile_dynamics_ros.recording.bag_writer import write_bag
 from tactile_dynamics_ros.ros.kept_recordings import drop_oldest, keep_and_diagnose
 from tactile_dynamics_ros.ros.watch import Event, Watch, WatchConfig
 from tactile_dynamics_ros.synthetic import ScenarioOptions, generate, generate_at_whitened_rms
 
 CONFIG = WatchConfig(threshold=1.5, hold=5.0, span=30.0)
+
+
+def _keep(streams, folder, most):
+    write, ask = partial(write_bag, streams), partial(diagnose_streams, streams, ())
+    return keep_and_diagnose(write, ask, folder, most)
 
 
 def events(errors, config=CONFIG, step=2.5):
@@ -81,7 +89,7 @@ def test_recordings_are_kept_with_their_diagnosis_and_the_oldest_goes(tmp_path):
     (tmp_path / "20190101T000000.000Z").mkdir()
     (tmp_path / "20190101T000000.000Z" / "mine.txt").write_text("not ours")
     (tmp_path / "notes").mkdir()
-    document = keep_and_diagnose(made.streams, (), str(tmp_path), 2)
+    document = _keep(made.streams, str(tmp_path), 2)
     left = sorted(path.name for path in tmp_path.iterdir())
     new = document["kept"].rsplit("/", 1)[1]
     assert left == ["20190101T000000.000Z", "20210101T000000.000Z", new, "notes"]
@@ -94,11 +102,11 @@ def test_recordings_are_kept_with_their_diagnosis_and_the_oldest_goes(tmp_path):
 
 def test_what_cannot_be_diagnosed_is_kept_all_the_same(tmp_path):
     short = generate(31, {}, ScenarioOptions(duration=0.05)).streams
-    document = keep_and_diagnose(short, (), str(tmp_path), 3)
+    document = _keep(short, str(tmp_path), 3)
     assert document["sentence"].startswith("no diagnosis: ")
     assert (tmp_path / document["kept"] / "recording.mcap").exists()
     with pytest.raises(BadInputError):
-        keep_and_diagnose(short, (), "", 3)
+        _keep(short, "", 3)
 
 
 def test_fewer_than_the_limit_stay(tmp_path):

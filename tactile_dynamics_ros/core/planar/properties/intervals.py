@@ -20,8 +20,8 @@ _TOUCH = 4.0
 """Force from which something is touched, in standard deviations of the force. At 3 one sample in
 three hundred of a silent sensor would begin a push."""
 _SILENCE = 0.1
-"""Time without a touch that parts two pushes, s: an arm needs as long to come back; shorter ones are
-bounces."""
+"""Time without a touch that parts two pushes, s: an arm needs as long to come back; shorter ones
+are bounces."""
 _BEND = 24.0
 """The mean of a parabola over an interval differs from its middle by its second difference over 24:
 by so much a force that is sampled once may be off. At 1 hard stops tell nothing of the mass."""

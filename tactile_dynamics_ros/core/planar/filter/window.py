@@ -1,0 +1,82 @@
+"""The latest pushes of live measurements, as streams for a fit."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.planar.filter.record import PushRecord
+from tactile_dynamics_ros.core.planar.filter.tracker import Felt
+from tactile_dynamics_ros.core.planar.streams import PushedStreams
+
+Array = NDArray[np.float64]
+
+_POSE_STD = np.array([5e-4, 5e-4, 3e-3])
+"""Noise of poses, m, m, rad, presumed where none is stated, as in fits of recordings: of trackers
+of markers. Larger hides what the model lacks, smaller invents it."""
+
+
+class PushWindow:
+    """Keeps poses and forces around the latest touches.
+
+    Args:
+        longest: s of touch that are kept.
+
+    Attributes:
+        gravity: (3,) m/s^2, axes of the support.
+        newest: s, stamp of the newest force or pose; minus infinity where there is none.
+    """
+
+    def __init__(self, longest: float) -> None:
+        self._longest = longest
+        self.gravity = np.array([0.0, 0.0, -9.81])
+        self._outline: Array | None = None
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget all measurements; the outline stays."""
+        self._record = PushRecord(self._longest)
+        self.newest = -np.inf
+
+    def set_outline(self, outline: Array) -> bool:
+        """Take the footprint (V, 2), m; another one is another object and begins anew."""
+        before, self._outline = self._outline, outline
+        changed = before is not None and not np.array_equal(before, outline)
+        if changed:
+            self.clear()
+        return changed
+
+    def add_pose(self, time: float, pose: Array, std: Array | None) -> None:
+        """Take where the link is: x, y, yaw, with their std where stated."""
+        stated = std is not None and bool(np.all(std > 0.0))
+        self._record.add_pose(time, pose, std if stated and std is not None else _POSE_STD)
+        self.newest = max(self.newest, time)
+
+    def add_pusher(self, time: float, pose: Array) -> None:
+        """Nothing: the forces say where they act."""
+
+    def add_contact(self, felt: Felt) -> None:
+        """Take a force on the object."""
+        self._record.add_contact(felt)
+        self.newest = max(self.newest, felt.time)
+
+    def streams(self, window: float = np.inf) -> PushedStreams:
+        """All pushes that are kept: a few seconds of one push would tell nothing.
+
+        Args:
+            window: not used.
+
+        Raises:
+            BadInputError: no outline was seen, or nothing was touched.
+        """
+        if self._outline is None:
+            raise BadInputError("/object/footprint has not come: start shape_estimator, or send it")
+        streams = self._record.streams(self._outline, self.gravity)
+        if not streams.contacts:
+            raise BadInputError("nothing was pushed yet; push the object first")
+        link = streams.links[0]
+        pose = np.column_stack([link.pose[:, :2], np.unwrap(link.pose[:, 2])])
+        return replace(streams, links=(replace(link, pose=pose),))
