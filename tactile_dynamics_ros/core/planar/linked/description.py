@@ -12,18 +12,24 @@ Array = NDArray[np.float64]
 Value = tuple[float, float]
 
 _NAMES = {"rigid": "rigidly joined", "jointed": "jointed", "separate": "separate objects"}
+"""Words for what two parts are to each other, in the order in which sentences list them."""
 _TELL_STRUCTURE = (
     "push sideways close to where the parts meet, on either part in turn, faster or further"
 )
+"""Action that tells rigid from jointed parts: there the other part trails and turns a joint."""
 _TELL_SHARES = (
     "lift or push the parts one by one: parts that move as one body do not tell their shares"
 )
+"""Action that tells the shares of parts which are one body, as no push of both together does."""
 _TELL_BY_TURNING = (
     "push so that the joint turns by more than 5 degrees: parts that move as one body tell neither "
     "their shares nor the friction of the joint"
 )
+"""Action that tells shares and joint friction where the joint has hardly turned so far."""
 _TELL_UNTOUCHED = "push each part"
+"""Action that tells a separate part of which only poses are known, since nothing touched it."""
 _TELL_MASS = "push faster, stop hard, or shake while pulling, with forces at 100 Hz"
+"""Action that tells masses from products: only acceleration does, as for one part alone."""
 
 
 @dataclass(frozen=True)
