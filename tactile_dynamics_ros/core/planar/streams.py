@@ -75,6 +75,8 @@ class PushedStreams:
         gravity: (3,) m/s^2, axes of S; horizontal components where the support leans.
         com_height: m, height of the centre of mass of each link above the support, or None.
         com_height_std: m, of each.
+        pusher_time: (K,) s. pusher_yaw: (K,) rad, of the pusher's axes, in which its sensors may
+            err; None if not recorded.
         session_starts: s, when each of several recordings begins that are joined; empty for one.
     """
 
@@ -83,4 +85,6 @@ class PushedStreams:
     gravity: Array = field(default_factory=_gravity)
     com_height: tuple[float, ...] | None = None
     com_height_std: tuple[float, ...] | None = None
+    pusher_time: Array | None = None
+    pusher_yaw: Array | None = None
     session_starts: tuple[float, ...] = ()

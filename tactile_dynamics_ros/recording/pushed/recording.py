@@ -105,8 +105,21 @@ class _Assembly:
     def recording(self) -> PushedRecording:
         """Return the recording with everything on the support."""
         links = tuple(self._link(k) for k in range(self._links))
-        streams = PushedStreams(links, self._contacts(), self._R_WS.T @ GRAVITY_W)
+        time, yaw = self._pusher()
+        streams = PushedStreams(
+            links, self._contacts(), self._R_WS.T @ GRAVITY_W, pusher_time=time, pusher_yaw=yaw
+        )
         return PushedRecording(streams, str(self._path), dict(self._log), self._clock.epoch_ns)
+
+    def _pusher(self) -> tuple[Array, Array] | tuple[None, None]:
+        """Return times and yaw of the pusher's axes on the support, or nothing."""
+        table = self._bag.tables.get(names.PUSHER_POSE)
+        if table is None or not len(table):
+            return None, None
+        columns = topics.pose_columns(names.PUSHER_POSE, table, self._clock)
+        pose = assemble_pose(columns, self._log)
+        turn = self._R_WS.T @ pose.rotation
+        return pose.time, np.arctan2(turn[:, 1, 0], turn[:, 0, 0])
 
     def _link(self, k: int) -> LinkStream:
         topic = names.link_topic(k, "pose")

@@ -35,7 +35,27 @@ def write_pushed(streams: PushedStreams, path: Path, epoch_ns: int = 0) -> Path:
         tables += [_link(k, link, R_WS, epoch_ns), _footprint(k, link.footprint, start, epoch_ns)]
     for contact in streams.contacts.values():
         tables += _contact(contact, R_WS, epoch_ns)
+    if streams.pusher_time is not None and streams.pusher_yaw is not None and streams.contacts:
+        tables.append(_pusher(streams, R_WS, epoch_ns))
     return write_tables(tables, path)
+
+
+def _pusher(streams: PushedStreams, R_WS: Array, epoch_ns: int) -> Table:
+    """Pose of the pusher: its axes, and the place of the first contact."""
+    assert streams.pusher_time is not None and streams.pusher_yaw is not None
+    contact = next(iter(streams.contacts.values()))
+    place = np.stack(
+        [np.interp(streams.pusher_time, contact.pose_time, p) for p in contact.point.T], axis=1
+    )
+    turn = matrix_to_quaternion(R_WS @ _about_normal(streams.pusher_yaw))
+    values = np.concatenate([place @ R_WS.T, turn], axis=1)
+    return _encode(names.PUSHER_POSE, topics.POSE_STAMPED, streams.pusher_time, values, epoch_ns)
+
+
+def _about_normal(yaw: Array) -> Array:
+    c, s, zero = np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)
+    rows = [c, -s, zero, s, c, zero, zero, zero, zero + 1.0]
+    return np.stack(rows, axis=1).reshape(-1, 3, 3)
 
 
 def _encode(topic: str, kind: str, time: Array, values: Array, epoch_ns: int) -> Table:
@@ -44,8 +64,7 @@ def _encode(topic: str, kind: str, time: Array, values: Array, epoch_ns: int) ->
 
 def _link(k: int, link: LinkStream, R_WS: Array, epoch_ns: int) -> Table:
     x, y, yaw = link.pose.T
-    c, s, zero = np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)
-    turn = np.stack([c, -s, zero, s, c, zero, zero, zero, zero + 1.0], axis=1).reshape(-1, 3, 3)
+    zero, turn = np.zeros_like(yaw), _about_normal(yaw)
     position = np.stack([x, y, zero], axis=1) @ R_WS.T
     values = np.zeros((len(yaw), 43))
     values[:, :3], values[:, 3:7] = position, matrix_to_quaternion(R_WS @ turn)

@@ -62,9 +62,12 @@ def read_sensors(
         if motion.contact[:, k].any():
             contacts[name] = _contact(motion, scene, k, faults, options, errors, rng)
     heights = [0.5 * link.height + e for link, e in zip(scene.thing.links, com_error, strict=True)]
+    ticks = _ticks(len(motion.time), options.force_rate_hz)
     return PushedStreams(
         links=links,
         contacts=contacts,
+        pusher_time=motion.time[ticks],
+        pusher_yaw=motion.pusher[ticks, 2],
         com_height=tuple(float(h) for h in heights),
         com_height_std=(COM_HEIGHT_STD,) * len(heights),
     )

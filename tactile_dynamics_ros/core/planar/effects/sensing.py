@@ -27,12 +27,12 @@ class ForceBias(PushEffect):
 
     name = "force_bias"
     family = "sensor"
-    formula = "f_true = f_measured - R b, R by the contact's normal"
+    formula = "f_true = f_measured - R b, R by the pusher's axes"
     looks_like = "All pushes need as much force too much, or too little, at any load."
     sentence = "the force sensor reads a constant too much"
     remedy = "Tare the sensor while nothing is touched."
     parameters = (
-        EffectParameter("b_n", "N", 1.0, "offset along the contact's normal", 0.15),
+        EffectParameter("b_n", "N", 1.0, "offset along the pusher's x axis, or the normal", 0.15),
         EffectParameter("b_t", "N", 1.0, "offset across it", 0.15),
     )
     lasting = True
@@ -92,12 +92,12 @@ class ContactOffset(PushEffect):
 
     name = "contact_offset"
     family = "sensor"
-    formula = "point_true = point - R d, R by the contact's normal"
+    formula = "point_true = point - R d, R by the pusher's axes"
     looks_like = "The object turns as if it were pushed beside the point that is told."
     sentence = "the contact point is off"
     remedy = "Calibrate the tip of the pusher."
     parameters = (
-        EffectParameter("d_n", "m", 0.01, "offset along the contact's normal", 0.003),
+        EffectParameter("d_n", "m", 0.01, "offset along the pusher's x axis, or the normal", 0.003),
         EffectParameter("d_t", "m", 0.01, "offset across it", 0.003),
     )
     lasting = True

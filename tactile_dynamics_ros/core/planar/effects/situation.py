@@ -20,7 +20,7 @@ class Situation:
         expected: (R, 3) N, the same without its noise, which errors of the sensor multiply: times
             the noise itself they would seem to explain it. expected_rate: (R, 3) N/s.
         point: (R, 3) m where it acts.
-        facing: (R,) rad, direction of the contact's normal.
+        facing: (R,) rad, direction of the pusher's axes, or else of the contact's normal.
         touching: (R,) whether anything is touched.
         gravity: (3,) m/s^2.
         mass: (R,) kg.

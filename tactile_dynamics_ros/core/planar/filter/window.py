@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import replace
 
 import numpy as np
@@ -17,6 +18,9 @@ Array = NDArray[np.float64]
 _POSE_STD = np.array([5e-4, 5e-4, 3e-3])
 """Noise of poses, m, m, rad, presumed where none is stated, as in fits of recordings: of trackers
 of markers. Larger hides what the model lacks, smaller invents it."""
+_MOST = 30_000
+"""Poses of the pusher that are kept: five minutes at 100 Hz, as long as pushes are; fewer would let
+the axes of the first pushes be those of later ones."""
 
 
 class PushWindow:
@@ -39,6 +43,7 @@ class PushWindow:
     def clear(self) -> None:
         """Forget all measurements; the outline stays."""
         self._record = PushRecord(self._longest)
+        self._turns: deque[tuple[float, float]] = deque(maxlen=_MOST)
         self.newest = -np.inf
 
     def set_outline(self, outline: Array) -> bool:
@@ -56,7 +61,8 @@ class PushWindow:
         self.newest = max(self.newest, time)
 
     def add_pusher(self, time: float, pose: Array) -> None:
-        """Nothing: the forces say where they act."""
+        """Take where the pusher is: x, y, z, yaw; its axes matter."""
+        self._turns.append((time, float(pose[3])))
 
     def add_contact(self, felt: Felt) -> None:
         """Take a force on the object."""
@@ -79,4 +85,6 @@ class PushWindow:
             raise BadInputError("nothing was pushed yet; push the object first")
         link = streams.links[0]
         pose = np.column_stack([link.pose[:, :2], np.unwrap(link.pose[:, 2])])
-        return replace(streams, links=(replace(link, pose=pose),))
+        time, yaw = np.array(self._turns).T if self._turns else (None, None)
+        links = (replace(link, pose=pose),)
+        return replace(streams, links=links, pusher_time=time, pusher_yaw=yaw)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,7 +46,8 @@ class Intervals:
         force_std: (N, 2) N of its horizontal components.
         expected: (N, 3) N what the force is without its noise, where a model has told it, or the
             force itself.
-        facing: (N,) rad, direction of the contact's normal.
+        facing: (N,) rad, direction of the pusher's axes, or of the contact's normal where those are
+            not known.
         point: (N, 3) m where it acts. point_std: (N,) m.
         torque: (N,) N m of all contacts about that point.
         touching: (N,) whether anything is touched.
@@ -137,7 +138,12 @@ def cut_intervals(streams: PushedStreams) -> Intervals:
     first = np.cumsum([0, *(len(grid) for grid in grids)])[:-1]
     gathered = [_gather(contact, time, step) for contact in streams.contacts.values()]
     poses = tuple(_poses(link, grids, step) for link in streams.links)
-    return _joined(gathered, step, time, inner, first.astype(np.intp), poses)
+    joined = _joined(gathered, step, time, inner, first.astype(np.intp), poses)
+    if streams.pusher_time is None or streams.pusher_yaw is None:
+        return joined
+    parts = (np.sin(streams.pusher_yaw), np.cos(streams.pusher_yaw))
+    sine, cosine = (np.interp(time, streams.pusher_time, part) for part in parts)
+    return replace(joined, facing=np.arctan2(sine, cosine))
 
 
 def _step(streams: PushedStreams) -> float:
