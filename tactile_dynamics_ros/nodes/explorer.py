@@ -43,7 +43,7 @@ GAP = 0.006
 PATIENCE = 60.0
 """Real time for which the estimate of the last push is awaited, s; a fit to eight pushes takes
 fifteen on an idle core. Then the next one is chosen by what is known."""
-SILENT = 2.0
+SILENT = 5.0
 """Real time without a pose of the tip after which exploring is given up, s."""
 
 

@@ -31,8 +31,9 @@ from tactile_dynamics_ros.ros.shell import Shell, run_node
 from tactile_dynamics_ros.ros.table_scene import WORLD, TableScene, TableSceneConfig, tip_pose
 from tactile_dynamics_ros.ros.wire import Stamp, Stamped
 
-SILENT = 1.0
-"""Real time without a pose of the tip after which a push is given up, s."""
+SILENT = 5.0
+"""Real time without a pose of the tip after which a push is given up, s: nothing is sent meanwhile,
+so that the tip rests, and a loaded machine falls silent for a second or two."""
 
 
 class PushControllerNode(Shell):
