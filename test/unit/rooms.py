@@ -114,6 +114,7 @@ ROOMS = {
     "core/planar/diagnosis": Room(
         "a pushed object as the diagnosis questions it: white innovations of its poses",
         (
+            "core/discrepancy",
             "core/discrepancy/model",
             "core/effects",
             "core/planar",

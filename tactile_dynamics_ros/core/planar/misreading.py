@@ -83,6 +83,7 @@ def _mirrored(contact: PushContact) -> PushContact:
 
 
 _DEGREE = np.pi / 180.0
+"""Radians of a degree: a change of units, which nobody can choose otherwise."""
 READINGS = (
     Reading(
         "force_sign",

@@ -19,12 +19,17 @@ Array = NDArray[np.float64]
 Predict = Callable[[Array, tuple[PushEffect, ...]], Array]
 
 _HEADINGS_DEG = tuple(45.0 * k for k in range(8))
+"""Ways to push that are compared, axes of the table: finer ones name other pushes and part the same
+models."""
 _SPEEDS = (0.03, 0.1, 0.3)
+"""Speeds that are compared, m/s, from slow to as fast as arms push; laws of speed differ most at
+the ends."""
 _PLACES = ((0.0, 0.0), (0.12, 0.0), (-0.12, 0.0), (0.0, 0.12), (0.0, -0.12))
+"""Places from the middle of the recording, m: there and beside it by the length of a push. Farther
+ones part springs and gradients better, but tables end."""
 _TURNS_DEG = (0.0, 90.0, 180.0)
-"""Pushes that are compared: eight ways, from slow to as fast as arms push, in the middle of what
-was recorded and beside it by the length of a push, with the object as it lay and turned. Finer
-grids name other pushes and part the same models."""
+"""Turns of the object from how it lay: what turns with it differs from what stays with the table at
+each of them."""
 _SAMPLES = 50
 """Samples of force by which a push tells: half a second at 100 Hz."""
 _PARTED = 4.0

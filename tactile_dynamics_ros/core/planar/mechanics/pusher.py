@@ -65,7 +65,8 @@ class Tip:
         outline: (V, 2) m, link frame, convex.
         height: (B,) m.
         friction: (B,) coefficient between tip and object.
-        stiffness: N/m of tip and arm along each direction, or (B,). damping: N s/m along the normal.
+        stiffness: N/m of tip and arm along each direction, or (B,).
+        damping: N s/m along the normal.
         link: index of the link that it touches.
     """
 

@@ -198,13 +198,13 @@ def _duration(streams: PushedStreams) -> float:
 def _of_dense(fit: PushFit, streams: PushedStreams, patch: SupportPatch) -> PushedEstimate:
     if not fit.converged:
         raise NotIdentifiableError(
-            "the fit of the push did not come to an end; check the footprint, the units of the "
-            "forces and the clocks of poses and forces"
+            "the fit of the push did not come to an end: the model may lack something (ask "
+            "`diagnose`), or footprint, units or clocks are wrong"
         )
     chosen = [NAMES.index(n) for n in ("ln_product", "ln_mass", "com_x", "com_y")]
     covariance = fit.covariance[np.ix_(chosen, chosen)]
     at = NAMES.index("ln_inertia")
-    if fit.model.intervals.step > _COARSE:
+    if fit.model.intervals.step > _COARSE or fit.mass_is_bound:
         covariance = _without_mass(covariance)
     values = _values(
         np.append(fit.common[chosen[0]] + np.log(-streams.gravity[2]), fit.common[chosen[1:]]),

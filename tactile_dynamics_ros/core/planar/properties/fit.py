@@ -22,6 +22,9 @@ from tactile_dynamics_ros.core.planar.properties.bordered import (
 )
 from tactile_dynamics_ros.core.planar.properties.intervals import Intervals, cut_intervals
 from tactile_dynamics_ros.core.planar.properties.push_model import (
+    LEAST_FRICTION,
+    MOST_FRICTION,
+    NEAR_BOUNDS,
     PushModel,
     Sharpness,
     add_poses,
@@ -64,8 +67,9 @@ _FIRST_VARIATION = 0.03
 _VOLUME_ROUNDS = 2
 """Refits with a new slope of the volume of motions; the second moves masses by a tenth of the
 first."""
-_REFIT = 30
-"""Iterations of a refit with another variation; from a neighbour's optimum 6 to 15 suffice."""
+_REFIT = 90
+"""Iterations of a refit with another variation, at most; from a neighbour's optimum 6 to 15 do.
+Where the model lacks something it takes up to 80; 30 left two of fifteen live fits unfinished."""
 _SLIDING_SPEED, _SLIDING_SHARE = 0.02, 0.4
 """Speed of the footprint from which it slides all over, m/s, or as share of the fast tenth if that
 is less. Slower intervals may stick in part."""
@@ -110,14 +114,23 @@ class PushFit:
     converged: bool
 
     @property
+    def mass_is_bound(self) -> bool:
+        """Whether the mass follows from bounds of friction, and not from the data."""
+        friction = float(np.exp(self.common[0] - self.common[1]))
+        low, high = LEAST_FRICTION * NEAR_BOUNDS, MOST_FRICTION / NEAR_BOUNDS
+        return not low < friction < high
+
+    @property
     def effects(self) -> dict[str, dict[str, dict[str, object]]]:
-        """{effect: {parameter: {"value", "std", "unit"}}}."""
+        """{effect: {parameter: {"value", "std", "unit"}}}; of any size where the mass is bound."""
         table: dict[str, dict[str, dict[str, object]]] = {}
         first = len(NAMES)
         for effect in self.model.effects:
             own = table.setdefault(effect.name, {})
             for parameter in effect.parameters:
                 value, std = float(self.common[first]), self.std(first)
+                if self.mass_is_bound:
+                    std = float(np.hypot(std, value))
                 own[parameter.name] = {"value": value, "std": std, "unit": parameter.unit}
                 first += 1
         return table

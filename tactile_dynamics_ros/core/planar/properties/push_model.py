@@ -28,9 +28,13 @@ USUAL_FRICTION, FRICTION_SPREAD = 0.3, 0.6
 """Median of friction coefficients and standard deviation of their logarithm before any data: 68 %
 between 0.16 and 0.55, from Teflon to wood. It is all that is said of the mass where nothing
 accelerates; half the spread would make such masses look known to 30 %."""
-_LEAST_FRICTION, _MOST_FRICTION = 0.05, 1.5
+LEAST_FRICTION, MOST_FRICTION = 0.05, 1.5
 """Friction coefficients beyond which no table is: wet ice, soft rubber. Where something acts that
 the model lacks, a heavy object on ice would explain it, which hardly any pose contradicts."""
+NEAR_BOUNDS = 1.3
+"""Factor from these bounds within which the mass is what they say and not the data: a heavy object
+on ice is the sign of something that the model lacks. 1.1 lets masses pass that are three times too
+large, 2 calls good Teflon undetermined."""
 _BEYOND = 0.1
 """Standard deviation of the logarithm of friction beyond these; a tenth of it changes no fit."""
 _INERTIA_SPREAD = 0.3
@@ -264,7 +268,7 @@ class PushModel:
         )
         equations.add_common(residual, np.concatenate([rows, usual[None]]))
         friction = common[0] - common[1]
-        bound = np.clip(friction, np.log(_LEAST_FRICTION), np.log(_MOST_FRICTION))
+        bound = np.clip(friction, np.log(LEAST_FRICTION), np.log(MOST_FRICTION))
         if friction != bound:
             beyond = np.array([(friction - bound) / _BEYOND])
             equations.add_common(beyond, usual[None] * FRICTION_SPREAD / _BEYOND)
