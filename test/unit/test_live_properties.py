@@ -158,3 +158,19 @@ def test_other_effects_are_fitted_to_what_was_measured():
 def test_a_model_that_nobody_has_is_refused():
     with pytest.raises(BadInputError, match="model 'magic': expected patch"):
         PropertyConfig(model="magic")
+
+
+def test_a_filter_that_breaks_begins_anew_and_is_counted(monkeypatch):
+    live = seen()
+
+    def broken(tracker, ends, step):
+        raise np.linalg.LinAlgError("Singular matrix")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(type(live.tracker), "_take", broken)
+        for k in range(10, 20):
+            live.add_pose(0.01 * k, np.array([0.5, 0.0, 0.3]), STD)
+        live.advance(0.18)
+    assert live.tracker.problems["filter_restarted"] > 0
+    assert np.isfinite(live.tracker.filter.parameters[0]).all()
+    assert live.properties().source == "nothing"

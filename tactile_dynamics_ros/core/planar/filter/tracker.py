@@ -228,7 +228,11 @@ class PushTracker:
             if ends[1] is None and self._pusher.times and self.time < self._pusher.times[0]:
                 self.time += step
                 continue
-            self._take(ends, step)
+            try:
+                self._take(ends, step)
+            except np.linalg.LinAlgError:
+                self._count("filter_restarted")
+                self._start([series.rows[-1] for series in self._poses])
             self.time += step
             taken += 1
         return taken
@@ -244,6 +248,11 @@ class PushTracker:
             phase = contact.series.times[0] - 0.5 * self.config.step
         step = self.config.step
         self.time = start + (phase - start) % step
+        self._start(rows)
+        return True
+
+    def _start(self, rows: list[Array]) -> None:
+        """Make the filter anew, at poses of all links with the std of the first."""
         self.filter = DualFilter(
             self.process,
             np.concatenate([row[:3] for row in rows]),
@@ -251,7 +260,9 @@ class PushTracker:
             self.config.filter,
             self._prior,
         )
-        return True
+
+    def _count(self, problem: str) -> None:
+        self.problems[problem] = self.problems.get(problem, 0) + 1
 
     def _take(self, ends: list[Array | None], step: float) -> None:
         """Take one step."""
@@ -261,7 +272,7 @@ class PushTracker:
         poses = self._seen_poses(start, end)
         self.steps += 1
         if touch.any and (ends[0] is None or ends[1] is None):
-            self.problems["pusher_missing"] = self.problems.get("pusher_missing", 0) + 1
+            self._count("pusher_missing")
             touch = _Touch(None, [])
         if touch.any:
             assert ends[0] is not None and ends[1] is not None
