@@ -194,7 +194,7 @@ def _distance(streams: PushedStreams, time: Array, point: Array) -> Array:
         local = np.stack([cos * x + sin * y, cos * y - sin * x], axis=1)
         size = float(np.linalg.norm(np.ptp(link.footprint, axis=0)))
         found.append(_from_outline(local, np.asarray(link.footprint)) / max(size, 1e-9))
-    return np.min(found, axis=0)
+    return np.asarray(np.min(found, axis=0))
 
 
 def _from_outline(points: Array, outline: Array) -> Array:

@@ -10,13 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.discrepancy.model.least_squares import (
-    LeastSquaresModel,
-    ParameterTable,
-)
+from tactile_dynamics_ros.core.discrepancy.model.least_squares import LeastSquaresModel
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import (
     Condition,
     Family,
+    ParameterTable,
     Residuals,
 )
 from tactile_dynamics_ros.core.effects.parameter import EffectParameter
@@ -319,7 +317,7 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
         effect: PushEffect = family.source
         most = _LARGEST_GUESS * np.array([p.prior_std for p in effect.parameters])
         least = np.array([p.least for p in effect.parameters])
-        return np.maximum(np.clip(effect.guess(coefficients), -most, most), least)
+        return np.asarray(np.maximum(np.clip(effect.guess(coefficients), -most, most), least))
 
     def parameters(self) -> ParameterTable:
         """{effect: {parameter: {"value", "std", "unit"}}}, with the time of sudden ones."""

@@ -141,14 +141,14 @@ class _Builder:
         """
         rows = self._rows
         by = rows.motion_by_nodes[node]
-        ahead = np.linalg.inv(by[:, :, 2, :3])
+        ahead: Array = np.linalg.inv(by[:, :, 2, :3]).astype(np.float64)
         keep, std = rows.keep[node], rows.local_std[node]
         carry = np.zeros((len(live), 12, 12))
         carry[:, :3, 3:6] = carry[:, 3:6, 6:9] = np.eye(3)
         carry[:, 9:, 9:] = keep[:, None, None] * np.eye(3)
         carry[:, 6:9, 3:6] = -ahead @ by[:, :, 0, :3]
         carry[:, 6:9, 6:9] = -ahead @ by[:, :, 1, :3]
-        by_local = -ahead @ by[:, :, 1, 3:]
+        by_local: Array = np.asarray(-ahead @ by[:, :, 1, 3:])
         carry[:, 6:9, 9:] = keep[:, None, None] * by_local
         noise = np.zeros((len(live), 12, 12))
         noise[:, 6:9, 6:9] = ahead @ ahead.swapaxes(1, 2)
