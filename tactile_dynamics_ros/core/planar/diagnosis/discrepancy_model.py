@@ -361,7 +361,7 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
             time=self.time[::3],
             white=white,
             physical=white * self._rows.pose_std,
-            channels=("x", "y", "yaw"),
+            channels=("position_x", "position_y", "yaw"),
             units=("m", "m", "rad"),
             conditions=tuple(conditions),
             drivers=np.column_stack([c.values for c in conditions[:1] + conditions[4:6]]),
