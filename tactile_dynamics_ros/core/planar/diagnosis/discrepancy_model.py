@@ -377,7 +377,8 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
 
     def plan_against(self, rivals: Sequence[PushDiscrepancy]) -> dict[str, Any] | None:
         """The push that would tell this model from others."""
-        return plan_push(self._pushed, [rival._pushed for rival in rivals], self.fit.model)
+        named = {rival.effect_names[-1]: rival._pushed for rival in rivals if rival.effects}
+        return plan_push(self._pushed, named, self.fit.model, self.variation)
 
     def _pushed(self, predict: Any) -> Array:
         common = np.concatenate([self.values, self.fit.common[_OWN : len(NAMES)], *self.theta])

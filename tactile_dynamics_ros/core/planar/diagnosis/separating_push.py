@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import product
 from typing import Any
 
@@ -32,6 +32,9 @@ _TURNS_DEG = (0.0, 90.0, 180.0)
 each of them."""
 _SAMPLES = 50
 """Samples of force by which a push tells: half a second at 100 Hz."""
+_PATCHES = 2.0
+"""Square root of the places over which a push averages friction that differs: 80 mm of 20 mm each.
+At 1 pushes that would part models are not promised, at 4 some that would not are."""
 _PARTED = 4.0
 """Standard deviations of the mean force by which models must differ: one in ten thousand by chance,
 of some hundred pushes that are compared. At 3 pushes are promised that part nothing."""
@@ -40,18 +43,22 @@ _SLIP = 5e-4
 
 
 def plan_push(
-    best: Callable[[Predict], Array], rivals: Sequence[Callable[[Predict], Array]], model: PushModel
+    best: Callable[[Predict], Array],
+    rivals: Mapping[str, Callable[[Predict], Array]],
+    model: PushModel,
+    variation: float,
 ) -> dict[str, Any] | None:
     """Choose the push in which the rivals' forces differ most from the best model's.
 
     Args:
         best: gives what a prediction makes of its numbers and effects.
-        rivals: likewise.
+        rivals: likewise, by name.
         model: footprint, gravity and the place of the recording.
+        variation: relative standard deviation of friction from place to place.
 
     Returns:
-        `heading_deg`, `speed`, `place`, `turn_deg`, `description`, `differs_by_n`; None if none
-        parts them.
+        `heading_deg`, `speed`, `place`, `turn_deg`, `description`, `differs_by_n` and
+        `separates_from`, the names of the rivals that it parts; None if it parts none.
     """
     if not rivals:
         return None
@@ -59,7 +66,8 @@ def plan_push(
     predict = _prediction(pushes, model)
     mine = best(predict)
     noise = float(np.median(model.intervals.force_std)) / np.sqrt(_SAMPLES)
-    away = np.stack([np.abs(rival(predict) - mine).max(axis=1) for rival in rivals])
+    noise = float(np.hypot(noise, variation * model.typical_force / _PATCHES))
+    away = np.stack([np.abs(rival(predict) - mine).max(axis=1) for rival in rivals.values()])
     chosen = int(np.argmax(away.min(axis=0)))
     parted = away[:, chosen] > _PARTED * noise
     if not parted.any():
@@ -74,7 +82,7 @@ def plan_push(
         "place": [float(v) for v in where],
         "turn_deg": turn,
         "differs_by_n": difference,
-        "parts": [bool(p) for p in parted],
+        "separates_from": [name for name, p in zip(rivals, parted, strict=True) if p],
         "description": f"push it towards {heading:.0f} deg (axes of the table) at {speed:g} m/s "
         f"near ({where[0]:.2f}, {where[1]:.2f}) m{turning}: the forces differ there by "
         f"{difference:.2f} N",
