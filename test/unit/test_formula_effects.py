@@ -21,6 +21,7 @@ from tactile_dynamics_ros.core.effects.check import (
 from tactile_dynamics_ros.core.effects.formula import load_effects
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.friction.effects import FRICTION
+from tactile_dynamics_ros.core.planar.effects.effect import PUSHED
 from tactile_dynamics_ros.recording import Recording
 
 SAMPLES = example_samples()
@@ -282,10 +283,11 @@ def test_estimate_fits_an_effect_of_a_file(tmp_path, capsys):
 def test_the_verb_lists_the_catalogue_and_own_effects(tmp_path, capsys):
     assert main(["effects", "--json"]) == 0
     listed = json.loads(capsys.readouterr().out)["effects"]
-    entries = {e["name"]: e for e in listed}
+    assert [e["name"] for e in listed if e["model"] == "pushed"] == list(PUSHED.names())
+    entries = {e["name"]: e for e in listed if e["model"] == "held"}
     assert [e["name"] for e in listed if e["model"] == "held"] == list(registry.EFFECT_NAMES)
     assert [e["name"] for e in listed if e["model"] == "friction"] == list(FRICTION.names())
-    for entry in entries.values():
+    for entry in listed:
         assert all(entry[key] for key in ("formula", "parameters", "looks_like", "remedy"))
     assert entries["force_bias"]["per_finger"]
     assert not entries["viscous_drag"]["per_finger"]
