@@ -90,7 +90,7 @@ def test_motions_that_a_light_object_could_make_do_not_count_for_it(model):
     assert slope[NAMES.index("ln_mass")] > 0.05
 
 
-def test_command_estimates_pushes_and_other_verbs_say_so(quick, tmp_path, capsys):
+def test_command_estimates_pushes_and_says_what_it_does_not_take(quick, tmp_path, capsys):
     bag = str(PushedRecording(quick.streams, "pushes").to_bag(tmp_path / "pushes"))
     assert main(["estimate", bag, "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
@@ -98,7 +98,7 @@ def test_command_estimates_pushes_and_other_verbs_say_so(quick, tmp_path, capsys
     truth = quick.truth()["links"][0]
     told = document["links"][0]["friction_force_n"]
     assert told["value"] == pytest.approx(truth["friction_force_n"], rel=0.02)
-    assert main(["diagnose", bag]) == 2
+    assert main(["diagnose", bag, bag]) == 2
     assert capsys.readouterr().err.count("\n") == 1
     assert main(["estimate", bag, "--export", "urdf"]) == 2
     assert "--export" in capsys.readouterr().err
