@@ -33,7 +33,9 @@ PACKAGE = "tactile_dynamics_ros"
 COLCON = Path(sys.executable).with_name("colcon")
 VIEW = {f"{PACKAGE}.view.{name}" for name in ("page", "robot")}
 """What draws the live page, which only the extra view brings a library for."""
-TRAINING = {f"{PACKAGE}.core.tactile.network.{name}" for name in ("muon", "training")}
+TRAINING = {f"{PACKAGE}.core.tactile.network.{name}" for name in ("muon", "training")} | {
+    f"{PACKAGE}.core.planar.network.training"
+}
 """Modules that need torch, which the extra [train] brings."""
 
 STAND_INS = {

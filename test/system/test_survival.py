@@ -46,7 +46,7 @@ def kill_and_wait(system, listener, name):
     if name == "grasp_controller":
         listener.wait(lambda: listener.seen[PHASE][-1].data.startswith("idle"), 60.0, "idle")
         listener.start_grasp()
-    listener.wait_for_new(OUTPUT[name], 60.0, count=3)
+    listener.wait_for_new(OUTPUT[name], 120.0, count=3)
     assert {n: m.process.pid for n, m in system.members.items() if n != name} == others
     assert all(m.running for m in system.members.values())
 
