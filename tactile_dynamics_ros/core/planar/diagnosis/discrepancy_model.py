@@ -18,6 +18,7 @@ from tactile_dynamics_ros.core.discrepancy.model.residual_model import (
     Residuals,
 )
 from tactile_dynamics_ros.core.effects.parameter import EffectParameter
+from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.core.planar.diagnosis.innovations import Innovations
 from tactile_dynamics_ros.core.planar.diagnosis.rows import PushRows, linear_rows
 from tactile_dynamics_ros.core.planar.diagnosis.separating_push import plan_push
@@ -264,9 +265,15 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
         return all(e.is_possible(theta) for e, theta in pairs if e.name == name)
 
     def refined(self) -> PushDiscrepancy:
-        """Fit motion and all numbers with the effects, and linearise there."""
+        """Fit motion and all numbers with the effects, and linearise there.
+
+        Effects far from the data have no such fit; the one at fixed whitening then stands for it.
+        """
         start = np.concatenate([self.values, self.fit.common[_OWN : len(NAMES)], *self.theta])
-        found = refit(self.fit, self.effects, start, self.variation)
+        try:
+            found = refit(self.fit, self.effects, start, self.variation)
+        except NotIdentifiableError:
+            return self.settled()
         first, *theta = np.split(found.common, len(NAMES) + _ends(self.effects))
         return replace(self, fit=found, values=first[:_OWN], theta=tuple(theta)).settled()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -18,6 +19,9 @@ the path, not the optimum."""
 _LEAST_DAMPING = 1e-9
 """Damping below which steps are plain Gauss-Newton: a billionth of a pose's information; a
 larger one slows the last steps."""
+_HELD = (1e3, 1e6)
+"""Multiples of the damping that are added in turn where equations are singular to double precision:
+it happens far from the data, where a fit is no answer but must go on."""
 _IDLE = 3
 """Damped steps in a row with immaterial falls that end the iteration; one may be small by
 chance."""
@@ -118,6 +122,11 @@ class NormalEquations:
                     if below >= 0:
                         band[below, : n - lag, column] = blocks[: n - lag, lag, column, row]
         flat = band.reshape(3 * b, n * b)
+        held = damping[:, :b].reshape(-1)
+        for more in _HELD:
+            with suppress(np.linalg.LinAlgError):
+                return np.asarray(cholesky_banded(flat, lower=True, check_finite=False))
+            flat[0] += more * held
         return np.asarray(cholesky_banded(flat, lower=True, check_finite=False))
 
     def factor(self, node_damping: Array, common_damping: Array) -> Factor:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -78,9 +77,11 @@ _LEAST_INTERVALS = 10
 _LOOSE = 1e-6
 """Information on every node beside the data, in units of one pose: the delay may leave the
 outermost node of a segment without any. A millionth changes no interval."""
-_HELD = (1.0, 1e3, 1e6)
-"""Multiples of that information which are tried in turn where equations are singular: the last is
-one pose at each node. It happens where a model is far from the data, whose fit is no answer."""
+_SINGULAR = (
+    "the motion that was found is singular: the model may lack something, or footprint, units or "
+    "clocks are wrong"
+)
+"""What is said where no fit exists; words for people, no number."""
 _TOLERANCE = 3e-2
 """Fall of the cost (twice the log probability) that is immaterial: 0.03 of a std squared; at a
 third of it fits take twice as long and move by less than 0.1 std."""
@@ -171,8 +172,10 @@ def fit_push(streams: PushedStreams, effects: Sequence[PushEffect] = ()) -> Push
     patch = SupportPatch(np.asarray(streams.links[0].footprint, dtype=float))
     nodes, spread = _first_motion(cut)
     model = _prepared(streams, cut, patch, nodes, spread)
-    found = _staged(model, nodes)
-    fit = _averaged(model, _optima(model, found))
+    try:
+        fit = _averaged(model, _optima(model, _staged(model, nodes)))
+    except np.linalg.LinAlgError as error:
+        raise NotIdentifiableError(_SINGULAR) from error
     for effect in effects:
         fit = _extended(with_expected_force(fit), effect)
     return fit
@@ -221,15 +224,9 @@ def _hope(model: PushModel, start: tuple[Array, Array], variation: float) -> flo
 
 
 def _factor(model: PushModel, equations: NormalEquations) -> Factor:
-    """Factor of the equations, loosely held where they are singular to double precision."""
     loose = _LOOSE / np.square(_scales(model)[0])
-    shape, free = (equations.nodes, equations.size), np.zeros(equations.common)
-    for held in _HELD:
-        with suppress(np.linalg.LinAlgError):
-            return equations.factor(np.broadcast_to(held * loose, shape), free)
-    raise NotIdentifiableError(
-        "the motion that was found is singular; check the clocks and the units of the forces"
-    )
+    shape = (equations.nodes, equations.size)
+    return equations.factor(np.broadcast_to(loose, shape), np.zeros(equations.common))
 
 
 def _evidence(model: PushModel, sharp: Sharpness, cost: float, factor: Factor) -> float:
@@ -372,11 +369,17 @@ def refit(
         effects: of the model.
         common: (p,) start of the common numbers and of the effects' parameters.
         variation: relative standard deviation of friction from place to place.
+
+    Raises:
+        NotIdentifiableError: the equations are singular.
     """
     model = replace(fit.model, effects=effects)
     sharp = final_sharpness(model, fit.nodes, variation)
-    start = _minimised(model, fit.nodes, common, sharp, _REFIT)
-    return _averaged(model, [_optimum(model, start, variation)])
+    try:
+        start = _minimised(model, fit.nodes, common, sharp, _REFIT)
+        return _averaged(model, [_optimum(model, start, variation)])
+    except np.linalg.LinAlgError as error:
+        raise NotIdentifiableError(_SINGULAR) from error
 
 
 def _minimised(
