@@ -8,12 +8,13 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from benchmarks.pushed import diagnoses, linked, live, real, simulated
+from benchmarks.pushed import diagnoses, linked, live, live_effect, real, simulated
 
 Section = tuple[Callable[[argparse.Namespace], dict[str, Any]], Callable[[dict[str, Any]], str]]
 SECTIONS: dict[str, Section] = {
     "diagnoses": (diagnoses.measure, diagnoses.table),
     "linked": (linked.measure, linked.table),
+    "live_effect": (live_effect.measure, live_effect.table),
     "live": (live.measure, live.table),
     "real": (real.measure, real.table),
     "simulated": (simulated.measure, simulated.table),
@@ -31,6 +32,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         diagnoses.add_arguments,
         linked.add_arguments,
         live.add_arguments,
+        live_effect.add_arguments,
         real.add_arguments,
         simulated.add_arguments,
     ):
