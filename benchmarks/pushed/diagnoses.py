@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import sys
 import time
 from collections.abc import Sequence
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -33,12 +35,12 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     names, seeds = options.diagnosed, options.diagnosis_seeds
     if options.quick:
         names, seeds = [CLEAN, "support_tilt"], seeds[:1]
-    rows = [
-        _row(name, seed, variation)
-        for variation in options.variations
-        for name in names
-        for seed in seeds
-    ]
+    rows = []
+    for variation, name, seed in product(options.variations, names, seeds):
+        row = _row(name, seed, variation)
+        said = row.get("effect") or row.get("verdict", "refused")
+        print(f"{name}, seed {seed}, variation {variation:g}: {said}", file=sys.stderr, flush=True)
+        rows.append(row)
     return {"rows": rows, "magnitude": _MAGNITUDE}
 
 
