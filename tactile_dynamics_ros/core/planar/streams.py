@@ -14,6 +14,10 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+USUAL_POSE_STD = np.array([5e-4, 5e-4, 3e-3])
+"""Noise of poses, m, m, rad, presumed where none is stated: of a tracker of markers. Larger hides
+what a model lacks, smaller invents it; a wrong one is seen in the error and widens intervals."""
+
 
 def _gravity() -> Array:
     return np.array([0.0, 0.0, -9.81])
@@ -34,6 +38,11 @@ class LinkStream:
     pose: Array
     pose_std: Array | None
     footprint: Array
+
+    @property
+    def presumed_pose_std(self) -> Array:
+        """(3,) m, m, rad of the poses: as stated, or as usual."""
+        return np.asarray(USUAL_POSE_STD if self.pose_std is None else self.pose_std)
 
 
 @dataclass(frozen=True)

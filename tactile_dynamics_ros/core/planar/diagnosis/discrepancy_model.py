@@ -241,18 +241,8 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
     ) -> PushDiscrepancy:
         """The model at other parameters, at the same whitening."""
         made = replace(self, values=own, effects=effects, theta=theta)
-        for name in (
-            "_sharp",
-            "_rows",
-            "_filter",
-            "_lasting",
-            "_spread",
-            "_at_fit",
-            "_motion",
-            "_friction",
-        ):
-            if name in self.__dict__:
-                made.__dict__[name] = self.__dict__[name]
+        known = {name: self.__dict__[name] for name in _OF_WHITENING if name in self.__dict__}
+        made.__dict__.update(known)
         return made
 
     def effect_named(self, name: str) -> PushEffect:
@@ -283,18 +273,12 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
 
     def families_of(self, name: str) -> list[Family]:
         """What an effect that the model lacks makes of the innovations."""
-        effect = self.effect_named(name)
-        instances = self._instances(effect)
+        instances = self._instances(self.effect_named(name))
         return [self._family(instance, len(instances)) for instance in instances]
 
     def _instances(self, effect: PushEffect) -> list[PushEffect]:
         """An effect, or for sudden ones one for each push with which it may begin; or none."""
-        if not effect.told:
-            return []
-        if not effect.sudden or effect.start is not None:
-            return [effect]
-        starts = self.fit.model.intervals.push_starts[1:]
-        return [effect.from_time(float(start)) for start in starts]
+        return effect.beginnings(self.fit.model.intervals.push_starts) if effect.told else []
 
     def _family(self, effect: PushEffect, choices: int) -> Family:
         at = "" if effect.start is None else f" at {effect.start:.2f} s"

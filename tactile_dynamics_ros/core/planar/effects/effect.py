@@ -74,6 +74,16 @@ class PushEffect(ABC):
         made.start = start
         return made
 
+    def beginnings(self, push_starts: Array) -> list[Self]:
+        """The effect, or if it is sudden one for each push after the first with which it may begin.
+
+        Args:
+            push_starts: (K,) s.
+        """
+        if not self.sudden or self.start is not None:
+            return [self]
+        return [self.from_time(float(start)) for start in push_starts[1:]]
+
     def since(self, time: Array) -> Array:
         """(R,) 1 from its beginning on, else 0."""
         begin = -np.inf if self.start is None else self.start

@@ -19,14 +19,12 @@ from tactile_dynamics_ros.core.planar.filter.summary import Properties, of_filte
 from tactile_dynamics_ros.core.planar.filter.tracker import Felt, PushTracker, TrackerConfig
 from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
 from tactile_dynamics_ros.core.planar.properties.estimate import PushedEstimate
-from tactile_dynamics_ros.core.planar.streams import PushedStreams
+from tactile_dynamics_ros.core.planar.streams import USUAL_POSE_STD, PushedStreams
 
 Array = NDArray[np.float64]
 
 MODELS = ("patch",)
 """Models that can be filtered: the physical one."""
-_POSE_STD = np.array([5e-4, 5e-4, 3e-3])
-"""Noise of poses, m, m, rad, presumed where none is stated, as in the fits to recordings."""
 _SAME = 1e-4
 """Change of an outline's corners, m, up to which it is still the same object: rounding of messages.
 A new outline is a new object, of which nothing is known."""
@@ -115,7 +113,7 @@ class LiveProperties:
         turn = (pose[2] - self._yaw + np.pi) % (2.0 * np.pi) - np.pi
         self._yaw += turn
         placed = np.array([pose[0], pose[1], self._yaw])
-        spread = _POSE_STD if std is None or not np.all(std > 0.0) else std
+        spread = USUAL_POSE_STD if std is None or not np.all(std > 0.0) else std
         self.newest = max(self.newest, time)
         self.record.add_pose(time, placed, spread)
         if self.tracker is not None:

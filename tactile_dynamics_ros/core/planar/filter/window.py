@@ -11,13 +11,10 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.planar.filter.record import PushRecord
 from tactile_dynamics_ros.core.planar.filter.tracker import Felt
-from tactile_dynamics_ros.core.planar.streams import PushedStreams
+from tactile_dynamics_ros.core.planar.streams import USUAL_POSE_STD, PushedStreams
 
 Array = NDArray[np.float64]
 
-_POSE_STD = np.array([5e-4, 5e-4, 3e-3])
-"""Noise of poses, m, m, rad, presumed where none is stated, as in fits of recordings: of trackers
-of markers. Larger hides what the model lacks, smaller invents it."""
 _MOST = 30_000
 """Poses of the pusher that are kept: five minutes at 100 Hz, as long as pushes are; fewer would let
 the axes of the first pushes be those of later ones."""
@@ -56,8 +53,8 @@ class PushWindow:
 
     def add_pose(self, time: float, pose: Array, std: Array | None) -> None:
         """Take where the link is: x, y, yaw, with their std where stated."""
-        stated = std is not None and bool(np.all(std > 0.0))
-        self._record.add_pose(time, pose, std if stated and std is not None else _POSE_STD)
+        spread = USUAL_POSE_STD if std is None or not np.all(std > 0.0) else std
+        self._record.add_pose(time, pose, spread)
         self.newest = max(self.newest, time)
 
     def add_pusher(self, time: float, pose: Array) -> None:

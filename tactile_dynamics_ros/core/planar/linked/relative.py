@@ -21,8 +21,6 @@ none, a drift of a tenth of a millimetre in a tracker would count as a loose par
 _CREEP = 1e-4
 """Travel that is counted for every bin, m, as noise hides it: parts move beside each other where
 they are pushed, seldom where they rest. A tenth of it makes a slip at rest incredible."""
-_POSE_STD = (5e-4, 5e-4, 3e-3)
-"""Noise of poses, m, m, rad, where none is stated: of a marker-based tracker, as for one part."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +46,7 @@ class RelativePoses:
         base = np.stack([np.interp(time, first.time, column) for column in first.pose.T], axis=1)
         apart = turned(seen[:, :2] - base[:, :2], -base[:, 2])
         value = np.column_stack([apart, seen[:, 2] - base[:, 2]])
-        covariance = _covariance(apart, _std(first), _std(second))
+        covariance = _covariance(apart, first.presumed_pose_std, second.presumed_pose_std)
         noise = _noise(value, covariance)
         step = max(_BIN, float(time[-1] - time[0]) / _MOST_BINS)
         index = np.floor((time - time[0]) / step).astype(np.intp)
@@ -65,10 +63,6 @@ class RelativePoses:
         moved = np.diff(mean(np.column_stack([base[:, :2], seen[:, :2]])), axis=0)
         travel = np.linalg.norm(moved, axis=1) + _CREEP
         return cls(mean(time[:, None])[:, 0], mean(value), spread, noise, travel / travel.sum())
-
-
-def _std(link: LinkStream) -> Array:
-    return np.array(_POSE_STD) if link.pose_std is None else np.asarray(link.pose_std)
 
 
 def _covariance(apart: Array, first: Array, second: Array) -> Array:

@@ -184,10 +184,7 @@ def fit_push(streams: PushedStreams, effects: Sequence[PushEffect] = ()) -> Push
 def _extended(fit: PushFit, effect: PushEffect) -> PushFit:
     """Fit with one more effect; a sudden one begins with the push that promises most."""
     start = np.append(fit.common, np.zeros(len(effect.parameters)))
-    trials = [effect]
-    if effect.sudden and effect.start is None:
-        starts = fit.model.intervals.push_starts[1:]
-        trials = [effect.from_time(float(start)) for start in starts]
+    trials = effect.beginnings(fit.model.intervals.push_starts)
     if not trials:
         raise NotIdentifiableError(f"{effect.name}: one push tells no change; push again")
     promises = []

@@ -31,8 +31,6 @@ a coefficient of 0.1 stops after 0.3 s. Longer only costs time."""
 _FORCE_STD, _POINT_STD = 0.03, 3e-4
 """Noise of force, N, and contact point, m, that is presumed where none is stated: of a good 3-axis
 pad and of a calibrated arm. Wrong ones are seen in the error and widen the intervals."""
-_POSE_STD = (5e-4, 5e-4, 3e-3)
-"""Noise of poses, m, m, rad, presumed where none is stated: of a marker-based tracker."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,7 +233,7 @@ def _poses(link: LinkStream, grids: list[Array], step: float) -> Poses:
     parts = [np.flatnonzero((link.time >= grid[0]) & (link.time <= grid[-1])) for grid in grids]
     index = np.concatenate(parts)
     segment = np.repeat(np.arange(len(grids)), [len(part) for part in parts])
-    std = np.array(_POSE_STD) if link.pose_std is None else np.asarray(link.pose_std)
+    std = link.presumed_pose_std
     return Poses(link.time[index], segment.astype(np.intp), link.pose[index], std)
 
 
