@@ -16,7 +16,9 @@ from tactile_dynamics_ros.core.planar.properties.balance import NAMES, Kinematic
 from tactile_dynamics_ros.core.planar.properties.bordered import (
     Factor,
     NormalEquations,
+    Optimum,
     Solution,
+    average,
     minimise,
 )
 from tactile_dynamics_ros.core.planar.properties.intervals import Intervals, cut_intervals
@@ -141,22 +143,6 @@ class PushFit:
         return float(np.sqrt(self.covariance[index, index]))
 
 
-@dataclass(frozen=True, eq=False)
-class _Optimum:
-    solution: Solution
-    covariance: Array
-    evidence: float
-    pending: float
-    variation: float
-
-    @property
-    def misfit(self) -> float:
-        """Root of the cost over rows less unknowns: error of one-step predictions over its std."""
-        equations = self.solution.equations
-        unknowns = self.solution.nodes.size + len(self.solution.common)
-        return float(np.sqrt(equations.cost / max(equations.rows - unknowns, 1)))
-
-
 def fit_push(streams: PushedStreams, effects: Sequence[PushEffect] = ()) -> PushFit:
     """Fit the first link.
 
@@ -195,7 +181,7 @@ def _extended(fit: PushFit, effect: PushEffect) -> PushFit:
     return refit(fit, (*fit.model.effects, best), start, fit.variation)
 
 
-def _optima(model: PushModel, start: Solution) -> list[_Optimum]:
+def _optima(model: PushModel, start: Solution) -> list[Optimum]:
     """Refits with each variation of friction, but for those that are hopeless beforehand."""
     hopes = [_hope(model, (start.nodes, start.common), v) for v in _VARIATIONS]
     chosen = [
@@ -391,7 +377,7 @@ def _minimised(
     return minimise(linearise, nodes, common, *_scales(model), iterations, _TOLERANCE)
 
 
-def _optimum(model: PushModel, start: Solution, variation: float) -> _Optimum:
+def _optimum(model: PushModel, start: Solution, variation: float) -> Optimum:
     """Refit with another variation of friction, with its evidence."""
     sharp = final_sharpness(model, start.nodes, variation)
     found = start
@@ -399,24 +385,14 @@ def _optimum(model: PushModel, start: Solution, variation: float) -> _Optimum:
         slope = model.volume_slope(found.nodes, found.common, sharp)
         found = _minimised(model, found.nodes, found.common, sharp, _REFIT, slope)
     factor = _factor(model, found.equations)
-    evidence = _evidence(model, sharp, found.equations.cost, factor)
-    covariance = factor.covariance
-    _, step = factor.step()
-    pending = float(np.sqrt(step @ np.linalg.solve(covariance, step)))
-    return _Optimum(found, covariance + np.outer(step, step), evidence, pending, variation)
+    return Optimum.of(
+        found, factor, _evidence(model, sharp, found.equations.cost, factor), variation
+    )
 
 
-def _averaged(model: PushModel, trials: list[_Optimum]) -> PushFit:
+def _averaged(model: PushModel, trials: list[Optimum]) -> PushFit:
     """Mean over variations by their evidence."""
-    evidence = np.array([trial.evidence for trial in trials])
-    weight = np.exp(evidence - evidence.max())
-    weight /= weight.sum()
-    likeliest = trials[int(np.argmax(weight))]
-    common = np.sum([w * t.solution.common for w, t in zip(weight, trials, strict=True)], axis=0)
-    covariance = np.zeros((len(common), len(common)))
-    for w, trial in zip(weight, trials, strict=True):
-        away = trial.solution.common - common
-        covariance += w * (max(1.0, trial.misfit**2) * trial.covariance + np.outer(away, away))
+    likeliest, common, covariance = average(trials)
     width = np.ones(len(common))
     width[[NAMES.index("ln_mass"), NAMES.index("ln_inertia")]] = _WIDTH
     covariance *= np.outer(width, width)

@@ -12,7 +12,12 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.core.planar.linked.rows import PairPatch
 from tactile_dynamics_ros.core.planar.mechanics.linkage import turned
-from tactile_dynamics_ros.core.planar.properties.bordered import Solution, minimise
+from tactile_dynamics_ros.core.planar.properties.bordered import (
+    Optimum,
+    Solution,
+    average,
+    minimise,
+)
 from tactile_dynamics_ros.core.planar.properties.linked_jointed import JointedModel
 from tactile_dynamics_ros.core.planar.properties.linked_model import PairData, PairModel
 from tactile_dynamics_ros.core.planar.properties.linked_pair import Pair
@@ -77,20 +82,6 @@ class PairFit:
         """Its standard deviation."""
         at = self.model.at(name)
         return float(np.sqrt(self.covariance[at, at]))
-
-
-@dataclass(frozen=True, eq=False)
-class _Optimum:
-    solution: Solution
-    covariance: Array
-    evidence: float
-    pending: float
-
-    @property
-    def misfit(self) -> float:
-        equations = self.solution.equations
-        unknowns = self.solution.nodes.size + len(self.solution.common)
-        return float(np.sqrt(equations.cost / max(equations.rows - unknowns, 1)))
 
 
 def fit_jointed(pair: Pair) -> PairFit:
@@ -192,7 +183,7 @@ def _fitted(model: PairModel, coordinates: Array) -> PairFit:
     return _averaged(model, _refitted(model, found))
 
 
-def _refitted(model: PairModel, start: Solution) -> list[_Optimum]:
+def _refitted(model: PairModel, start: Solution) -> list[Optimum]:
     """Optima of the variations of friction that promise about as much evidence as the best."""
     sharp = _sharpness(model, len(_STAGES) - 1, _FIRST_VARIATION)
     slope = model.volume_slope(start.nodes, start.common, sharp)
@@ -227,37 +218,26 @@ def _minimised(
     return minimise(linearise, nodes, common, *scales, iterations, _TOLERANCE)  # type: ignore[arg-type]
 
 
-def _optimum(model: PairModel, start: Solution, variation: float, slope: Array) -> _Optimum:
+def _optimum(model: PairModel, start: Solution, variation: float, slope: Array) -> Optimum:
     """Refit with another variation of friction, with its evidence."""
     sharp = _sharpness(model, len(_STAGES) - 1, variation)
     found = _minimised(model, start.nodes, start.common, sharp, _REFIT, slope)
     return _weighed(model, found, variation)
 
 
-def _weighed(model: PairModel, found: Solution, variation: float) -> _Optimum:
+def _weighed(model: PairModel, found: Solution, variation: float) -> Optimum:
     sharp = _sharpness(model, len(_STAGES) - 1, variation)
     loose = np.broadcast_to(model.loosening, found.nodes.shape)
     factor = found.equations.factor(loose, np.zeros(len(found.common)))
     _, std = model.memory(sharp)
     volume = model.locals * (float(np.sum(np.log(std))) + np.log(variation))
     evidence = -0.5 * (found.equations.cost + factor.log_determinant) - volume
-    covariance = factor.covariance
-    _, step = factor.step()
-    pending = float(np.sqrt(step @ np.linalg.solve(covariance, step)))
-    return _Optimum(found, covariance + np.outer(step, step), evidence, pending)
+    return Optimum.of(found, factor, float(evidence), variation)
 
 
-def _averaged(model: PairModel, trials: list[_Optimum]) -> PairFit:
+def _averaged(model: PairModel, trials: list[Optimum]) -> PairFit:
     """Mean over variations by their evidence."""
-    evidence = np.array([trial.evidence for trial in trials])
-    weight = np.exp(evidence - evidence.max())
-    weight /= weight.sum()
-    likeliest = trials[int(np.argmax(weight))]
-    common = np.sum([w * t.solution.common for w, t in zip(weight, trials, strict=True)], axis=0)
-    covariance = np.zeros((len(common), len(common)))
-    for w, trial in zip(weight, trials, strict=True):
-        away = trial.solution.common - common
-        covariance += w * (max(1.0, trial.misfit**2) * trial.covariance + np.outer(away, away))
+    likeliest, common, covariance = average(trials)
     wide = ("ln_mass", "ln_inertia")
     width = np.array([_WIDTH if name.startswith(wide) else 1.0 for name in model.names])
     return PairFit(
