@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
+import tempfile
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -103,25 +105,28 @@ def diagnose_in_a_row(rig: Rig) -> Row:
 
 
 def terminate_echo(rig: Rig) -> Row:
-    """End `tactile-dynamics echo` by SIGTERM: it goes without a traceback."""
+    """End `tactile-dynamics echo` by SIGTERM once it prints: it goes without a traceback."""
     rig.prepare(1.0)
     row = Row("")
-    command = verb_command("echo", STATUS, "--json")
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-    try:
-        rig.play(rig.record(4.0 * rig.speed))
-        process.send_signal(signal.SIGTERM)
-        printed, complaint = (part.decode() for part in process.communicate(timeout=10.0))
-    except subprocess.TimeoutExpired:
-        row.failures.append("did not end within 10 s")
-        return row
-    finally:
-        process.kill()
-        process.wait()
+    with tempfile.TemporaryFile() as printed:
+        command = verb_command("echo", STATUS, "--json")
+        process = subprocess.Popen(command, stdout=printed, stderr=subprocess.PIPE)
+        try:
+            deadline = time.monotonic() + UP
+            while not os.fstat(printed.fileno()).st_size and time.monotonic() < deadline:
+                rig.play(rig.record(1.0))
+            if not os.fstat(printed.fileno()).st_size:
+                row.failures.append("printed nothing before")
+            process.send_signal(signal.SIGTERM)
+            complaint = process.communicate(timeout=10.0)[1].decode()
+        except subprocess.TimeoutExpired:
+            row.failures.append("did not end within 10 s")
+            return row
+        finally:
+            process.kill()
+            process.wait()
     row.note = f"exit {process.returncode}"
     row.said = complaint.strip().splitlines()[-1:]
-    if not printed:
-        row.failures.append("printed nothing before")
     if "Traceback" in complaint:
         row.failures.append("traceback")
     return row
