@@ -36,6 +36,7 @@ from tactile_dynamics_ros.ros.conversions import (
     wrench_to_message,
 )
 from tactile_dynamics_ros.ros.names import (
+    BEGIN,
     BIOTAC_RAW,
     CAMERA_INFO,
     CAMERA_POSE,
@@ -204,6 +205,7 @@ class TableScene:
         self.node = node
         self.table = SimulatedTable(declare_config(node, SimulatedTableConfig), PERIOD)
         self.reveal = self.table.reveal
+        node.serve(BEGIN, self.table.begin)
         self._depth = _DepthStreams(node, self.table.camera.config)
         self._camera_pose = node.stream(PoseStamped, CAMERA_POSE)
         self._pusher, self._joints = PusherStreams(node), node.stream(JointState, JOINT_STATES)

@@ -55,6 +55,7 @@ EXPLORE_PROGRESS = "explorer/progress"
 PROPERTY_STATUS = "property_estimator/status"
 PROPERTY_RESET = "property_estimator/reset"
 REVEAL = "robot_sim/reveal"
+BEGIN = "robot_sim/begin"
 VISION_SCORE = "vision_tracker/score"
 VISION_RESET = "vision_tracker/reset"
 

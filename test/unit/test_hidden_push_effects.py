@@ -28,12 +28,13 @@ def table():
     """Makes tables with a hidden effect and lets time pass; they are closed in the end."""
     made = []
 
-    def make(effect, magnitude=1.0, periods=0, number=123):
+    def make(effect, magnitude=1.0, periods=0, number=123, waits=False):
         config = SimulatedTableConfig(
             object_number=number,
             hidden_effect=effect,
             hidden_magnitude=magnitude,
             hidden_time=0.2,
+            hidden_waits=waits,
             friction_spread=0.0,
         )
         made.append(SimulatedTable(config))
@@ -91,6 +92,22 @@ def test_friction_changes_at_its_time(table):
     for _ in range(30):
         made.advance(looking=False)
     assert made.world.surface.factor == truth(made)["factor"] != 1.0
+
+
+def test_what_waits_begins_when_asked_to_and_only_once(table):
+    made = table("support_tilt", 15.0, periods=40, waits=True)
+    assert shift(made) == pytest.approx(0.0, abs=1e-3)
+    assert made.reveal()["hidden_effect"]["name"] == "none"
+    assert "0.40 s" in made.begin()
+    for _ in range(40):
+        made.advance(looking=False)
+    assert shift(made) @ truth(made)["direction"] > 0.02
+    assert made.reveal()["hidden_effect"]["begins"] == pytest.approx(0.4)
+    for each in (made, table("support_tilt")):
+        with pytest.raises(BadInputError, match="no hidden effect waits"):
+            each.begin()
+    with pytest.raises(BadInputError, match="does not exist"):
+        table("wind", waits=True)
 
 
 def test_concentrated_pressure_keeps_the_weight_and_moves_it_in_or_out(table):

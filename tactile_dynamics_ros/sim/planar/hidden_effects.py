@@ -31,6 +31,7 @@ class HiddenPushEffect:
         bias: (3,) N, axes of the gripper. gain: factor on forces. angle: rad, of the sensor about
             the vertical. shift: (3,) m, of contact points, world. lag: s, first order, of forces.
         delay: s, by which stamps of forces are late.
+        begins: s, when it began by call; None if it was there from the start.
     """
 
     name: str = "none"
@@ -43,6 +44,7 @@ class HiddenPushEffect:
     shift: Array = field(default_factory=lambda: np.zeros(3))
     lag: float = 0.0
     delay: float = 0.0
+    begins: float | None = None
     _lagging: dict[str, Array] = field(default_factory=dict)
 
     def feel(
@@ -64,6 +66,7 @@ class HiddenPushEffect:
             "magnitude": self.magnitude,
             "in_catalogue": self.in_catalogue,
             "parameters": self.truth,
+            "begins": self.begins,
         }
 
     def _feel(self, contact: ContactReading, turn: float, period: float) -> ContactReading:
@@ -291,6 +294,18 @@ _UNKNOWN: dict[str, Maker] = {
 CATALOGUED, OUTSIDE = (*_ACTING, *_SENSING), tuple(_UNKNOWN)
 
 
+def known_effect(name: str) -> None:
+    """Refuse the name of a hidden effect that does not exist.
+
+    Raises:
+        BadInputError: there is no such effect.
+    """
+    known = ("none", "random", "random_outside", *CATALOGUED, *OUTSIDE)
+    if name and name not in known:
+        text = f"hidden effect {name!r} does not exist; expected one of {', '.join(known)}"
+        raise BadInputError(text)
+
+
 def hide(
     name: str, magnitude: float, seed: int, world: TableWorld, time: float
 ) -> HiddenPushEffect:
@@ -309,15 +324,13 @@ def hide(
     """
     if not (np.isfinite(magnitude) and magnitude >= 0):
         raise BadInputError(f"hidden effect magnitude {magnitude}: expected zero or more")
+    known_effect(name)
     choice = np.random.default_rng([seed, zlib.crc32(b"choice")])
     if name in ("random", "random_outside"):
         name = str(choice.choice(CATALOGUED if name == "random" else OUTSIDE))
     if name in ("", "none"):
         return HiddenPushEffect()
     makers = {**_ACTING, **_SENSING, **_UNKNOWN}
-    if name not in makers:
-        known = ", ".join(("none", "random", "random_outside", *makers))
-        raise BadInputError(f"hidden effect {name!r} does not exist; expected one of {known}")
     if not world.bodies:
         raise BadInputError(f"hidden effect {name!r}: there is no object on the table")
     rng = np.random.default_rng([seed, zlib.crc32(name.encode())])

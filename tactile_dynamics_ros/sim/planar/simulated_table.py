@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
+from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.sim.planar.bed import Surface, uneven_friction
 from tactile_dynamics_ros.sim.planar.carriage import Carriage
-from tactile_dynamics_ros.sim.planar.hidden_effects import hide
+from tactile_dynamics_ros.sim.planar.hidden_effects import HiddenPushEffect, hide, known_effect
 from tactile_dynamics_ros.sim.planar.links import Outline, joint_truth, outlines
 from tactile_dynamics_ros.sim.planar.pusher import Pusher, PusherConfig
 from tactile_dynamics_ros.sim.planar.table import TableWorld, scattered
@@ -51,6 +52,7 @@ class SimulatedTableConfig:
     hidden_effect: str = parameter("none", "disturbance by name, or none, random, random_outside")
     hidden_magnitude: float = parameter(1.0, "multiple of its typical size", "", 0.0, 100.0)
     hidden_time: float = parameter(30.0, "when an effect begins that is sudden", "s", 0.0)
+    hidden_waits: bool = parameter(False, "whether the hidden effect begins only when asked to")
     camera: DepthCameraConfig = field(default_factory=DepthCameraConfig)
     marker: MarkerTrackerConfig = field(default_factory=MarkerTrackerConfig)
     pusher: PusherConfig = field(default_factory=PusherConfig)
@@ -107,13 +109,11 @@ class SimulatedTable:
         )
         self.pusher = Pusher(self.world, config.pusher, period)
         self.outlines: list[Outline] = outlines(self.world.bodies[0]) if self.world.bodies else []
-        self.effect = hide(
-            config.hidden_effect,
-            config.hidden_magnitude,
-            config.seed,
-            self.world,
-            config.hidden_time,
-        )
+        self.effect = HiddenPushEffect()
+        if config.hidden_waits:
+            known_effect(config.hidden_effect)
+        else:
+            self._hide(config.hidden_time)
         self.sensors = TouchSensors(config.touch, config.seed)
         self.markers = [
             MarkerTracker(config.marker, config.seed + 1000 * k) for k in range(len(self.outlines))
@@ -155,6 +155,27 @@ class SimulatedTable:
             touch=self.sensors.read(contacts, self.pusher.pose),
             links_time=now,
             links=self._track(before, now),
+        )
+
+    def begin(self) -> str:
+        """Let a hidden effect begin now that was to wait; return what is said of it.
+
+        Raises:
+            BadInputError: none waits.
+        """
+        if not self.config.hidden_waits or self.effect.begins is not None:
+            raise BadInputError(
+                "no hidden effect waits: start robot_sim with hidden_effect and hidden_waits:=true"
+            )
+        self._hide(self.world.time)
+        self.effect.begins = self.world.time
+        self.world.wake()
+        return f"from {self.world.time:.2f} s on something is different"
+
+    def _hide(self, time: float) -> None:
+        config = self.config
+        self.effect = hide(
+            config.hidden_effect, config.hidden_magnitude, config.seed, self.world, time
         )
 
     def reveal(self) -> dict[str, Any]:

@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 STILL = 1e-5
 """Speed, m/s and rad/s, below which objects that nothing pushes are not simulated: in an hour they
 would move by what a bristle stretches at most."""
+SETTLING = 0.2
+"""s within which objects that rest have settled after they were placed: twenty periods of a bed."""
 APART = 0.03
 """Least gap between objects that are placed at random, m: cameras see that they are two."""
 TRIES = 1000
@@ -63,6 +65,7 @@ class TableWorld(Engine):
         ]
         self._pre_step: list[Callable[[TableWorld], None]] = []
         self._idle: list[Callable[[], bool]] = []
+        self._settled = SETTLING
 
     def add_pre_step(
         self,
@@ -92,15 +95,19 @@ class TableWorld(Engine):
             for body in self.bodies:
                 body.forget()
 
+    def wake(self) -> None:
+        """Simulate objects that stand still too, for a moment: something about them has changed."""
+        self._settled = self.time + SETTLING
+
     def _is_still(self) -> bool:
-        """Whether no object moves; those that were just placed still settle."""
+        """Whether no object moves; what was just placed or changed still settles."""
         speeds = [
             np.abs(part).max()
             for body in self.bodies
             for k in range(len(body.links))
             for part in body.velocity(k)
         ]
-        return self.time > 0.2 and max(speeds, default=0.0) < STILL
+        return self.time > self._settled and max(speeds, default=0.0) < STILL
 
     def _draw_table(self) -> None:
         """Draw the table; objects rest on beds of their own and never collide with it."""
