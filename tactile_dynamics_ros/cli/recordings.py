@@ -128,7 +128,12 @@ def read_pushed(args: Namespace) -> PushedRecording:
 
 
 def pushed_effects(args: Namespace) -> list[str]:
-    """Return the names of effects of a pushed object that the arguments name."""
+    """Return the names of effects of a pushed object that the arguments name.
+
+    Raises:
+        BadInputError: a file of effects cannot be read.
+    """
+    read_effect_files(args)
     return [name.strip() for name in args.effects.split(",") if name.strip()]
 
 

@@ -27,6 +27,10 @@ from tactile_dynamics_ros.core.effects.formula.quantities import (
     SCALARS,
     VECTORS,
 )
+from tactile_dynamics_ros.core.planar.effects.effect import (
+    PUSHED_EFFECT_NAMES,
+    describe_pushed_effect,
+)
 from tactile_dynamics_ros.report.effect_signatures import ONE_FINGER, draw_signature
 from tactile_dynamics_ros.report.style import house_style, to_png
 
@@ -46,8 +50,10 @@ _TITLES = {
 _OPENING = """\
 # Effects
 
-What the model of a rigid body in a hand can lack. Every effect is one class in
-[`core/effects`](../tactile_dynamics_ros/core/effects); this page is made from them by
+What the model of a rigid body in a hand can lack, and that of [an object that is
+pushed](#effects-of-a-pushed-object). Every effect is one class in
+[`core/effects`](../tactile_dynamics_ros/core/effects) or
+[`core/planar/effects`](../tactile_dynamics_ros/core/planar/effects); this page is made from them by
 `./dev docs`. The same in a terminal: `tactile-dynamics effects`, or `tactile-dynamics effects NAME`
 for one.
 
@@ -71,6 +77,25 @@ middle the torque, right the relation that gives the effect away. Finger effects
 What a page or a report calls a residual is measured minus predicted: the missing wrench with the
 opposite sign. Texts here speak of the missing wrench.
 """
+
+_PUSHED = """\
+## Effects of a pushed object
+
+An object on a support resists with its friction and its inertia, of which [pushing.md](pushing.md)
+has the model. An effect changes what acts on it (gravity, the force that a sensor reports, the
+point where it is reported), changes friction, or adds a wrench; again zero parameters mean that it
+is absent. `tactile-dynamics diagnose BAG --model pushed` ranks all of them, `tactile-dynamics
+estimate BAG --effects support_tilt` puts some into the model, the parameter `effects` of
+`property_estimator` does so live. Some names are also in the table above: the cause is the same,
+the law is that of a push. `tactile-dynamics effects --model pushed` prints the same.
+"""
+
+_TITLES_PUSHED = {
+    "support": "The table and its friction",
+    "load": "The load",
+    "environment": "Something else pulls or touches",
+    "sensor": "Sensors of pushes err",
+}
 
 _OWN = """\
 ## Effects of your own
@@ -126,6 +151,9 @@ is one, [`examples/07_effect_from_a_formula.py`](../examples/07_effect_from_a_fo
 from yaml. Say `external = False` in the class if it is an error of what sensors read, and not a
 wrench on the object: the latter is shown late by sensors that are late.
 
+Effects of pushes are classes only: subclass `PushEffect`, decorate it with `@PUSHED.register` (both
+in `core/planar/effects/effect.py`); [how/effect.md](how/effect.md#an-effect-of-pushes) has one.
+
 **A class in a package of yours**: name it in the entry-point group and it is known wherever the
 package is installed, in nodes too:
 
@@ -171,35 +199,64 @@ def make_effect_page() -> str:
     for family, members in groupby(entries, key=lambda entry: entry.family):
         parts.append(f"## {_TITLES[family]}\n")
         parts += [_write_entry(entry) for entry in members]
+    parts += _write_pushed()
     own = _OWN.replace("{quantities}", _write_quantities())
     parts.append(own.replace("{functions}", textwrap.fill(_code(FUNCTIONS), 98)))
     return "\n".join(parts)
 
 
-def _write_overview(entries: Sequence[CatalogueEntry]) -> str:
-    rows = [f"| [`{e.name}`](#{e.name}) | {e.sentence} |" for e in entries]
+def _write_pushed() -> list[str]:
+    """The part on pushed objects: overview, then each effect below the title of its kind."""
+    entries = [describe_pushed_effect(name) for name in PUSHED_EFFECT_NAMES]
+    order = list(_TITLES_PUSHED)
+    entries.sort(key=lambda entry: order.index(entry.family))
+    parts = [_PUSHED, _write_overview(entries, "pushed-")]
+    for family, members in groupby(entries, key=lambda entry: entry.family):
+        parts.append(f"### {_TITLES_PUSHED[family]}\n")
+        parts += [_write_pushed_entry(entry) for entry in members]
+    return parts
+
+
+def _write_pushed_entry(entry: CatalogueEntry) -> str:
+    parts = [
+        f"#### pushed: {entry.name}\n",
+        f"    {entry.formula}\n",
+        f"{entry.meaning}\n",
+        textwrap.fill(entry.looks_like, 100) + "\n",
+        _write_parameters(entry),
+        textwrap.fill(f"**Remedy.** {entry.remedy}", 100) + "\n",
+    ]
+    return "\n".join(parts)
+
+
+def _write_overview(entries: Sequence[CatalogueEntry], prefix: str = "") -> str:
+    rows = [f"| [`{e.name}`](#{prefix}{e.name}) | {e.sentence} |" for e in entries]
     return "\n".join(["| name | what it says |", "|---|---|", *rows, ""])
 
 
 def _write_entry(entry: CatalogueEntry) -> str:
-    rows = [
-        f"| {_code(symbols.split(', '))} | {unit or '1'} | {text} |"
-        for symbols, unit, text in group_parameters(entry.parameters)
-    ]
-    whose = ", of every finger" if entry.per_finger else ""
     where = " at the thumb" if entry.name in ONE_FINGER else ""
     parts = [
         f"### {entry.name}\n",
         f"    {entry.formula}\n",
         textwrap.fill(entry.looks_like, 100) + "\n",
         f"![Missing force and torque of {entry.name}{where}]({PICTURES}/{entry.name}.png)\n",
-        "\n".join([f"| parameter{whose} | unit | |", "|---|---|---|", *rows]) + "\n",
+        _write_parameters(entry),
         f"{entry.meaning}\n",
         textwrap.fill(f"**Remedy.** {entry.remedy}", 100) + "\n",
     ]
     if len(entry.readings) > 1:
         parts.append(textwrap.fill(f"Readings: {_code(entry.readings)}.", 100) + "\n")
     return "\n".join(parts)
+
+
+def _write_parameters(entry: CatalogueEntry) -> str:
+    rows = [
+        f"| {_code(symbols.split(', '))} | {unit or '1'} | {text} |"
+        for symbols, unit, text in group_parameters(entry.parameters)
+    ]
+    whose = ", of every finger" if entry.per_finger else ""
+    return "\n".join([f"| parameter{whose} | unit | |", "|---|---|---|", *rows]) + "\n"
 
 
 def _write_quantities() -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from argparse import Namespace
 from dataclasses import replace
 from importlib.metadata import EntryPoint
 from pathlib import Path
@@ -12,6 +13,7 @@ import pytest
 from synthetic_recording import held_box
 
 from tactile_dynamics_ros.cli.main import main
+from tactile_dynamics_ros.cli.recordings import pushed_effects
 from tactile_dynamics_ros.core.effects import create_effect, registered_names, registry
 from tactile_dynamics_ros.core.effects.check import (
     check_effect,
@@ -329,3 +331,27 @@ def test_formulas_of_motion_are_external_and_those_of_forces_are_not(tmp_path):
     assert not found["of_forces"].external
     path.write_text(path.read_text() + "    external: true\n")
     assert {effect.name: effect for effect in load_effects(path)}["of_forces"].external
+
+
+OWN_PUSH_EFFECT = """
+from tactile_dynamics_ros.core.effects import EffectParameter
+from tactile_dynamics_ros.core.planar.effects.effect import PUSHED, PushEffect
+from tactile_dynamics_ros.core.planar.effects.support import SupportTilt
+
+class Windy(PushEffect):
+    name = "windy"
+    parameters = (EffectParameter("f_x", "N", 1.0, "wind along x"),)
+"""
+
+
+def test_a_file_adds_an_effect_of_pushes(tmp_path, monkeypatch):
+    PUSHED.names()
+    monkeypatch.setattr(PUSHED, "_known", dict(PUSHED._known))
+    file = tmp_path / "own.py"
+    file.write_text(OWN_PUSH_EFFECT)
+    args = Namespace(effects="windy", effect_file=[str(file)])
+    with pytest.raises(BadInputError, match="registers no effect"):
+        pushed_effects(args)
+    file.write_text(OWN_PUSH_EFFECT.replace("class Windy", "@PUSHED.register\nclass Windy"))
+    assert pushed_effects(args) == ["windy"]
+    assert PUSHED.create("windy").parameters[0].name == "f_x"

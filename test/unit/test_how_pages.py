@@ -9,6 +9,7 @@ import pytest
 
 from tactile_dynamics_ros.cli import main as cli
 from tactile_dynamics_ros.core.effects import registry
+from tactile_dynamics_ros.core.planar.effects.effect import PUSHED
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 PAGES = sorted((DOCS / "how").glob("*.md"))
@@ -92,8 +93,9 @@ def test_a_page_is_short_and_its_links_lead_somewhere(page):
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_a_page_is_followed_from_top_to_bottom(page, folder, monkeypatch, capsys):
     monkeypatch.chdir(folder)
-    registry.HELD.create("viscous_drag")  # reads the catalogue, so that the copy has all of it
-    monkeypatch.setattr(registry.HELD, "_known", dict(registry.HELD._known))
+    for catalogue in (registry.HELD, PUSHED):
+        catalogue.create(catalogue.names()[0])  # reads it all, so that the copy has all of it
+        monkeypatch.setattr(catalogue, "_known", dict(catalogue._known))
     said = ""
     for language, name, text in blocks(page):
         if name:

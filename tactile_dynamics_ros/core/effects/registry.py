@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from importlib import import_module
 from importlib.metadata import entry_points
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from tactile_dynamics_ros.core.effects.effect import Effect
 from tactile_dynamics_ros.core.effects.gated import gate_effect
@@ -39,6 +39,10 @@ EFFECT_NAMES = (
 )
 """Names of the effects of a held object in the order in which people see them; they are API."""
 
+_REGISTRIES: list[EffectRegistry[Any]] = []
+"""Registries of all models that were imported, so that a file of effects is asked of each. A list,
+no number: models add themselves."""
+
 EffectT = TypeVar("EffectT")
 EffectClass = TypeVar("EffectClass", bound=Callable[[], object])
 
@@ -68,6 +72,7 @@ class EffectRegistry(Generic[EffectT]):
         self._known: dict[str, Callable[[], EffectT]] = {}
         self._gate = gate
         self._loaded = False
+        _REGISTRIES.append(self)
 
     def register(self, effect: EffectClass) -> EffectClass:
         """Class decorator: make an effect known by its name.
@@ -128,6 +133,11 @@ class EffectRegistry(Generic[EffectT]):
             )
         return tuple(self.create(label) for label in labels)
 
+    def has_own(self, found: object) -> bool:
+        """Whether it is an effect that was registered here and is none of the first names."""
+        name = getattr(found, "name", None)
+        return name not in self._first and self._known.get(str(name)) is found
+
     def _load(self) -> None:
         if self._loaded:
             return
@@ -150,6 +160,11 @@ HELD: EffectRegistry[Effect] = EffectRegistry(
     gate_effect,
 )
 """Effects of an object that a hand holds."""
+
+
+def is_registered(found: object) -> bool:
+    """Whether something is a user's effect of any model, as `@register_effect` makes one known."""
+    return any(registry.has_own(found) for registry in _REGISTRIES)
 
 
 def register_effect(effect: EffectClass) -> EffectClass:

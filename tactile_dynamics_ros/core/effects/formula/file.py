@@ -27,6 +27,7 @@ from tactile_dynamics_ros.core.effects.parameter import EffectParameter
 from tactile_dynamics_ros.core.effects.registry import (
     EFFECT_NAMES,
     create_effect,
+    is_registered,
     register_effect,
     registered_names,
 )
@@ -56,10 +57,11 @@ _TEXTS = {
 
 
 def load_effects(path: str | Path) -> tuple[Effect, ...]:
-    """Make the effects of a file known by name and return them.
+    """Make the effects of a file known by name and return those of a held object.
 
     Args:
-        path: a .yaml file of formulas, or a .py file with `@register_effect` classes.
+        path: a .yaml file of formulas, or a .py file of classes with `@register_effect`, or with
+            the `register` of another model's registry.
 
     Raises:
         BadInputError: names file, field, and what to do.
@@ -89,7 +91,8 @@ def _load_classes(path: Path) -> tuple[Effect, ...]:
     classes = (v for v in vars(module).values() if isinstance(v, type) and issubclass(v, Effect))
     names = {found.name for found in classes} - set(EFFECT_NAMES)
     added = [name for name in registered_names() if name in names]
-    if not added:
+    own = [v for v in vars(module).values() if getattr(v, "__module__", "") == path.stem]
+    if not added and not any(is_registered(found) for found in own):
         raise BadInputError(f"{path}: registers no effect: decorate a class with @register_effect")
     return tuple(create_effect(name) for name in added)
 
