@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 
 from benchmarks.planar import ahead
-from benchmarks.planar.scores import scored
+from benchmarks.planar.scores import mean_interval, scored
 from benchmarks.planar.trial import (
+    INSIDE,
     SETTINGS,
     Population,
     filtered,
@@ -117,7 +118,8 @@ def process_of(name: str, one: Any, setting: str) -> Process:
     """A model of one object."""
     thing = describe(one.scene.thing)
     if name == "patch":
-        return PatchProcess(thing.patches[0].outline, float(thing.com_height[0]))
+        height = 0.5 * one.scene.thing.links[0].height
+        return PatchProcess(thing.patches[0].outline, height)
     return GraphProcess.of(thing, shipped_graph(name, setting))
 
 
@@ -148,11 +150,20 @@ def properties(
             print(f"\r{family} {name} {k + 1}/{len(ones)}", end="", file=sys.stderr)
         print(file=sys.stderr)
         found[name] = scored([t["values"] for t in told], truths, ranges)
-        found[name]["inside_90"] = {
-            key: float(np.mean([abs(t["z"][key]) < 1.645 for t in told])) for key in told[0]["z"]
-        }
-        found[name]["worst_z"] = max(abs(z) for t in told for z in t["z"].values())
+        found[name] |= calibration(told)
     return found
+
+
+def calibration(told: list[dict[str, Any]]) -> dict[str, Any]:
+    """How often 90 % intervals hold, the worst error in its std, NEES of poses, times."""
+    off = {key: np.abs([z for t in told for z in t["z"][key]]) for key in told[0]["z"]}
+    return {
+        "inside_90": {key: float(np.mean(each < INSIDE)) for key, each in off.items()},
+        "worst_z": max(float(each.max()) for each in off.values()),
+        "nees": mean_interval(np.array([t["nees"] for t in told])),
+        "step_ms": float(np.mean([t["step_ms"] for t in told])),
+        "step_ms_p99": max(t["step_ms_p99"] for t in told),
+    }
 
 
 def _ranges(family: str) -> dict[str, float]:
@@ -172,13 +183,17 @@ def table(family: str, found: dict[str, Any]) -> str:
     if "filter" in found:
         keys = [k for k in found["filter"]["prior mean"] if not k.startswith("overall")]
         links = sorted({k[-1] for k in keys})
-        rows.append(f"| NRMSE | {' | '.join(keys)} | overall | in 90 % |")
-        rows.append("|---" * (len(keys) + 3) + "|")
+        rows.append(f"| NRMSE | {' | '.join(keys)} | overall | in 90 % | worst z | NEES | ms |")
+        rows.append("|---" * (len(keys) + 6) + "|")
         for name, one in found["filter"].items():
             cells = [_cell(one[key]) if key in one else "" for key in keys]
             overall = ", ".join(f"{one[f'overall{k}']:.2f}" for k in links if f"overall{k}" in one)
             inside = " ".join(f"{k} {v:.0%}" for k, v in one.get("inside_90", {}).items())
-            rows.append(f"| {name} | {' | '.join(cells)} | {overall} | {inside} |")
+            judged = [overall, inside, "", "", ""]
+            if "nees" in one:
+                time = f"{one['step_ms']:.1f}, p99 {one['step_ms_p99']:.1f}"
+                judged[2:] = [f"{one['worst_z']:.1f}", _cell(one["nees"]), time]
+            rows.append(f"| {name} | {' | '.join([*cells, *judged])} |")
         rows.append("")
     return "\n".join(rows)
 

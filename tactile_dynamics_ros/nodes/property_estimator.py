@@ -13,6 +13,7 @@ from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
 from tactile_dynamics_ros.core.planar.filter.live import LiveProperties, PropertyConfig
 from tactile_dynamics_ros.core.planar.filter.summary import Properties
+from tactile_dynamics_ros.core.planar.network.models import pushing_model
 from tactile_dynamics_ros.core.planar.properties.estimate import PushedEstimate, estimate
 from tactile_dynamics_ros.ros.background import Background
 from tactile_dynamics_ros.ros.conversions import header
@@ -52,7 +53,8 @@ class PropertyEstimatorNode(Shell):
 
     def __init__(self) -> None:
         super().__init__("property_estimator")
-        self.live = LiveProperties(declare_config(self, PropertyConfig))
+        chosen = declare_config(self, PropertyConfig)
+        self.live = LiveProperties(chosen, pushing_model(chosen.model))
         self._background = Background()
         self._fitting: Future[PushedEstimate] | None = None
         self._told = -np.inf

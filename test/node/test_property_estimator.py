@@ -5,6 +5,8 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 
+from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess
+from tactile_dynamics_ros.core.planar.filter.process import PusherMotion
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 from tactile_dynamics_ros.nodes.property_estimator import PropertyEstimatorNode
 from tactile_dynamics_ros.ros import conversions as cv
@@ -28,6 +30,12 @@ def node(bench):
     """A node that has heard where a turned table is, and an outline."""
     node = bench.start(PropertyEstimatorNode)
     bench.seen_status = bench.follow(DiagnosticArray, PROPERTY_STATUS, profile=LATCHED)
+    hear_table(bench, node)
+    return node
+
+
+def hear_table(bench, node):
+    """Tell where the table is, and the outline."""
     table = cv.pose_to_message(pose(0.1, 0.2, 0.4, 0.5 * np.pi), 1.0, "world")
     for kind, topic, message in (
         (PoseStamped, SUPPORT_POSE, table),
@@ -36,7 +44,78 @@ def node(bench):
         publisher = node.create_publisher(kind, topic, LATCHED)
         publisher.publish(message)
     bench.until(lambda: node.live.outline is not None and node._streams._X_SW[0, 3] != 0.0)
-    return node
+
+
+def pushed_block(seconds):
+    """Poses of a block of 1 kg that a tip pushes at 20 mm/s, places of the tip, forces; at 100 Hz.
+
+    Friction is 0.3, so that the force of a straight push is 2.94 N.
+    """
+    process, states = PatchProcess(BLOCK), np.zeros((1, 6))
+    own = np.array([[np.log(0.3), 0.0, 0.0, 0.0, np.log(0.4)]])
+    rows = []
+    for k in range(round(100 * seconds)):
+        tip = np.array([-0.05 + 2e-4 * k, 0.0, 0.0])
+        after = tip + np.array([2e-4, 0.0, 0.0])
+        motion = PusherMotion(tip, after, 0.01, touching=True, normal=np.array([1.0, 0.0]))
+        found = process.predict(states, own, motion)
+        states = found.states
+        rows.append((states[0, :3], after, found.wrench[0]))
+    return rows
+
+
+def tell_push(bench, start, rows, noise):
+    """Send a push on the turned table, sensed with noise."""
+    for k, (at, tip, wrench) in enumerate(rows):
+        time = start + 0.01 * k
+        seen = at + noise.normal(size=3) * [5e-4, 5e-4, 3e-3]
+        where = on_table(*seen)
+        for topic, message in (
+            ("object/pose", cv.uncertain_pose_to_message(where, COVARIANCE, time, "world")),
+            ("pusher/pose", cv.pose_to_message(on_table(*tip[:2], 0.0, 0.02), time, "world")),
+            ("contact/pusher/pose", cv.pose_to_message(facing(tip), time, "world")),
+        ):
+            bench.send(topic, message)
+        force = wrench[:2] + 0.03 * noise.normal(size=2)
+        felt = np.array([0.0, 0.0, 0.0, -force[1], force[0], 0.0])
+        bench.send("contact/pusher/force", cv.wrench_to_message(felt, time, "world"))
+        bench.work(0.002)
+
+
+def on_table(x, y, yaw, z=0.0):
+    """A pose of the table's frame in the world."""
+    return pose(0.1 - y, 0.2 + x, 0.4 + z, yaw + 0.5 * np.pi)
+
+
+def facing(tip):
+    """Pose of the contact, whose z points into the block."""
+    out = on_table(tip[0], tip[1], 0.0, 0.02)
+    out[:3, :3] = out[:3, :3] @ np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    return out
+
+
+@pytest.mark.parametrize("model", ["graph", "graph_residual"])
+def test_a_push_tells_a_learnt_model_the_friction_force_and_no_mass(bench, model):
+    node = bench.start(PropertyEstimatorNode, "-p", f"model:={model}")
+    statuses = bench.follow(DiagnosticArray, PROPERTY_STATUS, profile=LATCHED)
+    hear_table(bench, node)
+    tell_push(bench, 5.0, pushed_block(1.5), np.random.default_rng(0))
+    told = [{}]
+
+    def told_enough():
+        told.extend({s.name: status_values(s) for s in seen.status} for seen in statuses)
+        statuses.clear()
+        return int(told[-1].get("solver", {"touched": 0})["touched"]) > 12
+
+    bench.until(told_enough)
+    newest = told[-1]
+    assert newest["solver"]["model"] == model
+    assert newest["solver"]["source"] == "filter"
+    assert {"mass", "friction"} <= {*newest["link_1"]["undetermined"].split(",")}
+    force, std = (float(newest["link_1"][f"friction_force_n{end}"]) for end in ("", "_std"))
+    assert abs(force - 0.3 * 9.81) < 2.0 * std
+    assert std < 0.2 * force
+    assert node.live.faster == 0
 
 
 def tell(bench, start, count, force=0.0):

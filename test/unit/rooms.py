@@ -189,7 +189,7 @@ ROOMS = {
     "report": Room(
         "figures and pages",
         ("core/contact", "core/discrepancy", "core/effects", _INERTIA + "batch")
-        + ("core/rigid_body", "core/streams", "recording"),
+        + ("core/planar/effects", "core/rigid_body", "core/streams", "recording"),
     ),
     "export": Room(
         "estimates in the formats of simulators and robots",
@@ -238,8 +238,8 @@ ROOMS = {
         ("core/contact", "core/discrepancy", "core/friction", _INERTIA + "diagnosis")
         + (_INERTIA + "live", "core/manipulation", "core/rigid_body", "core/robot", "core/shape")
         + ("core/planar/actions", "core/planar/control", "core/planar/filter")
-        + ("core/planar/mechanics", "core/planar/properties", "core/streams", "core/tactile")
-        + ("core/tracking", "ros", "sim"),
+        + ("core/planar/mechanics", "core/planar/network", "core/planar/properties")
+        + ("core/streams", "core/tactile", "core/tracking", "ros", "sim"),
         ("rclpy",),
     ),
     "cli": Room(

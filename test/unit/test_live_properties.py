@@ -1,5 +1,7 @@
 """What is said of a pushed object, live: before a push, by the filter, after fits."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -10,6 +12,7 @@ from tactile_dynamics_ros.core.planar.filter.record import PushRecord
 from tactile_dynamics_ros.core.planar.filter.summary import of_filter, of_fit
 from tactile_dynamics_ros.core.planar.filter.tracker import Felt
 from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
+from tactile_dynamics_ros.core.planar.network.models import pushing_model
 from tactile_dynamics_ros.core.planar.properties.estimate import PushedEstimate
 
 BLOCK = np.array([[-0.05, -0.03], [0.05, -0.03], [0.05, 0.03], [-0.05, 0.03]])
@@ -100,6 +103,33 @@ def test_a_filter_never_calls_a_mass_determined():
     assert "known only as a product (2.94 +- 0.03 N)" in known.text
 
 
+@pytest.mark.parametrize("name", ["graph", "graph_residual"])
+def test_a_learnt_model_filters_at_the_steps_of_its_training_and_has_no_fits(name):
+    live = LiveProperties(PropertyConfig(name), pushing_model(name))
+    live.set_outline(BLOCK)
+    assert live.tracker.config.step == pytest.approx(1.0 / 15.0)
+    with pytest.raises(BadInputError, match=f"model '{name}' has not; choose model 'patch'"):
+        live.set_effects(["support_tilt"])
+    for k in range(200):
+        time, at = 0.01 * k, 0.2 * min(max(0.01 * k - 1.0, 0.0), 0.5)
+        live.add_pose(time, np.array([at, 0.0, 0.0]), STD)
+        live.add_pusher(time, np.array([at - 0.05, 0.0, 0.02, 0.0]))
+        one = felt(time, 3.0 if 1.0 <= time < 1.5 else 0.0)
+        live.add_contact(replace(one, point=np.array([at - 0.05, 0.0, 0.02])))
+        live.advance(time)
+    assert live.due(4.0) is None
+    assert live.faster > 1
+    known = live.properties()
+    assert known.doubtful
+    assert f"faster than what '{name}' was trained on; choose model 'patch'" in known.text
+
+
+@pytest.mark.parametrize("make", [PropertyConfig, pushing_model])
+def test_an_unknown_model_is_named_with_those_that_there_are(make):
+    with pytest.raises(BadInputError, match="'nn': expected patch, graph, graph_residual"):
+        make("nn")
+
+
 @pytest.mark.parametrize(
     ("fit", "refused", "words"),
     [
@@ -153,11 +183,6 @@ def test_other_effects_are_fitted_to_what_was_measured():
     with pytest.raises(BadInputError, match="no_such"):
         live.set_effects(["no_such"])
     assert live.effects == ("support_tilt",)
-
-
-def test_a_model_that_nobody_has_is_refused():
-    with pytest.raises(BadInputError, match="model 'magic': expected patch"):
-        PropertyConfig(model="magic")
 
 
 def test_a_filter_that_breaks_begins_anew_and_is_counted(monkeypatch):

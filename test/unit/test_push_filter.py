@@ -1,6 +1,6 @@
 """The dual filter of pushed objects: its algebra, the patch process, and a push step by step."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -30,6 +30,7 @@ class Linear:
 
     least: float = -np.inf
     links: int = 1
+    force_std: float = 0.0
     names: tuple[str, ...] = ("ln_product", "ln_mass", "com_x", "com_y")
     by_own = np.array([[0.3, 0.0, 0.1, 0.0], [0.0, 0.2, 0.0, 0.4], [0.0, 0.0, 0.0, 0.0]])
 
@@ -49,7 +50,8 @@ class Linear:
         moved = states.copy()
         moved[:, :3] += motion.step * states[:, 3:]
         moved[:, 3:] = 0.5 * states[:, 3:] + parameters @ self.by_own.T
-        return Prediction(moved, parameters @ self.by_own.T + 0.7 * states[:, 3:])
+        felt = (parameters @ self.by_own.T + 0.7 * states[:, 3:])[:, :3]
+        return Prediction(moved, felt, self.force_std)
 
 
 STILL = PusherMotion(np.zeros(3), np.zeros(3), 0.01, touching=True)
@@ -111,7 +113,7 @@ def test_both_steps_together_are_the_exact_update_of_a_linear_model(monkeypatch)
     felt[:, :4], felt[:, 7:10] = process.by_own, 0.7 * np.eye(3)
     rows = np.concatenate([by_seen[:3] @ by, felt])
     extra = by_seen @ noise @ by_seen.T
-    total = rows @ covariance @ rows.T + extra + np.diag(seen.std**2)
+    total = rows @ covariance @ rows.T + extra + np.diag(seen.noise() ** 2)
     cross = by @ covariance @ rows.T + noise @ by_seen.T
     gain = cross @ np.linalg.inv(total)
     expected = by @ mean + gain @ (seen.value - rows @ mean)
@@ -120,6 +122,16 @@ def test_both_steps_together_are_the_exact_update_of_a_linear_model(monkeypatch)
     assert_allclose(found.belief.mean[:10], expected[:10], atol=0.12 * std.max())
     assert np.all(np.abs(found.belief.mean[:10] - expected[:10]) < 0.12 * std)
     assert_allclose(found.belief.std[:10], std, rtol=0.1)
+
+
+def test_what_a_model_says_of_its_own_forces_counts_as_their_noise():
+    felt = Observation((), FeltWrench(np.array([0.05, 0.02]), np.array([0.3, 0.2])))
+    stated = replace(felt, wrench=replace(felt.wrench, std=np.hypot(felt.wrench.std, 0.4)))
+    own, told = linear_filter(Linear(force_std=0.4)), linear_filter(Linear())
+    own.step(STILL, felt)
+    told.step(STILL, stated)
+    assert_allclose(own.belief.mean, told.belief.mean, atol=1e-9)
+    assert_allclose(own.belief.std, told.belief.std, rtol=1e-6)
 
 
 def test_impossible_hypotheses_are_kept_so_that_the_belief_does_not_shrink():

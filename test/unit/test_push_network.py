@@ -273,6 +273,55 @@ def test_a_filter_learns_from_the_shipped_network(kind):
     assert abs(np.exp(mean[0]) * 9.81 - 3.0) < 0.6
 
 
+@pytest.mark.parametrize("motion", [{"grip": True}, {"touching": False}])
+def test_what_a_network_never_saw_the_mechanics_predict(motion):
+    process = GraphProcess.of(box((0.05, 0.04)), random_weights("graph"))
+    states = np.tile([0.0, 0.0, 0.1, 0.02, 0.0, 0.1], (3, 1))
+    parameters = drawn_parameters(np.random.default_rng(6), 3)
+    way = np.array([-0.05, 0.0, 0.0]), np.array([-0.05 + SPEED * STEP, 0.0, 0.0])
+    step = PusherMotion(*way, STEP, **motion)
+    mine, its = (p.predict(states, parameters, step) for p in (process, process.base[0]))
+    np.testing.assert_array_equal(mine.states, its.states)
+    np.testing.assert_array_equal(mine.wrench, its.wrench)
+
+
+def test_a_network_states_its_force_noise_once_per_way_over_which_it_lasts():
+    process = GraphProcess.of(box((0.05, 0.04)), random_weights("graph"))
+    parameters = drawn_parameters(np.random.default_rng(7), 1)
+
+    def stated(step: float) -> float:
+        at = np.array([-0.05, 0.0, 0.0])
+        ahead = at + np.array([SPEED * step, 0.0, 0.0])
+        normal = np.array([1.0, 0.0])
+        motion = PusherMotion(at, ahead, step, touching=True, normal=normal)
+        return process.predict(np.zeros((1, 6)), parameters, motion).force_std
+
+    assert stated(STEP) > 0.0
+    np.testing.assert_allclose(stated(STEP / 4.0), 2.0 * stated(STEP))
+
+
+def test_pulls_of_linked_parts_are_refused():
+    process = GraphProcess.of(pair(), random_weights("graph"))
+    with pytest.raises(BadInputError, match="pulls of linked parts"):
+        process.predict(
+            np.zeros((1, 12)), np.zeros((1, 10)), PusherMotion(*np.zeros((2, 3)), STEP, grip=True)
+        )
+
+
+def test_the_height_of_the_push_stands_for_an_unknown_centre():
+    rng, known = np.random.default_rng(8), pushed_by_mechanics(5, 4)
+    unknown = replace(known, thing=Thing(known.thing.patches))
+    assert known.push.height[0] == known.thing.com_height[0]
+    for mine, its in zip(expected_steps(known), expected_steps(unknown), strict=True):
+        np.testing.assert_array_equal(mine, its)
+    weights, parameters = random_weights("graph"), drawn_parameters(rng, 4)
+    mine, its = (
+        step_on(weights, steps.thing, steps.states, parameters, steps.push)[0]
+        for steps in (known, unknown)
+    )
+    np.testing.assert_array_equal(mine, its)
+
+
 def test_a_residual_network_of_linked_parts_is_refused():
     with pytest.raises(BadInputError, match="one link only"):
         GraphProcess.of(pair(), random_weights("graph_residual"))

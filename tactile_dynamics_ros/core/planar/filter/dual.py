@@ -81,11 +81,13 @@ class _Ahead:
     Attributes:
         own: (C, p) parameters. by_own: (C, n + m) of each, its motion at its likeliest.
         spread: (K, n + m) rows whose product is the covariance of the rest, given the parameters.
+        force_std: N, by which the model says that its forces are off.
     """
 
     own: Array
     by_own: Array
     spread: Array
+    force_std: float
 
 
 class DualFilter:
@@ -204,6 +206,7 @@ class DualFilter:
             values[1 : split[1], :own],
             by_own + average - middle,
             np.concatenate([rows, self._noise_rows(motion, seen, memory)]),
+            states.force_std,
         )
 
     def _turn(self, size: int) -> Array:
@@ -287,7 +290,7 @@ class DualFilter:
             known, lacking = part[possible[part]], part[~possible[part]]
             trend = np.linalg.lstsq(columns[known], both[known], rcond=None)[0]
             both[lacking] = columns[lacking] @ trend
-        return Prediction(both[:, : self._moving], both[:, self._moving :])
+        return Prediction(both[:, : self._moving], both[:, self._moving :], found.force_std)
 
     def _here(self, values: Array) -> Array:
         """Parameters (C, p) with what friction is at this place."""
@@ -300,7 +303,7 @@ class DualFilter:
 
     def _believed_noise(self, seen: Observation, ahead: _Ahead) -> Array:
         """Standard deviations (m,) of the noise, larger where a measurement is a surprise."""
-        std, n = seen.std.copy(), self._moving + len(self._local)
+        std, n = seen.noise(ahead.force_std), self._moving + len(self._local)
         told = ahead.by_own[:, n:]
         lack = seen.value - told.mean(axis=0)
         covariance = np.cov(told.T, bias=True).reshape(len(std), len(std))

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import time as clock
 from collections import deque
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +14,9 @@ from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.planar.effects.effect import PUSHED
 from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess
+from tactile_dynamics_ros.core.planar.filter.process import Process
 from tactile_dynamics_ros.core.planar.filter.record import PushRecord
-from tactile_dynamics_ros.core.planar.filter.summary import Properties, of_filter, of_fit
+from tactile_dynamics_ros.core.planar.filter.summary import Properties, doubted, of_filter, of_fit
 from tactile_dynamics_ros.core.planar.filter.tracker import Felt, PushTracker, TrackerConfig
 from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
 from tactile_dynamics_ros.core.planar.properties.estimate import PushedEstimate
@@ -23,8 +24,8 @@ from tactile_dynamics_ros.core.planar.streams import USUAL_POSE_STD, PushedStrea
 
 Array = NDArray[np.float64]
 
-MODELS = ("patch",)
-"""Models that can be filtered: the physical one."""
+MODELS = ("patch", "graph", "graph_residual")
+"""Models that can be filtered: the physical one, a network, and a network beside the physics."""
 _SAME = 1e-4
 """Change of an outline's corners, m, up to which it is still the same object: rounding of messages.
 A new outline is a new object, of which nothing is known."""
@@ -33,18 +34,40 @@ _FIT_FLOOR = 0.02
 the filter goes on after a fit: a tighter belief could not follow a table that differs."""
 
 
+@dataclass(frozen=True, eq=False)
+class PushingModel:
+    """A model of pushing by its name.
+
+    Attributes:
+        name: one of MODELS.
+        create: makes the process of an outline (V, 2), m.
+        step: s, of the filter's steps, where the model was learnt for one.
+        fastest: m/s, up to which objects moved from which it was learnt; None: no bound.
+    """
+
+    name: str
+    create: Callable[[Array], Process]
+    step: float | None = None
+    fastest: float | None = None
+
+
+PATCH = PushingModel("patch", PatchProcess)
+"""The physical model; the fits after pushes are of the same mechanics. Learnt ones, which have no
+fits, come from `network.models`."""
+
+
 @dataclass(frozen=True)
 class PropertyConfig:
     """What the properties of a pushed object are estimated with."""
 
-    model: str = parameter("patch", "of pushing: patch, the physical one")
+    model: str = parameter("patch", "of pushing: patch (the mechanics), graph or graph_residual")
     longest: float = parameter(30.0, "touch that fits look at, the latest", "s", 1.0, 300.0)
     tracker: TrackerConfig = field(default_factory=TrackerConfig)
 
     def __post_init__(self) -> None:
         check_ranges(self)
         if self.model not in MODELS:
-            raise BadInputError(f"model '{self.model}': expected {' or '.join(MODELS)}")
+            raise BadInputError(f"model '{self.model}': expected {', '.join(MODELS)}")
 
 
 class LiveProperties:
@@ -53,18 +76,21 @@ class LiveProperties:
     After every push a fit to all pushes since the reset is due; once there is one, it is what is
     said, because it looks at all measurements at once and lets the motion itself be unknown. The
     filter is what is said before, follows the pose, goes on from the fit's numbers and tells where
-    the object slides unlike them.
+    the object slides unlike them. With a learnt model there are no fits, since they would be of the
+    mechanics: the filter alone speaks.
 
     Args:
         config: of everything.
+        model: that the filter predicts with.
 
     Attributes:
         effects: in the model of the fits.
         fits: so far. refused: why the last fit failed; empty if it did not.
+        faster: steps of the filter in which the object was faster than the model ever saw.
     """
 
-    def __init__(self, config: PropertyConfig | None = None) -> None:
-        self.config = config or PropertyConfig()
+    def __init__(self, config: PropertyConfig | None = None, model: PushingModel = PATCH) -> None:
+        self.config, self.model = config or PropertyConfig(), model
         self.outline: Array | None = None
         self.effects: tuple[str, ...] = ()
         self.gravity = np.array([0.0, 0.0, -9.81])
@@ -74,7 +100,7 @@ class LiveProperties:
         """Forget all measurements; the outline stays."""
         self.record = PushRecord(self.config.longest)
         self.fit: PushedEstimate | None = None
-        self.fits, self.refused = 0, ""
+        self.fits, self.faster, self.refused = 0, 0, ""
         self.newest = -np.inf
         self.durations: deque[float] = deque(maxlen=500)
         self._yaw = 0.0
@@ -98,15 +124,23 @@ class LiveProperties:
         """Change the model of the fits; one to what was measured so far is due at once.
 
         Raises:
-            BadInputError: an effect is unknown or named twice.
+            BadInputError: an effect is unknown or named twice, or the model is a learnt one.
         """
         PUSHED.create_all(names)
+        if names and self.model is not PATCH:
+            raise BadInputError(
+                f"effects {', '.join(names)}: they are in the fits, which model "
+                f"'{self.model.name}' has not; choose model 'patch'"
+            )
         self.effects, self.fit, self.refused = tuple(names), None, ""
         self.record.ask_again()
 
     def _begin(self, outline: Array) -> None:
         self.patch = SupportPatch(outline)
-        self.tracker = PushTracker(PatchProcess(outline), self.config.tracker)
+        config = self.config.tracker
+        if self.model.step is not None:
+            config = replace(config, step=self.model.step)
+        self.tracker = PushTracker(self.model.create(outline), config)
 
     def add_pose(self, time: float, pose: Array, std: Array | None) -> None:
         """Take where the link is: x, y, yaw, with their std where stated."""
@@ -139,11 +173,18 @@ class LiveProperties:
         taken = self.tracker.advance(until)
         if self.tracker.touched > touched:
             self.durations.append((clock.thread_time() - start) / taken)
+            self.faster += self._is_faster()
         return taken
+
+    def _is_faster(self) -> bool:
+        """Whether the object moves faster than the model ever saw."""
+        if self.model.fastest is None or self.tracker is None or self.tracker.filter is None:
+            return False
+        return bool(np.linalg.norm(self.tracker.filter.state[0][3:5]) > self.model.fastest)
 
     def due(self, now: float) -> PushedStreams | None:
         """Return what a fit should look at, where a push has ended since the last."""
-        if self.outline is None or not self.record.has_ended(now):
+        if self.model is not PATCH or self.outline is None or not self.record.has_ended(now):
             return None
         return self.record.streams(self.outline, self.gravity)
 
@@ -173,6 +214,10 @@ class LiveProperties:
         if self.tracker is None or self.tracker.filter is None:
             return None
         live = of_filter(*self.tracker.filter.parameters, self.patch, self.tracker.touched)
+        if self.faster:
+            live = doubted(
+                live, f"faster than what '{self.model.name}' was trained on; choose model 'patch'"
+            )
         return live if self.fit is None else of_fit(self.fit, live, self.refused)
 
 

@@ -64,12 +64,11 @@ class Observation:
         parts += [self.wrench.value] if self.wrench is not None else []
         return np.concatenate(parts) if parts else np.zeros(0)
 
-    @property
-    def std(self) -> Array:
-        """(m,) of the noise."""
+    def noise(self, force_std: float = 0.0) -> Array:
+        """Standard deviations (m,), with that of the model's forces, N, beside the sensors'."""
         parts = [pose.std for pose in self.poses]
         if self.wrench is not None:
-            floor = _RELATIVE * np.linalg.norm(self.wrench.value[:2])
+            floor = np.hypot(_RELATIVE * np.linalg.norm(self.wrench.value[:2]), force_std)
             arm = np.array([1.0, 1.0, 0.03])[: len(self.wrench.value)]
             parts.append(np.hypot(self.wrench.std, floor * arm))
         return np.concatenate(parts) if parts else np.zeros(0)

@@ -60,10 +60,13 @@ class Prediction:
         states: (C, 6 L) when the step ends.
         wrench: (C, 3) N, N, N m that the pusher applies on the object, axes of S, about the point
             where the pusher is when the step begins; mean over the step.
+        force_std: N, by which the model itself says that its forces are off, beside what differs
+            from place to place; errors that last count once, not at each step.
     """
 
     states: Array
     wrench: Array
+    force_std: float = 0.0
 
 
 class Process(Protocol):

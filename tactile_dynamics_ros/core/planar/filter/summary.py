@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,6 +83,11 @@ def of_filter(mean: Array, covariance: Array, patch: SupportPatch, steps: int) -
         text = "nothing was pushed yet: these are the values before any data"
         return Properties(values, tuple(unknown), text, True, "nothing")
     return Properties(values, tuple(unknown), words(values, unknown), False, "filter")
+
+
+def doubted(known: Properties, why: str) -> Properties:
+    """The same, with a reason not to trust it."""
+    return replace(known, text=f"{known.text}; {why}", doubtful=True)
 
 
 def of_fit(fit: PushedEstimate, live: Properties, refused: str) -> Properties:

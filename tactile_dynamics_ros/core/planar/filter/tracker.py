@@ -35,9 +35,9 @@ The mechanics stop it within a step from there."""
 _STANDS_AFTER = 0.5
 """Time without a touch, s, after which it stands in any case: at 0.3 m/s with a coefficient of 0.1
 it slides for 0.3 s."""
-_RESTS_EVERY = 10
-"""Steps of an object that stands of which one is taken: a filter that does nothing else took a
-fifth of a core. Poses of a tenth of a second say little more together."""
+_RESTS_EVERY = 0.1
+"""Time, s, of which one step of an object that stands is taken: a filter that does nothing else
+took a fifth of a core at 100 Hz. Poses of a tenth of a second say little more together."""
 _KEPT = 2.0
 """Measurements that are held back for the filter at most, s; older ones are of no use to it."""
 _STIFFNESS_SPREAD = 1.0
@@ -289,7 +289,7 @@ class PushTracker:
         resting = self._stands() or start - self._free_since > _STANDS_AFTER
         if not resting:
             self.filter.step(_unpushed(step), Observation(poses))
-        elif self.steps % _RESTS_EVERY == 0:
+        elif self.steps % max(1, round(_RESTS_EVERY / step)) == 0:
             self.filter.step(None, Observation(poses))
 
     def _touch(self, start: float, end: float) -> _Touch:

@@ -48,13 +48,13 @@ class Thing:
 
     Attributes:
         patches: footprint of each link.
-        com_height: (L,) m above the support.
+        com_height: (L,) m above the support; None takes the height of the push for it.
         joint: (2,) m in the frame of link_1, where two links meet; None for one link.
         rigid: whether the joint does not turn. The paper's f_j = 1 is this flag.
     """
 
     patches: tuple[SupportPatch, ...]
-    com_height: Array
+    com_height: Array | None = None
     joint: Array | None = None
     rigid: bool = False
 
@@ -170,6 +170,7 @@ def _link_features(
     moving = np.column_stack([to_contact(velocity[:, :2], push.normal), velocity[:, 2]]) / units
     heading = yaw - np.arctan2(push.normal[:, 1], push.normal[:, 0])
     same = np.ones((len(yaw), 1))
+    height = push.height if thing.com_height is None else np.full(len(yaw), thing.com_height[link])
     mass = (parameters[:, 4 * link + 1] - np.log(_MASS)) / _MASS_SPREAD
     return np.concatenate(
         [
@@ -177,7 +178,7 @@ def _link_features(
             to_contact(middle - push.point, push.normal) / _LENGTH,
             moving,
             mass[:, None],
-            same * (thing.com_height[link] / _HEIGHT - 1.0),
+            height[:, None] / _HEIGHT - 1.0,
             same * np.log(patch.gyration / 0.035**2),
             _elongation(patch, heading),
             same * (link == push.link),

@@ -20,7 +20,8 @@ def expected_steps(steps: Transitions) -> tuple[Array, Array]:
 
     It takes one motion of the pusher for all hypotheses; here every step has its own.
     """
-    base = PatchProcess(steps.thing.patches[0].outline, float(steps.thing.com_height[0]))
+    known = steps.thing.com_height
+    base = PatchProcess(steps.thing.patches[0].outline, None if known is None else float(known[0]))
     states, forces = steps.states.copy(), np.zeros((len(steps), 2))
     for touching in (True, False):
         rows = np.flatnonzero((steps.push.touching > 0.5) == touching)
@@ -33,7 +34,8 @@ def _part(
     base: PatchProcess, steps: Transitions, rows: NDArray[np.intp], touching: bool
 ) -> tuple[Array, Array]:
     push, parameters = steps.push, steps.parameters[rows]
-    linkage = Linkage((_link(base, float(steps.thing.com_height[0]), parameters),))
+    height = push.height[rows] if base.com_height is None else np.full(len(rows), base.com_height)
+    linkage = Linkage((_link(base, height, parameters),))
     tip = Tip(
         base.outline, push.height[rows], np.exp(parameters[:, 4]), touching, push.normal[rows]
     )
@@ -55,7 +57,7 @@ def _part(
     return np.concatenate([frame, velocity, final[:, 2:]], axis=1), force
 
 
-def _link(base: PatchProcess, com_height: float, parameters: Array) -> Link:
+def _link(base: PatchProcess, com_height: Array, parameters: Array) -> Link:
     product, mass = np.exp(parameters[:, :2].T)
     same = np.ones(len(mass))
     return Link(
@@ -63,7 +65,7 @@ def _link(base: PatchProcess, com_height: float, parameters: Array) -> Link:
         mass=mass,
         friction=product / mass,
         com=parameters[:, 2:4],
-        com_height=com_height * same,
+        com_height=com_height,
         inertia=mass * base.patch.gyration,
         scale=same,
     )

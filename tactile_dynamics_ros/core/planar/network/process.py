@@ -35,6 +35,10 @@ Array = NDArray[np.float64]
 _JOINT_FRICTION, _JOINT_SPREAD = 0.03, 0.8
 """Median of a joint's friction, N m, and spread of its logarithm before any data: from hinges that
 fall shut to such as hold a page. Wider only delays the filter."""
+_ALIKE = 0.02
+"""m over which errors of a network's force stay alike, as friction does for the filter: the noise
+that it states counts once per such a way, not once per step. Chosen for that reason, not tuned; at
+a step's way masses of slow pushes are off by up to fifteen standard deviations."""
 _UNITS = np.array([1.0, 1.0, 20.0]), np.ones(2)
 """Units of the features by which mechanics help, over the unit of velocities, and N: those that the
 shipped networks are trained with."""
@@ -67,9 +71,11 @@ class GraphProcess:
         """
         if weights.residual and thing.links > 1:
             raise BadInputError("graph_residual: one link only; for linked parts choose graph")
+        known = thing.com_height
+        heights = [None] * thing.links if known is None else [float(each) for each in known]
         base = tuple(
-            PatchProcess(patch.outline, float(height))
-            for patch, height in zip(thing.patches, thing.com_height, strict=True)
+            PatchProcess(patch.outline, height)
+            for patch, height in zip(thing.patches, heights, strict=True)
         )
         return cls(thing, weights, base)
 
@@ -106,13 +112,17 @@ class GraphProcess:
         return np.asarray(np.all(each, axis=0))
 
     def predict(self, states: Array, parameters: Array, motion: PusherMotion) -> Prediction:
-        """Advance by one step of the pusher."""
-        return self.predict_with_noise(states, parameters, motion)[0]
+        """Advance by one step of the pusher; what the network never saw, the mechanics predict.
 
-    def predict_with_noise(
-        self, states: Array, parameters: Array, motion: PusherMotion
-    ) -> tuple[Prediction, Array]:
-        """Prediction, and std (C, 2) of forces around it, axes of the contact, N."""
+        Those are a grip and, of one link, a step without touch.
+
+        Raises:
+            BadInputError: linked parts are gripped.
+        """
+        if motion.grip and self.links > 1:
+            raise BadInputError("graph: pulls of linked parts are not among what it was trained on")
+        if self.links == 1 and (motion.grip or motion.touching is False):
+            return self.base[0].predict(states, parameters, motion)
         push = self.push_of(states, motion)
         base = None
         if self.weights.residual:
@@ -120,7 +130,9 @@ class GraphProcess:
             base = found.states, found.wrench[:, :2]
         after, force, std = step_on(self.weights, self.thing, states, parameters, push, base)
         wrench = np.concatenate([force, np.zeros((len(force), 1))], axis=1)
-        return Prediction(after, wrench), std
+        way = max(float(np.linalg.norm((motion.after - motion.before)[:2])), 1e-4)
+        lasting = np.sqrt(max(_ALIKE / way, 1.0))
+        return Prediction(after, wrench, float(np.median(std.max(axis=1)) * lasting))
 
     def push_of(self, states: Array, motion: PusherMotion) -> Push:
         """What the pusher does, in the outline's or the felt normal."""
