@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import sys
-from argparse import ArgumentParser, Namespace
+from argparse import Action, ArgumentParser, Namespace
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from tactile_dynamics_ros.api.reading import effects_of
 from tactile_dynamics_ros.api.reading import read_recording as recording_of
@@ -21,6 +21,17 @@ _QUESTIONS = ("diagnose", "explain")
 """Verbs that find out units for themselves, so that a recording is not refused for them."""
 
 
+class JoinNames(Action):
+    """Names with commas between them; an option that is given again adds to those before."""
+
+    def __call__(
+        self, parser: ArgumentParser, namespace: Namespace, values: Any, option: str | None = None
+    ) -> None:
+        """Append the names."""
+        before = getattr(namespace, self.dest)
+        setattr(namespace, self.dest, f"{before},{values}" if before else values)
+
+
 def add_recording_arguments(parser: ArgumentParser, optional: bool = False) -> None:
     """Add the recording, its remappings and the effects of the model."""
     count = "?" if optional else "+"
@@ -29,6 +40,7 @@ def add_recording_arguments(parser: ArgumentParser, optional: bool = False) -> N
     parser.add_argument("bag", metavar="BAG", nargs=count, help=bag_help + several)
     parser.add_argument(
         "--effects",
+        action=JoinNames,
         default="",
         metavar="A,B",
         help="effects added to the rigid body (see `tactile-dynamics effects`)",

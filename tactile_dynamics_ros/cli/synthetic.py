@@ -7,6 +7,7 @@ from argparse import SUPPRESS, ArgumentParser, Namespace, _SubParsersAction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tactile_dynamics_ros.cli.recordings import JoinNames
 from tactile_dynamics_ros.core.errors import BadInputError, refuse_existing
 
 if TYPE_CHECKING:
@@ -21,7 +22,13 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
         "held", help="an object held and moved by four fingers, with effects that no model is told"
     )
     held.add_argument("out", metavar="OUT", help="directory of the recording to create")
-    held.add_argument("--effect", default="", metavar="NAME[,..]", help="none: a clean recording")
+    held.add_argument(
+        "--effect",
+        action=JoinNames,
+        default="",
+        metavar="NAME[,..]",
+        help="none: a clean recording",
+    )
     held.add_argument("--seed", type=int, default=0)
     size = held.add_mutually_exclusive_group()
     size.add_argument("--magnitude", type=float, help="multiple of the effect's typical size")
@@ -44,7 +51,13 @@ def _add_pushed(forms: _SubParsersAction[Any]) -> None:
         "pushed", help="an object that is pushed or pulled over a table, with hidden effects"
     )
     pushed.add_argument("out", metavar="OUT", help="directory of the recording to create")
-    pushed.add_argument("--effect", default="", metavar="NAME[,..]", help="none: a clean recording")
+    pushed.add_argument(
+        "--effect",
+        action=JoinNames,
+        default="",
+        metavar="NAME[,..]",
+        help="none: a clean recording",
+    )
     pushed.add_argument("--seed", type=int, default=0)
     pushed.add_argument("--magnitude", type=float, default=1.0, help="multiple of a typical size")
     pushed.add_argument(

@@ -12,7 +12,9 @@ import pytest
 from tactile_dynamics_ros.cli import main as cli
 from tactile_dynamics_ros.cli.domain import private_domain
 from tactile_dynamics_ros.cli.examples import EXAMPLES
-from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
+from tactile_dynamics_ros.cli.progress import shown_progress
+from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError, nearest_file
+from tactile_dynamics_ros.core.progress import tell
 
 
 def verb(run):
@@ -81,6 +83,13 @@ def test_every_verb_shows_examples_that_it_takes():
             assert args.verb == name
 
 
+def test_every_form_of_a_verb_shows_an_example():
+    for name in ("import", "synthetic"):
+        (forms,) = (a for a in verbs()[name]._actions if hasattr(a, "_name_parser_map"))
+        for form, parser in forms._name_parser_map.items():
+            assert f"tactile-dynamics {name} {form} " in parser.format_help()
+
+
 @pytest.mark.parametrize(
     ("words", "meant"),
     [
@@ -89,11 +98,37 @@ def test_every_verb_shows_examples_that_it_takes():
         (["batch", "compar", "*", "--out", "o"], "'compare'"),
         (["run", "inertial_estimater"], "inertial_estimator"),
         (["effects", "viscous_drog"], "'viscous_drag'"),
+        (["estimate", "run.mcap", "--model", "pushd"], "'pushed'"),
     ],
 )
 def test_a_name_that_is_nearly_right_is_answered_with_the_right_one(words, meant, capsys):
     assert cli.main(words) == 2
     assert meant in capsys.readouterr().err
+
+
+def test_a_file_that_is_nearly_there_is_answered_with_the_one_that_is(tmp_path, capsys):
+    (tmp_path / "run.mcap").touch()
+    assert cli.main(["estimate", str(tmp_path / "rum.mcap")]) == 2
+    assert f"did you mean '{tmp_path / 'run.mcap'}'?" in capsys.readouterr().err
+    assert nearest_file(tmp_path / "gone" / "run.mcap") == ""
+    assert str(tmp_path) in nearest_file(tmp_path.parent / f"{tmp_path.name}x" / "run.mcap")
+
+
+def test_progress_is_a_line_of_a_terminal_and_nothing_elsewhere(monkeypatch, capsys):
+    def work(quiet=False):
+        with shown_progress(quiet):
+            tell("trying viscous_drag")
+        tell("nobody listens")
+        return capsys.readouterr().err
+
+    assert work() == ""
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    assert work(quiet=True) == ""
+    shown = work()
+    assert "s  trying viscous_drag" in shown
+    assert "nobody" not in shown
+    assert shown.endswith("\r\033[K")
+    assert "\n" not in shown
 
 
 def test_bash_completes_verbs_options_and_choices(capsys):
@@ -109,6 +144,8 @@ def test_bash_completes_verbs_options_and_choices(capsys):
         ask tactile-dynamics estimate --eff
         ask tactile-dynamics run inertial
         ask tactile-dynamics batch exp
+        ask tactile-dynamics effects sloshing
+        ask tactile-dynamics estimate run.mcap --effects support_t
     """
     )
     done = subprocess.run(["bash", "-c", program], capture_output=True, text=True, check=True)
@@ -117,6 +154,8 @@ def test_bash_completes_verbs_options_and_choices(capsys):
         "--effect-file --effects",
         "inertial_estimator",
         "explain",
+        "sloshing_mass",
+        "support_tilt",
     ]
 
 
@@ -173,3 +212,13 @@ def test_demo_summary_is_plain_json_text():
     from tactile_dynamics_ros.cli.topics import to_plain
 
     assert json.dumps(to_plain([float("nan"), 1.5, b"\x01", (1, 2)])) == '["nan", 1.5, 1, [1, 2]]'
+
+
+@pytest.mark.parametrize(
+    ("verb", "option"), [("synthetic pushed out.mcap", "effect"), ("diagnose run.mcap", "effects")]
+)
+def test_an_option_for_effects_that_is_given_twice_adds_to_the_first(verb, option):
+    parser = cli.build_parser(cli.load_modules())
+    given = f"{verb} --{option} support_tilt --{option} magnet,caster"
+    named = getattr(parser.parse_args(given.split()), option)
+    assert named == "support_tilt,magnet,caster"
