@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from tactile_dynamics_ros.core.progress import tell
+
 if TYPE_CHECKING:
     from tactile_dynamics_ros.core.effects.effect import Effect
     from tactile_dynamics_ros.core.friction.discrepancy_model import FrictionModel
@@ -51,6 +53,7 @@ class Question:
 
 def question_held(recording: Recording, effects: Sequence[Effect] = ()) -> Question:
     """Fit a rigid body with effects to a recording."""
+    tell("fitting the rigid body")
     from tactile_dynamics_ros.core.inertia.diagnosis.misreading import question
     from tactile_dynamics_ros.core.inertia.diagnosis.readings import (
         fit_with_readings,
@@ -83,6 +86,7 @@ def question_friction(
 
 def question_pushed(recording: PushedRecording, names: Sequence[str] = ()) -> Question:
     """Fit mass, friction and centre of mass of a pushed object, with the named effects."""
+    tell("fitting friction and inertia")
     from tactile_dynamics_ros.core.planar.diagnosis.discrepancy_model import PushDiscrepancy
 
     model = PushDiscrepancy.of_streams(recording.streams, names)

@@ -1,4 +1,4 @@
-"""`tactile-dynamics completion SHELL`: a script that completes verbs, options and choices."""
+"""`tactile-dynamics completion SHELL`: a script that completes verbs, options, choices, effects."""
 
 from __future__ import annotations
 
@@ -11,6 +11,11 @@ _BASH = """_tactile_dynamics() {{
     local current=${{COMP_WORDS[COMP_CWORD]}} verb=${{COMP_WORDS[1]}} words
     if ((COMP_CWORD == 1)); then
         COMPREPLY=($(compgen -W '{verbs}' -- "$current"))
+        return
+    fi
+    if [[ ${{COMP_WORDS[COMP_CWORD - 1]}} == --effect* && $current != -* ]]; then
+        [[ ${{COMP_WORDS[COMP_CWORD - 1]}} == --effect-file ]] && return
+        COMPREPLY=($(compgen -W '{effects}' -- "$current"))
         return
     fi
     case $verb in
@@ -38,7 +43,11 @@ def run(args: Namespace, verbs: _SubParsersAction[Any]) -> int:
         f"        {name}) words='{' '.join(sorted(set(_words(parser))))}' ;;"
         for name, parser in sorted(verbs.choices.items())
     ]
-    script = _BASH.format(verbs=" ".join(sorted(verbs.choices)), cases="\n".join(cases))
+    script = _BASH.format(
+        verbs=" ".join(sorted(verbs.choices)),
+        effects=" ".join(_effect_names()),
+        cases="\n".join(cases),
+    )
     print((_ZSH if args.shell == "zsh" else "") + script, end="")
     return 0
 
@@ -57,3 +66,13 @@ def _words(parser: argparse.ArgumentParser) -> Iterator[str]:
             from tactile_dynamics_ros.cli.bringup import node_names
 
             yield from node_names()
+        elif action.dest == "name":
+            yield from _effect_names()
+
+
+def _effect_names() -> list[str]:
+    """Return the names of the effects of all models."""
+    from tactile_dynamics_ros.core.effects import EFFECT_NAMES
+    from tactile_dynamics_ros.core.planar.effects.effect import PUSHED_EFFECT_NAMES
+
+    return sorted({*EFFECT_NAMES, *PUSHED_EFFECT_NAMES})

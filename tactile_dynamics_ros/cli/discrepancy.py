@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import sys
 from argparse import Namespace, _SubParsersAction
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +17,7 @@ from tactile_dynamics_ros.cli.friction_recording import (
     ask_about_friction,
     is_probe_recording,
 )
+from tactile_dynamics_ros.cli.progress import shown_progress
 from tactile_dynamics_ros.cli.recordings import (
     add_recording_arguments,
     model_of,
@@ -44,7 +47,9 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
 def run(args: Namespace) -> int:
     """Ask and print."""
     kind, _ = _VERBS[args.verb]
-    result: Discrepancy = kind.of(_ask(args))
+    ask = _ask(args)
+    with shown_progress(args.json):
+        result: Discrepancy = kind.of(ask())
     for note in result.notes:
         print(f"note: {note}", file=sys.stderr)
     print(json.dumps(result.to_json()) if args.json else result)
@@ -54,11 +59,11 @@ def run(args: Namespace) -> int:
     return 0
 
 
-def _ask(args: Namespace) -> Question:
-    """Fit the model that suits the recording."""
+def _ask(args: Namespace) -> Callable[[], Question]:
+    """Read the recording; what is returned fits the model that suits it."""
     if is_probe_recording(args):
-        return ask_about_friction(args)
+        return lambda: ask_about_friction(args)
     args.model = model_of(args)  # asked of the recording once
     if args.model == "pushed":
-        return question_pushed(read_pushed(args), pushed_effects(args))
-    return question_held(read_recording(args), read_effects(args))
+        return partial(question_pushed, read_pushed(args), pushed_effects(args))
+    return partial(question_held, read_recording(args), read_effects(args))

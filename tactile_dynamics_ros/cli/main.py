@@ -82,11 +82,20 @@ def build_parser(modules: Sequence[ModuleType]) -> argparse.ArgumentParser:
     for module in modules:
         module.add_parser(verbs)
     for name, verb in verbs.choices.items():
-        verb.epilog = verb.epilog or epilog(name)
-        verb.formatter_class = argparse.RawDescriptionHelpFormatter
+        _add_examples(verb, name)
         if "--json" not in verb._option_string_actions:
             verb.add_argument("--json", action="store_true", help="print only JSON on stdout")
     return parser
+
+
+def _add_examples(parser: argparse.ArgumentParser, words: str) -> None:
+    """Add examples to the help of a verb, and of the forms that it has."""
+    parser.epilog = parser.epilog or epilog(words)
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for name, form in action._name_parser_map.items():
+                _add_examples(form, f"{words} {name}")
 
 
 def load_modules(names: Sequence[str] = VERB_MODULES) -> list[ModuleType]:

@@ -58,6 +58,22 @@ def refuse_existing(path: Path) -> None:
         raise BadInputError(f"{path} exists already; choose another path or remove it")
 
 
+def nearest_file(path: str | Path) -> str:
+    """Return the same of a path that is not there: names in its folder, or of its folder.
+
+    Args:
+        path: that is missing.
+    """
+    path = Path(path)
+    parent = path.parent
+    try:
+        names = [entry.name for entry in parent.iterdir()]
+    except OSError:
+        return nearest_file(parent) if parent != path else ""
+    found = get_close_matches(path.name, names, 1)
+    return f"; did you mean '{parent / found[0]}'?" if found else ""
+
+
 def nearest(name: str, known: Iterable[str]) -> str:
     """Return the end of a sentence that names what was probably meant; empty if nothing is near.
 

@@ -15,7 +15,7 @@ from rosbags.rosbag2 import Reader, ReaderError
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
 
-from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.errors import BadInputError, nearest_file
 from tactile_dynamics_ros.recording.cdr import (
     DOUBLES,
     MessageTable,
@@ -110,7 +110,9 @@ def read_messages(path: Path, topic: str) -> Iterator[RawMessage]:
 def _parts(path: Path) -> list[Path]:
     """Return what to open: the directory if it is complete, otherwise its storage files."""
     if not path.exists():
-        raise BadInputError(f"{path}: no such file or directory; expected a rosbag2 recording")
+        raise BadInputError(
+            f"{path}: no such file or directory; expected a rosbag2 recording" + nearest_file(path)
+        )
     if path.is_dir():
         if _opens(path):
             return [path]

@@ -10,7 +10,7 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.errors import BadInputError, nearest_file
 
 Array = NDArray[np.float64]
 
@@ -74,7 +74,9 @@ def read_clouds(paths: Sequence[Path], unit: str | None = None) -> Cloud:
 def _read(path: Path) -> tuple[Array, Array | None]:
     """Return points (N, 3), and their depths (N,) where the file has an image of them."""
     if not path.is_file():
-        raise BadInputError(f"{path}: no such file; expected PLY, PCD, text or npz")
+        raise BadInputError(
+            f"{path}: no such file; expected PLY, PCD, text or npz" + nearest_file(path)
+        )
     suffix = path.suffix.lower()
     try:
         if suffix == ".npz":

@@ -31,6 +31,7 @@ from tactile_dynamics_ros.core.discrepancy.verdict.materiality import (
     find_trace,
 )
 from tactile_dynamics_ros.core.discrepancy.verdict.partial import explain_most
+from tactile_dynamics_ros.core.progress import tell
 
 
 @dataclass(frozen=True)
@@ -80,6 +81,7 @@ class Diagnosis:
         """Plan of the motion that would tell the group apart, or None."""
         if not self.group:
             return None
+        tell("planning what would tell " + " and ".join(self.group) + " apart")
         choice = self.steps[0].choice
         rivals = [rival.model for rival in choice.named(self.group)]
         return choice.best.model.separating_motion(rivals)
@@ -118,6 +120,7 @@ def diagnose(
         assessment: of the model, if there is one already.
     """
     config = config or DiagnosisConfig()
+    tell("testing what the model leaves")
     first = assessment or assess(model, config.significance)
     before = held_out(model)
 
@@ -130,6 +133,7 @@ def diagnose(
     trace = find_trace(first)
     if trace is not None:
         return replace(unnamed("adequate", (), first.structure.floor), trace=trace)
+    tell("reading signs, units, axes and clocks otherwise")
     convention = model.convention()
     if convention is not None:
         return _misread(model, first, before, convention)

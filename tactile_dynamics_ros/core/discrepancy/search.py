@@ -12,6 +12,7 @@ from tactile_dynamics_ros.core.discrepancy.model.residual_model import ResidualM
 from tactile_dynamics_ros.core.discrepancy.selection import Choice, choose_effect, exchange
 from tactile_dynamics_ros.core.discrepancy.structure import Line, find_line
 from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import Assessment, assess
+from tactile_dynamics_ros.core.progress import tell
 
 
 @dataclass(frozen=True)
@@ -119,6 +120,7 @@ def find_effects(
     steps: tuple[Step, ...] = ()
     present, assessment = model, first
     for _ in range(1 if first.within_stated else config.depth):
+        tell(f"looking for effect {len(steps) + 1}")
         needed = _needed(first, assessment, config) if steps else np.inf
         choice = add_effect(present, assessment, config, needed)
         if choice is None:

@@ -25,6 +25,7 @@ from tactile_dynamics_ros.core.discrepancy.trials import (
     try_effect,
     try_effects,
 )
+from tactile_dynamics_ros.core.progress import tell
 
 _CONTAINED = 1e-3
 """Share of what the best explains that a rival may be unable to do and yet contains the best: twins
@@ -144,6 +145,7 @@ def choose_effect(
     reach = reachable(trials[0].criterion, present) + CHANCE
     names = [t.name for t in trials if t.criterion <= reach][: 1 + _MOST_RIVALS]
     best = trials[0]
+    tell(f"refitting all with {best.name}")
     refined, before = best.model.refined(), Misfit.of(model)
     if before.is_drowned(Misfit.of(refined)):
         others = [score for score in scores if score.family.name != best.name]
@@ -201,6 +203,7 @@ def _compete(
         beaten = rival.criterion < own.criterion - decisive(refined, floor)
         if not beaten or rival.label in tried or len(tried) == _ROUNDS:
             break
+        tell(f"refitting all with {rival.name}")
         other = rival.model.refined()
         worse = in_place(rival, other, floor).criterion > own.criterion
         if worse or before.is_drowned(Misfit.of(other)):
@@ -281,6 +284,7 @@ def _homes(
         extra = rival.model.freedom - choice.best.model.freedom
         if square(rival.model) > limit or not freedoms[0] <= extra <= freedoms[1]:
             continue
+        tell(f"comparing where {rival.name} is at home")
         model = rival.model.refined()
         structure = examine(*instants(model))
         if structure.p_value < least_p_value:

@@ -11,6 +11,7 @@ import numpy as np
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import ResidualModel
 from tactile_dynamics_ros.core.discrepancy.screening import Score, best_by_effect
 from tactile_dynamics_ros.core.discrepancy.validation import HeldOut, held_out
+from tactile_dynamics_ros.core.progress import tell
 
 REACH = 0.25
 """Share of the fall of the best that a bound may lie behind to be worth a fit: bounds are of linear
@@ -129,6 +130,7 @@ def try_effects(
         best = min([reached, *(trial.criterion for trial in trials)])
         if score.criterion > reachable(best, present, reach) + CHANCE:
             break
+        tell(f"trying {score.family.name}")
         trials.append(try_effect(model, scores, score.family.name, floor))
     return sorted(trials, key=lambda trial: trial.criterion)
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rosbags.highlevel import AnyReader, AnyReaderError
 from rosbags.typesys import Stores, get_typestore
 
-from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.errors import BadInputError, nearest_file
 from tactile_dynamics_ros.core.rigid_body.rotation import matrix_to_quaternion, quaternion_to_matrix
 from tactile_dynamics_ros.core.streams.streams import between_turns
 from tactile_dynamics_ros.recording.bag_files import DAMAGE, ROS1_SUFFIX, STORAGE_SUFFIXES
@@ -244,7 +244,10 @@ class _opened:  # noqa: N801 - used as a function
 
     def __enter__(self) -> AnyReader:
         if not self._path.exists():
-            raise BadInputError(f"{self._path}: no such file or directory; expected a recording")
+            raise BadInputError(
+                f"{self._path}: no such file or directory; expected a recording"
+                + nearest_file(self._path)
+            )
         ros1 = self._path.suffix == ROS1_SUFFIX
         store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_JAZZY)
         return self._guarded(lambda: self._open(store))

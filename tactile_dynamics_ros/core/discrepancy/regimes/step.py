@@ -25,6 +25,7 @@ from tactile_dynamics_ros.core.discrepancy.selection import at_home, choose_effe
 from tactile_dynamics_ros.core.discrepancy.trials import CHANCE, in_place, reachable, try_effect
 from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import Assessment, assess
 from tactile_dynamics_ros.core.numerics.regime import Gate, split_label
+from tactile_dynamics_ros.core.progress import tell
 
 _CLEARLY = 3.0
 """Multiple of `indifference` by which an effect in a regime must do better than one everywhere: 30
@@ -61,6 +62,7 @@ def add_regional_effects(
     """
     if first.within_stated or (accounted and len(steps) == 1 and steps[0].after.white):
         return ()
+    tell("looking for an effect that acts in a part of the recording")
     found: list[Step] = []
     present, assessment = model, first
     while len(found) < config.depth:

@@ -32,7 +32,7 @@ from tactile_dynamics_ros.core.effects.registry import (
     registered_names,
 )
 from tactile_dynamics_ros.core.effects.units import format_dimension, parse_unit
-from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.errors import BadInputError, nearest_file
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*$")
 """Names of parameters and definitions, as formulas can spell them; any other is refused."""
@@ -68,7 +68,9 @@ def load_effects(path: str | Path) -> tuple[Effect, ...]:
     """
     path = Path(path)
     if not path.is_file():
-        raise BadInputError(f"{path}: no such file, expected effects in .yaml or .py")
+        raise BadInputError(
+            f"{path}: no such file, expected effects in .yaml or .py" + nearest_file(path)
+        )
     if path.suffix == ".py":
         return _load_classes(path)
     effects = _read_table(_read_yaml(path), str(path), ("effects",))
