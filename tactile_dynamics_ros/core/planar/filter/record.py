@@ -71,7 +71,7 @@ class PushRecord:
         self._poses = deque(kept, maxlen=_MOST)
         contacts = {}
         for name, felt in self._felt.items():
-            near = _near(np.array([each.time for each in felt]), times)
+            near = _follows(np.array([each.time for each in felt]), times)
             rows = [each for each, keep in zip(felt, near, strict=True) if keep]
             self._felt[name] = deque(rows, maxlen=_MOST)
             if any(touches(each) for each in rows):
@@ -93,6 +93,17 @@ def _near(at: Array, touched: Array) -> NDArray[np.bool_]:
     before = np.maximum(after - 1, 0)
     gap = np.minimum(np.abs(touched[after] - at), np.abs(touched[before] - at))
     return np.asarray(gap <= _AROUND)
+
+
+def _follows(at: Array, touched: Array) -> NDArray[np.bool_]:
+    """Which times lie within or after touches: before, the object rests, and silence tells nothing.
+
+    Where poses come at 30 Hz their noise would be taken for sliding without a force.
+    """
+    if len(at) == 0 or len(touched) == 0:
+        return np.zeros(len(at), dtype=bool)
+    last = np.searchsorted(touched, at, side="right") - 1
+    return np.asarray((last >= 0) & (at - touched[np.maximum(last, 0)] <= _AROUND))
 
 
 def _contact(name: str, rows: list[Felt]) -> PushContact:
