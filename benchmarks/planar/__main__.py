@@ -14,7 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.planar import ahead
+from benchmarks.planar import ahead, choice
+from benchmarks.planar.fit import fitted
 from benchmarks.planar.scores import mean_interval, scored
 from benchmarks.planar.trial import (
     INSIDE,
@@ -32,11 +33,16 @@ from tactile_dynamics_ros.core.planar.network.weights import shipped_file, shipp
 from tactile_dynamics_ros.synthetic.pushed.objects import draw_object
 from tactile_dynamics_ros.synthetic.pushed.transitions import cut_steps, describe
 
-MODELS = {"single": ("patch", "graph_residual", "graph"), "rigid_pair": ("graph",),
+MODELS = {"single": ("patch", "graph_residual", "graph", "estimate"), "rigid_pair": ("graph",),
           "jointed": ("graph",)}  # fmt: skip
-"""Which models predict a family: mechanics of linked parts are no process of the filter."""
+"""Which models predict a family: mechanics of linked parts are no process of the filter. `estimate`
+is no filter but the product's fit to whole recordings, whose model is the mechanics too."""
+PLAIN = ("patch", "estimate")
+"""Those that need no weights."""
 SET = range(1, 121)
 """Seeds of the object set whose range normalises errors."""
+_KEYS = tuple(f"{part}{link}" for link in (1, 2) for part in ("m", "f", "q", "com"))
+"""Quantities whose errors over their std are collected."""
 FIRST = 121
 """First seed of the test objects: networks are trained on seeds from 10000 on."""
 
@@ -63,15 +69,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Measure all families and print tables."""
     parser = argparse.ArgumentParser(prog="bench planar", description=__doc__)
     parser.add_argument("--families", nargs="+", choices=sorted(MODELS), default=list(MODELS))
-    parser.add_argument("--models", nargs="+", default=["patch", "graph_residual", "graph"])
+    parser.add_argument("--models", nargs="+", default=list(MODELS["single"]))
     parser.add_argument("--setting", choices=sorted(SETTINGS), default="slow")
     parser.add_argument("--objects", type=int, default=12, help="test objects of each family (12)")
-    parser.add_argument("--only", choices=("ahead", "filter"), help="one part only")
+    parser.add_argument("--only", choices=("ahead", "filter", "choice"), help="one part only")
     parser.add_argument("--keep", type=Path, help="folder from which an interrupted run goes on")
     parser.add_argument("--json", action="store_true", help="print only JSON on stdout")
     options = parser.parse_args(arguments)
-    found = {}
-    for family in options.families:
+    found: dict[str, Any] = {}
+    if options.only in (None, "choice"):
+        found["choice"] = choice.measure(range(FIRST, FIRST + options.objects))
+        if not options.json:
+            print(choice.table(found["choice"]), flush=True)
+    for family in options.families if options.only != "choice" else ():
         found[family] = measure(family, options)
         if not options.json:
             print(table(family, found[family]), flush=True)
@@ -86,7 +96,7 @@ def models_of(family: str, options: argparse.Namespace) -> list[str]:
         name
         for name in MODELS[family]
         if name in options.models
-        and (name == "patch" or shipped_file(name, options.setting).exists())
+        and (name in PLAIN or shipped_file(name, options.setting).exists())
     ]
 
 
@@ -109,6 +119,8 @@ def one_step(names: list[str], ones: list[Any], setting: str) -> dict[str, Any]:
     objects = [cut_steps(one.scene, one.motion, SETTINGS[setting][0]) for one in ones]
     found = {"goes on": ahead.errors_of(ahead.still, objects)}
     for name in names:
+        if name == "estimate":
+            continue
         model = expected_steps if name == "patch" else ahead.network(shipped_graph(name, setting))
         found[name] = ahead.errors_of(model, objects)
     return found
@@ -143,6 +155,8 @@ def properties(
         for k, one in enumerate(ones):
 
             def tell(k: int = k, one: Any = one, name: str = name) -> dict[str, Any]:
+                if name == "estimate":
+                    return fitted(population, one)
                 process = process_of(name, one, setting)
                 return filtered(process, population, one, setting, name, k)
 
@@ -156,10 +170,18 @@ def properties(
 
 def calibration(told: list[dict[str, Any]]) -> dict[str, Any]:
     """How often 90 % intervals hold, the worst error in its std, NEES of poses, times."""
-    off = {key: np.abs([z for t in told for z in t["z"][key]]) for key in told[0]["z"]}
-    return {
+    rows = {key: [z for t in told for z in t["z"].get(key, [])] for key in _KEYS}
+    off = {key: np.abs(row) for key, row in rows.items() if row}
+    found: dict[str, Any] = {
         "inside_90": {key: float(np.mean(each < INSIDE)) for key, each in off.items()},
+        "stated": {key: len(each) for key, each in off.items()},
         "worst_z": max(float(each.max()) for each in off.values()),
+    }
+    if "nees" not in told[0]:
+        refused = sum("refused" in t for t in told)
+        cpu = [t["cpu_s"] for t in told if "cpu_s" in t]
+        return found | {"refused": refused, "cpu_s": float(np.median(cpu))}
+    return found | {
         "nees": mean_interval(np.array([t["nees"] for t in told])),
         "step_ms": float(np.mean([t["step_ms"] for t in told])),
         "step_ms_p99": max(t["step_ms_p99"] for t in told),
@@ -188,11 +210,17 @@ def table(family: str, found: dict[str, Any]) -> str:
         for name, one in found["filter"].items():
             cells = [_cell(one[key]) if key in one else "" for key in keys]
             overall = ", ".join(f"{one[f'overall{k}']:.2f}" for k in links if f"overall{k}" in one)
-            inside = " ".join(f"{k} {v:.0%}" for k, v in one.get("inside_90", {}).items())
+            stated = one.get("stated", {})
+            inside = " ".join(
+                f"{k} {v:.0%} of {stated[k]}" for k, v in one.get("inside_90", {}).items()
+            )
             judged = [overall, inside, "", "", ""]
             if "nees" in one:
                 time = f"{one['step_ms']:.1f}, p99 {one['step_ms_p99']:.1f}"
                 judged[2:] = [f"{one['worst_z']:.1f}", _cell(one["nees"]), time]
+            elif "refused" in one:
+                said = f"{one['cpu_s']:.1f} s, {one['refused']} refused"
+                judged[2:] = [f"{one['worst_z']:.1f}", "", said]
             rows.append(f"| {name} | {' | '.join([*cells, *judged])} |")
         rows.append("")
     return "\n".join(rows)

@@ -16,6 +16,7 @@ from tactile_dynamics_ros.core.planar.filter.process import Process, PusherMotio
 from tactile_dynamics_ros.synthetic import pushed
 from tactile_dynamics_ros.synthetic.pushed.objects import GRAVITY, PushedObject, draw_object
 from tactile_dynamics_ros.synthetic.pushed.scene import STEP
+from tactile_dynamics_ros.synthetic.pushed.sensors import SensorOptions
 from tactile_dynamics_ros.synthetic.pushed.transitions import states_at, true_parameters
 
 Array = NDArray[np.float64]
@@ -40,9 +41,11 @@ DRAWS = 4000
 
 def simulated(seeds: Sequence[int], kind: str, setting: str) -> list[Any]:
     """Recordings of the test set: tables vary by 8 %, faces are uneven by 10 %, stiction 10 %."""
+    rate = 1.0 / SETTINGS[setting][0]
     options = pushed.PushOptions(
-        kind=kind, actions=SETTINGS[setting][1], variation=0.08, stiction=0.1, uneven=0.1
-    )
+        kind=kind, actions=SETTINGS[setting][1], variation=0.08, stiction=0.1, uneven=0.1,
+        sensors=SensorOptions(rate_hz=rate, force_rate_hz=rate),
+    )  # fmt: skip
     return pushed.generate(seeds, None, options)
 
 

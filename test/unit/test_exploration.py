@@ -73,6 +73,20 @@ def test_gain_is_half_the_fall_of_the_log_determinant(belief):
     assert expected_gain(belief, information[None])[0] == pytest.approx(0.5 * fall)
 
 
+def test_gain_is_the_mean_divergence_of_what_is_believed_after_from_before(belief):
+    root = np.random.default_rng(3).normal(size=(4, 4)) / np.array([0.5, 0.5, 0.01, 0.01])[:, None]
+    information = root @ root.T
+    after = updated(belief, information).covariance
+    before = np.linalg.inv(belief.covariance)
+    shift = np.random.default_rng(4).multivariate_normal(
+        np.zeros(4), belief.covariance - after, 100_000
+    )
+    square = np.mean(np.sum(shift @ before * shift, axis=1))
+    fall = np.linalg.slogdet(belief.covariance)[1] - np.linalg.slogdet(after)[1]
+    mean = 0.5 * (np.trace(before @ after) - 4.0 + square + fall)
+    assert expected_gain(belief, information[None])[0] == pytest.approx(mean, rel=0.01)
+
+
 def test_the_most_telling_push_is_chosen_and_beats_chance(belief):
     gains = {}
     for chooser in ("gain", "uniform", "random"):
