@@ -13,7 +13,12 @@ from threading import Lock
 from typing import TYPE_CHECKING, Any
 
 from tactile_dynamics_ros.cli.live import StopRequest
-from tactile_dynamics_ros.cli.recordings import add_recording_arguments, read_recording
+from tactile_dynamics_ros.cli.recordings import (
+    add_recording_arguments,
+    model_of,
+    read_pushed,
+    read_recording,
+)
 from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError, require_extra
 
 if TYPE_CHECKING:
@@ -132,15 +137,24 @@ def _is_loopback(host: str) -> bool:
 def _play(args: Namespace, stop: StopRequest) -> None:
     """Show a recording with a slider for its time."""
     from tactile_dynamics_ros.view.playback import Playback
+    from tactile_dynamics_ros.view.push_playback import PushPlayback
 
     args.bag = [args.bag] if isinstance(args.bag, str) else args.bag
-    playback = Playback(read_recording(args))
+    if model_of(args) == "pushed":
+        playback: Playback | PushPlayback = PushPlayback(read_pushed(args))
+    else:
+        playback = Playback(read_recording(args))
     with served(args, {"Diagnose": playback.diagnose}) as page:
         moment = page.add_time(playback.duration)
-        page.draw_charts(playback.at(0.0))
+        count = 0
         while not stop.requested:
-            page.show(playback.at(moment.value))
+            state = playback.at(moment.value)
+            page.show(state)
+            if count % _CHARTS_EVERY == 0:
+                page.draw_charts(state)
+            count += 1
             time.sleep(_PERIOD)
+    playback.close()
 
 
 def _watch(args: Namespace, stop: StopRequest) -> None:

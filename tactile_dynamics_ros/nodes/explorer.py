@@ -53,6 +53,7 @@ class Run:
 
     Attributes:
         answer: where it is awaited. explorer: that chooses. actions: done, as told in the end.
+        rivals: of the last action, as JSON.
         choosing: while that runs. choice: made. performance: while it is carried out.
         fits: estimates before the last push. since: monotonic s, when it ended.
     """
@@ -60,6 +61,7 @@ class Run:
     answer: RosFuture
     explorer: Explorer
     actions: list[dict[str, object]] = field(default_factory=list)
+    rivals: str = "[]"
     choosing: Future[tuple[Explorer, Choice | str]] | None = None
     performance: Performance | None = None
     fits: int = 0
@@ -168,13 +170,14 @@ class ExplorerNode(Shell):
             return
         run.fits, run.performance = self.scene.fits, Performance(action, Guard(self.guard))
         run.actions.append(choice.to_json(seen.pose))
+        run.rivals = json.dumps(choice.rivals_json(seen.pose))
         self._tell("pushing", choice.because)
 
     def _tell(self, state: str, text: str, level: bytes = DiagnosticStatus.OK) -> None:
         assert self._run is not None
         values: dict[str, object] = {"state": state, "actions": len(self._run.actions)}
         if self._run.actions:
-            values |= self._run.actions[-1]
+            values |= {**self._run.actions[-1], "rivals": self._run.rivals}
         self._progress.publish(status_message("explorer", values, level, text))
 
     def _finish(self, why: str, success: bool) -> None:

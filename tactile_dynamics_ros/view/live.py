@@ -8,14 +8,20 @@ from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Vector3Stamped, WrenchStamped
+from geometry_msgs.msg import (
+    PolygonStamped,
+    PoseStamped,
+    PoseWithCovarianceStamped,
+    Vector3Stamped,
+    WrenchStamped,
+)
 from numpy.typing import NDArray
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, String
-from visualization_msgs.msg import Marker, MarkerArray
+from visualization_msgs.msg import MarkerArray
 
 from tactile_dynamics_ros.core.rigid_body.rotation import quaternion_to_matrix
 from tactile_dynamics_ros.ros.conversions import to_seconds
@@ -23,16 +29,21 @@ from tactile_dynamics_ros.ros.diagnostics import status_values
 from tactile_dynamics_ros.ros.names import (
     CAMERA_TARGET,
     ESTIMATOR_STATUS,
+    EXPLORE_PROGRESS,
     JOINT_STATES,
     MODEL_DIAGNOSIS,
     MODEL_ERROR,
+    OBJECT_FOOTPRINT,
     OBJECT_MARKERS,
     OBJECT_POSE,
     PROBE_ESTIMATE,
+    PROPERTY_STATUS,
+    PUSH_PROGRESS,
     ROBOT_DESCRIPTION,
 )
 from tactile_dynamics_ros.ros.shell import LATCHED, Polled, take_messages
 from tactile_dynamics_ros.view.state import Body, Force, Quantity, State
+from tactile_dynamics_ros.view.told import take_markers, take_progress, take_property_status
 
 Array = NDArray[np.float64]
 
@@ -74,6 +85,10 @@ class LiveSource:
             (DiagnosticStatus, PROBE_ESTIMATE, self._on_friction, LATCHED),
             (MarkerArray, OBJECT_MARKERS, self._on_markers, LATCHED),
             (PoseStamped, CAMERA_TARGET, self._on_target, 10),
+            (PolygonStamped, OBJECT_FOOTPRINT, self._on_footprint, LATCHED),
+            (DiagnosticArray, PROPERTY_STATUS, self._on_properties, LATCHED),
+            (DiagnosticStatus, EXPLORE_PROGRESS, self._on_progress, LATCHED),
+            (DiagnosticStatus, PUSH_PROGRESS, self._on_progress, LATCHED),
         ):
             self._subscribe(kind, topic, handle, profile)
 
@@ -114,6 +129,8 @@ class LiveSource:
         pose = _matrix(message.pose.pose)
         if pose is not None:
             self.state.object_pose = pose
+            if self.state.shape is not None and self.state.shape_pose is None:
+                self.state.shape_pose = pose
             self._newest = to_seconds(message.header.stamp)
 
     def _on_joints(self, message: JointState) -> None:
@@ -175,14 +192,16 @@ class LiveSource:
                 self.state.note("friction", self._newest, found.value, found.std)
 
     def _on_markers(self, message: MarkerArray) -> None:
-        corners = [
-            [point.x, point.y, point.z]
-            for marker in message.markers
-            if marker.type == Marker.TRIANGLE_LIST and marker.action == Marker.ADD
-            for point in marker.points
-        ]
-        if corners:
-            self.state.shape = np.array(corners)
+        take_markers(self.state, message.markers)
+
+    def _on_footprint(self, message: PolygonStamped) -> None:
+        self.state.footprint = np.array([[p.x, p.y] for p in message.polygon.points])
+
+    def _on_properties(self, message: DiagnosticArray) -> None:
+        take_property_status(self.state, to_seconds(message.header.stamp), message.status)
+
+    def _on_progress(self, message: DiagnosticStatus) -> None:
+        take_progress(self.state, message)
 
 
 def _named(handle: Callable[[str, Any], None], name: str) -> Callable[[Any], None]:

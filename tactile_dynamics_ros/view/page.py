@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import redirect_stdout
+from functools import partial
 from io import StringIO
 from typing import Any
 
@@ -14,7 +15,7 @@ from viser import ViserServer, uplot
 
 from tactile_dynamics_ros.core.rigid_body.rotation import matrix_to_quaternion
 from tactile_dynamics_ros.view.robot import RobotFigure
-from tactile_dynamics_ros.view.state import Body, Force, Quantity, State
+from tactile_dynamics_ros.view.state import Force, Push, Quantity, State
 
 Array = NDArray[np.float64]
 
@@ -28,10 +29,24 @@ _BLUE, _ORANGE, _GREEN, _GREY = (37, 99, 235), (234, 120, 30), (46, 158, 119), (
 
 _EYE = np.array([0.42, -0.38, 0.3])
 """Place of the eye from the object, m: a hand fills the picture. Nearer cuts it off."""
+_NEARER = 0.7
+"""How far the eye of a pushed object is, in that distance: there is no hand. Nearer, pushes of 6 cm
+begin outside the picture."""
+
+_CLEAR = 0.6
+"""Opacity of the object's surface, so that its centre of mass shows inside. More hides it."""
+_HEIGHT = 0.002
+"""Height above the support at which the outline is drawn, m: on it, the grid would hide it."""
+_PUSH_HEIGHT = 0.03
+"""Height of the arrows of pushes above the support, m: about where tips push."""
 
 CHARTS = {
+    "load": "vertical force, N",
+    "friction_force_n": "friction force, N",
     "mass": "mass, g",
     "com": "centre of mass x, mm",
+    "com_x": "centre of mass x, mm",
+    "com_y": "centre of mass y, mm",
     "friction": "friction",
     "error": "error",
 }
@@ -92,6 +107,7 @@ class LivePage:
         with self.server.atomic():
             self._show_robot(state)
             self._show_object(state)
+            self._show_pushes(state)
             for name in [key for key in self._drawn if key.startswith("/contacts/")]:
                 if name.split("/")[2] not in state.forces:
                     self._drawn.pop(name).remove()
@@ -173,32 +189,78 @@ class LivePage:
         if state.shape is not None:
             corners = state.shape
             faces = np.arange(len(corners)).reshape(-1, 3)
-            self._replace("/shape", corners, scene.add_mesh_simple, corners, faces, color=_GREY)
+            draw = partial(scene.add_mesh_simple, color=_GREY, opacity=_CLEAR)
+            self._replace("/shape", corners, draw, corners, faces)
+            if state.shape_pose is not None and state.object_pose is not None:
+                moved = state.object_pose @ np.linalg.inv(state.shape_pose)
+                _place(self._drawn["/shape"], moved)
         if state.next_view is not None:
             frustum = self._once("/next_view", scene.add_camera_frustum, 0.8, 1.3, scale=0.1)
             _place(frustum, state.next_view)
         if state.object_pose is None:
             return
         if "/object" not in self._drawn:
-            self._look_at(state.object_pose[:3, 3])
+            near = 1.0 if state.footprint is None else _NEARER
+            self._look_at(state.object_pose[:3, 3], near * _EYE)
         frame = self._once("/object", scene.add_frame, axes_length=0.05, axes_radius=0.002)
         _place(frame, state.object_pose)
         if state.body is not None:
-            self._show_centre(state.body)
+            self._show_centre(state.body.com, state.body.com_std)
+        elif state.centre is not None:
+            self._show_centre(*state.centre)
+        if state.footprint is not None:
+            self._show_footprint(state.footprint)
 
-    def _look_at(self, point: Array) -> None:
+    def _look_at(self, point: Array, eye: Array) -> None:
         """Turn the eyes of those who come, and of those who are there, to a point."""
         self.server.initial_camera.look_at = point
-        self.server.initial_camera.position = point + _EYE
+        self.server.initial_camera.position = point + eye
         for client in self.server.get_clients().values():
-            client.camera.position, client.camera.look_at = point + _EYE, point
+            client.camera.position, client.camera.look_at = point + eye, point
 
-    def _show_centre(self, body: Body) -> None:
+    def _show_centre(self, com: Array, std: Array) -> None:
         """The centre of mass as the ellipsoid of two standard deviations, in the object's frame."""
         name = "/object/centre_of_mass"
         ball = self._once(name, self.server.scene.add_icosphere, 1.0, _ORANGE, opacity=0.6)
-        ball.position = body.com
-        ball.scale = tuple(np.maximum(_BAND * body.com_std, _SMALLEST).tolist())
+        ball.position = com
+        ball.scale = tuple(np.maximum(_BAND * std, _SMALLEST).tolist())
+
+    def _show_footprint(self, outline: Array) -> None:
+        """The outline of a pushed object on its support, in the object's frame."""
+        corners = np.column_stack([outline, np.full(len(outline), _HEIGHT)])
+        sides = np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
+        add = self.server.scene.add_line_segments
+        self._replace("/object/footprint", outline, add, sides, _BLUE, thickness=0.002)
+
+    def _show_pushes(self, state: State) -> None:
+        """Arrows of the push that is made and of its rivals, each with what it would tell."""
+        names = set()
+        for k, push in enumerate(state.pushes):
+            name = f"/pushes/{k}"
+            names |= {name, f"{name}/gain"}
+            self._show_push(name, push)
+        gone = {key for key in self._drawn if key.startswith("/pushes/")} - names
+        for name in sorted(gone, key=len, reverse=True):  # a node takes those below it along
+            self._drawn.pop(name).remove()
+
+    def _show_push(self, name: str, push: Push) -> None:
+        tip = np.array([*push.point, _PUSH_HEIGHT])
+        back = tip - push.length * np.array([*push.direction, 0.0])
+        line = np.array([[back, tip]], dtype=np.float32)
+        thickness = 0.004 if push.chosen else 0.002
+        arrow = self._once(
+            name,
+            self.server.scene.add_arrows,
+            line,
+            _ORANGE if push.chosen else _GREY,
+            shaft_radius=thickness,
+            head_radius=2.5 * thickness,
+            head_length=5.0 * thickness,
+        )
+        arrow.points = line
+        if push.gain is not None:
+            label = self._once(f"{name}/gain", self.server.scene.add_label, "")
+            label.text, label.position = f"{push.gain:.1f} nats", back
 
     def _show_force(self, name: str, force: Force) -> None:
         """An arrow whose head ends in the ellipsoid of two standard deviations of the force."""
@@ -247,7 +309,8 @@ def _place(node: Any, pose: Array) -> None:
 def _verdict(state: State) -> str:
     """The two sentences that matter most, as HTML."""
     colour = "#2e9e77" if state.good else "#c8423b"
-    lines = [text for text in (state.verdict, state.remark) if text] or ["waiting for an estimate"]
+    told = (state.verdict, state.remark, state.plan)
+    lines = [text for text in told if text] or ["waiting for an estimate"]
     paragraphs = "".join(f"<p style='margin:.2em 0'>{html.escape(line)}</p>" for line in lines)
     style = f"border-left:5px solid {colour};padding:.3em .7em;margin:.4em"
     return f"<div id='verdict' style='{style}'>{paragraphs}</div>"
@@ -261,6 +324,7 @@ def _numbers(state: State) -> str:
         rows.append(("mass", f"{1e3 * mass.value:.1f} ± {1e3 * mass.std:.1f} g"))
         for axis, value, std in zip("xyz", state.body.com, state.body.com_std, strict=True):
             rows.append((f"centre of mass {axis}", f"{1e3 * value:.1f} ± {1e3 * std:.1f} mm"))
+    rows += state.numbers.items()
     if state.friction is not None:
         rows.append(("friction", _plain(state.friction)))
     if state.error is not None:

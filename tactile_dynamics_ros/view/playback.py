@@ -40,6 +40,9 @@ class Playback:
         """Length of the recording, s."""
         return self.stop - self.start
 
+    def close(self) -> None:
+        """Nothing is open."""
+
     def at(self, seconds: float) -> State:
         """Return the state at a time from the start, s; the estimate is that of all of it."""
         time, state, streams = self.start + seconds, self._state, self.recording.streams

@@ -56,6 +56,25 @@ class Body:
     com_std: Array
 
 
+@dataclass(frozen=True)
+class Push:
+    """A push of the object that may be made, is made, or was made.
+
+    Attributes:
+        point: (2,) m, where it begins on the outline, support.
+        direction: (2,) unit vector.
+        length: m.
+        gain: expected information, nats; None if nobody said.
+        chosen: whether it is the one that is made, and not a rival.
+    """
+
+    point: Array
+    direction: Array
+    length: float
+    gain: float | None = None
+    chosen: bool = True
+
+
 class History:
     """The last values of a quantity with their bands."""
 
@@ -97,7 +116,13 @@ class State:
         remark: what the estimator says of its estimate.
         good: whether that is good news.
         verdict: of the last diagnosis, in a sentence.
-        shape: (K, 3) corners of triangles of the object's surface, m, world.
+        centre: centre of mass of a pushed object and its std, (3,) m, axes of the object.
+        numbers: of a pushed object, in words, by name.
+        plan: what explores or pushes the object, in a sentence.
+        shape: (K, 3) corners of triangles of the object's surface, m, world, where it was seen.
+        shape_pose: (4, 4) pose of the object then; None for an object that did not move since.
+        footprint: (V, 2) m, outline on the support in axes of the object.
+        pushes: the one that is made, and its rivals.
         next_view: (4, 4) pose where the camera should look from.
         urdf: of the robot.
         joints: positions by name, rad or m.
@@ -112,7 +137,13 @@ class State:
     remark: str = ""
     good: bool = True
     verdict: str = ""
+    centre: tuple[Array, Array] | None = None
+    numbers: dict[str, str] = field(default_factory=dict)
+    plan: str = ""
     shape: Array | None = None
+    shape_pose: Array | None = None
+    footprint: Array | None = None
+    pushes: tuple[Push, ...] = ()
     next_view: Array | None = None
     urdf: str = ""
     joints: dict[str, float] = field(default_factory=dict)

@@ -229,7 +229,8 @@ ROOMS = {
     ),
     "view": Room(
         "the live page in the browser, of topics or of a recording",
-        ("api", _INERTIA + "live", "core/rigid_body", "core/robot", "core/streams")
+        ("api", _INERTIA + "live", "core/planar", "core/planar/properties", "core/rigid_body")
+        + ("core/robot", "core/streams")
         + ("recording", "ros"),
         ("rclpy", "viser"),
     ),

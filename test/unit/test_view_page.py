@@ -17,7 +17,7 @@ from tactile_dynamics_ros.share import share_file
 from tactile_dynamics_ros.view.gate import Gate
 from tactile_dynamics_ros.view.page import METRES_PER_NEWTON, LivePage
 from tactile_dynamics_ros.view.playback import Playback
-from tactile_dynamics_ros.view.state import KEPT, Body, Force, History, Quantity, State
+from tactile_dynamics_ros.view.state import KEPT, Body, Force, History, Push, Quantity, State
 
 
 def held_state():
@@ -139,3 +139,9 @@ def test_a_browser_shows_the_verdict_and_asks(tmp_path, capsys):
         assert browser.value("document.querySelector('canvas') !== null")
         browser.click("Diagnose")
         browser.wait_for("It slips.")
+        pushed = State(object_pose=pose_of((0.4, 0.0, 0.0), (0, 0, 0)), footprint=np.eye(3)[:, :2])
+        pushed.pushes = (Push(np.array([0.4, 0.1]), np.array([0.0, 1.0]), 0.06, 5.5),)
+        pushed.numbers, pushed.plan = {"friction force": "2.01 ± 0.01 N"}, "pushing: it tells most"
+        page.show(pushed)
+        browser.wait_for("pushing: it tells most")
+        browser.wait_for("2.01 ± 0.01 N")

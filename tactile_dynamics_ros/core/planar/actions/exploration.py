@@ -29,6 +29,9 @@ CHOOSERS = ("gain", "uniform", "random")
 _STANDS, _LOOKED_BACK = 0.9, 2
 """Ratio to which the last so many pushes have to narrow something that is wanted narrower; else
 pushing on is no use, whatever is expected. Nearer to 1 a budget is spent on hopeless masses."""
+_RIVALS = 4
+"""Pushes from other places that are told beside the chosen one, for people: more hide the object
+on a page."""
 _CORNER = 0.012
 """m from a corner within which no push begins: a tip of 6 mm radius would slip off."""
 
@@ -69,12 +72,14 @@ class Choice:
     Attributes:
         candidate: in the object's frame. gain: expected, nats. because: in words.
         expected: belief after it.
+        rivals: the best pushes from other places, with their gains, nats.
     """
 
     candidate: Candidate
     gain: float
     because: str
     expected: Belief
+    rivals: tuple[tuple[Candidate, float], ...] = ()
 
     def to_json(self, pose: Array) -> dict[str, object]:
         """Plain numbers, with point and direction in the world.
@@ -82,18 +87,41 @@ class Choice:
         Args:
             pose: (3,) of the object before the push.
         """
-        point, direction = (
-            turned(v[None], pose[2:])[0] for v in (self.candidate.point, self.candidate.direction)
-        )
-        return {
-            "kind": "push",
-            "point": (pose[:2] + point).tolist(),
-            "direction": direction.tolist(),
-            "speed": self.candidate.speed,
-            "length": self.candidate.length,
-            "expected_gain": self.gain,
-            "chosen_because": self.because,
-        }
+        told = _plain(self.candidate, self.gain, pose)
+        return {"kind": "push", **told, "chosen_because": self.because}
+
+    def rivals_json(self, pose: Array) -> list[dict[str, object]]:
+        """Plain numbers of the rivals, with point and direction in the world.
+
+        Args:
+            pose: (3,) of the object before the push.
+        """
+        return [_plain(candidate, gain, pose) for candidate, gain in self.rivals]
+
+
+def _plain(candidate: Candidate, gain: float, pose: Array) -> dict[str, object]:
+    point, direction = (
+        turned(v[None], pose[2:])[0] for v in (candidate.point, candidate.direction)
+    )
+    return {
+        "point": (pose[:2] + point).tolist(),
+        "direction": direction.tolist(),
+        "speed": candidate.speed,
+        "length": candidate.length,
+        "expected_gain": gain,
+    }
+
+
+def _rivals(
+    candidates: list[Candidate], gains: Array, chosen: int
+) -> tuple[tuple[Candidate, float], ...]:
+    """The best push from each other place, the best places first."""
+    best: dict[tuple[float, ...], int] = {}
+    for k in np.argsort(gains):
+        best[tuple(candidates[k].point)] = int(k)
+    best.pop(tuple(candidates[chosen].point), None)
+    order = sorted(best.values(), key=lambda k: -gains[k])[:_RIVALS]
+    return tuple((candidates[k], float(gains[k])) for k in order)
 
 
 class Explorer:
@@ -172,7 +200,8 @@ class Explorer:
             return f"no push would tell more than {gains[k]:.2g} nats"
         self.count += 1
         after = updated(belief, found[k])
-        return Choice(candidates[k], float(gains[k]), self._words(belief, after), after)
+        words, rivals = self._words(belief, after), _rivals(candidates, gains, k)
+        return Choice(candidates[k], float(gains[k]), words, after, rivals)
 
     def _words(self, belief: Belief, after: Belief) -> str:
         """Say what a push narrows most."""

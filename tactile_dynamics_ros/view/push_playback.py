@@ -1,0 +1,265 @@
+"""A recording of pushes at one of its times, for the page."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Future
+from dataclasses import replace
+from functools import partial
+from operator import itemgetter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rosbags.typesys import Stores, get_typestore
+
+from tactile_dynamics_ros.api.discrepancies import Diagnosis
+from tactile_dynamics_ros.api.questions import question_pushed
+from tactile_dynamics_ros.core.errors import TactileDynamicsError
+from tactile_dynamics_ros.core.inertia.live.live_estimate import MISFIT
+from tactile_dynamics_ros.core.planar.properties.estimate import PushedEstimate, estimate
+from tactile_dynamics_ros.core.planar.streams import PushContact, PushedStreams
+from tactile_dynamics_ros.core.rigid_body.poses import pose_of
+from tactile_dynamics_ros.core.streams.streams import nearest_samples
+from tactile_dynamics_ros.recording.bag_files import read_messages
+from tactile_dynamics_ros.recording.pushed import PushedRecording
+from tactile_dynamics_ros.ros.background import Background
+from tactile_dynamics_ros.ros.names import (
+    EXPLORE_PROGRESS,
+    MODEL_DIAGNOSIS,
+    OBJECT_MARKERS,
+    PROPERTY_STATUS,
+    PUSH_PROGRESS,
+)
+from tactile_dynamics_ros.view.state import KEPT, Force, History, State
+from tactile_dynamics_ros.view.told import (
+    take_markers,
+    take_progress,
+    take_properties,
+    take_property_status,
+)
+
+Array = NDArray[np.float64]
+
+_NEAR = 0.1
+"""Distance of a sample, s, up to which it is shown for a time: twice the period of slow loggers.
+Smaller makes arrows flicker on them, larger shows forces that are gone."""
+_PAUSE = 0.3
+"""Time without touch, s, that ends a push: tips leave and come again in about a second. A shorter
+one cuts pushes in which the object jumps, a longer one joins those of fast arms."""
+
+Event = tuple[float, Callable[[State], None]]
+"""Time, s, and what is new then."""
+
+
+class PushPlayback:
+    """States of a recording of pushes over time.
+
+    What nodes said while it was recorded is shown as it was said; where they were not recorded, an
+    estimate from all pushes until then follows each push, as soon as it is computed.
+
+    Args:
+        recording: of one object.
+    """
+
+    def __init__(self, recording: PushedRecording) -> None:
+        self.recording = recording
+        self._streams = recording.streams
+        self.start = float(self._streams.links[0].time[0])
+        self._pushes: dict[str, PushContact] = self._streams.contacts
+        self._tracks = _told(recording)
+        self._shape = _shape(recording)
+        self._verdict, self._good = "", True
+        self._waiting: deque[tuple[float, Future[PushedEstimate]]] = deque()
+        self._background: Background | None = None
+        if PROPERTY_STATUS not in self._tracks:
+            self._tracks[PROPERTY_STATUS] = []
+            self._begin_estimates()
+        self._histories = self._all_histories()
+
+    def close(self) -> None:
+        """Stop estimating."""
+        if self._background is not None:
+            self._background.close()
+
+    @property
+    def duration(self) -> float:
+        """Length of the recording, s."""
+        return self.recording.duration
+
+    def at(self, seconds: float) -> State:
+        """Return the state at a time from the start, s; charts are those of all of it."""
+        self._take_estimates()
+        time = self.start + seconds
+        state = State()
+        link = self._streams.links[0]
+        x, y, yaw = link.pose[_nearest(link.time, time)]
+        state.object_pose = pose_of((x, y, 0.0), (0.0, 0.0, yaw))
+        state.footprint = link.footprint
+        for name, contact in self._pushes.items():
+            if force := _force(contact, time):
+                state.forces[name] = force
+        for track in self._tracks.values():
+            before = bisect_right(track, time, key=itemgetter(0))
+            if before:
+                track[before - 1][1](state)
+        if self._shape is not None:
+            state.shape, state.shape_pose = self._shape
+        state.histories = self._histories
+        if self._verdict:
+            state.verdict, state.good = self._verdict, self._good
+        return state
+
+    def diagnose(self) -> str:
+        """Find out what the model lacks; return the sentence."""
+        try:
+            document = Diagnosis.of(question_pushed(self.recording)).to_json()
+        except TactileDynamicsError as error:
+            return str(error)
+        self._verdict, self._good = str(document["sentence"]), document["verdict"] == "adequate"
+        return self._verdict
+
+    def _begin_estimates(self) -> None:
+        """Estimate after each push, in a process beside the page; for a single part only."""
+        if len(self._streams.links) > 1:
+            return
+        self._background = Background()
+        for end in _push_ends(self._streams):
+            fitting = self._background.submit(estimate, _until(self._streams, end))
+            self._waiting.append((end, fitting))
+
+    def _take_estimates(self) -> None:
+        """Take the estimates after each push that have come since the last call."""
+        fresh = False
+        while self._waiting and self._waiting[0][1].done():
+            end, fitting = self._waiting.popleft()
+            try:
+                event = _of_estimate(end, fitting.result())
+            except TactileDynamicsError as error:
+                event = end, partial(_refuse, str(error))
+            self._tracks[PROPERTY_STATUS].append(event)
+            fresh = True
+        if fresh:
+            self._histories = self._all_histories()
+
+    def _all_histories(self) -> dict[str, History]:
+        """Histories of what was known, thinned to as many points as a chart has."""
+        state = State()
+        track = self._tracks[PROPERTY_STATUS]
+        if not track:
+            return {}
+        for k in np.unique(np.linspace(0, len(track) - 1, min(len(track), KEPT)).astype(int)):
+            track[k][1](state)
+        return state.histories
+
+
+def _refuse(why: str, state: State) -> None:
+    state.remark, state.good = why, False
+
+
+def _nearest(times: Array, time: float) -> int:
+    return int(nearest_samples(times, np.array([time]))[0])
+
+
+def _force(contact: PushContact, time: float) -> Force | None:
+    """The force of a contact at a time, where it touches then."""
+    if not len(contact.time) or not len(contact.pose_time):
+        return None
+    k = _nearest(contact.time, time)
+    if abs(contact.time[k] - time) > _NEAR or not np.any(contact.force[k]):
+        return None
+    point = contact.point[_nearest(contact.pose_time, time)]
+    return Force(point, contact.force[k], contact.force_std)
+
+
+def _told(recording: PushedRecording) -> dict[str, list[Event]]:
+    """What nodes said, by topic; statuses without a stamp are placed by when they came.
+
+    Statuses of `property_estimator` have a stamp and a time of arrival: these are the two clocks.
+    """
+    path, store = Path(recording.source), get_typestore(Stores.ROS2_JAZZY)
+    tracks: dict[str, list[Event]] = {}
+    clocks: list[tuple[float, float]] = []
+    for topic in (PROPERTY_STATUS, MODEL_DIAGNOSIS, EXPLORE_PROGRESS, PUSH_PROGRESS):
+        for _, kind, came, raw in read_messages(path, f"/{topic}"):
+            message: Any = store.deserialize_cdr(raw, kind)
+            if hasattr(message, "header"):
+                stamp = message.header.stamp
+                time = (stamp.sec * 10**9 + stamp.nanosec - recording.epoch_ns) * 1e-9
+                clocks += [(float(came), time)] if topic == PROPERTY_STATUS else []
+            elif clocks:
+                time = float(np.interp(came, *zip(*clocks, strict=True)))
+            else:
+                continue
+            tracks.setdefault(topic, []).append((time, _taker(topic, time, message)))
+    return {topic: sorted(track, key=itemgetter(0)) for topic, track in tracks.items()}
+
+
+def _shape(recording: PushedRecording) -> tuple[Array, Array] | None:
+    """Surface (K, 3) in the world, if it was recorded, and the pose of the object then."""
+    link, state, store = recording.streams.links[0], State(), get_typestore(Stores.ROS2_JAZZY)
+    for _, kind, _, raw in read_messages(Path(recording.source), f"/{OBJECT_MARKERS}"):
+        message: Any = store.deserialize_cdr(raw, kind)
+        if take_markers(state, message.markers) and state.shape is not None:
+            stamp = message.markers[-1].header.stamp
+            time = (stamp.sec * 10**9 + stamp.nanosec - recording.epoch_ns) * 1e-9
+            x, y, yaw = link.pose[_nearest(link.time, time)]
+            return state.shape, pose_of((x, y, 0.0), (0.0, 0.0, yaw))
+    return None
+
+
+def _taker(topic: str, time: float, message: Any) -> Callable[[State], None]:
+    """What a message does to the state of the page."""
+    if topic == PROPERTY_STATUS:
+        return lambda state: take_property_status(state, time, message.status)
+    if topic == MODEL_DIAGNOSIS:
+        return lambda state: setattr(state, "verdict", message.status[0].message)
+    return lambda state: take_progress(state, message)
+
+
+def _of_estimate(time: float, found: PushedEstimate) -> Event:
+    """What the page shows of an estimate."""
+
+    def take(state: State) -> None:
+        take_properties(state, time, found.values, tuple(found.undetermined))
+        state.error, state.good = found.error, found.error < MISFIT
+        said = "fits" if state.good else "does not fit, something is missing"
+        state.remark = f"The model {said}: error {found.error:.2f} times the noise."
+        state.note("error", time, found.error)
+
+    return time, take
+
+
+def _until(streams: PushedStreams, time: float) -> PushedStreams:
+    """What was measured up to a time."""
+    links = []
+    for link in streams.links:
+        kept = link.time <= time
+        links.append(replace(link, time=link.time[kept], pose=link.pose[kept]))
+    contacts = {}
+    for name, contact in streams.contacts.items():
+        felt, placed = contact.time <= time, contact.pose_time <= time
+        torque = None if contact.torque is None else contact.torque[felt]
+        contacts[name] = replace(
+            contact,
+            time=contact.time[felt],
+            force=contact.force[felt],
+            torque=torque,
+            pose_time=contact.pose_time[placed],
+            point=contact.point[placed],
+            normal=contact.normal[placed],
+        )
+    return replace(streams, links=tuple(links), contacts=contacts)
+
+
+def _push_ends(streams: PushedStreams) -> list[float]:
+    """Times, s, after which nothing is touched for a while."""
+    touched = [c.time[np.any(c.force != 0.0, axis=1)] for c in streams.contacts.values()]
+    times = np.sort(np.concatenate([*touched, np.zeros(0)]))
+    if not len(times):
+        return []
+    last = np.append(np.diff(times) > _PAUSE, True)
+    return [float(end) + 0.5 * _PAUSE for end in times[last]]

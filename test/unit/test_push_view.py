@@ -1,0 +1,143 @@
+"""The live page of a pushed object: what nodes say is shown, recordings are scrubbed."""
+
+from concurrent.futures import Future
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+pytest.importorskip("viser")
+
+from tactile_dynamics_ros.core.errors import NotIdentifiableError
+from tactile_dynamics_ros.core.planar.properties.estimate import PushedEstimate
+from tactile_dynamics_ros.core.planar.streams import LinkStream, PushContact, PushedStreams
+from tactile_dynamics_ros.core.rigid_body.poses import pose_of
+from tactile_dynamics_ros.recording.pushed import PushedRecording
+from tactile_dynamics_ros.view import push_playback
+from tactile_dynamics_ros.view.page import LivePage
+from tactile_dynamics_ros.view.state import State
+from tactile_dynamics_ros.view.told import take_markers, take_progress, take_property_status
+
+BLOCK = np.array([[-0.05, -0.03], [0.05, -0.03], [0.05, 0.03], [-0.05, 0.03]])
+
+
+def status(name, message="", level=b"\0", **values):
+    pairs = [SimpleNamespace(key=key, value=str(value)) for key, value in values.items()]
+    return SimpleNamespace(name=name, message=message, level=level, values=pairs)
+
+
+def properties(force=2.0, undetermined="mass,friction"):
+    told = {"friction_force_n": force, "friction_force_n_std": 0.04, "mass": 0.7, "mass_std": 0.3}
+    told |= {"com_x": 0.01, "com_x_std": 1e-3, "com_y": 0.0, "com_y_std": 2e-3}
+    link = status("link_1", "known as a product", b"\1", **told, undetermined=undetermined)
+    return [link, status("solver", whitened_rms=1.2)]
+
+
+PUSHING = status(
+    "explorer",
+    "it narrows mass most",
+    state="pushing",
+    point="[0.5, 0.1]",
+    direction="[0.0, 1.0]",
+    length="0.05",
+    expected_gain="5.5",
+    rivals='[{"point": [0.4, 0.1], "direction": [1.0, 0.0], "length": 0.05, "expected_gain": 3}]',
+)
+
+
+def test_what_is_undetermined_is_shown_as_that():
+    state = State()
+    take_property_status(state, 3.0, properties())
+    assert state.numbers["friction force"] == "2.000 ± 0.040 N"
+    assert state.numbers["mass"] == "undetermined (700 ± 300 g)"
+    assert state.numbers["centre of mass x"] == "10.0 ± 1.0 mm"
+    assert (state.remark, state.good, state.error) == ("known as a product", False, 1.2)
+    assert_allclose(state.centre[0], [0.01, 0.0, 0.0])
+    take_property_status(state, 4.0, properties(2.5, "com"))
+    assert state.centre is None
+    assert_allclose(state.histories["friction_force_n"].columns()[1], [2.0, 2.5], atol=0.51)
+
+
+def test_a_push_and_its_rivals_are_arrows_while_it_is_made():
+    page = LivePage("127.0.0.1", 0)
+    try:
+        state = State(object_pose=pose_of((0.5, 0.15, 0.0), (0, 0, 0)), footprint=BLOCK)
+        take_progress(state, PUSHING)
+        page.show(state)
+        assert {"/pushes/0", "/pushes/1", "/pushes/0/gain", "/object/footprint"} <= page.nodes
+        back, tip = page.drawn("/pushes/0").points[0]
+        assert_allclose(tip[:2], [0.5, 0.1], atol=1e-6)
+        assert_allclose(tip - back, [0.0, 0.05, 0.0], atol=1e-6)
+        assert page.drawn("/pushes/1/gain").text == "3.0 nats"
+        assert state.plan == "pushing: it narrows mass most"
+        take_progress(state, status("explorer", "simulating pushes", state="choosing"))
+        page.show(state)
+        assert not [name for name in page.nodes if name.startswith("/pushes/")]
+    finally:
+        page.close()
+
+
+def test_the_surface_moves_with_the_object():
+    page = LivePage("127.0.0.1", 0)
+    try:
+        state = State(object_pose=pose_of((0.5, 0.0, 0.0), (0, 0, 0)))
+        corner = SimpleNamespace(x=0.5, y=0.0, z=0.1)
+        take_markers(state, [SimpleNamespace(type=11, action=0, points=[corner] * 3)])
+        state.object_pose = pose_of((0.5, 0.2, 0.0), (0, 0, 0))
+        page.show(state)
+        assert_allclose(page.drawn("/shape").position, [0.0, 0.2, 0.0])
+    finally:
+        page.close()
+
+
+def recording(folder):
+    """Two pushes, from 1 to 2 and from 3 to 4 s, of a block that moves along x."""
+    time = np.arange(0.0, 5.0, 0.1)
+    pose = np.column_stack([0.5 + 0.01 * time, np.zeros((len(time), 2))])
+    pushing = ((time >= 1.0) & (time < 2.0)) | ((time >= 3.0) & (time < 4.0))
+    force = np.outer(pushing, [2.0, 0.0, 0.0])
+    point = np.column_stack([pose[:, 0] - 0.05, np.zeros(len(time)), np.full(len(time), 0.02)])
+    normal = np.tile([1.0, 0.0, 0.0], (len(time), 1))
+    contact = PushContact("pusher", time, force, np.full(3, 0.03), time, point, normal)
+    streams = PushedStreams((LinkStream(time, pose, None, BLOCK),), {"pusher": contact})
+    path = PushedRecording(streams, "made").to_bag(folder / "pushes")
+    return PushedRecording.from_bag(path)
+
+
+class Estimates:
+    """Stands in for the process beside the page: answers at once, the second time not."""
+
+    def __init__(self):
+        self.lengths = []
+
+    def submit(self, work, streams):
+        self.lengths.append(streams.contacts["pusher"].time[-1])
+        future = Future()
+        if len(self.lengths) == 2:
+            future.set_exception(NotIdentifiableError("slides too little"))
+            return future
+        names = ("mass", "friction", "friction_force_n", "com_x", "com_y", "friction_radius_m")
+        values = {name: (float(len(self.lengths)), 0.1) for name in names}
+        future.set_result(PushedEstimate(9, 1.0, values, ("mass",), np.eye(4), 1.0))
+        return future
+
+    def close(self):
+        self.lengths.append("closed")
+
+
+def test_a_recording_is_scrubbed_with_the_estimate_after_each_push(tmp_path, monkeypatch):
+    estimates = Estimates()
+    monkeypatch.setattr(push_playback, "Background", lambda: estimates)
+    playback = push_playback.PushPlayback(recording(tmp_path))
+    assert_allclose(estimates.lengths, [2.05, 4.05], atol=0.06)
+    before, during, after = (playback.at(s) for s in (0.5, 3.05, 4.85))
+    assert_allclose(during.object_pose[0, 3], 0.53, atol=2e-3)
+    assert set(during.forces) == {"pusher"}
+    assert not before.forces
+    assert not before.numbers
+    assert during.numbers["friction force"] == "1.00 ± 0.10 N"
+    assert during.numbers["mass"].startswith("undetermined")
+    assert (after.remark, after.good) == ("slides too little", False)
+    playback.close()
+    assert estimates.lengths[-1] == "closed"
