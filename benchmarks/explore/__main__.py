@@ -8,12 +8,13 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from benchmarks.explore import actions, goals
+from benchmarks.explore import actions, changes, goals
 
 Section = tuple[Callable[[argparse.Namespace], dict[str, Any]], Callable[[dict[str, Any]], str]]
 SECTIONS: dict[str, Section] = {
     "actions": (actions.measure, actions.table),
     "goals": (goals.measure, goals.table),
+    "changes": (changes.measure, changes.table),
 }
 """What measures each section and what makes a table of it; add a line to add one."""
 
@@ -26,6 +27,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--json", action="store_true", help="print only JSON on stdout")
     actions.add_arguments(parser)
     goals.add_arguments(parser)
+    changes.add_arguments(parser)
     options = parser.parse_args(arguments)
     found = {}
     for name in options.only:

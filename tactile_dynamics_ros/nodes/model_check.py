@@ -101,6 +101,8 @@ class ModelCheckNode(Shell):
         found = {status.name: status_values(status) for status in message.status}
         names = found.get("solver", {}).get("effects", "").split(",")
         self.check.effects = tuple(name for name in names if name)
+        if self._model.change is not None:
+            self._model.change.since = float(found.get("change", {}).get("since", -np.inf))
 
     def _compare(self) -> None:
         """Start a comparison if something new has come, nothing runs, and there is time for it."""

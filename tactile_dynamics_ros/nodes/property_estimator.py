@@ -81,7 +81,11 @@ class PropertyEstimatorNode(Shell):
     def process(self) -> None:
         """Take the filter's steps for which everything has come."""
         until = self._streams.release()
+        before = self.live.changes
         self.live.advance(until)
+        if self.live.changes != before:
+            self._fitting, self._told = None, -np.inf
+            self.faults.add("changed", self.live.changed.text if self.live.changed else "")
         self._take_fit()
         streams = self.live.due(until) if self._fitting is None else None
         if streams is not None:

@@ -14,7 +14,7 @@ from tactile_dynamics_ros.core.discrepancy.live_check import (
 )
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.diagnosis.live_check import compare_streams, diagnose_streams
-from tactile_dynamics_ros.core.planar.diagnosis.live_check import compare_pushes, diagnose_pushes
+from tactile_dynamics_ros.core.planar.diagnosis.changed import ChangeCheck
 from tactile_dynamics_ros.core.planar.filter.window import PushWindow
 from tactile_dynamics_ros.core.streams.measurement_window import MeasurementWindow
 from tactile_dynamics_ros.recording.bag_writer import write_bag
@@ -39,6 +39,7 @@ class CheckedModel:
         status: topic that tells the effects of the model.
         diagnose: of streams with effects.
         write: streams to a recording.
+        change: knows since when pushes count; None of a held object.
     """
 
     window: Any
@@ -47,6 +48,7 @@ class CheckedModel:
     status: str
     diagnose: Callable[..., dict[str, Any]]
     write: Callable[..., Any]
+    change: ChangeCheck | None = None
 
 
 def checked_model(
@@ -80,14 +82,16 @@ def checked_model(
     if model != "pushed":
         raise BadInputError(f"model '{model}': expected {' or '.join(MODELS)}")
     pushed = PushWindow(kept)
-    pushes: Callable[[Any, tuple[str, ...]], LiveComparison] = compare_pushes
+    change = ChangeCheck()
+    pushes: Callable[[Any, tuple[str, ...]], LiveComparison] = change.compare
     return CheckedModel(
         pushed,
-        LiveModelCheck(pushed, pushes, diagnose_pushes, span),
+        LiveModelCheck(pushed, pushes, change.diagnose, span),
         PushingStreams(node, contacts or (PUSHER, *PADS), pushed, pushed.clear),
         PROPERTY_STATUS,
-        diagnose_pushes,
+        change.diagnose,
         write_pushes,
+        change,
     )
 
 

@@ -50,9 +50,30 @@ def property_status(known: Properties, live: LiveProperties) -> Sequence[Diagnos
         for name, value, spread in zip(_MOTION, state, std, strict=False):
             motion[name], motion[f"{name}_std"] = float(value), float(spread)
         statuses.append(status_message("motion", motion))
+    statuses += change_status(live)
     if live.durations:
         solver["update_ms_p99"] = 1e3 * float(np.percentile(live.durations, 99.0))
     return [*statuses, status_message("solver", solver)]
+
+
+def change_status(live: LiveProperties) -> list[DiagnosticStatus]:
+    """Whether the object slides unlike what is known of it, with the rate of false alarms."""
+    if live.tracker is None:
+        return []
+    now, changed = live.monitor.change, live.changed
+    values: dict[str, object] = {
+        "watching": live.monitor.watches,
+        "statistic": 0.0 if now is None else now.statistic,
+        "threshold": live.monitor.threshold,
+        "false_alarms_per_hour": live.monitor.config.false_alarms_per_hour,
+        "changes": live.changes,
+    }
+    if changed is None:
+        return [status_message("change", values, DiagnosticStatus.OK, "slides as it is known to")]
+    values |= {"since": changed.since, "statistic_then": changed.statistic}
+    values |= {"force_x": changed.force[0], "force_y": changed.force[1]}
+    values["friction_share"] = changed.friction
+    return [status_message("change", values, DiagnosticStatus.WARN, changed.text)]
 
 
 _MOTION = ("x", "y", "yaw", "v_x", "v_y", "yaw_rate")

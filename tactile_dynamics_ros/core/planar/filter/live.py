@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.planar.effects.effect import PUSHED
+from tactile_dynamics_ros.core.planar.filter.change import Change, ChangeConfig, ChangeMonitor
 from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess
 from tactile_dynamics_ros.core.planar.filter.process import Process
 from tactile_dynamics_ros.core.planar.filter.record import PushRecord
@@ -32,6 +33,14 @@ A new outline is a new object, of which nothing is known."""
 _FIT_FLOOR = 0.02
 """Least std of ln friction force and, over the radius of gyration, of the centre of mass with which
 the filter goes on after a fit: a tighter belief could not follow a table that differs."""
+
+_FITS = 1.5
+"""Error of a fit, over the noise, up to which it is what later pushes are held against: clean
+simulated pushes have 0.7 to 1.2. A reference that does not fit would raise alarms at itself."""
+_OPENED, _OPENED_COM = 0.3, 0.25
+"""Std by which ln friction force and ln mass, and the centre of mass over the radius of gyration,
+are opened when something has changed: half of what is not known of a new object. At none the
+filter would not follow, at more it would forget which object it is."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +72,7 @@ class PropertyConfig:
     model: str = parameter("patch", "of pushing: patch (the mechanics), graph or graph_residual")
     longest: float = parameter(30.0, "touch that fits look at, the latest", "s", 1.0, 300.0)
     tracker: TrackerConfig = field(default_factory=TrackerConfig)
+    change: ChangeConfig = field(default_factory=ChangeConfig)
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -87,6 +97,8 @@ class LiveProperties:
         effects: in the model of the fits.
         fits: so far. refused: why the last fit failed; empty if it did not.
         faster: steps of the filter in which the object was faster than the model ever saw.
+        changed: the latest change of table or object; None while there was none since the reset.
+        changes: how many there were.
     """
 
     def __init__(self, config: PropertyConfig | None = None, model: PushingModel = PATCH) -> None:
@@ -101,6 +113,8 @@ class LiveProperties:
         self.record = PushRecord(self.config.longest)
         self.fit: PushedEstimate | None = None
         self.fits, self.faster, self.refused = 0, 0, ""
+        self.changed: Change | None = None
+        self.changes = 0
         self.newest = -np.inf
         self.durations: deque[float] = deque(maxlen=500)
         self._yaw = 0.0
@@ -134,6 +148,7 @@ class LiveProperties:
             )
         self.effects, self.fit, self.refused = tuple(names), None, ""
         self.record.ask_again()
+        self._watch()
 
     def _begin(self, outline: Array) -> None:
         self.patch = SupportPatch(outline)
@@ -141,6 +156,14 @@ class LiveProperties:
         if self.model.step is not None:
             config = replace(config, step=self.model.step)
         self.tracker = PushTracker(self.model.create(outline), config)
+        self.monitor = ChangeMonitor(self.tracker.process, self.config.change)
+        self._watch()
+
+    def _watch(self) -> None:
+        """Watch for changes while the mechanics alone are the model; effects are not in them."""
+        watched = self.model is PATCH and not self.effects
+        if self.tracker is not None:
+            self.tracker.watch = self.monitor if watched else None
 
     def add_pose(self, time: float, pose: Array, std: Array | None) -> None:
         """Take where the link is: x, y, yaw, with their std where stated."""
@@ -174,7 +197,20 @@ class LiveProperties:
         if self.tracker.touched > touched:
             self.durations.append((clock.thread_time() - start) / taken)
             self.faster += self._is_faster()
+        if self.monitor.alarm is not None:
+            self._begin_anew(self.monitor.alarm)
         return taken
+
+    def _begin_anew(self, change: Change) -> None:
+        """Know less from a change on: fits look at what came since, the belief is opened."""
+        assert self.tracker is not None and self.tracker.filter is not None
+        self.changed, self.changes, self.fit = change, self.changes + 1, None
+        self.record.forget_before(change.since)
+        self.monitor.dismiss()
+        mean, covariance = self.tracker.filter.parameters
+        reach = _OPENED_COM * np.sqrt(self.patch.gyration)
+        opened = np.diag(np.square([_OPENED, _OPENED, reach, reach]))
+        self.tracker.filter.inform(mean[:4], covariance[:4, :4] + opened)
 
     def _is_faster(self) -> bool:
         """Whether the object moves faster than the model ever saw."""
@@ -208,6 +244,9 @@ class LiveProperties:
         reach = _FIT_FLOOR * np.sqrt(self.patch.gyration)
         floor = np.diag(np.square([_FIT_FLOOR, _FIT_FLOOR, reach, reach]))
         self.tracker.filter.inform(mean, fit.covariance + floor)
+        if self.monitor.calm and fit.error < _FITS:
+            own = np.append(mean, self.tracker.filter.parameters[0][4:])
+            self.monitor.refer(own, fit.covariance + floor)
 
     def properties(self) -> Properties | None:
         """What is known now; None before the object was seen."""

@@ -48,11 +48,19 @@ class PushRecord:
 
     def has_ended(self, now: float) -> bool:
         """Whether there was a push that is not in a fit yet, and has ended."""
-        return self._new and now - self._touched[-1] > _AROUND
+        return self._new and bool(self._touched) and now - self._touched[-1] > _AROUND
 
     def ask_again(self) -> None:
         """Let all pushes count as not in a fit yet."""
         self._new = bool(self._touched)
+
+    def forget_before(self, time: float) -> None:
+        """Drop what was measured before a time, s."""
+        self._poses = deque((row for row in self._poses if row[0] >= time), maxlen=_MOST)
+        for name, felt in self._felt.items():
+            kept = (each for each in felt if each.time >= time)
+            self._felt[name] = deque(kept, maxlen=_MOST)
+        self._touched = deque((at for at in self._touched if at >= time), maxlen=_MOST)
 
     def streams(self, footprint: Array, gravity: Array) -> PushedStreams:
         """Drop what is far from touches or too old, and return the rest.

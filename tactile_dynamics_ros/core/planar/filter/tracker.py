@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
+from tactile_dynamics_ros.core.planar.filter.change import ChangeMonitor
 from tactile_dynamics_ros.core.planar.filter.dual import DualConfig, DualFilter
 from tactile_dynamics_ros.core.planar.filter.observation import (
     FeltWrench,
@@ -178,6 +179,7 @@ class PushTracker:
         time: s, up to where the belief goes.
         steps: taken so far, and touched: those of them in which something was touched.
         problems: counts of what could not be used.
+        watch: is shown each touch before the filter learns from it; None for nobody.
     """
 
     def __init__(
@@ -191,6 +193,7 @@ class PushTracker:
         self.time = -np.inf
         self.steps = self.touched = 0
         self.problems: dict[str, int] = {}
+        self.watch: ChangeMonitor | None = None
         self._prior = prior
         self._poses = [_Series() for _ in range(process.links)]
         self._pusher, self._contacts = _Series(), dict[str, _Contact]()
@@ -281,10 +284,14 @@ class PushTracker:
             lag = self._lag(rows, after.rows, step)
             motion = replace(motion, after=motion.after - np.append(step * lag, 0.0))
             wrench = self._wrench(touch, rows, motion) if rows and steady else None
+            if self.watch is not None:
+                self.watch.see(start, self.filter.state[0], motion, wrench)
             self.filter.step(motion, Observation(poses, wrench, _STIFFNESS_SPREAD * lag))
             self.touched += 1
             self._was, self._free_since = True, end
             return
+        if self._was and self.watch is not None:
+            self.watch.release(start)
         self._was, self._arm, self._force = False, [], np.zeros(2)
         resting = self._stands() or start - self._free_since > _STANDS_AFTER
         if not resting:

@@ -1,0 +1,93 @@
+"""What has changed while an object was pushed: the pushes since then, then all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tactile_dynamics_ros.core.discrepancy.documents import Document
+from tactile_dynamics_ros.core.discrepancy.live_check import LiveComparison
+from tactile_dynamics_ros.core.planar.diagnosis.live_check import compare_pushes, diagnose_pushes
+from tactile_dynamics_ros.core.planar.streams import LinkStream, PushContact, PushedStreams
+
+SUDDEN = ("friction_change", "load_change")
+"""Effects that begin at one time: pushes before and after them tell them, those after alone do not,
+because an object that has become heavier is like one that always was."""
+
+
+def diagnose_change(
+    streams: PushedStreams, effects: Sequence[str] = (), since: float = -np.inf
+) -> Document:
+    """Diagnose what came with a change.
+
+    The pushes since the change show what acts now and did not before, such as a table that leans.
+    Where the model fits them, only its numbers have changed: then all pushes are diagnosed, for an
+    effect that began at one time.
+
+    Args:
+        streams: pushes before and after.
+        effects: names of the effects in the model.
+        since: s, of the change; by default all pushes are diagnosed once.
+
+    Raises:
+        BadInputError: nothing is touched since then.
+        NotIdentifiableError: nothing slides long enough.
+    """
+    document = diagnose_pushes(streams_since(streams, since), effects)
+    if document["verdict"] != "adequate" or not np.isfinite(since):
+        return document
+    whole = diagnose_pushes(streams, effects)
+    if whole["effect"] in SUDDEN:
+        return whole
+    said = "Since the change the model fits, with other numbers than before; nothing is missing."
+    return document | {"sentence": said}
+
+
+@dataclass
+class ChangeCheck:
+    """A model of pushes, held against those since the latest change.
+
+    Attributes:
+        since: s, of the change; minus infinity where there was none.
+    """
+
+    since: float = -np.inf
+
+    def compare(self, streams: PushedStreams, effects: Sequence[str]) -> LiveComparison:
+        """What a fitted model leaves of the pushes since the change."""
+        return compare_pushes(streams_since(streams, self.since), effects)
+
+    def diagnose(self, streams: PushedStreams, effects: Sequence[str]) -> Document:
+        """Diagnose what came with the change, or the model itself."""
+        return diagnose_change(streams, effects, self.since)
+
+
+def streams_since(streams: PushedStreams, time: float) -> PushedStreams:
+    """What was measured from a time, s, on."""
+    if not np.isfinite(time):
+        return streams
+    links = tuple(_link(link, time) for link in streams.links)
+    contacts = {name: _contact(contact, time) for name, contact in streams.contacts.items()}
+    kept = {name: contact for name, contact in contacts.items() if len(contact.time)}
+    return replace(streams, links=links, contacts=kept)
+
+
+def _link(link: LinkStream, time: float) -> LinkStream:
+    keep = link.time >= time
+    return replace(link, time=link.time[keep], pose=link.pose[keep])
+
+
+def _contact(contact: PushContact, time: float) -> PushContact:
+    keep, placed = contact.time >= time, contact.pose_time >= time
+    torque = None if contact.torque is None else contact.torque[keep]
+    return replace(
+        contact,
+        time=contact.time[keep],
+        force=contact.force[keep],
+        torque=torque,
+        pose_time=contact.pose_time[placed],
+        point=contact.point[placed],
+        normal=contact.normal[placed],
+    )

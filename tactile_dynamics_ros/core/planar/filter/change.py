@@ -1,0 +1,246 @@
+"""Whether an object slides unlike what is known of it: forces against those that are expected."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from tactile_dynamics_ros.core.configuration import check_ranges, parameter
+from tactile_dynamics_ros.core.planar.filter.observation import FeltWrench
+from tactile_dynamics_ros.core.planar.filter.process import Process, PusherMotion
+
+Array = NDArray[np.float64]
+
+_STEP = np.array([0.02, 0.05, 5e-4, 5e-4])
+"""Differences of ln product, ln mass and the centre (m) by which expected forces are
+differentiated: well below what is unknown, well above rounding; halved they change nothing."""
+_LEAST = 8
+"""Steps with a force that make a piece of a way: 80 ms. Shorter ones are starts and stops alone."""
+_ACROSS = 0.05
+"""Standard deviation of a piece's force across its direction over the force, which friction that
+differs along a face causes beside its turning. From clean simulated pushes, not from theory."""
+_FLOOR = 0.02
+"""Standard deviation of a piece's mean force, N: offsets of sensors, which do not average out."""
+
+
+@dataclass(frozen=True)
+class ChangeConfig:
+    """How a change is told from friction that differs from place to place."""
+
+    piece: float = parameter(0.02, "of a way over which friction is alike", "m", 1e-3, 0.5)
+    pieces: int = parameter(12, "of the latest pushes that are looked at", "", 2, 100)
+    variation: float = parameter(
+        0.1, "standard deviation of friction from piece to piece, over its mean", "", 0.0, 0.5
+    )
+    inflation: float = parameter(
+        1.0, "of the statistic, by which clean pushes exceed the chi-square", "", 0.1, 100.0
+    )
+    false_alarms_per_hour: float = parameter(1.0, "stated, of touch", "1/h", 1e-6, 1e3)
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """Mean of the forces along a piece of a push.
+
+    Attributes:
+        start, end: s. lack: (2,) N, measured less expected, axes of S. expected: (2,) N.
+        by_own: (2, 4) of the expected force by ln product, ln mass and the centre.
+    """
+
+    start: float
+    end: float
+    lack: Array
+    expected: Array
+    by_own: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """What the latest pieces say.
+
+    Attributes:
+        statistic: chi-square of three numbers under no change, over the inflation.
+        threshold: above which a change is told. since: s, when it seems to have begun.
+        force: (2,) N that seems to act on the object beside friction, axes of S.
+        friction: factor on friction less 1 that seems to have come.
+        touch: s of touch since the reference was taken.
+    """
+
+    statistic: float
+    threshold: float
+    since: float
+    force: Array
+    friction: float
+    touch: float
+
+    @property
+    def alarmed(self) -> bool:
+        """Whether it is beyond chance."""
+        return self.statistic > self.threshold
+
+    @property
+    def text(self) -> str:
+        """One sentence."""
+        return (
+            f"from {self.since:.1f} s on it slides unlike before (statistic {self.statistic:.0f}, "
+            f"chance stays below {self.threshold:.0f}): what was known does not hold; ask "
+            "/model_check/diagnose after pushes in other directions, or explore anew"
+        )
+
+
+@dataclass(eq=False)
+class _Sum:
+    """A piece that grows."""
+
+    start: float
+    count: int = 0
+    way: float = 0.0
+    rows: Array = field(default_factory=lambda: np.zeros((2, 6)))
+
+
+class ChangeMonitor:
+    """Holds forces against those that a reference expects.
+
+    Along each piece of a way it takes the mean of measured less expected force, e = J d + B b +
+    noise: d is what is not known of the reference, b a force that stays and a factor on friction.
+    The statistic is the largest over the latest k pieces of the score test of b = 0, with the
+    covariance J P J' + R. Each piece differs by its own friction, so that many steps of one place
+    count once.
+
+    Args:
+        process: the model.
+        config: of the statistic.
+
+    Attributes:
+        change: what the latest pieces say; None before there is any. alarm: the first beyond
+            chance, kept until `restart`. touch: s of touch since the reference.
+    """
+
+    def __init__(self, process: Process, config: ChangeConfig | None = None) -> None:
+        self.process, self.config = process, config or ChangeConfig()
+        self._mean: Array | None = None
+        self._covariance = np.zeros((4, 4))
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget pieces and alarm; the reference stays."""
+        self.pieces: deque[Piece] = deque(maxlen=self.config.pieces)
+        self.change: Change | None = None
+        self.alarm: Change | None = None
+        self.touch = 0.0
+        self._sum: _Sum | None = None
+
+    def dismiss(self) -> None:
+        """Have no reference any more: what was known does not hold."""
+        self._mean = None
+        self.restart()
+
+    def refer(self, mean: Array, covariance: Array) -> None:
+        """Hold what comes against parameters (p,), of whose first four a covariance is known."""
+        self._mean, self._covariance = mean.copy(), covariance[:4, :4].copy()
+        self.restart()
+
+    @property
+    def watches(self) -> bool:
+        """Whether there is a reference."""
+        return self._mean is not None
+
+    @property
+    def calm(self) -> bool:
+        """Whether the latest pieces are what chance makes of the reference, four times in five."""
+        return self.change is None or self.change.statistic < _CALM * self.change.threshold
+
+    def see(self, time: float, state: Array, motion: PusherMotion, felt: FeltWrench | None) -> None:
+        """Take a step in which something is touched.
+
+        Args:
+            time: s, when it begins.
+            state: (6 L,) believed then.
+            motion: of the pusher.
+            felt: None where the force is not known or just begins or ends.
+        """
+        if self._mean is None:
+            return
+        self.touch += motion.step
+        if felt is None:
+            return
+        own = np.tile(self._mean, (5, 1))
+        own[1:, :4] += np.diag(_STEP)
+        wrench = self.process.predict(np.tile(state, (5, 1)), own, motion).wrench[:, :2]
+        by_own = (wrench[1:] - wrench[0]).T / _STEP
+        row = np.column_stack([felt.value[:2] - wrench[0], wrench[0], by_own])
+        self._sum = self._sum or _Sum(time)
+        self._sum.rows += row
+        self._sum.count += 1
+        self._sum.way += float(np.linalg.norm((motion.after - motion.before)[:2]))
+        if self._sum.way >= self.config.piece and self._sum.count >= _LEAST:
+            self._close(time + motion.step)
+
+    def release(self, time: float) -> None:
+        """Note that nothing is touched any more."""
+        if self._sum is not None:
+            self._close(time)
+
+    def _close(self, time: float) -> None:
+        done, self._sum = self._sum, None
+        if done is None or done.count < _LEAST:
+            return
+        mean = done.rows / done.count
+        self.pieces.append(Piece(done.start, time, mean[:, 0], mean[:, 1], mean[:, 2:]))
+        self.change = self._judge()
+        if self.alarm is None and self.change.alarmed:
+            self.alarm = self.change
+
+    def _judge(self) -> Change:
+        rows = list(self.pieces)
+        found = [self._scored(rows[-k:]) for k in range(1, len(rows) + 1)]
+        k = int(np.argmax([statistic for statistic, _ in found]))
+        statistic, told = found[k]
+        return Change(
+            statistic / self.config.inflation,
+            self.threshold,
+            rows[-1 - k].start,
+            -told[:2],
+            float(told[2]),
+            self.touch,
+        )
+
+    @property
+    def threshold(self) -> float:
+        """Of the statistic, for the stated rate of false alarms; a piece takes a fifth of a second.
+
+        The latest k pieces are strongly dependent; each piece counts as one trial.
+        """
+        trials = 3600.0 / 0.2
+        return float(chi2.isf(self.config.false_alarms_per_hour / trials, 3))
+
+    def _scored(self, rows: list[Piece]) -> tuple[float, Array]:
+        """Score statistic and the three numbers (3,) that explain pieces best."""
+        lack = np.concatenate([row.lack for row in rows])
+        by_own = np.concatenate([row.by_own for row in rows])
+        spread = by_own @ self._covariance @ by_own.T
+        for k, row in enumerate(rows):
+            spread[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] += self._noise(row.expected)
+        away = np.concatenate([np.column_stack([np.eye(2), row.expected]) for row in rows])
+        root = np.linalg.cholesky(spread)
+        white, columns = np.linalg.solve(root, lack), np.linalg.solve(root, away)
+        told = np.linalg.lstsq(columns, white, rcond=1e-6)[0]
+        return float(np.sum(np.square(columns @ told))), told
+
+    def _noise(self, expected: Array) -> Array:
+        """Covariance (2, 2) of a piece's mean force, N^2."""
+        along = self.config.variation**2 * np.outer(expected, expected)
+        across = (_ACROSS**2 * float(expected @ expected) + _FLOOR**2) * np.eye(2)
+        return np.asarray(along + across)
+
+
+_CALM = 0.3
+"""Share of the threshold below which a reference may be renewed: a change shows more by its first
+push; without it, fits that contain a change would become what is known."""
