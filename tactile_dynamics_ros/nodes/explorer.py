@@ -1,4 +1,4 @@
-"""Node: pushes the object where that tells most, until it is known."""
+"""Node: pushes the object where that tells most, until it is known; differently, if it changes."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from rclpy.task import Future as RosFuture
 from std_srvs.srv import Trigger
 
 from tactile_dynamics_ros.core.errors import NotIdentifiableError, TactileDynamicsError
+from tactile_dynamics_ros.core.planar.actions.directions import DirectionExplorer
 from tactile_dynamics_ros.core.planar.actions.exploration import (
     Choice,
     ExploreConfig,
@@ -32,7 +33,13 @@ from tactile_dynamics_ros.ros.background import Background
 from tactile_dynamics_ros.ros.conversions import pose_to_message
 from tactile_dynamics_ros.ros.diagnostics import status_message
 from tactile_dynamics_ros.ros.emergency import EmergencyStop
-from tactile_dynamics_ros.ros.names import EXPLORE, EXPLORE_PROGRESS, PROPERTY_STATUS, PUSHER_TARGET
+from tactile_dynamics_ros.ros.names import (
+    EXPLORE,
+    EXPLORE_CHANGE,
+    EXPLORE_PROGRESS,
+    PROPERTY_STATUS,
+    PUSHER_TARGET,
+)
 from tactile_dynamics_ros.ros.parameters import declare_config
 from tactile_dynamics_ros.ros.shell import REQUESTS, Shell, run_node
 from tactile_dynamics_ros.ros.table_scene import WORLD, TableScene, TableSceneConfig, tip_pose
@@ -67,6 +74,16 @@ class Run:
     fits: int = 0
     since: float = -np.inf
 
+    @property
+    def waits(self) -> bool:
+        """Whether the next push is chosen by the estimate from the last one."""
+        return not isinstance(self.explorer, DirectionExplorer)
+
+
+def _late(run: Run) -> bool:
+    """Whether the estimate of the last push has been awaited for too long."""
+    return time.monotonic() - run.since > PATIENCE
+
 
 class ExplorerNode(Shell):
     """On request chooses a push, makes it, waits for the estimate, and chooses again."""
@@ -87,6 +104,7 @@ class ExplorerNode(Shell):
         self._progress = self.latched(DiagnosticStatus, EXPLORE_PROGRESS)
         self.stop = EmergencyStop(self, lambda: self._finish("the emergency stop is on", False))
         self.create_service(Trigger, EXPLORE, self._explore, qos_profile=REQUESTS)
+        self.create_service(Trigger, EXPLORE_CHANGE, self._change, qos_profile=REQUESTS)
         self.every(0.1, self._advance)
 
     def destroy_node(self) -> None:
@@ -96,11 +114,18 @@ class ExplorerNode(Shell):
 
     async def _explore(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Explore; the answer comes when it is known, or why not."""
+        return await self._answer(Explorer, response)
+
+    async def _change(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Push in different directions, after something has changed; estimates are not awaited."""
+        return await self._answer(DirectionExplorer, response)
+
+    async def _answer(self, kind: type[Explorer], response: Trigger.Response) -> Trigger.Response:
         try:
             self.stop.require_released()
             if self._run is not None:
                 raise NotIdentifiableError("it is already exploring")
-            self._run = Run(RosFuture(), self._explorer())
+            self._run = Run(RosFuture(), self._explorer(kind))
         except TactileDynamicsError as error:
             response.success, response.message = False, str(error)
             return response
@@ -108,13 +133,13 @@ class ExplorerNode(Shell):
         response.success, response.message = await self._run.answer
         return response
 
-    def _explorer(self) -> Explorer:
+    def _explorer(self, kind: type[Explorer]) -> Explorer:
         body, config = self.scene.body(), self.scene.config
         thing = PredictedObject(
             convex_hull(body.outline), config.tip_friction, push_height=self.way.height
         )
         room = (np.array(config.low), np.array(config.high))
-        return Explorer(thing, self.config, self.sensing, room, config.tip_radius)
+        return kind(thing, self.config, self.sensing, room, config.tip_radius)
 
     def process(self) -> None:
         """Answer the newest pose of the tip while a push is made."""
@@ -146,7 +171,7 @@ class ExplorerNode(Shell):
         elif run.choosing is not None:
             if run.choosing.done():
                 self._begin(run, run.choosing)
-        elif self.scene.fits > run.fits or time.monotonic() - run.since > PATIENCE:
+        elif not run.waits or self.scene.fits > run.fits or _late(run):
             if run.actions and not self.scene.properties:
                 self._finish(f"no {PROPERTY_STATUS} came: is property_estimator running?", False)
                 return
