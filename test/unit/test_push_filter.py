@@ -7,7 +7,15 @@ import pytest
 from numpy.testing import assert_allclose
 
 from tactile_dynamics_ros.core.planar.filter import dual
-from tactile_dynamics_ros.core.planar.filter.belief import joined, root_of, slope_of, unit_points
+from tactile_dynamics_ros.core.planar.filter.belief import (
+    joined,
+    root_of,
+    slope_of,
+    unit_points,
+    unlearnt,
+    weighted_moments,
+)
+from tactile_dynamics_ros.core.planar.filter.linked_patch import LinkedPatchProcess
 from tactile_dynamics_ros.core.planar.filter.observation import (
     FeltWrench,
     Observation,
@@ -78,7 +86,7 @@ def test_a_joint_is_rebuilt_from_marginal_and_conditional():
 
 def test_weighted_moments_keep_the_spread_of_all_that_counts_alike():
     points = unit_points(60, 3, np.random.default_rng(2)) * [0.1, 2.0, 5.0] + 1.0
-    mean, root = dual.weighted_moments(points, np.full(60, 1.0 / 60.0))
+    mean, root = weighted_moments(points, np.full(60, 1.0 / 60.0))
     assert_allclose(mean, 1.0, atol=1e-12)
     assert_allclose(root @ root.T, np.diag([0.01, 4.0, 25.0]), atol=1e-9)
 
@@ -134,6 +142,38 @@ def test_what_a_model_says_of_its_own_forces_counts_as_their_noise():
     assert_allclose(own.belief.std, told.belief.std, rtol=1e-6)
 
 
+def test_what_is_not_learnt_follows_from_the_rest_as_before():
+    rng = np.random.default_rng(9)
+    before = unit_points(60, 4, rng) @ rng.normal(size=(4, 4)) + 1.0
+    old = np.cov(before.T, bias=True)
+    same = unlearnt((before.mean(axis=0), np.linalg.cholesky(old)), before, [1])
+    assert_allclose(same[0], before.mean(axis=0), atol=1e-9)
+    assert_allclose(same[1] @ same[1].T, old, atol=1e-9)
+    seen = np.array([0.4, 7.0, -0.2, 1.0]), np.diag([0.1, 1e-6, 0.2, 0.3])
+    mean, root = unlearnt(seen, before, [1])
+    rest = [0, 2, 3]
+    gain = np.linalg.solve(old[np.ix_(rest, rest)], old[rest, 1])
+    spread, free = root @ root.T, old[1, 1] - gain @ old[rest, 1]
+    assert_allclose(mean[1], 1.0 + gain @ (mean[rest] - 1.0))
+    assert_allclose(spread[np.ix_(rest, rest)], np.diag([0.01, 0.04, 0.09]), atol=1e-12)
+    kept = spread[1, 1] - spread[rest, 1] @ np.linalg.solve(
+        np.diag([0.01, 0.04, 0.09]), spread[rest, 1]
+    )
+    assert_allclose(kept, free)
+
+
+@pytest.mark.parametrize(("step", "learns"), [(0.01, True), (1.0 / 15.0, False)])
+def test_a_coarse_step_tells_no_mass(step, learns):
+    found = linear_filter(Linear())
+    mean, covariance = found.parameters
+    motion = replace(STILL, step=step)
+    found.step(motion, Observation((), FeltWrench(np.array([0.0, 3.0]), np.full(2, 0.01))))
+    gain = np.linalg.solve(covariance[np.ix_([0, 2, 3], [0, 2, 3])], covariance[[0, 2, 3], 1])
+    now, spread = found.parameters
+    expected = mean[1] + gain @ (now - mean)[[0, 2, 3]]
+    assert abs(now[1] - expected) > 0.01 if learns else abs(now[1] - expected) < 1e-9
+
+
 def test_impossible_hypotheses_are_kept_so_that_the_belief_does_not_shrink():
     free, bounded = linear_filter(Linear()), linear_filter(Linear(least=-0.1))
     for each in (free, bounded):
@@ -141,6 +181,57 @@ def test_impossible_hypotheses_are_kept_so_that_the_belief_does_not_shrink():
     assert_allclose(bounded.belief.std, free.belief.std, rtol=1e-6)
     unit = unit_points(60, 13, np.random.default_rng(4))
     assert 0.5 < np.mean(Linear(least=-0.1).feasible(free.belief.points(unit))) < 0.9
+
+
+HALF = np.array([[-0.03, -0.03], [0.03, -0.03], [0.03, 0.03], [-0.03, 0.03]])
+PAIR = (PatchProcess(HALF, 0.02), PatchProcess(HALF, 0.02))
+OWN = np.array([np.log(0.3), np.log(0.9), 0.0, 0.0, np.log(0.2), np.log(0.5), 0.0, 0.0, -1.0])
+
+
+def pair_pushed(process, parameters, point, steps=40):
+    """States and force after a push along y at 20 mm/s on a point of link_1."""
+    states = np.zeros((1, 12))
+    states[0, 6] = 0.06
+    way = np.array([0.0, 2e-4, 0.0])
+    for k in range(steps):
+        at = np.array([*point, 0.0]) + k * way
+        motion = PusherMotion(at, at + way, 0.01, 0.02, touching=True, normal=np.array([0.0, 1.0]))
+        found = process.predict(states, parameters[None], motion)
+        states = found.states
+    return states[0], found.wrench[0]
+
+
+def test_a_rigid_pair_that_is_pushed_at_its_middle_goes_straight_under_both_frictions():
+    process = LinkedPatchProcess(PAIR, np.array([0.03, 0.0]), rigid=True)
+    middle = 0.06 * 0.2 / 0.5  # where the friction of both balances
+    states, wrench = pair_pushed(process, OWN, (middle, -0.03))
+    assert_allclose(wrench[1], 0.5 * 9.81, rtol=0.01)
+    assert_allclose(states[[2, 8]], 0.0, atol=2e-3)
+    assert_allclose(states[[1, 7]], 0.008, atol=2e-4)
+    assert_allclose(states[8] - states[2], 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("joint_friction", [1e-4, 0.5])
+def test_a_joint_holds_its_links_together_and_turns_only_if_its_friction_lets_it(joint_friction):
+    process = LinkedPatchProcess(PAIR, np.array([0.03, 0.0]))
+    assert process.names[-1] == "ln_joint_friction"
+    states, _ = pair_pushed(process, np.append(OWN, np.log(joint_friction)), (0.0, -0.03))
+    ends = [
+        states[6 * k : 6 * k + 2] + (0.03 - 0.06 * k) * np.array([np.cos(yaw), np.sin(yaw)])
+        for k, yaw in enumerate(states[[2, 8]])
+    ]
+    assert_allclose(ends[0], ends[1], atol=1e-9)
+    turned = abs(states[8] - states[2])
+    assert turned < 1e-3 if joint_friction == 0.5 else turned > 0.02
+
+
+def test_the_mechanics_of_one_link_are_those_of_a_patch():
+    one, linked = PatchProcess(BLOCK), LinkedPatchProcess((PatchProcess(BLOCK),))
+    motion = PusherMotion(np.array([-0.05, 0.01, 0.0]), np.array([-0.049, 0.01, 0.0]), 0.05)
+    mine, its = (p.predict(np.zeros((1, 6)), KNOWN[None], motion) for p in (linked, one))
+    assert_allclose(mine.states, its.states)
+    assert linked.names == one.names
+    assert_allclose(linked.prior[1], one.prior[1])
 
 
 def pushed_by(process, at, way, parameters, steps=60, **motion):

@@ -280,7 +280,7 @@ def test_what_a_network_never_saw_the_mechanics_predict(motion):
     parameters = drawn_parameters(np.random.default_rng(6), 3)
     way = np.array([-0.05, 0.0, 0.0]), np.array([-0.05 + SPEED * STEP, 0.0, 0.0])
     step = PusherMotion(*way, STEP, **motion)
-    mine, its = (p.predict(states, parameters, step) for p in (process, process.base[0]))
+    mine, its = (p.predict(states, parameters, step) for p in (process, process.base))
     np.testing.assert_array_equal(mine.states, its.states)
     np.testing.assert_array_equal(mine.wrench, its.wrench)
 
@@ -298,14 +298,6 @@ def test_a_network_states_its_force_noise_once_per_way_over_which_it_lasts():
 
     assert stated(STEP) > 0.0
     np.testing.assert_allclose(stated(STEP / 4.0), 2.0 * stated(STEP))
-
-
-def test_pulls_of_linked_parts_are_refused():
-    process = GraphProcess.of(pair(), random_weights("graph"))
-    with pytest.raises(BadInputError, match="pulls of linked parts"):
-        process.predict(
-            np.zeros((1, 12)), np.zeros((1, 10)), PusherMotion(*np.zeros((2, 3)), STEP, grip=True)
-        )
 
 
 def test_the_height_of_the_push_stands_for_an_unknown_centre():

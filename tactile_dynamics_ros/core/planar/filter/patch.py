@@ -93,30 +93,12 @@ class PatchProcess:
         return np.asarray(inside > 0.0)
 
     def predict(self, states: Array, parameters: Array, motion: PusherMotion) -> Prediction:
-        """Advance by one step of the pusher, in as many steps of the mechanics as it needs."""
-        count = len(states)
-        com, yaw = parameters[:, 2:4], states[:, 2]
-        linkage = Linkage((self._link(parameters, motion),))
-        twist = _shifted(states[:, 3:6], turned(com, yaw))
-        steps = max(1, int(np.ceil(motion.step / self.step - 1e-9)))
-        config = StepConfig(motion.step / steps, self.rounds)
-        simulation = PlanarSimulation(
-            linkage, self._pusher(parameters, motion), states[:, None, :3], config, twist[:, None]
-        )
-        wrench = np.zeros((count, 3))
-        place = np.linspace(motion.before, motion.after, steps + 1)
-        for k in range(steps):
-            before, after = (np.broadcast_to(p, (count, 3)) for p in place[k : k + 2])
-            simulation.step(before, after)
-            part = simulation.wrench.copy()
-            moved = np.broadcast_to(place[k, :2] - place[0, :2], (count, 2))
-            part[:, 2] += cross(moved, part[:, :2])
-            wrench += part / steps
-        pose = linkage.frames(simulation.coordinates)[:, 0]
-        back = _shifted(simulation.twist[:, 0], -turned(com, pose[:, 2]))
-        return Prediction(np.concatenate([pose, back], axis=1), wrench)
+        """Advance by one step of the pusher."""
+        linkage = Linkage((self.link_of(parameters, motion),))
+        pusher = self.pusher_of(parameters, motion)
+        return advanced(linkage, pusher, states, motion, self.step, self.rounds)
 
-    def _link(self, parameters: Array, motion: PusherMotion) -> Link:
+    def link_of(self, parameters: Array, motion: PusherMotion) -> Link:
         """Properties of the hypotheses; a lift takes load and its friction off the support."""
         product, mass = np.exp(parameters[:, :2].T)
         borne = np.maximum(1.0 - motion.lift / (mass * GRAVITY), 0.1)
@@ -132,12 +114,57 @@ class PatchProcess:
             scale=same,
         )
 
-    def _pusher(self, parameters: Array, motion: PusherMotion) -> Tip | Grip:
+    def pusher_of(self, parameters: Array, motion: PusherMotion) -> Tip | Grip:
+        """Contact with this link."""
         height = np.full(len(parameters), motion.height)
         if motion.grip:
-            return Grip(height)
+            return Grip(height, motion.link)
         friction = np.exp(parameters[:, 4])
-        return Tip(self.hull, height, friction, motion.touching, motion.normal)
+        return Tip(self.hull, height, friction, motion.touching, motion.normal, motion.link)
+
+
+def advanced(
+    linkage: Linkage,
+    pusher: Tip | Grip,
+    states: Array,
+    motion: PusherMotion,
+    longest: float,
+    rounds: int,
+) -> Prediction:
+    """Advance hypotheses by one step of the pusher, in as many of the mechanics as it needs.
+
+    Args:
+        linkage: links of C hypotheses.
+        pusher: tip or grip.
+        states: (C, 6 L) of the links' frames.
+        motion: of the pusher.
+        longest: s, step of the mechanics.
+        rounds: solutions of each step.
+    """
+    count, links = len(states), len(linkage.links)
+    each = states.reshape(count, links, 6)
+    twist = np.stack(
+        [_shifted(each[:, k, 3:], turned(link.com, each[:, k, 2]))
+         for k, link in enumerate(linkage.links)], axis=1,
+    )  # fmt: skip
+    steps = max(1, int(np.ceil(motion.step / longest - 1e-9)))
+    config = StepConfig(motion.step / steps, rounds)
+    simulation = PlanarSimulation(linkage, pusher, each[:, :, :3], config, twist)
+    wrench = np.zeros((count, 3))
+    place = np.linspace(motion.before, motion.after, steps + 1)
+    for k in range(steps):
+        before, after = (np.broadcast_to(p, (count, 3)) for p in place[k : k + 2])
+        simulation.step(before, after)
+        part = simulation.wrench.copy()
+        moved = np.broadcast_to(place[k, :2] - place[0, :2], (count, 2))
+        part[:, 2] += cross(moved, part[:, :2])
+        wrench += part / steps
+    frames = linkage.frames(simulation.coordinates)
+    back = np.stack(
+        [_shifted(simulation.twist[:, k], -turned(link.com, frames[:, k, 2]))
+         for k, link in enumerate(linkage.links)], axis=1,
+    )  # fmt: skip
+    return Prediction(np.concatenate([frames, back], axis=2).reshape(count, -1), wrench)
 
 
 def _shifted(twist: Array, arm: Array) -> Array:

@@ -6,12 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag
 
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.planar.filter.linked_patch import LinkedPatchProcess
 from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess
 from tactile_dynamics_ros.core.planar.filter.process import (
-    LINK_PARAMETERS,
     Mask,
     Prediction,
     PusherMotion,
@@ -32,9 +31,6 @@ from tactile_dynamics_ros.core.planar.network.weights import GraphWeights
 
 Array = NDArray[np.float64]
 
-_JOINT_FRICTION, _JOINT_SPREAD = 0.03, 0.8
-"""Median of a joint's friction, N m, and spread of its logarithm before any data: from hinges that
-fall shut to such as hold a page. Wider only delays the filter."""
 _ALIKE = 0.02
 """m over which errors of a network's force stay alike, as friction does for the filter: the noise
 that it states counts once per such a way, not once per step. Chosen for that reason, not tuned; at
@@ -55,29 +51,30 @@ class GraphProcess:
 
     Attributes:
         thing: geometry. weights: of the network; a residual one needs an object of one link.
-        base: mechanics of each link, for the prior and for what a residual network starts from.
+        base: mechanics of the links, for what is known beforehand, for what a residual network
+            starts from and for what networks never saw.
     """
 
     thing: Thing
     weights: GraphWeights
-    base: tuple[PatchProcess, ...]
+    base: LinkedPatchProcess
 
     @classmethod
     def of(cls, thing: Thing, weights: GraphWeights) -> GraphProcess:
         """The process of an object.
 
         Raises:
-            BadInputError: a residual network for linked parts, whose mechanics no process predicts.
+            BadInputError: a residual network for linked parts, on which none is trained.
         """
         if weights.residual and thing.links > 1:
             raise BadInputError("graph_residual: one link only; for linked parts choose graph")
         known = thing.com_height
         heights = [None] * thing.links if known is None else [float(each) for each in known]
-        base = tuple(
+        parts = tuple(
             PatchProcess(patch.outline, height)
             for patch, height in zip(thing.patches, heights, strict=True)
         )
-        return cls(thing, weights, base)
+        return cls(thing, weights, LinkedPatchProcess(parts, thing.joint, thing.rigid))
 
     @property
     def links(self) -> int:
@@ -85,48 +82,27 @@ class GraphProcess:
         return self.thing.links
 
     @property
-    def _turns(self) -> bool:
-        return self.thing.joint is not None and not self.thing.rigid
-
-    @property
     def names(self) -> tuple[str, ...]:
-        """Of the parameters: those of each link, ln of the tip's friction and of the joint's."""
-        joint = ("ln_joint_friction",) * self._turns
-        return (*LINK_PARAMETERS * self.links, "ln_tip_friction", *joint)
+        """Of the parameters: those of the mechanics."""
+        return self.base.names
 
     @property
     def prior(self) -> tuple[Array, Array]:
         """Mean (p,) and covariance (p, p)."""
-        parts = [each.prior for each in self.base]
-        size = len(LINK_PARAMETERS)
-        means = [mean[:size] for mean, _ in parts] + [parts[0][0][size:]]
-        blocks = [covariance[:size, :size] for _, covariance in parts] + [parts[0][1][size:, size:]]
-        if self._turns:
-            means.append(np.array([np.log(_JOINT_FRICTION)]))
-            blocks.append(np.array([[_JOINT_SPREAD**2]]))
-        return np.concatenate(means), np.asarray(block_diag(*blocks))
+        return self.base.prior
 
     def feasible(self, parameters: Array) -> Mask:
         """Whether each centre of mass lies above its link's footprint."""
-        each = [one.feasible(parameters[:, 4 * k :]) for k, one in enumerate(self.base)]
-        return np.asarray(np.all(each, axis=0))
+        return self.base.feasible(parameters)
 
     def predict(self, states: Array, parameters: Array, motion: PusherMotion) -> Prediction:
-        """Advance by one step of the pusher; what the network never saw, the mechanics predict.
-
-        Those are a grip and, of one link, a step without touch.
-
-        Raises:
-            BadInputError: linked parts are gripped.
-        """
-        if motion.grip and self.links > 1:
-            raise BadInputError("graph: pulls of linked parts are not among what it was trained on")
-        if self.links == 1 and (motion.grip or motion.touching is False):
-            return self.base[0].predict(states, parameters, motion)
+        """Advance by one step; grips and steps without touch, which it never saw, by mechanics."""
+        if motion.grip or motion.touching is False:
+            return self.base.predict(states, parameters, motion)
         push = self.push_of(states, motion)
         base = None
         if self.weights.residual:
-            found = self.base[0].predict(states, parameters, motion)
+            found = self.base.predict(states, parameters, motion)
             base = found.states, found.wrench[:, :2]
         after, force, std = step_on(self.weights, self.thing, states, parameters, push, base)
         wrench = np.concatenate([force, np.zeros((len(force), 1))], axis=1)
