@@ -72,6 +72,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--families", nargs="+", choices=sorted(MODELS), default=list(MODELS))
     parser.add_argument("--models", nargs="+", default=list(MODELS["single"]))
     parser.add_argument("--setting", choices=sorted(SETTINGS), default="slow")
+    parser.add_argument("--action", choices=("push", "pull"), default="push")
     parser.add_argument("--objects", type=int, default=12, help="test objects of each family (12)")
     parser.add_argument("--only", choices=("ahead", "filter", "choice"), help="one part only")
     parser.add_argument("--keep", type=Path, help="folder from which an interrupted run goes on")
@@ -104,11 +105,13 @@ def models_of(family: str, options: argparse.Namespace) -> list[str]:
 def measure(family: str, options: argparse.Namespace) -> dict[str, Any]:
     """All figures of a family."""
     seeds = range(FIRST, FIRST + options.objects)
-    keep = Kept(options.keep, f"{family}_{options.setting}_{FIRST}_{seeds.stop}")
-    ones = keep.of("pushes", lambda: simulated(seeds, family, options.setting))
+    pulls = options.action == "pull"
+    kept = f"{family}_{options.setting}{'_pull' if pulls else ''}_{FIRST}_{seeds.stop}"
+    keep = Kept(options.keep, kept)
+    ones = keep.of("pushes", lambda: simulated(seeds, family, options.setting, options.action))
     names = models_of(family, options)
-    found: dict[str, Any] = {"n": len(ones), "setting": options.setting}
-    if options.only != "filter":
+    found: dict[str, Any] = {"n": len(ones), "setting": options.setting, "action": options.action}
+    if options.only != "filter" and not pulls:
         found["ahead"] = one_step(names, ones, options.setting)
     if options.only != "ahead":
         found["filter"] = properties(names, family, ones, options.setting, keep)
@@ -199,7 +202,7 @@ def _ranges(family: str) -> dict[str, float]:
 
 def table(family: str, found: dict[str, Any]) -> str:
     """Rows for people."""
-    rows = [f"## {family}, {found['setting']}, n = {found['n']} objects", ""]
+    rows = [f"## {family}, {found['setting']}, {found['action']}, n = {found['n']} objects", ""]
     if "ahead" in found:
         rows += ["| one step ahead | place mm | yaw deg | force | far |", "|---|---|---|---|---|"]
         for name, one in found["ahead"].items():

@@ -29,6 +29,8 @@ SETTINGS = {"slow": (1.0 / 15.0, SLOW), "fast": (0.01, FAST)}
 """Paper B: 15 Hz, 25 mm/s, 5 s per push, normal +-5 deg; and 100 Hz, 30 to 200 mm/s, hard stops."""
 FORCE_STD, POSE_STD = 0.03, np.array([5e-4, 5e-4, np.radians(0.2)])
 """Noise of each mean force, N, and of each pose."""
+POINT_STD = 3e-4
+"""m of the contact points."""
 STIFFNESS = 2e4
 """N/m of tip and arm, by which the touched point lags behind the pusher."""
 STANDS = 1.5e-3
@@ -39,11 +41,12 @@ DRAWS = 4000
 """Objects that stand for what is known beforehand."""
 
 
-def simulated(seeds: Sequence[int], kind: str, setting: str) -> list[Any]:
+def simulated(seeds: Sequence[int], kind: str, setting: str, action: str = "push") -> list[Any]:
     """Recordings of the test set: tables vary by 8 %, faces are uneven by 10 %, stiction 10 %."""
     rate = 1.0 / SETTINGS[setting][0]
+    actions = replace(SETTINGS[setting][1], kind=action)
     options = pushed.PushOptions(
-        kind=kind, actions=SETTINGS[setting][1], variation=0.08, stiction=0.1, uneven=0.1,
+        kind=kind, actions=actions, variation=0.08, stiction=0.1, uneven=0.1,
         sensors=SensorOptions(rate_hz=rate, force_rate_hz=rate),
     )  # fmt: skip
     return pushed.generate(seeds, None, options)
@@ -131,32 +134,64 @@ def sensed_steps(
     scene, motion = one.scene, one.motion
     period = SETTINGS[setting][0]
     span, rng = round(period / STEP), np.random.default_rng([seed, 7])
-    states, tip = states_at(scene, motion), motion.pusher[:, :2]
+    states = states_at(scene, motion)
     found: list[tuple[PusherMotion | None, Observation]] = []
     starts = np.arange(3, len(states) - span - 1, span)
-    for k in starts:
+    for k in starts.tolist():
         window = slice(k + 1, k + span + 1)
-        touched = motion.contact[window, 0].mean()
+        pulls = bool(motion.contact[window, 1:].any())
+        touched = motion.contact[window, 1 if pulls else 0].mean()
         poses = tuple(
             SeenPose(pose[:3] + POSE_STD * rng.normal(size=3), POSE_STD, 0.0, link)
             for link, pose in enumerate(states[k + span].reshape(-1, 6))
         )
-        felt = motion.force[window, 0].mean(axis=0) + FORCE_STD * rng.normal(size=2)
+        noise = FORCE_STD * rng.normal(size=(2, 2) if pulls else 2)
         if touched < 0.5:
             found.append((None, Observation(poses)))
             continue
-        row = k + 1 + int(np.argmax(motion.contact[window, 0]))
-        normal = motion.normal[row, 0]
-        before = np.append(tip[k] + scene.tip.radius * normal, 0.0)
-        after = before + np.append(tip[k + span] - tip[k], 0.0)
-        push = PusherMotion(
-            before, after, period, scene.tip.height, touching=True, normal=normal,
-            link=int(motion.touched[row]),
-        )  # fmt: skip
-        steady = touched > 0.99 and found and found[-1][0] is not None
-        wrench = FeltWrench(felt, np.full(2, FORCE_STD)) if steady else None
-        found.append((push, Observation(poses, wrench)))
+        steady = bool(touched > 0.99 and found and found[-1][0] is not None)
+        moved = _pulled(scene, motion, k, period) if pulls else _pushed(scene, motion, k, period)
+        felt = (_felt_by_pads if pulls else _felt_by_tip)(motion, window, moved, noise)
+        found.append((moved, Observation(poses, felt if steady else None)))
     return found, states[starts + span]
+
+
+def _pushed(scene: Any, motion: Any, k: int, period: float) -> PusherMotion:
+    """The tip's motion in the step after a tick."""
+    end = k + round(period / STEP)
+    row = k + 1 + int(np.argmax(motion.contact[k + 1 : end + 1, 0]))
+    normal, tip = motion.normal[row, 0], motion.pusher[:, :2]
+    before = np.append(tip[k] + scene.tip.radius * normal, 0.0)
+    after = before + np.append(tip[end] - tip[k], 0.0)
+    return PusherMotion(
+        before, after, period, scene.tip.height, touching=True, normal=normal,
+        link=int(motion.touched[row]),
+    )  # fmt: skip
+
+
+def _pulled(scene: Any, motion: Any, k: int, period: float) -> PusherMotion:
+    """The gripper's motion in the step after a tick."""
+    end = k + round(period / STEP)
+    return PusherMotion(
+        motion.pusher[k], motion.pusher[end], period, scene.tip.height, grip=True, touching=True,
+        link=int(motion.touched[k + 1]),
+    )  # fmt: skip
+
+
+def _felt_by_tip(motion: Any, window: slice, _: PusherMotion, noise: Array) -> FeltWrench:
+    return FeltWrench(motion.force[window, 0].mean(axis=0) + noise, np.full(2, FORCE_STD))
+
+
+def _felt_by_pads(motion: Any, window: slice, moved: PusherMotion, noise: Array) -> FeltWrench:
+    """Force of both pads and its torque about where the gripper began, as `PushTracker` has it."""
+    force = motion.force[window, 1:].mean(axis=0) + noise
+    arm = motion.point[window, 1:].mean(axis=0) - moved.before[:2]
+    torque = float(np.sum(arm[:, 0] * force[:, 1] - arm[:, 1] * force[:, 0]))
+    squeeze = float(np.linalg.norm(force, axis=1).max())
+    reach = float(np.linalg.norm(arm, axis=1).max())
+    spread = np.hypot(reach * FORCE_STD * np.sqrt(2.0), POINT_STD * squeeze)
+    std = np.array([FORCE_STD * np.sqrt(2.0), FORCE_STD * np.sqrt(2.0), spread])
+    return FeltWrench(np.append(force.sum(axis=0), torque), std)
 
 
 def filtered(
@@ -200,7 +235,7 @@ def _giving_way(
     motion: PusherMotion, seen: Observation, near: list[tuple[PusherMotion | None, Observation]]
 ) -> tuple[PusherMotion, Observation]:
     """The touched point of a tip that gives way while the force grows, as the tracker has it."""
-    force = [s.wrench.value if s.wrench is not None else np.zeros(2) for _, s in near]
+    force = [s.wrench.value[:2] if s.wrench is not None else np.zeros(2) for _, s in near]
     lag = 0.5 * (force[-1] - force[0]) / (STIFFNESS * motion.step)
     after = motion.after - np.append(motion.step * lag, 0.0)
     return replace(motion, after=after), replace(seen, slack=lag)

@@ -1,0 +1,58 @@
+"""The benchmark of models of pushing: what it counts of intervals, and what pads feel of a pull."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from benchmarks.planar.__main__ import calibration, table
+from benchmarks.planar.scores import nrmse, scored
+from benchmarks.planar.trial import _felt_by_pads, _pulled
+
+
+def told(z, **more):
+    return {"z": {"m1": [z], "com1": [0.0, 2.0 * z]}, **more}
+
+
+def test_intervals_are_counted_where_something_is_stated():
+    times = {"nees": 2.0, "step_ms": 3.0, "step_ms_p99": 5.0}
+    rows = [told(1.0, **times), told(-3.0, **times), {"z": {}, **times}]
+    found = calibration(rows)
+    assert found["inside_90"] == {"m1": 0.5, "com1": 0.5}
+    assert found["stated"] == {"m1": 2, "com1": 4}
+    assert found["worst_z"] == 6.0
+    assert found["nees"]["mean"] == 2.0
+
+
+def test_refused_fits_are_counted_and_told():
+    found = calibration([told(0.5, cpu_s=2.0), {"z": {}, "refused": "too little"}])
+    assert (found["refused"], found["cpu_s"]) == (1, 2.0)
+    values = [{"m1": 1.2, "f1": 0.3, "com1": 0.0}] * 2
+    truths = [{"m1": 1.0, "f1": 0.3, "com1": 0.0}] * 2
+    scores = scored(values, truths, dict.fromkeys(truths[0], 2.0))
+    assert scores["m1"]["mean"] == pytest.approx(0.1)
+    rows = {"prior mean": scores, "estimate": scores | found}
+    said = table("single", {"setting": "slow", "action": "push", "n": 2, "filter": rows})
+    assert "2.0 s, 1 refused" in said
+    assert "m1 100% of 1" in said
+
+
+def test_errors_are_over_the_range_of_the_set():
+    assert nrmse(np.array([3.0, -4.0]), 10.0)["mean"] == pytest.approx(np.sqrt(12.5) / 10.0)
+
+
+def test_pads_feel_the_sum_of_forces_and_their_torque_about_the_gripper():
+    count = 300
+    point = np.zeros((count, 3, 2))
+    point[:, 1], point[:, 2] = [0.1, 0.03], [0.1, -0.03]
+    force = np.zeros((count, 3, 2))
+    force[:, 1], force[:, 2] = [1.0, -5.0], [0.5, 5.0]
+    pusher = np.column_stack([0.1 + 1e-4 * np.arange(count), np.zeros(count), np.zeros(count)])
+    motion = SimpleNamespace(
+        pusher=pusher, point=point, force=force, touched=np.zeros(count, dtype=int)
+    )
+    scene = SimpleNamespace(tip=SimpleNamespace(height=0.02))
+    moved = _pulled(scene, motion, 0, 0.01)
+    assert moved.grip
+    felt = _felt_by_pads(motion, slice(1, 10), moved, np.zeros((2, 2)))
+    np.testing.assert_allclose(felt.value, [1.5, 0.0, -0.015], atol=1e-12)
