@@ -38,6 +38,8 @@ AROUND_MOTION = 60.0
 """Simulated seconds of grasping, lifting and putting down around the excitation."""
 PATIENCE = 30.0
 """Real seconds per simulated one after which even a slow machine must have finished."""
+CHANGE, CHANGED_BY = "support_tilt", 2.0
+"""What changes in the last act on a table, and by how much of its usual size: a lean of 4 deg."""
 STILL = 90.0
 """Real seconds without simulated time after which the simulation has failed."""
 
@@ -48,6 +50,7 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
         "demo", help="a simulated hand lifts an unknown object; its inertia appears live"
     )
     add_simulation_arguments(parser)
+    parser.set_defaults(hidden=None, magnitude=None)
     parser.add_argument(
         "--config", default=DEFAULT_CONFIG, metavar="YAML", help="nodes, parameters: which robot"
     )
@@ -57,7 +60,8 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
     parser.add_argument(
         "--planar",
         action="store_true",
-        help="push an object on a table instead: explore it, and bring it to a goal",
+        help="push an object on a table instead: explore it, bring it to a goal, and notice what "
+        "changes (--hidden, a table that leans by default; none for nothing)",
     )
     parser.add_argument("--out", metavar="DIR", help="recording, report and logs; new directory")
     parser.add_argument(
@@ -72,6 +76,8 @@ def run(args: Namespace) -> int:
     require_simulator()
     if args.view:
         require_viser()
+    args.hidden = args.hidden or (CHANGE if args.planar else "none")
+    args.magnitude = args.magnitude or (CHANGED_BY if args.planar else 1.0)
     if args.planar:
         return _run_planar(args)
     object_file(args.object)
@@ -125,7 +131,7 @@ def _run_planar(args: Namespace) -> int:
 
     told = play(args, _new_folder(args), _Speaker(quiet=args.json))
     if args.json:
-        hidden = ("path", "history", "footprint", "goal_from")
+        hidden = ("path", "history", "footprint", "goal_from", "goal_to")
         print(json.dumps({key: value for key, value in told.items() if key not in hidden}))
     return 0
 

@@ -1,4 +1,4 @@
-"""`tactile-dynamics demo --planar`: look at an object on a table, explore it, push it to a goal."""
+"""`tactile-dynamics demo --planar`: look at an object, explore it, push it, notice a change."""
 
 from __future__ import annotations
 
@@ -30,6 +30,8 @@ BUDGET = 5
 """Pushes that explore at most: with a fit after each the story ends within five minutes."""
 START = 120.0
 """Real seconds within which all nodes must be heard: the slowest machines import for a minute."""
+CHECKING: dict[str, object] = {"model": "pushed", "period": 600.0, "diagnosis_window": 60.0}
+"""model_check diagnoses on request; comparisons meanwhile would take time from the fits."""
 PATIENCE = 600.0
 """Real seconds for exploring, on a machine that does other things too."""
 TRACKED = 30.0
@@ -55,10 +57,11 @@ def play(args: Namespace, out: Path, say: Callable[[str], None]) -> dict[str, An
             supervisor.start(name, node_command(name, files.get(name), parameters))
         supervisor.start("shape_estimator", looking_command(files["shape_estimator"]))
         with short_lived_node() as node:
-            told = _story(node, supervisor, say)
+            told = _story(node, supervisor, say, args.hidden != "none")
         supervisor.stop(["recorder"])
     (out / "truth.json").write_text(json.dumps(told["truth"], indent=1) + "\n")
     say(f"recorded {out / 'recording'}; all processes are stopped")
+    _reveal(told["truth"]["hidden_effect"], say)
     from tactile_dynamics_ros.report.exploration import compare_properties, write_exploration
 
     told["compared"] = compare_properties(told["explored"]["properties"], told["truth"])
@@ -68,6 +71,17 @@ def play(args: Namespace, out: Path, say: Callable[[str], None]) -> dict[str, An
     told["wall_time_s"] = round(time.monotonic() - started, 1)
     say(f"done in {told['wall_time_s']:.0f} s; open {told['report']}")
     return told
+
+
+def _reveal(hidden: dict[str, Any], say: Callable[[str], None]) -> None:
+    """Say what was hidden."""
+    if hidden["begins"] is None:
+        return
+    told = ", ".join(
+        f"{name} {entry['value']} {entry['unit']}".rstrip()
+        for name, entry in hidden["parameters"].items()
+    )
+    say(f"the truth: {hidden['name']} from {hidden['begins']:.1f} s on: {told}")
 
 
 def table_parameters(args: Namespace) -> dict[str, object]:
@@ -89,6 +103,7 @@ def table_parameters(args: Namespace) -> dict[str, object]:
         "seed": args.seed,
         "hidden_effect": args.hidden,
         "hidden_magnitude": float(args.magnitude),
+        "hidden_waits": args.hidden != "none",
         "real_time_factor": float(args.real_time_factor),
     }
 
@@ -101,6 +116,7 @@ def nodes(table: dict[str, object], seed: int) -> dict[str, dict[str, object]]:
         "property_estimator": clock,
         "explorer": clock | {"budget": BUDGET, "seed": seed},
         "push_controller": clock,
+        "model_check": clock | CHECKING,
     }
 
 
@@ -132,8 +148,11 @@ def _look(node: Node, supervisor: Supervisor, say: Callable[[str], None]) -> dic
     return seen
 
 
-def _story(node: Node, supervisor: Supervisor, say: Callable[[str], None]) -> dict[str, Any]:
-    """Explore, push to the goal, reveal."""
+def _story(
+    node: Node, supervisor: Supervisor, say: Callable[[str], None], changes: bool
+) -> dict[str, Any]:
+    """Explore, push to the goal, notice a change, reveal."""
+    from tactile_dynamics_ros.cli.demo_change import Act
     from tactile_dynamics_ros.ros.names import EXPLORE, REVEAL
 
     log = Log(node)
@@ -153,8 +172,14 @@ def _story(node: Node, supervisor: Supervisor, say: Callable[[str], None]) -> di
         f"{word}: {1e3 * pushed['error_m']:.1f} mm, {pushed['error_rad']:.3f} rad from the goal "
         f"after {pushed['pushes']} pushes ({pushed['stopped_because']})"
     )
+    end, changed = len(log.path), None
+    if changes:
+        act = Act(node, lambda name: _call(node, supervisor, name), lambda g: ask(node, g), say)
+        changed = act.play()
     _, revealed = _call(node, supervisor, REVEAL)
     return {
+        "changed": changed,
+        "goal_to": end,
         "seen": seen,
         "explored": explored,
         "goal": list(GOAL),
@@ -258,7 +283,13 @@ class Log:
     @property
     def ready(self) -> bool:
         """Whether robot, object and all nodes are heard."""
-        wanted = {"shape_estimator", "property_estimator", "explorer", "push_controller"}
+        wanted = {
+            "shape_estimator",
+            "property_estimator",
+            "explorer",
+            "push_controller",
+            "model_check",
+        }
         heard = bool(self.path) and bool(self.footprint) and self._pusher
         return heard and wanted <= set(self._node.get_node_names())
 

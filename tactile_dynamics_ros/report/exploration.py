@@ -60,7 +60,8 @@ def write_exploration(told: dict[str, Any], folder: Path) -> Path:
     """Write report.html of an exploration and a push to a goal.
 
     Args:
-        told: explored, pushed, goal, path, goal_from, footprint, history, compared, truth.
+        told: explored, pushed, goal, path, goal_from, footprint, history, compared, truth, and
+            where something changed: changed, goal_to.
         folder: where it goes.
     """
     pushed, explored = told["pushed"], told["explored"]
@@ -76,7 +77,7 @@ def write_exploration(told: dict[str, Any], folder: Path) -> Path:
             good=bool(pushed["reached"]),
             source=str(folder / "recording"),
             command="tactile-dynamics demo --planar",
-            sections=[_actions(told), _estimates(told), _way(told)],
+            sections=[_actions(told), _estimates(told), _way(told), *_changes(told)],
         )
         return write_page(page, folder)
 
@@ -122,7 +123,7 @@ def _estimates(told: dict[str, Any]) -> Section:
         pictures = [Picture("estimates", figure, "estimates over time", "Band: 90 %; line: truth.")]
     return Section(
         "What was found",
-        [f"Hidden effect of this run, revealed at the end: {hidden}."],
+        [f"Hidden effect of this run, revealed at the end: {hidden}."] * (not told.get("changed")),
         pictures,
         ["quantity", "estimate", "truth", "truth inside 90 %"],
         rows,
@@ -130,7 +131,7 @@ def _estimates(told: dict[str, Any]) -> Section:
 
 
 def _way(told: dict[str, Any]) -> Section:
-    figure = _map(told, told["path"][told["goal_from"] :], [])
+    figure = _map(told, told["path"][told["goal_from"] : told.get("goal_to")], [])
     pushed = told["pushed"]
     return Section(
         "The way to the goal",
@@ -140,6 +141,29 @@ def _way(told: dict[str, Any]) -> Section:
         ],
         [Picture("goal", figure, "path to the goal", "Blue: on the way; orange: the goal.")],
     )
+
+
+def _changes(told: dict[str, Any]) -> list[Section]:
+    """What changed in the end, what was said of it, and the truth; nothing if nothing was to."""
+    changed = told.get("changed")
+    if not changed:
+        return []
+    hidden = told["truth"]["hidden_effect"]
+    said = ["Nobody noticed a change."] if not changed["noticed"] else [changed["text"]]
+    said += [changed["sentence"]] if "sentence" in changed else []
+    said += [f"No diagnosis: {changed['refused']}"] if "refused" in changed else []
+    pairs = [
+        ("held-out error, times the noise", changed.get("before"), changed.get("after")),
+        ("error of the live model", changed.get("live_before"), changed.get("live_after")),
+    ]
+    rows = [[name, f"{a:.2f}", f"{b:.2f}"] for name, a, b in pairs if a and b]
+    header = ["", "before", "with what was named"] if rows else []
+    truth = ", ".join(
+        f"{name} {entry['value']} {entry['unit']}".rstrip()
+        for name, entry in hidden["parameters"].items()
+    )
+    said.append(f"The truth: {hidden['name']} from {hidden['begins']:.1f} s on ({truth}).")
+    return [Section("What changed then", said, [], header, rows)]
 
 
 def _map(told: dict[str, Any], path: list[list[float]], actions: list[dict[str, Any]]) -> Figure:

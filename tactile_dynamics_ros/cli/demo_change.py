@@ -1,0 +1,155 @@
+"""The last act of the demo of a table: something changes, and the nodes say what."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tactile_dynamics_ros.core.errors import TactileDynamicsError
+
+if TYPE_CHECKING:
+    from rclpy.node import Node
+
+GOALS = ((0.42, -0.05, 0.0), (0.55, 0.08, 0.0), (0.45, 0.0, 90.0))
+"""m, m, deg: where the object is pushed until somebody notices the change; three ways to be."""
+NOTICED = 3.0
+"""Real seconds that the estimator may be behind the last push."""
+REFITTED = 60.0
+"""Real seconds for the fit with the effect that was added; an idle core takes ten."""
+
+Call = Callable[[str], tuple[bool, str]]
+Ask = Callable[[tuple[float, float, float]], dict[str, Any]]
+
+
+class Act:
+    """Lets the hidden effect begin, and asks those who should notice.
+
+    Args:
+        node: to talk with.
+        call: calls a service by its name.
+        push: pushes the object to a goal.
+        say: prints a line for people.
+    """
+
+    def __init__(self, node: Node, call: Call, push: Ask, say: Callable[[str], None]) -> None:
+        from diagnostic_msgs.msg import DiagnosticArray
+
+        from tactile_dynamics_ros.ros.names import PROPERTY_STATUS
+        from tactile_dynamics_ros.ros.shell import LATCHED
+
+        self._node, self._call, self._push, self._say = node, call, push, say
+        self._told: dict[str, dict[str, str]] = {}
+        self._text = ""
+        node.create_subscription(DiagnosticArray, PROPERTY_STATUS, self._on_status, LATCHED)
+
+    def play(self) -> dict[str, Any]:
+        """Play it; return what was said."""
+        from tactile_dynamics_ros.ros.names import BEGIN, DIAGNOSE, EXPLORE_CHANGE
+
+        done, message = self._call(BEGIN)
+        if not done:
+            raise TactileDynamicsError(message)
+        self._say("now something about table or object changes; who notices? pushing on ...")
+        told: dict[str, Any] = {"noticed": self._notice(), "text": self._text, "diagnosis": None}
+        if not told["noticed"]:
+            self._say("nobody noticed a change: the pushes are what chance makes of a clean table")
+            return told
+        told["status"] = self._told["change"]
+        self._say(f"property_estimator: {self._text}")
+        done, message = self._call(EXPLORE_CHANGE)
+        told["actions"] = json.loads(message)["actions"] if done else []
+        self._say(f"explorer: {len(told['actions'])} pushes in different directions")
+        self._say("asking /model_check/diagnose what is different ...")
+        began = time.monotonic()
+        done, message = self._call(DIAGNOSE)
+        if not done:
+            self._say(f"no diagnosis: {message}")
+            return told | {"refused": message}
+        told["diagnosis"] = found = json.loads(message)
+        told["sentence"] = sentence(found)
+        self._say(f"after {time.monotonic() - began:.0f} s: {told['sentence']}")
+        return told | self._take_over(found)
+
+    def _notice(self) -> bool:
+        """Push about until the change is noticed; return whether it is."""
+        for goal in GOALS:
+            if self._changed:
+                return True
+            self._push(goal)
+            self._spin(lambda: self._changed, NOTICED)
+        return self._changed
+
+    def _take_over(self, found: dict[str, Any]) -> dict[str, Any]:
+        """Add a named effect to the model of the estimator, and wait for the error with it."""
+        effect, errors = found["effect"], found["error"]
+        told = {"before": errors["before"], "after": errors["after"], "added": None}
+        if not effect or found["verdict"] != "missing_effect":
+            self._say("what is known of the object was opened: call /explorer/explore to find it")
+            return told
+        from rclpy.parameter import Parameter
+        from rclpy.parameter_client import AsyncParameterClient
+
+        before = self._error
+        client = AsyncParameterClient(self._node, "property_estimator")
+        client.set_parameters([Parameter("effects", value=[effect])])
+        self._say(f"adding {effect} to the live model")
+        self._spin(lambda: f"effect {effect}" in self._told, REFITTED)
+        told |= {"added": effect, "live_before": before, "live_after": self._error}
+        if told["live_before"] and told["live_after"]:
+            self._say(
+                f"error of the live model: {before:.2f} times the noise before, "
+                f"{self._error:.2f} with it"
+            )
+        return told
+
+    @property
+    def _changed(self) -> bool:
+        return "since" in self._told.get("change", {})
+
+    @property
+    def _error(self) -> float | None:
+        told = self._told.get("solver", {}).get("whitened_rms")
+        return None if told is None else float(told)
+
+    def _spin(self, condition: Callable[[], bool], seconds: float) -> None:
+        from tactile_dynamics_ros.cli.topics import spin_until
+
+        spin_until(self._node, condition, seconds)
+
+    def _on_status(self, message: Any) -> None:
+        from tactile_dynamics_ros.ros.diagnostics import status_values
+
+        self._told = {status.name: status_values(status) for status in message.status}
+        for status in message.status:
+            if status.name == "change" and "since" in status_values(status):
+                self._text = status.message
+
+
+def sentence(found: dict[str, Any]) -> str:
+    """What the diagnosis says, with the angle where a table leans.
+
+    Args:
+        found: document of the diagnosis.
+    """
+    said = str(found.get("sentence") or found["verdict"])
+    tilt = leaning(found)
+    if tilt is None:
+        return said
+    return f"the table leans by {tilt[0]:.1f} +- {tilt[1]:.1f} deg. {said}"
+
+
+def leaning(found: dict[str, Any]) -> tuple[float, float] | None:
+    """Angle of a lean that was named and its standard deviation, deg; None if it was not named."""
+    if found["effect"] != "support_tilt":
+        return None
+    named = [c["parameters"] for c in found["candidates"] if c["name"] == "support_tilt"]
+    values = np.array(
+        [[named[0][axis][key] for axis in ("t_x", "t_y")] for key in ("value", "std")]
+    )
+    angle = float(np.linalg.norm(values[0]))
+    spread = float(np.linalg.norm(values[0] * values[1])) / max(angle, 1e-6)
+    return float(np.rad2deg(angle)), float(np.rad2deg(spread))
