@@ -86,6 +86,7 @@ setup(
             "hypothesis",
             "lark-parser",
             "mypy",
+            "pdoc",
             "psutil",
             "pytest",
             "pytest-timeout",
