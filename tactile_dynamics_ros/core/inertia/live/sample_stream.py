@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.inertia.live.config import IncrementalConfig
@@ -16,9 +15,16 @@ from tactile_dynamics_ros.core.inertia.live.contact_queue import (
     ContactReading,
 )
 from tactile_dynamics_ros.core.inertia.live.residuals import ContactRows, PoseWindows
-from tactile_dynamics_ros.core.inertia.residuals.contact_grid import POINT_STD_FLOOR
 from tactile_dynamics_ros.core.inertia.residuals.motion import OVERSTATED
-from tactile_dynamics_ros.core.numerics.noise import white_noise_std, white_pose_noise_std
+from tactile_dynamics_ros.core.inertia.residuals.sensor_noise import SensorNoise
+from tactile_dynamics_ros.core.numerics.noise import white_pose_noise_std
+from tactile_dynamics_ros.core.numerics.repeats import (
+    FROZEN,
+    STUCK,
+    in_runs,
+    repeated_forces,
+    repeated_poses,
+)
 from tactile_dynamics_ros.core.numerics.rolling_table import RollingTable, sliding_rows
 
 Array = NDArray[np.float64]
@@ -36,11 +42,6 @@ change of noise late."""
 _NOISE_EVERY = 50
 """Poses between such readings, and the least they need: twice a second at 100 Hz. More often costs
 time, more seldom follows a change of noise late."""
-_FORCE_STD_FLOOR, _TORQUE_STD_FLOOR = 1e-4, 1e-6
-"""Scatter of a force, N, and of a torque, N m, from which it is taken for the sensor's noise; of
-less what is configured stays. Below the resolution of tactile sensors (0.01 N), above rounding.
-Higher, good sensors keep the configured noise, which makes their intervals too wide; at rounding a
-simulation without noise gets unlimited weight."""
 _DRAWS = 4099
 """Fixed standard normal draws, used in a ring: at 100 Hz they come again after 41 s. Fixed, so that
 a recording gives the same estimate each time; a prime, so that no period of the motion meets the
@@ -51,25 +52,6 @@ _NOISE_FLOOR = (1e-5, 1e-6)
 generated, and would get unlimited weight. 0.6 mdeg and 1 um are far below any tracker. Higher
 overstates the noise of good trackers in simulation and widens intervals; at zero poses without
 noise make the weights overflow."""
-_STUCK = 10
-"""Equal forces in a row, all three axes to the last bit, that are no chance: a sensor whose noise
-is a fifth of its step still repeats itself so often once in ten million rows. Fewer call coarse
-sensors stuck, more believe a stuck one for longer (10 are 0.1 s at 100 Hz)."""
-_ROUNDING = 1e-9
-"""Relative change of a force that is rounding: what a sensor repeats is turned into the world by
-rotations of 16 digits. Larger than 1e-6 would call quiet sensors stuck."""
-_FROZEN = 8
-"""Equal poses in a row that are no chance: a camera of 15 Hz that is published at 100 Hz repeats
-each pose seven times. Fewer would refuse such a camera, more believe a tracker that hangs for
-longer."""
-_LEAST_FORCE_STD = 1e-5
-"""Standard deviation of a force that is a mistake as long as no scatter was seen, N: a hundredth of
-the best force sensors' at 100 Hz. A simulation without noise is believed after half a second; at
-1e-3 good sensors would wait, at 0 a noise of 1e-9 N is off by 90 deviations until then."""
-_UNDERSTATED = 0.01
-"""Stated over seen noise of a force from which the statement is no statement but a mistake. Sensors
-state at least their noise; a hundredth of it is a unit that is off or zeros. Nearer to 1 honest
-statements of quiet moments are thrown away."""
 
 
 @dataclass(frozen=True)
@@ -118,11 +100,9 @@ class SampleStream:
         self._stretch_start = 0
         self._draws = np.random.default_rng(0).normal(size=(_DRAWS, 6))
         self._noise_scale = np.ones(2)
-        self._point_std = np.full(MAXIMUM_CONTACTS, config.point_std)
-        self._force_std = np.full(MAXIMUM_CONTACTS, config.force_std)
-        self._torque_std = np.full(MAXIMUM_CONTACTS, config.torque_std)
-        self._measured = np.zeros(MAXIMUM_CONTACTS, dtype=bool)
-        self._looked = np.zeros(MAXIMUM_CONTACTS, dtype=bool)
+        self._noise = SensorNoise(
+            MAXIMUM_CONTACTS, config.point_std, config.force_std, config.torque_std
+        )
         self._repeated_pose = 0
         self._repeated_force = np.zeros(MAXIMUM_CONTACTS, dtype=int)
         self.problems: Counter[str] = Counter()
@@ -249,8 +229,8 @@ class SampleStream:
             return self._contacts.rows(name, first, last)[:, :count]
 
         has_torque = np.array([queue.has_torque for queue in self._queues.values()])
-        seen = self._force_std[:count, None]
-        believed = rows("std") >= self._least_std()[:count, None]
+        seen = self._noise.force[:count, None]
+        believed = rows("std") >= self._noise.least_force[:count, None]
         return ContactRows(
             self.names,
             rows("point"),
@@ -259,8 +239,8 @@ class SampleStream:
             rows("torque"),
             np.where(believed, rows("std"), seen),
             rows("in_contact") > 0.0,
-            self._torque_std[:count] * has_torque,
-            self._point_std[:count],
+            self._noise.torque[:count] * has_torque,
+            self._noise.point[:count],
         )
 
     def flags(self, first: int, last: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
@@ -278,33 +258,27 @@ class SampleStream:
 
     def _stuck(self, first: int, last: int) -> NDArray[np.bool_]:
         """Whether a contact repeats one force for longer than chance lets it, rows first <= k."""
-        begin = max(first - _STUCK, self._contacts.start)
-        end = min(last + _STUCK, self._contacts.end)
+        begin = max(first - STUCK, self._contacts.start)
+        end = min(last + STUCK, self._contacts.end)
         count = len(self._queues)
-        runs = _in_runs(self._repeats(begin, end)[:, :count], _STUCK)[first - begin : last - begin]
+        runs = in_runs(self._repeats(begin, end)[:, :count], STUCK)[first - begin : last - begin]
         return np.asarray(runs.any(axis=1))
 
     def _repeats(self, first: int, last: int) -> NDArray[np.bool_]:
-        """Whether forces (N - 1, 8) are those of the row before, in the world or in the sensor."""
-        found = np.zeros((max(last - first - 1, 0), MAXIMUM_CONTACTS), dtype=bool)
-        for name in ("force", "in_sensor"):
-            force = self._contacts.rows(name, first, last)
-            change = np.abs(np.diff(force, axis=0)).max(axis=2)
-            found |= change <= _ROUNDING * np.abs(force[1:]).max(axis=2)
-        loaded = np.any(self._contacts.rows("force", first + 1, last) != 0.0, axis=2)
-        lost = self._contacts.rows("lost", first + 1, last) > 0.0
-        return np.asarray(found & loaded & ~lost[:, None])
+        """Whether forces (N - 1, 8) of rows first <= k < last are those of the row before."""
+        world, sensor, lost = (
+            self._contacts.rows(name, first, last) for name in ("force", "in_sensor", "lost")
+        )
+        return repeated_forces(world, sensor, lost > 0.0)
 
     def _frozen(self, first: int, last: int) -> NDArray[np.bool_]:
         """Whether the window of a row has poses that repeat for too long, rows first <= k."""
         layout = self._layout(first)
         reach = layout.long if layout else 0
-        begin = max(first - reach - _FROZEN, self._poses.start)
-        end = min(last + reach + _FROZEN, self._poses.end)
+        begin = max(first - reach - FROZEN, self._poses.start)
+        end = min(last + reach + FROZEN, self._poses.end)
         position, rotation = (self._poses.rows(n, begin, end) for n in ("position", "rotation"))
-        same = np.all(position[1:] == position[:-1], axis=1)
-        same &= np.all(rotation[1:] == rotation[:-1], axis=(1, 2))
-        runs = _in_runs(same[:, None], _FROZEN)[:, 0]
+        runs = in_runs(repeated_poses(position, rotation)[:, None], FROZEN)[:, 0]
         reached = np.convolve(runs, np.ones(2 * reach + 1), "same") > 0.5
         return np.asarray(reached[first - begin : last - begin])
 
@@ -315,7 +289,7 @@ class SampleStream:
             and np.array_equal(self._poses.rows("rotation", end - 1, end)[0], rotation)
         )
         self._repeated_pose = self._repeated_pose + 1 if same else 1
-        if self._repeated_pose >= _FROZEN:
+        if self._repeated_pose >= FROZEN:
             self.problems["pose frozen"] += 1
 
     def _count_doubtful_forces(self) -> None:
@@ -326,7 +300,7 @@ class SampleStream:
         self._repeated_force = np.where(repeated, self._repeated_force + 1, 1)
         understated = self._understated(end - 1)
         for slot, name in enumerate(self.names):
-            if self._repeated_force[slot] >= _STUCK:
+            if self._repeated_force[slot] >= STUCK:
                 self.problems[f"contact '{name}' stuck at one value"] += 1
             if understated[slot]:
                 self.problems[f"contact '{name}' understates its noise"] += 1
@@ -335,12 +309,7 @@ class SampleStream:
         """Contacts (8,) that state far less noise than their readings have, in one row."""
         std = self._contacts.rows("std", row, row + 1)[0]
         held = self._contacts.rows("in_contact", row, row + 1)[0] > 0.0
-        return np.asarray(np.any(std < self._least_std()[:, None], axis=1) & held)
-
-    def _least_std(self) -> Array:
-        """Standard deviation (8,) of a force, N, below which a statement is a mistake."""
-        early = np.where(self._looked, 0.0, _LEAST_FORCE_STD)
-        return np.where(self._measured, _UNDERSTATED * self._force_std, early)
+        return np.asarray(np.any(std < self._noise.least_force[:, None], axis=1) & held)
 
     @property
     def obstacles(self) -> tuple[str, ...]:
@@ -351,7 +320,7 @@ class SampleStream:
         std, understated = self._contacts.rows("std", end - 1, end)[0], self._understated(end - 1)
         return tuple(
             f"contact '{name}' does not fit: it states a noise of {std[slot].min():.2g} N, its "
-            f"readings scatter by {self._force_std[slot]:.2g} N"
+            f"readings scatter by {self._noise.force[slot]:.2g} N"
             for slot, name in enumerate(self.names)
             if understated[slot]
         )
@@ -423,7 +392,7 @@ class SampleStream:
         self._measure_contact_noise()
 
     def _measure_contact_noise(self) -> None:
-        """Scatter of forces and torques, and of each point at least what is configured."""
+        """Take the scatter of the readings of contacts that touched long enough."""
         end = self._contacts.end
         first = max(self._stretch_start, self._contacts.start, end - _NOISE_POSES)
         time = self._poses.rows("time", first, end)
@@ -431,33 +400,11 @@ class SampleStream:
             held = self._contacts.rows("in_contact", first, end)[:, slot] > 0.0
             if held.sum() < _NOISE_EVERY:
                 continue
-            self._looked[slot] = True
             point, force, torque = (
-                white_noise_std(time[held], self._contacts.rows(name, first, end)[held, slot])
+                self._contacts.rows(name, first, end)[held, slot]
                 for name in ("point", "force", "torque")
             )
-            if point > POINT_STD_FLOOR:
-                self._point_std[slot] = max(point, self._config.point_std)
-            if force > _FORCE_STD_FLOOR:
-                self._force_std[slot], self._measured[slot] = force, True
-            if torque > _TORQUE_STD_FLOOR:
-                self._torque_std[slot] = torque
-
-
-def _in_runs(same: NDArray[np.bool_], least: int) -> NDArray[np.bool_]:
-    """Whether each of N + 1 rows is part of a run of at least `least` equal rows.
-
-    Args:
-        same: (N, C) whether a row equals the one before it.
-        least: rows.
-    """
-    runs = np.zeros((len(same) + 1, same.shape[1]), dtype=bool)
-    if len(same) < least - 1:
-        return runs
-    whole = np.all(sliding_window_view(same, least - 1, axis=0), axis=2)
-    for shift in range(least):
-        runs[shift : shift + len(whole)] |= whole
-    return runs
+            self._noise.measure(slot, time[held], point, force, torque)
 
 
 def _blank_row() -> dict[str, Any]:
