@@ -29,6 +29,8 @@ SETTINGS = {"slow": (1.0 / 15.0, SLOW), "fast": (0.01, FAST)}
 """Paper B: 15 Hz, 25 mm/s, 5 s per push, normal +-5 deg; and 100 Hz, 30 to 200 mm/s, hard stops."""
 FORCE_STD, POSE_STD = 0.03, np.array([5e-4, 5e-4, np.radians(0.2)])
 """Noise of each mean force, N, and of each pose."""
+JUMP = 1.5 * STEP
+"""m in a tick of the physical clock above which a pusher jumps: 1.5 m/s."""
 POINT_STD = 3e-4
 """m of the contact points."""
 STIFFNESS = 2e4
@@ -161,8 +163,9 @@ def _pushed(scene: Any, motion: Any, k: int, period: float) -> PusherMotion:
     end = k + round(period / STEP)
     row = k + 1 + int(np.argmax(motion.contact[k + 1 : end + 1, 0]))
     normal, tip = motion.normal[row, 0], motion.pusher[:, :2]
-    before = np.append(tip[k] + scene.tip.radius * normal, 0.0)
-    after = before + np.append(tip[end] - tip[k], 0.0)
+    begin = _arrived(tip, k, end)
+    before = np.append(tip[begin] + scene.tip.radius * normal, 0.0)
+    after = before + np.append(tip[end] - tip[begin], 0.0)
     return PusherMotion(
         before, after, period, scene.tip.height, touching=True, normal=normal,
         link=int(motion.touched[row]),
@@ -172,10 +175,17 @@ def _pushed(scene: Any, motion: Any, k: int, period: float) -> PusherMotion:
 def _pulled(scene: Any, motion: Any, k: int, period: float) -> PusherMotion:
     """The gripper's motion in the step after a tick."""
     end = k + round(period / STEP)
+    before = motion.pusher[_arrived(motion.pusher[:, :2], k, end)]
     return PusherMotion(
-        motion.pusher[k], motion.pusher[end], period, scene.tip.height, grip=True, touching=True,
+        before, motion.pusher[end], period, scene.tip.height, grip=True, touching=True,
         link=int(motion.touched[k + 1]),
     )  # fmt: skip
+
+
+def _arrived(place: Array, begin: int, end: int) -> int:
+    """Tick at which the pusher came to this action: simulated ones jump from action to action."""
+    jumps = np.flatnonzero(np.linalg.norm(np.diff(place[begin : end + 1], axis=0), axis=1) > JUMP)
+    return begin + 1 + int(jumps[-1]) if len(jumps) else begin
 
 
 def _felt_by_tip(motion: Any, window: slice, _: PusherMotion, noise: Array) -> FeltWrench:

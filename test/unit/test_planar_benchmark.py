@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.planar.__main__ import calibration, table
 from benchmarks.planar.scores import nrmse, scored
-from benchmarks.planar.trial import _felt_by_pads, _pulled
+from benchmarks.planar.trial import _arrived, _felt_by_pads, _pulled
 
 
 def told(z, **more):
@@ -39,6 +39,14 @@ def test_refused_fits_are_counted_and_told():
 
 def test_errors_are_over_the_range_of_the_set():
     assert nrmse(np.array([3.0, -4.0]), 10.0)["mean"] == pytest.approx(np.sqrt(12.5) / 10.0)
+
+
+def test_a_step_in_which_the_pusher_jumps_begins_where_it_arrives():
+    place = np.zeros((12, 2))
+    place[:, 0] = 1e-5 * np.arange(12)
+    assert _arrived(place, 2, 10) == 2
+    place[6:] += 0.1
+    assert _arrived(place, 2, 10) == 6
 
 
 def test_pads_feel_the_sum_of_forces_and_their_torque_about_the_gripper():
