@@ -1,93 +1,61 @@
-"""One clock for streams that belong together, and readings in the order they were taken in."""
+"""Every table of docs/benchmarks.md says of which version it is, and stale ones are found."""
 
-import numpy as np
-from hypothesis import given
-from hypothesis import strategies as st
+import subprocess
 
-from tactile_dynamics_ros.core.streams.stamps import Reordered, SharedClock
+import pytest
 
+from benchmarks import stamps
 
-def feed(clock, stamps, pause=0.01):
-    """Check stamps that come one after the other; return which were believed and set it back."""
-    start = feed.now
-    feed.now = start + pause * len(stamps)
-    return [clock.check(float(t), start + pause * (k + 1)) for k, t in enumerate(stamps)]
+SECTIONS = stamps.read_sections(stamps.PAGE.read_text())
+PAGE = """# Page
+intro
 
+## Inertia
+`./dev bench inertia` ([record](x.md), as of `abc1234`).
 
-feed.now = 100.0
-
-
-def test_stamps_of_streams_with_different_latency_are_believed():
-    clock = SharedClock()
-    assert feed(clock, [5.0, 4.2, 5.01, 5.9, 4.95]) == [(True, False)] * 5
-    assert clock.newest == 5.9
+| a | b |
+"""
 
 
-def test_a_single_stray_is_refused_and_leaves_no_trace():
-    clock = SharedClock()
-    feed(clock, np.arange(10.0, 11.0, 0.1))
-    found = feed(clock, [3611.0, 11.0, 3611.1, 11.1])
-    assert [believed for believed, _ in found] == [False, True, False, True]
+def test_every_section_has_a_stamp_of_a_version_and_commands():
+    assert [section.title for section in SECTIONS] == list(stamps.MEASURED)
+    for section in SECTIONS:
+        assert section.commands, section.title
+        assert all((stamps.ROOT / path).exists() for path in stamps.MEASURED[section.title])
 
 
-def test_a_stream_on_another_clock_is_refused_as_long_as_the_others_speak():
-    clock = SharedClock()
-    stamps = np.column_stack([np.arange(50) * 0.01, 3600.0 + np.arange(50) * 0.01]).ravel()
-    found = feed(clock, stamps[:2])
-    found = feed(clock, stamps[2:])
-    assert [believed for believed, _ in found] == [True, False] * 49
+def test_stamps_are_versions_of_this_repository():
+    done = subprocess.run(["git", "rev-parse", "--is-shallow-repository"], cwd=stamps.ROOT,
+                          capture_output=True, text=True)  # fmt: skip
+    if done.returncode or done.stdout.strip() == "true":
+        pytest.skip("not a whole clone")
+    assert all(section.changes() is not None for section in SECTIONS)
 
 
-def test_a_clock_that_is_set_back_is_told_once():
-    clock = SharedClock()
-    feed(clock, 3600.0 + np.arange(20) * 0.01)
-    found = feed(clock, 5.0 + np.arange(40) * 0.01)
-    assert sum(back for _, back in found) == 1
-    assert all(believed for believed, _ in found[10:])
-    assert abs(clock.newest - 5.39) < 1e-9
+def test_a_page_has_one_table_per_subject_on_150_lines():
+    assert len(stamps.PAGE.read_text().splitlines()) <= 150
 
 
-def test_a_clock_that_leaps_ahead_is_followed_and_not_called_restarted():
-    clock = SharedClock()
-    feed(clock, np.arange(20) * 0.01)
-    found = feed(clock, 3600.0 + np.arange(20) * 0.01)
-    assert found[-1] == (True, False)
-    assert not any(back for _, back in found)
+def test_what_changed_since_is_marked_and_a_new_stamp_ends_it(monkeypatch):
+    monkeypatch.setattr(stamps.Section, "changes", lambda section: 3)
+    marked = stamps.mark(PAGE)
+    assert "as of `abc1234`, 3 changes since)" in marked
+    assert stamps.mark(marked) == marked
+    fresh = stamps.restamp(marked, "Inertia", "def5678", "2 x EPYC")
+    assert "as of `def5678` on 2 x EPYC)" in fresh
+    monkeypatch.setattr(stamps.Section, "changes", lambda section: 0)
+    assert stamps.mark(fresh) == fresh
 
 
-def test_a_pause_is_no_leap():
-    clock = SharedClock()
-    clock.check(1.0, 50.0)
-    assert clock.check(31.0, 80.0) == (True, False)
-
-
-def test_a_stray_at_the_very_beginning_does_not_last():
-    clock = SharedClock()
-    clock.check(9999.0, 50.0)
-    found = [clock.check(1.0 + 0.01 * k, 50.01 + 0.01 * k)[0] for k in range(30)]
-    assert found[-1] and sum(found) >= 20
-
-
-@given(st.lists(st.integers(0, 40), min_size=1, max_size=60))
-def test_reordered_items_come_once_and_in_order(stamps):
-    queue, taken, refused = Reordered(), [], 0
-    for stamp in stamps:
-        refused += not queue.add(float(stamp), stamp)
-        taken += queue.take(max(stamps) - 20.0)
-    taken += queue.take(np.inf)
-    times = [time for time, _ in taken]
-    assert times == sorted(set(times))
-    assert all(time == item for time, item in taken)
-    assert len(taken) + refused == len(stamps)
-    newest = np.maximum.accumulate(stamps)
-    assert queue.late <= sum(s < n for s, n in zip(stamps, newest, strict=True))
-    late = {s for s in stamps if s > max(stamps) - 20.0}
-    assert late <= set(times)
-
-
-def test_the_oldest_go_beyond_the_capacity():
-    queue = Reordered(capacity=3)
-    for k in range(5):
-        queue.add(float(k), k)
-    assert [item for _, item in queue.take(np.inf)] == [2, 3, 4]
-    assert not queue.add(1.0, 1)
+def test_a_run_is_kept_with_its_version_and_not_repeated(tmp_path, monkeypatch):
+    monkeypatch.setattr(stamps, "RUNS", tmp_path)
+    monkeypatch.setattr(stamps, "_git", lambda *words: "def5678")
+    ran, run = [], stamps.run_section
+    monkeypatch.setattr(stamps.Section, "changes", lambda section: 3)
+    section = stamps.Section("Inertia", "", "abc1234", "", ("python -c 'print(5)'",))
+    monkeypatch.setattr(stamps, "run_section", lambda one: ran.append(1) or run(one))
+    assert stamps.run_all([section], []) == 0
+    assert stamps.run_all([section], []) == 0
+    assert len(ran) == 1
+    assert stamps.kept_run("Inertia")["commit"] == "def5678"
+    assert (tmp_path / "inertia" / "0.txt").read_text() == "5\n"
