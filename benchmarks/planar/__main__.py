@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.planar import ahead, choice
+from benchmarks.planar import ahead, choice, speed
 from benchmarks.planar.fit import fitted
 from benchmarks.planar.scores import mean_interval, scored
 from benchmarks.planar.trial import (
@@ -74,7 +74,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--setting", choices=sorted(SETTINGS), default="slow")
     parser.add_argument("--action", choices=("push", "pull"), default="push")
     parser.add_argument("--objects", type=int, default=12, help="test objects of each family (12)")
-    parser.add_argument("--only", choices=("ahead", "filter", "choice"), help="one part only")
+    parser.add_argument(
+        "--only", choices=("ahead", "filter", "choice", "speed"), help="one part only"
+    )
     parser.add_argument("--keep", type=Path, help="folder from which an interrupted run goes on")
     parser.add_argument("--json", action="store_true", help="print only JSON on stdout")
     options = parser.parse_args(arguments)
@@ -83,7 +85,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         found["choice"] = choice.measure(range(FIRST, FIRST + options.objects))
         if not options.json:
             print(choice.table(found["choice"]), flush=True)
-    for family in options.families if options.only != "choice" else ():
+    if options.only in (None, "speed"):
+        found["speed"] = speeds(options.setting)
+        if not options.json:
+            print(speed.table(found["speed"]), flush=True)
+    for family in options.families if options.only not in ("choice", "speed") else ():
         found[family] = measure(family, options)
         if not options.json:
             print(table(family, found[family]), flush=True)
@@ -127,6 +133,18 @@ def one_step(names: list[str], ones: list[Any], setting: str) -> dict[str, Any]:
             continue  # steps of many pushers at once are predicted for one link
         model = expected_steps if name == "patch" else ahead.network(shipped_graph(name, setting))
         found[name] = ahead.errors_of(model, objects)
+    return found
+
+
+def speeds(setting: str) -> dict[str, dict[str, float]]:
+    """Times of a step of the filter with each model of a link and of two."""
+    found = {}
+    for family, names in MODELS.items():
+        one = SimpleNamespace(scene=SimpleNamespace(thing=draw_object(FIRST, family)))
+        for name in names:
+            if name != "estimate":
+                process = process_of(name, one, setting)
+                found[f"{family}, {name}"] = speed.step_times(process, one.scene.thing)
     return found
 
 
