@@ -43,18 +43,23 @@ class Act:
 
         self._node, self._call, self._push, self._say = node, call, push, say
         self._told: dict[str, dict[str, str]] = {}
-        self._text = ""
+        self._text, self._before = "", 0
         node.create_subscription(DiagnosticArray, PROPERTY_STATUS, self._on_status, LATCHED)
 
     def play(self) -> dict[str, Any]:
         """Play it; return what was said."""
         from tactile_dynamics_ros.ros.names import BEGIN, DIAGNOSE, EXPLORE_CHANGE
 
+        self._spin(lambda: bool(self._told), NOTICED)
+        self._before = self._count
+        if self._before:
+            self._say(f"property_estimator told {self._before} changes though nothing had changed")
         done, message = self._call(BEGIN)
         if not done:
             raise TactileDynamicsError(message)
         self._say("now something about table or object changes; who notices? pushing on ...")
         told: dict[str, Any] = {"noticed": self._notice(), "text": self._text, "diagnosis": None}
+        told["alarms_before"] = self._before
         if not told["noticed"]:
             self._say("nobody noticed a change: the pushes are what chance makes of a clean table")
             return told
@@ -87,7 +92,7 @@ class Act:
         """Add a named effect to the model of the estimator, and wait for the error with it."""
         effect, errors = found["effect"], found["error"]
         told = {"before": errors["before"], "after": errors["after"], "added": None}
-        if not effect or found["verdict"] != "missing_effect":
+        if not effect or found["verdict"] not in ("missing_effect", "ambiguous"):
             self._say("what is known of the object was opened: call /explorer/explore to find it")
             return told
         from rclpy.parameter import Parameter
@@ -107,8 +112,12 @@ class Act:
         return told
 
     @property
+    def _count(self) -> int:
+        return int(self._told.get("change", {}).get("changes", 0))
+
+    @property
     def _changed(self) -> bool:
-        return "since" in self._told.get("change", {})
+        return self._count > self._before
 
     @property
     def _error(self) -> float | None:
@@ -139,7 +148,8 @@ def sentence(found: dict[str, Any]) -> str:
     tilt = leaning(found)
     if tilt is None:
         return said
-    return f"the table leans by {tilt[0]:.1f} +- {tilt[1]:.1f} deg. {said}"
+    sure = "the table leans" if found["verdict"] == "missing_effect" else "as if the table leant"
+    return f"{sure} by {tilt[0]:.1f} +- {tilt[1]:.1f} deg. {said}"
 
 
 def leaning(found: dict[str, Any]) -> tuple[float, float] | None:

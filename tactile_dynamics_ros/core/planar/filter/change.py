@@ -20,6 +20,11 @@ _STEP = np.array([0.02, 0.05, 5e-4, 5e-4])
 differentiated: well below what is unknown, well above rounding; halved they change nothing."""
 _LEAST = 8
 """Steps with a force that make a piece of a way: 80 ms. Shorter ones are starts and stops alone."""
+_SLOWEST = 0.02
+"""Speed of the pusher, m/s, below which forces count nothing: an object that hardly slides takes
+any force up to its friction. At none the ends of controlled pushes raised alarms."""
+_EARLIER = 0.2
+"""Time before a touch, s, from which a push counts as whole: fits look at 0.15 s before a touch."""
 _ACROSS = 0.05
 """Standard deviation of a piece's force across its direction over the force, which friction that
 differs along a face causes beside its turning. From clean simulated pushes, not from theory."""
@@ -50,7 +55,8 @@ class Piece:
     """Mean of the forces along a piece of a push.
 
     Attributes:
-        start, end: s. lack: (2,) N, measured less expected, axes of S. expected: (2,) N.
+        start: s, when its push began. end: s, its own end.
+        lack: (2,) N, measured less expected, axes of S. expected: (2,) N.
         by_own: (2, 4) of the expected force by ln product, ln mass and the centre.
     """
 
@@ -67,7 +73,8 @@ class Change:
 
     Attributes:
         statistic: chi-square of three numbers under no change, over the inflation.
-        threshold: above which a change is told. since: s, when it seems to have begun.
+        threshold: above which a change is told.
+        since: s, just before the first push that seems to be changed.
         force: (2,) N that seems to act on the object beside friction, axes of S.
         friction: factor on friction less 1 that seems to have come.
         touch: s of touch since the reference was taken.
@@ -99,7 +106,6 @@ class Change:
 class _Sum:
     """A piece that grows."""
 
-    start: float
     count: int = 0
     way: float = 0.0
     rows: Array = field(default_factory=lambda: np.zeros((2, 6)))
@@ -127,6 +133,7 @@ class ChangeMonitor:
         self.process, self.config = process, config or ChangeConfig()
         self._mean: Array | None = None
         self._covariance = np.zeros((4, 4))
+        self._start: float | None = None
         self.restart()
 
     def restart(self) -> None:
@@ -169,17 +176,19 @@ class ChangeMonitor:
         if self._mean is None:
             return
         self.touch += motion.step
-        if felt is None:
+        self._start = time if self._start is None else self._start
+        way = float(np.linalg.norm((motion.after - motion.before)[:2]))
+        if felt is None or way < _SLOWEST * motion.step:
             return
         own = np.tile(self._mean, (5, 1))
         own[1:, :4] += np.diag(_STEP)
         wrench = self.process.predict(np.tile(state, (5, 1)), own, motion).wrench[:, :2]
         by_own = (wrench[1:] - wrench[0]).T / _STEP
         row = np.column_stack([felt.value[:2] - wrench[0], wrench[0], by_own])
-        self._sum = self._sum or _Sum(time)
+        self._sum = self._sum or _Sum()
         self._sum.rows += row
         self._sum.count += 1
-        self._sum.way += float(np.linalg.norm((motion.after - motion.before)[:2]))
+        self._sum.way += way
         if self._sum.way >= self.config.piece and self._sum.count >= _LEAST:
             self._close(time + motion.step)
 
@@ -187,13 +196,14 @@ class ChangeMonitor:
         """Note that nothing is touched any more."""
         if self._sum is not None:
             self._close(time)
+        self._start = None
 
     def _close(self, time: float) -> None:
         done, self._sum = self._sum, None
-        if done is None or done.count < _LEAST:
+        if done is None or done.count < _LEAST or self._start is None:
             return
         mean = done.rows / done.count
-        self.pieces.append(Piece(done.start, time, mean[:, 0], mean[:, 1], mean[:, 2:]))
+        self.pieces.append(Piece(self._start, time, mean[:, 0], mean[:, 1], mean[:, 2:]))
         self.change = self._judge()
         if self.alarm is None and self.change.alarmed:
             self.alarm = self.change
@@ -206,7 +216,7 @@ class ChangeMonitor:
         return Change(
             statistic / self.config.inflation,
             self.threshold,
-            rows[-1 - k].start,
+            rows[-1 - k].start - _EARLIER,
             -told[:2],
             float(told[2]),
             self.touch,

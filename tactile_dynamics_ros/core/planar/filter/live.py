@@ -246,7 +246,13 @@ class LiveProperties:
         self.tracker.filter.inform(mean, fit.covariance + floor)
         if self.monitor.calm and fit.error < _FITS:
             own = np.append(mean, self.tracker.filter.parameters[0][4:])
-            self.monitor.refer(own, fit.covariance + floor)
+            self.monitor.refer(own, fit.covariance + floor + self._of_places())
+
+    def _of_places(self) -> Array:
+        """Covariance (4, 4) of what pushes tell that is true of their places alone."""
+        share = self.config.change.variation / np.sqrt(max(self.record.pushes, 1))
+        reach = share * np.sqrt(self.patch.gyration)
+        return np.asarray(np.diag(np.square([share, 0.0, reach, reach])))
 
     def properties(self) -> Properties | None:
         """What is known now; None before the object was seen."""

@@ -14,6 +14,8 @@ Array = NDArray[np.float64]
 
 _AROUND = 1.0
 """Time before and after a touch that is kept, s: fits look at 0.15 s before and 0.4 s after."""
+_APART = 0.5
+"""Silence, s, that parts two pushes; bounces are shorter, and no arm comes back within it."""
 _MOST = 60_000
 """Samples of one stream that are held until the next push ends: ten minutes at 100 Hz."""
 
@@ -49,6 +51,12 @@ class PushRecord:
     def has_ended(self, now: float) -> bool:
         """Whether there was a push that is not in a fit yet, and has ended."""
         return self._new and bool(self._touched) and now - self._touched[-1] > _AROUND
+
+    @property
+    def pushes(self) -> int:
+        """How many pushes are kept, parted by silence."""
+        times = np.sort(np.asarray(self._touched))
+        return int(np.sum(np.diff(times) > _APART)) + bool(len(times))
 
     def ask_again(self) -> None:
         """Let all pushes count as not in a fit yet."""
