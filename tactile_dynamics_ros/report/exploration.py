@@ -16,6 +16,14 @@ Array = NDArray[np.float64]
 
 COMPARED = ("friction_force_n", "mass", "friction", "com_x", "com_y")
 UNITS = {"friction_force_n": "N", "mass": "kg", "friction": "", "com_x": "m", "com_y": "m"}
+TITLES = {
+    "friction_force_n": "friction force",
+    "mass": "mass",
+    "friction": "friction",
+    "com_x": "centre of mass x",
+    "com_y": "centre of mass y",
+}
+"""Quantities as charts and tables name them."""
 INTERVAL = 1.645
 """Standard deviations of half a 90 % interval."""
 
@@ -109,7 +117,7 @@ def _actions(told: dict[str, Any]) -> Section:
 def _estimates(told: dict[str, Any]) -> Section:
     rows = [
         [
-            row["name"],
+            TITLES[row["name"]],
             f"{row['value']:.4g} ± {row['std']:.2g} {UNITS[row['name']]}",
             f"{row['truth']:.4g}",
             "undetermined" if row["undetermined"] else "yes" if row["inside_90"] else "no",
@@ -207,6 +215,6 @@ def _history(told: dict[str, Any]) -> Figure:
         low, high = value - INTERVAL * std, value + INTERVAL * std
         axes.fill_between(time, low, high, color=BLUE, alpha=0.2)
         axes.axhline(truth[name], color=ORANGE)
-        axes.set_ylabel(name, fontsize=7)
+        axes.set_ylabel(f"{TITLES[name]}, {UNITS[name]}".rstrip(", "), fontsize=7)
     axes.set_xlabel("time, s")
     return figure
