@@ -35,6 +35,7 @@ from tactile_dynamics_ros.ros.names import (
     INERTIA,
     PROBE_ESTIMATE,
 )
+from tactile_dynamics_ros.ros.object_memory import ObjectMemory
 from tactile_dynamics_ros.ros.parameters import declare_config
 from tactile_dynamics_ros.ros.refitter import Refitter
 from tactile_dynamics_ros.ros.shell import LATCHED, Shell, run_node
@@ -77,7 +78,7 @@ class InertialEstimatorNode(Shell):
             self, InertialEstimatorConfig, live=["effects"], on_change=self._change_model
         )
         self._change_model(config)
-        self._tool = CarriedTool(self)
+        self._tool, self._memory = CarriedTool(self), ObjectMemory(self)
         self._last_time = -np.inf
         self._friction: tuple[float, float] | None = None
         self._grip: dict[str, object] = {}
@@ -93,6 +94,7 @@ class InertialEstimatorNode(Shell):
 
     def destroy_node(self) -> None:
         """Stop the background work too."""
+        self._memory.end_grasp()
         self.refitter.close()
         super().destroy_node()
 
@@ -106,6 +108,7 @@ class InertialEstimatorNode(Shell):
         self._streams.release()
 
     def _forget(self) -> None:
+        self._memory.end_grasp()
         self.estimator.reset()
         self.refitter.model.clear()
         self._last_time = -np.inf
@@ -172,10 +175,13 @@ class InertialEstimatorNode(Shell):
         self._status.publish(message)
 
     def _publish(self, carried: LiveEstimate) -> None:
-        estimate = self._tool.take_out(carried)
-        if estimate is None:
+        alone = self._tool.take_out(carried)
+        if alone is None:
             return
+        estimate = self._memory.combine(alone, alone.time)
         verdict = judge_estimate(estimate, self._obstacles, self.resolve_service_name(DIAGNOSE))
+        verdict = self._memory.judged(verdict, estimate)
+        self._memory.keep(estimate, verdict, estimate.time)
         if not verdict.withheld:
             self._inertia.publish(inertia_to_message(estimate.inertia, estimate.time, "object"))
         com = None if verdict.withheld else estimate.inertia.com
@@ -183,6 +189,7 @@ class InertialEstimatorNode(Shell):
         message = DiagnosticArray(header=header(estimate.time, "object"))
         message.status = [
             *status_of(estimate, self.refitter.model.effects, verdict),
+            *self._memory.statuses(estimate.time),
             status_message("grip", self._grip),
         ]
         self._status.publish(message)

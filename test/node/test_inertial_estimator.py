@@ -14,7 +14,7 @@ from tactile_dynamics_ros.core.friction.estimate import FrictionEstimate
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
 from tactile_dynamics_ros.core.rigid_body.known_body import KnownBody
 from tactile_dynamics_ros.nodes.inertial_estimator import InertialEstimatorNode
-from tactile_dynamics_ros.recording.body_files import write_body
+from tactile_dynamics_ros.recording.body_files import read_body, write_body
 from tactile_dynamics_ros.ros import conversions as cv
 from tactile_dynamics_ros.ros.diagnostics import status_values
 from tactile_dynamics_ros.ros.estimate_markers import METRES_PER_NEWTON
@@ -200,6 +200,46 @@ def test_markers_show_the_forces_and_the_centre_of_mass_where_they_are(bench):
     start, tip = (np.array([p.x, p.y, p.z]) for p in index.points)
     k = np.abs(contact.position - start).sum(axis=1).argmin()
     np.testing.assert_allclose(tip - start, METRES_PER_NEWTON * contact.force[k], atol=1e-3)
+
+
+def known_box(path, mass=MASS):
+    """A file of an earlier grasp of the box, known to 1 %."""
+    phi = InertialParameters(mass, COM, INERTIA_COM).dynamic_parameters
+    std = np.array([0.01 * MASS, *[0.01 * MASS * 0.05] * 3, *[0.05 * INERTIA_COM[0, 0]] * 6])
+    return write_body(KnownBody(phi, np.diag(std**2), "before", (), {}, 2), path)
+
+
+def with_memory(bench, file, seconds):
+    node = bench.start(InertialEstimatorNode, "-p", f"prior:={file}", "-p", f"save:={file}")
+    bench.follow(InertiaStamped, INERTIA, profile=LATCHED)
+    bench.follow(DiagnosticArray, STATUS, profile=LATCHED)
+    play(bench, held_box(seconds=seconds).streams)
+    bench.until(lambda: settled(bench, int(75 * seconds)))
+    return node
+
+
+def test_a_second_grasp_starts_where_the_first_ended(bench, tmp_path):
+    file = known_box(tmp_path / "box.yaml")
+    node = with_memory(bench, file, 2.0)
+    found = status(bench, "parameters")
+    assert float(found["mass"]) == pytest.approx(MASS, rel=0.02)
+    assert float(found["mass_std"]) < 0.01 * MASS
+    memory = status(bench, "memory")
+    assert (memory["recordings"], memory["changed"]) == ("2", "")
+    node.reset()
+    after = read_body(file)
+    assert after.recordings == 3
+    assert after.phi[0] == pytest.approx(float(found["mass"]), rel=0.01)
+
+
+def test_a_changed_object_is_noticed_and_its_file_is_kept(bench, tmp_path):
+    file = known_box(tmp_path / "box.yaml", mass=1.5 * MASS)
+    before = file.read_text()
+    node = with_memory(bench, file, 4.0)
+    assert "mass" in status(bench, "memory")["changed"].split(",")
+    assert float(status(bench, "parameters")["mass"]) == pytest.approx(MASS, rel=0.03)
+    node.reset()
+    assert file.read_text() == before
 
 
 def test_a_tool_is_taken_out_of_what_is_published(bench, tmp_path):

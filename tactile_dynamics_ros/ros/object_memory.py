@@ -1,0 +1,156 @@
+"""What earlier grasps told of the object: combined with this one, and kept for the next."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+from diagnostic_msgs.msg import DiagnosticStatus
+
+from tactile_dynamics_ros.core.configuration import parameter
+from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import InertialEstimate
+from tactile_dynamics_ros.core.inertia.batch.knowledge import Comparison, with_memory
+from tactile_dynamics_ros.core.inertia.live.live_estimate import MISFIT, Level, Verdict
+from tactile_dynamics_ros.core.rigid_body.known_body import KnownBody
+from tactile_dynamics_ros.recording.body_files import read_body, write_body
+from tactile_dynamics_ros.ros.diagnostics import status_message
+from tactile_dynamics_ros.ros.parameters import declare_config
+from tactile_dynamics_ros.ros.shell import Shell
+
+Estimate = TypeVar("Estimate", bound=InertialEstimate)
+
+_LASTS = 1.0
+"""Time that a difference beyond chance has to last, s, before the object is said to have changed:
+the first samples of a grasp are few and the hand still slips. Less calls that a change, more tells
+of one later. Meanwhile this grasp alone is published."""
+_SAVE_EVERY = 5.0
+"""Time between writings, s of the stamps: what a crash may lose. A file of 3 kB costs nothing."""
+
+
+@dataclass(frozen=True)
+class MemoryConfig:
+    """Files of what is known of the object."""
+
+    prior: str = parameter("", "file of earlier grasps, as estimate --prior; empty: none")
+    save: str = parameter("", "file that keeps what is known, as estimate --save; empty: none")
+
+
+class ObjectMemory:
+    """Combines an estimate with earlier grasps of the object, and writes what is known.
+
+    The prior is read at the start and after every reset, so that a node whose `prior` and `save`
+    are one file begins each grasp where the last ended. That file need not exist at first.
+
+    Args:
+        node: whose parameters `prior` and `save` name the files.
+    """
+
+    def __init__(self, node: Shell) -> None:
+        config = declare_config(node, MemoryConfig)
+        self._node, self._prior, self._save = node, config.prior, config.save
+        self._newest: KnownBody | None = None
+        self._begin()
+
+    def _begin(self) -> None:
+        ours = bool(self._save) and Path(self._prior) == Path(self._save)
+        missing = ours and not Path(self._prior).exists()
+        self._known = read_body(self._prior) if self._prior and not missing else None
+        self._comparison: Comparison | None = None
+        self._since: float | None = None
+        self._told = False
+        self._saved = -float("inf")
+
+    def end_grasp(self) -> None:
+        """Write what this grasp told; the next begins with what the file of the prior has then."""
+        self._write()
+        self._newest = None
+        try:
+            self._begin()
+        except BadInputError as error:
+            self._known = None
+            self._node.faults.add("prior_not_read", str(error))
+
+    def combine(self, estimate: Estimate, time: float) -> Estimate:
+        """Return the estimate with what was known, or alone while it differs beyond chance.
+
+        Args:
+            estimate: of this grasp.
+            time: s, of its newest sample.
+        """
+        if self._known is None:
+            return estimate
+        combined, self._comparison = with_memory(estimate, self._known)
+        if not self._comparison.changed:
+            self._since, self._told = None, False
+            return combined  # type: ignore[return-value]
+        self._since = time if self._since is None else self._since
+        if self.changed(time) and not self._told:
+            self._told = True
+            self._node.faults.add("changed_object", self._sentence())
+        return estimate
+
+    def changed(self, time: float) -> bool:
+        """Whether the object is another one than that of the prior."""
+        return self._since is not None and time - self._since >= _LASTS
+
+    def judged(self, verdict: Verdict, estimate: InertialEstimate) -> Verdict:
+        """Return the verdict; what earlier grasps told need not be moved for again."""
+        fits = estimate.error.whitened_rms < MISFIT
+        if self._known is None or self._since is not None or not fits or estimate.not_excited:
+            return verdict
+        if verdict.level is not Level.WARN:
+            return verdict
+        return Verdict(Level.OK, f"known from {self._known.recordings} earlier grasps and this one")
+
+    def keep(self, estimate: InertialEstimate, verdict: Verdict, time: float) -> None:
+        """Keep an estimate that is an answer; written now and then, and when the grasp ends."""
+        fits = estimate.error.whitened_rms < MISFIT
+        if not self._save or verdict.withheld or not fits or "mass" in estimate.not_excited:
+            return
+        if self._since is not None and (not self.changed(time) or self._prior == self._save):
+            return  # not sure yet, or the file is that of another object
+        alone = self._known is None or self._since is not None
+        effects = {name: effect.to_json() for name, effect in estimate.effects.items()}
+        self._newest = KnownBody(
+            estimate.inertia.dynamic_parameters,
+            estimate.covariance,
+            self._node.get_fully_qualified_name(),
+            estimate.not_excited,
+            effects if alone or self._known is None else self._known.effects | effects,
+            1 if alone or self._known is None else self._known.recordings + 1,
+        )
+        if time - self._saved > _SAVE_EVERY:
+            self._write()
+            self._saved = time
+
+    def statuses(self, time: float) -> list[DiagnosticStatus]:
+        """Return what is said of the memory; nothing without a prior."""
+        if self._known is None or self._comparison is None:
+            return []
+        changed = self.changed(time)
+        level = DiagnosticStatus.WARN if changed else DiagnosticStatus.OK
+        before = f"together with {self._known.recordings} earlier grasps of {self._prior}"
+        values: dict[str, object] = {
+            "prior": self._prior,
+            "recordings": self._known.recordings,
+            "changed": ",".join(self._comparison.changed) if changed else "",
+        }
+        values |= {f"p_{name.replace(' ', '_')}": p for name, p in self._comparison.p_value.items()}
+        return [status_message("memory", values, level, self._sentence() if changed else before)]
+
+    def _sentence(self) -> str:
+        assert self._comparison is not None
+        return (
+            f"{' and '.join(self._comparison.changed)} differ from {self._prior} beyond chance: "
+            "the object has changed, or its frame lies otherwise in it; this grasp alone counts"
+        )
+
+    def _write(self) -> None:
+        if self._newest is None or not self._save:
+            return
+        try:
+            write_body(self._newest, self._save)
+        except BadInputError as error:
+            self._node.faults.add("not_saved", str(error))
