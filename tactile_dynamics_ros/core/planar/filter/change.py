@@ -12,17 +12,24 @@ from scipy.stats import chi2
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.planar.filter.observation import FeltWrench
 from tactile_dynamics_ros.core.planar.filter.process import Process, PusherMotion
+from tactile_dynamics_ros.core.planar.mechanics.simulation import GRAVITY
 
 Array = NDArray[np.float64]
 
-_STEP = np.array([0.02, 0.05, 5e-4, 5e-4])
-"""Differences of ln product, ln mass and the centre (m) by which expected forces are
-differentiated: well below what is unknown, well above rounding; halved they change nothing."""
+_DRAWS, _SEED = 24, 46
+"""Hypotheses of what is not known of the reference, and the seed of their draw. A sensitivity from
+a small difference says nothing where contacts stick or slip; twice as many change a statistic of
+20 by less than one."""
+_TIP_SPREAD = 0.3
+"""Standard deviation of ln friction between pusher and object from touch to touch."""
 _LEAST = 8
 """Steps with a force that make a piece of a way: 80 ms. Shorter ones are starts and stops alone."""
 _SLOWEST = 0.02
 """Speed of the pusher, m/s, below which forces count nothing: an object that hardly slides takes
 any force up to its friction. At none the ends of controlled pushes raised alarms."""
+_CALM = 0.3
+"""Share of the threshold below which a reference may be renewed: a change shows more by its first
+push; without it, fits that contain a change would become what is known."""
 _EARLIER = 0.2
 """Time before a touch, s, from which a push counts as whole: fits look at 0.15 s before a touch."""
 _ACROSS = 0.05
@@ -57,14 +64,16 @@ class Piece:
     Attributes:
         start: s, when its push began. end: s, its own end.
         lack: (2,) N, measured less expected, axes of S. expected: (2,) N.
-        by_own: (2, 4) of the expected force by ln product, ln mass and the centre.
+        slopes: (2, p) N by each standard deviation of what is not known of the reference.
+        rest: (2, 2) N^2, what of that is not linear.
     """
 
     start: float
     end: float
     lack: Array
     expected: Array
-    by_own: Array
+    slopes: Array
+    rest: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +117,8 @@ class _Sum:
 
     count: int = 0
     way: float = 0.0
-    rows: Array = field(default_factory=lambda: np.zeros((2, 6)))
+    felt: Array = field(default_factory=lambda: np.zeros(2))
+    expected: Array = field(default_factory=lambda: np.zeros((_DRAWS, 2)))
 
 
 class ChangeMonitor:
@@ -131,8 +141,9 @@ class ChangeMonitor:
 
     def __init__(self, process: Process, config: ChangeConfig | None = None) -> None:
         self.process, self.config = process, config or ChangeConfig()
-        self._mean: Array | None = None
-        self._covariance = np.zeros((4, 4))
+        self._draws: Array | None = None
+        self._own = np.zeros((_DRAWS, 0))
+        self._friction = 0.0
         self._start: float | None = None
         self.restart()
 
@@ -146,18 +157,23 @@ class ChangeMonitor:
 
     def dismiss(self) -> None:
         """Have no reference any more: what was known does not hold."""
-        self._mean = None
+        self._draws = None
         self.restart()
 
     def refer(self, mean: Array, covariance: Array) -> None:
         """Hold what comes against parameters (p,), of whose first four a covariance is known."""
-        self._mean, self._covariance = mean.copy(), covariance[:4, :4].copy()
+        root = _TIP_SPREAD * np.eye(len(mean))
+        root[:4, :4] = np.linalg.cholesky(covariance[:4, :4])
+        draws = np.random.default_rng(_SEED).standard_normal((_DRAWS, len(mean)))
+        draws -= draws.mean(axis=0)
+        self._draws, self._own = draws, mean + draws @ root.T
+        self._friction = GRAVITY * float(np.exp(mean[0]))
         self.restart()
 
     @property
     def watches(self) -> bool:
         """Whether there is a reference."""
-        return self._mean is not None
+        return self._draws is not None
 
     @property
     def calm(self) -> bool:
@@ -173,20 +189,17 @@ class ChangeMonitor:
             motion: of the pusher.
             felt: None where the force is not known or just begins or ends.
         """
-        if self._mean is None:
+        if self._draws is None:
             return
         self.touch += motion.step
         self._start = time if self._start is None else self._start
         way = float(np.linalg.norm((motion.after - motion.before)[:2]))
         if felt is None or way < _SLOWEST * motion.step:
             return
-        own = np.tile(self._mean, (5, 1))
-        own[1:, :4] += np.diag(_STEP)
-        wrench = self.process.predict(np.tile(state, (5, 1)), own, motion).wrench[:, :2]
-        by_own = (wrench[1:] - wrench[0]).T / _STEP
-        row = np.column_stack([felt.value[:2] - wrench[0], wrench[0], by_own])
+        states = np.tile(state, (_DRAWS, 1))
         self._sum = self._sum or _Sum()
-        self._sum.rows += row
+        self._sum.expected += self.process.predict(states, self._own, motion).wrench[:, :2]
+        self._sum.felt += felt.value[:2]
         self._sum.count += 1
         self._sum.way += way
         if self._sum.way >= self.config.piece and self._sum.count >= _LEAST:
@@ -200,10 +213,14 @@ class ChangeMonitor:
 
     def _close(self, time: float) -> None:
         done, self._sum = self._sum, None
-        if done is None or done.count < _LEAST or self._start is None:
+        if done is None or done.count < _LEAST or self._start is None or self._draws is None:
             return
-        mean = done.rows / done.count
-        self.pieces.append(Piece(self._start, time, mean[:, 0], mean[:, 1], mean[:, 2:]))
+        expected = done.expected / done.count
+        middle = expected.mean(axis=0)
+        slopes = np.linalg.lstsq(self._draws, expected - middle, rcond=None)[0]
+        rest = np.cov((expected - middle - self._draws @ slopes).T, bias=True)
+        lack = done.felt / done.count - middle
+        self.pieces.append(Piece(self._start, time, lack, middle, slopes.T, rest))
         self.change = self._judge()
         if self.alarm is None and self.change.alarmed:
             self.alarm = self.change
@@ -234,23 +251,22 @@ class ChangeMonitor:
     def _scored(self, rows: list[Piece]) -> tuple[float, Array]:
         """Score statistic and the three numbers (3,) that explain pieces best."""
         lack = np.concatenate([row.lack for row in rows])
-        by_own = np.concatenate([row.by_own for row in rows])
-        spread = by_own @ self._covariance @ by_own.T
+        slopes = np.concatenate([row.slopes for row in rows])
+        spread = slopes @ slopes.T
         for k, row in enumerate(rows):
-            spread[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] += self._noise(row.expected)
+            spread[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] += self._noise(row)
         away = np.concatenate([np.column_stack([np.eye(2), row.expected]) for row in rows])
         root = np.linalg.cholesky(spread)
         white, columns = np.linalg.solve(root, lack), np.linalg.solve(root, away)
         told = np.linalg.lstsq(columns, white, rcond=1e-6)[0]
         return float(np.sum(np.square(columns @ told))), told
 
-    def _noise(self, expected: Array) -> Array:
-        """Covariance (2, 2) of a piece's mean force, N^2."""
-        along = self.config.variation**2 * np.outer(expected, expected)
-        across = (_ACROSS**2 * float(expected @ expected) + _FLOOR**2) * np.eye(2)
-        return np.asarray(along + across)
+    def _noise(self, row: Piece) -> Array:
+        """Covariance (2, 2) of a piece's mean force, N^2.
 
-
-_CALM = 0.3
-"""Share of the threshold below which a reference may be renewed: a change shows more by its first
-push; without it, fits that contain a change would become what is known."""
+        Friction that differs acts with all of the object's friction even where a push turns it.
+        """
+        way = row.expected / max(float(np.linalg.norm(row.expected)), 1e-9)
+        along = (self.config.variation * self._friction) ** 2 * np.outer(way, way)
+        across = ((_ACROSS * self._friction) ** 2 + _FLOOR**2) * np.eye(2)
+        return np.asarray(along + across + row.rest)
