@@ -39,6 +39,7 @@ class Linear:
     least: float = -np.inf
     links: int = 1
     force_std: float = 0.0
+    state_std: object = 0.0
     names: tuple[str, ...] = ("ln_product", "ln_mass", "com_x", "com_y")
     by_own = np.array([[0.3, 0.0, 0.1, 0.0], [0.0, 0.2, 0.0, 0.4], [0.0, 0.0, 0.0, 0.0]])
 
@@ -59,7 +60,7 @@ class Linear:
         moved[:, :3] += motion.step * states[:, 3:]
         moved[:, 3:] = 0.5 * states[:, 3:] + parameters @ self.by_own.T
         felt = (parameters @ self.by_own.T + 0.7 * states[:, 3:])[:, :3]
-        return Prediction(moved, felt, self.force_std)
+        return Prediction(moved, felt, self.force_std, self.state_std)
 
 
 STILL = PusherMotion(np.zeros(3), np.zeros(3), 0.01, touching=True)
@@ -140,6 +141,15 @@ def test_what_a_model_says_of_its_own_forces_counts_as_their_noise():
     told.step(STILL, stated)
     assert_allclose(own.belief.mean, told.belief.mean, atol=1e-9)
     assert_allclose(own.belief.std, told.belief.std, rtol=1e-6)
+
+
+def test_what_a_model_says_of_its_own_states_spreads_them():
+    stated = np.array([0.1, 0.2, 0.3, 1.0, 2.0, 3.0])
+    plain, spread = linear_filter(Linear()), linear_filter(Linear(state_std=stated))
+    for each in (plain, spread):
+        each.step(STILL, Observation())
+    added = np.diag(spread.state[1]) - np.diag(plain.state[1])
+    assert_allclose(added, stated**2, rtol=1e-6)
 
 
 def test_what_is_not_learnt_follows_from_the_rest_as_before():

@@ -225,8 +225,8 @@ def product_by(weights: GraphWeights, steps: Transitions, draws: np.ndarray) -> 
         },
     )
     guess = np.repeat(draws, count, axis=0)
-    _, force, std = step_on(weights, steps.thing, steps.states[every], guess, push)
-    off = (force - steps.force[every]) / (0.05 + 3.0 * std)
+    _, force, said = step_on(weights, steps.thing, steps.states[every], guess, push)
+    off = (force - steps.force[every]) / (0.05 + 3.0 * said.force_std)
     likelihood = -0.5 * np.sum((off**2).reshape(len(draws), -1), axis=1)
     chance = np.exp(likelihood - likelihood.max())
     return float(chance @ draws[:, 0] / chance.sum())
@@ -283,6 +283,24 @@ def test_what_a_network_never_saw_the_mechanics_predict(motion):
     mine, its = (p.predict(states, parameters, step) for p in (process, process.base))
     np.testing.assert_array_equal(mine.states, its.states)
     np.testing.assert_array_equal(mine.wrench, its.wrench)
+
+
+def test_a_network_states_by_how_much_its_states_are_off_link_by_link():
+    process, rng = GraphProcess.of(pair(), random_weights("graph")), np.random.default_rng(11)
+    parameters = np.column_stack([drawn_parameters(rng, 5)[:, :4], drawn_parameters(rng, 5)])
+    parameters = np.column_stack([parameters, np.full(5, -3.0)])
+    at = np.array([-0.05, 0.0, 0.0])
+    motion = PusherMotion(
+        at, at + SPEED * STEP, STEP, touching=True, normal=np.array([1.0, 0.0]), link=1
+    )
+    found = process.predict(np.zeros((5, 12)), parameters, motion)
+    push = process.push_of(np.zeros((5, 12)), motion)
+    said = step_on(process.weights, process.thing, np.zeros((5, 12)), parameters, push)[2]
+    touched = np.median(said.motion_std[:, 0], axis=0)
+    assert np.all(found.state_std > 0.0)
+    np.testing.assert_allclose(
+        found.state_std[8] / found.state_std[11], STEP * touched[2] / touched[5]
+    )
 
 
 def test_a_network_states_its_force_noise_once_per_way_over_which_it_lasts():

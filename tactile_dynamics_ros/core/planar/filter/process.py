@@ -62,11 +62,13 @@ class Prediction:
             where the pusher is when the step begins; mean over the step.
         force_std: N, by which the model itself says that its forces are off, beside what differs
             from place to place; errors that last count once, not at each step.
+        state_std: (6 L,) by which it says that states are off, or 0.
     """
 
     states: Array
     wrench: Array
     force_std: float = 0.0
+    state_std: Array | float = 0.0
 
 
 class Process(Protocol):

@@ -27,7 +27,7 @@ from tactile_dynamics_ros.core.planar.network.graph import (
     touched_first,
 )
 from tactile_dynamics_ros.core.planar.network.transitions import Transitions, helping, outcome
-from tactile_dynamics_ros.core.planar.network.weights import GraphWeights
+from tactile_dynamics_ros.core.planar.network.weights import Expected, GraphWeights
 
 Array = NDArray[np.float64]
 
@@ -104,11 +104,22 @@ class GraphProcess:
         if self.weights.residual:
             found = self.base.predict(states, parameters, motion)
             base = found.states, found.wrench[:, :2]
-        after, force, std = step_on(self.weights, self.thing, states, parameters, push, base)
+        after, force, said = step_on(self.weights, self.thing, states, parameters, push, base)
         wrench = np.concatenate([force, np.zeros((len(force), 1))], axis=1)
         way = max(float(np.linalg.norm((motion.after - motion.before)[:2])), 1e-4)
         lasting = np.sqrt(max(_ALIKE / way, 1.0))
-        return Prediction(after, wrench, float(np.median(std.max(axis=1)) * lasting))
+        force_std = lasting * float(np.median(said.force_std.max(axis=1)))
+        return Prediction(after, wrench, force_std, lasting * self._state_std(said, motion))
+
+    def _state_std(self, said: Expected, motion: PusherMotion) -> Array:
+        """What the network says that it misses of states (6 L,)."""
+        std = np.median(said.motion_std, axis=0)
+        found = np.zeros((self.links, 6))
+        for row, link in enumerate(touched_first(self.links, motion.link)):
+            mean, final = std[row, :3], std[row, 3:]
+            across = np.array([mean[:2].max(), mean[:2].max(), mean[2]]) * motion.step
+            found[link] = [*across, final[:2].max(), final[:2].max(), final[2]]
+        return found.ravel()
 
     def push_of(self, states: Array, motion: PusherMotion) -> Push:
         """What the pusher does, in the outline's or the felt normal."""
@@ -140,8 +151,8 @@ def step_on(
     parameters: Array,
     push: Push,
     base: tuple[Array, Array] | None = None,
-) -> tuple[Array, Array, Array]:
-    """States (C, 6 L), forces (C, 2) in axes of the support, std (C, 2) in those of the contact.
+) -> tuple[Array, Array, Expected]:
+    """States (C, 6 L), forces (C, 2) in axes of the support, and what the network said.
 
     Args:
         weights: of the network.
@@ -161,7 +172,7 @@ def step_on(
     expected = weights.evaluate(graph)
     after = advanced(thing, states, parameters, push, velocity + expected.motion)
     felt = from_contact(force + expected.force, push.normal) * push.touching[:, None]
-    return after, felt, expected.force_std
+    return after, felt, expected
 
 
 def advanced(thing: Thing, states: Array, parameters: Array, push: Push, motion: Array) -> Array:
