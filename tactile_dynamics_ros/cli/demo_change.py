@@ -18,7 +18,7 @@ GOALS = ((0.42, -0.05, 0.0), (0.55, 0.08, 0.0), (0.45, 0.0, 90.0))
 """m, m, deg: where the object is pushed until somebody notices the change; three ways to be."""
 NOTICED = 3.0
 """Real seconds that the estimator may be behind the last push."""
-REFITTED = 60.0
+REFITTED = 120.0
 """Real seconds for the fit with the effect that was added; an idle core takes ten."""
 
 Call = Callable[[str], tuple[bool, str]]
@@ -92,6 +92,10 @@ class Act:
         """Add a named effect to the model of the estimator, and wait for the error with it."""
         effect, errors = found["effect"], found["error"]
         told = {"before": errors["before"], "after": errors["after"], "added": None}
+        self._say(
+            f"held-out error {errors['before']:.2f} before, {errors['after']:.2f} with what is "
+            f"named; {errors['noise_floor']:.2f} is the noise"
+        )
         if not effect or found["verdict"] not in ("missing_effect", "ambiguous"):
             self._say("what is known of the object was opened: call /explorer/explore to find it")
             return told

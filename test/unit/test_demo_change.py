@@ -1,0 +1,78 @@
+"""The last act of the demo of a table: what is said of a change, and its section of the report."""
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from tactile_dynamics_ros.cli.demo_change import Act, leaning, sentence  # noqa: E402
+from tactile_dynamics_ros.report.exploration import _changes  # noqa: E402
+
+
+def document(verdict="missing_effect", effect="support_tilt"):
+    axes = {"t_x": {"value": 0.06, "std": 0.006}, "t_y": {"value": 0.0, "std": 0.01}}
+    named = {"name": "support_tilt", "parameters": axes}
+    return {"verdict": verdict, "effect": effect, "sentence": "Said.", "candidates": [named]}
+
+
+def test_the_angle_of_a_lean_is_told_with_its_interval_and_only_of_a_lean():
+    assert leaning(document()) == pytest.approx((3.4377, 0.34377), abs=1e-3)
+    assert sentence(document()) == "the table leans by 3.4 +- 0.3 deg. Said."
+    assert "as if" in sentence(document("ambiguous"))
+    assert sentence(document(effect="constant_pull")) == "Said."
+
+
+class Listening:
+    """Stands for a node; keeps who is to be called back."""
+
+    def create_subscription(self, _, __, callback, ___):
+        self.tell = callback
+
+
+def test_only_what_changes_after_the_beginning_counts(monkeypatch):
+    from diagnostic_msgs.msg import DiagnosticArray
+
+    from tactile_dynamics_ros.ros.diagnostics import status_message
+
+    node, called = Listening(), []
+
+    def told(changes):
+        message = DiagnosticArray()
+        values = {"changes": changes} | ({"since": 3.0} if changes else {})
+        message.status = [status_message("change", values, message=f"change {changes}")]
+        node.tell(message)
+
+    def call(name):
+        called.append(name)
+        return name == "robot_sim/begin", "refused"
+
+    act = Act(node, call, lambda _: told(2), lambda _: None)
+    monkeypatch.setattr(act, "_spin", lambda *_: None)
+    told(1)
+    found = act.play()
+    assert found["noticed"]
+    assert found["alarms_before"] == 1
+    assert found["text"] == "change 2"
+    assert found["refused"] == "refused"
+    assert called[0] == "robot_sim/begin"
+    unnoticed = Act(node, call, lambda _: None, lambda _: None)
+    monkeypatch.setattr(unnoticed, "_spin", lambda *_: None)
+    told(1)
+    assert not unnoticed.play()["noticed"]
+
+
+def test_the_report_tells_the_errors_the_sentence_and_the_truth():
+    truth = {
+        "name": "support_tilt",
+        "begins": 99.5,
+        "parameters": {"angle": {"value": 0.07, "unit": "rad"}},
+    }
+    told = {"truth": {"hidden_effect": truth}, "changed": None}
+    assert _changes(told) == []
+    told["changed"] = {
+        "noticed": True, "text": "it slides unlike before", "sentence": "the table leans",
+        "before": 2.0, "after": 1.01, "live_before": None, "live_after": None,
+    }  # fmt: skip
+    (section,) = _changes(told)
+    assert section.rows == [["held-out error, times the noise", "2.00", "1.01"]]
+    assert "the table leans" in section.sentences
+    assert "support_tilt from 99.5 s on (angle 0.07 rad)" in section.sentences[-1]
