@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.errors import TactileDynamicsError
+from tactile_dynamics_ros.core.errors import NotIdentifiableError, TactileDynamicsError
 from tactile_dynamics_ros.core.planar.diagnosis.changed import diagnose_change
 from tactile_dynamics_ros.core.planar.filter.live import LiveProperties
 from tactile_dynamics_ros.core.planar.filter.tracker import Felt
@@ -29,8 +29,9 @@ Array = NDArray[np.float64]
 SIZES = {"support_tilt": 2.0, "none": 0.0}
 """Multiples of the typical size: 4 degrees of tilt; effects that are not here come at 1.35."""
 PUSHES = PushOptions(speed=(0.05, 0.2), travel=(0.05, 0.07), height_share=0.4)
-KNOWN, AFTER, FOR_NAME = 5, 6, 3
-"""Pushes before the reference, after the change at most, and after the alarm for the diagnosis."""
+KNOWN, MORE, AFTER, FOR_NAME = 5, 3, 6, 3
+"""Pushes before the reference, more of them where fits do not come to an end, after the change at
+most, and after the alarm for the diagnosis."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -78,14 +79,24 @@ class Watched:
             self._take(self.table.advance(looking=False))
 
     def refer(self) -> None:
-        """Fit all pushes since the last change.
+        """Push until a fit says what is known, as the node does after each push.
 
         Raises:
-            TactileDynamicsError: they do not tell.
+            NotIdentifiableError: the pushes do not tell.
         """
-        streams = self.live.due(self.live.newest)
-        assert streams is not None
-        self.live.take_fit(estimate(streams))
+        refused: NotIdentifiableError | None = None
+        for count in range(1, KNOWN + MORE):
+            self.push()
+            streams = self.live.due(self.live.newest) if count >= KNOWN else None
+            if streams is None:
+                continue
+            try:
+                self.live.take_fit(estimate(streams))
+                return
+            except NotIdentifiableError as error:
+                refused = error
+        assert refused is not None
+        raise refused
 
     def _take(self, readings: TableReadings) -> None:
         for each in (self.live, self.window):
@@ -119,8 +130,6 @@ def _row(
     row: dict[str, Any] = {"object": number, "seed": seed, "effect": effect, "spread": spread}
     row["friction"] = part["friction"]
     try:
-        for _ in range(KNOWN):
-            watched.push()
         watched.refer()
         return row | _watched(watched, effect, options)
     except TactileDynamicsError as error:
