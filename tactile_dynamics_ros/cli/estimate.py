@@ -20,6 +20,8 @@ from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 
 if TYPE_CHECKING:
     from tactile_dynamics_ros.api.estimates import Estimate
+    from tactile_dynamics_ros.core.planar.known import KnownPushed
+    from tactile_dynamics_ros.core.planar.properties.estimate import PushedEstimate
 
 
 def add_parser(verbs: _SubParsersAction[Any]) -> None:
@@ -85,16 +87,74 @@ def _estimate_pushed(args: Namespace) -> int:
         BadInputError: an option is asked for that holds for held objects only.
         NotIdentifiableError: the recording does not tell the friction force.
     """
-    from tactile_dynamics_ros.core.planar.properties.estimate import estimate
+    from tactile_dynamics_ros.core.planar.properties.estimate import PushedEstimate, estimate
+    from tactile_dynamics_ros.recording.pushed.known_files import read_known
 
     if args.out:
         raise BadInputError("--out: a pushed object has no report here; ask `compare --out`")
+    known = read_known(args.prior) if args.prior else None
     recording = read_pushed(args)
-    found = estimate(recording, pushed_effects(args))
-    print(json.dumps(found.to_document()) if args.json else "\n".join(found.lines()))
+    found, changed = estimate(recording, pushed_effects(args)), []
+    if known is not None or args.save:
+        if not isinstance(found, PushedEstimate):
+            raise NotIdentifiableError("--prior, --save: for objects of one part")
+        found, changed = _remembered(found, known)
+    document = found.to_document()
+    if known is not None:
+        document["prior"] = {"name": known.name, "recordings": known.recordings, "changed": changed}
+    print(json.dumps(document) if args.json else "\n".join(found.lines()))
     if not found.is_answer:
         raise NotIdentifiableError("the friction force is undetermined; push further")
+    if args.save and isinstance(found, PushedEstimate):
+        _save_pushed(args, found, recording.source, known, changed)
     return 0
+
+
+def _remembered(
+    found: PushedEstimate, known: KnownPushed | None
+) -> tuple[PushedEstimate, list[str]]:
+    """Combine an estimate with what was known; say how they compare."""
+    from tactile_dynamics_ros.core.planar.memory.combination import with_memory
+
+    if known is None:
+        return found, []
+    found, changed = with_memory(found, known)
+    print(f"note: {_told_of(known, changed)}", file=sys.stderr)
+    return found, changed
+
+
+def _save_pushed(
+    args: Namespace,
+    found: PushedEstimate,
+    source: str,
+    known: KnownPushed | None,
+    changed: list[str],
+) -> None:
+    """Write what is known now.
+
+    Raises:
+        BadInputError: the file is that of another object.
+    """
+    from tactile_dynamics_ros.core.planar.memory.combination import known_of
+    from tactile_dynamics_ros.recording.pushed.known_files import write_known
+
+    if changed and Path(args.save) == Path(args.prior):
+        raise BadInputError(
+            f"{args.save} is the file of another object or table: {' and '.join(changed)} differ; "
+            "choose another path"
+        )
+    count = 1 if known is None or changed else known.recordings + 1
+    print(f"saved: {write_known(known_of(found, source, count), args.save)}", file=sys.stderr)
+
+
+def _told_of(known: KnownPushed, changed: list[str]) -> str:
+    """Say how an estimate compares with what was known."""
+    if not changed:
+        return f"together with {known.recordings} recordings of {known.name}"
+    return (
+        f"{' and '.join(changed)} differ from {known.name} beyond chance: object or table are "
+        "others, or the frame lies otherwise; this recording alone counts"
+    )
 
 
 def _export(args: Namespace, found: Estimate) -> str:

@@ -110,7 +110,7 @@ def model_of(args: Namespace) -> str:
     return recorded_model(first) if chosen == "auto" else chosen
 
 
-_HELD_ONLY = ("export", "tool", "prior", "save", "remap", "between", "world_frame")
+_HELD_ONLY = ("export", "tool", "remap", "between", "world_frame")
 """Options of the verbs that mean nothing for an object on a support."""
 
 

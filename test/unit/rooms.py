@@ -107,6 +107,10 @@ ROOMS = {
         ("core/planar", "core/planar/effects", "core/planar/linked", "core/planar/mechanics")
         + ("core/planar/sparse",),
     ),
+    "core/planar/memory": Room(
+        "a pushed object together with what earlier recordings told of it",
+        ("core/planar", "core/planar/properties"),
+    ),
     "core/planar/linked": Room(
         "two parts beside each other: outlines, relative motion, what pushes let expect",
         ("core/planar", "core/planar/mechanics"),
@@ -255,6 +259,7 @@ ROOMS = {
             "core/planar/actions",
             "core/planar",
             "core/planar/effects",
+            "core/planar/memory",
             "core/planar/network",
             "core/planar/properties",
             "core/rigid_body",
