@@ -16,7 +16,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "call": ("call /model_check/diagnose",),
     "set": ("set inertial_estimator effects [viscous_drag]",),
     "probe": ("probe --reference 0.78",),
-    "record": ("record run", "record run --duration 30"),
+    "record": ("record run", "record run --duration 30", "record run --check 20"),
     "estimate": ("estimate run.mcap", "estimate run.mcap --effects force_bias --out report"),
     "compare": ("compare run.mcap --out report",),
     "diagnose": (

@@ -5,12 +5,19 @@ from __future__ import annotations
 import json
 import time
 from argparse import Namespace, _SubParsersAction
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from tactile_dynamics_ros.cli.bringup import read_namespace
 from tactile_dynamics_ros.cli.domain import stay_on_this_host
 from tactile_dynamics_ros.cli.live import StopRequest
+from tactile_dynamics_ros.core.errors import BadInputError
+
+if TYPE_CHECKING:
+    from tactile_dynamics_ros.cli.record_check import RecordCheck
+    from tactile_dynamics_ros.ros.recorder import Recorder
 
 
 def add_parser(verbs: _SubParsersAction[Any]) -> None:
@@ -22,11 +29,38 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
         "--namespace", default="", metavar="NS", help="only this hand's topics, and global ones"
     )
     parser.add_argument("--duration", type=float, metavar="S", help="stop after S seconds")
+    parser.add_argument(
+        "--check",
+        type=float,
+        nargs="?",
+        const=20.0,
+        metavar="S",
+        help="say every S seconds (20), here and on /diagnostics, whether what is recorded of a "
+        "held object is fit for an estimate, and what to record as well",
+    )
     parser.set_defaults(run=run)
+
+
+@contextmanager
+def _checked(args: Namespace, recorder: Recorder) -> Iterator[RecordCheck | None]:
+    """What checks the recording while it grows; None if that is not wanted."""
+    if args.check is None:
+        yield None
+        return
+    from tactile_dynamics_ros.cli.record_check import RecordCheck
+
+    namespace = args.namespace or None
+    check = RecordCheck(recorder, args.out, namespace, args.check, args.json)
+    try:
+        yield check
+    finally:
+        check.close()
 
 
 def run(args: Namespace) -> int:
     """Record until Ctrl-C, SIGTERM or the end of the duration."""
+    if args.check is not None and not args.check > 0.0:
+        raise BadInputError(f"--check {args.check:g}: expected seconds above 0")
     stay_on_this_host()
     import rclpy
     from rclpy.signals import SignalHandlerOptions
@@ -39,8 +73,14 @@ def run(args: Namespace) -> int:
     try:
         recorder = Recorder(Path(args.out), args.topics, read_namespace(args.namespace))
         end = time.monotonic() + (args.duration or float("inf"))
-        with StopRequest() as stop:
-            spin(recorder, lambda: stop.requested or time.monotonic() > end)
+        with StopRequest() as stop, _checked(args, recorder) as check:
+
+            def is_over() -> bool:
+                if check is not None:
+                    check.advance()
+                return stop.requested or time.monotonic() > end
+
+            spin(recorder, is_over)
             recorder.close()
     finally:
         rclpy.try_shutdown()

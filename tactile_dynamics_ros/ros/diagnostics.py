@@ -49,8 +49,12 @@ class Faults:
     def alarm(self, subject: str, message: str, values: Mapping[str, object]) -> None:
         """Publish an ERROR at once, under the node's name and a subject."""
         self._node.get_logger().error(message)
+        self.tell(subject, message, values, DiagnosticStatus.ERROR)
+
+    def tell(self, subject: str, message: str, values: Mapping[str, object], level: bytes) -> None:
+        """Publish a status at once, under the node's name and a subject."""
         name = f"{self._node.get_fully_qualified_name().lstrip('/')}: {subject}"
-        self._send(status_message(name, values, DiagnosticStatus.ERROR, message))
+        self._send(status_message(name, values, level, message))
 
     def publish(self) -> None:
         """Publish all counts; the level is WARN while new faults come in.
