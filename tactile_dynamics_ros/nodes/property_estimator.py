@@ -21,6 +21,7 @@ from tactile_dynamics_ros.ros.estimate_markers import EstimateMarkers
 from tactile_dynamics_ros.ros.names import PROPERTY_RESET, PROPERTY_STATUS
 from tactile_dynamics_ros.ros.parameters import declare_config
 from tactile_dynamics_ros.ros.property_status import property_status
+from tactile_dynamics_ros.ros.pushed_memory import PushMemory
 from tactile_dynamics_ros.ros.pusher_streams import PADS, PUSHER
 from tactile_dynamics_ros.ros.pushing_streams import PushingStreams
 from tactile_dynamics_ros.ros.shell import LATCHED, Shell, run_node
@@ -56,6 +57,7 @@ class PropertyEstimatorNode(Shell):
         chosen = declare_config(self, PropertyConfig)
         self.live = LiveProperties(chosen, pushing_model(chosen.model))
         self._background = Background()
+        self._memory = PushMemory(self)
         self._fitting: Future[PushedEstimate] | None = None
         self._told = -np.inf
         config = declare_config(
@@ -83,7 +85,9 @@ class PropertyEstimatorNode(Shell):
         until = self._streams.release()
         before = self.live.changes
         self.live.advance(until)
+        self._memory.inform(self.live)
         if self.live.changes != before:
+            self._memory.give_up()
             self._fitting, self._told = None, -np.inf
             self.faults.add("changed", self.live.changed.text if self.live.changed else "")
         self._take_fit()
@@ -97,6 +101,7 @@ class PropertyEstimatorNode(Shell):
 
     def _forget(self) -> None:
         self.live.reset()
+        self._memory.begin_anew()
         self._fitting, self._told = None, -np.inf
 
     def _take_fit(self) -> None:
@@ -105,7 +110,7 @@ class PropertyEstimatorNode(Shell):
             return
         fitting, self._fitting = self._fitting, None
         try:
-            self.live.take_fit(fitting.result())
+            self.live.take_fit(self._memory.combine(fitting.result()))
         except TactileDynamicsError as error:
             self.live.take_fit(None, str(error))
             self.faults.add("not_fitted", str(error))
@@ -119,7 +124,7 @@ class PropertyEstimatorNode(Shell):
             return
         self._told = tracker.time
         message = DiagnosticArray(header=header(tracker.time, "object"))
-        message.status = [*property_status(known, self.live)]
+        message.status = [*property_status(known, self.live), *self._memory.statuses()]
         self._status.publish(message)
         self._mark(known, tracker.time)
 

@@ -2,13 +2,16 @@
 
 import numpy as np
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 
 from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess
 from tactile_dynamics_ros.core.planar.filter.process import PusherMotion
+from tactile_dynamics_ros.core.planar.known import KnownPushed
+from tactile_dynamics_ros.core.planar.properties.estimate import PushedEstimate
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 from tactile_dynamics_ros.nodes.property_estimator import PropertyEstimatorNode
+from tactile_dynamics_ros.recording.pushed.known_files import read_known, write_known
 from tactile_dynamics_ros.ros import conversions as cv
 from tactile_dynamics_ros.ros.diagnostics import status_values
 from tactile_dynamics_ros.ros.names import PROPERTY_STATUS, SUPPORT_POSE
@@ -159,3 +162,49 @@ def test_a_reset_forgets_measurements_and_keeps_the_outline(bench, node):
     assert node.live.outline is not None
     tell(bench, 6.0, 40)
     bench.until(lambda: node.live.properties() is not None)
+
+
+def test_pushes_start_where_earlier_ones_ended_and_a_changed_object_is_noticed(bench, tmp_path):
+    file = tmp_path / "block.yaml"
+    values, std = (
+        np.array([np.log(3.0), np.log(1.5), 0.01, -0.005]),
+        np.array([0.05, 0.1, 1e-3, 1e-3]),
+    )
+    write_known(KnownPushed(values, np.diag(std**2), "before", (), 2), file)
+    node = bench.start(PropertyEstimatorNode, "-p", f"prior:={file}", "-p", f"save:={file}")
+    statuses = bench.follow(DiagnosticArray, PROPERTY_STATUS, profile=LATCHED)
+    hear_table(bench, node)
+    tell(bench, 5.0, 60)
+    bench.until(lambda: bool(statuses) and node._memory._begun)
+    statuses.clear()
+    tell(bench, 5.6, 20)
+    bench.until(lambda: bool(statuses))
+    newest = {s.name: status_values(s) for s in statuses[-1].status}
+    assert float(newest["link_1"]["friction_force_n"]) == pytest.approx(3.0, rel=0.01)
+    assert float(newest["link_1"]["friction_force_n_std"]) == pytest.approx(3.0 * 0.054, rel=0.1)
+    assert (newest["memory"]["recordings"], newest["memory"]["changed"]) == ("2", "")
+    found = fitted(3.03, 1.5)
+    both = node._memory.combine(found)
+    assert both.values["friction_force_n"][1] < found.values["friction_force_n"][1]
+    assert read_known(file).recordings == 3
+    before = file.read_text()
+    assert node._memory.combine(fitted(3.03, 4.5)).values["mass"][0] == 4.5
+    assert node.faults.counts["changed_object"] == 1
+    assert node._memory.statuses()[0].level == DiagnosticStatus.WARN
+    assert file.read_text() == before
+    node.reset()
+    assert status_values(node._memory.statuses()[0])["recordings"] == "3"
+
+
+def fitted(force, mass):
+    """An estimate from pushes, 5 % wide."""
+    values = {
+        "mass": (mass, 0.05 * mass),
+        "friction": (force / mass / 9.81, 0.02),
+        "friction_force_n": (force, 0.05 * force),
+        "com_x": (0.01, 1e-3),
+        "com_y": (-0.005, 1e-3),
+        "friction_radius_m": (0.04, 1e-3),
+        "inertia_zz": (1e-3, 1e-4),
+    }
+    return PushedEstimate(100, 2.0, values, (), np.diag([0.05, 0.05, 1e-3, 1e-3]) ** 2, 1.0)

@@ -217,11 +217,14 @@ ROOMS = {
             "core/discrepancy",
         )
         + (
+            "core/planar",
             "core/planar/actions",
             "core/planar/control",
             "core/planar/diagnosis",
             "core/planar/filter",
             "core/planar/mechanics",
+            "core/planar/memory",
+            "core/planar/properties",
             "core/rigid_body",
             "core/robot",
             "core/shape",
