@@ -7,6 +7,8 @@ grades the choice, not an estimator.
 from __future__ import annotations
 
 import argparse
+import json
+import sys
 from typing import Any
 
 import numpy as np
@@ -44,9 +46,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
-    """Pushes needed of each object by each chooser, and the least that the product allows."""
+    """Pushes needed of each object by each chooser, and the least that the product allows.
+
+    Rows go to standard error as they come.
+    """
     count = 2 if options.quick else options.explored
-    rows = [{"object": n, **{c: _pushes(n, c) for c in CHOOSERS}} for n in NUMBERS[:count]]
+    rows = []
+    for number in NUMBERS[:count]:
+        rows.append({"object": number, **{c: _pushes(number, c) for c in CHOOSERS}})
+        print(json.dumps(rows[-1]), file=sys.stderr, flush=True)
     sensing, config = SensingConfig(), ExploreConfig()
     least = int(np.ceil((sensing.variation / config.product) ** 2))
     return {"rows": rows, "least_by_variation": least}
