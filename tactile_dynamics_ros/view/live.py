@@ -43,7 +43,12 @@ from tactile_dynamics_ros.ros.names import (
 )
 from tactile_dynamics_ros.ros.shell import LATCHED, Polled, take_messages
 from tactile_dynamics_ros.view.state import Body, Force, Quantity, State
-from tactile_dynamics_ros.view.told import take_markers, take_progress, take_property_status
+from tactile_dynamics_ros.view.told import (
+    take_diagnosis,
+    take_markers,
+    take_progress,
+    take_property_status,
+)
 
 Array = NDArray[np.float64]
 
@@ -181,7 +186,7 @@ class LiveSource:
         self.state.note("error", self._newest, message.data)
 
     def _on_diagnosis(self, message: DiagnosticArray) -> None:
-        self.state.verdict = message.status[0].message
+        take_diagnosis(self.state, message.status)
 
     def _on_friction(self, message: DiagnosticStatus) -> None:
         values = status_values(message)

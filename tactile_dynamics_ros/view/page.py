@@ -308,7 +308,7 @@ def _place(node: Any, pose: Array) -> None:
 
 def _verdict(state: State) -> str:
     """The two sentences that matter most, as HTML."""
-    colour = "#2e9e77" if state.good else "#c8423b"
+    colour = "#2e9e77" if state.good and state.fits else "#c8423b"
     told = (state.verdict, state.remark, state.plan)
     lines = [text for text in told if text] or ["waiting for an estimate"]
     paragraphs = "".join(f"<p style='margin:.2em 0'>{html.escape(line)}</p>" for line in lines)

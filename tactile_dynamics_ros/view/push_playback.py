@@ -36,6 +36,7 @@ from tactile_dynamics_ros.ros.names import (
 )
 from tactile_dynamics_ros.view.state import KEPT, Force, History, State
 from tactile_dynamics_ros.view.told import (
+    take_diagnosis,
     take_markers,
     take_progress,
     take_properties,
@@ -110,7 +111,7 @@ class PushPlayback:
             state.shape, state.shape_pose = self._shape
         state.histories = self._histories
         if self._verdict:
-            state.verdict, state.good = self._verdict, self._good
+            state.verdict, state.fits = self._verdict, self._good
         return state
 
     def diagnose(self) -> str:
@@ -216,7 +217,7 @@ def _taker(topic: str, time: float, message: Any) -> Callable[[State], None]:
     if topic == PROPERTY_STATUS:
         return lambda state: take_property_status(state, time, message.status)
     if topic == MODEL_DIAGNOSIS:
-        return lambda state: setattr(state, "verdict", message.status[0].message)
+        return lambda state: take_diagnosis(state, message.status)
     return lambda state: take_progress(state, message)
 
 

@@ -115,7 +115,7 @@ class State:
         error: whitened RMS; 1 is the noise that sensors report.
         remark: what the estimator says of its estimate.
         good: whether that is good news.
-        verdict: of the last diagnosis, in a sentence.
+        verdict: of the last diagnosis, in a sentence. fits: whether it found nothing missing.
         centre: centre of mass of a pushed object and its std, (3,) m, axes of the object.
         numbers: of a pushed object, in words, by name.
         plan: what explores or pushes the object, in a sentence.
@@ -137,6 +137,7 @@ class State:
     remark: str = ""
     good: bool = True
     verdict: str = ""
+    fits: bool = True
     centre: tuple[Array, Array] | None = None
     numbers: dict[str, str] = field(default_factory=dict)
     plan: str = ""

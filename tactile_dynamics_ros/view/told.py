@@ -72,6 +72,11 @@ def take_property_status(state: State, time: float, statuses: Any) -> None:
         state.note("error", time, state.error)
 
 
+def take_diagnosis(state: State, statuses: Any) -> None:
+    """Take the verdict of `model_check`."""
+    state.verdict, state.fits = statuses[0].message, _level(statuses[0]) == 0
+
+
 def take_markers(state: State, markers: Any) -> bool:
     """Take the surface of the object, if it is among markers; return whether it is."""
     corners = [

@@ -17,7 +17,12 @@ from tactile_dynamics_ros.recording.pushed import PushedRecording
 from tactile_dynamics_ros.view import push_playback
 from tactile_dynamics_ros.view.page import LivePage
 from tactile_dynamics_ros.view.state import State
-from tactile_dynamics_ros.view.told import take_markers, take_progress, take_property_status
+from tactile_dynamics_ros.view.told import (
+    take_diagnosis,
+    take_markers,
+    take_progress,
+    take_property_status,
+)
 
 BLOCK = np.array([[-0.05, -0.03], [0.05, -0.03], [0.05, 0.03], [-0.05, 0.03]])
 
@@ -57,6 +62,21 @@ def test_what_is_undetermined_is_shown_as_that():
     take_property_status(state, 4.0, properties(2.5, "com"))
     assert state.centre is None
     assert_allclose(state.histories["friction_force_n"].columns()[1], [2.0, 2.5], atol=0.51)
+
+
+def test_a_verdict_that_something_is_missing_is_no_good_news():
+    page = LivePage("127.0.0.1", 0)
+    try:
+        state = State()
+        take_diagnosis(state, [status("model_check", "the table leans", b"\1")])
+        page.show(state)
+        assert "the table leans" in page._verdict.content
+        told = page._verdict.content
+        take_diagnosis(state, [status("model_check", "nothing is missing", b"\0")])
+        page.show(state)
+        assert told.split(";")[0] != page._verdict.content.split(";")[0]
+    finally:
+        page.close()
 
 
 def test_a_push_and_its_rivals_are_arrows_while_it_is_made():
