@@ -152,15 +152,20 @@ def sentence(found: dict[str, Any]) -> str:
     tilt = leaning(found)
     if tilt is None:
         return said
-    sure = "the table leans" if found["verdict"] == "missing_effect" else "as if the table leant"
+    alone = found["effect"] == "support_tilt" and found["verdict"] == "missing_effect"
+    sure = "the table leans" if alone else "as if the table leant"
     return f"{sure} by {tilt[0]:.1f} +- {tilt[1]:.1f} deg. {said}"
 
 
 def leaning(found: dict[str, Any]) -> tuple[float, float] | None:
-    """Angle of a lean that was named and its standard deviation, deg; None if it was not named."""
-    if found["effect"] != "support_tilt":
-        return None
+    """Angle of a lean and its standard deviation, deg, where one is named, alone or among others.
+
+    Args:
+        found: document of the diagnosis.
+    """
     named = [c["parameters"] for c in found["candidates"] if c["name"] == "support_tilt"]
+    if "support_tilt" not in (found["effect"], *found["group"]) or not (named and named[0]):
+        return None
     values = np.array(
         [[named[0][axis][key] for axis in ("t_x", "t_y")] for key in ("value", "std")]
     )

@@ -8,10 +8,11 @@ from tactile_dynamics_ros.cli.demo_change import Act, leaning, sentence  # noqa:
 from tactile_dynamics_ros.report.exploration import _changes  # noqa: E402
 
 
-def document(verdict="missing_effect", effect="support_tilt"):
+def document(verdict="missing_effect", effect="support_tilt", group=()):
     axes = {"t_x": {"value": 0.06, "std": 0.006}, "t_y": {"value": 0.0, "std": 0.01}}
     named = {"name": "support_tilt", "parameters": axes}
-    return {"verdict": verdict, "effect": effect, "sentence": "Said.", "candidates": [named]}
+    said = {"verdict": verdict, "effect": effect, "sentence": "Said."}
+    return said | {"candidates": [named], "group": list(group)}
 
 
 def test_the_angle_of_a_lean_is_told_with_its_interval_and_only_of_a_lean():
@@ -19,6 +20,8 @@ def test_the_angle_of_a_lean_is_told_with_its_interval_and_only_of_a_lean():
     assert sentence(document()) == "the table leans by 3.4 +- 0.3 deg. Said."
     assert "as if" in sentence(document("ambiguous"))
     assert sentence(document(effect="constant_pull")) == "Said."
+    among = document("ambiguous", "constant_pull", ["constant_pull", "support_tilt"])
+    assert "as if the table leant by 3.4" in sentence(among)
 
 
 class Listening:

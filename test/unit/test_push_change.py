@@ -120,7 +120,9 @@ def test_only_what_came_since_the_change_is_diagnosed_first(monkeypatch):
     def diagnose(streams, effects):
         asked.append(streams.links[0].time[0])
         effect = "friction_change" if asked[-1] == 0.0 else None
-        return {"verdict": "missing_effect" if effect else "adequate", "effect": effect}
+        error = {"before": 1.02, "noise_floor": 0.98}
+        verdict = "missing_effect" if effect else "unexplained"
+        return {"verdict": verdict, "effect": effect, "error": error}
 
     monkeypatch.setattr(changed, "diagnose_pushes", diagnose)
     check = changed.ChangeCheck()

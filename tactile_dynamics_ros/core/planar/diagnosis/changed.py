@@ -16,6 +16,11 @@ SUDDEN = ("friction_change", "load_change")
 """Effects that begin at one time: pushes before and after them tell them, those after alone do not,
 because an object that has become heavier is like one that always was."""
 
+_REMAINS = 1.1
+"""Error over the noise floor up to which the pushes since a change fit: a tenth is what other
+pushes of one clean table differ by. Lower, sudden changes are called unexplained; higher, small
+leans are taken for other numbers."""
+
 
 def diagnose_change(
     streams: PushedStreams, effects: Sequence[str] = (), since: float = -np.inf
@@ -36,13 +41,20 @@ def diagnose_change(
         NotIdentifiableError: nothing slides long enough.
     """
     document = diagnose_pushes(streams_since(streams, since), effects)
-    if document["verdict"] != "adequate" or not np.isfinite(since):
+    if not np.isfinite(since) or not _fits(document):
         return document
     whole = diagnose_pushes(streams, effects)
     if whole["effect"] in SUDDEN:
         return whole
     said = "Since the change the model fits, with other numbers than before; nothing is missing."
     return document | {"sentence": said}
+
+
+def _fits(document: Document) -> bool:
+    """Whether nothing worth naming is missing."""
+    error = document["error"]
+    little = document["effect"] is None and error["before"] < _REMAINS * error["noise_floor"]
+    return bool(document["verdict"] == "adequate" or little)
 
 
 @dataclass
