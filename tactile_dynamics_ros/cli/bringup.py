@@ -217,3 +217,14 @@ class Respawns:
             f"{name} ended with {code} after {MOST_RESPAWNS} new starts within "
             f"{RESPAWN_WINDOW:g} s: it is not started again",
         )
+
+
+def require_effect_of_table(name: str) -> None:
+    """Refuse a hidden effect that the simulated table does not have.
+
+    Raises:
+        BadInputError: there is no such effect.
+    """
+    from tactile_dynamics_ros.sim.planar.hidden_effects import known_effect
+
+    known_effect(name)

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tactile_dynamics_ros.cli.bringup import write_parameters
+from tactile_dynamics_ros.cli.bringup import require_effect_of_table, write_parameters
 from tactile_dynamics_ros.cli.domain import private_domain
 from tactile_dynamics_ros.cli.explore import describe
 from tactile_dynamics_ros.cli.push_goal import ask
@@ -88,8 +88,9 @@ def table_parameters(args: Namespace) -> dict[str, object]:
     """Return the parameters of the simulated table that the arguments describe.
 
     Raises:
-        BadInputError: an object is no number.
+        BadInputError: an object is no number, or there is no such hidden effect.
     """
+    require_effect_of_table(args.hidden)
     number = "0" if args.object in (None, "random") else str(args.object)
     number = "121" if number == "box_0" else number  # what the demo of the hand takes by default
     if not number.isdigit():

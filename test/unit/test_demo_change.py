@@ -1,10 +1,14 @@
 """The last act of the demo of a table: what is said of a change, and its section of the report."""
 
+import argparse
+
 import pytest
 
 pytest.importorskip("rclpy")
 
 from tactile_dynamics_ros.cli.demo_change import Act, leaning, sentence  # noqa: E402
+from tactile_dynamics_ros.cli.demo_planar import table_parameters  # noqa: E402
+from tactile_dynamics_ros.core.errors import BadInputError  # noqa: E402
 from tactile_dynamics_ros.report.exploration import _changes  # noqa: E402
 
 
@@ -22,6 +26,14 @@ def test_the_angle_of_a_lean_is_told_with_its_interval_and_only_of_a_lean():
     assert sentence(document(effect="constant_pull")) == "Said."
     among = document("ambiguous", "constant_pull", ["constant_pull", "support_tilt"])
     assert "as if the table leant by 3.4" in sentence(among)
+
+
+def test_a_hidden_effect_that_does_not_exist_is_refused_and_one_that_does_waits():
+    words = {"object": "121", "seed": 0, "magnitude": 2.0, "real_time_factor": 1.0}
+    with pytest.raises(BadInputError, match="does not exist; expected one of none, random"):
+        table_parameters(argparse.Namespace(hidden="wind", **words))
+    assert table_parameters(argparse.Namespace(hidden="load_change", **words))["hidden_waits"]
+    assert not table_parameters(argparse.Namespace(hidden="none", **words))["hidden_waits"]
 
 
 class Listening:
