@@ -63,6 +63,12 @@ _REACH = 0.05
 a fifth of `REACH`, since a good one is present. 0.025 and 0.1 changed no verdict of the 16."""
 
 
+_DROWNED = 3
+"""Readings of an effect that are passed over for the noise that they make, before the effect is: an
+offset of all contacts, of three and of two. Each costs a thorough fit; at 0 a finger whose points
+are off by 2 cm was called the bias of three others."""
+
+
 @dataclass(frozen=True)
 class Choice:
     """The best effect and its rivals, all fitted at the whitening of the best.
@@ -118,15 +124,19 @@ def contains(choice: Choice, rival: Trial) -> bool:
 
 
 def choose_effect(
-    model: ResidualModel, scores: Sequence[Score], floor: float, needed: float = np.inf
+    model: ResidualModel,
+    scores: Sequence[Score],
+    floor: float,
+    needed: float = np.inf,
+    drowned: Sequence[str] = (),
 ) -> Choice | None:
     """Refit the effects that could compete, and the best one thoroughly.
 
     A thorough refit moves the denoised signals and the whitening, on which rivals must then be
     compared with it; should one of them win there, it is refitted in turn. Where the best leaves so
-    much that it cannot be the answer, that is the end of it. An effect that explains the residual
-    by noise that it makes much larger, as a long lever does with that of a force, is passed over.
-    So is one whose parameters cannot be, such as a spring that pushes; if the next best is clearly
+    much that it cannot be the answer, that is the end of it. A reading that explains the residual
+    by noise that it makes much larger, as a long lever does with that of a force, is passed over:
+    another of the same effect, of fewer contacts, may be the cause. So is an effect whose parameters cannot be, such as a spring that pushes; if the next best is clearly
     worse than it and leaves more than noise, there is no choice.
 
     Args:
@@ -134,6 +144,7 @@ def choose_effect(
         scores: of all families.
         floor: white RMS of the noise alone.
         needed: white RMS that the best must reach.
+        drowned: effects of the readings that were passed over, one name for each.
     """
     trials = try_effects(model, scores, floor)
     if not trials:
@@ -148,16 +159,27 @@ def choose_effect(
     tell(f"refitting all with {best.name}")
     refined, before = best.model.refined(), Misfit.of(model)
     if before.is_drowned(Misfit.of(refined)):
-        others = [score for score in scores if score.family.name != best.name]
-        return choose_effect(model, others, floor, needed)
+        drowned = (*drowned, best.name)
+        label = None if drowned.count(best.name) > _DROWNED else best.source.family.label
+        others = _without(scores, best.name, label)
+        return choose_effect(model, others, floor, needed, drowned)
     if square(refined) > needed**2 * len(refined.residual):
         return _given_up(in_place(best, refined, floor), trials[1:], present)
     choice = simplest(_sparser(_compete(best, refined, names, floor, before), names, floor))
     if choice.model.is_possible(choice.best.name):
         return choice
-    others = [score for score in scores if score.family.name != choice.best.name]
-    second = choose_effect(model, others, floor, needed)
+    others = _without(scores, choice.best.name)
+    second = choose_effect(model, others, floor, needed, drowned)
     return None if second and _imitates(second, choice.best.name, floor) else second
+
+
+def _without(scores: Sequence[Score], name: str, label: str | None = None) -> list[Score]:
+    """Scores without those of one effect, or without that of one reading of it."""
+    return [
+        score
+        for score in scores
+        if score.family.name != name or (label is not None and score.family.label != label)
+    ]
 
 
 def _imitates(choice: Choice, impossible: str, floor: float) -> bool:
