@@ -155,7 +155,7 @@ def test_an_offset_of_one_finger_is_not_spread_over_others():
 
 
 def test_an_offset_is_found_though_offsets_of_all_contacts_drown_in_noise():
-    """The reading for all contacts makes so much noise that it is none; that of one is the cause."""
+    """The reading for all contacts makes so much noise that it is none; that of one is it."""
     recording = Case("single", ("contact_offset",), 1.35, 42000, duration=22.0).record()
     diagnosis = diagnose(HeldObjectModel.from_fit(fit_with_readings(recording.streams)))
     assert diagnosis.effect == "contact_offset"

@@ -133,10 +133,11 @@ def choose_effect(
     """Refit the effects that could compete, and the best one thoroughly.
 
     A thorough refit moves the denoised signals and the whitening, on which rivals must then be
-    compared with it; should one of them win there, it is refitted in turn. Where the best leaves so
-    much that it cannot be the answer, that is the end of it. A reading that explains the residual
-    by noise that it makes much larger, as a long lever does with that of a force, is passed over:
-    another of the same effect, of fewer contacts, may be the cause. So is an effect whose parameters cannot be, such as a spring that pushes; if the next best is clearly
+    compared with it; should one of them win there, it is refitted in turn. Where the best
+    leaves so much that it cannot be the answer, that is the end of it. A reading that explains
+    the residual by noise that it makes much larger, as a long lever does with that of a force,
+    is passed over: another of the same effect, of fewer contacts, may be the cause. So is an
+    effect whose parameters cannot be, such as a spring that pushes; if the next best is clearly
     worse than it and leaves more than noise, there is no choice.
 
     Args:
