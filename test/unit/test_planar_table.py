@@ -1,11 +1,15 @@
 """The simulated table: even pressure, stick and slip at every foot, objects by number, a camera."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
 from tactile_dynamics_ros.sim.planar.bed import GRAVITY, SINK, Surface, feet_of, uneven_friction
 from tactile_dynamics_ros.sim.planar.carriage import Carriage
+from tactile_dynamics_ros.sim.planar.links import outlines
 from tactile_dynamics_ros.sim.planar.simulated_table import SimulatedTable, SimulatedTableConfig
 from tactile_dynamics_ros.sim.planar.table import TableWorld
 from tactile_dynamics_ros.sim.planar_objects import PlanarObject, PlanarPart
@@ -117,3 +121,15 @@ def test_stereo_noise_grows_with_the_square_of_the_distance_and_a_tenth_are_stra
         std = distance**2 * 0.2 / (530.0 * 0.12)
         assert np.median(error[error < 5.0 * std]) == pytest.approx(0.674 * std, rel=0.05)
         assert (error > 5.0 * std).mean() == pytest.approx(0.1, abs=0.035)
+
+
+def test_the_true_friction_radius_is_that_of_a_pressure_below_the_centre_of_mass():
+    shifted = replace(BLOCK, com=np.array([0.012, -0.006]))
+    thing = PlanarObject(0, "homogeneous", (shifted,), None, 0.0)
+    even = Surface(uneven_friction(0.0, 0))
+    with TableWorld([thing], np.array([[0.5, 0.0, 0.4]]), 0.1, even, 1e-3) as made:
+        told = outlines(made.bodies[0])[0].truth()["friction_radius_m"]
+    patch = SupportPatch(SQUARE, 400)
+    expected = patch.friction_radius(shifted.com[None], np.ones(1))[0]
+    assert told == pytest.approx(expected, rel=0.015)
+    assert told < MEAN_DISTANCE * SIDE

@@ -1,6 +1,7 @@
 """Mass, friction and centre of an object that is pushed: right where told, told where not known."""
 
 import json
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -109,3 +110,20 @@ def test_three_parts_are_refused_in_one_line(quick):
     three = type(quick.streams)((link, link, link), quick.streams.contacts)
     with pytest.raises(Exception, match="3 links"):
         estimate(three)
+
+
+def test_a_first_plan_that_misses_the_optimum_is_followed_by_the_next(monkeypatch, model):
+    made = iter([_Fit(True, 9.0), _Fit(True, 0.9)])
+    monkeypatch.setattr(fitting, "_staged", lambda model, *_: (model, None))
+    monkeypatch.setattr(fitting, "_optima", lambda *_: [])
+    monkeypatch.setattr(fitting, "_averaged", lambda *_: next(made))
+    assert fitting._best_planned(*model).whitened_rms == 0.9
+    made = iter([_Fit(True, 0.9)])
+    assert fitting._best_planned(*model).whitened_rms == 0.9
+    made = iter([_Fit(True, 3.0), _Fit(False, 1.0)])
+    assert fitting._best_planned(*model).whitened_rms == 3.0
+
+
+class _Fit(NamedTuple):
+    converged: bool
+    whitened_rms: float

@@ -44,11 +44,17 @@ class Outline:
     def truth(self) -> dict[str, Any]:
         """Return what an estimator should find, in the link's frame.
 
-        The inertia is about the centre of mass, and the friction radius that of an even face.
+        The inertia is about the centre of mass, and the friction radius that of a flat face, whose
+        pressure is linear and has its centre below the centre of mass.
         """
         part = self.part
         solid = part.solid()
-        places, shares = feet_of(part.corners)
+        places, even = feet_of(part.corners)
+        from_middle = places - even @ places
+        moments = (from_middle * even[:, None]).T @ from_middle
+        slope = np.linalg.solve(moments, part.com - even @ places)
+        shares = even * np.maximum(1.0 + from_middle @ slope, 0.0)
+        shares /= shares.sum()
         return {
             "mass": part.mass,
             "friction": part.friction,
