@@ -96,7 +96,7 @@ class GraphProcess:
         return self.base.feasible(parameters)
 
     def predict(self, states: Array, parameters: Array, motion: PusherMotion) -> Prediction:
-        """Advance by one step; grips and steps without touch, which it never saw, by mechanics."""
+        """Advance by one step; grips, which it never saw, and steps without touch by mechanics."""
         if motion.grip or motion.touching is False:
             return self.base.predict(states, parameters, motion)
         push = self.push_of(states, motion)
