@@ -26,7 +26,6 @@ from tactile_dynamics_ros.core.planar.diagnosis.variation import VARIATIONS, log
 from tactile_dynamics_ros.core.planar.effects.effect import PUSHED, PushEffect
 from tactile_dynamics_ros.core.planar.properties.balance import NAMES, Friction, Kinematics
 from tactile_dynamics_ros.core.planar.properties.fit import (
-    PushFit,
     final_sharpness,
     fit_push,
     refit,
@@ -34,6 +33,7 @@ from tactile_dynamics_ros.core.planar.properties.fit import (
 )
 from tactile_dynamics_ros.core.planar.properties.push_model import (
     USUAL_FRICTION,
+    PushFit,
     Sharpness,
 )
 from tactile_dynamics_ros.core.planar.streams import PushedStreams

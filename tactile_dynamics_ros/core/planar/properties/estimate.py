@@ -19,7 +19,7 @@ from tactile_dynamics_ros.core.planar.streams import PushedStreams
 
 if TYPE_CHECKING:
     from tactile_dynamics_ros.core.planar.linked.description import LinkedEstimate
-    from tactile_dynamics_ros.core.planar.properties.fit import PushFit
+    from tactile_dynamics_ros.core.planar.properties.push_model import PushFit
     from tactile_dynamics_ros.core.planar.sparse import SparseFit
 
 Array = NDArray[np.float64]

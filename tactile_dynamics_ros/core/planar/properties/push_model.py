@@ -274,6 +274,53 @@ class PushModel:
             equations.add_common(beyond, usual[None] * FRICTION_SPREAD / _BEYOND)
 
 
+@dataclass(frozen=True, eq=False)
+class PushFit:
+    """Common numbers of one link, averaged over variations of friction by evidence.
+
+    Attributes:
+        model: residuals with their final mask. nodes: (N, 6) of the likeliest variation.
+        common: (p,) by `NAMES`. covariance: (p, p), widened by the misfit.
+        whitened_rms: error over the noise, 1 where only noise remains.
+        variation: relative, of friction from place to place.
+        converged: whether the optimiser had next to nothing left to do.
+    """
+
+    model: PushModel
+    nodes: Array
+    common: Array
+    covariance: Array
+    whitened_rms: float
+    variation: float
+    converged: bool
+
+    @property
+    def mass_is_bound(self) -> bool:
+        """Whether the mass follows from bounds of friction, and not from the data."""
+        friction = float(np.exp(self.common[0] - self.common[1]))
+        low, high = LEAST_FRICTION * NEAR_BOUNDS, MOST_FRICTION / NEAR_BOUNDS
+        return not low < friction < high
+
+    @property
+    def effects(self) -> dict[str, dict[str, dict[str, object]]]:
+        """{effect: {parameter: {"value", "std", "unit"}}}; of any size where the mass is bound."""
+        table: dict[str, dict[str, dict[str, object]]] = {}
+        first = len(NAMES)
+        for effect in self.model.effects:
+            own = table.setdefault(effect.name, {})
+            for parameter in effect.parameters:
+                value, std = float(self.common[first]), self.std(first)
+                if self.mass_is_bound:
+                    std = float(np.hypot(std, value))
+                own[parameter.name] = {"value": value, "std": std, "unit": parameter.unit}
+                first += 1
+        return table
+
+    def std(self, index: int) -> float:
+        """Standard deviation of one of the common numbers."""
+        return float(np.sqrt(self.covariance[index, index]))
+
+
 def add_poses(
     equations: NormalEquations,
     cut: Intervals,
