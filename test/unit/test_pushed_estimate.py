@@ -64,6 +64,19 @@ def test_slow_pushes_at_15_hz_tell_the_product_alone():
     assert "mass      " not in said
 
 
+def test_an_interval_holds_the_table_though_all_pushes_were_on_a_rough_part_of_it():
+    """Its places differ from the table as they differ among themselves."""
+    options = pushed.PushOptions(
+        actions=ActionOptions(count=6, speed=(0.03, 0.2)), variation=0.1, uneven=0.1
+    )
+    [hidden] = pushed.generate([442], {}, options)
+    found = estimate(hidden.streams)
+    value, std = found.values["friction_force_n"]
+    away = value - hidden.truth()["links"][0]["friction_force_n"]
+    assert 0.04 * value < away < 2.5 * std
+    assert found.is_answer
+
+
 def test_gradient_of_the_cost_is_its_derivative(model):
     residuals, nodes = model
     rng = np.random.default_rng(0)

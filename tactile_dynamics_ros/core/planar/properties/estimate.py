@@ -13,6 +13,7 @@ from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.core.planar.effects.effect import PUSHED
 from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
 from tactile_dynamics_ros.core.planar.properties.balance import NAMES
+from tactile_dynamics_ros.core.planar.properties.intervals import COARSE
 from tactile_dynamics_ros.core.planar.sparse import fit_sparse
 from tactile_dynamics_ros.core.planar.sparse.prediction import NAMES as SPARSE_NAMES
 from tactile_dynamics_ros.core.planar.streams import PushedStreams
@@ -30,10 +31,6 @@ product."""
 _UNKNOWN_COM = 0.25
 """Std of a coordinate of the centre of mass over the footprint's radius of gyration from which it
 is undetermined: half the prior's."""
-_COARSE = 0.03
-"""Time between forces, s, from which accelerations are not resolved: friction turns a slow object
-within 10 ms. Mass and friction are then known only as a product; at 15 Hz masses of five steady
-recordings came out a quarter too low at a stated tenth."""
 _PRIOR_FRICTION_STD = 0.6
 """Relative std of mass and friction where only their product is known: that of friction of
 tables."""
@@ -203,8 +200,9 @@ def _of_dense(fit: PushFit, streams: PushedStreams, patch: SupportPatch) -> Push
         )
     chosen = [NAMES.index(n) for n in ("ln_product", "ln_mass", "com_x", "com_y")]
     covariance = fit.covariance[np.ix_(chosen, chosen)]
+    covariance += np.diag(np.array([*fit.place_std, 0.0])[[0, 3, 1, 2]] ** 2)
     at = NAMES.index("ln_inertia")
-    if fit.model.intervals.step > _COARSE or fit.mass_is_bound:
+    if fit.model.intervals.step > COARSE or fit.mass_is_bound:
         covariance = _without_mass(covariance)
     values = _values(
         np.append(fit.common[chosen[0]] + np.log(-streams.gravity[2]), fit.common[chosen[1:]]),
