@@ -21,10 +21,11 @@ from tactile_dynamics_ros.ros.shell import Shell
 
 Estimate = TypeVar("Estimate", bound=InertialEstimate)
 
-_LASTS = 1.0
+_LASTS = 3.0
 """Time that a difference beyond chance has to last, s, before the object is said to have changed:
-the first samples of a grasp are few and the hand still slips. Less calls that a change, more tells
-of one later. Meanwhile this grasp alone is published."""
+the first samples of a grasp are few, the hand still slips, and inertias of the first two seconds are
+off by more than they say. At 1 the same box was told to have changed in two grasps of three; more
+tells of a change later. Meanwhile this grasp alone is published."""
 _SAVE_EVERY = 5.0
 """Time between writings, s of the stamps: what a crash may lose. A file of 3 kB costs nothing."""
 
@@ -58,6 +59,7 @@ class ObjectMemory:
         missing = ours and not Path(self._prior).exists()
         self._known = read_body(self._prior) if self._prior and not missing else None
         self._comparison: Comparison | None = None
+        self._begun: float | None = None
         self._since: float | None = None
         self._told = False
         self._saved = -float("inf")
@@ -81,6 +83,7 @@ class ObjectMemory:
         """
         if self._known is None:
             return estimate
+        self._begun = time if self._begun is None else self._begun
         combined, self._comparison = with_memory(estimate, self._known)
         if not self._comparison.changed:
             self._since, self._told = None, False
@@ -109,8 +112,14 @@ class ObjectMemory:
         fits = estimate.error.whitened_rms < MISFIT
         if not self._save or verdict.withheld or not fits or "mass" in estimate.not_excited:
             return
-        if self._since is not None and (not self.changed(time) or self._prior == self._save):
-            return  # not sure yet, or the file is that of another object
+        if self._begun is not None and time - self._begun < _LASTS:
+            return  # too early to say that it is the same object
+        changed = self.changed(time)
+        if changed and self._prior == self._save:
+            self._newest = None  # the file is that of another object
+            return
+        if self._since is not None and not changed:
+            return
         alone = self._known is None or self._since is not None
         effects = {name: effect.to_json() for name, effect in estimate.effects.items()}
         self._newest = KnownBody(
