@@ -23,7 +23,7 @@ Estimate = TypeVar("Estimate", bound=InertialEstimate)
 
 _LASTS = 3.0
 """Time that a difference beyond chance has to last, s, before the object is said to have changed:
-the first samples of a grasp are few, the hand still slips, and inertias of the first two seconds are
+the first samples of a grasp are few, the hand still slips, and inertias of two seconds of data are
 off by more than they say. At 1 the same box was told to have changed in two grasps of three; more
 tells of a change later. Meanwhile this grasp alone is published."""
 _SAVE_EVERY = 5.0
