@@ -243,10 +243,11 @@ class LiveProperties:
         )
         reach = _FIT_FLOOR * np.sqrt(self.patch.gyration)
         floor = np.diag(np.square([_FIT_FLOOR, _FIT_FLOOR, reach, reach]))
-        self.tracker.filter.inform(mean, fit.covariance + floor)
+        here = floor + (fit.covariance if fit.here is None else fit.here)
+        self.tracker.filter.inform(mean, here)
         if self.monitor.calm and fit.error < _FITS:
             own = np.append(mean, self.tracker.filter.parameters[0][4:])
-            self.monitor.refer(own, fit.covariance + floor + self._of_places())
+            self.monitor.refer(own, here + self._of_places())
 
     def _of_places(self) -> Array:
         """Covariance (4, 4) of what pushes tell that is true of their places alone."""

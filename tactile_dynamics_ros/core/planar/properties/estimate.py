@@ -59,6 +59,7 @@ class PushedEstimate:
         covariance: (4, 4) of ln friction force, ln mass, com_x, com_y.
         error: whitened RMS, 1 where only noise remains.
         effects: {effect: {parameter: {"value", "std", "unit"}}} of those in the model.
+        here: (4, 4) of the same as `covariance`, at the places that were pushed; None: no other.
     """
 
     samples: int
@@ -68,6 +69,7 @@ class PushedEstimate:
     covariance: Array
     error: float
     effects: dict[str, dict[str, dict[str, object]]] = field(default_factory=dict)
+    here: Array | None = None
 
     @property
     def is_answer(self) -> bool:
@@ -199,11 +201,12 @@ def _of_dense(fit: PushFit, streams: PushedStreams, patch: SupportPatch) -> Push
             "`diagnose`), or footprint, units or clocks are wrong"
         )
     chosen = [NAMES.index(n) for n in ("ln_product", "ln_mass", "com_x", "com_y")]
-    covariance = fit.covariance[np.ix_(chosen, chosen)]
-    covariance += np.diag(np.array([*fit.place_std, 0.0])[[0, 3, 1, 2]] ** 2)
+    here = fit.covariance[np.ix_(chosen, chosen)]
+    elsewhere = np.diag(np.array([*fit.place_std, 0.0])[[0, 3, 1, 2]] ** 2)
     at = NAMES.index("ln_inertia")
+    covariance = here + elsewhere
     if fit.model.intervals.step > COARSE or fit.mass_is_bound:
-        covariance = _without_mass(covariance)
+        here, covariance = _without_mass(here), _without_mass(covariance)
     values = _values(
         np.append(fit.common[chosen[0]] + np.log(-streams.gravity[2]), fit.common[chosen[1:]]),
         covariance,
@@ -220,6 +223,7 @@ def _of_dense(fit: PushFit, streams: PushedStreams, patch: SupportPatch) -> Push
         covariance=covariance,
         error=fit.whitened_rms,
         effects=fit.effects,
+        here=here,
     )
 
 
