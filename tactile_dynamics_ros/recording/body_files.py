@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import yaml
@@ -19,6 +17,7 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     is_feasible,
 )
 from tactile_dynamics_ros.core.rigid_body.known_body import KnownBody
+from tactile_dynamics_ros.recording.yaml_files import read_numbers, write_document
 
 Array = NDArray[np.float64]
 
@@ -53,9 +52,6 @@ def write_body(known: KnownBody, path: str | Path) -> Path:
     Raises:
         BadInputError: another file is there, or it cannot be written.
     """
-    path = Path(path)
-    if path.exists() and _FORMAT not in path.read_text(errors="replace")[:200]:
-        raise BadInputError(f"{path} exists and is no file of a body; choose another path")
     body = InertialParameters.from_dynamic_parameters(known.phi)
     to_com = com_inertia_jacobian(known.phi)
     std = np.sqrt(np.diag(to_com @ known.covariance @ to_com.T))
@@ -70,13 +66,7 @@ def write_body(known: KnownBody, path: str | Path) -> Path:
         "dynamic_parameters": known.phi.tolist(),
         "covariance": known.covariance.tolist(),
     }
-    draft = path.with_name(path.name + ".part")
-    try:
-        draft.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
-        os.replace(draft, path)
-    except OSError as error:
-        raise BadInputError(f"{path} cannot be written: {error.strerror}") from error
-    return path
+    return write_document(document, path, "a body")
 
 
 def _from_yaml(text: str, file: str) -> KnownBody:
@@ -89,8 +79,8 @@ def _from_yaml(text: str, file: str) -> KnownBody:
             f"{file}: expected a URDF, or a file that `estimate --save` has written "
             f"(format: {_FORMAT})"
         )
-    phi = _array(document, "dynamic_parameters", (10,), file)
-    covariance = _array(document, "covariance", (10, 10), file)
+    phi = read_numbers(document, "dynamic_parameters", (10,), file)
+    covariance = read_numbers(document, "covariance", (10, 10), file)
     return KnownBody(
         phi,
         covariance,
@@ -99,16 +89,6 @@ def _from_yaml(text: str, file: str) -> KnownBody:
         dict(document.get("effects") or {}),
         int(document.get("recordings", 1)),
     )
-
-
-def _array(document: dict[str, Any], key: str, shape: tuple[int, ...], file: str) -> Array:
-    try:
-        values = np.array(document[key], dtype=float)
-    except (KeyError, TypeError, ValueError) as error:
-        raise BadInputError(f"{file}: {key}: expected numbers of shape {shape}") from error
-    if values.shape != shape or not np.all(np.isfinite(values)):
-        raise BadInputError(f"{file}: {key}: expected finite numbers of shape {shape}")
-    return values
 
 
 def _from_urdf(text: str, link: str, name: str) -> KnownBody:

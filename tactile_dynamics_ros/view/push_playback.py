@@ -6,7 +6,6 @@ from bisect import bisect_right
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future
-from dataclasses import replace
 from functools import partial
 from operator import itemgetter
 from pathlib import Path
@@ -129,7 +128,7 @@ class PushPlayback:
             return
         self._background = Background()
         for end in _push_ends(self._streams):
-            fitting = self._background.submit(estimate, _until(self._streams, end))
+            fitting = self._background.submit(estimate, self._streams.between(-np.inf, end))
             self._waiting.append((end, fitting))
 
     def _take_estimates(self) -> None:
@@ -232,28 +231,6 @@ def _of_estimate(time: float, found: PushedEstimate) -> Event:
         state.note("error", time, found.error)
 
     return time, take
-
-
-def _until(streams: PushedStreams, time: float) -> PushedStreams:
-    """What was measured up to a time."""
-    links = []
-    for link in streams.links:
-        kept = link.time <= time
-        links.append(replace(link, time=link.time[kept], pose=link.pose[kept]))
-    contacts = {}
-    for name, contact in streams.contacts.items():
-        felt, placed = contact.time <= time, contact.pose_time <= time
-        torque = None if contact.torque is None else contact.torque[felt]
-        contacts[name] = replace(
-            contact,
-            time=contact.time[felt],
-            force=contact.force[felt],
-            torque=torque,
-            pose_time=contact.pose_time[placed],
-            point=contact.point[placed],
-            normal=contact.normal[placed],
-        )
-    return replace(streams, links=tuple(links), contacts=contacts)
 
 
 def _push_ends(streams: PushedStreams) -> list[float]:

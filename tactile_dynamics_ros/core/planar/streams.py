@@ -7,7 +7,7 @@ Contact forces are those that the pusher applies **on the object**.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +44,11 @@ class LinkStream:
         """(3,) m, m, rad of the poses: as stated, or as usual."""
         return np.asarray(USUAL_POSE_STD if self.pose_std is None else self.pose_std)
 
+    def between(self, start: float, stop: float) -> LinkStream:
+        """What was measured from start to stop, s."""
+        kept = (self.time >= start) & (self.time <= stop)
+        return replace(self, time=self.time[kept], pose=self.pose[kept])
+
 
 @dataclass(frozen=True)
 class PushContact:
@@ -73,6 +78,20 @@ class PushContact:
     torque: Array | None = None
     link: int | None = None
 
+    def between(self, start: float, stop: float) -> PushContact:
+        """What was measured from start to stop, s."""
+        felt = (self.time >= start) & (self.time <= stop)
+        placed = (self.pose_time >= start) & (self.pose_time <= stop)
+        return replace(
+            self,
+            time=self.time[felt],
+            force=self.force[felt],
+            torque=None if self.torque is None else self.torque[felt],
+            pose_time=self.pose_time[placed],
+            point=self.point[placed],
+            normal=self.normal[placed],
+        )
+
 
 @dataclass(frozen=True)
 class PushedStreams:
@@ -97,3 +116,9 @@ class PushedStreams:
     pusher_time: Array | None = None
     pusher_yaw: Array | None = None
     session_starts: tuple[float, ...] = ()
+
+    def between(self, start: float, stop: float) -> PushedStreams:
+        """What was measured of links and contacts from start to stop, s."""
+        links = tuple(link.between(start, stop) for link in self.links)
+        contacts = {name: contact.between(start, stop) for name, contact in self.contacts.items()}
+        return replace(self, links=links, contacts=contacts)

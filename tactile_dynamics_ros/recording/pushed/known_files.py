@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import yaml
 
 from tactile_dynamics_ros.core.errors import BadInputError, nearest_file
 from tactile_dynamics_ros.core.planar.known import KNOWN_NAMES, KnownPushed
+from tactile_dynamics_ros.recording.yaml_files import read_numbers, write_document
 
 _FORMAT = "tactile_dynamics_pushed"
 
@@ -34,9 +33,8 @@ def read_known(path: str | Path) -> KnownPushed:
             f"{path}: expected a file that `estimate --model pushed --save` has written "
             f"(format: {_FORMAT})"
         )
-    values, covariance = (_array(document, key, path) for key in ("values", "covariance"))
-    if values.shape != (4,) or covariance.shape != (4, 4):
-        raise BadInputError(f"{path}: expected 4 values and their covariance (4, 4)")
+    values = read_numbers(document, "values", (4,), path)
+    covariance = read_numbers(document, "covariance", (4, 4), path)
     if np.linalg.eigvalsh(covariance)[0] <= 0.0:
         raise BadInputError(f"{path}: covariance is none: expected it to be positive definite")
     return KnownPushed(
@@ -54,9 +52,6 @@ def write_known(known: KnownPushed, path: str | Path) -> Path:
     Raises:
         BadInputError: another file is there, or it cannot be written.
     """
-    path = Path(path)
-    if path.exists() and _FORMAT not in path.read_text(errors="replace")[:200]:
-        raise BadInputError(f"{path} exists and is no file of an object; choose another path")
     document = {
         "format": _FORMAT,
         "source": known.name,
@@ -67,20 +62,4 @@ def write_known(known: KnownPushed, path: str | Path) -> Path:
         "undetermined": list(known.undetermined),
         "covariance": known.covariance.tolist(),
     }
-    draft = path.with_name(path.name + ".part")
-    try:
-        draft.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
-        os.replace(draft, path)
-    except OSError as error:
-        raise BadInputError(f"{path} cannot be written: {error.strerror}") from error
-    return path
-
-
-def _array(document: dict[str, Any], key: str, path: str | Path) -> Any:
-    try:
-        found = np.array(document[key], dtype=float)
-    except (KeyError, TypeError, ValueError) as error:
-        raise BadInputError(f"{path}: {key}: expected numbers") from error
-    if not np.all(np.isfinite(found)):
-        raise BadInputError(f"{path}: {key}: expected finite numbers")
-    return found
+    return write_document(document, path, "an object")

@@ -10,7 +10,7 @@ import numpy as np
 from tactile_dynamics_ros.core.discrepancy.documents import Document
 from tactile_dynamics_ros.core.discrepancy.live_check import LiveComparison
 from tactile_dynamics_ros.core.planar.diagnosis.live_check import compare_pushes, diagnose_pushes
-from tactile_dynamics_ros.core.planar.streams import LinkStream, PushContact, PushedStreams
+from tactile_dynamics_ros.core.planar.streams import PushedStreams
 
 SUDDEN = ("friction_change", "load_change")
 """Effects that begin at one time: pushes before and after them tell them, those after alone do not,
@@ -80,26 +80,6 @@ def streams_since(streams: PushedStreams, time: float) -> PushedStreams:
     """What was measured from a time, s, on."""
     if not np.isfinite(time):
         return streams
-    links = tuple(_link(link, time) for link in streams.links)
-    contacts = {name: _contact(contact, time) for name, contact in streams.contacts.items()}
-    kept = {name: contact for name, contact in contacts.items() if len(contact.time)}
-    return replace(streams, links=links, contacts=kept)
-
-
-def _link(link: LinkStream, time: float) -> LinkStream:
-    keep = link.time >= time
-    return replace(link, time=link.time[keep], pose=link.pose[keep])
-
-
-def _contact(contact: PushContact, time: float) -> PushContact:
-    keep, placed = contact.time >= time, contact.pose_time >= time
-    torque = None if contact.torque is None else contact.torque[keep]
-    return replace(
-        contact,
-        time=contact.time[keep],
-        force=contact.force[keep],
-        torque=torque,
-        pose_time=contact.pose_time[placed],
-        point=contact.point[placed],
-        normal=contact.normal[placed],
-    )
+    after = streams.between(time, np.inf)
+    kept = {name: contact for name, contact in after.contacts.items() if len(contact.time)}
+    return replace(after, contacts=kept)

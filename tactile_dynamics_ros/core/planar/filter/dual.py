@@ -26,6 +26,7 @@ from tactile_dynamics_ros.core.planar.filter.process import (
     Process,
     PusherMotion,
 )
+from tactile_dynamics_ros.core.planar.properties.intervals import COARSE
 
 Array = NDArray[np.float64]
 
@@ -42,10 +43,6 @@ std."""
 _LEAST_COUNT = 0.5
 """Share of the hypotheses that must go on counting after a step. What a measurement says beyond is
 left out: with a tenth of them their covariance would be of ten points."""
-_COARSE = 0.03
-"""Step, s, above which masses are not learnt, as in the fits to recordings: accelerations are not
-resolved, and what seems to tell the mass is how a start sticks. Learnt by `graph` at 15 Hz, masses
-of simulated objects 111 to 116 were off by 0.16 instead of 0.12 of their range."""
 _NOISE = (5e-5, 5e-5, 4e-4, 1e-3, 1e-3, 2e-2)
 """Standard deviation that a step of 10 ms adds to x, y, yaw and their rates: what the mechanics
 miss of a link (m, rad, m/s, rad/s). At a tenth poses lag behind pushes whose contact point is off
@@ -190,7 +187,7 @@ class DualFilter:
         """
         ahead = self._ahead(motion, seen)
         noise = self._believed_noise(seen, ahead)
-        coarse = motion is not None and motion.step > _COARSE
+        coarse = motion is not None and motion.step > COARSE
         self.belief = self._updated(ahead, seen.value, noise, motion is None, coarse)
 
     def _ahead(self, motion: PusherMotion | None, seen: Observation) -> _Ahead:
