@@ -292,31 +292,52 @@ class _Home:
 
 
 def _homes(
-    choice: Choice, freedoms: tuple[float, float], least_p_value: float = 0.0
+    choice: Choice,
+    rivals: Sequence[Trial],
+    freedoms: tuple[float, float],
+    least_p_value: float = 0.0,
 ) -> Iterator[_Home]:
     """Homes of the rivals that fit nearly as well as the best, the simplest first.
 
     Args:
         choice: among them.
+        rivals: at the whitening of the best; another reading of it must be the better one at home.
         freedoms: lowest and highest number of parameters beyond those of the best.
         least_p_value: of what a rival leaves being white noise.
     """
     names = [choice.best.name, *(rival.name for rival in choice.rivals)]
     limit = _CLOSE * square(choice.best.model)
-    for rival in sorted(choice.rivals, key=lambda trial: trial.model.freedom):
+    for rival in sorted(rivals, key=lambda trial: trial.model.freedom):
         extra = rival.model.freedom - choice.best.model.freedom
         if square(rival.model) > limit or not freedoms[0] <= extra <= freedoms[1]:
             continue
-        tell(f"comparing where {rival.name} is at home")
+        tell(f"comparing where {rival.label} is at home")
         model = rival.model.refined()
         structure = examine(*instants(model))
         if structure.p_value < least_p_value:
             continue
         bare, trials = rematch(model, rival.name, names, structure.floor)
         own = [trial for trial in trials if trial.name == rival.name]
-        if own:
+        if own and (rival.name != choice.best.name or own[0].label == rival.label):
             others = tuple(trial for trial in trials if trial is not own[0])
             yield _Home(model, structure.floor, bare, own[0], others)
+
+
+def _plainer(choice: Choice, floor: float) -> list[Trial]:
+    """Other readings of the best effect that have fewer parameters, such as one common to all."""
+    best = choice.best
+    bare = choice.model.without_effect(best.name)
+    scores = [
+        score
+        for score in screen(bare, bare.families([best.name]), floor)
+        if score.family.reading != best.source.family.reading
+        and len(score.family.kept) < len(best.source.family.kept)
+    ]
+    readings = sorted({score.family.reading for score in scores})
+    return [
+        try_effect(bare, [s for s in scores if s.family.reading == reading], best.name, floor)
+        for reading in readings
+    ]
 
 
 def simplest(choice: Choice) -> Choice:
@@ -327,7 +348,8 @@ def simplest(choice: Choice) -> Choice:
     floor = examine(*instants(choice.model)).floor
     if square(choice.model) > (_FAR * floor) ** 2 * len(choice.model.residual):
         return choice
-    for home in _homes(choice, (-np.inf, -_SIMPLER), _WHITE):
+    rivals = (*choice.rivals, *_plainer(choice, floor))
+    for home in _homes(choice, rivals, (-np.inf, -_SIMPLER), _WHITE):
         best = min((trial.criterion for trial in home.others), default=np.inf)
         if best > home.own.criterion - CHANCE:
             return Choice(home.model, home.own, home.others, evidence(home.bare, home.floor))
@@ -340,7 +362,7 @@ def with_equals(choice: Choice) -> Choice:
     Each beats the best at its own whitening about as clearly as it loses at that of the best.
     """
     best, found = choice.best, []
-    for home in _homes(choice, (-_SIMPLER, _SIMPLER)):
+    for home in _homes(choice, choice.rivals, (-_SIMPLER, _SIMPLER)):
         [away] = choice.named([home.own.name])
         if home.lead(best.name) > max(0.0, _EQUAL * (away.criterion - best.criterion)):
             found.append(home.own.name)
