@@ -8,13 +8,15 @@ import pickle
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
-from benchmarks.planar import ahead, choice, speed
+from benchmarks.planar import ahead, choice, daily, speed
+from benchmarks.planar.ablations import FILTERS
 from benchmarks.planar.fit import fitted
 from benchmarks.planar.scores import mean_interval, scored
 from benchmarks.planar.trial import (
@@ -74,22 +76,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--setting", choices=sorted(SETTINGS), default="slow")
     parser.add_argument("--action", choices=("push", "pull"), default="push")
     parser.add_argument("--objects", type=int, default=12, help="test objects of each family (12)")
-    parser.add_argument(
-        "--only", choices=("ahead", "filter", "choice", "speed"), help="one part only"
-    )
+    parser.add_argument("--only", choices=(*WITHIN, *SECTIONS), help="one part only")
+    parser.add_argument("--first", type=int, default=FIRST, help=f"seed of the first ({FIRST})")
     parser.add_argument("--keep", type=Path, help="folder from which an interrupted run goes on")
     parser.add_argument("--json", action="store_true", help="print only JSON on stdout")
     options = parser.parse_args(arguments)
     found: dict[str, Any] = {}
-    if options.only in (None, "choice"):
-        found["choice"] = choice.measure(range(FIRST, FIRST + options.objects))
-        if not options.json:
-            print(choice.table(found["choice"]), flush=True)
-    if options.only in (None, "speed"):
-        found["speed"] = speeds(options.setting)
-        if not options.json:
-            print(speed.table(found["speed"]), flush=True)
-    for family in options.families if options.only not in ("choice", "speed") else ():
+    for name, (make, say) in SECTIONS.items():
+        if options.only in (None, name):
+            found[name] = make(options)
+            if not options.json:
+                print(say(found[name]), flush=True)
+    for family in options.families if options.only in (None, *WITHIN) else ():
         found[family] = measure(family, options)
         if not options.json:
             print(table(family, found[family]), flush=True)
@@ -110,11 +108,8 @@ def models_of(family: str, options: argparse.Namespace) -> list[str]:
 
 def measure(family: str, options: argparse.Namespace) -> dict[str, Any]:
     """All figures of a family."""
-    seeds = range(FIRST, FIRST + options.objects)
     pulls = options.action == "pull"
-    kept = f"{family}_{options.setting}{'_pull' if pulls else ''}_{FIRST}_{seeds.stop}"
-    keep = Kept(options.keep, kept)
-    ones = keep.of("pushes", lambda: simulated(seeds, family, options.setting, options.action))
+    ones, keep = recorded(family, options)
     names = models_of(family, options)
     found: dict[str, Any] = {"n": len(ones), "setting": options.setting, "action": options.action}
     if options.only != "filter" and not pulls:
@@ -122,6 +117,15 @@ def measure(family: str, options: argparse.Namespace) -> dict[str, Any]:
     if options.only != "ahead":
         found["filter"] = properties(names, family, ones, options.setting, keep)
     return found
+
+
+def recorded(family: str, options: argparse.Namespace) -> tuple[list[Any], Kept]:
+    """Recordings of the test objects of a family, and where results on them are kept."""
+    seeds = range(options.first, options.first + options.objects)
+    pulls = "_pull" if options.action == "pull" else ""
+    keep = Kept(options.keep, f"{family}_{options.setting}{pulls}_{seeds.start}_{seeds.stop}")
+    make = partial(simulated, seeds, family, options.setting, options.action)
+    return keep.of("pushes", make), keep
 
 
 def one_step(names: list[str], ones: list[Any], setting: str) -> dict[str, Any]:
@@ -136,14 +140,19 @@ def one_step(names: list[str], ones: list[Any], setting: str) -> dict[str, Any]:
     return found
 
 
-def speeds(setting: str) -> dict[str, dict[str, float]]:
+def choices(options: argparse.Namespace) -> dict[str, Any]:
+    """Times of a choice of a push."""
+    return choice.measure(range(options.first, options.first + options.objects))
+
+
+def speeds(options: argparse.Namespace) -> dict[str, dict[str, float]]:
     """Times of a step of the filter with each model of a link and of two."""
     found = {}
     for family, names in MODELS.items():
         one = SimpleNamespace(scene=SimpleNamespace(thing=draw_object(FIRST, family)))
         for name in names:
             if name != "estimate":
-                process = process_of(name, one, setting)
+                process = process_of(name, one, options.setting)
                 found[f"{family}, {name}"] = speed.step_times(process, one.scene.thing)
     return found
 
@@ -176,28 +185,77 @@ def properties(
         "product known": scored(known, truths, ranges),
     }
     for name in names:
-        told = []
-        for k, one in enumerate(ones):
 
-            def tell(k: int = k, one: Any = one, name: str = name) -> dict[str, Any]:
-                if name == "estimate":
-                    return fitted(population, one)
-                process = process_of(name, one, setting)
-                return filtered(process, population, one, setting, name, k)
+        def tell(k: int, name: str = name) -> dict[str, Any]:
+            if name == "estimate":
+                return fitted(population, ones[k])
+            process = process_of(name, ones[k], setting)
+            return filtered(process, population.prior(process), ones[k], setting, name, k)
 
-            told.append(keep.of(f"{name}_{k}", tell))
-            print(f"\r{family} {name} {k + 1}/{len(ones)}", end="", file=sys.stderr)
-        print(file=sys.stderr)
+        told = each_of(tell, len(ones), keep, name)
         found[name] = scored([t["values"] for t in told], truths, ranges)
         found[name] |= calibration(told)
     return found
+
+
+def each_of(
+    tell: Callable[[int], dict[str, Any]], count: int, keep: Kept, name: str
+) -> list[dict[str, Any]]:
+    """What is told of each recording, with progress."""
+    told = []
+    for k in range(count):
+        told.append(keep.of(f"{name}_{k}", partial(tell, k)))
+        print(f"\r{keep.name} {name} {k + 1}/{count}", end="", file=sys.stderr)
+    print(file=sys.stderr)
+    return told
+
+
+def daily_objects(options: argparse.Namespace) -> dict[str, Any]:
+    """Paper B's Table IV: the prior is the process's own, as in `property_estimator`."""
+    keep = Kept(options.keep, f"daily_{options.setting}_{options.action}")
+    things, population = daily.daily_things(), Population.of("single")
+    make = partial(simulated, list(things), "single", options.setting, options.action, things)
+    ones = keep.of("pushes", make)
+    truths = [truth_of(one.scene) for one in ones]
+    ranges = {name: float(np.ptp([t[name] for t in truths])) for name in truths[0]}
+    rows = {n: scored(v, truths, ranges) for n, v in daily.baselines(population).items()}
+    for name in models_of("single", options):
+
+        def tell(k: int, name: str = name) -> dict[str, Any]:
+            if name == "estimate":
+                return fitted(population, ones[k])
+            process = process_of(name, ones[k], options.setting)
+            return filtered(process, process.prior, ones[k], options.setting, name, k)
+
+        told = each_of(tell, len(ones), keep, name)
+        rows[name] = scored([t["values"] for t in told], truths, ranges) | calibration(told)
+    return {"n": len(ones), "setting": options.setting, "action": options.action, "filter": rows}
+
+
+def ablated(options: argparse.Namespace) -> dict[str, Any]:
+    """The filter on the mechanics of one part, with single decisions undone."""
+    ones, keep = recorded("single", options)
+    population, truths = Population.of("single"), [truth_of(one.scene) for one in ones]
+    ranges, rows = _ranges("single"), {}
+    for name, make in FILTERS.items():
+
+        def tell(k: int, make: Any = make) -> dict[str, Any]:
+            process = process_of("patch", ones[k], options.setting)
+            prior = population.prior(process)
+            return filtered(process, prior, ones[k], options.setting, "patch", k, make)
+
+        told = each_of(tell, len(ones), keep, f"patch, {name}")
+        rows[name] = scored([t["values"] for t in told], truths, ranges) | calibration(told)
+    return {"n": len(ones), "setting": options.setting, "action": options.action, "filter": rows}
 
 
 def calibration(told: list[dict[str, Any]]) -> dict[str, Any]:
     """How often 90 % intervals hold, the worst error in its std, NEES of poses, times."""
     rows = {key: [z for t in told for z in t["z"].get(key, [])] for key in _KEYS}
     off = {key: np.abs(row) for key, row in rows.items() if row}
+    within = [max(abs(z) for row in t["z"].values() for z in row) < 3.0 for t in told if t["z"]]
     found: dict[str, Any] = {
+        "within_3": [int(sum(within)), len(within)],
         "inside_90": {key: float(np.mean(each < INSIDE)) for key, each in off.items()},
         "stated": {key: len(each) for key, each in off.items()},
         "worst_z": max(float(each.max()) for each in off.values()),
@@ -228,10 +286,13 @@ def table(family: str, found: dict[str, Any]) -> str:
             rows.append(f"| {name} | {' | '.join(cells)} |")
         rows.append("")
     if "filter" in found:
-        keys = [k for k in found["filter"]["prior mean"] if not k.startswith("overall")]
+        first = next(iter(found["filter"].values()))
+        keys = [k for k in first if isinstance(first[k], dict) and "mean" in first[k]]
+        keys = [k for k in keys if k != "nees"]
         links = sorted({k[-1] for k in keys})
-        rows.append(f"| NRMSE | {' | '.join(keys)} | overall | in 90 % | worst z | NEES | ms |")
-        rows.append("|---" * (len(keys) + 6) + "|")
+        judged = ["overall", "in 90 %", "all in 3 std", "worst z", "NEES", "ms"]
+        rows.append(f"| {' | '.join(['NRMSE', *keys, *judged])} |")
+        rows.append("|---" * (len(keys) + 7) + "|")
         for name, one in found["filter"].items():
             cells = [_cell(one[key]) if key in one else "" for key in keys]
             overall = ", ".join(f"{one[f'overall{k}']:.2f}" for k in links if f"overall{k}" in one)
@@ -239,13 +300,14 @@ def table(family: str, found: dict[str, Any]) -> str:
             inside = " ".join(
                 f"{k} {v:.0%} of {stated[k]}" for k, v in one.get("inside_90", {}).items()
             )
-            judged = [overall, inside, "", "", ""]
+            near = "{} of {}".format(*one["within_3"]) if "within_3" in one else ""
+            judged = [overall, inside, near, "", "", ""]
             if "nees" in one:
                 time = f"{one['step_ms']:.1f}, p99 {one['step_ms_p99']:.1f}"
-                judged[2:] = [f"{one['worst_z']:.1f}", _cell(one["nees"]), time]
+                judged[3:] = [f"{one['worst_z']:.1f}", _cell(one["nees"]), time]
             elif "refused" in one:
                 said = f"{one['cpu_s']:.1f} s, {one['refused']} refused"
-                judged[2:] = [f"{one['worst_z']:.1f}", "", said]
+                judged[3:] = [f"{one['worst_z']:.1f}", "", said]
             rows.append(f"| {name} | {' | '.join([*cells, *judged])} |")
         rows.append("")
     return "\n".join(rows)
@@ -254,6 +316,16 @@ def table(family: str, found: dict[str, Any]) -> str:
 def _cell(one: dict[str, float]) -> str:
     return f"{one['mean']:.3g} ({one['low']:.2g}-{one['high']:.2g})"
 
+
+WITHIN = ("ahead", "filter")
+"""Parts of the figures of a family."""
+SECTIONS: dict[str, tuple[Callable[..., Any], Callable[..., str]]] = {
+    "choice": (choices, choice.table),
+    "speed": (speeds, speed.table),
+    "daily": (daily_objects, partial(table, "daily objects")),
+    "ablations": (ablated, partial(table, "ablations of the filter on `patch`")),
+}
+"""Parts of their own: what measures and what tells them."""
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -43,13 +43,19 @@ DRAWS = 4000
 """Objects that stand for what is known beforehand."""
 
 
-def simulated(seeds: Sequence[int], kind: str, setting: str, action: str = "push") -> list[Any]:
+def simulated(
+    seeds: Sequence[int],
+    kind: str,
+    setting: str,
+    action: str = "push",
+    things: Mapping[int, PushedObject] | None = None,
+) -> list[Any]:
     """Recordings of the test set: tables vary by 8 %, faces are uneven by 10 %, stiction 10 %."""
     rate = 1.0 / SETTINGS[setting][0]
     actions = replace(SETTINGS[setting][1], kind=action)
     options = pushed.PushOptions(
         kind=kind, actions=actions, variation=0.08, stiction=0.1, uneven=0.1,
-        sensors=SensorOptions(rate_hz=rate, force_rate_hz=rate),
+        sensors=SensorOptions(rate_hz=rate, force_rate_hz=rate), things=things or {},
     )  # fmt: skip
     return pushed.generate(seeds, None, options)
 
@@ -205,12 +211,28 @@ def _felt_by_pads(motion: Any, window: slice, moved: PusherMotion, noise: Array)
 
 
 def filtered(
-    process: Process, population: Population, one: Any, setting: str, model: str, seed: int
+    process: Process,
+    prior: tuple[Array, Array],
+    one: Any,
+    setting: str,
+    model: str,
+    seed: int,
+    make: Callable[..., DualFilter] = DualFilter,
 ) -> dict[str, Any]:
-    """What a filter with a model makes of all pushes of an object, and what it cost."""
+    """What a filter with a model makes of all pushes of an object, and what it cost.
+
+    Args:
+        process: the model.
+        prior: mean and covariance of its parameters before any push.
+        one: recording.
+        setting: one of SETTINGS.
+        model: its name.
+        seed: of the noise and of the hypotheses.
+        make: the filter.
+    """
     steps, true = sensed_steps(one, setting, seed)
     start = np.concatenate([pose.value for pose in steps[0][1].poses])
-    belief = DualFilter(process, start, POSE_STD, DualConfig(seed=seed), population.prior(process))
+    belief = make(process, start, POSE_STD, DualConfig(seed=seed), prior)
     nees, times = [], []
     for k, (motion, seen) in enumerate(steps):
         began = time.process_time()

@@ -115,19 +115,44 @@ def _link(corners: np.ndarray, mass: float, rng: np.random.Generator, feet: int)
     """Draw what is inside an outline: a plate and ballast that moves the centre of mass."""
     low, high = corners.min(axis=0), corners.max(axis=0)
     half = 0.5 * (high - low)
-    points = feet_within(corners, float((high - low).max()) / feet)
-    middle = points.mean(axis=0)
     inside = 2.0 if len(corners) == 3 else 1.0
+    middle = feet_within(corners, float((high - low).max()) / feet).mean(axis=0)
     com = middle + _COM_SHARE / inside * half * rng.uniform(-1.0, 1.0, 2)
     share = rng.uniform(0.35, 0.6)
-    ballast = middle + (com - middle) / share
-    plate = mass * (1.0 - share) * (np.sum((points - middle) ** 2, axis=1).mean())
-    inertia = plate + mass * (1.0 - share) * np.sum((middle - com) ** 2)
-    inertia += mass * share * np.sum((ballast - com) ** 2)
     friction = float(rng.uniform(*_FRICTION))
-    height = min(float(rng.uniform(*_HEIGHT)), _STEADY * float(half.min()) / friction)
+    return ballasted(corners, float(rng.uniform(*_HEIGHT)), mass, com, friction, share, feet)
+
+
+def ballasted(
+    corners: np.ndarray,
+    height: float,
+    mass: float,
+    com: np.ndarray,
+    friction: float,
+    share: float = 0.5,
+    feet: int = 10,
+) -> Link:
+    """Return a plate with ballast at one place, cut so low that no push tips it over.
+
+    Args:
+        corners: (K, 2) m, anticlockwise, of the outline.
+        height: m, at most.
+        mass: kg.
+        com: (2,) m.
+        friction: coefficient on the table.
+        share: of the mass that is ballast.
+        feet: along the longer side.
+    """
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    points = feet_within(corners, float((high - low).max()) / feet)
+    middle = points.mean(axis=0)
+    ballast = middle + (com - middle) / share
+    inertia = mass * (1.0 - share) * (np.sum((points - middle) ** 2, axis=1).mean())
+    inertia += mass * (1.0 - share) * np.sum((middle - com) ** 2)
+    inertia += mass * share * np.sum((ballast - com) ** 2)
+    low_enough = min(height, _STEADY * 0.5 * float((high - low).min()) / friction)
     area = np.full(len(points), _area(corners) / len(points))
-    return Link(corners, height, mass, com, float(inertia), friction, points, area)
+    return Link(corners, low_enough, mass, com, float(inertia), friction, points, area)
 
 
 def _area(corners: np.ndarray) -> float:

@@ -16,6 +16,7 @@ from tactile_dynamics_ros.synthetic.pushed.friction_field import FrictionField
 from tactile_dynamics_ros.synthetic.pushed.objects import (
     GRAVITY,
     Link,
+    PushedObject,
     draw_object,
     with_uneven_support,
 )
@@ -30,6 +31,7 @@ class PushOptions:
 
     Attributes:
         kind: of the object, one of `objects.KINDS`.
+        things: objects by seed, in place of those that are drawn.
         actions: what the robot does.
         sensors: noise and defects.
         variation: relative std of friction from place to place.
@@ -43,6 +45,7 @@ class PushOptions:
     variation: float = 0.0
     stiction: float = 0.0
     uneven: float = 0.0
+    things: Mapping[int, PushedObject] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -118,7 +121,7 @@ def generate(
 def draw_scene(seed: int, options: PushOptions) -> Scene:
     """Return the scene of a seed without anything hidden."""
     rng = randomness.stream(seed, "pushed", "scene")
-    thing = draw_object(seed, options.kind)
+    thing = options.things.get(seed) or draw_object(seed, options.kind)
     if options.uneven:
         thing = with_uneven_support(thing, randomness.stream(seed, "uneven"), options.uneven)
     table = None

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag, solve_triangular
+from scipy.linalg import block_diag
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.planar.filter.belief import (
@@ -26,6 +26,7 @@ from tactile_dynamics_ros.core.planar.filter.process import (
     Process,
     PusherMotion,
 )
+from tactile_dynamics_ros.core.planar.filter.weights import log_likelihood, tempered_weights
 from tactile_dynamics_ros.core.planar.properties.intervals import COARSE
 
 Array = NDArray[np.float64]
@@ -40,9 +41,6 @@ _TRUST = 0.2
 """Power of the likelihood in the parameter step: errors of contact point, friction and arm last
 for about five steps, which then tell as much as one. At 1 masses are off by up to twelve of their
 std."""
-_LEAST_COUNT = 0.5
-"""Share of the hypotheses that must go on counting after a step. What a measurement says beyond is
-left out: with a tenth of them their covariance would be of ten points."""
 _NOISE = (5e-5, 5e-5, 4e-4, 1e-3, 1e-3, 2e-2)
 """Standard deviation that a step of 10 ms adds to x, y, yaw and their rates: what the mechanics
 miss of a link (m, rad, m/s, rad/s). At a tenth poses lag behind pushes whose contact point is off
@@ -196,16 +194,8 @@ class DualFilter:
         So neither blurs what the other is told: a heavy hypothesis is not judged by the velocity
         that was drawn with it.
         """
-        own, mean, root = self._own, self.belief.mean, self.belief.root
-        parts = [
-            (own_unit @ self._turn(own_unit.shape[1])) @ block.T
-            for own_unit, block in (
-                (self._unit_own, root[:, :own]),
-                (self._unit_moving, root[:, own:]),
-            )
-        ]
-        values = mean + np.concatenate([np.zeros((1, len(mean))), *parts])
-        split = np.cumsum([1, len(parts[0])])
+        own = self._own
+        values, split = self._hypotheses()
         if motion is not None:
             self._fade(values[1 : split[1]], motion.step)
         states, memory = self._moved(values, motion, split)
@@ -221,6 +211,19 @@ class DualFilter:
             states.force_std,
             len(seen.value),
         )
+
+    def _hypotheses(self) -> tuple[Array, NDArray[np.intp]]:
+        """The mean, then hypotheses of parameters and of motions; where each part begins."""
+        own, mean, root = self._own, self.belief.mean, self.belief.root
+        parts = [
+            (unit @ self._turn(unit.shape[1])) @ block.T
+            for unit, block in (
+                (self._unit_own, root[:, :own]),
+                (self._unit_moving, root[:, own:]),
+            )
+        ]
+        values = mean + np.concatenate([np.zeros((1, len(mean))), *parts])
+        return values, np.cumsum([1, len(parts[0])])
 
     def _turn(self, size: int) -> Array:
         """Random rotation, so that no direction is always between the hypotheses."""
@@ -344,9 +347,9 @@ class DualFilter:
         spread = certain + ahead.spread[:, n:].T @ ahead.spread[:, n:]
         self.kept = 1.0
         if not resting and len(value):
-            likelihood = _TRUST * _log_likelihood(value - told, spread)
+            likelihood = _TRUST * log_likelihood(value - told, spread)
             weights, self.kept = tempered_weights(likelihood)
-        marginal = weighted_moments(ahead.own, weights)
+        marginal = self._parameter_step(ahead.own, weights)
         middle = weights @ ahead.by_own
         root = np.sqrt(weights)[:, None]
         away, deviation = root * (ahead.own - marginal[0]), root * (ahead.by_own - middle)
@@ -362,36 +365,14 @@ class DualFilter:
             return joined(marginal, slope, (middle, lower))
         gain, inner = kalman_step(lower[:n, :n], lower[n:, :n], doubt)
         corrected = middle[:n] + gain @ (value - middle[n:])
-        return joined(marginal, slope[:n] - gain @ slope[n:], (corrected, inner))
+        return self._rebuilt(marginal, slope[:n] - gain @ slope[n:], (corrected, inner))
 
+    def _parameter_step(self, own: Array, weights: Array) -> tuple[Array, Array]:
+        """Mean (p,) and root (p, p) of the parameters from weighted hypotheses (C, p)."""
+        return weighted_moments(own, weights)
 
-def _log_likelihood(lack: Array, covariance: Array) -> Array:
-    """Logarithms (C,) of the likelihood of deviations (C, m)."""
-    white = solve_triangular(np.linalg.cholesky(covariance), lack.T, lower=True)
-    return np.asarray(-0.5 * np.sum(white**2, axis=0))
-
-
-def tempered_weights(log_likelihood: Array) -> tuple[Array, float]:
-    """Weights (C,) ~ likelihood^b with the largest b <= 1 for which enough hypotheses count.
-
-    They count as 1 / sum w^2. With b below 1 a part of the measurement is left out, which is
-    honest: no hypothesis is near enough to say what all of it means.
-    """
-    raised = log_likelihood - log_likelihood.max()
-
-    def weights(power: float) -> Array:
-        w = np.exp(power * raised)
-        return np.asarray(w / w.sum())
-
-    wanted = _LEAST_COUNT * len(raised)
-    full = weights(1.0)
-    if 1.0 / np.sum(full**2) >= wanted:
-        return full, 1.0
-    low, high = -12.0, 0.0
-    for _ in range(20):
-        middle = 0.5 * (low + high)
-        if 1.0 / np.sum(weights(float(np.exp(middle))) ** 2) >= wanted:
-            low = middle
-        else:
-            high = middle
-    return weights(float(np.exp(low))), float(np.exp(low))
+    def _rebuilt(
+        self, marginal: tuple[Array, Array], slope: Array, conditional: tuple[Array, Array]
+    ) -> Belief:
+        """The joint of parameters and motion, as `joined` has it."""
+        return joined(marginal, slope, conditional)
