@@ -274,6 +274,20 @@ def test_a_tip_that_slides_pushes_along_the_edge_of_its_cone():
     assert found.states[0, 3] == pytest.approx(0.01, rel=0.2)
 
 
+def test_a_tip_that_slides_along_an_edge_takes_the_same_force_in_few_rounds_as_in_many():
+    corners = np.array([[-0.036, -0.029], [0.071, -0.029], [-0.036, 0.057]])
+    own = np.array([np.log(0.15), np.log(0.5), 0.0, 0.0, np.log(0.23)])
+    inwards = -np.array([0.086, 0.107]) / np.hypot(0.086, 0.107)
+    way = 7e-4 * inwards + 14e-4 * np.array([-inwards[1], inwards[0]])  # 12 and 22 mm/s
+    forces = []
+    for rounds in (4, 40):
+        found = pushed_by(
+            PatchProcess(corners, rounds=rounds), [0.025, 0.0087], way, own, 4, normal=inwards
+        )
+        forces.append(found.wrench[0, :2])
+    assert_allclose(forces[0], forces[1], atol=0.02 * np.linalg.norm(forces[1]))
+
+
 def test_without_touch_the_object_stops_as_friction_says():
     states = np.array([[0.0, 0.0, 0.0, 0.1, 0.0, 0.0]])
     away = PusherMotion(np.zeros(3), np.zeros(3), 0.01, touching=False)

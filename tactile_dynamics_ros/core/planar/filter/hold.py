@@ -87,13 +87,20 @@ class TipHold:
         push += (holding * self.drive[1])[:, None] * tangent
         return np.asarray(damping), np.asarray(push)
 
-    def settle(self, twist: Array) -> None:
-        """Touch while the normal force presses; slide where the tangential one is too large."""
+    def settle(self, twist: Array) -> Mask:
+        """Touch while the normal force presses; slide where the tangential one is too large.
+
+        Without a memory each step begins with a tip that sticks, and a tip that slides along an
+        edge would drag the object sideways at several times the force.
+        """
+        before = self.touches, self.slides, self.way * self.slides
         normal, tangential = self._forces(twist)
         self.touches = self.felt & (normal > 0.0)
         most = self.friction * np.maximum(normal, 0.0)
         self.slides = self.touches & (np.abs(tangential) > most)
         self.way = np.sign(tangential)
+        after = self.touches, self.slides, self.way * self.slides
+        return np.asarray(np.any([a != b for a, b in zip(before, after, strict=True)], axis=0))
 
     def wrench(self, twist: Array) -> Array:
         """Wrench of the tip on the object."""

@@ -12,6 +12,7 @@ from tactile_dynamics_ros.core.planar.mechanics.linkage import applied, cross, s
 from tactile_dynamics_ros.core.planar.mechanics.outline import edge_normals, nearest_edge
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 
 class Hold(Protocol):
@@ -23,8 +24,12 @@ class Hold(Protocol):
     def linear(self) -> tuple[Array, Array]:
         """Damping (B, 3, 3) and push (B, 3), axes of the support."""
 
-    def settle(self, twist: Array) -> None:
-        """Choose between touch and none, stick and slip, by the twist (B, 3) at the step's end."""
+    def settle(self, twist: Array) -> Mask | None:
+        """Choose between touch and none, stick and slip, by the twist (B, 3) at the step's end.
+
+        Returns:
+            Which objects (B,) changed so much that this twist misleads; None for none.
+        """
 
     def wrench(self, twist: Array) -> Array:
         """(B, 3) on the object about the origin of the link's frame."""
@@ -136,7 +141,10 @@ class TipHold:
         return np.asarray(damping), np.asarray(total)
 
     def settle(self, twist: Array) -> None:
-        """Touch while the normal force presses; slide where the tangential one is too large."""
+        """Touch while the normal force presses; slide where the tangential one is too large.
+
+        The stretch that is remembered keeps what changes small.
+        """
         normal, tangential = self._forces(twist)
         self.touches = normal > 0.0
         most = self.tip.friction * np.maximum(normal, 0.0)
