@@ -58,7 +58,7 @@ def _row(name: str, seed: int, variation: float) -> dict[str, Any]:
     named = found.explained_model.parameters() if found.effect else {}
     return row | {
         "cpu_s": time.process_time() - start,
-        "stated_variation": model.variation,
+        "stated_variation": [model.table.along, model.table.field, model.table.length],
         "verdict": found.verdict,
         "effect": found.effect,
         "group": list(found.group),

@@ -8,6 +8,7 @@ import pytest
 
 from tactile_dynamics_ros.cli.main import main
 from tactile_dynamics_ros.core.planar.diagnosis.discrepancy_model import PushDiscrepancy
+from tactile_dynamics_ros.core.planar.diagnosis.variation import SLOPE, VARIATION, Table
 from tactile_dynamics_ros.core.planar.effects.effect import PUSHED
 from tactile_dynamics_ros.core.planar.properties.estimate import estimate
 from tactile_dynamics_ros.recording.pushed import PushedRecording
@@ -36,7 +37,36 @@ def test_innovations_of_a_right_model_are_white(model):
     assert np.sqrt(np.mean(white**2, axis=0)) == pytest.approx(1.0, abs=0.2)
     rho = np.mean(white[1:] * white[:-1], axis=0) / np.mean(white**2, axis=0)
     assert np.max(np.abs(rho)) < 4.0 / np.sqrt(len(white))
-    assert model.variation <= 0.02
+    assert model.table.along <= 0.02
+    assert model.table.field == 0.0
+
+
+def test_the_same_change_under_all_points_is_more_friction(model):
+    balance, motion, common = model.fit.model.balance, model._motion, model.fit.common
+    slip = model._sharp.slip
+    everywhere = np.ones(balance.feet(motion).shape[:2])
+    told = balance.lack_by_shares(motion, common, slip, [everywhere])[:, :, 0]
+    friction = balance.linear_friction(motion, common, slip)
+    more = replace(motion, local=motion.local + [1e-4, 0.0, 0.0])
+    change = balance.lack(more, common, friction) - balance.lack(motion, common, friction)
+    assert np.allclose(told, change / 1e-4, atol=2e-3 * np.abs(told).max())
+
+
+def test_what_a_field_may_do_is_no_evidence_for_a_slope(model):
+    uneven = replace(model, table=Table(model.table.along, 2.0, 0.1))
+    told = [np.linalg.norm(m.families_of(SLOPE)[0].columns) for m in (model, uneven)]
+    assert told[1] < 0.7 * told[0]
+    noise = uneven.draw_noise(np.random.default_rng(1))
+    assert np.sqrt(np.mean(uneven.whiten(noise) ** 2)) == pytest.approx(1.0, abs=0.1)
+    assert np.sqrt(np.mean(noise**2)) > 1.1
+
+
+def test_a_slope_that_a_field_could_be_is_named_with_it(model):
+    alike = replace(model, table=Table(0.003, imitates_slope=True))
+    assert alike.imitators(SLOPE) == (VARIATION,)
+    assert alike.imitators("support_tilt") == ()
+    assert replace(model, table=Table(0.003)).imitators(SLOPE) == ()
+    assert "push over more of the table" in alike.plan_against([])["description"]
 
 
 @pytest.mark.parametrize("name", PUSHED.names())

@@ -228,7 +228,8 @@ def find_group(choice: Choice, config: DiagnosisConfig) -> tuple[tuple[str, ...]
     """Rivals that the data cannot tell from the best, and whether one of them is as plausible.
 
     They fit held-out blocks as well, and are as plausible or contain what the best explains: more
-    data along the same motion could not refute them either. What equals the best at its own
+    data along the same motion could not refute them either. What the model knows to imitate the
+    best is as plausible. What equals the best at its own
     whitening is as plausible; where lasting errors remain, so is all that fits held-out blocks.
     """
     best, lasting = choice.best, choice.dispersion > 1.0
@@ -245,6 +246,7 @@ def find_group(choice: Choice, config: DiagnosisConfig) -> tuple[tuple[str, ...]
         return lasting or is_plausible(rival) or contains(choice, rival)
 
     equal = [rival for rival in choice.rivals if is_equal(rival)]
-    ambiguous = any(lasting or is_plausible(rival) for rival in equal)
-    names = (best.name, *(r.name for r in equal)) if equal else ()
-    return names, ambiguous
+    alike = tuple(choice.model.imitators(best.name))
+    ambiguous = bool(alike) or any(lasting or is_plausible(rival) for rival in equal)
+    names = (*(r.name for r in equal), *alike)
+    return (best.name, *names) if names else (), ambiguous

@@ -156,7 +156,12 @@ def _scored(score: Score, tests: int) -> Document:
 
 
 def diagnosis_sentence(diagnosis: Diagnosis) -> str:
-    """The verdict for people."""
+    """The verdict for people, and what is to be known beside an adequate model."""
+    remark = diagnosis.model.remark if diagnosis.verdict == "adequate" else ""
+    return " ".join(filter(None, (_verdict_sentence(diagnosis), remark)))
+
+
+def _verdict_sentence(diagnosis: Diagnosis) -> str:
     if diagnosis.convention is not None:
         return _convention_sentence(diagnosis, diagnosis.convention)
     if diagnosis.trace is not None:

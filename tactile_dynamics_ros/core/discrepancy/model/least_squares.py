@@ -184,6 +184,15 @@ class LeastSquaresModel(ABC, Generic[EffectT]):
         return ""
 
     @property
+    def remark(self) -> str:
+        """Empty: nothing beside the numbers."""
+        return ""
+
+    def imitators(self, name: str) -> Sequence[str]:
+        """None: all that a model knows of is in its catalogue."""
+        return ()
+
+    @property
     def lasting_freedom(self) -> float:
         """Number of independent errors that last and that the sensors report; one by default."""
         return 1.0

@@ -175,6 +175,13 @@ class ResidualModel(Protocol):
     def unreadable(self) -> str:
         """Why a misfit of this recording says nothing of the model, in a sentence; empty mostly."""
 
+    @property
+    def remark(self) -> str:
+        """What an adequate model should be known by beside its numbers; a sentence, or empty."""
+
+    def imitators(self, name: str) -> Sequence[str]:
+        """What is no effect of the catalogue and may do here what an effect does, by name."""
+
     def is_possible(self, name: str) -> bool:
         """Whether the parameters of an effect that the model has are such as can exist."""
 

@@ -19,10 +19,20 @@ from tactile_dynamics_ros.core.discrepancy.model.residual_model import (
 )
 from tactile_dynamics_ros.core.effects.parameter import EffectParameter
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
+from tactile_dynamics_ros.core.planar.diagnosis.conditions import (
+    push_conditions,
+    push_residuals,
+)
 from tactile_dynamics_ros.core.planar.diagnosis.innovations import Innovations
 from tactile_dynamics_ros.core.planar.diagnosis.rows import PushRows, linear_rows
-from tactile_dynamics_ros.core.planar.diagnosis.separating_push import plan_push
-from tactile_dynamics_ros.core.planar.diagnosis.variation import VARIATIONS, log_evidence
+from tactile_dynamics_ros.core.planar.diagnosis.separating_push import plan_push, plan_wider
+from tactile_dynamics_ros.core.planar.diagnosis.variation import (
+    SLOPE,
+    VARIATION,
+    Table,
+    field_rows,
+    likeliest_table,
+)
 from tactile_dynamics_ros.core.planar.effects.effect import PUSHED, PushEffect
 from tactile_dynamics_ros.core.planar.properties.balance import NAMES, Friction, Kinematics
 from tactile_dynamics_ros.core.planar.properties.fit import (
@@ -74,7 +84,7 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
         values: (4,) own parameters.
         effects: of the model. theta: their parameters.
         catalogue: names of the effects that may be tried.
-        variation: relative std of friction from place to place by which residuals are made white.
+        table: how friction differs from place to place, by which residuals are made white.
     """
 
     fit: PushFit
@@ -82,7 +92,7 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
     effects: tuple[PushEffect, ...]
     theta: tuple[Array, ...]
     catalogue: tuple[str, ...]
-    variation: float
+    table: Table
 
     @classmethod
     def of_streams(cls, streams: PushedStreams, names: Sequence[str] = ()) -> PushDiscrepancy:
@@ -96,9 +106,10 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
         found = with_expected_force(fit_push(streams, effects))
         first, *theta = np.split(found.common, len(NAMES) + _ends(effects))
         model = cls(
-            found, first[:_OWN], found.model.effects, tuple(theta), PUSHED.names(), found.variation
+            *(found, first[:_OWN], found.model.effects, tuple(theta), PUSHED.names()),
+            table=Table(found.variation),
         )
-        return replace(model, variation=model._likeliest_variation()).settled()
+        return replace(model, table=model._likeliest_table()).settled()
 
     @property
     def own(self) -> Array:
@@ -118,7 +129,7 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
 
     @cached_property
     def _sharp(self) -> Sharpness:
-        return final_sharpness(self.fit.model, self.fit.nodes, self.variation)
+        return final_sharpness(self.fit.model, self.fit.nodes, self.table.along)
 
     @cached_property
     def _rows(self) -> PushRows:
@@ -130,18 +141,38 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
 
     @cached_property
     def _lasting(self) -> tuple[Array, Array]:
-        """Innovations (M, 7) per standard deviation of lasting errors, and what is found (7,)."""
+        """Innovations (M, k) per standard deviation of lasting errors, and what is found (k,).
+
+        Height, place, clock and pressure; and friction over the table, of which nothing is found.
+        """
         mean, std = self.fit.model.prior
         chosen = slice(_OWN, len(NAMES))
-        rows = self._rows
-        by_pose = np.zeros((*rows.pose.shape, len(NAMES) - _OWN))
-        by_pose[:, :, -1] = rows.pose_by_delay
-        columns = self._innovations(rows.motion_by_common[:, :, chosen], by_pose)
-        return columns * std[chosen], (self.fit.common[chosen] - mean[chosen]) / std[chosen]
+        motion, poses = self._lasting_rows
+        found = (self.fit.common[chosen] - mean[chosen]) / std[chosen]
+        if self.table.field:
+            field = self.table.field * self._field(self.table.length)
+            motion = np.concatenate([motion, field], axis=2)
+            more = field.shape[2]
+            poses = np.concatenate([poses, np.zeros((*poses.shape[:2], more))], axis=2)
+            found = np.append(found, np.zeros(more))
+        return self._innovations(motion, poses), found
+
+    @property
+    def _lasting_rows(self) -> tuple[Array, Array]:
+        """Rows (N, 3, 7) and (P, 3, 7) per standard deviation of errors that last."""
+        std, rows = self.fit.model.prior[1], self._rows
+        chosen = slice(_OWN, len(NAMES))
+        poses = np.zeros((*rows.pose.shape, len(NAMES) - _OWN))
+        poses[:, :, -1] = rows.pose_by_delay
+        return rows.motion_by_common[:, :, chosen] * std[chosen], poses * std[chosen]
+
+    def _field(self, length: float) -> Array:
+        """Rows (N, 3, K) by spots of a table whose friction differs over a length, m."""
+        return field_rows(self.fit.model, self._motion, self.fit.common, self._sharp, length)
 
     @cached_property
     def _spread(self) -> tuple[Array, Array]:
-        """Directions U (M, 7) of lasting errors and their variances."""
+        """Directions U (M, k) of lasting errors and their variances."""
         vectors, sizes, _ = np.linalg.svd(self._lasting[0], full_matrices=False)
         return vectors, np.square(sizes)
 
@@ -170,17 +201,21 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
 
     def evaluate(self, x: Array, effects: tuple[PushEffect, ...]) -> tuple[Array, Array]:
         """White residual (M,) and its derivative (M, p), in one run of the filter."""
+        white = self.whiten(self._innovations(*self._slopes(x, effects)))
+        return self.whiten(self._at_fit) + white[:, 0], white[:, 1:]
+
+    def _slopes(self, x: Array, effects: tuple[PushEffect, ...]) -> tuple[Array, Array]:
+        """`_changed` (N, 3, 1 + p) and (P, 3, 1 + p), followed by its derivative."""
         sizes = _STEP * self.scales(effects)
         here = self._changed(x, effects)
         moved = [self._changed(x + step, effects) for step in np.diag(sizes)]
-        columns = [
+        motion, poses = (
             np.stack(
                 [part, *((there[k] - part) / h for there, h in zip(moved, sizes, strict=True))], -1
             )
             for k, part in enumerate(here)
-        ]
-        white = self.whiten(self._innovations(*columns))
-        return self.whiten(self._at_fit) + white[:, 0], white[:, 1:]
+        )
+        return motion, poses
 
     def _changed(self, x: Array, effects: Sequence[PushEffect]) -> tuple[Array, Array]:
         """Change of rows (N, 3) of the motion and (P, 3) of poses from where they were taken."""
@@ -261,11 +296,12 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
         """
         start = np.concatenate([self.values, self.fit.common[_OWN : len(NAMES)], *self.theta])
         try:
-            found = refit(self.fit, self.effects, start, self.variation)
+            found = refit(self.fit, self.effects, start, self.table.total)
         except NotIdentifiableError:
             return self.settled()
         first, *theta = np.split(found.common, len(NAMES) + _ends(self.effects))
-        return replace(self, fit=found, values=first[:_OWN], theta=tuple(theta)).settled()
+        made = replace(self, fit=found, values=first[:_OWN], theta=tuple(theta))
+        return replace(made, table=made._likeliest_table(self.table)).settled()
 
     def settled(self) -> PushDiscrepancy:
         """Fit at fixed whitening."""
@@ -329,71 +365,62 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
         """Speed, force, place and time."""
         model, rows = self.fit.model, self._rows
         at = np.searchsorted(model.middle, rows.pose_middle[self._filter.order])
-        motion = model.balance.motion(self._motion)
         force = np.linalg.norm(model.intervals.force[model.middle, :2], axis=1)
-        heading = (
-            motion.velocity / np.maximum(np.linalg.norm(motion.velocity, axis=1), 1e-9)[:, None]
-        )
-        return [
-            Condition("speed", "m/s", motion.speed[at], symbol="v"),
-            Condition("force", "N", force[at]),
-            Condition("place x", "m", motion.place[at, 0], symbol="x"),
-            Condition("place y", "m", motion.place[at, 1], symbol="y"),
-            Condition("heading cosine", "", heading[at, 0]),
-            Condition("heading sine", "", heading[at, 1]),
-            Condition("time", "s", motion.time[at] - motion.time[0], symbol="t"),
-        ]
+        return push_conditions(model.balance.motion(self._motion), force, at)
 
     def residuals(self) -> Residuals:
         """Innovations of the pose, with what was going on."""
-        conditions = self.conditions()
         white = self.residual.reshape(-1, 3)
-        return Residuals(
-            time=self.time[::3],
-            white=white,
-            physical=white * self._rows.pose_std,
-            channels=("position_x", "position_y", "yaw"),
-            units=("m", "m", "rad"),
-            conditions=tuple(conditions),
-            drivers=np.column_stack([c.values for c in conditions[:1] + conditions[4:6]]),
-            alone="mass, friction and centre alone",
-            about="The model predicts every pose of the object from those before it and from the "
-            "forces of the pusher; the residual is what it is off by, over the noise.",
-        )
+        return push_residuals(self.time[::3], white, self._rows.pose_std, self.conditions())
 
     def lacking(self) -> Array:
         """(R, 3) force, N, and torque about the contact, N m, that the fitted motion lacks."""
         fit = self.fit
         return fit.model.balance.lack(self._motion, fit.common, self._friction)
 
+    @property
+    def remark(self) -> str:
+        """How friction differs over the table, if it does."""
+        return self.table.remark
+
+    def imitators(self, name: str) -> tuple[str, ...]:
+        """Friction that differs from place to place may look like a slope."""
+        return (VARIATION,) if name == SLOPE and self.table.imitates_slope else ()
+
     def plan_against(self, rivals: Sequence[PushDiscrepancy]) -> dict[str, Any] | None:
         """The push that would tell this model from others."""
         named = {rival.effect_names[-1]: rival._pushed for rival in rivals if rival.effects}
-        return plan_push(self._pushed, named, self.fit.model, self.variation)
+        if not named and self.imitators(SLOPE):
+            return plan_wider(self.fit.model)
+        return plan_push(self._pushed, named, self.fit.model, self.table.total)
 
     def _pushed(self, predict: Any) -> Array:
         common = np.concatenate([self.values, self.fit.common[_OWN : len(NAMES)], *self.theta])
         return np.asarray(predict(common, self.effects))
 
-    def _likeliest_variation(self) -> float:
-        """Variation of friction that is likeliest beside all effects of plausible sizes."""
-        motion = [self._rows.motion_by_common[:, :, :_OWN] * self.own_scales]
-        poses = [np.zeros((*self._rows.pose.shape, _OWN))]
-        for name in self.catalogue:
+    def _likeliest_table(self, most: Table | None = None) -> Table:
+        """Variations of friction that are likeliest beside single effects of plausible sizes.
+
+        Args:
+            most: those that none exceeds, where nothing else is thought to be missing.
+        """
+        sizes = self.scales(self.effects)
+        slopes = [rows[:, :, 1:] * sizes for rows in self._slopes(self.x, self.effects)]
+        parts = zip(slopes, self._lasting_rows, strict=True)
+        motion, poses = (np.concatenate(part, axis=2) for part in parts)
+        effects = []
+        missing = [] if most else [n for n in self.catalogue if n not in self.effect_names]
+        for name in missing:
             for effect in self._instances(self.effect_named(name)):
                 by_motion, by_poses = self._spanned(effect)
                 size = _sizes(effect, by_motion.shape[2])
-                motion.append(by_motion * size)
-                poses.append(by_poses * size)
-        stacked = np.concatenate(motion, axis=2), np.concatenate(poses, axis=2)
-        trials = [replace(self, variation=variation) for variation in VARIATIONS]
-        evidence = [trial._evidence(*stacked) for trial in trials]
-        return VARIATIONS[int(np.argmax(evidence))]
+                effects.append((name, (by_motion * size, by_poses * size)))
+        return likeliest_table(self._whitened, (motion, poses), effects, self._field, most)
 
-    def _evidence(self, motion: Array, poses: Array) -> float:
-        columns = self.whiten(self._innovations(motion, poses))
-        lasting = 0.5 * float(np.sum(np.log1p(self._spread[1])))
-        return log_evidence(self.whiten(self._at_fit), columns) - self._filter.log_volume - lasting
+    def _whitened(self, along: float, motion: Array, poses: Array) -> tuple[Array, Array, float]:
+        """Residual, innovations of rows and log volume at a variation along the way."""
+        there = replace(self, table=Table(along))
+        return there._at_fit, there._innovations(motion, poses), there._filter.log_volume
 
 
 def _ends(effects: Sequence[PushEffect]) -> NDArray[np.intp]:

@@ -30,6 +30,9 @@ ones part springs and gradients better, but tables end."""
 _TURNS_DEG = (0.0, 90.0, 180.0)
 """Turns of the object from how it lay: what turns with it differs from what stays with the table at
 each of them."""
+_BEYOND = 1.5
+"""Place of a push that tells a slope from variation, in widths of the pushed places from their
+middle: a width outside of them. At 0.5 it is at their edge, farther tables end."""
 _SAMPLES = 50
 """Samples of force by which a push tells: half a second at 100 Hz."""
 _PATCHES = 2.0
@@ -86,6 +89,30 @@ def plan_push(
         "description": f"push it towards {heading:.0f} deg (axes of the table) at {speed:g} m/s "
         f"near ({where[0]:.2f}, {where[1]:.2f}) m{turning}: the forces differ there by "
         f"{difference:.2f} N",
+    }
+
+
+def plan_wider(model: PushModel) -> dict[str, Any]:
+    """Plan the push that tells a slope of friction from friction that differs by place.
+
+    A slope goes on beyond the places that were pushed; what merely differs does not.
+
+    Args:
+        model: footprint, gravity and the places of the recording.
+    """
+    places = model.intervals.poses[0].value[:, :2]
+    axis = int(np.argmin(np.ptp(places, axis=0)))
+    where = np.asarray(model.balance.middle, dtype=float).copy()
+    where[axis] += _BEYOND * max(float(np.ptp(places[:, axis])), float(np.sqrt(model.plate)))
+    return {
+        "heading_deg": 90.0 * axis,
+        "speed": _SPEEDS[1],
+        "place": [float(v) for v in where],
+        "turn_deg": 0.0,
+        "description": "push over more of the table, "
+        f"as towards and beyond ({where[0]:.2f}, {where[1]:.2f}) m: a slope goes on there",
+        "differs_by_n": None,
+        "separates_from": ["friction_variation"],
     }
 
 

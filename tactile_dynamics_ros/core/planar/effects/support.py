@@ -117,8 +117,8 @@ class FrictionGradient(PushEffect):
     family = "support"
     formula = "mu (1 + g . p), p from the middle of the recording"
     looks_like = "The same push needs more force on one side of the table than on the other."
-    sentence = "friction rises over the few places that were pushed, by a slope or by chance"
-    remedy = "Push in more places: a table that differs from place to place has no slope there."
+    sentence = "friction rises over the places that were pushed"
+    remedy = "Push over more of the table to see whether it goes on; keep the slope if it does."
     parameters = (
         EffectParameter("g_x", "1/m", 2.0, "relative rise of friction along x", 0.8),
         EffectParameter("g_y", "1/m", 2.0, "relative rise of friction along y", 0.8),

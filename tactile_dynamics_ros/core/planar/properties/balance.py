@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -109,6 +109,31 @@ class Balance:
         force = pull - state.situation.force[:, :2] - support
         turning = inertia * kinematics.acceleration[:, 2] + cross(state.arm, pull)
         return np.column_stack([force, turning - torque - self.intervals.torque[self.at]])
+
+    def feet(self, kinematics: Kinematics) -> Array:
+        """Places (R, n, 2) of the points that carry, m, axes of the support."""
+        offset = self.patch.centroid + self.patch.offset
+        yaw = np.repeat(kinematics.pose[:, 2], len(offset))
+        arms = turned(np.tile(offset, (len(kinematics.pose), 1)), yaw)
+        return np.asarray(kinematics.pose[:, None, :2] + arms.reshape(-1, len(offset), 2))
+
+    def lack_by_shares(
+        self, kinematics: Kinematics, common: Array, slip: float, shares: Iterable[Array]
+    ) -> Array:
+        """Change (R, 3, K) of `lack` by relative changes of friction (R, n) under the points."""
+        state = self._state(kinematics, common)
+        scale = np.full(len(state.twist), float(np.exp(state.numbers[9])))
+        weight = float(np.exp(state.numbers[0] - state.numbers[1])) * state.normal
+        load = self.patch.pressure(state.centre, scale) * weight[:, None]
+        yaw = kinematics.pose[:, 2]
+        arm = state.arm - turned(state.situation.com, yaw)
+        changes = []
+        for share in shares:
+            matrix = self.patch.resistance(load * share, scale, state.twist, slip)
+            wrench = applied(matrix, state.twist)
+            force = turned(wrench[:, :2], yaw)
+            changes.append(np.column_stack([force, wrench[:, 2] + cross(arm, force)]))
+        return np.stack(changes, axis=2)
 
     def linear_friction(self, kinematics: Kinematics, common: Array, slip: float) -> Friction:
         """Friction to first order around the present motion, which costs seven evaluations."""

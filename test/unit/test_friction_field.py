@@ -1,0 +1,91 @@
+"""Friction that differs over the table: found as a field, and not taken for a slope."""
+
+import numpy as np
+import pytest
+
+from tactile_dynamics_ros.core.planar.diagnosis.variation import (
+    SLOPE,
+    VARIATION,
+    Table,
+    likeliest_table,
+)
+
+NOISE = 0.02
+"""Relative force that one sample tells."""
+
+
+class Line:
+    """Pushes along lines over a table, each sample of which tells the friction at its place."""
+
+    def __init__(self):
+        along = np.linspace(-0.1, 0.1, 40)
+        self.place = np.concatenate([[[x, y] for x in along] for y in (-0.06, 0.0, 0.07)])
+
+    def field(self, length):
+        """Rows by spots as the diagnosis makes them, of an object as small as a point."""
+        grid = np.arange(-0.2, 0.2 + length, length)
+        spots = np.array([[x, y] for x in grid for y in grid])
+        squared = np.sum((self.place[:, None] - spots) ** 2, axis=2)
+        return self._rows(np.sqrt(2.0 / np.pi) * np.exp(-squared / length**2))
+
+    def _rows(self, columns):
+        return np.repeat((columns / NOISE)[:, None], 3, axis=1) * [[[1.0], [0.0], [0.0]]]
+
+    def told(self, friction, random):
+        """The table that is found where friction (R,) differs."""
+        noise = random.normal(size=len(friction))
+        seen = friction / NOISE + noise
+
+        def white(along, motion, poses):
+            shrunk = np.hypot(1.0, along / NOISE)
+            volume = len(seen) * np.log(shrunk)
+            return seen / shrunk, motion[:, 0] / shrunk, volume
+
+        none = np.zeros((1, 3, 1))
+        even = self._rows(np.ones((len(self.place), 1)))
+        slope = self._rows(2.0 * self.place), np.zeros((1, 3, 2))
+        turn = self._rows(self.place[:, :1] ** 2 * 20.0), none
+        return likeliest_table(white, (even, none), [(SLOPE, slope), ("turn", turn)], self.field)
+
+    def draw(self, random, size):
+        """Friction of a table with a field, drawn from its covariance."""
+        squared = np.sum((self.place[:, None] - self.place) ** 2, axis=2)
+        root = np.linalg.cholesky(np.exp(-squared / (2.0 * 0.035**2)) + 1e-8 * np.eye(len(squared)))
+        return size * root @ random.normal(size=len(root))
+
+
+@pytest.fixture(scope="module")
+def line():
+    return Line()
+
+
+def test_a_field_is_found_at_its_size(line):
+    found = [line.told(line.draw(np.random.default_rng(k), 0.05), np.random.default_rng(k + 50))
+             for k in range(6)]  # fmt: skip
+    assert sum(table.field > 0.0 for table in found) >= 5
+    assert 0.02 <= np.median([table.field for table in found]) <= 0.07
+
+
+def test_noise_and_a_slope_are_no_field(line):
+    for k in range(2):
+        random = np.random.default_rng(k)
+        assert line.told(np.zeros(len(line.place)), random).field == 0.0
+        table = line.told(line.place @ np.array([1.5, -1.0]), random)
+        assert table.field == 0.0
+        assert table.along <= 0.01
+
+
+def test_a_slope_over_a_small_place_could_be_a_field(line):
+    """Over a quarter of the places a smooth field has a slope and nothing else."""
+    line = Line()
+    slope = np.array([1.5, -1.0])
+    assert not line.told(line.place @ slope * 3.0, np.random.default_rng(1)).imitates_slope
+    line.place = 0.25 * line.place
+    assert line.told(line.place @ slope, np.random.default_rng(2)).imitates_slope
+
+
+def test_a_field_is_told_beside_an_adequate_model():
+    assert VARIATION != SLOPE
+    assert Table(0.003).remark == ""
+    assert "by 4 % or so, over distances of 30 mm" in Table(0.003, 0.04, 0.03).remark
+    assert Table(0.03, 0.04).total == pytest.approx(0.05)
