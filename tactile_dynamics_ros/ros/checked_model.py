@@ -15,7 +15,7 @@ from tactile_dynamics_ros.core.discrepancy.live_check import (
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.diagnosis.live_check import compare_streams, diagnose_streams
 from tactile_dynamics_ros.core.planar.diagnosis.changed import ChangeCheck
-from tactile_dynamics_ros.core.planar.filter.window import PushWindow
+from tactile_dynamics_ros.core.planar.filter.record import PushWindow
 from tactile_dynamics_ros.core.streams.measurement_window import MeasurementWindow
 from tactile_dynamics_ros.recording.bag_writer import write_bag
 from tactile_dynamics_ros.recording.pushed import PushedRecording

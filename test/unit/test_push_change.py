@@ -8,43 +8,43 @@ from tactile_dynamics_ros.core.planar.actions.exploration import Choice, Explore
 from tactile_dynamics_ros.core.planar.actions.information import Belief, PredictedObject
 from tactile_dynamics_ros.core.planar.diagnosis import changed
 from tactile_dynamics_ros.core.planar.filter.change import ChangeConfig, ChangeMonitor
-from tactile_dynamics_ros.core.planar.filter.observation import FeltWrench
-from tactile_dynamics_ros.core.planar.filter.process import Prediction, PusherMotion
+from tactile_dynamics_ros.core.planar.filter.observation import FeltWrench, SeenPose
+from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess
+from tactile_dynamics_ros.core.planar.filter.process import PusherMotion
 from tactile_dynamics_ros.core.planar.streams import LinkStream, PushContact, PushedStreams
 
 BOX = np.array([[-0.05, -0.04], [0.05, -0.04], [0.05, 0.04], [-0.05, 0.04]])
-MEAN = np.array([np.log(0.3), np.log(1.0), 0.0, 0.0, np.log(0.4)])
+MEAN = np.array([np.log(0.3), np.log(1.0), 0.0, 0.0])
 KNOWN = np.diag(np.square([0.02, 0.3, 1e-3, 1e-3]))
 STEP, SPEED = 0.01, 0.1
 
 
-class Sliding:
-    """A model in which the force is friction along the motion of the pusher."""
-
-    links = 1
-
-    def predict(self, states, parameters, motion):
-        way = (motion.after - motion.before)[:2]
-        force = 9.81 * np.exp(parameters[:, :1]) * way / np.linalg.norm(way)
-        return Prediction(states, np.column_stack([force, np.zeros(len(states))]))
+STATE_STD = np.diag(np.square([2e-4, 2e-4, 1e-3, 2e-3, 2e-3, 0.05]))
 
 
-def monitor():
-    made = ChangeMonitor(Sliding())
+def monitor(config=None):
+    made = ChangeMonitor(PatchProcess(BOX), config)
     made.refer(MEAN, KNOWN)
     return made
 
 
-def push(watch, rng, start, heading, pull=(0.0, 0.0), factor=1.0, spread=0.05):
-    """Show a push of 60 mm over friction that differs every 20 mm."""
-    way = np.array([np.cos(heading), np.sin(heading)])
+def push(watch, rng, start, heading, pull=(0.0, 0.0), factor=1.0, spread=0.05, bend=0.0):
+    """Show a push of 60 mm, seen at 50 Hz, over friction that differs every 20 mm.
+
+    The filter believes that the object moves `bend` rad off where it does, as it would after
+    forces that it cannot explain.
+    """
+    way, off = (np.array([np.cos(a), np.sin(a)]) for a in (heading, heading + bend))
     for k in range(60):
         if k % 20 == 0:
             here = factor * (1.0 + spread * rng.standard_normal())
         before = np.append(SPEED * STEP * k * way, 0.0)
         motion = PusherMotion(before, before + np.append(SPEED * STEP * way, 0.0), STEP)
         force = 9.81 * 0.3 * here * way - pull + 0.03 * rng.standard_normal(2)
-        watch.see(start + STEP * k, np.zeros(6), motion, FeltWrench(force, np.full(2, 0.03)))
+        state = np.concatenate([before, SPEED * off, [0.0]]), STATE_STD
+        seen = before + [5e-4, 5e-4, 3e-3] * rng.standard_normal(3)
+        poses = (SeenPose(seen, np.array([5e-4, 5e-4, 3e-3]), STEP),) if k % 2 else ()
+        watch.see(start + STEP * k, state, motion, FeltWrench(force, np.full(2, 0.03)), poses)
     watch.release(start + 0.6)
 
 
@@ -75,7 +75,7 @@ def test_another_friction_is_noticed_and_told_as_one(factor):
 
 
 def test_what_is_not_known_of_the_reference_raises_no_alarm():
-    rng, watch = np.random.default_rng(7), ChangeMonitor(Sliding())
+    rng, watch = np.random.default_rng(7), ChangeMonitor(PatchProcess(BOX))
     push(watch, rng, 0.0, 0.0, factor=2.0)
     assert watch.change is None
     assert not watch.watches
@@ -84,10 +84,31 @@ def test_what_is_not_known_of_the_reference_raises_no_alarm():
     assert watch.alarm is None
 
 
+def test_a_pull_is_measured_though_the_filter_believes_in_a_turn_that_explains_it():
+    """Forces bend the believed motion; what poses say of it tells pull and friction apart."""
+    rng, watch = np.random.default_rng(8), monitor()
+    for k in range(4):
+        push(watch, rng, 2.0 * k, 1.6 * k, pull=(0.6, 0.3), spread=0.01, bend=0.3)
+    assert watch.change.force == pytest.approx([0.6, 0.3], abs=0.15)
+    assert watch.alarm is not None
+
+
+def test_an_object_whose_motion_is_not_known_tells_nothing():
+    """A piece is left out where errors of its motion could turn its friction about."""
+    rng, watch = np.random.default_rng(9), monitor()
+    wide = 50.0 * STATE_STD
+    for k in range(40):
+        before = np.append(SPEED * STEP * k * np.array([1.0, 0.0]), 0.0)
+        motion = PusherMotion(before, before + [SPEED * STEP, 0.0, 0.0], STEP)
+        felt = FeltWrench(rng.normal(0.0, 3.0, 2), np.full(2, 0.03))
+        seen = SeenPose(before, np.array([0.02, 0.02, 0.5]), STEP)
+        watch.see(STEP * k, (np.append(before, [SPEED, 0.0, 0.0]), wide), motion, felt, (seen,))
+    watch.release(0.4)
+    assert watch.change is None
+
+
 def test_a_rarer_false_alarm_asks_for_more():
-    often, seldom = (
-        ChangeMonitor(Sliding(), ChangeConfig(false_alarms_per_hour=rate)) for rate in (10.0, 0.1)
-    )
+    often, seldom = (monitor(ChangeConfig(false_alarms_per_hour=rate)) for rate in (10.0, 0.1))
     assert often.threshold < seldom.threshold
 
 

@@ -3,30 +3,20 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
-from tactile_dynamics_ros.core.planar.filter.observation import FeltWrench
-from tactile_dynamics_ros.core.planar.filter.process import Process, PusherMotion
-from tactile_dynamics_ros.core.planar.mechanics.simulation import GRAVITY
+from tactile_dynamics_ros.core.planar.filter.observation import FeltWrench, SeenPose
+from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess
+from tactile_dynamics_ros.core.planar.filter.pieces import Piece, PieceMeter
+from tactile_dynamics_ros.core.planar.filter.process import PusherMotion
 
 Array = NDArray[np.float64]
 
-_DRAWS, _SEED = 24, 46
-"""Hypotheses of what is not known of the reference, and the seed of their draw. A sensitivity from
-a small difference says nothing where contacts stick or slip; twice as many change a statistic of
-20 by less than one."""
-_TIP_SPREAD = 0.3
-"""Standard deviation of ln friction between pusher and object from touch to touch."""
-_LEAST = 8
-"""Steps with a force that make a piece of a way: 80 ms. Shorter ones are starts and stops alone."""
-_SLOWEST = 0.02
-"""Speed of the pusher, m/s, below which forces count nothing: an object that hardly slides takes
-any force up to its friction. At none the ends of controlled pushes raised alarms."""
 _CALM = 0.3
 """Share of the threshold below which a reference may be renewed: a change shows more by its first
 push; without it, fits that contain a change would become what is known."""
@@ -55,25 +45,6 @@ class ChangeConfig:
 
     def __post_init__(self) -> None:
         check_ranges(self)
-
-
-@dataclass(frozen=True, eq=False)
-class Piece:
-    """Mean of the forces along a piece of a push.
-
-    Attributes:
-        start: s, when its push began. end: s, its own end.
-        lack: (2,) N, measured less expected, axes of S. expected: (2,) N.
-        slopes: (2, p) N by each standard deviation of what is not known of the reference.
-        rest: (2, 2) N^2, what of that is not linear.
-    """
-
-    start: float
-    end: float
-    lack: Array
-    expected: Array
-    slopes: Array
-    rest: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,16 +82,6 @@ class Change:
         )
 
 
-@dataclass(eq=False)
-class _Sum:
-    """A piece that grows."""
-
-    count: int = 0
-    way: float = 0.0
-    felt: Array = field(default_factory=lambda: np.zeros(2))
-    expected: Array = field(default_factory=lambda: np.zeros((_DRAWS, 2)))
-
-
 class ChangeMonitor:
     """Holds forces against those that a reference expects.
 
@@ -139,12 +100,9 @@ class ChangeMonitor:
             chance, kept until `restart`. touch: s of touch since the reference.
     """
 
-    def __init__(self, process: Process, config: ChangeConfig | None = None) -> None:
+    def __init__(self, process: PatchProcess, config: ChangeConfig | None = None) -> None:
         self.process, self.config = process, config or ChangeConfig()
-        self._draws: Array | None = None
-        self._own = np.zeros((_DRAWS, 0))
-        self._friction = 0.0
-        self._start: float | None = None
+        self._meter: PieceMeter | None = None
         self.restart()
 
     def restart(self) -> None:
@@ -153,74 +111,50 @@ class ChangeMonitor:
         self.change: Change | None = None
         self.alarm: Change | None = None
         self.touch = 0.0
-        self._sum: _Sum | None = None
 
     def dismiss(self) -> None:
         """Have no reference any more: what was known does not hold."""
-        self._draws = None
+        self._meter = None
         self.restart()
 
     def refer(self, mean: Array, covariance: Array) -> None:
-        """Hold what comes against parameters (p,), of whose first four a covariance is known."""
-        root = _TIP_SPREAD * np.eye(len(mean))
-        root[:4, :4] = np.linalg.cholesky(covariance[:4, :4])
-        draws = np.random.default_rng(_SEED).standard_normal((_DRAWS, len(mean)))
-        draws -= draws.mean(axis=0)
-        self._draws, self._own = draws, mean + draws @ root.T
-        self._friction = GRAVITY * float(np.exp(mean[0]))
+        """Hold what comes against the numbers of a link (4,), with their covariance (4, 4)."""
+        self._meter = PieceMeter(self.process, self.config.piece, mean, covariance)
         self.restart()
 
     @property
     def watches(self) -> bool:
         """Whether there is a reference."""
-        return self._draws is not None
+        return self._meter is not None
 
     @property
     def calm(self) -> bool:
         """Whether the latest pieces are what chance makes of the reference, four times in five."""
         return self.change is None or self.change.statistic < _CALM * self.change.threshold
 
-    def see(self, time: float, state: Array, motion: PusherMotion, felt: FeltWrench | None) -> None:
-        """Take a step in which something is touched.
-
-        Args:
-            time: s, when it begins.
-            state: (6 L,) believed then.
-            motion: of the pusher.
-            felt: None where the force is not known or just begins or ends.
-        """
-        if self._draws is None:
-            return
-        self.touch += motion.step
-        self._start = time if self._start is None else self._start
-        way = float(np.linalg.norm((motion.after - motion.before)[:2]))
-        if felt is None or way < _SLOWEST * motion.step:
-            return
-        states = np.tile(state, (_DRAWS, 1))
-        self._sum = self._sum or _Sum()
-        self._sum.expected += self.process.predict(states, self._own, motion).wrench[:, :2]
-        self._sum.felt += felt.value[:2]
-        self._sum.count += 1
-        self._sum.way += way
-        if self._sum.way >= self.config.piece and self._sum.count >= _LEAST:
-            self._close(time + motion.step)
+    def see(
+        self,
+        time: float,
+        state: tuple[Array, Array],
+        motion: PusherMotion,
+        felt: FeltWrench | None,
+        poses: tuple[SeenPose, ...] = (),
+    ) -> None:
+        """Take a step in which something is touched; arguments as of `PieceMeter.see`."""
+        if self._meter is not None:
+            self.touch += motion.step
+            self._take(self._meter.see(time, state, motion, felt, poses))
 
     def release(self, time: float) -> None:
         """Note that nothing is touched any more."""
-        if self._sum is not None:
-            self._close(time)
-        self._start = None
+        if self._meter is not None:
+            self._take(self._meter.release(time))
 
-    def _close(self, time: float) -> None:
-        done, self._sum = self._sum, None
-        if done is None or done.count < _LEAST or self._start is None or self._draws is None:
+    def _take(self, piece: Piece | None) -> None:
+        """Judge anew where a piece has ended."""
+        if piece is None:
             return
-        expected = done.expected / done.count
-        middle = expected.mean(axis=0)
-        slopes = np.linalg.lstsq(self._draws, expected - middle, rcond=None)[0]
-        rest = np.cov((expected - middle - self._draws @ slopes).T, bias=True)
-        lack = done.felt / done.count - middle
-        self.pieces.append(Piece(self._start, time, lack, middle, slopes.T, rest))
+        self.pieces.append(piece)
         self.change = self._judge()
         if self.alarm is None and self.change.alarmed:
             self.alarm = self.change
@@ -266,7 +200,8 @@ class ChangeMonitor:
 
         Friction that differs acts with all of the object's friction even where a push turns it.
         """
+        assert self._meter is not None
         way = row.expected / max(float(np.linalg.norm(row.expected)), 1e-9)
-        along = (self.config.variation * self._friction) ** 2 * np.outer(way, way)
-        across = ((_ACROSS * self._friction) ** 2 + _FLOOR**2) * np.eye(2)
+        along = (self.config.variation * self._meter.friction) ** 2 * np.outer(way, way)
+        across = ((_ACROSS * self._meter.friction) ** 2 + _FLOOR**2) * np.eye(2)
         return np.asarray(along + across + row.rest)

@@ -37,6 +37,10 @@ the filter goes on after a fit: a tighter belief could not follow a table that d
 _FITS = 1.5
 """Error of a fit, over the noise, up to which it is what later pushes are held against: clean
 simulated pushes have 0.7 to 1.2. A reference that does not fit would raise alarms at itself."""
+_MORE = 1.5
+"""Times as many pushes as the reference is of from which a fit replaces it. At one each fit would:
+one that already contains a change, too small for its first push to show, became what is known, and
+pieces of earlier pushes were forgotten. Larger, the first, vague reference stays."""
 _OPENED, _OPENED_COM = 0.3, 0.25
 """Std by which ln friction force and ln mass, and the centre of mass over the radius of gyration,
 are opened when something has changed: half of what is not known of a new object. At none the
@@ -117,7 +121,7 @@ class LiveProperties:
         self.changes = 0
         self.newest = -np.inf
         self.durations: deque[float] = deque(maxlen=500)
-        self._yaw = 0.0
+        self._yaw, self._referred = 0.0, 0
         self.tracker: PushTracker | None = None
         if self.outline is not None:
             self._begin(self.outline)
@@ -156,7 +160,7 @@ class LiveProperties:
         if self.model.step is not None:
             config = replace(config, step=self.model.step)
         self.tracker = PushTracker(self.model.create(outline), config)
-        self.monitor = ChangeMonitor(self.tracker.process, self.config.change)
+        self.monitor = ChangeMonitor(PatchProcess(outline), self.config.change)
         self._watch()
 
     def _watch(self) -> None:
@@ -207,6 +211,7 @@ class LiveProperties:
         self.changed, self.changes, self.fit = change, self.changes + 1, None
         self.record.forget_before(change.since)
         self.monitor.dismiss()
+        self._referred = 0
         mean, covariance = self.tracker.filter.parameters
         reach = _OPENED_COM * np.sqrt(self.patch.gyration)
         opened = np.diag(np.square([_OPENED, _OPENED, reach, reach]))
@@ -245,9 +250,10 @@ class LiveProperties:
         floor = np.diag(np.square([_FIT_FLOOR, _FIT_FLOOR, reach, reach]))
         here = floor + (fit.covariance if fit.here is None else fit.here)
         self.tracker.filter.inform(mean, here)
-        if self.monitor.calm and fit.error < _FITS:
-            own = np.append(mean, self.tracker.filter.parameters[0][4:])
-            self.monitor.refer(own, here + self._of_places())
+        more = self.record.pushes >= _MORE * self._referred
+        if self.monitor.calm and fit.error < _FITS and more:
+            self._referred = self.record.pushes
+            self.monitor.refer(mean, here + self._of_places())
 
     def _of_places(self) -> Array:
         """Covariance (4, 4) of what pushes tell that is true of their places alone."""

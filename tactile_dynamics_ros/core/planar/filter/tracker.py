@@ -285,7 +285,7 @@ class PushTracker:
             motion = replace(motion, after=motion.after - np.append(step * lag, 0.0))
             wrench = self._wrench(touch, rows, motion) if rows and steady else None
             if self.watch is not None:
-                self.watch.see(start, self.filter.state[0], motion, wrench)
+                self.watch.see(start, self.filter.state, motion, wrench, poses)
             self.filter.step(motion, Observation(poses, wrench, _STIFFNESS_SPREAD * lag))
             self.touched += 1
             self._was, self._free_since = True, end
