@@ -37,7 +37,8 @@ USUAL = (0.03, 0.2)
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the section's options."""
     parser.add_argument("--pairs", type=int, default=40, help="seeds of each kind of pair")
-    parser.add_argument("--full-pairs", type=int, default=12, help="of those, fitted in full")
+    parser.add_argument("--full-pairs", type=int, default=12, help="seeds fitted in full")
+    parser.add_argument("--pair-variation", type=float, default=0.0, help="of friction by place")
     parser.add_argument("--first-pair", type=int, default=200, help="first seed of pairs")
 
 
@@ -45,24 +46,25 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     """Structures after one and three pushes, and properties after six."""
     count = 2 if options.quick else options.pairs
     full = 1 if options.quick else options.full_pairs
-    seeds = range(options.first_pair, options.first_pair + count)
+    first, variation = options.first_pair, options.pair_variation
+    seeds, fully = range(first, first + count), range(first, first + full)
     found: dict[str, Any] = {}
     for name, pushes, own in (("1 near", 1, True), ("3 near", 3, True), ("3 usual", 3, False)):
-        for kind in KINDS:
-            drawn = recorded(seeds, kind, pushes, own)
+        for kind in KINDS if count else ():
+            drawn = recorded(seeds, kind, pushes, own, variation)
             found[f"{name} {kind}"] = [_structure(*pair) for pair in drawn]
     for kind in KINDS:
-        drawn = recorded(seeds[:full], kind, 6, True)
+        drawn = recorded(fully, kind, 6, True, variation)
         found[f"6 near {kind}"] = [_properties(*pair) for pair in drawn]
     return found
 
 
 def recorded(
-    seeds: range, kind: str, pushes: int, near: bool
+    seeds: range, kind: str, pushes: int, near: bool, variation: float = 0.0
 ) -> list[tuple[pushed.HiddenPush, Motion]]:
     """Recordings of pairs that are pushed near where their parts meet, or as usual."""
     actions = ActionOptions(count=pushes, speed=SPEED if near else USUAL)
-    options = pushed.PushOptions(kind=kind, actions=actions)
+    options = pushed.PushOptions(kind=kind, actions=actions, variation=variation)
     scenes = [draw_scene(seed, options) for seed in seeds]
     if near:
         scenes = [_pushed_near(scene) for scene in scenes]

@@ -10,11 +10,11 @@ from tactile_dynamics_ros.core.planar.linked.outlines import meeting_points, roo
 from tactile_dynamics_ros.core.planar.linked.relative import RelativePoses
 from tactile_dynamics_ros.core.planar.linked.rows import PairPatch
 from tactile_dynamics_ros.core.planar.properties.estimate import estimate
-from tactile_dynamics_ros.core.planar.properties.linked_fit import _data
+from tactile_dynamics_ros.core.planar.properties.linked_fit import _data, _place_std
 from tactile_dynamics_ros.core.planar.properties.linked_jointed import JointedModel
 from tactile_dynamics_ros.core.planar.properties.linked_pair import Pair
 from tactile_dynamics_ros.core.planar.properties.linked_rigid import RigidModel
-from tactile_dynamics_ros.core.planar.properties.push_model import Sharpness
+from tactile_dynamics_ros.core.planar.properties.push_model import ELSEWHERE, Sharpness
 from tactile_dynamics_ros.synthetic import pushed
 from tactile_dynamics_ros.synthetic.pushed.actions import ActionOptions
 
@@ -117,6 +117,24 @@ def test_gradients_of_both_structures_are_derivatives(pair):
     patch = PairPatch(pair.outlines[0], other=placed)
     rigid = RigidModel(_data(pair, pair.spread[0]), patch, pair.relative.value[0])
     _slope_agrees(rigid, pair.nodes[0])
+
+
+def test_friction_of_places_that_were_not_pushed_widens_the_table(pair, rigid):
+    spread = np.column_stack([pair.spread[0], pair.spread[1][:, 2]])
+    model = JointedModel(_data(pair, spread), hinge=pair.structure.hinge)
+    nodes = np.zeros((len(pair.nodes[0]), 10))
+    assert np.all(_place_std(model, nodes) == 0.0)
+    nodes[:, 7], nodes[:, 8] = 0.05, 0.02
+    std = dict(zip(model.names, _place_std(model, nodes), strict=True))
+    size = np.sqrt(pair.patches[1].gyration)
+    assert std.pop("ln_product_2") == pytest.approx(ELSEWHERE[0] * 0.05)
+    assert std.pop("com_x_2") == pytest.approx(ELSEWHERE[1] * 0.02 * size)
+    assert not any(std.values())
+    other = Pair.of_streams(rigid.streams)
+    patch = PairPatch(other.outlines[0], other=other.outlines[1] + other.relative.value[0][:2])
+    whole = RigidModel(_data(other, other.spread[0]), patch, other.relative.value[0])
+    nodes = np.full((len(other.nodes[0]), 6), 0.03)
+    assert _place_std(whole, nodes)[whole.at("ln_product")] == pytest.approx(ELSEWHERE[0] * 0.03)
 
 
 def test_what_one_body_hides_of_its_parts_is_said(rigid):

@@ -22,7 +22,7 @@ from tactile_dynamics_ros.core.planar.properties.linked_jointed import JointedMo
 from tactile_dynamics_ros.core.planar.properties.linked_model import PairData, PairModel
 from tactile_dynamics_ros.core.planar.properties.linked_pair import Pair
 from tactile_dynamics_ros.core.planar.properties.linked_rigid import RigidModel
-from tactile_dynamics_ros.core.planar.properties.push_model import Sharpness
+from tactile_dynamics_ros.core.planar.properties.push_model import ELSEWHERE, Sharpness
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -64,7 +64,8 @@ class PairFit:
     """Common numbers of two parts, averaged over variations of friction by evidence.
 
     Attributes:
-        model: residuals. common: (p,) by the model's names. covariance: (p, p).
+        model: residuals. common: (p,) by the model's names.
+        covariance: (p, p) about the table, which differs from the places that were pushed.
         whitened_rms: error over the noise. converged: whether the optimiser came to its end.
     """
 
@@ -240,10 +241,23 @@ def _averaged(model: PairModel, trials: list[Optimum]) -> PairFit:
     likeliest, common, covariance = average(trials)
     wide = ("ln_mass", "ln_inertia")
     width = np.array([_WIDTH if name.startswith(wide) else 1.0 for name in model.names])
+    covariance *= np.outer(width, width)
     return PairFit(
         model=model,
         common=common,
-        covariance=covariance * np.outer(width, width),
+        covariance=covariance + np.diag(np.square(_place_std(model, likeliest.solution.nodes))),
         whitened_rms=likeliest.misfit,
         converged=likeliest.solution.settled or likeliest.pending < _PENDING,
     )
+
+
+def _place_std(model: PairModel, nodes: Array) -> Array:
+    """(p,) std of the common numbers that stem from where the parts slid, as of one part."""
+    local = nodes[model.middle, model.freedoms :]
+    differ = np.sqrt(np.mean(local**2, axis=0)).reshape(-1, 3)
+    std = np.zeros(len(model.names))
+    for row, end, unit in zip(differ, model.endings, model.body_sizes, strict=True):
+        own = ELSEWHERE * row * np.array([1.0, unit, unit])
+        for name, value in zip(("ln_product", "com_x", "com_y"), own, strict=True):
+            std[model.at(name + end)] = value
+    return std

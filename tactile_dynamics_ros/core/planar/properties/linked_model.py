@@ -116,6 +116,7 @@ class PairModel(ABC):
         data: what was measured.
         names: of the common numbers. freedoms: D coordinates. locals: l numbers of friction.
         scalings: names of the numbers with which the volume of motions changes.
+        endings: of the names of each body's numbers.
     """
 
     data: PairData
@@ -123,6 +124,7 @@ class PairModel(ABC):
     freedoms: ClassVar[int]
     locals: ClassVar[int]
     scalings: ClassVar[tuple[str, ...]]
+    endings: ClassVar[tuple[str, ...]] = ("_1", "_2")
 
     @property
     @abstractmethod
@@ -140,6 +142,11 @@ class PairModel(ABC):
     @abstractmethod
     def part_poses(self, coordinates: Array, common: Array) -> tuple[Array, Array]:
         """Poses (M, 3) of both parts' frames."""
+
+    @property
+    def body_sizes(self) -> tuple[float, ...]:
+        """Root of the squared radius of gyration, m, of each body that feels friction of places."""
+        return tuple(float(np.sqrt(patch.gyration)) for patch in self.data.patches)
 
     def at(self, name: str) -> int:
         """Place of a common number."""

@@ -52,11 +52,17 @@ class RigidModel(PairModel):
     freedoms: ClassVar[int] = 3
     locals: ClassVar[int] = 3
     scalings: ClassVar[tuple[str, ...]] = ("ln_product", "ln_mass")
+    endings: ClassVar[tuple[str, ...]] = ("",)
 
     @cached_property
     def size(self) -> float:
         """Radius of gyration of both footprints together, m."""
         return float(np.sqrt(self.patch.gyration))
+
+    @property
+    def body_sizes(self) -> tuple[float, ...]:
+        """Of the one body."""
+        return (self.size,)
 
     @cached_property
     def prior(self) -> tuple[Array, Array]:

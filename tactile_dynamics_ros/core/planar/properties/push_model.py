@@ -57,7 +57,7 @@ _DISTANCE = 0.02
 """Distance over which friction stays alike, m: grain and wear of tables. Twice as long widens
 products of short pushes by 1.3."""
 
-_ELSEWHERE = np.array([2.0, 1.2, 1.2])
+ELSEWHERE = np.array([2.0, 1.2, 1.2])
 """Std of friction and of its centre at the places of a recording about those of the table, over the
 RMS by which those places differ: on ten recordings made for tuning, each over a few lengths of it.
 At 0 products on uneven tables were up to 13 std off; larger widens intervals."""
@@ -316,7 +316,7 @@ class PushFit:
         local = self.nodes[self.model.middle, 3:]
         unit = np.sqrt(self.model.patch.gyration)
         differ = np.sqrt(np.mean(local**2, axis=0)) * np.array([1.0, unit, unit])
-        return np.asarray(_ELSEWHERE * differ)
+        return np.asarray(ELSEWHERE * differ)
 
     @property
     def effects(self) -> dict[str, dict[str, dict[str, object]]]:
