@@ -27,6 +27,7 @@ from benchmarks.planar.trial import (
     simulated,
     truth_of,
 )
+from tactile_dynamics_ros.core.planar.filter.dual import DualConfig
 from tactile_dynamics_ros.core.planar.filter.linked_patch import LinkedPatchProcess
 from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess
 from tactile_dynamics_ros.core.planar.filter.process import Process
@@ -237,12 +238,12 @@ def ablated(options: argparse.Namespace) -> dict[str, Any]:
     ones, keep = recorded("single", options)
     population, truths = Population.of("single"), [truth_of(one.scene) for one in ones]
     ranges, rows = _ranges("single"), {}
-    for name, make in FILTERS.items():
+    for name, (make, learning) in FILTERS.items():
 
-        def tell(k: int, make: Any = make) -> dict[str, Any]:
+        def tell(k: int, make: Any = make, learning: str = learning) -> dict[str, Any]:
             process = process_of("patch", ones[k], options.setting)
-            prior = population.prior(process)
-            return filtered(process, prior, ones[k], options.setting, "patch", k, make)
+            prior, config = population.prior(process), DualConfig(learning=learning)
+            return filtered(process, prior, ones[k], options.setting, "patch", k, make, config)
 
         told = each_of(tell, len(ones), keep, f"patch, {name}")
         rows[name] = scored([t["values"] for t in told], truths, ranges) | calibration(told)

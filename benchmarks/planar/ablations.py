@@ -33,19 +33,6 @@ class Clipped(DualFilter):
         return values, split
 
 
-class Printed(DualFilter):
-    """The covariance of the parameters as in Eq. 33: of shrunken places, with the outer product."""
-
-    def _parameter_step(self, own: Array, weights: Array) -> tuple[Array, Array]:
-        mean, root = super()._parameter_step(own, weights)
-        return mean, SHRINKAGE * np.sqrt(1.0 - SHRINKAGE**2) * root
-
-
-SHRINKAGE = 0.98
-"""a of the kernels, within what Liu and West advise; the paper's a = h = 0.01 contradicts its
-h^2 = 1 - a^2. Any a takes half of the standard deviation at least."""
-
-
 class KeptCross(DualFilter):
     """The joint keeps the cross-covariance and the motion's own covariance of before the step.
 
@@ -71,10 +58,11 @@ class KeptCross(DualFilter):
         return Belief(mean, np.asarray(np.linalg.cholesky(joint)), len(marginal[0]))
 
 
-FILTERS: dict[str, Any] = {
-    "as it is": DualFilter,
-    "clipped points": Clipped,
-    "printed Eq. 32-33": Printed,
-    "kept cross-covariance": KeptCross,
+FILTERS: dict[str, tuple[Any, str]] = {
+    "as it is": (DualFilter, "trend"),
+    "weighted hypotheses (Liu and West)": (DualFilter, "weights"),
+    "printed Eq. 32-33": (DualFilter, "printed"),
+    "clipped points": (Clipped, "trend"),
+    "kept cross-covariance": (KeptCross, "trend"),
 }
-"""By what is undone."""
+"""By what is undone: the filter, and how it learns parameters."""

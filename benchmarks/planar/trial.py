@@ -218,6 +218,7 @@ def filtered(
     model: str,
     seed: int,
     make: Callable[..., DualFilter] = DualFilter,
+    config: DualConfig | None = None,
 ) -> dict[str, Any]:
     """What a filter with a model makes of all pushes of an object, and what it cost.
 
@@ -229,10 +230,11 @@ def filtered(
         model: its name.
         seed: of the noise and of the hypotheses.
         make: the filter.
+        config: of the filter, but for the seed.
     """
     steps, true = sensed_steps(one, setting, seed)
     start = np.concatenate([pose.value for pose in steps[0][1].poses])
-    belief = make(process, start, POSE_STD, DualConfig(seed=seed), prior)
+    belief = make(process, start, POSE_STD, replace(config or DualConfig(), seed=seed), prior)
     nees, times = [], []
     for k, (motion, seen) in enumerate(steps):
         began = time.process_time()

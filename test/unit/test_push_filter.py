@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tactile_dynamics_ros.core.planar.filter import dual
+from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.planar.filter import dual, learning
 from tactile_dynamics_ros.core.planar.filter.belief import (
     joined,
     root_of,
@@ -63,7 +64,7 @@ class Linear:
         return Prediction(moved, felt, self.force_std, self.state_std)
 
 
-STILL = PusherMotion(np.zeros(3), np.zeros(3), 0.01, touching=True)
+GOING = PusherMotion(np.zeros(3), np.array([1e-4, 0.0, 0.0]), 0.01, touching=True)
 
 
 def linear_filter(process, **config):
@@ -94,14 +95,14 @@ def test_weighted_moments_keep_the_spread_of_all_that_counts_alike():
 
 def test_a_measurement_beyond_what_hypotheses_can_say_is_left_out_in_part():
     spread = np.linspace(-1.0, 1.0, 60)
-    weights, kept = dual.tempered_weights(-0.5 * (spread / 1e-3) ** 2)
+    weights, kept = learning.tempered_weights(-0.5 * (spread / 1e-3) ** 2)
     assert 1.0 / np.sum(weights**2) == pytest.approx(30.0, rel=0.02)
     assert kept < 1e-3
-    assert dual.tempered_weights(-0.5 * spread**2)[1] == 1.0
+    assert learning.tempered_weights(-0.5 * spread**2)[1] == 1.0
 
 
 def test_both_steps_together_are_the_exact_update_of_a_linear_model(monkeypatch):
-    monkeypatch.setattr(dual, "_TRUST", 1.0)
+    monkeypatch.setattr(learning, "_TRUST", 1.0)
     process = Linear()
     found = linear_filter(process)
     mean, covariance = found.belief.mean.copy(), found.belief.covariance
@@ -109,7 +110,7 @@ def test_both_steps_together_are_the_exact_update_of_a_linear_model(monkeypatch)
         (SeenPose(np.array([2e-4, 1e-3, 0.0]), np.array([1e-3, 1e-3, 5e-3]), 0.004),),
         FeltWrench(np.array([0.05, 0.02, 0.01]), np.array([0.3, 0.2, 0.5])),
     )
-    found.step(STILL, seen)
+    found.step(GOING, seen)
     by = np.zeros((13, 13))
     by[:4, :4], by[10:, 10:] = np.eye(4), np.eye(3)
     by[4:7, 4:7], by[4:7, 7:10], by[7:10, 7:10] = np.eye(3), 0.01 * np.eye(3), 0.5 * np.eye(3)
@@ -137,8 +138,8 @@ def test_what_a_model_says_of_its_own_forces_counts_as_their_noise():
     felt = Observation((), FeltWrench(np.array([0.05, 0.02]), np.array([0.3, 0.2])))
     stated = replace(felt, wrench=replace(felt.wrench, std=np.hypot(felt.wrench.std, 0.4)))
     own, told = linear_filter(Linear(force_std=0.4)), linear_filter(Linear())
-    own.step(STILL, felt)
-    told.step(STILL, stated)
+    own.step(GOING, felt)
+    told.step(GOING, stated)
     assert_allclose(own.belief.mean, told.belief.mean, atol=1e-9)
     assert_allclose(own.belief.std, told.belief.std, rtol=1e-6)
 
@@ -147,7 +148,7 @@ def test_what_a_model_says_of_its_own_states_spreads_them():
     stated = np.array([0.1, 0.2, 0.3, 1.0, 2.0, 3.0])
     plain, spread = linear_filter(Linear()), linear_filter(Linear(state_std=stated))
     for each in (plain, spread):
-        each.step(STILL, Observation())
+        each.step(GOING, Observation())
     added = np.diag(spread.state[1]) - np.diag(plain.state[1])
     assert_allclose(added, stated**2, rtol=1e-6)
 
@@ -175,8 +176,9 @@ def test_what_is_not_learnt_follows_from_the_rest_as_before():
 @pytest.mark.parametrize(("step", "learns"), [(0.01, True), (1.0 / 15.0, False)])
 def test_a_coarse_step_tells_no_mass(step, learns):
     found = linear_filter(Linear())
+    motion = replace(GOING, after=np.array([0.01 * step, 0.0, 0.0]), step=step)
+    found.step(motion, Observation())
     mean, covariance = found.parameters
-    motion = replace(STILL, step=step)
     found.step(motion, Observation((), FeltWrench(np.array([0.0, 3.0]), np.full(2, 0.01))))
     gain = np.linalg.solve(covariance[np.ix_([0, 2, 3], [0, 2, 3])], covariance[[0, 2, 3], 1])
     now, spread = found.parameters
@@ -184,10 +186,46 @@ def test_a_coarse_step_tells_no_mass(step, learns):
     assert abs(now[1] - expected) > 0.01 if learns else abs(now[1] - expected) < 1e-9
 
 
+FELT = Observation((), FeltWrench(np.array([1.0, 3.0]), np.full(2, 0.01)))
+
+
+def test_a_tip_that_stands_or_starts_within_a_coarse_step_tells_no_force():
+    coarse = replace(GOING, after=np.array([7e-4, 0.0, 0.0]), step=1.0 / 15.0)
+    standing = replace(GOING, after=np.zeros(3))
+    for motions, tells in (((standing,), False), ((coarse,), False), ((coarse, coarse), True)):
+        found = linear_filter(Linear())
+        for motion in motions[:-1]:
+            found.step(motion, Observation())
+        before = found.parameters[0]
+        found.step(motions[-1], FELT)
+        assert (np.abs(found.parameters[0] - before).max() > 0.05) == tells
+
+
+def test_parameters_that_a_measurement_does_not_tell_stay_as_they_are():
+    rng, size = np.random.default_rng(3), 5
+    mean, root, by_weights = np.zeros(size), np.eye(size), 0.0
+    for _ in range(50):
+        own = mean + unit_points(50, size, rng) @ root.T
+        value = 0.1 * rng.normal(size=1)
+        given = learning.Evidence(own, own[:, :1], value, 0.01 * np.eye(1), [])
+        weighed = learning.learn_by_weights(given)[0][0] - own.mean(axis=0)
+        by_weights = max(by_weights, np.abs(weighed[1:]).max())
+        (mean, root), _ = learning.learn_by_trend(given)
+    assert by_weights > 0.02
+    assert_allclose(mean[1:], 0.0, atol=1e-9)
+    assert_allclose((root @ root.T)[1:, 1:], np.eye(size - 1), atol=1e-9)
+    assert (root @ root.T)[0, 0] == pytest.approx(1.0 / (1.0 + 50 * 0.2 / 0.01), rel=1e-6)
+
+
+def test_an_unknown_way_to_learn_is_refused():
+    with pytest.raises(BadInputError, match="expected trend, weights, printed"):
+        dual.DualConfig(learning="guess")
+
+
 def test_impossible_hypotheses_are_kept_so_that_the_belief_does_not_shrink():
     free, bounded = linear_filter(Linear()), linear_filter(Linear(least=-0.1))
     for each in (free, bounded):
-        each.step(STILL, Observation())
+        each.step(GOING, Observation())
     assert_allclose(bounded.belief.std, free.belief.std, rtol=1e-6)
     unit = unit_points(60, 13, np.random.default_rng(4))
     assert 0.5 < np.mean(Linear(least=-0.1).feasible(free.belief.points(unit))) < 0.9

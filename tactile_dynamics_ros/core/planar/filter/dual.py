@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
+from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.planar.filter.belief import (
     Belief,
     joined,
@@ -16,9 +17,8 @@ from tactile_dynamics_ros.core.planar.filter.belief import (
     root_of,
     unit_points,
     unlearnt,
-    weighted_moments,
-    without,
 )
+from tactile_dynamics_ros.core.planar.filter.learning import LEARNINGS, Evidence
 from tactile_dynamics_ros.core.planar.filter.observation import Observation
 from tactile_dynamics_ros.core.planar.filter.process import (
     LINK_PARAMETERS,
@@ -26,7 +26,6 @@ from tactile_dynamics_ros.core.planar.filter.process import (
     Process,
     PusherMotion,
 )
-from tactile_dynamics_ros.core.planar.filter.weights import log_likelihood, tempered_weights
 from tactile_dynamics_ros.core.planar.properties.intervals import COARSE
 
 Array = NDArray[np.float64]
@@ -37,10 +36,6 @@ products of long pushes look known better by a third."""
 _MOST_SURPRISE = 9.0
 """Squared innovation per number, in units of its variance, above which a measurement counts as
 uncertain by more: three standard deviations. At 4 one good sample in twenty is widened."""
-_TRUST = 0.2
-"""Power of the likelihood in the parameter step: errors of contact point, friction and arm last
-for about five steps, which then tell as much as one. At 1 masses are off by up to twelve of their
-std."""
 _NOISE = (5e-5, 5e-5, 4e-4, 1e-3, 1e-3, 2e-2)
 """Standard deviation that a step of 10 ms adds to x, y, yaw and their rates: what the mechanics
 miss of a link (m, rad, m/s, rad/s). At a tenth poses lag behind pushes whose contact point is off
@@ -61,6 +56,12 @@ _STANDING = (1e-3, 1e-3, 1e-2)
 rad/s; it is taken to stand still."""
 
 
+_STARTS = 0.3
+"""Change of the pusher's velocity from one coarse step to the next, over its speed, from which it
+counts as started or stopped within the step. At 1 products of slow pushes on even tables are up to
+a tenth too low."""
+
+
 @dataclass(frozen=True)
 class DualConfig:
     """How many hypotheses there are, and what tables are like."""
@@ -70,10 +71,14 @@ class DualConfig:
     variation: float = parameter(
         0.08, "standard deviation of friction from place to place, over its mean", "", 0.0, 0.5
     )
+    learning: str = parameter("trend", "of parameters: by trend, weights, or as printed (worse)")
     seed: int = parameter(0, "of the hypotheses", "", 0)
 
     def __post_init__(self) -> None:
         check_ranges(self)
+        if self.learning not in LEARNINGS:
+            known = ", ".join(LEARNINGS)
+            raise BadInputError(f"DualConfig.learning = '{self.learning}': expected {known}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,6 +147,7 @@ class DualFilter:
             np.asarray(block_diag(*roots)),
             len(mean),
         )
+        self._velocity = np.zeros(2)
         self.kept = 1.0
         """Share of the last measurement that was not left out."""
         n = self._moving + len(self._local)
@@ -183,10 +189,27 @@ class DualFilter:
             motion: of the pusher; None while nothing is touched and the object has stopped.
             seen: during the step.
         """
+        coarse = motion is not None and motion.step > COARSE
+        if not self._steady(motion, coarse):
+            seen = replace(seen, wrench=None)
         ahead = self._ahead(motion, seen)
         noise = self._believed_noise(seen, ahead)
-        coarse = motion is not None and motion.step > COARSE
         self.belief = self._updated(ahead, seen.value, noise, motion is None, coarse)
+
+    def _steady(self, motion: PusherMotion | None, coarse: bool) -> bool:
+        """Whether the mean force of a step follows from the mean motion of the pusher.
+
+        A tip that stands holds the object with any force up to friction; in a coarse step that
+        begins or ends a motion it does so for an unknown part of the step.
+        """
+        velocity = np.zeros(2)
+        if motion is not None:
+            velocity = (motion.after - motion.before)[:2] / motion.step
+        change, self._velocity = np.linalg.norm(velocity - self._velocity), velocity
+        speed = np.linalg.norm(velocity)
+        if motion is None or (motion.grip and motion.after[2] != motion.before[2]):
+            return True
+        return bool(speed > _STANDING[0] and not (coarse and change > _STARTS * speed))
 
     def _ahead(self, motion: PusherMotion | None, seen: Observation) -> _Ahead:
         """Parameters with their likeliest motion, and motions with the mean parameters, moved on.
@@ -339,25 +362,21 @@ class DualFilter:
         self, ahead: _Ahead, value: Array, noise: Array, resting: bool, coarse: bool
     ) -> Belief:
         """Parameter step, then the motion's step given the parameters, then both joined."""
-        n = self._moving + len(self._local)
-        weights = np.full(len(ahead.own), 1.0 / len(ahead.own))
+        n, own = self._moving + len(self._local), ahead.own
         masses = [k for k, name in enumerate(self.process.names) if name == "ln_mass" and coarse]
-        told = without(ahead.own, ahead.told, masses)
         certain = np.diag(noise**2)
         spread = certain + ahead.spread[:, n:].T @ ahead.spread[:, n:]
-        self.kept = 1.0
+        mean, middle = own.mean(axis=0), ahead.by_own.mean(axis=0)
+        away, deviation = (own - mean) / np.sqrt(len(own)), ahead.by_own - middle
+        slope = np.linalg.lstsq(away, deviation / np.sqrt(len(own)), rcond=None)[0].T
+        rest = deviation / np.sqrt(len(own)) - away @ slope.T
+        marginal, self.kept = (mean, root_of(away)), 1.0
         if not resting and len(value):
-            likelihood = _TRUST * log_likelihood(value - told, spread)
-            weights, self.kept = tempered_weights(likelihood)
-        marginal = self._parameter_step(ahead.own, weights)
-        middle = weights @ ahead.by_own
-        root = np.sqrt(weights)[:, None]
-        away, deviation = root * (ahead.own - marginal[0]), root * (ahead.by_own - middle)
-        slope = np.linalg.lstsq(away, deviation, rcond=None)[0].T
-        rest = deviation - away @ slope.T
+            evidence = Evidence(own, ahead.told, value, spread, masses)
+            marginal, self.kept = LEARNINGS[self.config.learning](evidence)
         if masses:
-            weighted, marginal = marginal, unlearnt(marginal, ahead.own, masses)
-            middle = middle + slope @ (marginal[0] - weighted[0])
+            marginal = unlearnt(marginal, own, masses)
+        middle = middle + slope @ (marginal[0] - mean)
         lower = root_of(np.concatenate([ahead.spread, rest]))
         doubt = certain + lower[n:, n:] @ lower[n:, n:].T
         doubt += (1.0 / self.kept - 1.0) * spread
@@ -366,10 +385,6 @@ class DualFilter:
         gain, inner = kalman_step(lower[:n, :n], lower[n:, :n], doubt)
         corrected = middle[:n] + gain @ (value - middle[n:])
         return self._rebuilt(marginal, slope[:n] - gain @ slope[n:], (corrected, inner))
-
-    def _parameter_step(self, own: Array, weights: Array) -> tuple[Array, Array]:
-        """Mean (p,) and root (p, p) of the parameters from weighted hypotheses (C, p)."""
-        return weighted_moments(own, weights)
 
     def _rebuilt(
         self, marginal: tuple[Array, Array], slope: Array, conditional: tuple[Array, Array]

@@ -26,8 +26,8 @@ _SLIP = 1e-6
 """Speed below which friction falls, m/s: how fast an object creeps that should stick. At 1e-5 ten
 seconds of rest under force cost 0.1 mm; below 1e-7 the lagged iteration needs more rounds."""
 _RESTARTS = 3
-"""Rounds after which friction still starts anew where a contact changed between stick and slip. At 1
-forces of tips that slide along an edge are off by a third in a tenth of the steps of four rounds;
+"""Rounds after which friction still starts anew where a contact changed between stick and slip. At
+1 forces of tips that slide along an edge are off by a third in a tenth of the steps of four rounds;
 with any number, contacts that change in turn never settle."""
 
 
