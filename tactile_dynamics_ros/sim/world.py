@@ -134,8 +134,9 @@ class HandWorld(Engine):
         )
         tips = {(self.robot, self._links[tip.touches]): tip.name for tip in machine.hand}
         self._contacts = ContactAccumulator(self.client, self._object.body, tips)
-        wrist = self._links[machine.flange]
-        pybullet.enableJointForceTorqueSensor(self.robot, wrist, True, self.client)
+        self._wrist = self._links[machine.flange]
+        self._felt, self._felt_steps = np.zeros(6), 0
+        pybullet.enableJointForceTorqueSensor(self.robot, self._wrist, True, self.client)
         self._pre_step: list[Callable[[HandWorld], None]] = [] if spring is None else [spring]
 
     @property
@@ -178,6 +179,8 @@ class HandWorld(Engine):
             pybullet.stepSimulation(self.client)
             self.time += self.config.time_step
             self._contacts.add(self.time)
+            self._felt += pybullet.getJointState(self.robot, self._wrist, self.client)[2]
+            self._felt_steps += 1
 
     def joint_state(self) -> JointState:
         """Return true joint positions, velocities and torques."""
@@ -206,9 +209,18 @@ class HandWorld(Engine):
         return to_matrix(state[4], state[5])
 
     def wrist_wrench(self) -> Array:
-        """Return [torque, force] (6,) of the hand on the flange, in the wrist sensor's frame."""
-        wrist = self._links[self.machine.flange]
-        reaction = pybullet.getJointState(self.robot, wrist, self.client)[2]
+        """Return [torque, force] (6,) of the hand on the flange, sensor axes, its mean since last.
+
+        Drives take each target up within a few steps, so that at the end of a period the joints
+        always slow down: the wrench of that instant is not the one that the motion has.
+
+        Raises:
+            ValueError: no step was made since the last call.
+        """
+        if not self._felt_steps:
+            raise ValueError("wrist wrench: no step since the last call; step the world first")
+        reaction = self._felt / self._felt_steps
+        self._felt, self._felt_steps = np.zeros(6), 0
         return -np.array([*reaction[3:], *reaction[:3]])
 
     def truth(self) -> GroundTruth:

@@ -197,6 +197,8 @@ def test_named_joints_are_commanded_alone(world):
 
 def test_the_wrist_feels_the_weight_of_the_hand(world):
     world.step(1500)
+    world.wrist_wrench()
+    world.step(10)
     wrench = world.wrist_wrench()
     flange = world.link_pose("wrist_ft")
     weight = np.zeros(6)
@@ -209,6 +211,24 @@ def test_the_wrist_feels_the_weight_of_the_hand(world):
             weight += np.concatenate([np.cross(arm, force), force])
     assert_allclose(wrench[3:], weight[3:], atol=0.03)
     assert_allclose(wrench[:3], weight[:3], atol=5e-3)
+
+
+def test_the_wrist_feels_what_the_motion_has_and_not_how_drives_take_up_their_targets(world):
+    world.step(1000)
+    world.wrist_wrench()
+    links = [link for link in parse_urdf(ROBOT.urdf).links if not link.name.startswith("lbr_")]
+    mass = sum(link.inertial.mass for link in links)
+    target, places, forces = HOME.copy(), [], []
+    for tick in range(150):
+        target[1] = HOME[1] + 0.1 * (1.0 - np.cos(2.0 * np.pi * tick / 100))
+        world.command(target)
+        world.step(10)
+        flange = world.link_pose("wrist_ft")
+        places.append(flange[:3, 3])
+        forces.append(flange[:3, :3] @ world.wrist_wrench()[3:] - mass * world.gravity)
+    velocity = np.gradient(np.array(places), 0.01, axis=0)[50:]
+    drag = np.sum(velocity * np.array(forces)[50:]) / np.sum(velocity**2)
+    assert abs(drag) < 0.1 * mass * 9.81
 
 
 def test_callbacks_act_before_every_step(world):
