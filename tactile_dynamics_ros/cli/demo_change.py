@@ -102,17 +102,15 @@ class Act:
         from rclpy.parameter import Parameter
         from rclpy.parameter_client import AsyncParameterClient
 
+        self._spin(lambda: self._error is not None or self._refused, REFITTED)
         before = self._error
         client = AsyncParameterClient(self._node, "property_estimator")
         client.set_parameters([Parameter("effects", value=[effect])])
         self._say(f"adding {effect} to the live model")
         self._spin(lambda: f"effect {effect}" in self._told, REFITTED)
-        told |= {"added": effect, "live_before": before, "live_after": self._error}
-        if told["live_before"] and told["live_after"]:
-            self._say(
-                f"error of the live model: {before:.2f} times the noise before, "
-                f"{self._error:.2f} with it"
-            )
+        after = self._error if f"effect {effect}" in self._told else None
+        told |= {"added": effect, "live_before": before, "live_after": after}
+        self._say(fall(before, after))
         return told
 
     @property
@@ -122,6 +120,10 @@ class Act:
     @property
     def _changed(self) -> bool:
         return self._count > self._before
+
+    @property
+    def _refused(self) -> bool:
+        return bool(self._told.get("solver", {}).get("refused"))
 
     @property
     def _error(self) -> float | None:
@@ -140,6 +142,19 @@ class Act:
         for status in message.status:
             if status.name == "change" and "since" in status_values(status):
                 self._text = status.message
+
+
+def fall(before: float | None, after: float | None) -> str:
+    """What adding an effect does to the error of the live model.
+
+    Args:
+        before: error of the fit to the pushes since the change, over the noise; None if refused.
+        after: with the effect.
+    """
+    if after is None:
+        return "the live model has no fit with it"
+    told = "no fit" if before is None else f"{before:.2f} times the noise"
+    return f"error of the live model: {told} before, {after:.2f} with it"
 
 
 def sentence(found: dict[str, Any]) -> str:

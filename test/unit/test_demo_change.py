@@ -6,7 +6,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from tactile_dynamics_ros.cli.demo_change import Act, leaning, sentence  # noqa: E402
+from tactile_dynamics_ros.cli.demo_change import Act, fall, leaning, sentence  # noqa: E402
 from tactile_dynamics_ros.cli.demo_planar import table_parameters  # noqa: E402
 from tactile_dynamics_ros.core.errors import BadInputError  # noqa: E402
 from tactile_dynamics_ros.report.exploration import _changes  # noqa: E402
@@ -73,6 +73,45 @@ def test_only_what_changes_after_the_beginning_counts(monkeypatch):
     monkeypatch.setattr(unnoticed, "_spin", lambda *_: None)
     told(1)
     assert not unnoticed.play()["noticed"]
+
+
+def test_an_effect_that_is_added_waits_for_the_fit_without_it_and_tells_how_the_error_falls(
+    monkeypatch,
+):
+    from diagnostic_msgs.msg import DiagnosticArray
+
+    from tactile_dynamics_ros.ros.diagnostics import status_message
+
+    node, said, asked = Listening(), [], []
+
+    def tell(error, *effects):
+        message = DiagnosticArray()
+        message.status = [status_message("solver", {"whitened_rms": error, "refused": ""})]
+        message.status += [status_message(f"effect {name}", {}) for name in effects]
+        node.tell(message)
+
+    class Client:
+        def __init__(self, _, name):
+            assert name == "property_estimator"
+
+        def set_parameters(self, parameters):
+            asked.extend(parameters[0].value)
+
+    def spin(condition, _):
+        assert not condition()
+        tell(*((0.97, "support_tilt") if asked else (2.31,)))
+        assert condition()
+
+    act = Act(node, None, None, said.append)
+    monkeypatch.setattr(act, "_spin", spin)
+    monkeypatch.setattr("rclpy.parameter_client.AsyncParameterClient", Client)
+    found = document() | {"error": {"before": 2.2, "after": 1.0, "noise_floor": 0.98}}
+    told = act._take_over(found)
+    assert asked == ["support_tilt"]
+    assert (told["live_before"], told["live_after"]) == (2.31, 0.97)
+    assert said[-1] == "error of the live model: 2.31 times the noise before, 0.97 with it"
+    assert fall(None, 0.97) == "error of the live model: no fit before, 0.97 with it"
+    assert fall(2.31, None) == "the live model has no fit with it"
 
 
 def test_the_report_tells_the_errors_the_sentence_and_the_truth():
