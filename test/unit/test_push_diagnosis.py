@@ -52,6 +52,18 @@ def test_the_same_change_under_all_points_is_more_friction(model):
     assert np.allclose(told, change / 1e-4, atol=2e-3 * np.abs(told).max())
 
 
+def test_a_slope_acts_under_each_point_of_the_object(model):
+    """The effect, whose points share one factor and a centre, does what each point does alone."""
+    balance, motion, common = model.fit.model.balance, model._motion, model.fit.common
+    feet = balance.feet(motion) - balance.middle
+    told = balance.lack_by_shares(motion, common, model._sharp.slip, feet.transpose(2, 0, 1))
+    effect, noise = model.effect_named(SLOPE), model.fit.model.noise(model._sharp.floor)
+    made, _ = model._spanned(effect)
+    made = made[model.fit.model.middle] * noise[:, :, None]
+    assert np.linalg.norm(made - told) < 0.15 * np.linalg.norm(told)
+    assert np.linalg.norm((made - told)[:, 2]) < 0.3 * np.linalg.norm(told[:, 2])
+
+
 def test_what_a_field_may_do_is_no_evidence_for_a_slope(model):
     uneven = replace(model, table=Table(model.table.along, 2.0, 0.1))
     told = [np.linalg.norm(m.families_of(SLOPE)[0].columns) for m in (model, uneven)]

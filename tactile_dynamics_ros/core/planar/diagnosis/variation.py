@@ -34,8 +34,8 @@ _LENGTHS = (0.03, 0.1)
 lacquered unevenly. What lies between is told as either: log evidence differs by less than 4."""
 _CLEAR = 10.0
 """Log evidence by which a field has to beat the best single effect on an even table: on tables
-made for tuning whose friction varies by 5 % it was 19 and more, on one with a slope 5. Lower makes
-slopes and springs seem variation, higher variation a slope."""
+made for tuning whose friction varies by 5 % it was 19 and more, on those with a slope less than 0.
+Lower makes effects seem variation, higher variation a slope."""
 _ALIKE = 1.0
 """Log evidence within which the smaller field is told: over a few of its lengths a smooth field of
 14 % makes the same as one of 7 %, and the larger would be said of the table."""

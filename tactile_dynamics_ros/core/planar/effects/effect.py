@@ -100,6 +100,13 @@ class PushEffect(ABC):
         """
         return None
 
+    def rise(self, motion: PlanarMotion, theta: Array) -> Array | None:
+        """Relative rise (R, 2) of friction under the footprint, 1/m, axes of the support.
+
+        None where all points of the footprint have the same factor.
+        """
+        return None
+
     def wrench(self, motion: PlanarMotion, theta: Array) -> Array | None:
         """Further force (axes of the support) and torque (R, 3) about the footprint's centroid."""
         return None

@@ -128,6 +128,11 @@ class FrictionGradient(PushEffect):
         """Factor by place."""
         return _scaled(1.0 + motion.away @ theta)
 
+    def rise(self, motion: PlanarMotion, theta: Array) -> Array:
+        """The side of the object that lies higher up resists more."""
+        factor = np.maximum(1.0 + motion.away @ theta, _LEAST_FACTOR)
+        return np.asarray(theta / factor[:, None])
+
 
 @PUSHED.register
 class ConcentratedPressure(PushEffect):

@@ -74,8 +74,8 @@ class SupportPatch:
         return np.stack([np.ones_like(x), x, y, x * x + y * y], axis=1)
 
     @cached_property
-    def _spread(self) -> Array:
-        """(2, 2) second moments of the even pressure, m^2."""
+    def second_moments(self) -> Array:
+        """(2, 2) of the even pressure about the centroid, m^2."""
         return np.asarray((self.offset * self.share[:, None]).T @ self.offset)
 
     def pressure(self, centre: Array, scale: Array) -> Array:
@@ -89,7 +89,7 @@ class SupportPatch:
         """
         wanted = centre / scale[:, None]
         slope = np.concatenate(
-            [np.ones((len(wanted), 1)), np.linalg.solve(self._spread, wanted.T).T], axis=1
+            [np.ones((len(wanted), 1)), np.linalg.solve(self.second_moments, wanted.T).T], axis=1
         )
         level = slope @ self._features[:, :3].T
         lifted = np.flatnonzero(level.min(axis=1) < 0.0)

@@ -97,9 +97,12 @@ class Balance:
         state = self._state(kinematics, common)
         numbers, mass = state.numbers, state.situation.mass
         yaw = kinematics.pose[:, 2]
-        unit = friction(state.twist, state.centre, float(np.exp(numbers[9])))
+        rise = self._rise(kinematics, common)
+        centre = state.centre + rise @ self.patch.second_moments
+        unit = friction(state.twist, centre, float(np.exp(numbers[9])))
         coefficient = float(np.exp(numbers[0] - numbers[1]))
-        load = coefficient * state.normal * (1.0 + kinematics.local[:, 0])
+        more = kinematics.local[:, 0] + np.sum(rise * state.centre, axis=1)
+        load = coefficient * state.normal * (1.0 + more)
         support = turned(unit[:, :2] * load[:, None], yaw)
         support, spin = self._resisted(kinematics, common, support, unit[:, 2] * load)
         from_point = state.arm - turned(state.situation.com, yaw)
@@ -232,6 +235,22 @@ class Balance:
             if wrench is not None:
                 added = added + wrench
         return support + added[:, :2], spin + added[:, 2]
+
+    def _rise(self, kinematics: Kinematics, common: Array) -> Array:
+        """Relative rise (R, 2) of friction under the footprint, 1/m, axes of the link.
+
+        Load times friction 1 + g . d is, to first order, more by g . c for a centre of pressure c,
+        and a pressure whose centre is off by S g, with S the second moments of the footprint.
+        """
+        found = np.zeros((len(kinematics.pose), 2))
+        if not self.effects:
+            return found
+        motion = self.motion(kinematics)
+        for effect, theta in zip(self.effects, self._thetas(common), strict=True):
+            rise = effect.rise(motion, theta)
+            if rise is not None:
+                found += turned(rise, -motion.yaw)
+        return found
 
     def _state(self, kinematics: Kinematics, common: Array) -> _State:
         numbers = self.numbers(common)
