@@ -161,6 +161,18 @@ def test_the_filter_goes_on_from_a_fit():
     assert live.properties().doubtful
 
 
+def test_a_fit_to_hardly_more_pushes_is_no_new_reference(monkeypatch):
+    """What a change began to show is kept when the fit after its first push comes."""
+    live, referred = seen(), []
+    monkeypatch.setattr(live.monitor, "refer", lambda mean, _: referred.append(mean[0]))
+    for push in range(8):
+        live.add_contact(felt(2.0 * push, 3.0))
+        live.take_fit(fitted(force=3.0 + push))
+    assert np.round(9.81 * np.exp(referred)).tolist() == [3, 4, 5, 7, 10]  # of 1, 2, 3, 5, 8
+    live.take_fit(fitted(error=2.0))
+    assert len(referred) == 5
+
+
 def test_another_outline_is_another_object():
     live = seen()
     live.take_fit(fitted())
