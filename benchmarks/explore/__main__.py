@@ -8,13 +8,14 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from benchmarks.explore import actions, changes, detection, goals
+from benchmarks.explore import actions, changes, detection, goals, quiet
 
 Section = tuple[Callable[[argparse.Namespace], dict[str, Any]], Callable[[dict[str, Any]], str]]
 SECTIONS: dict[str, Section] = {
     "actions": (actions.measure, actions.table),
     "goals": (goals.measure, goals.table),
     "changes": (changes.measure, changes.table),
+    "quiet": (quiet.measure, quiet.table),
     "detection": (detection.measure, detection.table),
 }
 """What measures each section and what makes a table of it; add a line to add one."""
@@ -30,6 +31,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     goals.add_arguments(parser)
     changes.add_arguments(parser)
     detection.add_arguments(parser)
+    quiet.add_arguments(parser)
     options = parser.parse_args(arguments)
     found = {}
     for name in options.only:

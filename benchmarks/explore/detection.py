@@ -1,4 +1,6 @@
-"""A table that begins to lean, many times: when it is noticed, beside a bound and a peer.
+"""A table that begins to lean, or changes otherwise, many times: when it is noticed.
+
+Beside it stand, for leans, a likelihood ratio that knows all and the raw likelihood of a filter.
 
 Pushes on the simulated table go through the same filter and statistic as live ones. What is known
 of the object is drawn around the truth with the spread of a fit to five pushes, because fits take
@@ -17,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.explore.changes import Watched
+from benchmarks.explore.changes import SIZES, Watched
 from benchmarks.peers.raw_likelihood import RawLikelihood
 from tactile_dynamics_ros.core.planar.filter.change import ChangeMonitor
 from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess
@@ -43,6 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--leaning", type=int, nargs="+", default=list(OBJECTS), help="objects")
     parser.add_argument("--lean-seeds", type=int, nargs="+", default=[811, 812], help="of each")
     parser.add_argument("--lean-spreads", type=float, nargs="+", default=[0.05], help="of friction")
+    parser.add_argument("--begins", nargs="+", default=["support_tilt"], help="hidden effects")
     parser.add_argument("--lean-clean", type=int, default=4, help="clean pushes before")
     parser.add_argument("--lean-rows", type=Path, default=Path("out/explore_detection.jsonl"))
 
@@ -52,12 +55,12 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     path: Path = options.lean_rows
     path.parent.mkdir(parents=True, exist_ok=True)
     rows = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
-    done = {(row["object"], row["seed"], row["spread"]) for row in rows}
-    cases = product(options.lean_spreads, options.lean_seeds, options.leaning)
-    for spread, seed, number in list(cases)[: 1 if options.quick else None]:
-        if (number, seed, spread) in done:
+    done = {(row["effect"], row["spread"], row["seed"], row["object"]) for row in rows}
+    cases = product(options.begins, options.lean_spreads, options.lean_seeds, options.leaning)
+    for case in list(cases)[: 1 if options.quick else None]:
+        if case in done:
             continue
-        rows.append(_row(number, seed, spread, options.lean_clean))
+        rows.append(_row(*case, options.lean_clean))
         with path.open("a") as file:
             file.write(json.dumps(rows[-1]) + "\n")
         print(json.dumps(_brief(rows[-1])), file=sys.stderr, flush=True)
@@ -105,10 +108,11 @@ class Witness:
             self.pieces.append([self.touch, *piece.lack, *piece.expected])
 
 
-def _row(number: int, seed: int, spread: float, clean: int) -> dict[str, Any]:
+def _row(effect: str, spread: float, seed: int, number: int, clean: int) -> dict[str, Any]:
     watched = Watched(
         SimulatedTableConfig(
-            seed=seed, object_number=number, hidden_effect="support_tilt", hidden_magnitude=2.0,
+            seed=seed, object_number=number, hidden_effect=effect,
+            hidden_magnitude=SIZES.get(effect, 1.35),
             hidden_waits=True, friction_spread=spread, vision_rate_hz=30.0, depth_rate_hz=0.0,
         )
     )  # fmt: skip
@@ -126,7 +130,8 @@ def _row(number: int, seed: int, spread: float, clean: int) -> dict[str, Any]:
         for _ in range(clean):
             watched.push()
         row: dict[str, Any] = {
-            "object": number, "seed": seed, "spread": spread, "friction": part.friction,
+            "effect": effect, "object": number, "seed": seed, "spread": spread,
+            "friction": part.friction,
             "newtons": 9.81 * part.mass * part.friction, "clean_s": witness.touch,
             "clean_alarms": len(witness.alarms), "clean_logs": len(likelihood.logs),
             "clean_told": len(witness.told), "clean_pieces": len(witness.pieces),
@@ -134,9 +139,10 @@ def _row(number: int, seed: int, spread: float, clean: int) -> dict[str, Any]:
         watched.table.begin()
         while witness.touch < row["clean_s"] + ENOUGH:
             watched.push()
-        lean = watched.table.reveal()["hidden_effect"]["parameters"]
-        angle, way = lean["angle"]["value"], np.array(lean["direction"]["value"])
-        row["lean_n"] = (9.81 * part.mass * np.sin(angle) * way).tolist()
+        row["truth"] = watched.table.reveal()["hidden_effect"]["parameters"]
+        if effect == "support_tilt":
+            angle, way = (row["truth"][key]["value"] for key in ("angle", "direction"))
+            row["lean_n"] = (9.81 * part.mass * np.sin(angle) * np.array(way)).tolist()
         rounded = {"told": witness.told, "pieces": witness.pieces}
         row |= {key: np.round(rows, 4).tolist() for key, rows in rounded.items()}
         return row | {"logs": np.round(likelihood.logs, 2).tolist()}
@@ -146,7 +152,7 @@ def _row(number: int, seed: int, spread: float, clean: int) -> dict[str, Any]:
 
 def _brief(row: dict[str, Any]) -> dict[str, Any]:
     """What a person wants to see of a row."""
-    keys = ("object", "seed", "spread", "clean_s", "clean_alarms")
+    keys = ("effect", "object", "seed", "spread", "clean_s", "clean_alarms")
     most = max((value for _, value in row["told"][: row["clean_told"]]), default=0.0)
     return {key: row[key] for key in keys} | {"clean_most": most, "after_s": delay(row)}
 
@@ -214,24 +220,31 @@ def least_clean(rows: list[dict[str, Any]]) -> float:
 def table(found: dict[str, Any]) -> str:
     """What is noticed soon, by the statistic, the bound and the peer."""
     lines = [
-        "| friction differs by | n | clean touch s, false alarms | by | within 3 s | median s |",
-        "|---|---|---|---|---|---|",
+        "| begins | friction differs by | n | clean touch s, false alarms | by | within 3 s "
+        "| median s |",
+        "|---|---|---|---|---|---|---|",
     ]
-    for spread in sorted({row["spread"] for row in found["rows"]}):
-        rows = [row for row in found["rows"] if row["spread"] == spread]
-        noise, least = clean_noise(rows), least_clean(rows)
+    for effect, spread in sorted({(row["effect"], row["spread"]) for row in found["rows"]}):
+        rows = [r for r in found["rows"] if (r["effect"], r["spread"]) == (effect, spread)]
         clean = sum(row["clean_s"] for row in rows)
         alarms = sum(row["clean_alarms"] > 0 for row in rows)
-        ways = {
-            "the statistic": [delay(row) for row in rows],
-            "likelihood ratio that knows object and lean": [bound_delay(r, noise) for r in rows],
-            "raw likelihood, no clean second below it": [peer_delay(row, least) for row in rows],
-        }
-        for k, (name, delays) in enumerate(ways.items()):
+        for k, (name, delays) in enumerate(_delays(effect, rows).items()):
             soon = sum(each is not None and each <= SOON for each in delays)
             middle = float(np.median([np.inf if each is None else each for each in delays]))
             told = f"{clean:.0f}, {alarms}" if k == 0 else ""
-            lines.append(f"| {spread:g} | {len(rows)} | {told} | {name} | {soon} | {middle:.1f} |")
-        size = 100.0 * np.sqrt(np.diag(noise))
-        lines.append(f"\nClean pieces: {size[0]:.1f} % along, {size[1]:.1f} % across.\n")
+            lines.append(
+                f"| `{effect}` | {spread:g} | {len(rows)} | {told} | {name} | {soon} "
+                f"| {middle:.1f} |"
+            )
     return "\n".join(lines)
+
+
+def _delays(effect: str, rows: list[dict[str, Any]]) -> dict[str, list[float | None]]:
+    ways = {"the statistic": [delay(row) for row in rows]}
+    if effect != "support_tilt":
+        return ways
+    noise, least = clean_noise(rows), least_clean(rows)
+    told = "likelihood ratio that knows object, lean and noise"
+    ways[told] = [bound_delay(row, noise) for row in rows]
+    ways["raw likelihood, no clean second below"] = [peer_delay(row, least) for row in rows]
+    return ways
