@@ -259,6 +259,18 @@ def test_a_rigid_pair_that_is_pushed_at_its_middle_goes_straight_under_both_fric
     assert_allclose(states[8] - states[2], 0.0, atol=1e-9)
 
 
+def test_of_a_rigid_pair_only_the_whole_mass_and_centre_act_and_the_friction_of_each_face():
+    process = LinkedPatchProcess(PAIR, np.array([0.03, 0.0]), rigid=True)
+    other = OWN.copy()
+    mass, friction = np.array([0.7, 0.7]), np.array([0.3 / 0.9, 0.2 / 0.5])
+    other[[0, 4]], other[[1, 5]] = np.log(mass * friction), np.log(mass)
+    other[6] = (0.5 * 0.06 / 0.7) - 0.06  # the common centre lies where it lay
+    one, two = (pair_pushed(process, own, (0.01, -0.03)) for own in (OWN, other))
+    assert_allclose(one[1][:2], two[1][:2], rtol=5e-3)  # inertia differs
+    assert_allclose(one[0], two[0], atol=1e-3)
+    assert abs(one[0][2]) > 0.01
+
+
 @pytest.mark.parametrize("joint_friction", [1e-4, 0.5])
 def test_a_joint_holds_its_links_together_and_turns_only_if_its_friction_lets_it(joint_friction):
     process = LinkedPatchProcess(PAIR, np.array([0.03, 0.0]))

@@ -55,14 +55,16 @@ measurement that was not left out."""
 def learn_by_trend(given: Evidence) -> tuple[tuple[Array, Array], float]:
     """Take expectations to be linear in the parameters; what is not linear counts as noise.
 
+    So does what blind columns add to what follows from the others.
     Weights of a few dozen hypotheses move also those parameters that a measurement does not tell,
     at random and without widening them: over 300 steps by several standard deviations.
     """
     count, mean, middle = len(given.own), given.own.mean(axis=0), given.told.mean(axis=0)
     away, deviation = (given.own - mean) / np.sqrt(count), (given.told - middle) / np.sqrt(count)
-    slope = np.linalg.lstsq(away, deviation, rcond=None)[0].T
+    seen = [k for k in range(given.own.shape[1]) if k not in given.blind]
+    slope = np.zeros((given.told.shape[1], given.own.shape[1]))
+    slope[:, seen] = np.linalg.lstsq(away[:, seen], deviation, rcond=None)[0].T
     rest = deviation - away @ slope.T
-    slope[:, given.blind] = 0.0
     noise = (given.spread + rest.T @ rest) / _TRUST
     root = root_of(away)
     gain, narrower = kalman_step(root, slope @ root, noise)

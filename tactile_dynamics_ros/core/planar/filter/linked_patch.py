@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.planar.filter.hold import Grip, Tip
 from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess, advanced
 from tactile_dynamics_ros.core.planar.filter.process import (
     LINK_PARAMETERS,
@@ -17,7 +18,8 @@ from tactile_dynamics_ros.core.planar.filter.process import (
     Prediction,
     PusherMotion,
 )
-from tactile_dynamics_ros.core.planar.mechanics.linkage import Joint, Linkage, turned
+from tactile_dynamics_ros.core.planar.mechanics.linkage import Joint, Link, Linkage, turned
+from tactile_dynamics_ros.core.planar.mechanics.pair_patch import PairPatch
 
 Array = NDArray[np.float64]
 
@@ -90,8 +92,14 @@ class LinkedPatchProcess:
         )
         touched = self.parts[motion.link]
         pusher = touched.pusher_of(self._own(parameters, motion.link), motion)
-        joint = self._joint(states, parameters)
-        return advanced(Linkage(links, joint), pusher, states, motion, touched.step, touched.rounds)
+        if self.rigid:
+            pair = RigidPair.of(self.parts, states)
+            return pair.predict(links, pusher, states, motion, touched.step, touched.rounds)
+        low = np.min([link.com_height for link in links], axis=0)  # where the joint's force acts
+        linkage = Linkage(
+            tuple(replace(link, com_height=low) for link in links), self._joint(states, parameters)
+        )
+        return advanced(linkage, pusher, states, motion, touched.step, touched.rounds)
 
     def _own(self, parameters: Array, link: int) -> Array:
         """Parameters (C, 5) of one link and of the tip."""
@@ -106,6 +114,80 @@ class LinkedPatchProcess:
         first = np.broadcast_to(self.joint, (len(states), 2))
         second = states[:, len(LINK_STATE) : len(LINK_STATE) + 3]
         place = states[:, :2] + turned(first, states[:, 2])
-        friction = np.exp(parameters[:, -1]) if self._turns else np.zeros(len(states))
         other = turned(place - second[:, :2], -second[:, 2])
-        return Joint(first, other, friction, self.rigid)
+        return Joint(first, other, np.exp(parameters[:, -1]))
+
+
+@dataclass(frozen=True, eq=False)
+class RigidPair:
+    """Mechanics of a rigid pair in the frame of its first part.
+
+    Which part carries how much follows from where the whole centre of mass lies, not from the
+    masses of the parts: only their sum and their common centre act.
+
+    Attributes:
+        patch: both footprints. first: points of the first part.
+        offset: (3,) pose of the second part in the frame of the first.
+    """
+
+    patch: PairPatch
+    first: int
+    offset: Array
+
+    @classmethod
+    def of(cls, parts: tuple[PatchProcess, ...], states: Array) -> RigidPair:
+        """Return the pair as the mean of states (C, 12) has it."""
+        one, two = states[:, :3].mean(axis=0), states[:, 6:9].mean(axis=0)
+        place = turned((two - one)[None, :2], -one[None, 2])[0]
+        offset = np.append(place, two[2] - one[2])
+        points, areas = [], []
+        for part, (x, y, yaw) in zip(parts, (np.zeros(3), offset), strict=True):
+            patch = part.patch
+            middle = patch.centroid + patch.offset
+            points.append(turned(middle, np.full(len(middle), yaw)) + [x, y])
+            areas.append(patch.share * part.area)
+        shares = np.concatenate(areas)
+        patch = PairPatch(
+            parts[0].outline, points=np.concatenate(points), shares=shares / shares.sum()
+        )
+        return cls(patch, len(points[0]), offset)
+
+    def predict(
+        self,
+        links: tuple[Link, ...],
+        pusher: Tip | Grip,
+        states: Array,
+        motion: PusherMotion,
+        longest: float,
+        rounds: int,
+    ) -> Prediction:
+        """Advance states (C, 12); the second part keeps its pose relative to the first."""
+        pusher = replace(pusher, link=0)
+        if isinstance(pusher, Tip) and motion.link == 1:
+            outline = turned(pusher.outline, np.full(len(pusher.outline), self.offset[2]))
+            pusher = replace(pusher, outline=outline + self.offset[:2])
+        body = Linkage((self.merged(*links),))
+        found = advanced(body, pusher, states[:, :6], motion, longest, rounds)
+        after, yaw = found.states, states[:, 2]
+        away = turned(states[:, 6:8] - states[:, :2], -yaw)
+        arm = turned(away, after[:, 2])
+        place = after[:, :2] + arm
+        across = np.stack([-arm[:, 1], arm[:, 0]], axis=1)
+        speed = after[:, 3:5] + after[:, 5:6] * across
+        turn = (after[:, 2] + states[:, 8] - yaw)[:, None]
+        both = np.concatenate([after, place, turn, speed, after[:, 5:6]], axis=1)
+        return replace(found, states=both)
+
+    def merged(self, one: Link, two: Link) -> Link:
+        """Return one link of the mass and the centre of both."""
+        mass, turn = one.mass + two.mass, np.full(len(one.mass), self.offset[2])
+        centres = [one.com, turned(two.com, turn) + self.offset[:2]]
+        share = np.stack([one.mass / mass, two.mass / mass])
+        com = np.asarray(sum(s[:, None] * c for s, c in zip(share, centres, strict=True)))
+        inertia = one.inertia + two.inertia
+        for link, centre in zip((one, two), centres, strict=True):
+            inertia = inertia + link.mass * np.sum((centre - com) ** 2, axis=1)
+        rough = np.ones((len(mass), len(self.patch.shares)))
+        rough[:, self.first :] = (two.friction / one.friction)[:, None]
+        height = share[0] * one.com_height + share[1] * two.com_height
+        return Link(self.patch, mass, one.friction, com, height, inertia, np.ones(len(mass)), rough)

@@ -17,7 +17,11 @@ from tactile_dynamics_ros.core.planar.filter.process import (
     PusherMotion,
 )
 from tactile_dynamics_ros.core.planar.mechanics.linkage import Link, Linkage, cross, turned
-from tactile_dynamics_ros.core.planar.mechanics.outline import edge_normals, nearest_edge
+from tactile_dynamics_ros.core.planar.mechanics.outline import (
+    area_and_centroid,
+    edge_normals,
+    nearest_edge,
+)
 from tactile_dynamics_ros.core.planar.mechanics.simulation import (
     GRAVITY,
     PlanarSimulation,
@@ -70,6 +74,11 @@ class PatchProcess:
     def hull(self) -> Array:
         """(H, 2) m, anticlockwise: what a tip can touch."""
         return np.asarray(self.outline[ConvexHull(self.outline).vertices], dtype=float)
+
+    @cached_property
+    def area(self) -> float:
+        """Of the footprint, m^2."""
+        return abs(area_and_centroid(self.outline)[0])
 
     @property
     def names(self) -> tuple[str, ...]:

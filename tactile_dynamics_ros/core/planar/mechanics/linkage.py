@@ -22,6 +22,7 @@ class Link:
         com: (B, 2) m, link frame. com_height: (B,) m above the support.
         inertia: (B,) kg m^2 about the vertical through the centre of mass.
         scale: (B,) size of the part of the footprint that carries, 1 for all of it.
+        roughness: (B, n) friction of each point over the link's, or None where all are alike.
     """
 
     patch: SupportPatch
@@ -31,6 +32,7 @@ class Link:
     com_height: Array
     inertia: Array
     scale: Array
+    roughness: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -192,6 +192,8 @@ def support_resistance(
     shift = tipping_shift(weight, link.com_height, friction[:, :2], contact, contact_height)
     centre = link.com - patch.centroid + turned(shift, -yaw)
     load = patch.pressure(centre, link.scale) * (link.friction * weight)[:, None]
+    if link.roughness is not None:
+        load = load * link.roughness
     arm = turned(patch.centroid - link.com, yaw)
     motion = _rotation(-yaw) @ shifting(arm)
     own = applied(motion, twist)
