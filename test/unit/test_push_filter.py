@@ -267,7 +267,7 @@ def test_of_a_rigid_pair_only_the_whole_mass_and_centre_act_and_the_friction_of_
     other[6] = (0.5 * 0.06 / 0.7) - 0.06  # the common centre lies where it lay
     one, two = (pair_pushed(process, own, (0.01, -0.03)) for own in (OWN, other))
     assert_allclose(one[1][:2], two[1][:2], rtol=5e-3)  # inertia differs
-    assert_allclose(one[0], two[0], atol=1e-3)
+    assert_allclose(one[0], two[0], rtol=0.04, atol=2e-4)
     assert abs(one[0][2]) > 0.01
 
 
