@@ -6,8 +6,12 @@ import numpy as np
 import pytest
 
 from benchmarks.planar.__main__ import calibration, table
+from benchmarks.planar.ablations import Clipped
+from benchmarks.planar.daily import daily_things
 from benchmarks.planar.scores import nrmse, scored
 from benchmarks.planar.trial import _arrived, _felt_by_pads, _pulled
+from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess
+from tactile_dynamics_ros.synthetic.pushed.recordings import PushOptions, draw_scene
 
 
 def told(z, **more):
@@ -21,6 +25,7 @@ def test_intervals_are_counted_where_something_is_stated():
     assert found["inside_90"] == {"m1": 0.5, "com1": 0.5}
     assert found["stated"] == {"m1": 2, "com1": 4}
     assert found["worst_z"] == 6.0
+    assert found["within_3"] == [1, 2]
     assert found["nees"]["mean"] == 2.0
 
 
@@ -64,3 +69,26 @@ def test_pads_feel_the_sum_of_forces_and_their_torque_about_the_gripper():
     assert moved.grip
     felt = _felt_by_pads(motion, slice(1, 10), moved, np.zeros((2, 2)))
     np.testing.assert_allclose(felt.value, [1.5, 0.0, -0.015], atol=1e-12)
+
+
+def test_daily_objects_have_their_published_numbers_and_do_not_tip_over():
+    things = daily_things()
+    assert len(things) == 8
+    hammer = things[164].links[0]
+    assert (hammer.mass, hammer.friction, hammer.com[0]) == (1.2, 0.2, 0.07)
+    for number, thing in things.items():
+        link = thing.links[0]
+        assert draw_scene(number, PushOptions(things=things)).thing is thing
+        assert link.friction * link.height < 0.5 * np.ptp(link.corners, axis=0).min()
+
+
+def test_clipped_hypotheses_lie_on_the_edge_of_what_is_possible():
+    block = 0.05 * np.array([[-1.0, -0.6], [1.0, -0.6], [1.0, 0.6], [-1.0, 0.6]])
+    process = PatchProcess(block)
+    mean, covariance = process.prior
+    wide = covariance.copy()
+    wide[3, 3] = 0.05**2
+    found = Clipped(process, np.zeros(3), np.full(3, 1e-3), None, (mean, wide))
+    values, _ = found._hypotheses()
+    assert process.feasible(values[:, :5]).all()
+    assert np.abs(values[:, 3]).max() == pytest.approx(0.03, abs=1e-4)
