@@ -18,8 +18,9 @@ GOALS = ((0.42, -0.05, 0.0), (0.55, 0.08, 0.0), (0.45, 0.0, 90.0))
 """m, m, deg: where the object is pushed until somebody notices the change; three ways to be."""
 NOTICED = 3.0
 """Real seconds that the estimator may be behind the last push."""
-REFITTED = 120.0
-"""Real seconds for the fit with the effect that was added; an idle core takes ten."""
+REFITTED = 300.0
+"""Real seconds for the fit with the effect that was added; an idle core takes twenty, one that ten
+programs share was not ready after 120."""
 
 Call = Callable[[str], tuple[bool, str]]
 Ask = Callable[[tuple[float, float, float]], dict[str, Any]]
