@@ -111,7 +111,8 @@ class Act:
         self._spin(lambda: f"effect {effect}" in self._told, REFITTED)
         after = self._error if f"effect {effect}" in self._told else None
         told |= {"added": effect, "live_before": before, "live_after": after}
-        self._say(fall(before, after))
+        told["fall"] = fall(before, after)
+        self._say(told["fall"])
         return told
 
     @property

@@ -159,6 +159,8 @@ def _changes(told: dict[str, Any]) -> list[Section]:
     hidden = told["truth"]["hidden_effect"]
     said = ["Nobody noticed a change."] if not changed["noticed"] else [changed["text"]]
     said += [changed["sentence"]] if "sentence" in changed else []
+    if "fall" in changed:
+        said.append(f"{changed['added']} was added while it ran; {changed['fall']}.")
     said += [f"No diagnosis: {changed['refused']}"] if "refused" in changed else []
     pairs = [
         ("held-out error, times the noise", changed.get("before"), changed.get("after")),

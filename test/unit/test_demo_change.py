@@ -109,7 +109,11 @@ def test_an_effect_that_is_added_waits_for_the_fit_without_it_and_tells_how_the_
     told = act._take_over(found)
     assert asked == ["support_tilt"]
     assert (told["live_before"], told["live_after"]) == (2.31, 0.97)
-    assert said[-1] == "error of the live model: 2.31 times the noise before, 0.97 with it"
+    assert (
+        told["fall"]
+        == said[-1]
+        == "error of the live model: 2.31 times the noise before, 0.97 with it"
+    )
     assert fall(None, 0.97) == "error of the live model: no fit before, 0.97 with it"
     assert fall(2.31, None) == "the live model has no fit with it"
 
@@ -125,8 +129,11 @@ def test_the_report_tells_the_errors_the_sentence_and_the_truth():
     told["changed"] = {
         "noticed": True, "text": "it slides unlike before", "sentence": "the table leans",
         "before": 2.0, "after": 1.01, "live_before": None, "live_after": None,
+        "added": "support_tilt", "fall": fall(None, 0.97),
     }  # fmt: skip
     (section,) = _changes(told)
     assert section.rows == [["held-out error, times the noise", "2.00", "1.01"]]
     assert "the table leans" in section.sentences
+    added = "support_tilt was added while it ran; error of the live model: no fit before, 0.97"
+    assert f"{added} with it." in section.sentences
     assert "support_tilt from 99.5 s on (angle 0.07 rad)" in section.sentences[-1]
