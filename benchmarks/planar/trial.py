@@ -31,6 +31,8 @@ FORCE_STD, POSE_STD = 0.03, np.array([5e-4, 5e-4, np.radians(0.2)])
 """Noise of each mean force, N, and of each pose."""
 JUMP = 1.5 * STEP
 """m in a tick of the physical clock above which a pusher jumps: 1.5 m/s."""
+TURNING_REACH = 0.05
+"""m at which a turn counts as a way: grippers turn by less than 1 rad/s while they pull."""
 POINT_STD = 3e-4
 """m of the contact points."""
 STIFFNESS = 2e4
@@ -181,7 +183,7 @@ def _pushed(scene: Any, motion: Any, k: int, period: float) -> PusherMotion:
 def _pulled(scene: Any, motion: Any, k: int, period: float) -> PusherMotion:
     """The gripper's motion in the step after a tick."""
     end = k + round(period / STEP)
-    before = motion.pusher[_arrived(motion.pusher[:, :2], k, end)]
+    before = motion.pusher[_arrived(motion.pusher, k, end)]
     return PusherMotion(
         before, motion.pusher[end], period, scene.tip.height, grip=True, touching=True,
         link=int(motion.touched[k + 1]),
@@ -190,7 +192,9 @@ def _pulled(scene: Any, motion: Any, k: int, period: float) -> PusherMotion:
 
 def _arrived(place: Array, begin: int, end: int) -> int:
     """Tick at which the pusher came to this action: simulated ones jump from action to action."""
-    jumps = np.flatnonzero(np.linalg.norm(np.diff(place[begin : end + 1], axis=0), axis=1) > JUMP)
+    ways = np.diff(place[begin : end + 1], axis=0)
+    ways[:, 2:] *= TURNING_REACH
+    jumps = np.flatnonzero(np.linalg.norm(ways, axis=1) > JUMP)
     return begin + 1 + int(jumps[-1]) if len(jumps) else begin
 
 

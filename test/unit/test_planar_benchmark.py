@@ -52,6 +52,9 @@ def test_a_step_in_which_the_pusher_jumps_begins_where_it_arrives():
     assert _arrived(place, 2, 10) == 2
     place[6:] += 0.1
     assert _arrived(place, 2, 10) == 6
+    turned = np.zeros((12, 3))
+    turned[7:, 2] = 2.0
+    assert _arrived(turned, 2, 10) == 7
 
 
 def test_pads_feel_the_sum_of_forces_and_their_torque_about_the_gripper():
