@@ -290,10 +290,18 @@ def _described(mean: Array, covariance: Array, process: Process, scene: Any) -> 
                             - 2 * covariance[a, a + 1], 1e-12))  # fmt: skip
         q, m = np.exp(mean[a : a + 2])
         values |= {f"m{k + 1}": m, f"f{k + 1}": q / m, f"q{k + 1}": q * GRAVITY}
-        values[f"com{k + 1}"] = float(np.linalg.norm(mean[a + 2 : a + 4] - link.feet.mean(axis=0)))
+        own, middle = slice(a + 2, a + 4), link.feet.mean(axis=0)
+        values[f"com{k + 1}"] = _distance(mean[own] - middle, covariance[own, own])
         off = (mean - truth)[a : a + 4]
         z |= {f"q{k + 1}": [off[0] / std[a]], f"m{k + 1}": [off[1] / std[a + 1]]}
         z |= {f"f{k + 1}": [(off[0] - off[1]) / ratio]}
         z |= {f"com{k + 1}": list(off[2:4] / std[a + 2 : a + 4])}
     return {"values": {n: float(v) for n, v in values.items()},
             "z": {n: [float(each) for each in v] for n, v in z.items()}}  # fmt: skip
+
+
+def _distance(mean: Array, covariance: Array) -> float:
+    """Expected length, m, of a vector (2,): that of its mean is far too short where it is unknown."""
+    unit = np.random.default_rng(0).standard_normal((DRAWS, 2))
+    away = mean + unit @ np.linalg.cholesky(covariance).T
+    return float(np.mean(np.linalg.norm(away, axis=1)))

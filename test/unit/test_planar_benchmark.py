@@ -9,7 +9,7 @@ from benchmarks.planar.__main__ import calibration, table
 from benchmarks.planar.ablations import Clipped
 from benchmarks.planar.daily import daily_things
 from benchmarks.planar.scores import nrmse, scored
-from benchmarks.planar.trial import _arrived, _felt_by_pads, _pulled
+from benchmarks.planar.trial import _arrived, _distance, _felt_by_pads, _pulled
 from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess
 from tactile_dynamics_ros.synthetic.pushed.recordings import PushOptions, draw_scene
 
@@ -40,6 +40,13 @@ def test_refused_fits_are_counted_and_told():
     said = table("single", {"setting": "slow", "action": "push", "n": 2, "filter": rows})
     assert "2.0 s, 1 refused" in said
     assert "m1 100% of 1" in said
+
+
+def test_an_unknown_centre_is_guessed_to_lie_as_far_off_as_it_does_on_average():
+    assert _distance(np.zeros(2), 1e-4 * np.eye(2)) == pytest.approx(
+        0.01 * np.sqrt(np.pi / 2), 0.03
+    )
+    assert _distance(np.array([0.02, 0.0]), 1e-12 * np.eye(2)) == pytest.approx(0.02, rel=1e-4)
 
 
 def test_errors_are_over_the_range_of_the_set():
