@@ -301,7 +301,7 @@ def _described(mean: Array, covariance: Array, process: Process, scene: Any) -> 
 
 
 def _distance(mean: Array, covariance: Array) -> float:
-    """Expected length, m, of a vector (2,): that of its mean is far too short where it is unknown."""
+    """Expected length, m, of a vector (2,): that of its mean is too short where it is unknown."""
     unit = np.random.default_rng(0).standard_normal((DRAWS, 2))
     away = mean + unit @ np.linalg.cholesky(covariance).T
     return float(np.mean(np.linalg.norm(away, axis=1)))
