@@ -1,14 +1,24 @@
 """Live estimation of what a dexterous hand is holding.
 
-The verbs of the command from Python: `read`, `check`, `estimate`, `compare`, `diagnose`, `explain`,
-`shape` (`docs/python.md`). They are imported when they are first asked for.
+The verbs of the command from Python: `read`, `read_wrist`, `check`, `estimate`, `compare`,
+`diagnose`, `explain`, `shape` (`docs/python.md`). They are imported when they are first asked for.
 """
 
 from typing import Any
 
 __version__ = "0.1.0"
 
-__all__ = ["__version__", "check", "compare", "diagnose", "estimate", "explain", "read", "shape"]
+__all__ = [
+    "__version__",
+    "check",
+    "compare",
+    "diagnose",
+    "estimate",
+    "explain",
+    "read",
+    "read_wrist",
+    "shape",
+]
 
 
 def __getattr__(name: str) -> Any:

@@ -8,6 +8,7 @@ The same core objects run as in the nodes.
 from __future__ import annotations
 
 from collections import defaultdict, deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -24,7 +25,11 @@ from tactile_dynamics_ros.core.tracking.kinematic_tracker import KinematicTracke
 from tactile_dynamics_ros.core.tracking.pose_average import average_poses
 from tactile_dynamics_ros.core.tracking.pose_fusion import PoseFusion
 from tactile_dynamics_ros.sim.sensors.pads import ForceTorquePads
-from tactile_dynamics_ros.sim.simulated_robot import SimulatedRobot, SimulatedRobotConfig
+from tactile_dynamics_ros.sim.simulated_robot import (
+    Readings,
+    SimulatedRobot,
+    SimulatedRobotConfig,
+)
 from tactile_dynamics_ros.sim.world import WorldConfig
 
 _SIGHTINGS = 15
@@ -117,6 +122,7 @@ def record_in_hand(
     hidden: str = "none",
     robot_name: str = DEFAULT_ROBOT,
     skin_torsion: float = 0.0,
+    watch: Callable[[Readings], None] = lambda readings: None,
 ) -> tuple[Streams, InertialParameters, str]:
     """Grasp, lift and move a box; return what was published, the truth and the outcome.
 
@@ -129,6 +135,7 @@ def record_in_hand(
         hidden: effect of the simulated robot that nobody is told.
         robot_name: file in config/robots.
         skin_torsion: largest torque of the skin about its normal over its normal force, m.
+        watch: is shown all readings.
     """
     world = WorldConfig(object_name=box, skin_torsion=skin_torsion)
     config = SimulatedRobotConfig(
@@ -141,6 +148,7 @@ def record_in_hand(
     tracking, tape, pose = None, _Tape(), None
     while robot.world.time < _LIMIT_S and not controller.done:
         readings = robot.advance()
+        watch(readings)
         contacts = touch.update(readings)
         pose = readings.vision if readings.vision is not None else pose
         forces = {name: contact.force for name, contact in contacts.items()}

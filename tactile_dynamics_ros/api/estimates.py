@@ -18,6 +18,7 @@ from tactile_dynamics_ros.report.numbers import parameter_rows
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from tactile_dynamics_ros.api.wrist import WristShare
     from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
     from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import InertialEstimate
     from tactile_dynamics_ros.core.inertia.batch.knowledge import Comparison as MemoryComparison
@@ -40,12 +41,14 @@ class Estimate(ReportedResult):
         model: fitted to it.
         tool: what was carried as well and is not meant, such as a gripper.
         prior: the same object, from earlier recordings.
+        wrist: what a wrist sensor tells of it beside the fingertips.
     """
 
     recording: Recording
     model: FittedModel
     tool: KnownBody | None = None
     prior: KnownBody | None = None
+    wrist: WristShare | None = None
 
     @cached_property
     def found(self) -> InertialEstimate:
@@ -54,11 +57,16 @@ class Estimate(ReportedResult):
 
     @cached_property
     def alone(self) -> InertialEstimate:
-        """Values from this recording alone, without the tool."""
-        from tactile_dynamics_ros.core.inertia.batch.knowledge import without_tool
+        """Values from this recording alone, without the tool, together with the wrist."""
+        return self._with_wrist[0]
+
+    @cached_property
+    def _with_wrist(self) -> tuple[InertialEstimate, MemoryComparison | None]:
+        from tactile_dynamics_ros.core.inertia.batch.knowledge import with_memory, without_tool
 
         both = self.model.to_estimate()
-        return both if self.tool is None else without_tool(both, self.tool)
+        own = both if self.tool is None else without_tool(both, self.tool)
+        return (own, None) if self.wrist is None else with_memory(own, self.wrist.known)
 
     @cached_property
     def _combined(self) -> tuple[InertialEstimate, MemoryComparison | None]:
@@ -74,8 +82,20 @@ class Estimate(ReportedResult):
 
     @property
     def notes(self) -> tuple[str, ...]:  # type: ignore[override]
-        """Sentences on the tool and on what was known before."""
-        return (*self._tool_notes(), *self._memory_notes())
+        """Sentences on the tool, on the wrist and on what was known before."""
+        return (*self._tool_notes(), *self._wrist_notes(), *self._memory_notes())
+
+    def _wrist_notes(self) -> list[str]:
+        comparison = self._with_wrist[1]
+        if self.wrist is None or comparison is None:
+            return []
+        if comparison.changed:
+            return [
+                f"fingertips and wrist differ in {' and '.join(comparison.changed)} beyond chance: "
+                f"one of them errs, or {self.wrist.hand.name} is of another posture of the hand; "
+                "the fingertips alone count"
+            ]
+        return [self.wrist.line()]
 
     def _tool_notes(self) -> list[str]:
         if self.tool is None:
@@ -113,6 +133,7 @@ class Estimate(ReportedResult):
             self.found.not_excited,
             effects if earlier is None else earlier.effects | effects,
             1 if earlier is None else earlier.recordings + 1,
+            self.found.lasting,
         )
 
     def save(self, path: str | Path) -> Path:
@@ -141,6 +162,10 @@ class Estimate(ReportedResult):
         document = self.found.to_json()
         if self.tool is not None:
             document["tool"] = {"name": self.tool.name, "mass": float(self.tool.phi[0])}
+        if self.wrist is not None:
+            apart = self._with_wrist[1]
+            differs = [] if apart is None else apart.changed
+            document["wrist"] = self.wrist.to_json() | {"differs": differs}
         comparison = self._combined[1]
         if self.prior is not None and comparison is not None:
             document["prior"] = {
@@ -183,7 +208,7 @@ class Estimate(ReportedResult):
         from tactile_dynamics_ros.report.estimates import draw_convergence, draw_residuals
         from tactile_dynamics_ros.report.history import settle
 
-        if self.tool is None and self.prior is None:
+        if self.tool is None and self.prior is None and self.wrist is None:
             return draw_convergence(settle(self.model), None, self.undetermined)
         time = np.concatenate([samples.time for samples in self.model.samples])
         return draw_residuals(time, -self.model.smooth_residual(), self.model.white_residual)
@@ -192,10 +217,12 @@ class Estimate(ReportedResult):
         """Write folder/report.html with all figures and return its path.
 
         Raises:
-            BadInputError: there is a tool or prior, of which the page knows nothing.
+            BadInputError: there is a tool, wrist or prior, of which the page knows nothing.
         """
-        if self.tool is not None or self.prior is not None:
-            raise BadInputError("the report is of one recording as it is; leave out tool and prior")
+        if not (self.tool is None and self.prior is None and self.wrist is None):
+            raise BadInputError(
+                "the report is of one recording as it is; leave out tool, wrist and prior"
+            )
         from tactile_dynamics_ros.report.estimate_report import write_estimate_report
 
         return write_estimate_report(self.recording, self.model, Path(folder), command=command)

@@ -81,6 +81,8 @@ def estimate(
     *,
     tool: str | Path | None = None,
     prior: str | Path | None = None,
+    wrist: Recording | None = None,
+    hand: str | Path | None = None,
 ) -> Estimate:
     """Estimate mass, centre of mass and inertia of a held object, and the parameters of effects.
 
@@ -90,17 +92,26 @@ def estimate(
         tool: file of what was carried as well, such as a gripper: a URDF, or one of
             `Estimate.save`.
         prior: file of `Estimate.save` of the same object, from earlier recordings.
+        wrist: of `read_wrist`, from the same bag: what the wrist carried meanwhile.
+        hand: file of `Estimate.save` of the hand alone, from such a recording without an object.
 
     Raises:
-        BadInputError: contacts and motion do not overlap, an effect is unknown, or a file is no
-            body's.
+        BadInputError: contacts and motion do not overlap, an effect is unknown, a file is no
+            body's, or one of wrist and hand is missing.
         NotIdentifiableError: the iteration diverged.
     """
     from tactile_dynamics_ros.core.inertia.estimate import estimate as fit
     from tactile_dynamics_ros.recording.body_files import read_body
 
+    if (wrist is None) != (hand is None):
+        raise BadInputError("wrist: expected the recording of the wrist and the file of the hand")
     known = [None if path is None else read_body(path) for path in (tool, prior)]
-    return Estimate(recording, fit(recording, effects_of(effects)), *known)
+    share = None
+    if wrist is not None and hand is not None:
+        from tactile_dynamics_ros.api.wrist import WristShare
+
+        share = WristShare(recording, wrist, read_body(hand))
+    return Estimate(recording, fit(recording, effects_of(effects)), *known, share)
 
 
 def compare(recording: Recording, effects: Effects = ()) -> Comparison:

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from tactile_dynamics_ros.api.estimates import Estimate
     from tactile_dynamics_ros.core.planar.known import KnownPushed
     from tactile_dynamics_ros.core.planar.properties.estimate import PushedEstimate
+    from tactile_dynamics_ros.recording import Recording
 
 
 def add_parser(verbs: _SubParsersAction[Any]) -> None:
@@ -47,6 +48,23 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
         "--prior", metavar="FILE", help="file of --save: the same object in earlier recordings"
     )
     parser.add_argument(
+        "--wrist",
+        metavar="HAND",
+        help="also use /wrist/wrench of the same bag; file of --save of the hand alone, from "
+        "--carried without an object, the fingers as they hold it",
+    )
+    parser.add_argument(
+        "--carried",
+        action="store_true",
+        help="instead of the object, all that the wrist sensor carries, in the frame of the flange "
+        "(from /wrist/wrench and /joint_states)",
+    )
+    parser.add_argument(
+        "--robot",
+        metavar="NAME",
+        help="robot of --wrist and --carried: file in config/robots, or path of a yaml file",
+    )
+    parser.add_argument(
         "--save", metavar="FILE", help="write what is known of the body now, for --tool or --prior"
     )
     parser.add_argument(
@@ -65,7 +83,14 @@ def run(args: Namespace) -> int:
         return _estimate_pushed(args)
     from tactile_dynamics_ros.api.verbs import estimate
 
-    found = estimate(read_recording(args), read_effects(args), tool=args.tool, prior=args.prior)
+    known = {"tool": args.tool, "prior": args.prior}
+    if args.carried:
+        found = estimate(_read_wrist(args), read_effects(args), **known)
+    elif args.wrist:
+        wrist = {"wrist": _read_wrist(args), "hand": args.wrist}
+        found = estimate(read_recording(args), read_effects(args), **known, **wrist)
+    else:
+        found = estimate(read_recording(args), read_effects(args), **known)
     for note in found.notes:
         print(f"note: {note}", file=sys.stderr)
     if args.export:
@@ -78,6 +103,21 @@ def run(args: Namespace) -> int:
     if args.save:
         print(f"saved: {found.save(args.save)}", file=sys.stderr)
     return 0
+
+
+def _read_wrist(args: Namespace) -> Recording:
+    """Read what the wrist carried.
+
+    Raises:
+        BadInputError: options contradict each other, or it cannot be read.
+    """
+    from tactile_dynamics_ros.api.wrist import read_wrist
+
+    if args.carried and args.wrist:
+        raise BadInputError("--carried takes hand and object together; leave out --wrist")
+    if len(args.bag) > 1:
+        raise BadInputError(f"the wrist helps with one recording; {len(args.bag)} are given")
+    return read_wrist(args.bag[0], args.robot, args.namespace)
 
 
 def _estimate_pushed(args: Namespace) -> int:

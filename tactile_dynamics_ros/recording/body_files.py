@@ -66,6 +66,8 @@ def write_body(known: KnownBody, path: str | Path) -> Path:
         "dynamic_parameters": known.phi.tolist(),
         "covariance": known.covariance.tolist(),
     }
+    if known.lasting is not None:
+        document["lasting_covariance"] = known.lasting.tolist()
     return write_document(document, path, "a body")
 
 
@@ -88,6 +90,9 @@ def _from_yaml(text: str, file: str) -> KnownBody:
         tuple(document.get("undetermined", ())),
         dict(document.get("effects") or {}),
         int(document.get("recordings", 1)),
+        read_numbers(document, "lasting_covariance", (10, 10), file)
+        if "lasting_covariance" in document
+        else None,
     )
 
 

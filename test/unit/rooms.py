@@ -138,7 +138,7 @@ ROOMS = {
     _INERTIA + "batch": Room(
         "fits to a whole recording, and what they return",
         ("core/contact", "core/discrepancy", "core/effects", _INERTIA + "residuals")
-        + ("core/numerics", "core/rigid_body", "core/streams"),
+        + ("core/numerics", "core/rigid_body", "core/streams", "core/tracking"),
     ),
     _INERTIA + "conventions": Room(
         "other readings of a recording: units, signs, axes and orders that people mistake",

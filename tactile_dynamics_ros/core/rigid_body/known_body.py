@@ -24,6 +24,8 @@ class KnownBody:
         undetermined: parameters that nothing has told yet.
         effects: effects that were found with it: name to parameters with value, std and unit.
         recordings: number of recordings that it comes from.
+        lasting: (10, 10) part of the covariance that lasting errors of the sensors make; None where
+            it is not known by itself.
     """
 
     phi: Array
@@ -32,6 +34,7 @@ class KnownBody:
     undetermined: tuple[str, ...] = ()
     effects: dict[str, Any] = field(default_factory=dict)
     recordings: int = 0
+    lasting: Array | None = None
 
     @classmethod
     def exact(cls, body: InertialParameters, name: str) -> KnownBody:

@@ -184,6 +184,14 @@ class FittedModel:
 
     @cached_property
     def covariance(self) -> Array:
+        """(10 + k, 10 + k) `seen_covariance`, and a gain common to all sensors that none shows."""
+        covariance = self.seen_covariance.copy()
+        unseen = self._unseen_gain(covariance)
+        covariance[:10, :10] += unseen**2 * np.outer(self.phi, self.phi)
+        return covariance
+
+    @cached_property
+    def seen_covariance(self) -> Array:
         """(10 + k, 10 + k) covariance of [phi, theta], widened where the model does not fit.
 
         With M = J^T J - E[dJ^T dJ] + prior: M^-1 (J^T J + prior) M^-1, since noise of the
@@ -196,15 +204,20 @@ class FittedModel:
         filling = data + prior + to_excited.T @ self.noise_information @ to_excited
         covariance = mapping @ bread @ filling @ bread @ mapping.T
         widen = misfit_inflation(self.white_residual, self.white_jacobian)
-        lasting = (self.corrected or self.presumed_errors).covariance
-        covariance = covariance * np.outer(widen, widen) + mapping @ lasting @ mapping.T
+        covariance = covariance * np.outer(widen, widen) + self.lasting_covariance
         if self.frame_covariance is not None:
             moved = displacement_jacobian(self.phi)
             covariance[:10, :10] += moved @ self.frame_covariance @ moved.T
         if self.noise_bias is not None:
             covariance = covariance + np.outer(self.noise_bias, self.noise_bias)
-        covariance[:10, :10] += self._unseen_gain(covariance) ** 2 * np.outer(self.phi, self.phi)
         return np.asarray(covariance)
+
+    @cached_property
+    def lasting_covariance(self) -> Array:
+        """(10 + k, 10 + k) part of `covariance` that lasting errors of the sensors make."""
+        mapping = self._coordinate_jacobian
+        lasting = (self.corrected or self.presumed_errors).covariance
+        return np.asarray(mapping @ lasting @ mapping.T)
 
     def _unseen_gain(self, covariance: Array) -> float:
         """Standard deviation of a gain common to all sensors that an effect may have, unseen."""
@@ -303,6 +316,7 @@ class FittedModel:
             samples=sum(stretch.problem.count for stretch in self.stretches),
             duration=float(times[-1][-1] - times[0][0]),
             converged=self.converged,
+            lasting=self.lasting_covariance[:10, :10],
         )
 
     def _effect_estimates(self, covariance: Array) -> dict[str, EffectEstimate]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -82,6 +82,8 @@ class InertialEstimate:
         samples: number of wrench samples used.
         duration: s covered.
         converged: whether the iteration converged.
+        lasting: (10, 10) part of the covariance that lasting errors of the sensors make, such as
+            their gains; None where it is not known by itself.
     """
 
     inertia: InertialParameters
@@ -92,6 +94,7 @@ class InertialEstimate:
     samples: int
     duration: float
     converged: bool
+    lasting: Array | None = field(default=None, kw_only=True)
 
     @property
     def parameter_covariance(self) -> Array:

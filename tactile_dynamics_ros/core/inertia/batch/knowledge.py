@@ -66,7 +66,7 @@ class Comparison:
         return [name for name, p in self.p_value.items() if p < _CHANGED]
 
 
-def without_tool(estimate: Estimate, tool: KnownBody) -> Estimate:
+def without_tool(estimate: Estimate, tool: KnownBody, same_sensor: bool = False) -> Estimate:
     """Take a tool's share out of the estimate of tool and load together.
 
     phi is linear in the bodies that move as one: phi_load = phi - phi_tool, with the sum of the
@@ -76,12 +76,17 @@ def without_tool(estimate: Estimate, tool: KnownBody) -> Estimate:
     Args:
         estimate: of tool and load, in the frame of the tool.
         tool: known.
+        same_sensor: whether one sensor has measured both, so that its gain errs alike: of its
+            lasting errors the load's share remains.
 
     Raises:
         BadInputError: no body that can exist is left.
     """
     covariance = estimate.covariance + tool.covariance
     rest = estimate.inertia.dynamic_parameters - tool.phi
+    if same_sensor and estimate.lasting is not None and tool.lasting is not None:
+        share = rest[0] / estimate.inertia.mass
+        covariance = covariance - tool.lasting - (1.0 - share**2) * estimate.lasting
     body, distance = nearest_body(rest, covariance)
     if chdtrc(10, distance) < _CANNOT_BE:
         raise BadInputError(
@@ -180,7 +185,7 @@ def _with_body(
     estimate: Estimate, body: InertialParameters, covariance: Array, unknown: set[str]
 ) -> Estimate:
     names = tuple(name for name in PARAMETER_NAMES if name in unknown)
-    return replace(estimate, inertia=body, covariance=covariance, not_excited=names)
+    return replace(estimate, inertia=body, covariance=covariance, not_excited=names, lasting=None)
 
 
 def _ten(body: InertialParameters) -> Array:
