@@ -35,6 +35,12 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
     pushing.add_argument("--objects", type=int, default=640, help="simulated single objects (640)")
     pushing.add_argument("--width", type=int, default=64, help="hidden units (64)")
     pushing.add_argument("--keep", metavar="DIR", help="where an interrupted run goes on from")
+    pushing.add_argument(
+        "--choice",
+        choices=["active", "uniform", "random"],
+        help="train in rounds, on pushes that are chosen so among 15 of each object",
+    )
+    pushing.add_argument("--rounds", type=int, default=4, help="of --choice (4)")
     parser.set_defaults(run=run)
 
 
@@ -52,9 +58,9 @@ def run(args: Namespace) -> int:
     if args.epochs is None:
         args.epochs = 11 if args.what == "biotac" else 30
     if args.what == "pushing":
-        from tactile_dynamics_ros.cli import train_pushing
+        from tactile_dynamics_ros.cli import train_pushing, train_pushing_rounds
 
-        return train_pushing.run(args)
+        return (train_pushing_rounds if args.choice else train_pushing).run(args)
     import torch
 
     from tactile_dynamics_ros.core.tactile.network.training import TrainingConfig, train_network

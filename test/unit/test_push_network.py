@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from itertools import pairwise
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 import torch
 
+from tactile_dynamics_ros.cli import train_pushing_rounds
 from tactile_dynamics_ros.cli.main import main
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.planar.filter.dual import DualFilter
@@ -363,3 +365,33 @@ def test_the_command_simulates_trains_and_writes(tmp_path, capsys):
     assert main(arguments) == 0
     assert GraphWeights.load(out).residual
     assert len(list(kept.glob("single_slow_*.pkl"))) == 2
+
+
+def test_a_network_that_chooses_its_pushes_beats_the_mean_and_learns_from_the_widest_spread(
+    tmp_path, capsys, monkeypatch
+):
+    monkeypatch.setattr(train_pushing_rounds, "_JUDGES", 3)
+    monkeypatch.setattr(train_pushing_rounds, "_CANDIDATES", 6)
+    scores = []
+    spread = train_pushing_rounds._spread
+
+    def noted(weights, push):
+        scores.append(spread(weights, push))
+        return scores[-1]
+
+    monkeypatch.setattr(train_pushing_rounds, "_spread", noted)
+    arguments = ["train", "pushing", "--choice", "active", "--objects", "4", "--rounds", "2"]
+    arguments += ["--epochs", "20", "--width", "16", "--out", str(tmp_path / "n.npz"), "--json"]
+    assert main(arguments) == 0
+    curve = json.loads(capsys.readouterr().out)["curve"]
+    assert [each["pushes"] for each in curve] == [10, 20]
+    assert curve[-1]["error"] < 0.8
+    assert len(scores) == 12
+    order = [3.0, 1.0, 7.0, 5.0, 2.0, 6.0, 4.0]
+    monkeypatch.setattr(train_pushing_rounds, "_spread", lambda _, push: push)
+    assert train_pushing_rounds._chosen("active", order, object()) == [7.0, 6.0, 5.0, 4.0, 3.0]
+
+
+def test_choosing_pushes_never_overwrites_the_shipped_network(capsys):
+    assert main(["train", "pushing", "--choice", "random"]) == 2
+    assert "--out FILE" in capsys.readouterr().err

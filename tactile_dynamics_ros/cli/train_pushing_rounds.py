@@ -1,0 +1,135 @@
+"""`train pushing --choice`: a network that chooses the pushes that it learns from, in rounds."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from argparse import Namespace
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.cli.train_pushing import SETTINGS, Setting, simulate_steps
+from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.planar.network.graph import Graph, build_graph
+from tactile_dynamics_ros.core.planar.network.process import help_units
+from tactile_dynamics_ros.core.planar.network.transitions import (
+    Examples,
+    Transitions,
+    joined,
+    make_examples,
+)
+from tactile_dynamics_ros.core.planar.network.weights import GraphWeights
+from tactile_dynamics_ros.synthetic import pushed
+from tactile_dynamics_ros.synthetic.pushed.objects import draw_object
+from tactile_dynamics_ros.synthetic.pushed.transitions import cut_steps
+
+Array = NDArray[np.float64]
+
+CHOICES = ("active", "uniform", "random")
+"""How pushes of an object are chosen: where the network states the widest spread, at angles that
+differ most, or as drawn."""
+_CANDIDATES, _KEPT = 15, 5
+"""Pushes of an object that are candidates, and those of them that are kept: paper B's top five."""
+_FIRST, _HELD_OUT, _JUDGES = 200_000, 510_000, 12
+"""First seed of objects to push, that of objects which only judge, and how many those are."""
+
+
+def run(args: Namespace) -> int:
+    """Simulate and train in rounds; write weights and tell the error after each round."""
+    import torch
+
+    if args.kind != "graph" or not args.out:
+        raise BadInputError(
+            "--choice: expected --kind graph and --out FILE, beside the shipped one"
+        )
+    torch.set_num_threads(1)
+    start, setting = time.monotonic(), SETTINGS[args.setting]
+    others = range(_HELD_OUT, _HELD_OUT + _JUDGES)
+    judges = _joined(simulate_steps("single", others, setting), setting)
+    buffer: list[Transitions] = []
+    weights, curve = None, []
+    for k, seeds in enumerate(_rounds(args)):
+        for candidates in _candidates(seeds, setting):
+            buffer += _chosen(args.choice, candidates, weights)
+        weights = _trained(args, buffer, setting)
+        curve.append({"pushes": len(buffer), "error": relative_error(weights, judges)})
+        said = f"round {k + 1}: {len(buffer)} pushes, error {curve[-1]['error']:.3f} of a mean's"
+        print(said, file=sys.stderr)
+    assert weights is not None
+    weights.save(Path(args.out))
+    found = {"choice": args.choice, "curve": curve, "seconds": time.monotonic() - start}
+    print(json.dumps(found) if args.json else f"wrote {args.out} in {found['seconds']:.0f} s")
+    return 0
+
+
+def _rounds(args: Namespace) -> list[list[int]]:
+    first = _FIRST + 1000 * args.seed
+    parts = np.array_split(np.arange(first, first + args.objects), min(args.rounds, args.objects))
+    return [[int(seed) for seed in part] for part in parts]
+
+
+def _candidates(objects: Sequence[int], setting: Setting) -> list[list[Transitions]]:
+    """Steps of pushes of each object, each push on a table of its own."""
+    seeds = [_CANDIDATES * number + k for number in objects for k in range(_CANDIDATES)]
+    things = {seed: draw_object(seed // _CANDIDATES, "single") for seed in seeds}
+    options = pushed.PushOptions(
+        actions=setting.actions, variation=0.08, stiction=0.1, uneven=0.1, things=things
+    )
+    made: Any = pushed.generate(seeds, None, options)
+    steps = [cut_steps(one.scene, one.motion, setting.period, setting.every)[0] for one in made]
+    return [steps[k : k + _CANDIDATES] for k in range(0, len(steps), _CANDIDATES)]
+
+
+def _chosen(
+    choice: str, pushes: list[Transitions], weights: GraphWeights | None
+) -> list[Transitions]:
+    """The pushes that go into the buffer; without a network yet, as drawn."""
+    if choice == "uniform":
+        order = np.argsort([float(np.arctan2(*p.push.normal[0][::-1])) for p in pushes])
+        return [pushes[k] for k in order[:: max(len(pushes) // _KEPT, 1)][:_KEPT]]
+    if choice == "random" or weights is None:
+        return pushes[:_KEPT]
+    order = np.argsort([-_spread(weights, push) for push in pushes])
+    return [pushes[k] for k in order[:_KEPT]]
+
+
+def _spread(weights: GraphWeights, push: Transitions) -> float:
+    """Mean ln of the standard deviations that a network states of a push."""
+    graph = build_graph(push.thing, push.states, push.parameters, push.push, weights.speed, None)
+    said = weights.evaluate(graph)
+    return float(np.log(said.motion_std).mean() + np.log(said.force_std).mean())
+
+
+def _trained(args: Namespace, buffer: Sequence[Transitions], setting: Setting) -> GraphWeights:
+    from tactile_dynamics_ros.core.planar.network.training import GraphTrainingConfig, train_graph
+
+    command = (
+        f"tactile-dynamics train pushing --choice {args.choice} --objects {args.objects} --rounds "
+        f"{args.rounds} --epochs {args.epochs} --width {args.width} --seed {args.seed}"
+    )
+    units = help_units(setting.speed)
+    about = GraphWeights("graph", setting.period, setting.speed, *units, {}, command)
+    config = GraphTrainingConfig(
+        epochs=args.epochs, seed=args.seed, width=args.width, batch=128, learning_rate=6e-3
+    )
+    examples = _joined(buffer, setting)
+    return train_graph(about, [examples], [examples], config)
+
+
+def _joined(steps: Sequence[Transitions], setting: Setting) -> Examples:
+    units = help_units(setting.speed)
+    return joined([make_examples(one, setting.speed, units, None) for one in steps])
+
+
+def relative_error(weights: GraphWeights, judges: Examples) -> float:
+    """Error of motion and force over that of their mean: below 1 it beats the prior mean."""
+    said = weights.evaluate(Graph(judges.nodes, judges.edges))
+    told = np.column_stack([said.motion[:, 0], said.force])
+    true = np.column_stack([judges.motion[:, 0], judges.force])
+    shares = np.sum((told - true) ** 2, axis=0) / np.sum((true - true.mean(axis=0)) ** 2, axis=0)
+    return float(np.sqrt(np.mean(shares)))
