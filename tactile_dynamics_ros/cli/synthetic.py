@@ -123,7 +123,8 @@ def _write_pushed(args: Namespace, out: Path) -> dict[str, Any]:
     from tactile_dynamics_ros.recording.pushed import PushedRecording
     from tactile_dynamics_ros.synthetic import pushed
 
-    names = _known_names(args.effect, (*pushed.CATALOGUE, *pushed.OUTSIDE))
+    hinged = pushed.JOINTED if args.kind == "jointed" else ()
+    names = _known_names(args.effect, (*pushed.CATALOGUE, *hinged, *pushed.OUTSIDE))
     actions = pushed.ActionOptions(args.count, args.action, tuple(args.speed))
     options = pushed.PushOptions(args.kind, actions, variation=args.variation)
     made = pushed.generate([args.seed], dict.fromkeys(names, args.magnitude), options)[0]

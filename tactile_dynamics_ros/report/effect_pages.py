@@ -93,6 +93,7 @@ the law is that of a push. `tactile-dynamics effects --model pushed` prints the 
 _TITLES_PUSHED = {
     "support": "The table and its friction",
     "load": "The load",
+    "joint": "The joint of two parts",
     "environment": "Something else pulls or touches",
     "sensor": "Sensors of pushes err",
 }

@@ -1,7 +1,7 @@
 """Recordings of pushed and pulled objects, with hidden physical effects."""
 
 from tactile_dynamics_ros.synthetic.pushed.actions import ActionOptions
-from tactile_dynamics_ros.synthetic.pushed.effects import CATALOGUE, OUTSIDE
+from tactile_dynamics_ros.synthetic.pushed.effects import CATALOGUE, JOINTED, OUTSIDE
 from tactile_dynamics_ros.synthetic.pushed.recordings import (
     HiddenPush,
     PushOptions,
@@ -11,6 +11,7 @@ from tactile_dynamics_ros.synthetic.pushed.sensors import SensorOptions
 
 __all__ = [
     "CATALOGUE",
+    "JOINTED",
     "OUTSIDE",
     "ActionOptions",
     "PushOptions",

@@ -11,6 +11,8 @@ from tactile_dynamics_ros.synthetic.pushed.pressure import spread_weight
 
 _HINGE_ARM = 0.05
 """m at which friction of the hinge is counted as a force, so that it creeps as slowly as a foot."""
+_PIN = 2e5
+"""N/m of a pin against the wall of its hole; forces of a newton move it by 5 um."""
 
 
 def perpendicular(vector: np.ndarray) -> np.ndarray:
@@ -63,6 +65,8 @@ class Bodies:
         mass, inertia, com_height: (B, L). com: (B, L, 2) m.
         position: (B, 2) m of link_1's frame. angle: (B, L) rad.
         com_velocity: (B, L, 2) m/s. turn_rate: (B, L) rad/s.
+        freedoms: D; with two more where a pin has play, by which link_2 moves beside the hinge.
+        slack: (B, 2) m, that it has moved, axes of the table.
     """
 
     def __init__(self, things: Sequence[PushedObject]) -> None:
@@ -84,6 +88,9 @@ class Bodies:
         self.joint = np.array([t.joint if hinged else np.zeros(2) for t in things])
         self._joint_2 = self.joint - np.array([t.offset for t in things])
         self._joint_limit = np.array([t.joint_friction for t in things]) / _HINGE_ARM
+        self._play = np.array([t.play for t in things])
+        self.slack = np.zeros((len(things), 2))
+        self.freedoms = 2 + self.links + 2 * int(self._play.any())
         self._touching = self.stiffness > 0.0
         self.feet_count = self.links * count
         self.rubbing = self.feet_count + int(hinged)
@@ -94,7 +101,7 @@ class Bodies:
         """Return (B, L, N, 2, D): velocities of points (B, L, N, 2) of the bodies by those of D."""
         turn = rotation(self.angle)
         arm = np.einsum("blij,blnj->blni", turn, points)
-        G = np.zeros((*points.shape, 2 + self.links))
+        G = np.zeros((*points.shape, self.freedoms))
         G[..., 0, 0] = G[..., 1, 1] = 1.0
         G[:, 0, ..., 2] = perpendicular(arm[:, 0])
         if self.links == 2:
@@ -102,6 +109,8 @@ class Bodies:
             from_joint = arm[:, 1] - np.einsum("bij,bj->bi", turn[:, 1], self._joint_2)[:, None]
             G[:, 1, ..., 2] = perpendicular(to_joint)[:, None]
             G[:, 1, ..., 3] = perpendicular(from_joint)
+        if self.freedoms > 4:
+            G[:, 1, ..., 0, 4] = G[:, 1, ..., 1, 5] = 1.0
         return G
 
     def origins(self) -> np.ndarray:
@@ -109,7 +118,7 @@ class Bodies:
         if self.links == 1:
             return self.position[:, None].copy()
         turn = rotation(self.angle)
-        hinge = self.position + np.einsum("bij,bj->bi", turn[:, 0], self.joint)
+        hinge = self.position + self.slack + np.einsum("bij,bj->bi", turn[:, 0], self.joint)
         second = hinge - np.einsum("bij,bj->bi", turn[:, 1], self._joint_2)
         return np.stack([self.position, second], axis=1)
 
@@ -120,12 +129,34 @@ class Bodies:
 
     def turning(self) -> np.ndarray:
         """Return the inertia of turning as (B, D, D)."""
-        diagonal = np.pad(self.inertia, ((0, 0), (2, 0)))
+        diagonal = self._among_freedoms(self.inertia)
         return np.asarray(diagonal[:, :, None] * np.eye(diagonal.shape[1]))
 
     def turning_momentum(self) -> np.ndarray:
         """Return the angular momentum about the centres of mass as (B, D)."""
-        return np.pad(self.inertia * self.turn_rate, ((0, 0), (2, 0)))
+        return self._among_freedoms(self.inertia * self.turn_rate)
+
+    def _among_freedoms(self, values: np.ndarray) -> np.ndarray:
+        """Return values (B, L) of turning as (B, D)."""
+        return np.pad(values, ((0, 0), (2, self.freedoms - 2 - self.links)))
+
+    def pin(self, u: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return what pins add to mass (B, D, D) and momentum (B, D) in a step from velocities.
+
+        The wall of the hole is a stiff spring, implicit in time; without play it holds both ways.
+        """
+        size = np.linalg.norm(self.slack, axis=1)
+        way = self.slack / np.maximum(size, 1e-12)[:, None]
+        ahead = size + h * np.sum(way * u[:, 4:], axis=1)
+        held = (self._play > 0.0) & (ahead > self._play)
+        stiffness = np.where(held[:, None, None], way[:, :, None] * way[:, None, :], 0.0)
+        stiffness += np.where((self._play == 0.0)[:, None, None], np.eye(2), 0.0)
+        beyond = self.slack - self._play[:, None] * way
+        mass = np.zeros((len(u), self.freedoms, self.freedoms))
+        mass[:, 4:, 4:] = h * h * _PIN * stiffness
+        momentum = np.zeros(u.shape)
+        momentum[:, 4:] = -h * _PIN * np.einsum("bij,bj->bi", stiffness, beyond)
+        return mass, momentum
 
     def press(
         self, gravity: np.ndarray, tipping: np.ndarray, load: np.ndarray, place: np.ndarray
@@ -153,8 +184,8 @@ class Bodies:
         flat = G.reshape(len(G), self.feet_count, 2, -1)
         if self.links == 1:
             return np.asarray(flat)
-        hinge = np.zeros((len(G), 1, 2, 4))
-        hinge[..., 0, 2:] = -_HINGE_ARM, _HINGE_ARM
+        hinge = np.zeros((len(G), 1, 2, self.freedoms))
+        hinge[..., 0, 2:4] = -_HINGE_ARM, _HINGE_ARM
         return np.concatenate([flat, hinge], axis=1)
 
     def rub_limits(self, feet: np.ndarray) -> np.ndarray:
@@ -166,8 +197,11 @@ class Bodies:
     def move(self, u: np.ndarray, com_velocity: np.ndarray, h: float) -> None:
         """Go on with velocities (B, D) for a time."""
         self.position = self.position + h * u[:, :2]
-        self.angle = self.angle + h * u[:, 2:]
-        self.com_velocity, self.turn_rate = com_velocity, u[:, 2:].copy()
+        turning = u[:, 2 : 2 + self.links]
+        self.angle = self.angle + h * turning
+        if self.freedoms > 4:
+            self.slack = self.slack + h * u[:, 4:]
+        self.com_velocity, self.turn_rate = com_velocity, turning.copy()
 
     def kinetic_energy(self) -> np.ndarray:
         """Return (B,) J."""

@@ -176,6 +176,11 @@ def _time_offset(scene: Scene, size: float, rng: np.random.Generator) -> Hidden:
     return Hidden(scene, Faults(delay=delay), {"delay": delay})
 
 
+def _loose_joint(scene: Scene, size: float, rng: np.random.Generator) -> Hidden:
+    play = 0.002 * size
+    return Hidden(replace(scene, thing=replace(scene.thing, play=play)), parameters={"play": play})
+
+
 def _caster(scene: Scene, size: float, rng: np.random.Generator) -> Hidden:
     share = min(0.3 * size, 0.6)
     point, heading = _inside(scene, rng, 0.3), rng.uniform(0.0, 2.0 * np.pi)
@@ -225,22 +230,23 @@ _UNKNOWN: dict[str, Maker] = {
     "shaker": _shaker,
     "loose_ballast": _loose_ballast,
 }
-CATALOGUE, OUTSIDE = tuple(_CATALOGUED), tuple(_UNKNOWN)
+_JOINTED: dict[str, Maker] = {"loose_joint": _loose_joint}
+CATALOGUE, OUTSIDE, JOINTED = tuple(_CATALOGUED), tuple(_UNKNOWN), tuple(_JOINTED)
 
 
 def hide(name: str, magnitude: float, scene: Scene, rng: np.random.Generator) -> Hidden:
     """Return a scene in which something is hidden.
 
     Args:
-        name: one of CATALOGUE or OUTSIDE.
+        name: one of CATALOGUE or OUTSIDE, or of JOINTED for two parts on a hinge.
         magnitude: multiple of the typical size.
         scene: without it.
         rng: of directions, places and times.
 
     Raises:
-        KeyError: there is no such effect; names those that exist.
+        KeyError: there is no such effect for this object; names those that exist.
     """
-    makers = {**_CATALOGUED, **_UNKNOWN}
+    makers = {**_CATALOGUED, **_UNKNOWN, **(_JOINTED if scene.thing.joint is not None else {})}
     if name not in makers:
         raise KeyError(f"no hidden effect {name!r}; there are {', '.join(makers)}")
     return makers[name](scene, magnitude, rng)

@@ -65,6 +65,7 @@ class PushedObject:
         offset: (2,) m, origin of link_2 in the frame of link_1 while both point the same way.
         joint: (2,) m, of the hinge in the frame of link_1; None without.
         joint_friction: N m.
+        play: m, by which the pin of the hinge is thinner than its hole, in radius.
     """
 
     kind: str
@@ -72,6 +73,7 @@ class PushedObject:
     offset: np.ndarray
     joint: np.ndarray | None
     joint_friction: float
+    play: float = 0.0
 
 
 def draw_object(seed: int, kind: str = "single", feet: int = 10) -> PushedObject:

@@ -65,7 +65,7 @@ class Simulation:
         self.bodies = Bodies([scene.thing for scene in scenes])
         self.pushers = Pushers(scenes, step)
         b, links = len(scenes), self.bodies.links
-        self._u = np.zeros((b, 2 + links))
+        self._u = np.zeros((b, self.bodies.freedoms))
         self._sense = np.zeros((b, self.bodies.rubbing, 2))
         self._gravity = np.array([scene.gravity for scene in scenes])
         self._limit_factor = np.ones((b, self.bodies.feet_count))
@@ -115,6 +115,9 @@ class Simulation:
         momentum[:, :2] += h * force
         momentum[:, 2] += h * moment
         viscous = self._add_viscosity(mass, G)
+        if bodies.freedoms > 4:
+            for total, more in zip((mass, momentum), bodies.pin(self._u, h), strict=True):
+                total += more
         contact = self.pushers.touch(k, bodies, mass, momentum)
         rubbing = bodies.rub(G if self._isotropic else self._stretched(G))
         step = Step(h, mass, momentum, rubbing, limit, *contact.springs, self.pushers.friction)

@@ -100,8 +100,13 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
 
         Raises:
             BadInputError: an effect is unknown, or nothing is touched while poses are known.
-            NotIdentifiableError: nothing slides long enough.
+            NotIdentifiableError: nothing slides long enough, or there are two parts.
         """
+        if len(streams.links) > 1:
+            raise NotIdentifiableError(
+                f"{len(streams.links)} parts: what a model lacks is told of one; record the parts "
+                "one by one, or ask `estimate`, which tells whether their joint has play"
+            )
         effects = PUSHED.create_all(names)
         found = with_expected_force(fit_push(streams, effects))
         first, *theta = np.split(found.common, len(NAMES) + _ends(effects))

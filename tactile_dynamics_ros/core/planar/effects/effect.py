@@ -30,6 +30,7 @@ PUSHED_EFFECT_NAMES = (
     "sensor_rotation",
     "friction_change",
     "load_change",
+    "loose_joint",
     "contact_offset",
     "sensor_lag",
     "time_offset",
@@ -51,7 +52,8 @@ class PushEffect(ABC):
             wider prior; empty for none.
         sudden: whether it begins at one time, which an instance carries.
         lasting: whether it is an error of the sensor.
-        told: whether pushes can tell it at all; a wrong gain looks like another load.
+        of_joint: whether it is one of two parts on a joint, which alone can have it.
+        told: whether pushes of one part can tell it; a wrong gain looks like another load.
         start: s, when it begins; None where it is there all along, or not yet known.
     """
 
@@ -65,6 +67,7 @@ class PushEffect(ABC):
     adds_to: ClassVar[str] = ""
     sudden: ClassVar[bool] = False
     lasting: ClassVar[bool] = False
+    of_joint: ClassVar[bool] = False
     told: ClassVar[bool] = True
     start: float | None = None
 
@@ -134,6 +137,7 @@ PUSHED: EffectRegistry[PushEffect] = EffectRegistry(
     (
         "tactile_dynamics_ros.core.planar.effects.support",
         "tactile_dynamics_ros.core.planar.effects.load",
+        "tactile_dynamics_ros.core.planar.effects.joint",
         "tactile_dynamics_ros.core.planar.effects.sensing",
     ),
 )

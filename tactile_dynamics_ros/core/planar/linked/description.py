@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Value = tuple[float, float]
+Effects = dict[str, dict[str, dict[str, Any]]]
+"""Value, std and unit by effect and parameter."""
 
 _NAMES = {"rigid": "rigidly joined", "jointed": "jointed", "separate": "separate objects"}
 """Words for what two parts are to each other, in the order in which sentences list them."""
@@ -26,6 +28,8 @@ _TELL_BY_TURNING = (
     "their shares nor the friction of the joint"
 )
 """Action that tells shares and joint friction where the joint has hardly turned so far."""
+_TELL_PLAY = "estimate --effects loose_joint: the parts move as on a joint with play"
+"""Action where a joint with play is far likelier than all that the model has."""
 _TELL_UNTOUCHED = "push each part"
 """Action that tells a separate part of which only poses are known, since nothing touched it."""
 _TELL_MASS = "push faster, stop hard, or shake while pulling, with forces at 100 Hz"
@@ -62,6 +66,7 @@ class LinkedEstimate:
         remedies: actions that would tell them.
         covariance: of the numbers that `covariance_names` lists.
         error: whitened RMS, 1 where only noise remains; None without a fit.
+        effects: of those in the model.
     """
 
     samples: int
@@ -76,6 +81,7 @@ class LinkedEstimate:
     covariance: Array
     covariance_names: tuple[str, ...]
     error: float | None
+    effects: Effects = field(default_factory=dict)
 
     @property
     def is_answer(self) -> bool:
@@ -110,7 +116,7 @@ class LinkedEstimate:
                 "names": list(self.covariance_names),
                 "matrix": self.covariance.tolist(),
             },
-            "effects": [],
+            "effects": self.effects,
             "error": self.error,
         }
 
@@ -133,6 +139,12 @@ class LinkedEstimate:
             said.append(
                 f"error             {self.error:.2f} times the noise, {self.samples} samples"
             )
+        for name, parameters in self.effects.items():
+            told = [
+                f"{n} = {e['value']:.2g} +- {e['std']:.2g} {e['unit']}"
+                for n, e in parameters.items()
+            ]
+            said.append(f"{name}: {', '.join(told)}")
         if self.undetermined:
             said.append(f"undetermined: {', '.join(self.undetermined)}")
         said += [f"to tell more: {remedy}" for remedy in self.remedies]
@@ -179,15 +191,20 @@ def _link_lines(name: str, link: dict[str, Value], undetermined: tuple[str, ...]
     return said
 
 
-def remedies(structure: str, one_body: bool, undetermined: tuple[str, ...]) -> tuple[str, ...]:
+def remedies(
+    structure: str, one_body: bool, undetermined: tuple[str, ...], slack: float | None = None
+) -> tuple[str, ...]:
     """Actions that would tell what is not known.
 
     Args:
         structure: what the parts are to each other.
         one_body: whether they moved as one body.
         undetermined: names that are not known.
+        slack: play of a joint, m, that the motion shows and the model lacks.
     """
     said = [_TELL_STRUCTURE] * (structure == "undecided")
+    if slack is not None:
+        said.insert(0, f"{_TELL_PLAY} (about {1e3 * slack:.1f} mm)")
     parts = [n for n in undetermined if "." in n]
     if parts and structure == "separate":
         said.append(_TELL_UNTOUCHED)

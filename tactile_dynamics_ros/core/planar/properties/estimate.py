@@ -156,14 +156,15 @@ def estimate(
 
 
 def _of_pair(streams: PushedStreams, effects: Sequence[str]) -> LinkedEstimate:
-    if effects or _is_sparse(streams):
-        what = "effects" if effects else "poses before and after pushes alone"
+    others = [effect.name for effect in PUSHED.create_all(effects) if not effect.of_joint]
+    if others or _is_sparse(streams):
+        what = ", ".join(others) or "poses before and after pushes alone"
         raise NotIdentifiableError(
             f"{what}: for a single part only; record the parts one by one, or poses at 5 Hz"
         )
     from tactile_dynamics_ros.core.planar.properties.linked_estimate import estimate_pair
 
-    return estimate_pair(streams, _of_one)
+    return estimate_pair(streams, _of_one, loose=bool(effects))
 
 
 def _of_one(streams: PushedStreams, effects: Sequence[str] = ()) -> PushedEstimate:

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.errors import NotIdentifiableError
+from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 from tactile_dynamics_ros.core.planar.effects.effect import PushEffect
 from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
 from tactile_dynamics_ros.core.planar.properties.balance import NAMES, Kinematics
@@ -111,9 +111,12 @@ def fit_push(streams: PushedStreams, effects: Sequence[PushEffect] = ()) -> Push
         effects: of the model, added one after the other.
 
     Raises:
-        BadInputError: nothing is touched while poses are known.
+        BadInputError: nothing is touched while poses are known, or an effect is one of two parts.
         NotIdentifiableError: nothing slides long enough.
     """
+    for effect in effects:
+        if effect.of_joint:
+            raise BadInputError(f"{effect.name}: for two parts on a joint, here is one")
     cut = cut_intervals(streams)
     patch = SupportPatch(np.asarray(streams.links[0].footprint, dtype=float))
     nodes, spread = _first_motion(cut)

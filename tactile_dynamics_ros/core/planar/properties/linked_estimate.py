@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
+from tactile_dynamics_ros.core.planar.effects.joint import LooseJoint
 from tactile_dynamics_ros.core.planar.linked.description import (
+    Effects,
     LinkedEstimate,
     PlacedJoint,
     Value,
@@ -66,19 +68,20 @@ class _Found:
 
 
 def estimate_pair(
-    streams: PushedStreams, estimate_alone: Callable[[PushedStreams], Alone]
+    streams: PushedStreams, estimate_alone: Callable[[PushedStreams], Alone], loose: bool = False
 ) -> LinkedEstimate:
     """Estimate two parts.
 
     Args:
         streams: with poses of both at 5 Hz or more.
         estimate_alone: estimates one part; it is asked where the parts are separate.
+        loose: whether the joint may have play.
 
     Raises:
         BadInputError: nothing is touched while poses are known.
         NotIdentifiableError: the parts slide too little.
     """
-    pair = Pair.of_streams(streams)
+    pair = Pair.of_streams(streams, loose)
     structure = pair.structure
     found = _found(pair, estimate_alone)
     joint = None
@@ -97,15 +100,34 @@ def estimate_pair(
         whole=found.whole,
         joint=joint,
         undetermined=undetermined,
-        remedies=remedies(structure.name, found.one_body, undetermined),
+        remedies=remedies(structure.name, found.one_body, undetermined, _slack(pair)),
         covariance=found.covariance,
         covariance_names=found.names,
         error=found.error,
+        effects=_effects(pair),
     )
+
+
+def _slack(pair: Pair) -> float | None:
+    """Play of the joint, m, that the model lacks and the motion shows; None if it shows none."""
+    slack = pair.structure.slack
+    return slack.play[0] if slack is not None else None
+
+
+def _effects(pair: Pair) -> Effects:
+    """What is in the model, told where there is a joint."""
+    if not pair.loose:
+        return {}
+    value, std = pair.structure.hinge.play
+    if pair.structure.likeliest != "jointed":
+        value, std = 0.0, LooseJoint.parameters[0].prior_std
+    return {LooseJoint.name: {"p": {"value": value, "std": std, "unit": "m"}}}
 
 
 def _found(pair: Pair, estimate_alone: Callable[[PushedStreams], Alone]) -> _Found:
     structure = pair.structure
+    if structure.slack is not None:
+        return _guessed(pair)
     if structure.likeliest == "separate":
         return _of_separate(pair, estimate_alone)
     if structure.likeliest == "jointed" and structure.hinge.turned > _TURNED:

@@ -111,6 +111,13 @@ class JointedModel(PairModel):
         std[18:] = [*([_JOINT_STD] * 4), JOINT_SPREAD]
         return mean, std
 
+    def pose_std(self, part: int) -> Array:
+        """With play the second part lies beside where the joint would hold it."""
+        assert self.hinge is not None
+        std = super().pose_std(part)
+        slack = self.hinge.play[0] / np.sqrt(2.0) if part == 1 else 0.0
+        return np.hypot(std, [slack, slack, 0.0])
+
     def part_poses(self, coordinates: Array, common: Array) -> tuple[Array, Array]:
         """Poses (M, 3) of both parts' frames."""
         first, yaw = coordinates[:, :3], coordinates[:, 3]

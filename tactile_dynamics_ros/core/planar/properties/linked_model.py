@@ -148,6 +148,10 @@ class PairModel(ABC):
         """Root of the squared radius of gyration, m, of each body that feels friction of places."""
         return tuple(float(np.sqrt(patch.gyration)) for patch in self.data.patches)
 
+    def pose_std(self, part: int) -> Array:
+        """(3,) m, m, rad, that a part's poses are off by."""
+        return self.data.intervals.poses[part].std
+
     def at(self, name: str) -> int:
         """Place of a common number."""
         return self.names.index(name)
@@ -237,23 +241,23 @@ class PairModel(ABC):
         self, equations: NormalEquations, nodes: Array, common: Array, part: int
     ) -> None:
         cut, size = self.data.intervals, self.freedoms
-        poses, delay = cut.poses[part], self.at("delay")
+        poses, delay, std = cut.poses[part], self.at("delay"), self.pose_std(part)
         at = Sightings.of_poses(cut, poses, float(common[delay]))
         near = at.near(nodes)[:, :, :size]
         place = np.einsum("mk,mki->mi", at.weights, near)
         seen = self.part_poses(place, common)[part]
-        residual = (seen - poses.value[at.inside]) / poses.std
+        residual = (seen - poses.value[at.inside]) / std
         slope = np.zeros((len(place), 3, size))
         for axis, row in enumerate(1e-6 * np.eye(size)):
             moved = self.part_poses(place + row, common)[part]
-            slope[:, :, axis] = (moved - seen) / 1e-6 / poses.std
+            slope[:, :, axis] = (moved - seen) / 1e-6 / std
         by_nodes = np.zeros((len(place), 3, 3, nodes.shape[1]))
         by_nodes[:, :, :, :size] = slope[:, :, None, :] * at.weights[:, None, :, None]
         by_common = np.zeros((len(place), 3, len(common)))
         for k in self._placing:
             row = np.eye(len(common))[k] * 1e-6
             by_common[:, :, k] = (self.part_poses(place, common + row)[part] - seen) / 1e-6
-        by_common /= poses.std[:, None]
+        by_common /= std[:, None]
         rate = np.einsum("mk,mki->mi", at.slopes, near)
         by_common[:, :, delay] = np.einsum("mai,mi->ma", slope, rate)
         equations.add(at.middle, residual, by_nodes, by_common)

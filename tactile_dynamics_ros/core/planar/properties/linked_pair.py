@@ -33,6 +33,7 @@ class Pair:
         streams: what was measured. intervals: of it, with poses of both parts.
         nodes, spread: (N, 3) of each part's smoothed motion.
         relative: poses of the second part in the first one's frame.
+        loose: whether a joint may have play.
     """
 
     streams: PushedStreams
@@ -40,10 +41,15 @@ class Pair:
     nodes: tuple[Array, Array]
     spread: tuple[Array, Array]
     relative: RelativePoses
+    loose: bool = False
 
     @classmethod
-    def of_streams(cls, streams: PushedStreams) -> Pair:
+    def of_streams(cls, streams: PushedStreams, loose: bool = False) -> Pair:
         """Cut a recording into intervals and smooth the motion of both parts.
+
+        Args:
+            streams: with poses of both.
+            loose: whether a joint may have play.
 
         Raises:
             BadInputError: nothing is touched while poses are known.
@@ -63,7 +69,7 @@ class Pair:
         first, second = (smoothed(cut, poses) for poses in cut.poses)
         relative = RelativePoses.of_links(*streams.links)
         nodes, spread = zip(first, second, strict=True)
-        return cls(streams, cut, nodes, spread, relative)
+        return cls(streams, cut, nodes, spread, relative, loose)
 
     @cached_property
     def outlines(self) -> tuple[Array, Array]:
@@ -106,7 +112,8 @@ class Pair:
         place = meeting_points(*self.outlines, offset).mean(axis=0)
         size = sum(float(np.linalg.norm(np.ptp(o, axis=0))) for o in self.outlines) / np.sqrt(2.0)
         between = np.stack([place, in_second(place, offset)])
-        return infer_structure(self.relative, between, size, weigh_chances(self.seen))
+        chances = weigh_chances(self.seen)
+        return infer_structure(self.relative, between, size, chances, self.loose)
 
     @cached_property
     def touched(self) -> Array:
