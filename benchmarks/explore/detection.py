@@ -184,11 +184,14 @@ def bound_delay(row: dict[str, Any], noise: Array) -> float | None:
 
 
 def peer_delay(row: dict[str, Any], least: float) -> float | None:
-    """Touch, s, after which the mean log likelihood of a second is below a threshold."""
-    after = np.array(row["logs"][row["clean_logs"] - 100 :])
-    means = np.convolve(after, np.full(100, 0.01), "valid")
-    below = np.flatnonzero(means < least)
+    """Touch, s, after which the mean likelihood of a second is below a threshold."""
+    below = np.flatnonzero(_seconds(row["logs"][row["clean_logs"] - 100 :]) < least)
     return None if len(below) == 0 else 0.01 * float(below[0])
+
+
+def _seconds(logs: list[float]) -> Array:
+    """Mean likelihood of each second of touch."""
+    return np.convolve(np.exp(logs), np.full(100, 0.01), "valid")
 
 
 def _turned(row: dict[str, Any]) -> list[tuple[float, Array, Array]]:
@@ -209,12 +212,9 @@ def clean_noise(rows: list[dict[str, Any]]) -> Array:
 
 
 def least_clean(rows: list[dict[str, Any]]) -> float:
-    """Lowest mean log likelihood of a second of clean touch."""
-    means = [
-        np.convolve(row["logs"][: row["clean_logs"]], np.full(100, 0.01), "valid").min()
-        for row in rows if row["clean_logs"] >= 100
-    ]  # fmt: skip
-    return float(min(means))
+    """Lowest mean likelihood of a second of clean touch."""
+    logs = [row["logs"][: row["clean_logs"]] for row in rows if row["clean_logs"] >= 100]
+    return float(min(_seconds(each).min() for each in logs))
 
 
 def table(found: dict[str, Any]) -> str:
@@ -246,5 +246,7 @@ def _delays(effect: str, rows: list[dict[str, Any]]) -> dict[str, list[float | N
     noise, least = clean_noise(rows), least_clean(rows)
     told = "likelihood ratio that knows object, lean and noise"
     ways[told] = [bound_delay(row, noise) for row in rows]
-    ways["raw likelihood, no clean second below"] = [peer_delay(row, least) for row in rows]
+    ways["raw likelihood, no clean second of these is lower"] = [
+        peer_delay(row, least) for row in rows
+    ]
     return ways
