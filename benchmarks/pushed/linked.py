@@ -39,6 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--pairs", type=int, default=40, help="seeds of each kind of pair")
     parser.add_argument("--full-pairs", type=int, default=12, help="seeds fitted in full")
     parser.add_argument("--pair-variation", type=float, default=0.0, help="of friction by place")
+    parser.add_argument("--pair-play", type=float, default=0.0, help="m, of more joints' pins")
     parser.add_argument("--first-pair", type=int, default=200, help="first seed of pairs")
 
 
@@ -53,14 +54,18 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
         for kind in KINDS if count else ():
             drawn = recorded(seeds, kind, pushes, own, variation)
             found[f"{name} {kind}"] = [_structure(*pair) for pair in drawn]
-    for kind in KINDS:
+    if options.pair_play:
+        drawn = recorded(seeds, "jointed", 3, True, variation, options.pair_play)
+        found["3 near, play, jointed"] = [_structure(*pair) for pair in drawn]
+        found["3 near, loose_joint, jointed"] = [_structure(*pair, loose=True) for pair in drawn]
+    for kind in KINDS if full else ():
         drawn = recorded(fully, kind, 6, True, variation)
         found[f"6 near {kind}"] = [_properties(*pair) for pair in drawn]
     return found
 
 
 def recorded(
-    seeds: range, kind: str, pushes: int, near: bool, variation: float = 0.0
+    seeds: range, kind: str, pushes: int, near: bool, variation: float = 0.0, play: float = 0.0
 ) -> list[tuple[pushed.HiddenPush, Motion]]:
     """Recordings of pairs that are pushed near where their parts meet, or as usual."""
     actions = ActionOptions(count=pushes, speed=SPEED if near else USUAL)
@@ -68,6 +73,7 @@ def recorded(
     scenes = [draw_scene(seed, options) for seed in seeds]
     if near:
         scenes = [_pushed_near(scene) for scene in scenes]
+    scenes = [replace(scene, thing=replace(scene.thing, play=play)) for scene in scenes]
     found = []
     for scene, motion in zip(scenes, simulate(scenes), strict=True):
         rng = randomness.stream(scene.seed, "noise")
@@ -103,13 +109,16 @@ def point_at(corners: Array, angle: float) -> tuple[Array, Array]:
     return reach[k] * ray, -outwards[k]
 
 
-def _structure(hidden: pushed.HiddenPush, motion: Motion) -> dict[str, Any]:
+def _structure(hidden: pushed.HiddenPush, motion: Motion, loose: bool = False) -> dict[str, Any]:
     start = time.process_time()
-    structure = Pair.of_streams(hidden.streams).structure
+    structure = Pair.of_streams(hidden.streams, loose).structure
     row: dict[str, Any] = {
         "cpu_s": time.process_time() - start,
         "structure": structure.name,
         "probability": structure.probability,
+        "play_m": structure.hinge.play,
+        "shows_play": structure.slack is not None,
+        "true_play_m": hidden.scene.thing.play,
         "turned_rad": float(np.ptp(motion.angle[:, -1] - motion.angle[:, 0])),
     }
     joint = hidden.truth()["joint"]
@@ -166,6 +175,7 @@ def table(found: dict[str, Any]) -> str:
     )
     lines = [head, "|" + "---|" * (head.count("|") - 1)]
     lines += [_structure_line(n, rows) for n, rows in found.items() if not n.startswith("6")]
+    lines += [_play_line(n, rows) for n, rows in found.items() if "play" in n or "loose" in n]
     head = "| pushes, pair | number | told of n | median error | 90 % hold | largest z |"
     lines += ["", head, "|" + "---|" * (head.count("|") - 1)]
     for name, rows in found.items():
@@ -187,6 +197,17 @@ def _structure_line(name: str, rows: list[dict[str, Any]]) -> str:
         place[2] = f"{np.sqrt(np.mean([row['joint_z'] ** 2 for row in told])):.2f}"
     cpu = f"{np.median([row['cpu_s'] for row in rows]):.1f}"
     return "| " + " | ".join(str(cell) for cell in [*cells, *place, cpu]) + " |"
+
+
+def _play_line(name: str, rows: list[dict[str, Any]]) -> str:
+    told = np.array([row["play_m"] for row in rows])
+    true = np.array([row["true_play_m"] for row in rows])
+    hold = np.abs(told[:, 0] - true) < 1.645 * told[:, 1]
+    middle, size = 1e3 * np.median(told[:, 0]), 1e3 * np.median(true)
+    line = f"{name}: play {middle:.1f} mm (median; true {size:.1f}), "
+    line += f"90 % intervals hold in {hold.mean():.2f}"
+    shown = sum(row["shows_play"] for row in rows)
+    return line if "loose" in name else f"{line}, asked for in {shown} of {len(rows)}"
 
 
 def _property_lines(name: str, rows: list[dict[str, Any]]) -> list[str]:
