@@ -50,7 +50,7 @@ class KeptCross(DualFilter):
         moving = inner @ inner.T + slope @ before @ slope.T
         joint = np.block([[marginal[1] @ marginal[1].T, cross.T], [cross, moving]])
         size, axes = np.linalg.eigh(joint)
-        least = 1e-12 * size.max()
+        least = 1e-9 * size.max()
         self.refused += int(size.min() < -least)
         if size.min() < least:
             joint = axes @ np.diag(np.maximum(size, least)) @ axes.T

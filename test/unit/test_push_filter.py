@@ -432,3 +432,11 @@ def test_a_touch_without_the_pusher_is_counted_and_teaches_nothing(recording):
     assert tracker.problems["pusher_missing"] > 10
     before = PatchProcess(recording.streams.links[0].footprint).prior
     assert_allclose(tracker.filter.parameters[1][:4, :4], before[1][:4, :4], atol=1e-9)
+
+
+def test_the_printed_step_takes_the_belief_away():
+    own = unit_points(50, 3, np.random.default_rng(1))
+    given = learning.Evidence(own, own[:, :1], np.zeros(1), 1e6 * np.eye(1), [])
+    for name, kept in (("weights", 1.0), ("printed", 0.98 * np.sqrt(1.0 - 0.98**2))):
+        (_, root), _ = learning.LEARNINGS[name](given)
+        assert_allclose(root @ root.T, kept**2 * np.eye(3), atol=1e-5)

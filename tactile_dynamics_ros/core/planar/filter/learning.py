@@ -28,6 +28,9 @@ left out: with a tenth of them their covariance would be of ten points."""
 _PRINTED = 0.98
 """a of the kernels of Eq. 32 and 33, within what Liu and West advise; the paper's a = h = 0.01
 contradicts its h^2 = 1 - a^2. Any a takes half of the standard deviation at each step at least."""
+_VANISHED = 1e-5
+"""Standard deviation that the printed step leaves, in the units of the parameters: nothing would be
+left after forty steps, and the filter could not go on."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +87,9 @@ def learn_by_weights(given: Evidence) -> tuple[tuple[Array, Array], float]:
 def learn_as_printed(given: Evidence) -> tuple[tuple[Array, Array], float]:
     """Take the covariance from shrunken places, as Eq. 32 and 33 do, with the outer product."""
     (mean, root), kept = learn_by_weights(given)
-    return (mean, _PRINTED * np.sqrt(1.0 - _PRINTED**2) * root), kept
+    shrunken = _PRINTED * np.sqrt(1.0 - _PRINTED**2) * root
+    rows = np.concatenate([shrunken.T, _VANISHED * np.eye(len(mean))])
+    return (mean, root_of(rows)), kept
 
 
 LEARNINGS: dict[str, Learning] = {
