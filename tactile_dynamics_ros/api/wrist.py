@@ -7,18 +7,12 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from tactile_dynamics_ros.core.discrepancy.verdict.wording import write_interval
 
 if TYPE_CHECKING:
     from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import InertialEstimate
     from tactile_dynamics_ros.core.rigid_body.known_body import KnownBody
     from tactile_dynamics_ros.recording import Recording
-
-_FARTHEST = 1.0
-"""Radius of gyration, m, that an inertia may have of which the wrist tells nothing: larger than
-that of anything a hand holds, so that nothing of it counts beside the fingertips."""
 
 
 def read_wrist(
@@ -75,14 +69,12 @@ class WristShare:
     @property
     def known(self) -> KnownBody:
         """The object as something known beside the fingertips."""
+        from tactile_dynamics_ros.core.inertia.batch.wrist import told_apart
         from tactile_dynamics_ros.core.rigid_body.known_body import KnownBody
 
-        body, blind = self.body, np.zeros((10, 10))
-        if any(name.startswith("inertia") for name in body.not_excited):
-            radius = _FARTHEST * _FARTHEST * body.inertia.mass
-            blind[4:, 4:] = radius**2 * np.eye(6)
+        body = self.body
         return KnownBody(
-            body.inertia.dynamic_parameters, body.covariance + blind, "the wrist", body.not_excited
+            body.inertia.dynamic_parameters, told_apart(body), "the wrist", body.not_excited
         )
 
     @cached_property

@@ -14,7 +14,12 @@ import tactile_dynamics_ros as td
 from tactile_dynamics_ros.api.wrist import WristShare
 from tactile_dynamics_ros.core.effects import create_effect
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.inertia.batch.wrist import fingertip_gains, grip, seen_from
+from tactile_dynamics_ros.core.inertia.batch.wrist import (
+    fingertip_gains,
+    grip,
+    seen_from,
+    told_apart,
+)
 from tactile_dynamics_ros.core.inertia.estimate import estimate
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
 from tactile_dynamics_ros.core.rigid_body.known_body import KnownBody
@@ -107,6 +112,19 @@ def test_a_body_seen_from_another_frame_is_the_same_body():
     shaken = seen_from(found.to_estimate(), inverse, np.diag([0, 0, 0, 1e-6, 1e-6, 1e-6]))
     added = shaken.parameter_covariance - moved.parameter_covariance
     np.testing.assert_allclose(np.diag(added)[1:4], 1e-6, rtol=1e-6)
+
+
+def test_the_wrist_tells_mass_centre_and_inertia_each_for_itself():
+    model = estimate(wrist_of(WristLog.carrying(34, [LOAD], 5.0)), [create_effect("force_bias")])
+    found = model.to_estimate()
+    apart = replace(found, covariance=told_apart(found))
+    own = apart.parameter_covariance
+    np.testing.assert_allclose(np.diag(own), found.parameter_std**2, rtol=1e-6)
+    np.testing.assert_allclose(own[0, 1:], 0.0, atol=1e-9 * own[0, 0])
+    blind = replace(found, not_excited=("inertia_xx",))
+    std = replace(found, covariance=told_apart(blind)).parameter_std
+    assert std[4:].min() > 100.0 * found.parameter_std[4:].max()
+    np.testing.assert_allclose(std[:4], found.parameter_std[:4], rtol=1e-6)
 
 
 def test_the_grip_is_the_mean_pose_and_no_pose_is_made_up():
