@@ -66,6 +66,11 @@ class SlidingBlock:
     terms: tuple[str, ...] = ("v^3",)
     impossible: tuple[str, ...] = ()
     unreadable: str = ""
+    remark: str = ""
+    alike: tuple[str, ...] = ()
+
+    def imitators(self, name: str) -> tuple[str, ...]:
+        return self.alike if name == "spring" else ()
 
     def convention(self) -> None:
         return None
@@ -399,6 +404,21 @@ def test_twins_come_as_a_group_with_what_would_separate_them() -> None:
     assert group_clause("ambiguous", ("cable", "spring", "drag"), some).endswith(
         "apart: pull; that does not separate cable from drag"
     )
+
+
+def test_what_imitates_an_effect_and_is_none_is_named_with_it() -> None:
+    known = ("viscous_friction", "spring")
+    alone = diagnose(SlidingBlock(slide(6, spring=0.1), known=known))
+    assert (alone.verdict, alone.effect, alone.group) == ("missing_effect", "spring", ())
+    alike = diagnose(SlidingBlock(slide(6, spring=0.1), known=known, alike=("slope",)))
+    assert (alike.verdict, alike.effect, alike.group) == (
+        "ambiguous",
+        "spring",
+        ("spring", "slope"),
+    )
+    clean = diagnose(SlidingBlock(slide(3), known=known, remark="It is cold."))
+    assert clean.verdict == "adequate"
+    assert diagnosis_document(clean)["sentence"].endswith(" It is cold.")
 
 
 def test_what_fails_only_for_a_while_is_told_from_the_effect() -> None:
