@@ -108,7 +108,7 @@ def test_a_push_tells_a_learnt_model_the_friction_force_and_no_mass(bench, model
     def told_enough():
         told.extend({s.name: status_values(s) for s in seen.status} for seen in statuses)
         statuses.clear()
-        return int(told[-1].get("solver", {"touched": 0})["touched"]) > 12
+        return int(told[-1].get("solver", {"touched": 0})["touched"]) > 16
 
     bench.until(told_enough)
     newest = told[-1]
