@@ -18,9 +18,8 @@ GOALS = ((0.42, -0.05, 0.0), (0.55, 0.08, 0.0), (0.45, 0.0, 90.0))
 """m, m, deg: where the object is pushed until somebody notices the change; three ways to be."""
 NOTICED = 3.0
 """Real seconds that the estimator may be behind the last push."""
-REFITTED = 300.0
-"""Real seconds for the fit with the effect that was added; an idle core takes twenty, one that ten
-programs share was not ready after 120."""
+REFITTED = 120.0
+"""Real seconds for the fit with the effect that was added; an idle core takes 20 to 50."""
 
 Call = Callable[[str], tuple[bool, str]]
 Ask = Callable[[tuple[float, float, float]], dict[str, Any]]
@@ -108,10 +107,11 @@ class Act:
         client = AsyncParameterClient(self._node, "property_estimator")
         client.set_parameters([Parameter("effects", value=[effect])])
         self._say(f"adding {effect} to the live model")
-        self._spin(lambda: f"effect {effect}" in self._told, REFITTED)
-        after = self._error if f"effect {effect}" in self._told else None
+        shown = f"effect {effect}"
+        self._spin(lambda: shown in self._told or self._refuses(effect), REFITTED)
+        after = self._error if shown in self._told else None
         told |= {"added": effect, "live_before": before, "live_after": after}
-        told["fall"] = fall(before, after)
+        told["fall"] = fall(before, after, self._refuses(effect))
         self._say(told["fall"])
         return told
 
@@ -122,6 +122,10 @@ class Act:
     @property
     def _changed(self) -> bool:
         return self._count > self._before
+
+    def _refuses(self, effect: str) -> bool:
+        """Whether the last fit was with the effect and came to no end."""
+        return self._refused and effect in self._told["solver"].get("effects", "").split(",")
 
     @property
     def _refused(self) -> bool:
@@ -146,15 +150,18 @@ class Act:
                 self._text = status.message
 
 
-def fall(before: float | None, after: float | None) -> str:
+def fall(before: float | None, after: float | None, ended: bool = False) -> str:
     """What adding an effect does to the error of the live model.
 
     Args:
         before: error of the fit to the pushes since the change, over the noise; None if refused.
         after: with the effect.
+        ended: whether the fit with the effect came to no end.
     """
+    if after is None and ended:
+        return "the fit of the live model with it came to no end: what was known before counts"
     if after is None:
-        return "the live model has no fit with it"
+        return f"the live model has no fit with it after {REFITTED:.0f} s"
     told = "no fit" if before is None else f"{before:.2f} times the noise"
     return f"error of the live model: {told} before, {after:.2f} with it"
 

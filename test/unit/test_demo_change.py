@@ -115,7 +115,46 @@ def test_an_effect_that_is_added_waits_for_the_fit_without_it_and_tells_how_the_
         == "error of the live model: 2.31 times the noise before, 0.97 with it"
     )
     assert fall(None, 0.97) == "error of the live model: no fit before, 0.97 with it"
-    assert fall(2.31, None) == "the live model has no fit with it"
+    assert fall(2.31, None) == "the live model has no fit with it after 120 s"
+    assert "came to no end" in fall(2.31, None, ended=True)
+
+
+def test_a_fit_with_the_effect_that_comes_to_no_end_is_said_and_not_waited_for(monkeypatch):
+    from diagnostic_msgs.msg import DiagnosticArray
+
+    from tactile_dynamics_ros.ros.diagnostics import status_message
+
+    node, said, added = Listening(), [], []
+
+    class Client:
+        def __init__(self, _, name):
+            pass
+
+        def set_parameters(self, parameters):
+            added.extend(parameters)
+
+    def tell(effects, refused):
+        values = {"whitened_rms": 2.31, "refused": refused, "effects": effects}
+        message = DiagnosticArray()
+        message.status = [status_message("solver", values)]
+        node.tell(message)
+
+    def spin(condition, _):
+        if added:
+            tell("support_tilt", "")
+            assert not condition()
+            tell("support_tilt", "came to no end")
+        else:
+            tell("", "")
+        assert condition()
+
+    act = Act(node, None, None, said.append)
+    monkeypatch.setattr(act, "_spin", spin)
+    monkeypatch.setattr("rclpy.parameter_client.AsyncParameterClient", Client)
+    found = document() | {"error": {"before": 2.2, "after": 1.0, "noise_floor": 0.98}}
+    told = act._take_over(found)
+    assert told["live_after"] is None
+    assert "came to no end" in said[-1]
 
 
 def test_the_report_tells_the_errors_the_sentence_and_the_truth():
