@@ -100,7 +100,9 @@ def regime_of(model: ResidualModel, name: str) -> RegimeFinding | None:
     floor = float(np.sqrt(np.mean(model.residual**2)))
     best = min(screen(bare, bare.families([name]), floor), key=lambda score: score.criterion)
     label = best.family.label.replace(f"[{regime}]", "")
-    family = next(f for f in bare.families([plain]) if f.label == label)
-    border = find_border(CellSums.of(bare), family, condition, gate, floor)
-    std = border.std if border is not None else math.nan
+    std = math.nan
+    for family in bare.families([plain]):
+        if family.label == label:
+            border = find_border(CellSums.of(bare), family, condition, gate, floor)
+            std = border.std if border is not None else math.nan
     return RegimeFinding(condition, gate, std, float(inside.mean()))

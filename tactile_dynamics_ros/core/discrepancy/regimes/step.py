@@ -117,8 +117,10 @@ def _with_new_border(step: Step, last: Step, config: DiagnosisConfig) -> Step:
     if regime is not None:
         [gate] = regime.gates
         condition = next(c for c in bare.conditions() if c.symbol == gate.symbol)
-        family = next(f for f in bare.families([plain]) if f.label == label)
-        border = find_border(CellSums.of(bare), family, condition, gate, floor)
+        offered = [f for f in bare.families([plain]) if f.label == label]
+        border = None
+        if offered:  # not where the effect acts everywhere as well: the border stays
+            border = find_border(CellSums.of(bare), offered[0], condition, gate, floor)
         if border is not None:
             name = f"{plain}[{refine_border(bare, plain, label, border).gate}]"
     trial = try_effect(bare, screen(bare, bare.families([name]), floor), name, floor)
