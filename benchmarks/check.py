@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from benchmarks.page_section import section_parser, show
+from benchmarks.page_section import compose_section, section_parser, show
 from tactile_dynamics_ros.api.checks import check_recording
 from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import (
     PARAMETER_NAMES,
@@ -152,27 +152,17 @@ def table(found: Sequence[Outcome]) -> list[str]:
 def section(found: Sequence[Outcome], command: str) -> str:
     """The section of the page."""
     said = max(abs(np.log(one.said)) for one in found)
-    return "\n".join(
-        [
-            "<!-- check: begin -->",
-            "## Recordings cut short, and what `check` proposes to add",
-            "",
-            f"Recordings of 15 s with little motion, of which {CUT:g} s are left. `check` proposes",
-            "motions for parameters that are not known to 10 %; the same object is moved so in a",
-            "second recording of other noise, and both are estimated together. Wanted: what came",
-            "is within a factor of 1.5 of what was promised. The standard deviations of `check`",
-            "are those of `estimate`, since it fits the same model",
-            f"(largest ratio {np.exp(said):.3f}).",
-            "",
-            "```bash",
-            command,
-            "```",
-            "",
-            *table(found),
-            "<!-- check: end -->",
-            "",
-        ]
-    )
+    text = [
+        "## Recordings cut short, and what `check` proposes to add",
+        "",
+        f"Recordings of 15 s with little motion, of which {CUT:g} s are left. `check` proposes",
+        "motions for parameters that are not known to 10 %; the same object is moved so in a",
+        "second recording of other noise, and both are estimated together. Wanted: what came",
+        "is within a factor of 1.5 of what was promised. The standard deviations of `check`",
+        "are those of `estimate`, since it fits the same model",
+        f"(largest ratio {np.exp(said):.3f}).",
+    ]
+    return compose_section("check", text, command, table(found))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

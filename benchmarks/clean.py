@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.page_section import replace_section
+from benchmarks.page_section import compose_section, replace_section
 from tactile_dynamics_ros.core.discrepancy.comparison import compare
 from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
 from tactile_dynamics_ros.core.discrepancy.explanation import ask_twice
@@ -117,25 +117,15 @@ def table(outcomes: Sequence[Outcome]) -> list[str]:
 
 def section(outcomes: Sequence[Outcome], command: str) -> str:
     """The section of the page of benchmarks."""
-    return "\n".join(
-        [
-            "<!-- clean: begin -->",
-            "## Nothing is found where nothing is",
-            "",
-            "Contacts that stay at their places on the object, 20 s at 50 Hz, 0.03 N, poses of",
-            "0.05 to 1 mm and 0.25 to 5 mrad: published through the tracked pose, whose noise they",
-            "carry, or measured for themselves with no noise or as much as the pose has; and",
-            "fingers that roll, 20 s at 100 Hz. Nobody says which it is. Wanted: 95 % adequate.",
-            "",
-            "```bash",
-            command,
-            "```",
-            "",
-            *table(outcomes),
-            "<!-- clean: end -->",
-            "",
-        ]
-    )
+    text = [
+        "## Nothing is found where nothing is",
+        "",
+        "Contacts that stay at their places on the object, 20 s at 50 Hz, 0.03 N, poses of",
+        "0.05 to 1 mm and 0.25 to 5 mrad: published through the tracked pose, whose noise they",
+        "carry, or measured for themselves with no noise or as much as the pose has; and",
+        "fingers that roll, 20 s at 100 Hz. Nobody says which it is. Wanted: 95 % adequate.",
+    ]
+    return compose_section("clean", text, command, table(outcomes))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -27,6 +27,20 @@ def replace_section(page: str, section: str) -> str:
     return (page.rstrip("\n") or "# Benchmarks") + "\n\n" + section
 
 
+def compose_section(name: str, text: Sequence[str], command: str, lines: Sequence[str]) -> str:
+    """Return a section between its two comments.
+
+    Args:
+        name: in the comments.
+        text: heading, empty line and prose.
+        command: that makes the figures.
+        lines: the table, and what follows.
+    """
+    fenced = ["", "```bash", command, "```", ""]
+    marks = [f"<!-- {name}: {end} -->" for end in ("begin", "end")]
+    return "\n".join([marks[0], *text, *fenced, *lines, marks[1], ""])
+
+
 def section_parser(text: str | None, start: int) -> ArgumentParser:
     """Return a parser of what benchmarks with a section of their own take.
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from benchmarks.effects.cases import Case
-from benchmarks.page_section import section_parser, show
+from benchmarks.page_section import compose_section, section_parser, show
 from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
 from tactile_dynamics_ros.core.discrepancy.documents import Document, diagnosis_document
 from tactile_dynamics_ros.core.discrepancy.explanation import ask_twice
@@ -107,25 +107,15 @@ def table(found: Sequence[Outcome]) -> list[str]:
 def section(found: Sequence[Outcome], command: str) -> str:
     """The section of the page of benchmarks."""
     kinds = [outcome.kind for outcome in found]
-    return "\n".join(
-        [
-            "<!-- several: begin -->",
-            "## Two recordings of one object",
-            "",
-            "Calm recordings of 20 s at 50 Hz (a few degrees and centimetres in one grasp, error",
-            "2) whose diagnosis leaves a group and proposes a motion or re-grasp; it is recorded,",
-            f"and both are asked together (`diagnose A B`). {kinds.count('motion')} motions,",
-            f"{kinds.count('regrasp')} re-grasps. Wanted: the right name alone in 90 %.",
-            "",
-            "```bash",
-            command,
-            "```",
-            "",
-            *table(found),
-            "<!-- several: end -->",
-            "",
-        ]
-    )
+    text = [
+        "## Two recordings of one object",
+        "",
+        "Calm recordings of 20 s at 50 Hz (a few degrees and centimetres in one grasp, error",
+        "2) whose diagnosis leaves a group and proposes a motion or re-grasp; it is recorded,",
+        f"and both are asked together (`diagnose A B`). {kinds.count('motion')} motions,",
+        f"{kinds.count('regrasp')} re-grasps. Wanted: the right name alone in 90 %.",
+    ]
+    return compose_section("several", text, command, table(found))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 import tactile_dynamics_ros as td
-from benchmarks.page_section import section_parser, show
+from benchmarks.page_section import compose_section, section_parser, show
 from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import InertialEstimate
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
 from tactile_dynamics_ros.core.rigid_body.known_body import KnownBody
@@ -138,26 +138,14 @@ def real_lines(data: Path) -> list[str]:
 
 def section(found: Sequence[Outcome], real: Sequence[str], command: str) -> str:
     """The section of the page."""
-    return "\n".join(
-        [
-            "<!-- tool: begin -->",
-            "## Loads in a gripper, which is taken out as a tool",
-            "",
-            "A wrist sensor (0.05 N, 3 N mm, bias of newtons; effect `force_bias`) carries 0.4 kg",
-            "in a gripper of 0.9 kg for 10 s at 100 Hz, and the same load alone. Wanted: standard",
-            "deviations of at most 1.2 times those without.",
-            "",
-            "```bash",
-            command,
-            "```",
-            "",
-            *table(found),
-            "",
-            *real,
-            "<!-- tool: end -->",
-            "",
-        ]
-    )
+    text = [
+        "## Loads in a gripper, which is taken out as a tool",
+        "",
+        "A wrist sensor (0.05 N, 3 N mm, bias of newtons; effect `force_bias`) carries 0.4 kg",
+        "in a gripper of 0.9 kg for 10 s at 100 Hz, and the same load alone. Wanted: standard",
+        "deviations of at most 1.2 times those without.",
+    ]
+    return compose_section("tool", text, command, [*table(found), "", *real])
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

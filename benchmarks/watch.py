@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.page_section import section_parser, show
+from benchmarks.page_section import compose_section, section_parser, show
 from tactile_dynamics_ros.core.discrepancy.live_check import LiveCheckConfig
 from tactile_dynamics_ros.core.inertia.diagnosis.live_check import compare_streams, diagnose_streams
 from tactile_dynamics_ros.core.streams.cutting import cut_streams
@@ -140,25 +140,15 @@ def table(found: Sequence[Outcome]) -> list[str]:
 
 def section(found: Sequence[Outcome], command: str) -> str:
     """The section of the page."""
-    return "\n".join(
-        [
-            "<!-- watch: begin -->",
-            "## A watch over what is held",
-            "",
-            f"An effect that raises the error to {LEVEL:g} starts after two minutes. Every",
-            f"{PERIOD:g} s the last 10 s are compared as `model_check` does; threshold 1.5,",
-            "`watch.hold` 5 s. Wanted: a report within 20 s, the right name, and no report in an",
-            "hour of clean recordings.",
-            "",
-            "```bash",
-            command,
-            "```",
-            "",
-            *table(found),
-            "<!-- watch: end -->",
-            "",
-        ]
-    )
+    text = [
+        "## A watch over what is held",
+        "",
+        f"An effect that raises the error to {LEVEL:g} starts after two minutes. Every",
+        f"{PERIOD:g} s the last 10 s are compared as `model_check` does; threshold 1.5,",
+        "`watch.hold` 5 s. Wanted: a report within 20 s, the right name, and no report in an",
+        "hour of clean recordings.",
+    ]
+    return compose_section("watch", text, command, table(found))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

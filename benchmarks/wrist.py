@@ -18,16 +18,15 @@ import numpy as np
 import tactile_dynamics_ros as td
 from benchmarks.inertia.boxes import BOXES
 from benchmarks.inertia.in_hand import record_in_hand
-from benchmarks.page_section import section_parser, show
+from benchmarks.page_section import compose_section, section_parser, show
 from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import InertialEstimate
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     InertialParameters,
     inertia_vector,
 )
-from tactile_dynamics_ros.core.robot.kinematic_tree import chain
 from tactile_dynamics_ros.core.robot.robot_file import load_robot
 from tactile_dynamics_ros.recording import Recording
-from tactile_dynamics_ros.recording.importers.joint_angles import link_pose
+from tactile_dynamics_ros.recording.wrist import wrist_recording
 from tactile_dynamics_ros.sim.simulated_robot import (
     Readings,
     SimulatedRobot,
@@ -94,13 +93,9 @@ def _wrist(readings: Sequence[Readings]) -> Recording:
     robot = load_robot()
     time = np.array([one.time for one in readings])
     angles = np.array([one.position for one in readings]).T
-    steps = chain(robot.tree, robot.base, robot.flange)
-    place, turn = link_pose(steps, dict(zip(robot.joint_names, angles, strict=True)))
-    wrench = -np.array([one.wrist for one in readings])
-    contact = {"time": time, "force": wrench[:, 3:], "torque": wrench[:, :3]}
-    contact |= {"position": np.zeros(3), "rotation": np.eye(3)}
-    pose = {"time": time, "position": place, "rotation": turn}
-    return Recording.from_arrays({"wrist": contact}, pose, contact_frame="object", source="wrist")
+    wrench = np.array([one.wrist for one in readings])[:, [3, 4, 5, 0, 1, 2]]
+    named = dict(zip(robot.joint_names, angles, strict=True))
+    return wrist_recording((time, wrench), (time, named), robot, "wrist")
 
 
 def outcomes(boxes: Sequence[str], start: int, count: int) -> Iterator[Outcome]:
@@ -149,24 +144,14 @@ def table(found: Sequence[Outcome]) -> list[str]:
 
 def section(found: Sequence[Outcome], command: str) -> str:
     """The section of the page."""
-    return "\n".join(
-        [
-            "<!-- wrist: begin -->",
-            "## A wrist sensor beside the fingertips",
-            "",
-            "Five boxes in the simulated hand (1.07 kg), lifted and turned for 40 s, fingertips of",
-            "each hand from raw counts; the wrist sensor has 0.035 to 0.13 N, 0.35 to 1.7 N mm of",
-            "noise, drift and a filter of 15 Hz. The hand is known from the same motion without.",
-            "",
-            "```bash",
-            command,
-            "```",
-            "",
-            *table(found),
-            "<!-- wrist: end -->",
-            "",
-        ]
-    )
+    text = [
+        "## A wrist sensor beside the fingertips",
+        "",
+        "Five boxes in the simulated hand (1.07 kg), lifted and turned for 40 s, fingertips of",
+        "each hand from raw counts; the wrist sensor has 0.035 to 0.13 N, 0.35 to 1.7 N mm of",
+        "noise, drift and a filter of 15 Hz. The hand is known from the same motion without.",
+    ]
+    return compose_section("wrist", text, command, table(found))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

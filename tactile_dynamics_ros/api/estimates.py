@@ -153,6 +153,11 @@ class Estimate(ReportedResult):
         return write_body(self.known(), path)
 
     @property
+    def _is_plain(self) -> bool:
+        """Whether the numbers are those of this recording's fingertips alone."""
+        return self.tool is None and self.prior is None and self.wrist is None
+
+    @property
     def undetermined(self) -> tuple[str, ...]:
         """What this recording does not tell; value and std of it are those of the prior."""
         return self.found.not_excited
@@ -208,7 +213,7 @@ class Estimate(ReportedResult):
         from tactile_dynamics_ros.report.estimates import draw_convergence, draw_residuals
         from tactile_dynamics_ros.report.history import settle
 
-        if self.tool is None and self.prior is None and self.wrist is None:
+        if self._is_plain:
             return draw_convergence(settle(self.model), None, self.undetermined)
         time = np.concatenate([samples.time for samples in self.model.samples])
         return draw_residuals(time, -self.model.smooth_residual(), self.model.white_residual)
@@ -219,7 +224,7 @@ class Estimate(ReportedResult):
         Raises:
             BadInputError: there is a tool, wrist or prior, of which the page knows nothing.
         """
-        if not (self.tool is None and self.prior is None and self.wrist is None):
+        if not self._is_plain:
             raise BadInputError(
                 "the report is of one recording as it is; leave out tool, wrist and prior"
             )

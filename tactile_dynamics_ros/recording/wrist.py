@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.robot.kinematic_tree import chain
+from tactile_dynamics_ros.core.robot.robot import Robot
 from tactile_dynamics_ros.core.robot.robot_file import DEFAULT_ROBOT, load_robot
 from tactile_dynamics_ros.core.streams.cutting import cut_streams
 from tactile_dynamics_ros.core.streams.streams import PoseStream, Streams
@@ -19,6 +22,8 @@ from tactile_dynamics_ros.recording.importers.bag_tables import (
 )
 from tactile_dynamics_ros.recording.importers.joint_angles import link_pose
 from tactile_dynamics_ros.recording.recording import Recording
+
+Array = NDArray[np.float64]
 
 WRENCH = "/wrist/wrench"
 JOINTS = "/joint_states"
@@ -60,21 +65,36 @@ def read_wrist(
             f"{path}: joint '{absent[0]}' of robot '{robot.name}' is not on {JOINTS}; say which "
             "robot it is by --robot"
         )
-    position, rotation = link_pose(steps, {name: joints.column(name) for name in moving})
-    values = -wrench.columns(*WRENCH_COLUMNS)
+    return wrist_recording(
+        (wrench.column("time"), wrench.columns(*WRENCH_COLUMNS)),
+        (joints.column("time"), {name: joints.column(name) for name in moving}),
+        robot,
+        f"{path}, wrist",
+    )
+
+
+def wrist_recording(
+    wrench: tuple[Array, Array],
+    joints: tuple[Array, Mapping[str, Array]],
+    robot: Robot,
+    source: str,
+) -> Recording:
+    """What the wrist carries, from arrays.
+
+    Args:
+        wrench: (N,) s, and (N, 6) force and torque of the hand on the flange, N and N m.
+        joints: (M,) s, and (M,) rad or m by name of each joint of the arm.
+        robot: its flange is the frame of the sensor.
+        source: name for messages to the user.
+    """
+    steps = chain(robot.tree, robot.base, robot.flange)
+    position, rotation = link_pose(steps, joints[1])
+    carried = {"time": wrench[0], "force": -wrench[1][:, :3], "torque": -wrench[1][:, 3:]}
     return Recording.from_arrays(
-        {
-            "wrist": {
-                "time": wrench.column("time"),
-                "force": values[:, :3],
-                "torque": values[:, 3:],
-                "position": np.zeros(3),
-                "rotation": np.eye(3),
-            }
-        },
-        {"time": joints.column("time"), "position": position, "rotation": rotation},
+        {"wrist": carried | {"position": np.zeros(3), "rotation": np.eye(3)}},
+        {"time": joints[0], "position": position, "rotation": rotation},
         contact_frame="object",
-        source=f"{path}, wrist",
+        source=source,
     )
 
 

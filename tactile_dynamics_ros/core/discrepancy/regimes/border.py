@@ -8,7 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.discrepancy.model.residual_model import Condition, Family
+from tactile_dynamics_ros.core.discrepancy.model.residual_model import (
+    Condition,
+    Family,
+    ResidualModel,
+)
 from tactile_dynamics_ros.core.discrepancy.regimes.sums import CellSums
 from tactile_dynamics_ros.core.numerics.regime import Gate
 
@@ -89,6 +93,27 @@ def find_border(
     gate = Gate(start.symbol, round_to(low[0], std), round_to(high[0], std))
     share = float(gate.inside(values).mean())
     return Border(gate, std, share) if _LEAST <= share <= 1.0 - _LEAST else None
+
+
+def find_border_of(
+    model: ResidualModel, name: str, label: str, condition: Condition, start: Gate, floor: float
+) -> Border | None:
+    """Border of one reading of an effect that a model lacks.
+
+    None too where the model has the effect everywhere, and so does not offer it.
+
+    Args:
+        model: without the effect in its regime.
+        name: of the effect, without a regime.
+        label: of the reading, likewise.
+        condition: with one value for each instant.
+        start: first guess.
+        floor: white RMS of the noise alone.
+    """
+    for family in model.families([name]):
+        if family.label == label:
+            return find_border(CellSums.of(model), family, condition, start, floor)
+    return None
 
 
 def _smear(sums: CellSums, values: Array, end: float) -> float:

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import Condition, ResidualModel
-from tactile_dynamics_ros.core.discrepancy.regimes.border import find_border
-from tactile_dynamics_ros.core.discrepancy.regimes.sums import CellSums
+from tactile_dynamics_ros.core.discrepancy.regimes.border import find_border_of
 from tactile_dynamics_ros.core.discrepancy.screening import screen
 from tactile_dynamics_ros.core.discrepancy.verdict.wording import write_interval
 from tactile_dynamics_ros.core.numerics.regime import Gate, split_label
@@ -100,9 +99,6 @@ def regime_of(model: ResidualModel, name: str) -> RegimeFinding | None:
     floor = float(np.sqrt(np.mean(model.residual**2)))
     best = min(screen(bare, bare.families([name]), floor), key=lambda score: score.criterion)
     label = best.family.label.replace(f"[{regime}]", "")
-    std = math.nan
-    for family in bare.families([plain]):
-        if family.label == label:
-            border = find_border(CellSums.of(bare), family, condition, gate, floor)
-            std = border.std if border is not None else math.nan
+    border = find_border_of(bare, plain, label, condition, gate, floor)
+    std = border.std if border is not None else math.nan
     return RegimeFinding(condition, gate, std, float(inside.mean()))

@@ -7,10 +7,9 @@ from dataclasses import replace
 
 from tactile_dynamics_ros.core.discrepancy.challenges import is_outdone_by_law
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import Condition, ResidualModel
-from tactile_dynamics_ros.core.discrepancy.regimes.border import find_border
+from tactile_dynamics_ros.core.discrepancy.regimes.border import find_border, find_border_of
 from tactile_dynamics_ros.core.discrepancy.regimes.refinement import refine_border
 from tactile_dynamics_ros.core.discrepancy.regimes.search import Candidate, RegimeSearch
-from tactile_dynamics_ros.core.discrepancy.regimes.sums import CellSums
 from tactile_dynamics_ros.core.discrepancy.screening import Score, screen
 from tactile_dynamics_ros.core.discrepancy.search import (
     DiagnosisConfig,
@@ -117,10 +116,7 @@ def _with_new_border(step: Step, last: Step, config: DiagnosisConfig) -> Step:
     if regime is not None:
         [gate] = regime.gates
         condition = next(c for c in bare.conditions() if c.symbol == gate.symbol)
-        offered = [f for f in bare.families([plain]) if f.label == label]
-        border = None
-        if offered:  # not where the effect acts everywhere as well: the border stays
-            border = find_border(CellSums.of(bare), offered[0], condition, gate, floor)
+        border = find_border_of(bare, plain, label, condition, gate, floor)
         if border is not None:
             name = f"{plain}[{refine_border(bare, plain, label, border).gate}]"
     trial = try_effect(bare, screen(bare, bare.families([name]), floor), name, floor)

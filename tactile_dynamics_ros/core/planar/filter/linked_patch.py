@@ -18,7 +18,13 @@ from tactile_dynamics_ros.core.planar.filter.process import (
     Prediction,
     PusherMotion,
 )
-from tactile_dynamics_ros.core.planar.mechanics.linkage import Joint, Link, Linkage, turned
+from tactile_dynamics_ros.core.planar.mechanics.linkage import (
+    Joint,
+    Link,
+    Linkage,
+    shifted_twist,
+    turned,
+)
 from tactile_dynamics_ros.core.planar.mechanics.pair_patch import PairPatch
 
 Array = NDArray[np.float64]
@@ -172,10 +178,8 @@ class RigidPair:
         away = turned(states[:, 6:8] - states[:, :2], -yaw)
         arm = turned(away, after[:, 2])
         place = after[:, :2] + arm
-        across = np.stack([-arm[:, 1], arm[:, 0]], axis=1)
-        speed = after[:, 3:5] + after[:, 5:6] * across
         turn = (after[:, 2] + states[:, 8] - yaw)[:, None]
-        both = np.concatenate([after, place, turn, speed, after[:, 5:6]], axis=1)
+        both = np.concatenate([after, place, turn, shifted_twist(after[:, 3:], arm)], axis=1)
         return replace(found, states=both)
 
     def merged(self, one: Link, two: Link) -> Link:

@@ -16,7 +16,13 @@ from tactile_dynamics_ros.core.planar.filter.process import (
     Prediction,
     PusherMotion,
 )
-from tactile_dynamics_ros.core.planar.mechanics.linkage import Link, Linkage, cross, turned
+from tactile_dynamics_ros.core.planar.mechanics.linkage import (
+    Link,
+    Linkage,
+    cross,
+    shifted_twist,
+    turned,
+)
 from tactile_dynamics_ros.core.planar.mechanics.outline import (
     area_and_centroid,
     edge_normals,
@@ -155,7 +161,7 @@ def advanced(
     count, links = len(states), len(linkage.links)
     each = states.reshape(count, links, 6)
     twist = np.stack(
-        [_shifted(each[:, k, 3:], turned(link.com, each[:, k, 2]))
+        [shifted_twist(each[:, k, 3:], turned(link.com, each[:, k, 2]))
          for k, link in enumerate(linkage.links)], axis=1,
     )  # fmt: skip
     steps = max(1, int(np.ceil(motion.step / longest - 1e-9)))
@@ -172,14 +178,7 @@ def advanced(
         wrench += part / steps
     frames = linkage.frames(simulation.coordinates)
     back = np.stack(
-        [_shifted(simulation.twist[:, k], -turned(link.com, frames[:, k, 2]))
+        [shifted_twist(simulation.twist[:, k], -turned(link.com, frames[:, k, 2]))
          for k, link in enumerate(linkage.links)], axis=1,
     )  # fmt: skip
     return Prediction(np.concatenate([frames, back], axis=2).reshape(count, -1), wrench)
-
-
-def _shifted(twist: Array, arm: Array) -> Array:
-    """Twist (B, 3) of the point at an arm (B, 2) from that of a twist."""
-    rate = twist[:, 2:]
-    across = np.stack([-arm[:, 1], arm[:, 0]], axis=1)
-    return np.concatenate([twist[:, :2] + rate * across, rate], axis=1)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.core.planar.filter.observation import FeltWrench, SeenPose
 from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess
 from tactile_dynamics_ros.core.planar.filter.process import PusherMotion
-from tactile_dynamics_ros.core.planar.mechanics.linkage import applied, turned
+from tactile_dynamics_ros.core.planar.mechanics.linkage import applied, shifted_twist, turned
 from tactile_dynamics_ros.core.planar.mechanics.simulation import GRAVITY, support_resistance
 
 Array = NDArray[np.float64]
@@ -177,7 +177,8 @@ class PieceMeter:
     def _centre_velocity(self, state: Array) -> Array:
         """Velocity (D, 2) of the centres of mass at a state (6,), m/s."""
         yaw = np.full(_DRAWS, state[2])
-        return _centre_twist(yaw, np.tile(state[3:], (_DRAWS, 1)), self._own[:, 2:4])[:, :2]
+        twist = np.tile(state[3:], (_DRAWS, 1))
+        return shifted_twist(twist, turned(self._own[:, 2:4], yaw))[:, :2]
 
     def _is_whole(self) -> bool:
         """Whether the piece is long enough to say how the object moves."""
@@ -220,7 +221,7 @@ class PieceMeter:
         felt = np.tile(done.felt / done.count, (len(yaw), 1))
         friction = np.column_stack([-felt, np.zeros(len(yaw))])
         height = np.full(len(yaw), done.motion.height)
-        twist = _centre_twist(yaw, rates, link.com)
+        twist = shifted_twist(rates, turned(link.com, yaw))
         resistance = support_resistance(link, yaw, twist, friction, felt, height)
         resisted = applied(resistance, twist)[:, :2].reshape(_PARTS, _DRAWS, 2).mean(axis=0)
         return np.asarray(resisted + link.mass[:_DRAWS, None] * done.gain / done.duration)
@@ -247,10 +248,3 @@ def _unit_draws() -> Array:
     draws = np.random.default_rng(_SEED).standard_normal((_DRAWS, _UNKNOWN))
     whole = np.linalg.qr(draws - draws.mean(axis=0))[0]
     return np.asarray(np.sqrt(_DRAWS) * whole)
-
-
-def _centre_twist(yaw: Array, rates: Array, com: Array) -> Array:
-    """Twists (B, 3) of centres of mass (B, 2), link frame, from those (B, 3) of the frame."""
-    arm = turned(com, yaw)
-    across = np.stack([-arm[:, 1], arm[:, 0]], axis=1)
-    return np.column_stack([rates[:, :2] + rates[:, 2:] * across, rates[:, 2]])

@@ -140,3 +140,10 @@ def shifting(arm: Array) -> Array:
     motion[:, [0, 1, 2], [0, 1, 2]] = 1.0
     motion[:, 0, 2], motion[:, 1, 2] = -arm[:, 1], arm[:, 0]
     return motion
+
+
+def shifted_twist(twist: Array, arm: Array) -> Array:
+    """Twist (B, 3) of the point at an arm (B, 2) from that of a twist; axes of the support."""
+    rate = twist[:, 2:]
+    across = np.stack([-arm[:, 1], arm[:, 0]], axis=1)
+    return np.concatenate([twist[:, :2] + rate * across, rate], axis=1)
