@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 
+from tactile_dynamics_ros.core.discrepancy.regimes.border import find_border_of
 from tactile_dynamics_ros.core.discrepancy.screening import Family, screen
 from tactile_dynamics_ros.core.discrepancy.selection import choose_effect
 
@@ -93,3 +95,9 @@ def test_one_offset_of_all_sensors_is_told_as_one_though_the_fit_of_four_follows
 
 def test_offsets_that_differ_stay_apart():
     assert chosen(np.array([1.0, -1.0, 0.5, 2.0]), np.zeros(SENSORS)) == "offset"
+
+
+def test_an_effect_that_the_model_has_everywhere_has_no_border_to_be_found_again():
+    model = SimpleNamespace(families=lambda names: [])
+    condition, gate = SimpleNamespace(values=np.arange(9.0)), SimpleNamespace()
+    assert find_border_of(model, "force_bias", "force_bias:@sensor", condition, gate, 1.0) is None
