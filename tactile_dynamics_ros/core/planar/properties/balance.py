@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.planar.effects.acting import Acting
 from tactile_dynamics_ros.core.planar.effects.effect import PushEffect
 from tactile_dynamics_ros.core.planar.effects.situation import PlanarMotion, Situation
 from tactile_dynamics_ros.core.planar.mechanics.linkage import applied, cross, turned
@@ -75,6 +76,22 @@ class _State:
     numbers: Array
 
 
+def measured_situation(cut: Intervals, at: NDArray[np.intp], gravity: Array) -> Situation:
+    """What was measured in some intervals, of an object of 1 kg about its centroid."""
+    return Situation(
+        time=cut.time[at],
+        force=cut.force[at],
+        expected=cut.expected[at],
+        expected_rate=cut.expected_rate[at],
+        point=cut.point[at],
+        facing=cut.facing[at],
+        touching=cut.touching[at],
+        gravity=gravity,
+        mass=np.ones(len(at)),
+        com=np.zeros((len(at), 2)),
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class Balance:
     """Forces and torque that are lacking in some intervals.
@@ -97,14 +114,18 @@ class Balance:
         state = self._state(kinematics, common)
         numbers, mass = state.numbers, state.situation.mass
         yaw = kinematics.pose[:, 2]
-        rise = self._rise(kinematics, common)
+        acting = self._acting(common)
+        motion = self.motion(kinematics) if self.effects else None
+        rise = acting.rise(motion) if motion else np.zeros((len(yaw), 2))
         centre = state.centre + rise @ self.patch.second_moments
         unit = friction(state.twist, centre, float(np.exp(numbers[9])))
         coefficient = float(np.exp(numbers[0] - numbers[1]))
         more = kinematics.local[:, 0] + np.sum(rise * state.centre, axis=1)
         load = coefficient * state.normal * (1.0 + more)
         support = turned(unit[:, :2] * load[:, None], yaw)
-        support, spin = self._resisted(kinematics, common, support, unit[:, 2] * load)
+        spin = unit[:, 2] * load
+        if motion:
+            support, spin = acting.resisted(motion, support, spin)
         from_point = state.arm - turned(state.situation.com, yaw)
         torque = spin + cross(from_point, support)
         inertia = mass * self.patch.gyration * np.exp(numbers[4])
@@ -165,34 +186,16 @@ class Balance:
 
         return friction
 
-    def _thetas(self, common: Array) -> Sequence[Array]:
-        sizes = [len(effect.parameters) for effect in self.effects]
-        return np.split(common[len(NAMES) :], np.cumsum(sizes)[:-1]) if sizes else []
+    def _acting(self, common: Array) -> Acting:
+        return Acting(self.effects, common[len(NAMES) :])
 
     def numbers(self, common: Array) -> Array:
         """The common numbers with what effects add to them."""
-        numbers = common[: len(NAMES)]
-        for effect, theta in zip(self.effects, self._thetas(common), strict=True):
-            if effect.adds_to:
-                numbers = numbers.copy()
-                numbers[NAMES.index(effect.adds_to)] += theta[0]
-        return numbers
+        return self._acting(common).numbers(common[: len(NAMES)], NAMES)
 
     @cached_property
     def _measured(self) -> Situation:
-        cut, at = self.intervals, self.at
-        return Situation(
-            time=cut.time[at],
-            force=cut.force[at],
-            expected=cut.expected[at],
-            expected_rate=cut.expected_rate[at],
-            point=cut.point[at],
-            facing=cut.facing[at],
-            touching=cut.touching[at],
-            gravity=self.gravity,
-            mass=np.ones(len(at)),
-            com=np.zeros((len(at), 2)),
-        )
+        return measured_situation(self.intervals, self.at, self.gravity)
 
     def _situation(self, common: Array, numbers: Array) -> Situation:
         situation = replace(
@@ -200,9 +203,7 @@ class Balance:
             mass=np.full(len(self.at), float(np.exp(numbers[1]))),
             com=np.broadcast_to(numbers[2:4], (len(self.at), 2)),
         )
-        for effect, theta in zip(self.effects, self._thetas(common), strict=True):
-            situation = effect.changed(situation, theta)
-        return situation
+        return self._acting(common).changed(situation)
 
     def motion(self, kinematics: Kinematics) -> PlanarMotion:
         """Motion of the footprint's centroid."""
@@ -218,39 +219,6 @@ class Balance:
             gyration=self.patch.gyration,
             middle=self.middle,
         )
-
-    def _resisted(
-        self, kinematics: Kinematics, common: Array, support: Array, spin: Array
-    ) -> tuple[Array, Array]:
-        """Force of the support (R, 2) and torque (R,) about the centroid, as effects change it."""
-        if not self.effects:
-            return support, spin
-        motion = self.motion(kinematics)
-        added = np.zeros((len(spin), 3))
-        for effect, theta in zip(self.effects, self._thetas(common), strict=True):
-            matrix, wrench = effect.friction(motion, theta), effect.wrench(motion, theta)
-            if matrix is not None:
-                support = applied(matrix, support)
-                spin = spin * 0.5 * np.trace(matrix, axis1=1, axis2=2)
-            if wrench is not None:
-                added = added + wrench
-        return support + added[:, :2], spin + added[:, 2]
-
-    def _rise(self, kinematics: Kinematics, common: Array) -> Array:
-        """Relative rise (R, 2) of friction under the footprint, 1/m, axes of the link.
-
-        Load times friction 1 + g . d is, to first order, more by g . c for a centre of pressure c,
-        and a pressure whose centre is off by S g, with S the second moments of the footprint.
-        """
-        found = np.zeros((len(kinematics.pose), 2))
-        if not self.effects:
-            return found
-        motion = self.motion(kinematics)
-        for effect, theta in zip(self.effects, self._thetas(common), strict=True):
-            rise = effect.rise(motion, theta)
-            if rise is not None:
-                found += turned(rise, -motion.yaw)
-        return found
 
     def _state(self, kinematics: Kinematics, common: Array) -> _State:
         numbers = self.numbers(common)
