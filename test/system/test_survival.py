@@ -66,7 +66,7 @@ def estimate_grows(listener, timeout=60.0):
 
 
 @pytest.mark.timeout(500)
-def test_any_node_may_be_killed(system, listener, tmp_path):
+def test_any_node_may_be_killed(over_udp, system, listener, tmp_path):
     recording = tmp_path / "recording"
     system.start_verb("recorder", "record", str(recording))
     extra = {
@@ -97,7 +97,9 @@ def test_any_node_may_be_killed(system, listener, tmp_path):
     assert all(np.isfinite(c.force).all() for c in streams.contacts.values())
 
 
-def test_recording_is_readable_after_the_recorder_itself_was_killed(system, listener, tmp_path):
+def test_recording_stays_readable_after_its_recorder_was_killed(
+    over_udp, system, listener, tmp_path
+):
     recording = tmp_path / "recording"
     system.start_node("robot_sim")
     recorder = system.start_verb("recorder", "record", str(recording))

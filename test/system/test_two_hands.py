@@ -104,7 +104,10 @@ def test_each_hand_answers_for_its_own_object(system, listener, recordings, tmp_
         return {t for t in topics if not t.startswith(("/left/", "/right/"))}
 
     shared = {"/diagnostics", "/parameter_events", "/rosout", "/clock"}
-    listener.wait(lambda: stray() <= shared, 60.0, "topics of both hands alone")
+    try:
+        listener.wait(lambda: stray() <= shared, 60.0, "topics of both hands alone")
+    except AssertionError as error:
+        raise AssertionError(f"{error}; stray: {sorted(stray() - shared)}") from None
     system.stop(["recorder"])
     recorded = Recording.from_bag(out)
     assert recorded.source.endswith("(namespace /left)")
