@@ -22,7 +22,7 @@ def over_udp(monkeypatch):
     """Messages go by UDP alone, for tests that kill processes.
 
     One that dies while it holds the lock of a shared memory port leaves its readers deaf, those of
-    the test too (Fast DDS issue 5469); once in a thousand kills.
+    the test too (Fast DDS issue 5469); seldom, but it happened.
     """
     monkeypatch.setenv("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
 
