@@ -53,8 +53,15 @@ class Acting:
             situation = effect.changed(situation, theta)
         return situation
 
-    def resisted(self, motion: PlanarMotion, support: Array, spin: Array) -> tuple[Array, Array]:
-        """Force of the support (R, 2), N, and torque (R,) about the centroid, N m, as changed."""
+    def resisted(
+        self, motion: PlanarMotion, support: Array, spin: Array, share: float = 1.0
+    ) -> tuple[Array, Array]:
+        """Force of the support (R, 2), N, and torque (R,) about the centroid, N m, as changed.
+
+        Args:
+            motion: of the part. support, spin: of dry friction alone.
+            share: of a wrench on the whole object that this part of it feels.
+        """
         added = np.zeros((len(spin), 3))
         for effect, theta in self:
             matrix, wrench = effect.friction(motion, theta), effect.wrench(motion, theta)
@@ -63,7 +70,7 @@ class Acting:
                 spin = spin * 0.5 * np.trace(matrix, axis1=1, axis2=2)
             if wrench is not None:
                 added = added + wrench
-        return support + added[:, :2], spin + added[:, 2]
+        return support + share * added[:, :2], spin + share * added[:, 2]
 
     def rise(self, motion: PlanarMotion) -> Array:
         """Relative rise (R, 2) of friction under the footprint, 1/m, axes of the link.

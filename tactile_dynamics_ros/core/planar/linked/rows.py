@@ -34,14 +34,22 @@ class PartMotion:
 
     def acceleration_of(self, point: Array) -> Array:
         """(N, 2) m/s^2 of a point (2,) of the part."""
-        arm, rate = self.place(point), self.velocity[:, 2:]
+        return self.acceleration_at(self.place(point))
+
+    def acceleration_at(self, arm: Array) -> Array:
+        """(N, 2) m/s^2 at arms (N, 2) from the frame's origin, m, axes of the support."""
+        rate = self.velocity[:, 2:]
         turning = self.acceleration[:, 2:] * across(arm) - rate**2 * arm
         return np.asarray(self.acceleration[:, :2] + turning)
 
+    def velocity_of(self, point: Array) -> Array:
+        """(N, 2) m/s of a point (2,) of the part."""
+        return np.asarray(self.velocity[:, :2] + self.velocity[:, 2:] * across(self.place(point)))
+
     def twist_of(self, point: Array) -> Array:
         """(N, 3) of a point (2,), axes of the part."""
-        linear = self.velocity[:, :2] + self.velocity[:, 2:] * across(self.place(point))
-        return np.concatenate([turned(linear, -self.pose[:, 2]), self.velocity[:, 2:]], axis=1)
+        linear = turned(self.velocity_of(point), -self.pose[:, 2])
+        return np.concatenate([linear, self.velocity[:, 2:]], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +82,10 @@ class PairPatch(SupportPatch):
         count = len(load_points(self.outline, self.count)[0])
         return np.arange(len(self.share)) >= count
 
+    def contrast(self, ratio: Array) -> Array:
+        """(R, n) factors of friction, by ln (R, 1) of the second outline's over the first's."""
+        return np.asarray(np.exp(np.where(self.second, 0.5, -0.5) * ratio))
+
 
 def _area(outline: Array) -> float:
     after = np.roll(outline, -1, axis=0)
@@ -104,7 +116,7 @@ class LinearFriction:
 
         def wrench(values: Array, load: Array) -> Array:
             if isinstance(patch, PairPatch):
-                load = load * np.exp(np.where(patch.second, 0.5, -0.5) * values[:, 6:])
+                load = load * patch.contrast(values[:, 6:])
             matrix = patch.resistance(load, values[:, 5], values[:, :3], slip)
             return -applied(matrix, values[:, :3])
 
@@ -122,3 +134,57 @@ class LinearFriction:
     def at(self, state: Array) -> Array:
         """Wrench (N, 3) at a nearby state."""
         return np.asarray(self.base + applied(self.slope, state - self.around))
+
+
+@dataclass(frozen=True, eq=False)
+class PairFriction:
+    """Friction of all bodies to first order, and the slip speed, m/s, below which it falls."""
+
+    bodies: tuple[LinearFriction, ...]
+    slip: float
+
+
+@dataclass(frozen=True, eq=False)
+class Loaded:
+    """Pull (R, 2) N, friction coefficient times load (R,) N, and centre of pressure (R, 2) m.
+
+    The pull is mass times acceleration less gravity.
+    """
+
+    pull: Array
+    load: Array
+    centre: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Pressed:
+    """How a body rests and slides.
+
+    Attributes:
+        patch: its footprint. part: its motion.
+        state: (R, 7), see `LinearFriction`. load: (R,) N, friction coefficient times load.
+    """
+
+    patch: SupportPatch
+    part: PartMotion
+    state: Array
+    load: Array
+
+    @property
+    def feet(self) -> Array:
+        """Places (R, n, 2) of the points that carry, m, axes of the support."""
+        places = [self.part.place(point) for point in self.patch.centroid + self.patch.offset]
+        return self.part.pose[:, None, :2] + np.stack(places, axis=1)
+
+    def support_by(self, share: Array, slip: float) -> tuple[Array, Array]:
+        """Change of force (R, 2) and torque (R,) by relative changes (R, n) under the points.
+
+        In axes of the support, the torque about the centroid.
+        """
+        values, patch = self.state, self.patch
+        pressure = patch.pressure(values[:, 3:5], values[:, 5]) * self.load[:, None]
+        if isinstance(patch, PairPatch):
+            pressure = pressure * patch.contrast(values[:, 6:])
+        matrix = patch.resistance(pressure * share, values[:, 5], values[:, :3], slip)
+        wrench = -applied(matrix, values[:, :3])
+        return turned(wrench[:, :2], self.part.pose[:, 2]), wrench[:, 2]

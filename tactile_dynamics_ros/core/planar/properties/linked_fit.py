@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
+from tactile_dynamics_ros.core.planar.effects.effect import PushEffect
 from tactile_dynamics_ros.core.planar.linked.rows import PairPatch
 from tactile_dynamics_ros.core.planar.mechanics.linkage import turned
 from tactile_dynamics_ros.core.planar.properties.bordered import (
@@ -19,7 +20,8 @@ from tactile_dynamics_ros.core.planar.properties.bordered import (
     minimise,
 )
 from tactile_dynamics_ros.core.planar.properties.linked_jointed import JointedModel
-from tactile_dynamics_ros.core.planar.properties.linked_model import PairData, PairModel
+from tactile_dynamics_ros.core.planar.properties.linked_model import PairModel
+from tactile_dynamics_ros.core.planar.properties.linked_motion import Motion, PairData
 from tactile_dynamics_ros.core.planar.properties.linked_pair import Pair
 from tactile_dynamics_ros.core.planar.properties.linked_rigid import RigidModel
 from tactile_dynamics_ros.core.planar.properties.push_model import ELSEWHERE, Sharpness
@@ -54,6 +56,13 @@ _TOLERANCE = 3e-2
 """Fall of the cost that is immaterial, as for one part."""
 _WIDTH = 2.0
 """By how much std of masses and inertias are widened, as for one part."""
+_AGAIN = 60
+"""Iterations of a fit with another effect, at most: where something is missing it takes up to 50."""
+_SINGULAR = (
+    "the motion that was found is singular: the model may lack something, or footprints, units or "
+    "clocks are wrong"
+)
+"""What is said where no fit exists; words for people, no number."""
 _PENDING = 0.5
 """Step that the optimiser would still take, in std of all numbers together, up to which its result
 is an answer; the step is in the interval."""
@@ -64,14 +73,18 @@ class PairFit:
     """Common numbers of two parts, averaged over variations of friction by evidence.
 
     Attributes:
-        model: residuals. common: (p,) by the model's names.
+        model: residuals. common: (p,) by the model's names, then parameters of its effects.
+        nodes: (N, D + l) of the likeliest variation of friction.
+        variation: relative, of friction from place to place.
         covariance: (p, p) about the table, which differs from the places that were pushed.
         whitened_rms: error over the noise. converged: whether the optimiser came to its end.
     """
 
     model: PairModel
+    nodes: Array
     common: Array
     covariance: Array
+    variation: float
     whitened_rms: float
     converged: bool
 
@@ -85,30 +98,97 @@ class PairFit:
         return float(np.sqrt(self.covariance[at, at]))
 
 
-def fit_jointed(pair: Pair) -> PairFit:
-    """Fit two parts on a joint.
+def fit_jointed(pair: Pair, effects: Sequence[PushEffect] = ()) -> PairFit:
+    """Fit two parts on a joint, with effects that are added one after the other.
 
     Raises:
-        NotIdentifiableError: they slide too little at the same time.
+        NotIdentifiableError: they slide too little at the same time, or the equations are singular.
     """
     coordinates = np.column_stack([pair.nodes[0], pair.nodes[1][:, 2]])
     spread = np.column_stack([pair.spread[0], pair.spread[1][:, 2]])
     hinge = pair.structure.hinge
     model = JointedModel(_data(pair, spread), hinge=hinge)
-    return _fitted(model, coordinates)
+    return _with_effects(_fitted(model, coordinates), effects)
 
 
-def fit_rigid(pair: Pair) -> PairFit:
-    """Fit two parts as one body.
+def fit_rigid(pair: Pair, effects: Sequence[PushEffect] = ()) -> PairFit:
+    """Fit two parts as one body, with effects that are added one after the other.
 
     Raises:
-        NotIdentifiableError: it slides too little.
+        NotIdentifiableError: it slides too little, or the equations are singular.
     """
     offset = pair.structure.offset
     second = pair.outlines[1]
     placed = offset[:2] + turned(second, np.full(len(second), offset[2]))
     patch = PairPatch(pair.outlines[0], other=placed)
-    return _fitted(RigidModel(_data(pair, pair.spread[0]), patch, offset), pair.nodes[0])
+    model = RigidModel(_data(pair, pair.spread[0]), patch, offset)
+    return _with_effects(_fitted(model, pair.nodes[0]), effects)
+
+
+def _with_effects(fit: PairFit, effects: Sequence[PushEffect]) -> PairFit:
+    """Add effects one by one; a sudden one begins with the push that promises most."""
+    for effect in effects:
+        fit = with_expected_force(fit)
+        start = np.append(fit.common, np.zeros(len(effect.parameters)))
+        trials = effect.beginnings(fit.model.intervals.push_starts)
+        if not trials:
+            raise NotIdentifiableError(f"{effect.name}: one push tells no change; push again")
+        hopes = []
+        for trial in trials:
+            model = replace(fit.model, effects=(*fit.model.effects, trial))
+            hopes.append(_hope(model, fit.nodes, start, fit.variation))
+        best = trials[int(np.argmax(hopes))]
+        fit = refit_pair(fit, (*fit.model.effects, best), start, fit.variation)
+    return fit
+
+
+def _hope(model: PairModel, nodes: Array, common: Array, variation: float) -> float:
+    """Fall of the cost that one Gauss-Newton step promises."""
+    equations = model.linearise(nodes, common, final_sharpness(variation))
+    loose = np.broadcast_to(model.loosening, nodes.shape)
+    by_nodes, by_common = equations.factor(loose, np.zeros(len(common))).step()
+    fall = np.sum(by_nodes * equations.gradient) + by_common @ equations.common_gradient
+    return -float(fall)
+
+
+def with_expected_force(fit: PairFit) -> PairFit:
+    """The fit with what it expects of the forces, which differs from them by their noise."""
+    model, cut = fit.model, fit.model.intervals
+    motion = Motion.of_nodes(fit.nodes, model.middle, cut.step, model.freedoms)
+    slip = final_sharpness(fit.variation).slip
+    friction = model.linear_friction(fit.common, motion, slip)
+    expected = cut.force.copy()
+    expected[model.middle, :2] += model.lack(motion, fit.common, friction)[:, :2]
+    data = replace(model.data, intervals=replace(cut, expected=expected))
+    return replace(fit, model=replace(model, data=data))
+
+
+def refit_pair(
+    fit: PairFit, effects: tuple[PushEffect, ...], common: Array, variation: float
+) -> PairFit:
+    """Fit a model with effects from a fit without them.
+
+    Args:
+        fit: start of the motion.
+        effects: of the model.
+        common: (p,) start of the common numbers and of the effects' parameters.
+        variation: relative standard deviation of friction from place to place.
+
+    Raises:
+        NotIdentifiableError: the equations are singular.
+    """
+    model, sharp = replace(fit.model, effects=effects), final_sharpness(variation)
+    try:
+        start = _minimised(model, fit.nodes, common, sharp, _AGAIN)
+        slope = model.volume_slope(start.nodes, start.common, sharp)
+        return _averaged(model, [_optimum(model, start, variation, slope)])
+    except np.linalg.LinAlgError as error:
+        raise NotIdentifiableError(_SINGULAR) from error
+
+
+def final_sharpness(variation: float) -> Sharpness:
+    """How strictly the last stage takes a model."""
+    return _sharpness(len(_STAGES) - 1, variation)
 
 
 def _data(pair: Pair, spread: Array) -> PairData:
@@ -177,7 +257,7 @@ def _fitted(model: PairModel, coordinates: Array) -> PairFit:
     common = model.prior[0].copy()
     found: Solution | None = None
     for stage, (_, _, iterations) in enumerate(_STAGES):
-        sharp = _sharpness(model, stage, _FIRST_VARIATION)
+        sharp = _sharpness(stage, _FIRST_VARIATION)
         found = _minimised(model, nodes, common, sharp, iterations)
         nodes, common = found.nodes, found.common
     assert found is not None
@@ -186,11 +266,11 @@ def _fitted(model: PairModel, coordinates: Array) -> PairFit:
 
 def _refitted(model: PairModel, start: Solution) -> list[Optimum]:
     """Optima of the variations of friction that promise about as much evidence as the best."""
-    sharp = _sharpness(model, len(_STAGES) - 1, _FIRST_VARIATION)
+    sharp = final_sharpness(_FIRST_VARIATION)
     slope = model.volume_slope(start.nodes, start.common, sharp)
     begun = []
     for variation in _VARIATIONS:
-        sharp = _sharpness(model, len(_STAGES) - 1, variation)
+        sharp = final_sharpness(variation)
         equations = model.linearise(start.nodes, start.common, sharp, slope)
         begun.append(_weighed(model, replace(start, equations=equations), variation))
     best = max(trial.evidence for trial in begun)
@@ -201,7 +281,7 @@ def _refitted(model: PairModel, start: Solution) -> list[Optimum]:
     ]
 
 
-def _sharpness(model: PairModel, stage: int, variation: float) -> Sharpness:
+def _sharpness(stage: int, variation: float) -> Sharpness:
     slip, floor, _ = _STAGES[stage]
     return Sharpness(slip, floor, variation)
 
@@ -221,13 +301,13 @@ def _minimised(
 
 def _optimum(model: PairModel, start: Solution, variation: float, slope: Array) -> Optimum:
     """Refit with another variation of friction, with its evidence."""
-    sharp = _sharpness(model, len(_STAGES) - 1, variation)
+    sharp = final_sharpness(variation)
     found = _minimised(model, start.nodes, start.common, sharp, _REFIT, slope)
     return _weighed(model, found, variation)
 
 
 def _weighed(model: PairModel, found: Solution, variation: float) -> Optimum:
-    sharp = _sharpness(model, len(_STAGES) - 1, variation)
+    sharp = final_sharpness(variation)
     loose = np.broadcast_to(model.loosening, found.nodes.shape)
     factor = found.equations.factor(loose, np.zeros(len(found.common)))
     _, std = model.memory(sharp)
@@ -240,12 +320,15 @@ def _averaged(model: PairModel, trials: list[Optimum]) -> PairFit:
     """Mean over variations by their evidence."""
     likeliest, common, covariance = average(trials)
     wide = ("ln_mass", "ln_inertia")
-    width = np.array([_WIDTH if name.startswith(wide) else 1.0 for name in model.names])
+    width = np.ones(len(common))
+    width[[k for k, name in enumerate(model.names) if name.startswith(wide)]] = _WIDTH
     covariance *= np.outer(width, width)
     return PairFit(
         model=model,
+        nodes=likeliest.solution.nodes,
         common=common,
         covariance=covariance + np.diag(np.square(_place_std(model, likeliest.solution.nodes))),
+        variation=likeliest.variation,
         whitened_rms=likeliest.misfit,
         converged=likeliest.solution.settled or likeliest.pending < _PENDING,
     )
@@ -255,7 +338,7 @@ def _place_std(model: PairModel, nodes: Array) -> Array:
     """(p,) std of the common numbers that stem from where the parts slid, as of one part."""
     local = nodes[model.middle, model.freedoms :]
     differ = np.sqrt(np.mean(local**2, axis=0)).reshape(-1, 3)
-    std = np.zeros(len(model.names))
+    std = np.zeros(len(model.prior[0]))
     for row, end, unit in zip(differ, model.endings, model.body_sizes, strict=True):
         own = ELSEWHERE * row * np.array([1.0, unit, unit])
         for name, value in zip(("ln_product", "com_x", "com_y"), own, strict=True):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
@@ -10,8 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.planar.linked.chances import JOINT_SPREAD, JOINT_TORQUE
-from tactile_dynamics_ros.core.planar.linked.rows import LinearFriction, PartMotion, across
+from tactile_dynamics_ros.core.planar.linked.rows import (
+    LinearFriction,
+    Loaded,
+    PairFriction,
+    PartMotion,
+    Pressed,
+    across,
+)
 from tactile_dynamics_ros.core.planar.mechanics.linkage import cross, turned
+from tactile_dynamics_ros.core.planar.mechanics.outline import area_and_centroid
 from tactile_dynamics_ros.core.planar.mechanics.support import tipping_shift
 from tactile_dynamics_ros.core.planar.properties.linked_model import (
     DELAY_STD,
@@ -21,10 +30,10 @@ from tactile_dynamics_ros.core.planar.properties.linked_model import (
     POINT_STD,
     PRODUCT_SPREAD,
     SCALE_SPREAD,
-    Lack,
-    Motion,
+    Given,
     PairModel,
 )
+from tactile_dynamics_ros.core.planar.properties.linked_motion import Motion
 from tactile_dynamics_ros.core.planar.properties.linked_structure import Hinge
 
 Array = NDArray[np.float64]
@@ -71,15 +80,6 @@ class _Acting:
 
 
 @dataclass(frozen=True, eq=False)
-class _Loaded:
-    """Pull (R, 2) N, friction coefficient times load (R,) N, and centre of pressure (R, 2) m."""
-
-    pull: Array
-    load: Array
-    centre: Array
-
-
-@dataclass(frozen=True, eq=False)
 class JointedModel(PairModel):
     """Residuals of a jointed pair; the coordinates are x, y, yaw of the first part, second yaw.
 
@@ -92,9 +92,13 @@ class JointedModel(PairModel):
     freedoms: ClassVar[int] = 4
     locals: ClassVar[int] = 6
     scalings: ClassVar[tuple[str, ...]] = ("ln_product_1", "ln_product_2", "ln_mass_1", "ln_mass_2")
+    unknown: ClassVar[tuple[str, ...]] = (
+        *(f"{name}_{k}" for k in (1, 2) for name in _OF_PART[:4]),
+        "ln_joint_torque",
+    )
 
     @cached_property
-    def prior(self) -> tuple[Array, Array]:
+    def own_prior(self) -> tuple[Array, Array]:
         """Mean and standard deviation of the common numbers."""
         assert self.hinge is not None
         data = self.data
@@ -118,116 +122,177 @@ class JointedModel(PairModel):
         slack = self.hinge.play[0] / np.sqrt(2.0) if part == 1 else 0.0
         return np.hypot(std, [slack, slack, 0.0])
 
-    def part_poses(self, coordinates: Array, common: Array) -> tuple[Array, Array]:
+    def part_poses(self, coordinates: Array, numbers: Array) -> tuple[Array, Array]:
         """Poses (M, 3) of both parts' frames."""
         first, yaw = coordinates[:, :3], coordinates[:, 3]
         size = len(coordinates)
-        joint = first[:, :2] + turned(np.broadcast_to(common[18:20], (size, 2)), first[:, 2])
-        second = joint - turned(np.broadcast_to(common[20:22], (size, 2)), yaw)
+        joint = first[:, :2] + turned(np.broadcast_to(numbers[18:20], (size, 2)), first[:, 2])
+        second = joint - turned(np.broadcast_to(numbers[20:22], (size, 2)), yaw)
         return first, np.column_stack([second, yaw])
 
-    def _parts(self, motion: Motion, common: Array) -> tuple[PartMotion, PartMotion]:
-        poses = self.part_poses(motion.pose, common)
+    def _parts(self, motion: Motion, numbers: Array) -> tuple[PartMotion, PartMotion]:
+        poses = self.part_poses(motion.pose, numbers)
         first = PartMotion(poses[0], motion.velocity[:, :3], motion.acceleration[:, :3])
         rate, change = motion.velocity[:, 3:], motion.acceleration[:, 3:]
-        arm = turned(np.broadcast_to(-common[20:22], (len(rate), 2)), motion.pose[:, 3])
-        twist = first.twist_of(common[18:20])
-        speed = turned(twist[:, :2], poses[0][:, 2]) + rate * across(arm)
-        push = first.acceleration_of(common[18:20]) + change * across(arm) - rate**2 * arm
+        arm = turned(np.broadcast_to(-numbers[20:22], (len(rate), 2)), motion.pose[:, 3])
+        speed = first.velocity_of(numbers[18:20]) + rate * across(arm)
+        push = first.acceleration_of(numbers[18:20]) + change * across(arm) - rate**2 * arm
         second = PartMotion(
             poses[1], np.column_stack([speed, rate]), np.column_stack([push, change])
         )
         return first, second
 
-    def lack(self, common: Array, motion: Motion, slip: float) -> Lack:
-        """Equations with friction to first order around a motion."""
-        frictions = []
-        for k, part in enumerate(self._parts(motion, common)):
-            state = self._state(k, part, common, self._resting(k, part, common))
+    def linear_friction(self, common: Array, motion: Motion, slip: float) -> PairFriction:
+        """Friction of each part to first order around a motion."""
+        given, frictions = self.given(common), []
+        for k, part in enumerate(self._parts(motion, given.numbers)):
+            state = self._state(k, part, given.numbers, self._resting(k, part, given.numbers))
             rough = LinearFriction.of_state(self.data.patches[k], state, slip)
-            centre = self._loaded(k, part, motion, common, rough).centre
-            state = self._state(k, part, common, centre)
+            centre = self._loaded(k, part, motion, given, rough).centre
+            state = self._state(k, part, given.numbers, centre)
             frictions.append(LinearFriction.of_state(self.data.patches[k], state, slip))
-        turning = slip / _ARM
+        return PairFriction(tuple(frictions), slip)
 
-        def equations(moved: Motion, numbers: Array) -> Array:
-            return self._equations(moved, numbers, (frictions[0], frictions[1]), turning)
-
-        return equations
-
-    def _resting(self, k: int, part: PartMotion, common: Array) -> Array:
+    def _resting(self, k: int, part: PartMotion, numbers: Array) -> Array:
         """Centre of pressure (R, 2) below the centre of mass, from the centroid."""
-        return np.broadcast_to(common[7 * k + 2 : 7 * k + 4], (len(part.pose), 2))
+        return np.broadcast_to(numbers[7 * k + 2 : 7 * k + 4], (len(part.pose), 2))
 
-    def _state(self, k: int, part: PartMotion, common: Array, centre: Array) -> Array:
+    def _state(self, k: int, part: PartMotion, numbers: Array, centre: Array) -> Array:
         twist = part.twist_of(self.data.patches[k].centroid)
-        scale = np.full(len(twist), float(np.exp(common[7 * k + 6])))
+        scale = np.full(len(twist), float(np.exp(numbers[7 * k + 6])))
         return np.column_stack([twist, centre, scale, np.zeros(len(twist))])
 
-    def _equations(
+    def lack(self, motion: Motion, common: Array, friction: PairFriction) -> Array:
+        """Two forces and torques about contact and joint (R, 4) that are lacking, N and N m."""
+        given = self.given(common)
+        parts = self._parts(motion, given.numbers)
+        loaded = [self._loaded(k, parts[k], motion, given, friction.bodies[k]) for k in (0, 1)]
+        supports = [
+            self._supported(k, parts[k], given, loaded[k], friction.bodies[k]) for k in (0, 1)
+        ]
+        first, second = (
+            self._acting(k, parts[k], given.numbers, loaded[k], supports[k]) for k in (0, 1)
+        )
+        found = self._balanced(motion, given, parts, (first, second))
+        found[:, :2] -= given.situation.force[:, :2]
+        found[:, 2] -= self.data.intervals.torque[self.middle]
+        turning = motion.velocity[:, 3] - motion.velocity[:, 2]
+        rubbing = turning / np.sqrt(turning**2 + (friction.slip / _ARM) ** 2)
+        rubbing *= np.exp(given.numbers[22]) * np.where(self._on_second, 1.0, -1.0)
+        held = motion.acceleration[:, 3] - motion.acceleration[:, 2]
+        found[:, 3] = np.where(self.data.turning[self.middle], found[:, 3] + rubbing, held)
+        return found
+
+    def support_rows(
+        self, motion: Motion, common: Array, supports: Sequence[tuple[Array, Array]]
+    ) -> Array:
+        """What forces (R, 2) and torques (R,) of the support on each part do to `lack`."""
+        given = self.given(common)
+        parts = self._parts(motion, given.numbers)
+        none = np.zeros(len(motion.pose))
+        still = np.zeros((len(none), 2))
+        acting = []
+        for k, (force, torque) in enumerate(supports):
+            places = self._places(k, parts[k], given.numbers)
+            acting.append(_Acting(force, torque, still, *places, none))
+        found = self._balanced(motion, given, parts, (acting[0], acting[1]))
+        found[:, 3] *= self.data.turning[self.middle]
+        return found
+
+    def pressed(self, motion: Motion, common: Array, friction: PairFriction) -> tuple[Pressed, ...]:
+        """How each part rests and slides."""
+        given, found = self.given(common), []
+        for k, part in enumerate(self._parts(motion, given.numbers)):
+            loaded = self._loaded(k, part, motion, given, friction.bodies[k])
+            state = self._state(k, part, given.numbers, loaded.centre)
+            found.append(Pressed(self.data.patches[k], part, state, loaded.load))
+        return tuple(found)
+
+    @property
+    def _on_second(self) -> NDArray[np.bool_]:
+        """(R,) whether the balance about the joint is the second part's: the other is touched."""
+        return np.asarray(self.data.touched[self.middle] == 0.0)
+
+    def _balanced(
         self,
         motion: Motion,
-        common: Array,
-        frictions: tuple[LinearFriction, LinearFriction],
-        slip: float,
+        given: Given,
+        parts: tuple[PartMotion, PartMotion],
+        acting: tuple[_Acting, _Acting],
     ) -> Array:
-        cut, at = self.data.intervals, self.middle
-        parts = self._parts(motion, common)
-        force = cut.force[at, :2]
-        point = cut.point[at, :2] + common[15:17]
-        first = self._acting(0, parts[0], motion, common, frictions[0])
-        second = self._acting(1, parts[1], motion, common, frictions[1])
-        joint = parts[0].pose[:, :2] + parts[0].place(common[18:20])
-        total = first.pull + second.pull - first.support - second.support - force
-        point = np.where(cut.touching[at, None], point, first.com)
-        whole = first.moment(point) + second.moment(point) - cut.torque[at]
-        turning = motion.velocity[:, 3] - motion.velocity[:, 2]
-        rubbing = np.exp(common[22]) * turning / np.sqrt(turning**2 + slip**2)
-        on_second = self.data.touched[at] == 0.0
-        free = np.where(on_second, second.moment(joint) + rubbing, first.moment(joint) - rubbing)
-        held = motion.acceleration[:, 3] - motion.acceleration[:, 2]
-        return np.column_stack([total, whole, np.where(self.data.turning[at], free, held)])
+        """What both parts lack (R, 4), but for contact, friction of the joint and held joints."""
+        first, second = acting
+        numbers, situation = given.numbers, given.situation
+        joint = parts[0].pose[:, :2] + parts[0].place(numbers[18:20])
+        total = first.pull + second.pull - first.support - second.support
+        point = situation.point[:, :2] + numbers[15:17]
+        point = np.where(situation.touching[:, None], point, first.com)
+        whole = first.moment(point) + second.moment(point)
+        free = np.where(self._on_second, second.moment(joint), first.moment(joint))
+        return np.column_stack([total, whole, free])
 
     def _loaded(
-        self, k: int, part: PartMotion, motion: Motion, common: Array, friction: LinearFriction
-    ) -> _Loaded:
+        self, k: int, part: PartMotion, motion: Motion, given: Given, friction: LinearFriction
+    ) -> Loaded:
         """Load and pressure of a part; what the joint passes on tips it as a contact does."""
-        cut, at, patch = self.data.intervals, self.middle, self.data.patches[k]
-        own = common[7 * k : 7 * k + 7]
+        at, patch = self.middle, self.data.patches[k]
+        situation, numbers = given.situation, given.numbers
+        own = numbers[7 * k : 7 * k + 7]
         mass, yaw = float(np.exp(own[1])), part.pose[:, 2]
-        pull = mass * (part.acceleration_of(patch.centroid + own[2:4]) - self.data.gravity[:2])
-        touched = (self.data.touched[at] == float(k)) & cut.touching[at]
-        weight = -mass * self.data.gravity[2]
-        normal = np.maximum(weight - np.where(touched, cut.force[at, 2], 0.0), 0.1 * weight)
+        pull = mass * (part.acceleration_of(patch.centroid + own[2:4]) - situation.gravity[:2])
+        touched = (self.data.touched[at] == float(k)) & situation.touching
+        weight = -mass * situation.gravity[2]
+        normal = np.maximum(weight - np.where(touched, situation.force[:, 2], 0.0), 0.1 * weight)
         load = np.exp(own[0] - own[1]) * normal * (1.0 + motion.local[:, 3 * k])
-        resting = self._resting(k, part, common)
-        rough = friction.at(self._state(k, part, common, resting))[:, :2] * load[:, None]
+        resting = self._resting(k, part, numbers)
+        rough = friction.at(self._state(k, part, numbers, resting))[:, :2] * load[:, None]
         rough = turned(rough, yaw)
-        pushed = np.where(touched[:, None], cut.force[at, :2], 0.0)
+        pushed = np.where(touched[:, None], situation.force[:, :2], 0.0)
         height = np.full(len(yaw), own[5])
-        shift = tipping_shift(normal, height, rough, pushed, cut.point[at, 2] + common[14])
-        middle = np.full(len(yaw), float(min(common[5], common[12])))
+        shift = tipping_shift(normal, height, rough, pushed, situation.point[:, 2] + numbers[14])
+        middle = np.full(len(yaw), float(min(numbers[5], numbers[12])))
         passed = pull - rough - pushed
         shift = shift + (middle - height)[:, None] * passed / normal[:, None]
         local = motion.local[:, 3 * k + 1 : 3 * k + 3] * np.sqrt(patch.gyration)
-        return _Loaded(pull, load, resting + turned(shift, -yaw) + local)
+        return Loaded(pull, load, resting + turned(shift, -yaw) + local)
+
+    def _supported(
+        self, k: int, part: PartMotion, given: Given, loaded: Loaded, friction: LinearFriction
+    ) -> tuple[Array, Array]:
+        """Force (R, 2) and torque (R,) of the support about a part's centroid."""
+        patch = self.data.patches[k]
+        motion = self.planar_motion(part, patch)
+        rise = given.acting.rise(motion)
+        centre = loaded.centre + rise @ patch.second_moments
+        load = loaded.load * (1.0 + np.sum(rise * loaded.centre, axis=1))
+        wrench = friction.at(self._state(k, part, given.numbers, centre)) * load[:, None]
+        force = turned(wrench[:, :2], part.pose[:, 2])
+        return given.acting.resisted(motion, force, wrench[:, 2], self._shares[k])
+
+    @cached_property
+    def _shares(self) -> tuple[float, float]:
+        """Of each footprint in the area of both."""
+        areas = [abs(area_and_centroid(patch.outline)[0]) for patch in self.data.patches]
+        return areas[0] / sum(areas), areas[1] / sum(areas)
+
+    def _places(self, k: int, part: PartMotion, numbers: Array) -> tuple[Array, Array]:
+        """Centre of mass and centroid (R, 2), m."""
+        patch, origin = self.data.patches[k], part.pose[:, :2]
+        com = part.place(patch.centroid + numbers[7 * k + 2 : 7 * k + 4])
+        return origin + com, origin + part.place(patch.centroid)
 
     def _acting(
-        self, k: int, part: PartMotion, motion: Motion, common: Array, friction: LinearFriction
+        self,
+        k: int,
+        part: PartMotion,
+        numbers: Array,
+        loaded: Loaded,
+        support: tuple[Array, Array],
     ) -> _Acting:
-        patch, own = self.data.patches[k], common[7 * k : 7 * k + 7]
-        loaded = self._loaded(k, part, motion, common, friction)
-        state = self._state(k, part, common, loaded.centre)
-        wrench = friction.at(state) * loaded.load[:, None]
-        origin = part.pose[:, :2]
-        return _Acting(
-            support=turned(wrench[:, :2], part.pose[:, 2]),
-            torque=wrench[:, 2],
-            pull=loaded.pull,
-            com=origin + part.place(patch.centroid + own[2:4]),
-            centroid=origin + part.place(patch.centroid),
-            spin=np.exp(own[1] + own[4]) * patch.gyration * part.acceleration[:, 2],
-        )
+        own = numbers[7 * k : 7 * k + 7]
+        inertia = np.exp(own[1] + own[4]) * self.data.patches[k].gyration
+        places = self._places(k, part, numbers)
+        return _Acting(*support, loaded.pull, *places, inertia * part.acceleration[:, 2])
 
     def noise(self, floor: float) -> Array:
         """(R, 4) standard deviations of two forces, torque, and torque about the joint."""

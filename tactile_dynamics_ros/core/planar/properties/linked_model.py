@@ -7,22 +7,33 @@ each node carries how friction differs there from its mean, and how the centre o
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.planar.effects.acting import Acting, ends
+from tactile_dynamics_ros.core.planar.effects.effect import PushEffect
+from tactile_dynamics_ros.core.planar.effects.situation import PlanarMotion, Situation
+from tactile_dynamics_ros.core.planar.linked.rows import PairFriction, PartMotion, Pressed
+from tactile_dynamics_ros.core.planar.mechanics.linkage import turned
 from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
+from tactile_dynamics_ros.core.planar.properties.balance import measured_situation
 from tactile_dynamics_ros.core.planar.properties.bordered import NormalEquations
 from tactile_dynamics_ros.core.planar.properties.intervals import Intervals
-from tactile_dynamics_ros.core.planar.properties.linked_motion import Sightings
+from tactile_dynamics_ros.core.planar.properties.linked_motion import (
+    STEPS,
+    Motion,
+    PairData,
+    SeenPart,
+    Sightings,
+)
 from tactile_dynamics_ros.core.planar.properties.push_model import Sharpness
 
 Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 USUAL_FRICTION, FRICTION_SPREAD = 0.3, 0.6
 """Median of friction coefficients and standard deviation of their logarithm before any data, as for
@@ -46,66 +57,18 @@ _VOLUME_STEP = 0.02
 """Change of a logarithm for a difference quotient; half or double changes slopes by 1 %."""
 LOOSE = 1e-6
 """Information on every node beside the data, in units of one pose: a millionth changes nothing."""
-_STEPS = {"pose": 1e-6, "velocity": 1e-5, "acceleration": 1e-3, "local": 1e-5}
-"""Changes for difference quotients, m, m/s, m/s^2 and 1; ten times as large changes no digit that
-matters."""
-
-
-@dataclass(frozen=True)
-class Motion:
-    """Coordinates (R, D), their velocities and accelerations, and how friction differs (R, l)."""
-
-    pose: Array
-    velocity: Array
-    acceleration: Array
-    local: Array
-
-    @classmethod
-    def of_nodes(cls, nodes: Array, middle: NDArray[np.intp], step: float, size: int) -> Motion:
-        """At the middle of intervals, from nodes (N, D + l) of control points and friction."""
-        before, here, after = (nodes[middle + k, :size] for k in (-1, 0, 1))
-        return cls(
-            (before + 6.0 * here + after) / 8.0,
-            (after - before) / (2.0 * step),
-            (before - 2.0 * here + after) / step**2,
-            nodes[middle, size:],
-        )
-
-    def shifted(self, name: str, axis: int) -> Motion:
-        """With one column changed by `_STEPS`."""
-        columns = {n: getattr(self, n) for n in _STEPS}
-        columns[name] = columns[name].copy()
-        columns[name][:, axis] += _STEPS[name]
-        return Motion(**columns)
-
-
-Lack = Callable[[Motion, Array], Array]
-"""Equations (R, e) that are lacking, N or N m, from motion and common numbers."""
-
-
 @dataclass(frozen=True, eq=False)
-class PairData:
-    """What a model of two parts is made from.
+class Given:
+    """What a set of common numbers says.
 
     Attributes:
-        intervals: forces and poses. patches: footprints. gravity: (3,) m/s^2.
-        com_height, com_height_std: m, of both before the data.
-        mask: (N,) intervals whose equations count. spread: (N, D) accelerations allowed elsewhere.
-        travelled: (N - 1,) m between nodes.
-        touched: (N,) 0 or 1, the part that is touched.
-        turning: (N,) whether the parts turn beside each other.
+        numbers: (p,) by the model's names, with what effects add to them.
+        acting: effects at their parameters. situation: what acts in R intervals.
     """
 
-    intervals: Intervals
-    patches: tuple[SupportPatch, SupportPatch]
-    gravity: Array
-    com_height: Array
-    com_height_std: Array
-    mask: Mask
-    spread: Array
-    travelled: Array
-    touched: Array
-    turning: Mask
+    numbers: Array
+    acting: Acting
+    situation: Situation
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,39 +77,123 @@ class PairModel(ABC):
 
     Attributes:
         data: what was measured.
-        names: of the common numbers. freedoms: D coordinates. locals: l numbers of friction.
+        effects: of the model; their parameters follow the common numbers.
+        names: of the common numbers. freedoms: D coordinates, and as many equations: two forces,
+            the torque about the contact, and what a structure adds. locals: l numbers of friction.
         scalings: names of the numbers with which the volume of motions changes.
         endings: of the names of each body's numbers.
+        unknown: names of the numbers of which hardly anything is known before the data.
     """
 
     data: PairData
+    effects: tuple[PushEffect, ...] = field(default=(), kw_only=True)
     names: ClassVar[tuple[str, ...]]
     freedoms: ClassVar[int]
     locals: ClassVar[int]
     scalings: ClassVar[tuple[str, ...]]
+    unknown: ClassVar[tuple[str, ...]]
     endings: ClassVar[tuple[str, ...]] = ("_1", "_2")
 
     @property
     @abstractmethod
-    def prior(self) -> tuple[Array, Array]:
+    def own_prior(self) -> tuple[Array, Array]:
         """Mean and standard deviation of the common numbers."""
 
     @abstractmethod
-    def lack(self, common: Array, motion: Motion, slip: float) -> Lack:
-        """Equations with friction to first order around a motion."""
+    def linear_friction(self, common: Array, motion: Motion, slip: float) -> PairFriction:
+        """Friction of each body to first order around a motion."""
+
+    @abstractmethod
+    def lack(self, motion: Motion, common: Array, friction: PairFriction) -> Array:
+        """Equations (R, D) that are lacking, N or N m."""
+
+    @abstractmethod
+    def support_rows(
+        self, motion: Motion, common: Array, supports: Sequence[tuple[Array, Array]]
+    ) -> Array:
+        """What forces (R, 2) and torques (R,) of the support on each body do to `lack`."""
+
+    @abstractmethod
+    def pressed(self, motion: Motion, common: Array, friction: PairFriction) -> tuple[Pressed, ...]:
+        """How each body rests and slides."""
 
     @abstractmethod
     def noise(self, floor: float) -> Array:
-        """(R, e) standard deviations of the equations."""
+        """(R, D) standard deviations of the equations."""
 
     @abstractmethod
-    def part_poses(self, coordinates: Array, common: Array) -> tuple[Array, Array]:
+    def part_poses(self, coordinates: Array, numbers: Array) -> tuple[Array, Array]:
         """Poses (M, 3) of both parts' frames."""
+
+    @cached_property
+    def prior(self) -> tuple[Array, Array]:
+        """Mean and standard deviation of the common numbers and of the effects' parameters."""
+        mean, std = self.own_prior
+        more = [p.prior_std for effect in self.effects for p in effect.parameters]
+        return np.append(mean, np.zeros(len(more))), np.append(std, more)
+
+    @property
+    def bodies(self) -> tuple[SupportPatch, ...]:
+        """Footprint of each body that feels friction of places."""
+        return self.data.patches
 
     @property
     def body_sizes(self) -> tuple[float, ...]:
-        """Root of the squared radius of gyration, m, of each body that feels friction of places."""
-        return tuple(float(np.sqrt(patch.gyration)) for patch in self.data.patches)
+        """Root of the squared radius of gyration, m, of each body."""
+        return tuple(float(np.sqrt(patch.gyration)) for patch in self.bodies)
+
+    @property
+    def intervals(self) -> Intervals:
+        """Forces and poses."""
+        return self.data.intervals
+
+    def given(self, common: Array) -> Given:
+        """What common numbers say."""
+        acting = Acting(self.effects, common[len(self.names) :])
+        numbers = acting.numbers(common[: len(self.names)], self.names)
+        return Given(numbers, acting, acting.changed(self.presumed(numbers)))
+
+    def presumed(self, numbers: Array) -> Situation:
+        """What was measured, before effects change it."""
+        return self._measured
+
+    @cached_property
+    def _measured(self) -> Situation:
+        return measured_situation(self.data.intervals, self.middle, self.data.gravity)
+
+    def planar_motion(self, part: PartMotion, patch: SupportPatch) -> PlanarMotion:
+        """Motion of a footprint's centroid, as effects see it."""
+        return PlanarMotion(
+            time=self.data.intervals.time[self.middle],
+            place=part.pose[:, :2] + part.place(patch.centroid),
+            velocity=part.velocity_of(patch.centroid),
+            yaw=part.pose[:, 2],
+            rate=part.velocity[:, 2],
+            gyration=patch.gyration,
+            middle=self.middle_place,
+        )
+
+    @cached_property
+    def middle_place(self) -> Array:
+        """(2,) m, mean place of the first body's centroid."""
+        poses = self.data.intervals.poses[0].value
+        offset = np.broadcast_to(self.bodies[0].centroid, (len(poses), 2))
+        return np.asarray(np.mean(poses[:, :2] + turned(offset, poses[:, 2]), axis=0))
+
+    def lack_by_shares(
+        self, motion: Motion, common: Array, friction: PairFriction, shares: Iterable[Array]
+    ) -> Array:
+        """Change (R, D, K) of `lack` by relative changes of friction (R, n) under all points."""
+        pressed = self.pressed(motion, common, friction)
+        ends = np.cumsum([len(patch.share) for patch in self.bodies])[:-1]
+        changes = []
+        for share in shares:
+            supports = [
+                body.support_by(own, friction.slip)
+                for body, own in zip(pressed, np.split(share, ends, axis=1), strict=True)
+            ]
+            changes.append(self.support_rows(motion, common, supports))
+        return np.stack(changes, axis=2)
 
     def pose_std(self, part: int) -> Array:
         """(3,) m, m, rad, that a part's poses are off by."""
@@ -155,6 +202,13 @@ class PairModel(ABC):
     def at(self, name: str) -> int:
         """Place of a common number."""
         return self.names.index(name)
+
+    @cached_property
+    def delayers(self) -> list[int]:
+        """Places of all numbers that delay the stamps of the forces."""
+        starts = len(self.names) + ends(self.effects)
+        added = [int(k) for k, e in zip(starts, self.effects, strict=True) if e.adds_to == "delay"]
+        return [self.at("delay"), *added]
 
     @cached_property
     def middle(self) -> NDArray[np.intp]:
@@ -212,17 +266,20 @@ class PairModel(ABC):
     def _add_dynamics(
         self, equations: NormalEquations, nodes: Array, common: Array, sharp: Sharpness
     ) -> None:
+        equations.add(self.middle, *self.dynamics(nodes, common, sharp))
+
+    def dynamics(self, nodes: Array, common: Array, sharp: Sharpness) -> tuple[Array, Array, Array]:
+        """White residuals (R, D) of `middle`, derivative by nodes (R, D, 3, D + l) and numbers."""
         step = self.data.intervals.step
         motion = Motion.of_nodes(nodes, self.middle, step, self.freedoms)
-        lack, scale = self.lack(common, motion, sharp.slip), 1.0 / self.noise(sharp.floor)
-        residual = lack(motion, common) * scale
+        friction = self.linear_friction(common, motion, sharp.slip)
+        scale = 1.0 / self.noise(sharp.floor)
+        residual = self.lack(motion, common, friction) * scale
 
         def by(name: str, count: int) -> Array:
-            columns = [
-                (lack(motion.shifted(name, axis), common) * scale - residual) / _STEPS[name]
-                for axis in range(count)
-            ]
-            return np.stack(columns, axis=2)
+            moved = [motion.shifted(name, axis) for axis in range(count)]
+            columns = [self.lack(there, common, friction) * scale - residual for there in moved]
+            return np.stack(columns, axis=2) / STEPS[name]
 
         size = self.freedoms
         pose, velocity = by("pose", size), by("velocity", size) / (2.0 * step)
@@ -234,33 +291,43 @@ class PairModel(ABC):
         by_nodes[:, :, 1, size:] = by("local", self.locals)
         columns = []
         for h, row in zip(1e-5 * self.prior[1], np.eye(len(common)), strict=True):
-            columns.append((lack(motion, common + h * row) * scale - residual) / h)
-        equations.add(self.middle, residual, by_nodes, np.stack(columns, axis=2))
+            changed = self.lack(motion, common + h * row, friction) * scale
+            columns.append((changed - residual) / h)
+        return residual, by_nodes, np.stack(columns, axis=2)
 
     def _add_poses(
         self, equations: NormalEquations, nodes: Array, common: Array, part: int
     ) -> None:
-        cut, size = self.data.intervals, self.freedoms
-        poses, delay, std = cut.poses[part], self.at("delay"), self.pose_std(part)
-        at = Sightings.of_poses(cut, poses, float(common[delay]))
+        seen = self.seen(nodes, common, part)
+        by_nodes = np.zeros((*seen.by_nodes.shape[:3], nodes.shape[1]))
+        by_nodes[..., : self.freedoms] = seen.by_nodes
+        equations.add(seen.at.middle, seen.residual, by_nodes, seen.by_common)
+
+    def seen(self, nodes: Array, common: Array, part: int) -> SeenPart:
+        """What the motion of the nodes differs from a part's poses, by their noise."""
+        cut, size, std = self.data.intervals, self.freedoms, self.pose_std(part)
+        poses, numbers = cut.poses[part], common[: len(self.names)]
+        at = Sightings.of_poses(cut, poses, float(np.sum(common[self.delayers])))
         near = at.near(nodes)[:, :, :size]
         place = np.einsum("mk,mki->mi", at.weights, near)
-        seen = self.part_poses(place, common)[part]
-        residual = (seen - poses.value[at.inside]) / std
+        seen = self.part_poses(place, numbers)[part]
         slope = np.zeros((len(place), 3, size))
         for axis, row in enumerate(1e-6 * np.eye(size)):
-            moved = self.part_poses(place + row, common)[part]
+            moved = self.part_poses(place + row, numbers)[part]
             slope[:, :, axis] = (moved - seen) / 1e-6 / std
-        by_nodes = np.zeros((len(place), 3, 3, nodes.shape[1]))
-        by_nodes[:, :, :, :size] = slope[:, :, None, :] * at.weights[:, None, :, None]
         by_common = np.zeros((len(place), 3, len(common)))
         for k in self._placing:
-            row = np.eye(len(common))[k] * 1e-6
-            by_common[:, :, k] = (self.part_poses(place, common + row)[part] - seen) / 1e-6
+            row = np.eye(len(numbers))[k] * 1e-6
+            by_common[:, :, k] = (self.part_poses(place, numbers + row)[part] - seen) / 1e-6
         by_common /= std[:, None]
         rate = np.einsum("mk,mki->mi", at.slopes, near)
-        by_common[:, :, delay] = np.einsum("mai,mi->ma", slope, rate)
-        equations.add(at.middle, residual, by_nodes, by_common)
+        by_common[:, :, self.delayers] = np.einsum("mai,mi->ma", slope, rate)[..., None]
+        return SeenPart(
+            at=at,
+            residual=(seen - poses.value[at.inside]) / std,
+            by_nodes=slope[:, :, None, :] * at.weights[:, None, :, None],
+            by_common=by_common,
+        )
 
     @property
     def _placing(self) -> list[int]:
@@ -289,13 +356,17 @@ class PairModel(ABC):
     def _add_prior(self, equations: NormalEquations, common: Array) -> None:
         mean, std = self.prior
         equations.add_common((common - mean) / std, np.diag(1.0 / std))
-        for name in self.names:
-            if name.startswith("ln_mass"):
-                product, mass = self.at(name.replace("mass", "product")), self.at(name)
-                row = np.zeros((1, len(common)))
-                row[0, [product, mass]] = 1.0 / FRICTION_SPREAD, -1.0 / FRICTION_SPREAD
-                away = common[product] - common[mass] - np.log(USUAL_FRICTION)
-                equations.add_common(np.array([away / FRICTION_SPREAD]), row)
+        for product, mass in self.frictions:
+            row = np.zeros((1, len(common)))
+            row[0, [product, mass]] = 1.0 / FRICTION_SPREAD, -1.0 / FRICTION_SPREAD
+            away = common[product] - common[mass] - np.log(USUAL_FRICTION)
+            equations.add_common(np.array([away / FRICTION_SPREAD]), row)
+
+    @property
+    def frictions(self) -> list[tuple[int, int]]:
+        """Places of ln product and ln mass of each body, whose difference is ln friction."""
+        masses = [name for name in self.names if name.startswith("ln_mass")]
+        return [(self.at(name.replace("mass", "product")), self.at(name)) for name in masses]
 
     def volume_slope(self, nodes: Array, common: Array, sharp: Sharpness) -> Array:
         """Slope (p,) of what the likeliest motion leaves out of the probability of the numbers.

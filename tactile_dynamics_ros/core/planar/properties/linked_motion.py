@@ -1,4 +1,4 @@
-"""Where poses lie on the spline of a latent motion, and a first guess of that motion."""
+"""Latent motion of two parts, where poses lie on it, and a first guess of it."""
 
 from __future__ import annotations
 
@@ -7,12 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
 from tactile_dynamics_ros.core.planar.properties.bordered import NormalEquations
 from tactile_dynamics_ros.core.planar.properties.intervals import Intervals, Poses
 from tactile_dynamics_ros.core.planar.properties.push_model import add_smoothness
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
+STEPS = {"pose": 1e-6, "velocity": 1e-5, "acceleration": 1e-3, "local": 1e-5}
+"""Changes for difference quotients, m, m/s, m/s^2 and 1; ten times as large changes no digit that
+matters."""
 _STEADY = (0.05, 0.05, 1.0)
 """Accelerations that the smoothed motion takes for steady, m/s^2 and rad/s^2, as for one part."""
 _ROUNDS = 8
@@ -78,3 +83,71 @@ def smoothed(cut: Intervals, poses: Poses) -> tuple[Array, Array]:
         curve = nodes[middle - 1] - 2.0 * nodes[middle] + nodes[middle + 1]
         spread[middle] = np.sqrt(0.5 * (np.square(curve / cut.step**2) + np.square(_STEADY)))
     return nodes, spread
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Coordinates (R, D), their velocities and accelerations, and how friction differs (R, l)."""
+
+    pose: Array
+    velocity: Array
+    acceleration: Array
+    local: Array
+
+    @classmethod
+    def of_nodes(cls, nodes: Array, middle: NDArray[np.intp], step: float, size: int) -> Motion:
+        """At the middle of intervals, from nodes (N, D + l) of control points and friction."""
+        before, here, after = (nodes[middle + k, :size] for k in (-1, 0, 1))
+        return cls(
+            (before + 6.0 * here + after) / 8.0,
+            (after - before) / (2.0 * step),
+            (before - 2.0 * here + after) / step**2,
+            nodes[middle, size:],
+        )
+
+    def shifted(self, name: str, axis: int) -> Motion:
+        """With one column changed by `STEPS`."""
+        columns = {n: getattr(self, n) for n in STEPS}
+        columns[name] = columns[name].copy()
+        columns[name][:, axis] += STEPS[name]
+        return Motion(**columns)
+
+
+@dataclass(frozen=True, eq=False)
+class PairData:
+    """What a model of two parts is made from.
+
+    Attributes:
+        intervals: forces and poses. patches: footprints. gravity: (3,) m/s^2.
+        com_height, com_height_std: m, of both before the data.
+        mask: (N,) intervals whose equations count. spread: (N, D) accelerations allowed elsewhere.
+        travelled: (N - 1,) m between nodes.
+        touched: (N,) 0 or 1, the part that is touched.
+        turning: (N,) whether the parts turn beside each other.
+    """
+
+    intervals: Intervals
+    patches: tuple[SupportPatch, SupportPatch]
+    gravity: Array
+    com_height: Array
+    com_height_std: Array
+    mask: Mask
+    spread: Array
+    travelled: Array
+    touched: Array
+    turning: Mask
+
+
+@dataclass(frozen=True, eq=False)
+class SeenPart:
+    """Poses (M,) of one part beside the motion at their stamps.
+
+    Attributes:
+        at: where they lie on the spline. residual: (M, 3) white.
+        by_nodes: (M, 3, 3, D) derivative by three nodes. by_common: (M, 3, p).
+    """
+
+    at: Sightings
+    residual: Array
+    by_nodes: Array
+    by_common: Array

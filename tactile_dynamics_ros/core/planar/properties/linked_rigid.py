@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.planar.linked.rows import LinearFriction, PairPatch, PartMotion
+from tactile_dynamics_ros.core.planar.effects.situation import Situation
+from tactile_dynamics_ros.core.planar.linked.rows import (
+    LinearFriction,
+    Loaded,
+    PairFriction,
+    PairPatch,
+    PartMotion,
+    Pressed,
+)
 from tactile_dynamics_ros.core.planar.mechanics.linkage import cross, turned
-from tactile_dynamics_ros.core.planar.mechanics.support import tipping_shift
+from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch, tipping_shift
 from tactile_dynamics_ros.core.planar.properties.linked_model import (
     DELAY_STD,
     FRICTION_SPREAD,
@@ -21,10 +30,10 @@ from tactile_dynamics_ros.core.planar.properties.linked_model import (
     POINT_STD,
     PRODUCT_SPREAD,
     SCALE_SPREAD,
-    Lack,
-    Motion,
+    Given,
     PairModel,
 )
+from tactile_dynamics_ros.core.planar.properties.linked_motion import Motion
 
 Array = NDArray[np.float64]
 
@@ -52,6 +61,7 @@ class RigidModel(PairModel):
     freedoms: ClassVar[int] = 3
     locals: ClassVar[int] = 3
     scalings: ClassVar[tuple[str, ...]] = ("ln_product", "ln_mass")
+    unknown: ClassVar[tuple[str, ...]] = ("ln_product", "ln_mass", "com_x", "com_y", "ln_ratio")
     endings: ClassVar[tuple[str, ...]] = ("",)
 
     @cached_property
@@ -60,12 +70,12 @@ class RigidModel(PairModel):
         return float(np.sqrt(self.patch.gyration))
 
     @property
-    def body_sizes(self) -> tuple[float, ...]:
-        """Of the one body."""
-        return (self.size,)
+    def bodies(self) -> tuple[SupportPatch, ...]:
+        """Both footprints are those of one body."""
+        return (self.patch,)
 
     @cached_property
-    def prior(self) -> tuple[Array, Array]:
+    def own_prior(self) -> tuple[Array, Array]:
         """Mean and standard deviation of the common numbers."""
         start = np.log(self.typical_force / -self.data.gravity[2])
         height = float(np.mean(self.data.com_height))
@@ -77,59 +87,83 @@ class RigidModel(PairModel):
         std += [np.sqrt(2.0) * FRICTION_SPREAD, HEIGHT_STD, POINT_STD, POINT_STD, DELAY_STD]
         return mean, np.array(std)
 
-    def part_poses(self, coordinates: Array, common: Array) -> tuple[Array, Array]:
+    def part_poses(self, coordinates: Array, numbers: Array) -> tuple[Array, Array]:
         """Poses (M, 3) of both parts' frames."""
         yaw = coordinates[:, 2]
         arm = turned(np.broadcast_to(self.offset[:2], (len(yaw), 2)), yaw)
         second = np.column_stack([coordinates[:, :2] + arm, yaw + self.offset[2]])
         return coordinates, second
 
-    def lack(self, common: Array, motion: Motion, slip: float) -> Lack:
-        """Equations with friction to first order around a motion."""
-        part = PartMotion(motion.pose, motion.velocity, motion.acceleration)
-        state = self._state(part, common, self._loaded(part, motion, common)[1])
-        friction = LinearFriction.of_state(self.patch, state, slip)
+    def presumed(self, numbers: Array) -> Situation:
+        """What was measured, on a body of this mass and centre of mass."""
+        even = np.ones(len(self.middle))
+        mass, com = even * np.exp(numbers[1]), even[:, None] * numbers[2:4]
+        return replace(super().presumed(numbers), mass=mass, com=com)
 
-        def equations(moved: Motion, numbers: Array) -> Array:
-            return self._equations(moved, numbers, friction)
+    def linear_friction(self, common: Array, motion: Motion, slip: float) -> PairFriction:
+        """Friction of both footprints to first order around a motion."""
+        given, part = self.given(common), _part(motion)
+        state = self._state(part, given.numbers, self._loaded(part, motion, given).centre)
+        return PairFriction((LinearFriction.of_state(self.patch, state, slip),), slip)
 
-        return equations
-
-    def _state(self, part: PartMotion, common: Array, centre: Array) -> Array:
+    def _state(self, part: PartMotion, numbers: Array, centre: Array) -> Array:
         twist = part.twist_of(self.patch.centroid)
         even = np.ones(len(twist))
-        return np.column_stack([twist, centre, even * np.exp(common[6]), even * common[7]])
+        return np.column_stack([twist, centre, even * np.exp(numbers[6]), even * numbers[7]])
 
-    def _loaded(
-        self, part: PartMotion, motion: Motion, common: Array
-    ) -> tuple[Array, Array, Array]:
-        """Friction coefficient times load (R,) N, centre of pressure (R, 2) m, pull (R, 2) N."""
-        cut, at = self.data.intervals, self.middle
-        mass, yaw = float(np.exp(common[1])), motion.pose[:, 2]
-        pull = part.acceleration_of(self.patch.centroid + common[2:4]) - self.data.gravity[:2]
-        pull, force = mass * pull, cut.force[at, :2]
-        weight = -mass * self.data.gravity[2]
-        normal = np.maximum(weight - cut.force[at, 2], 0.1 * weight)
-        height = np.full(len(yaw), common[5])
-        shift = tipping_shift(normal, height, pull - force, force, cut.point[at, 2] + common[8])
-        local = motion.local[:, 1:] * np.sqrt(self.patch.gyration)
-        load = np.exp(common[0] - common[1]) * normal * (1.0 + motion.local[:, 0])
-        return load, common[2:4] + turned(shift, -yaw) + local, pull
+    def _loaded(self, part: PartMotion, motion: Motion, given: Given) -> Loaded:
+        patch, situation, numbers = self.patch, given.situation, given.numbers
+        mass, yaw = situation.mass, motion.pose[:, 2]
+        com = turned(patch.centroid + situation.com, yaw)
+        acceleration = part.acceleration_at(com) - situation.gravity[:2]
+        pull, force = mass[:, None] * acceleration, situation.force[:, :2]
+        weight = -mass * situation.gravity[2]
+        normal = np.maximum(weight - situation.force[:, 2], 0.1 * weight)
+        height, above = np.full(len(yaw), numbers[5]), situation.point[:, 2] + numbers[8]
+        shift = tipping_shift(normal, height, pull - force, force, above)
+        local = motion.local[:, 1:] * np.sqrt(patch.gyration)
+        load = np.exp(numbers[0] - numbers[1]) * normal * (1.0 + motion.local[:, 0])
+        return Loaded(pull, load, situation.com + turned(shift, -yaw) + local)
 
-    def _equations(self, motion: Motion, common: Array, friction: LinearFriction) -> Array:
-        cut, at, patch = self.data.intervals, self.middle, self.patch
-        part = PartMotion(motion.pose, motion.velocity, motion.acceleration)
-        load, centre, pull = self._loaded(part, motion, common)
-        com = motion.pose[:, :2] + part.place(patch.centroid + common[2:4])
-        arm = com - cut.point[at, :2] - common[9:11]
-        arm = np.where(cut.touching[at, None], arm, 0.0)
-        wrench = friction.at(self._state(part, common, centre)) * load[:, None]
-        support = turned(wrench[:, :2], motion.pose[:, 2])
-        to_centroid = arm - part.place(common[2:4])
-        inertia = np.exp(common[1] + common[4]) * patch.gyration
-        turning = inertia * motion.acceleration[:, 2] + cross(arm, pull)
-        torque = wrench[:, 2] + cross(to_centroid, support) + cut.torque[at]
-        return np.column_stack([pull - support - cut.force[at, :2], turning - torque])
+    def lack(self, motion: Motion, common: Array, friction: PairFriction) -> Array:
+        """Two forces and the torque about the contact (R, 3) that are lacking, N and N m."""
+        given, part = self.given(common), _part(motion)
+        loaded = self._loaded(part, motion, given)
+        planar = self.planar_motion(part, self.patch)
+        rise = given.acting.rise(planar)
+        centre = loaded.centre + rise @ self.patch.second_moments
+        load = loaded.load * (1.0 + np.sum(rise * loaded.centre, axis=1))
+        wrench = friction.bodies[0].at(self._state(part, given.numbers, centre)) * load[:, None]
+        force = turned(wrench[:, :2], motion.pose[:, 2])
+        support = given.acting.resisted(planar, force, wrench[:, 2])
+        inertia = given.situation.mass * np.exp(given.numbers[4]) * self.patch.gyration
+        turning = inertia * motion.acceleration[:, 2]
+        turning = turning + cross(self._arm(motion, given), loaded.pull)
+        moved = np.column_stack([loaded.pull - given.situation.force[:, :2], turning])
+        moved[:, 2] -= self.data.intervals.torque[self.middle]
+        return moved + self.support_rows(motion, common, [support])
+
+    def _arm(self, motion: Motion, given: Given) -> Array:
+        """(R, 2) m from the contact to the centre of mass; none where nothing touches."""
+        situation = given.situation
+        com = motion.pose[:, :2] + turned(self.patch.centroid + situation.com, motion.pose[:, 2])
+        arm = com - situation.point[:, :2] - given.numbers[9:11]
+        return np.where(situation.touching[:, None], arm, 0.0)
+
+    def support_rows(
+        self, motion: Motion, common: Array, supports: Sequence[tuple[Array, Array]]
+    ) -> Array:
+        """What a force (R, 2) and torque (R,) of the support on the body do to `lack`."""
+        given, ((force, torque),) = self.given(common), supports
+        centroid = self._arm(motion, given) - turned(given.situation.com, motion.pose[:, 2])
+        return -np.column_stack([force, torque + cross(centroid, force)])
+
+    def pressed(self, motion: Motion, common: Array, friction: PairFriction) -> tuple[Pressed, ...]:
+        """How the body rests and slides."""
+        given, part = self.given(common), _part(motion)
+        loaded = self._loaded(part, motion, given)
+        state = self._state(part, given.numbers, loaded.centre)
+        return (Pressed(self.patch, part, state, loaded.load),)
 
     def noise(self, floor: float) -> Array:
         """(R, 3) standard deviations of two forces and the torque."""
@@ -139,3 +173,7 @@ class RigidModel(PairModel):
         size = np.linalg.norm(cut.force[at, :2], axis=1)
         torque = np.hypot(size * cut.point_std[at], least * self.size)
         return np.column_stack([np.hypot(force, least), torque])
+
+
+def _part(motion: Motion) -> PartMotion:
+    return PartMotion(motion.pose, motion.velocity, motion.acceleration)
