@@ -73,6 +73,6 @@ def _words(parser: argparse.ArgumentParser) -> Iterator[str]:
 def _effect_names() -> list[str]:
     """Return the names of the effects of all models."""
     from tactile_dynamics_ros.core.effects import EFFECT_NAMES
-    from tactile_dynamics_ros.core.planar.effects.effect import PUSHED_EFFECT_NAMES
+    from tactile_dynamics_ros.core.planar.effects.registry import PUSHED_EFFECT_NAMES
 
     return sorted({*EFFECT_NAMES, *PUSHED_EFFECT_NAMES})

@@ -72,7 +72,7 @@ def _entries(model: str, name: str | None) -> list[CatalogueEntry]:
     from tactile_dynamics_ros.core.effects.catalogue import describe_effect
     from tactile_dynamics_ros.core.effects.registry import HELD
     from tactile_dynamics_ros.core.friction.effects import FRICTION, describe_friction_effect
-    from tactile_dynamics_ros.core.planar.effects.effect import PUSHED, describe_pushed_effect
+    from tactile_dynamics_ros.core.planar.effects.registry import PUSHED, describe_pushed_effect
 
     registries: dict[str, EffectRegistry[Any]] = {
         registry.model: registry for registry in (HELD, FRICTION, PUSHED)

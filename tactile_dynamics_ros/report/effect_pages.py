@@ -27,7 +27,7 @@ from tactile_dynamics_ros.core.effects.formula.quantities import (
     SCALARS,
     VECTORS,
 )
-from tactile_dynamics_ros.core.planar.effects.effect import (
+from tactile_dynamics_ros.core.planar.effects.registry import (
     PUSHED_EFFECT_NAMES,
     describe_pushed_effect,
 )
@@ -152,8 +152,9 @@ is one, [`examples/07_effect_from_a_formula.py`](../examples/07_effect_from_a_fo
 from yaml. Say `external = False` in the class if it is an error of what sensors read, and not a
 wrench on the object: the latter is shown late by sensors that are late.
 
-Effects of pushes are classes only: subclass `PushEffect`, decorate it with `@PUSHED.register` (both
-in `core/planar/effects/effect.py`); [how/effect.md](how/effect.md#an-effect-of-pushes) has one.
+Effects of pushes are classes only: subclass `PushEffect`, decorate it with `@PUSHED.register`
+(`effect.py` and `registry.py` of `core/planar/effects`);
+[how/effect.md](how/effect.md#an-effect-of-pushes) has one.
 
 **A class in a package of yours**: name it in the entry-point group and it is known wherever the
 package is installed, in nodes too:

@@ -23,7 +23,7 @@ from tactile_dynamics_ros.core.effects.check import (
 from tactile_dynamics_ros.core.effects.formula import load_effects
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.friction.effects import FRICTION
-from tactile_dynamics_ros.core.planar.effects.effect import PUSHED
+from tactile_dynamics_ros.core.planar.effects.registry import PUSHED
 from tactile_dynamics_ros.recording import Recording
 
 SAMPLES = example_samples()
@@ -335,7 +335,8 @@ def test_formulas_of_motion_are_external_and_those_of_forces_are_not(tmp_path):
 
 OWN_PUSH_EFFECT = """
 from tactile_dynamics_ros.core.effects import EffectParameter
-from tactile_dynamics_ros.core.planar.effects.effect import PUSHED, PushEffect
+from tactile_dynamics_ros.core.planar.effects.effect import PushEffect
+from tactile_dynamics_ros.core.planar.effects.registry import PUSHED
 from tactile_dynamics_ros.core.planar.effects.support import SupportTilt
 
 class Windy(PushEffect):

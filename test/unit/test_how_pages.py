@@ -9,7 +9,7 @@ import pytest
 
 from tactile_dynamics_ros.cli import main as cli
 from tactile_dynamics_ros.core.effects import registry
-from tactile_dynamics_ros.core.planar.effects.effect import PUSHED
+from tactile_dynamics_ros.core.planar.effects.registry import PUSHED
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 PAGES = sorted((DOCS / "how").glob("*.md"))

@@ -9,7 +9,7 @@ import pytest
 from tactile_dynamics_ros.cli.main import main
 from tactile_dynamics_ros.core.planar.diagnosis.discrepancy_model import PushDiscrepancy
 from tactile_dynamics_ros.core.planar.diagnosis.variation import SLOPE, VARIATION, Table
-from tactile_dynamics_ros.core.planar.effects.effect import PUSHED
+from tactile_dynamics_ros.core.planar.effects.registry import PUSHED
 from tactile_dynamics_ros.core.planar.properties.estimate import estimate
 from tactile_dynamics_ros.recording.pushed import PushedRecording
 from tactile_dynamics_ros.synthetic import pushed

@@ -33,7 +33,9 @@ from tactile_dynamics_ros.core.planar.diagnosis.variation import (
     field_rows,
     likeliest_table,
 )
-from tactile_dynamics_ros.core.planar.effects.effect import PUSHED, PushEffect
+from tactile_dynamics_ros.core.planar.effects.effect import PushEffect
+from tactile_dynamics_ros.core.planar.effects.gated import can_be_gated
+from tactile_dynamics_ros.core.planar.effects.registry import PUSHED
 from tactile_dynamics_ros.core.planar.properties.balance import NAMES, Friction, Kinematics
 from tactile_dynamics_ros.core.planar.properties.fit import (
     final_sharpness,
@@ -327,7 +329,7 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
         kept = tuple(range(columns.shape[1]))
         return Family(
             effect.name, effect.name + at, effect.name, columns, kept, choices, source=effect,
-            lasting=effect.lasting,
+            lasting=effect.lasting, regional=can_be_gated(effect) and effect.start is None,
         )  # fmt: skip
 
     def _spanned(self, effect: PushEffect) -> tuple[Array, Array]:

@@ -1,4 +1,4 @@
-"""What every effect of a pushed object is, and their registry."""
+"""What every effect of a pushed object is."""
 
 from __future__ import annotations
 
@@ -8,34 +8,10 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.effects.catalogue import CatalogueEntry, entry_of
 from tactile_dynamics_ros.core.effects.parameter import EffectParameter
-from tactile_dynamics_ros.core.effects.registry import EffectRegistry
 from tactile_dynamics_ros.core.planar.effects.situation import PlanarMotion, Situation
 
 Array = NDArray[np.float64]
-
-PUSHED_EFFECT_NAMES = (
-    "support_tilt",
-    "viscous_support",
-    "velocity_weakening",
-    "anisotropic_support",
-    "friction_gradient",
-    "concentrated_pressure",
-    "tether_spring",
-    "constant_pull",
-    "unsensed_contact",
-    "force_bias",
-    "force_scale",
-    "sensor_rotation",
-    "friction_change",
-    "load_change",
-    "loose_joint",
-    "contact_offset",
-    "sensor_lag",
-    "time_offset",
-)
-"""Names of the effects of a pushed object in the order in which people see them; they are API."""
 
 
 class PushEffect(ABC):
@@ -129,22 +105,3 @@ class PushEffect(ABC):
         """Whether parameters are such that the effect can exist."""
         least = np.array([parameter.least for parameter in self.parameters])
         return bool(np.all(theta >= least))
-
-
-PUSHED: EffectRegistry[PushEffect] = EffectRegistry(
-    "pushed",
-    PUSHED_EFFECT_NAMES,
-    (
-        "tactile_dynamics_ros.core.planar.effects.support",
-        "tactile_dynamics_ros.core.planar.effects.load",
-        "tactile_dynamics_ros.core.planar.effects.joint",
-        "tactile_dynamics_ros.core.planar.effects.sensing",
-    ),
-)
-"""Effects of a pushed object."""
-
-
-def describe_pushed_effect(name: str) -> CatalogueEntry:
-    """Entry of an effect in the catalogue."""
-    effect = PUSHED.create(name)
-    return entry_of(effect, PUSHED.model, effect.parameters, (name,))

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from tactile_dynamics_ros.core.effects.parameter import EffectParameter
-from tactile_dynamics_ros.core.planar.effects.effect import PUSHED, PushEffect
+from tactile_dynamics_ros.core.planar.effects.effect import PushEffect
+from tactile_dynamics_ros.core.planar.effects.registry import PUSHED
 
 
 @PUSHED.register

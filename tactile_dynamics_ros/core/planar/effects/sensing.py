@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.effects.parameter import EffectParameter
-from tactile_dynamics_ros.core.planar.effects.effect import PUSHED, PushEffect
+from tactile_dynamics_ros.core.planar.effects.effect import PushEffect
+from tactile_dynamics_ros.core.planar.effects.registry import PUSHED
 from tactile_dynamics_ros.core.planar.effects.situation import Situation
 from tactile_dynamics_ros.core.planar.mechanics.linkage import turned
 

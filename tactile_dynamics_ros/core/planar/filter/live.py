@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.planar.effects.effect import PUSHED
+from tactile_dynamics_ros.core.planar.effects.registry import PUSHED
 from tactile_dynamics_ros.core.planar.filter.change import Change, ChangeConfig, ChangeMonitor
 from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess
 from tactile_dynamics_ros.core.planar.filter.process import Process

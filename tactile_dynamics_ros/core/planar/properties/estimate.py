@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
-from tactile_dynamics_ros.core.planar.effects.effect import PUSHED
+from tactile_dynamics_ros.core.planar.effects.registry import PUSHED
 from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
 from tactile_dynamics_ros.core.planar.properties.balance import NAMES
 from tactile_dynamics_ros.core.planar.properties.intervals import COARSE
