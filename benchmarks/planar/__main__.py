@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.planar import ahead, choice, daily, speed
+from benchmarks.planar import ahead, choice, daily, noise, speed
 from benchmarks.planar.ablations import FILTERS
 from benchmarks.planar.fit import fitted
 from benchmarks.planar.scores import mean_interval, scored
@@ -250,6 +250,31 @@ def ablated(options: argparse.Namespace) -> dict[str, Any]:
     return {"n": len(ones), "setting": options.setting, "action": options.action, "filter": rows}
 
 
+def noises(options: argparse.Namespace) -> dict[str, Any]:
+    """What noise nets say of looks and touches, and what a filter makes of it."""
+    seeds = range(options.first, options.first + options.objects)
+    keep = Kept(options.keep, f"noise_{seeds.start}_{seeds.stop}")
+    ones = [keep.of(f"case_{seed}", partial(noise.case_of, seed)) for seed in seeds]
+    truths, ranges = [truth_of(one.one.scene) for one in ones], _ranges("single")
+    found: dict[str, Any] = {"n": len(ones), "setting": "slow", "action": "push", "filter": {}}
+    found |= {"poses": noise.looks(ones), "forces": noise.touches(ones)}
+    for name, way in noise.WAYS.items():
+
+        def tell(k: int, way: noise.Way = way) -> dict[str, Any]:
+            return noise.run(ones[k], way)
+
+        told = each_of(tell, len(ones), keep, name)
+        row = scored([t["values"] for t in told], truths, ranges) | calibration(told)
+        row |= {key: mean_interval(np.array([t[key] for t in told])) for key in noise.POSES}
+        found["filter"][name] = row
+    return found
+
+
+def noise_table(found: dict[str, Any]) -> str:
+    """Rows of what is stated, then of what filters make of it."""
+    return noise.table(found) + "\n" + table("filter with and without noise nets", found)
+
+
 def calibration(told: list[dict[str, Any]]) -> dict[str, Any]:
     """How often 90 % intervals hold, the worst error in its std, NEES of poses, times."""
     rows = {key: [z for t in told for z in t["z"].get(key, [])] for key in _KEYS}
@@ -324,6 +349,7 @@ SECTIONS: dict[str, tuple[Callable[..., Any], Callable[..., str]]] = {
     "choice": (choices, choice.table),
     "speed": (speeds, speed.table),
     "daily": (daily_objects, partial(table, "daily objects")),
+    "noise": (noises, noise_table),
     "ablations": (ablated, partial(table, "ablations of the filter on `patch`")),
 }
 """Parts of their own: what measures and what tells them."""

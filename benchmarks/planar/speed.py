@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.planar.trial import POSE_STD
 from tactile_dynamics_ros.core.planar.filter.dual import DualConfig, DualFilter
 from tactile_dynamics_ros.core.planar.filter.observation import FeltWrench, Observation, SeenPose
 from tactile_dynamics_ros.core.planar.filter.process import Process, PusherMotion
 from tactile_dynamics_ros.synthetic.pushed.objects import PushedObject
+from tactile_dynamics_ros.synthetic.pushed.sensed import POSE_STD
 
 STEPS, PERIOD, SPEED = 60, 1.0 / 15.0, 0.025
 """Steps that are timed, s of each, m/s of the tip."""

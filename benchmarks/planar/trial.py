@@ -11,13 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.planar.filter.dual import DualConfig, DualFilter
-from tactile_dynamics_ros.core.planar.filter.observation import FeltWrench, Observation, SeenPose
+from tactile_dynamics_ros.core.planar.filter.observation import Observation
 from tactile_dynamics_ros.core.planar.filter.process import Process, PusherMotion
 from tactile_dynamics_ros.synthetic import pushed
 from tactile_dynamics_ros.synthetic.pushed.objects import GRAVITY, PushedObject, draw_object
-from tactile_dynamics_ros.synthetic.pushed.scene import STEP
+from tactile_dynamics_ros.synthetic.pushed.sensed import (
+    POSE_STD,
+    SensedStep,
+    giving_way,
+    sensed_steps,
+)
 from tactile_dynamics_ros.synthetic.pushed.sensors import SensorOptions
-from tactile_dynamics_ros.synthetic.pushed.transitions import states_at, true_parameters
+from tactile_dynamics_ros.synthetic.pushed.transitions import true_parameters
 
 Array = NDArray[np.float64]
 
@@ -27,16 +32,6 @@ SLOW = pushed.ActionOptions(
 FAST = pushed.ActionOptions(count=4, speed=(0.03, 0.2), tilt_deg=5)
 SETTINGS = {"slow": (1.0 / 15.0, SLOW), "fast": (0.01, FAST)}
 """Paper B: 15 Hz, 25 mm/s, 5 s per push, normal +-5 deg; and 100 Hz, 30 to 200 mm/s, hard stops."""
-FORCE_STD, POSE_STD = 0.03, np.array([5e-4, 5e-4, np.radians(0.2)])
-"""Noise of each mean force, N, and of each pose."""
-JUMP = 1.5 * STEP
-"""m in a tick of the physical clock above which a pusher jumps: 1.5 m/s."""
-TURNING_REACH = 0.05
-"""m at which a turn counts as a way: grippers turn by less than 1 rad/s while they pull."""
-POINT_STD = 3e-4
-"""m of the contact points."""
-STIFFNESS = 2e4
-"""N/m of tip and arm, by which the touched point lags behind the pusher."""
 STANDS = 1.5e-3
 """m/s below which an object that nothing touches has stopped, as `PushTracker` has it."""
 INSIDE = 1.645
@@ -137,83 +132,6 @@ def truth_of(scene: Any) -> dict[str, float]:
     return found
 
 
-def sensed_steps(
-    one: Any, setting: str, seed: int
-) -> tuple[list[tuple[PusherMotion | None, Observation]], Array]:
-    """Motions of the pusher (None where nothing is touched) and what is sensed; true states."""
-    scene, motion = one.scene, one.motion
-    period = SETTINGS[setting][0]
-    span, rng = round(period / STEP), np.random.default_rng([seed, 7])
-    states = states_at(scene, motion)
-    found: list[tuple[PusherMotion | None, Observation]] = []
-    starts = np.arange(3, len(states) - span - 1, span)
-    for k in starts.tolist():
-        window = slice(k + 1, k + span + 1)
-        pulls = bool(motion.contact[window, 1:].any())
-        touched = motion.contact[window, 1 if pulls else 0].mean()
-        poses = tuple(
-            SeenPose(pose[:3] + POSE_STD * rng.normal(size=3), POSE_STD, 0.0, link)
-            for link, pose in enumerate(states[k + span].reshape(-1, 6))
-        )
-        noise = FORCE_STD * rng.normal(size=(2, 2) if pulls else 2)
-        if touched < 0.5:
-            found.append((None, Observation(poses)))
-            continue
-        steady = bool(touched > 0.99 and found and found[-1][0] is not None)
-        moved = _pulled(scene, motion, k, period) if pulls else _pushed(scene, motion, k, period)
-        felt = (_felt_by_pads if pulls else _felt_by_tip)(motion, window, moved, noise)
-        found.append((moved, Observation(poses, felt if steady else None)))
-    return found, states[starts + span]
-
-
-def _pushed(scene: Any, motion: Any, k: int, period: float) -> PusherMotion:
-    """The tip's motion in the step after a tick."""
-    end = k + round(period / STEP)
-    row = k + 1 + int(np.argmax(motion.contact[k + 1 : end + 1, 0]))
-    normal, tip = motion.normal[row, 0], motion.pusher[:, :2]
-    begin = _arrived(tip, k, end)
-    before = np.append(tip[begin] + scene.tip.radius * normal, 0.0)
-    after = before + np.append(tip[end] - tip[begin], 0.0)
-    return PusherMotion(
-        before, after, period, scene.tip.height, touching=True, normal=normal,
-        link=int(motion.touched[row]),
-    )  # fmt: skip
-
-
-def _pulled(scene: Any, motion: Any, k: int, period: float) -> PusherMotion:
-    """The gripper's motion in the step after a tick."""
-    end = k + round(period / STEP)
-    before = motion.pusher[_arrived(motion.pusher, k, end)]
-    return PusherMotion(
-        before, motion.pusher[end], period, scene.tip.height, grip=True, touching=True,
-        link=int(motion.touched[k + 1]),
-    )  # fmt: skip
-
-
-def _arrived(place: Array, begin: int, end: int) -> int:
-    """Tick at which the pusher came to this action: simulated ones jump from action to action."""
-    ways = np.diff(place[begin : end + 1], axis=0)
-    ways[:, 2:] *= TURNING_REACH
-    jumps = np.flatnonzero(np.linalg.norm(ways, axis=1) > JUMP)
-    return begin + 1 + int(jumps[-1]) if len(jumps) else begin
-
-
-def _felt_by_tip(motion: Any, window: slice, _: PusherMotion, noise: Array) -> FeltWrench:
-    return FeltWrench(motion.force[window, 0].mean(axis=0) + noise, np.full(2, FORCE_STD))
-
-
-def _felt_by_pads(motion: Any, window: slice, moved: PusherMotion, noise: Array) -> FeltWrench:
-    """Force of both pads and its torque about where the gripper began, as `PushTracker` has it."""
-    force = motion.force[window, 1:].mean(axis=0) + noise
-    arm = motion.point[window, 1:].mean(axis=0) - moved.before[:2]
-    torque = float(np.sum(arm[:, 0] * force[:, 1] - arm[:, 1] * force[:, 0]))
-    squeeze = float(np.linalg.norm(force, axis=1).max())
-    reach = float(np.linalg.norm(arm, axis=1).max())
-    spread = np.hypot(reach * FORCE_STD * np.sqrt(2.0), POINT_STD * squeeze)
-    std = np.array([FORCE_STD * np.sqrt(2.0), FORCE_STD * np.sqrt(2.0), spread])
-    return FeltWrench(np.append(force.sum(axis=0), torque), std)
-
-
 def filtered(
     process: Process,
     prior: tuple[Array, Array],
@@ -236,24 +154,62 @@ def filtered(
         make: the filter.
         config: of the filter, but for the seed.
     """
-    steps, true = sensed_steps(one, setting, seed)
-    start = np.concatenate([pose.value for pose in steps[0][1].poses])
+    steps = sensed_steps(one, SETTINGS[setting][0], seed)
+    start = np.concatenate([pose.value for pose in steps[0].seen.poses])
     belief = make(process, start, POSE_STD, replace(config or DualConfig(), seed=seed), prior)
-    nees, times = [], []
-    for k, (motion, seen) in enumerate(steps):
+    after = follow(belief, steps, model)
+    found = described(*belief.parameters, process, one.scene)
+    times = 1e3 * np.array([each.seconds for each in after])
+    return found | {"nees": float(np.mean([each.nees for each in after])),
+                    "step_ms": float(np.mean(times)),
+                    "step_ms_p99": float(np.quantile(times, 0.99))}  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class After:
+    """What is believed after a touched step.
+
+    Attributes:
+        number: of the step.
+        nees: squared error of the poses over their covariance and freedom.
+        error: (3 L,) of the poses, m and rad. seconds: of processor time.
+    """
+
+    number: int
+    nees: float
+    error: Array
+    seconds: float
+
+
+def follow(
+    belief: DualFilter,
+    steps: Sequence[SensedStep],
+    model: str,
+    sense: Callable[[DualFilter, SensedStep], Observation] = lambda _, step: step.usual,
+) -> list[After]:
+    """Let a filter take all steps.
+
+    Args:
+        belief: the filter.
+        steps: of a recording.
+        model: its name.
+        sense: what the filter is shown of a step.
+    """
+    found = []
+    for k, step in enumerate(steps):
         began = time.process_time()
-        if motion is not None and model == "patch":
-            motion, seen = _giving_way(motion, seen, steps[max(k - 1, 0) : k + 2])
-        elif motion is None and process.links == 1 and _moves(belief):
-            motion = PusherMotion(np.zeros(3), np.zeros(3), SETTINGS[setting][0], touching=False)
-        belief.step(motion, seen)
-        if motion is not None:
-            times.append(time.process_time() - began)
-            nees.append(_nees(belief, true[k]))
-    found = _described(*belief.parameters, process, one.scene)
-    p99 = 1e3 * float(np.quantile(times, 0.99))
-    return found | {"nees": float(np.mean(nees)), "step_ms": 1e3 * float(np.mean(times)),
-                    "step_ms_p99": p99}  # fmt: skip
+        if step.motion is not None and model == "patch":
+            step = giving_way(steps[max(k - 1, 0) : k + 2], step)
+        motion = step.motion
+        if motion is None and belief.process.links == 1 and _moves(belief):
+            period = steps[0].period
+            motion = PusherMotion(np.zeros(3), np.zeros(3), period, touching=False)
+        belief.step(motion, sense(belief, step))
+        if step.motion is not None:
+            error = (belief.state[0] - step.truth).reshape(-1, 6)[:, :3].ravel()
+            spent = time.process_time() - began
+            found.append(After(k, _nees(belief, step.truth), error, spent))
+    return found
 
 
 def _moves(belief: DualFilter) -> bool:
@@ -269,17 +225,7 @@ def _nees(belief: DualFilter, truth: Array) -> float:
     return float(off @ np.linalg.solve(covariance[np.ix_(rows, rows)], off)) / len(rows)
 
 
-def _giving_way(
-    motion: PusherMotion, seen: Observation, near: list[tuple[PusherMotion | None, Observation]]
-) -> tuple[PusherMotion, Observation]:
-    """The touched point of a tip that gives way while the force grows, as the tracker has it."""
-    force = [s.wrench.value[:2] if s.wrench is not None else np.zeros(2) for _, s in near]
-    lag = 0.5 * (force[-1] - force[0]) / (STIFFNESS * motion.step)
-    after = motion.after - np.append(motion.step * lag, 0.0)
-    return replace(motion, after=after), replace(seen, slack=lag)
-
-
-def _described(mean: Array, covariance: Array, process: Process, scene: Any) -> dict[str, Any]:
+def described(mean: Array, covariance: Array, process: Process, scene: Any) -> dict[str, Any]:
     """Estimates of each quantity, and by how many std each number is off."""
     truth, std = true_parameters(scene), np.sqrt(np.diag(covariance))
     values: dict[str, float] = {}

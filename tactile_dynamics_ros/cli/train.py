@@ -26,13 +26,15 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
         "--units", type=int, default=12000, help="simulated sensors per protocol (12000)"
     )
     parser.add_argument(
-        "--epochs", type=int, default=None, help="passes over the frames (biotac 11, pushing 30)"
+        "--epochs", type=int, help="passes over the examples (biotac 11, pushing 30, --noise 60)"
     )
     parser.add_argument("--out", metavar="FILE", help="where to write (the shipped file)")
     pushing = parser.add_argument_group("pushing")
     pushing.add_argument("--kind", choices=["graph", "graph_residual"], default="graph")
     pushing.add_argument("--setting", choices=["slow", "fast"], default="slow", help="15 Hz (slow)")
-    pushing.add_argument("--objects", type=int, default=640, help="simulated single objects (640)")
+    pushing.add_argument(
+        "--objects", type=int, help="simulated single objects (640; 48 with --noise)"
+    )
     pushing.add_argument("--width", type=int, default=64, help="hidden units (64)")
     pushing.add_argument("--keep", metavar="DIR", help="where an interrupted run goes on from")
     pushing.add_argument(
@@ -41,6 +43,11 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
         help="train in rounds, on pushes that are chosen so among 15 of each object",
     )
     pushing.add_argument("--rounds", type=int, default=4, help="of --choice (4)")
+    pushing.add_argument(
+        "--noise",
+        action="store_true",
+        help="train what tells by how much poses and forces are worse than they say",
+    )
     parser.set_defaults(run=run)
 
 
@@ -56,7 +63,13 @@ def run(args: Namespace) -> int:
     """Press, train, calibrate and write the weights."""
     require_extra("torch", "train", "training")
     if args.epochs is None:
-        args.epochs = 11 if args.what == "biotac" else 30
+        args.epochs = 11 if args.what == "biotac" else 60 if args.noise else 30
+    if args.objects is None:
+        args.objects = 48 if args.noise else 640
+    if args.what == "pushing" and args.noise:
+        from tactile_dynamics_ros.cli import train_noise
+
+        return train_noise.run(args)
     if args.what == "pushing":
         from tactile_dynamics_ros.cli import train_pushing, train_pushing_rounds
 

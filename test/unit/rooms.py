@@ -83,7 +83,8 @@ ROOMS = {
     ),
     "core/planar/filter": Room(
         "live belief about a pushed object: a dual filter over any model that predicts pushes",
-        ("core/planar", "core/planar/effects", "core/planar/mechanics", "core/planar/properties"),
+        ("core/planar", "core/planar/effects", "core/planar/mechanics", "core/planar/memory")
+        + ("core/planar/properties",),
     ),
     "core/planar/actions": Room(
         "pushes and pulls as paths of a gripper; what they would tell",
@@ -182,12 +183,14 @@ ROOMS = {
     ),
     "synthetic": Room(
         "recordings with known truth from closed forms; knows no effect of the catalogue",
-        ("core/planar", "core/planar/mechanics", "core/planar/network", "core/streams"),
+        ("core/planar", "core/planar/filter", "core/planar/mechanics", "core/planar/network")
+        + ("core/streams",),
     ),
     "sim": Room(
         "the PyBullet stand-in for hand, arm, sensors and object, with hidden effects",
-        ("core/manipulation", "core/planar", "core/planar/actions", "core/rigid_body")
-        + ("core/robot", "core/tactile"),
+        ("core/manipulation", "core/planar", "core/planar/actions", "core/planar/network")
+        + ("core/rigid_body", "core/robot", "core/shape", "core/tactile")
+        + ("core/tracking",),
         ("pybullet", "pybullet_data"),
     ),
     "report": Room(

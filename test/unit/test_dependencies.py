@@ -151,7 +151,7 @@ def importers(folder, names):
 
 def test_only_the_simulated_robot_and_the_demo_use_the_simulator():
     users = set(importers("nodes", [f"{PACKAGE}.sim"])) | set(importers("cli", [f"{PACKAGE}.sim"]))
-    assert users <= {"nodes/robot_sim.py", "cli/train.py", "cli/bringup.py"}
+    assert users <= {"nodes/robot_sim.py", "cli/train.py", "cli/train_noise.py", "cli/bringup.py"}
 
 
 def test_the_folder_of_nodes_is_the_list_of_executables():

@@ -9,9 +9,10 @@ from benchmarks.planar.__main__ import calibration, table
 from benchmarks.planar.ablations import Clipped
 from benchmarks.planar.daily import daily_things
 from benchmarks.planar.scores import nrmse, scored
-from benchmarks.planar.trial import _arrived, _distance, _felt_by_pads, _pulled
+from benchmarks.planar.trial import _distance
 from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess
 from tactile_dynamics_ros.synthetic.pushed.recordings import PushOptions, draw_scene
+from tactile_dynamics_ros.synthetic.pushed.sensed import arrived, felt_by_pads, pulled
 
 
 def told(z, **more):
@@ -56,12 +57,12 @@ def test_errors_are_over_the_range_of_the_set():
 def test_a_step_in_which_the_pusher_jumps_begins_where_it_arrives():
     place = np.zeros((12, 2))
     place[:, 0] = 1e-5 * np.arange(12)
-    assert _arrived(place, 2, 10) == 2
+    assert arrived(place, 2, 10) == 2
     place[6:] += 0.1
-    assert _arrived(place, 2, 10) == 6
+    assert arrived(place, 2, 10) == 6
     turned = np.zeros((12, 3))
     turned[7:, 2] = 2.0
-    assert _arrived(turned, 2, 10) == 7
+    assert arrived(turned, 2, 10) == 7
 
 
 def test_pads_feel_the_sum_of_forces_and_their_torque_about_the_gripper():
@@ -75,9 +76,9 @@ def test_pads_feel_the_sum_of_forces_and_their_torque_about_the_gripper():
         pusher=pusher, point=point, force=force, touched=np.zeros(count, dtype=int)
     )
     scene = SimpleNamespace(tip=SimpleNamespace(height=0.02))
-    moved = _pulled(scene, motion, 0, 0.01)
+    moved = pulled(scene, motion, 0, 0.01)
     assert moved.grip
-    felt = _felt_by_pads(motion, slice(1, 10), moved, np.zeros((2, 2)))
+    felt = felt_by_pads(motion, slice(1, 10), moved, np.zeros((2, 2)))
     np.testing.assert_allclose(felt.value, [1.5, 0.0, -0.015], atol=1e-12)
 
 

@@ -80,12 +80,16 @@ class Sighting:
         pose: (4, 4) X_WO. covariance: (6, 6) [rotation, position], world axes.
         score: share of the visible model that is where it should be.
         visible: share of the near side that nothing hides.
+        points: pixels within the object's reach that show neither robot nor support, 0 where not
+            known. misfit: root of the mean squared whitened distance of those that were used.
     """
 
     pose: Array
     covariance: Array
     score: float
     visible: float
+    points: int = 0
+    misfit: float = 0.0
 
 
 class Watch:

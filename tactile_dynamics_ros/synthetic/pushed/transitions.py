@@ -76,7 +76,7 @@ def cut_steps(
     span = round(period / STEP)
     stride = span if every is None else max(1, round(every / STEP))
     start = np.arange(3, len(states) - span - 1, stride)
-    start = start[_steady(motion, start, span)]
+    start = start[steady(motion, start, span)]
     touched = np.array([motion.contact[k + 1 : k + span + 1, 0].mean() for k in start])
     kept = (touched > 0.99) | ((touched == 0.0) & (np.arange(len(start)) % _UNTOUCHED_EVERY == 0))
     start, touched = start[kept], touched[kept]
@@ -93,7 +93,7 @@ def cut_steps(
     return found
 
 
-def _steady(motion: Motion, start: np.ndarray, span: int) -> np.ndarray:
+def steady(motion: Motion, start: np.ndarray, span: int) -> np.ndarray:
     """Return whether the pusher does not jump to its next action within a step."""
     jump = np.linalg.norm(np.diff(motion.pusher[:, :2], axis=0), axis=1) > 1.5 * STEP
     jumps = np.concatenate([[0], np.cumsum(jump)])

@@ -54,8 +54,6 @@ seconds."""
 _STANDING = (1e-3, 1e-3, 1e-2)
 """Standard deviation of the rates of an object that nothing touches and that has stopped, m/s and
 rad/s; it is taken to stand still."""
-
-
 _STARTS = 0.3
 """Change of the pusher's velocity from one coarse step to the next, over its speed, from which it
 counts as started or stopped within the step. At 1 products of slow pushes on even tables are up to
@@ -102,6 +100,13 @@ class _Ahead:
     def told(self) -> Array:
         """(C, m) that is expected to be seen of each parameter."""
         return self.by_own[:, self.by_own.shape[1] - self.seen :]
+
+    @property
+    def expected(self) -> tuple[Array, Array]:
+        """Mean (m,) and covariance (m, m) of what is seen, without noise of measurements."""
+        told, spread = self.told, self.spread[:, self.spread.shape[1] - self.seen :]
+        covariance = np.cov(told.T, bias=True).reshape(self.seen, self.seen)
+        return told.mean(axis=0), np.asarray(covariance + spread.T @ spread)
 
 
 class DualFilter:
@@ -181,6 +186,10 @@ class DualFilter:
             (middle, known), np.zeros((n, own)),
             (self.belief.mean[own:], moving),
         )  # fmt: skip
+
+    def expected(self, motion: PusherMotion, seen: Observation) -> tuple[Array, Array]:
+        """Mean (m,) and covariance (m, m) of what a step will show, without its own noise."""
+        return self._ahead(motion, seen).expected
 
     def step(self, motion: PusherMotion | None, seen: Observation) -> None:
         """Advance by a step and learn from what was seen.
@@ -345,11 +354,8 @@ class DualFilter:
 
     def _believed_noise(self, seen: Observation, ahead: _Ahead) -> Array:
         """Standard deviations (m,) of the noise, larger where a measurement is a surprise."""
-        std, told = seen.noise(ahead.force_std), ahead.told
-        n = self._moving + len(self._local)
-        lack = seen.value - told.mean(axis=0)
-        covariance = np.cov(told.T, bias=True).reshape(len(std), len(std))
-        covariance = covariance + ahead.spread[:, n:].T @ ahead.spread[:, n:]
+        std, (told, covariance) = seen.noise(ahead.force_std), ahead.expected
+        lack = seen.value - told
         for group in seen.groups:
             spread = covariance[group, group] + np.diag(std[group] ** 2)
             surprise = float(lack[group] @ np.linalg.solve(spread, lack[group]))

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.planar.filter.process import Prediction
+from tactile_dynamics_ros.core.planar.filter.process import Prediction, PusherMotion
 
 Array = NDArray[np.float64]
 
@@ -68,7 +69,7 @@ class Observation:
         """Standard deviations (m,), with that of the model's forces, N, beside the sensors'."""
         parts = [pose.std for pose in self.poses]
         if self.wrench is not None:
-            floor = np.hypot(_RELATIVE * np.linalg.norm(self.wrench.value[:2]), force_std)
+            floor = np.hypot(relative_std(self.wrench.value[:2]), force_std)
             arm = np.array([1.0, 1.0, 0.03])[: len(self.wrench.value)]
             parts.append(np.hypot(self.wrench.std, floor * arm))
         return np.concatenate(parts) if parts else np.zeros(0)
@@ -96,6 +97,30 @@ class Observation:
                 out[3 * k + axis, 6 * pose.link + axis] = 1.0
                 out[3 * k + axis, 6 * pose.link + 3 + axis] = -pose.age
         return out
+
+
+class ForceNoise(Protocol):
+    """What knows better than a sensor how good its forces are."""
+
+    def felt(
+        self, motion: PusherMotion, felt: FeltWrench | None, share: float, state: Array
+    ) -> FeltWrench | None:
+        """The force of a step with its std, that of the mechanics (`relative_std`) left out.
+
+        Args:
+            motion: of the pusher.
+            felt: as stated, where it is known.
+            share: of the step's samples in which something was touched.
+            state: (6 L,) that is believed when the step begins.
+        """
+
+    def end(self) -> None:
+        """Nothing was touched in this step."""
+
+
+def relative_std(force: Array) -> Array:
+    """Standard deviation (...), N, by which mechanics miss forces (..., 2)."""
+    return np.asarray(_RELATIVE * np.linalg.norm(force, axis=-1))
 
 
 def pose_at(states: Array, link: int, age: float) -> Array:

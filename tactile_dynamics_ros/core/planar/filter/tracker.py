@@ -14,6 +14,7 @@ from tactile_dynamics_ros.core.planar.filter.change import ChangeMonitor
 from tactile_dynamics_ros.core.planar.filter.dual import DualConfig, DualFilter
 from tactile_dynamics_ros.core.planar.filter.observation import (
     FeltWrench,
+    ForceNoise,
     Observation,
     SeenPose,
 )
@@ -173,6 +174,7 @@ class PushTracker:
         process: the model.
         config: of steps and filter.
         prior: mean and covariance of the parameters; the process's own by default.
+        noise: knows better how good forces are; None leaves what is stated of them.
 
     Attributes:
         filter: None before the first pose of every link.
@@ -187,8 +189,10 @@ class PushTracker:
         process: Process,
         config: TrackerConfig | None = None,
         prior: tuple[Array, Array] | None = None,
+        noise: ForceNoise | None = None,
     ) -> None:
         self.process, self.config = process, config or TrackerConfig()
+        self._noise = noise
         self.filter: DualFilter | None = None
         self.time = -np.inf
         self.steps = self.touched = 0
@@ -283,7 +287,10 @@ class PushTracker:
             motion, rows = self._pushed(touch, ends[0], ends[1], step)
             lag = self._lag(rows, after.rows, step)
             motion = replace(motion, after=motion.after - np.append(step * lag, 0.0))
-            wrench = self._wrench(touch, rows, motion) if rows and steady else None
+            wrench = self._wrench(touch, rows, motion) if rows else None
+            if self._noise is not None:
+                wrench = self._noise.felt(motion, wrench, 1.0, self.filter.state[0])
+            wrench = wrench if steady else None
             if self.watch is not None:
                 self.watch.see(start, self.filter.state, motion, wrench, poses)
             self.filter.step(motion, Observation(poses, wrench, _STIFFNESS_SPREAD * lag))
@@ -293,6 +300,8 @@ class PushTracker:
         if self._was and self.watch is not None:
             self.watch.release(start)
         self._was, self._arm, self._force = False, [], np.zeros(2)
+        if self._noise is not None:
+            self._noise.end()
         resting = self._stands() or start - self._free_since > _STANDS_AFTER
         if not resting:
             self.filter.step(_unpushed(step), Observation(poses))

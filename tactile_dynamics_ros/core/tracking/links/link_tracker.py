@@ -198,7 +198,11 @@ class LinkTracker:
             return None
         missed = max(0.0, 1.0 - fit.share_seen - _EXPECTED_MISS)
         covariance = self._covariance(random, random @ stretch, missed)
-        return Sighting(self.motion.pose, covariance, fit.share_seen, fit.visible)
+        reach = np.linalg.norm(scene.free_points - fit.pivot, axis=1)
+        points = int(np.count_nonzero(reach < self.link.shape.radius))
+        return Sighting(
+            self.motion.pose, covariance, fit.share_seen, fit.visible, points, fit.misfit
+        )
 
     def _weigh(self, fit: Fit, camera: Array) -> tuple[Array, Array]:
         """Return information (K, K) of the possible motions and what the extents pull (K, 3).
