@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+import time
 from itertools import product
 from typing import Any
 
@@ -84,19 +85,23 @@ class Watched:
         Raises:
             NotIdentifiableError: the pushes do not tell.
         """
-        refused: NotIdentifiableError | None = None
         for count in range(1, KNOWN + MORE):
             self.push()
-            streams = self.live.due(self.live.newest) if count >= KNOWN else None
-            if streams is None:
-                continue
-            try:
-                self.live.take_fit(estimate(streams))
+            if count >= KNOWN:
+                self.fit()
+            if self.live.fit is not None:
                 return
-            except NotIdentifiableError as error:
-                refused = error
-        assert refused is not None
-        raise refused
+        raise NotIdentifiableError(self.live.refused)
+
+    def fit(self) -> None:
+        """Fit what is due, as the node does after each push; take the fit or why there is none."""
+        streams = self.live.due(self.live.newest)
+        if streams is None:
+            return
+        try:
+            self.live.take_fit(estimate(streams, self.live.effects, self.live.known))
+        except NotIdentifiableError as error:
+            self.live.take_fit(None, str(error))
 
     def _take(self, readings: TableReadings) -> None:
         for each in (self.live, self.window):
@@ -178,7 +183,20 @@ def _named(watched: Watched) -> dict[str, Any]:
     document = diagnose_change(watched.window.streams(), (), change.since)
     told = [c["parameters"] for c in document["candidates"] if c["name"] == document["effect"]]
     keys = ("verdict", "effect", "group", "error")
-    return {"named": {key: document[key] for key in keys} | {"parameters": told[:1]}}
+    named = {key: document[key] for key in keys} | {"parameters": told[:1]}
+    return {"named": named} | (_taken_over(watched, document["effect"]) if told else {})
+
+
+def _taken_over(watched: Watched, effect: str) -> dict[str, Any]:
+    """Error of the live fit without and with a named effect, or why there is no such fit."""
+    live, began = watched.live, time.thread_time()
+    live.set_effects([effect])
+    watched.fit()
+    seconds = round(time.thread_time() - began, 1)
+    if live.fit is None:
+        return {"live": {"refused": live.refused, "seconds": seconds}}
+    errors = {"without": live.fit.error_without, "with": live.fit.error, "seconds": seconds}
+    return {"live": errors | {"parameters": live.fit.effects}}
 
 
 def table(found: dict[str, Any]) -> str:

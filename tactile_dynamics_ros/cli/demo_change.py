@@ -102,14 +102,13 @@ class Act:
         from rclpy.parameter import Parameter
         from rclpy.parameter_client import AsyncParameterClient
 
-        self._spin(lambda: self._error is not None or self._refused, REFITTED)
-        before = self._error
         client = AsyncParameterClient(self._node, "property_estimator")
         client.set_parameters([Parameter("effects", value=[effect])])
         self._say(f"adding {effect} to the live model")
         shown = f"effect {effect}"
         self._spin(lambda: shown in self._told or self._refuses(effect), REFITTED)
-        after = self._error if shown in self._told else None
+        errors = self._told.get("solver", {}) if shown in self._told else {}
+        before, after = (_number(errors.get(key)) for key in ("without_effects", "whitened_rms"))
         told |= {"added": effect, "live_before": before, "live_after": after}
         told["fall"] = fall(before, after, self._refuses(effect))
         self._say(told["fall"])
@@ -131,11 +130,6 @@ class Act:
     def _refused(self) -> bool:
         return bool(self._told.get("solver", {}).get("refused"))
 
-    @property
-    def _error(self) -> float | None:
-        told = self._told.get("solver", {}).get("whitened_rms")
-        return None if told is None else float(told)
-
     def _spin(self, condition: Callable[[], bool], seconds: float) -> None:
         from tactile_dynamics_ros.cli.topics import spin_until
 
@@ -150,20 +144,24 @@ class Act:
                 self._text = status.message
 
 
+def _number(told: str | None) -> float | None:
+    return None if told is None else float(told)
+
+
 def fall(before: float | None, after: float | None, ended: bool = False) -> str:
     """What adding an effect does to the error of the live model.
 
     Args:
-        before: error of the fit to the pushes since the change, over the noise; None if refused.
-        after: with the effect.
+        before: error of the pushes since the change without the effect, over the noise.
+        after: with it; None where there is no fit.
         ended: whether the fit with the effect came to no end.
     """
     if after is None and ended:
         return "the fit of the live model with it came to no end: what was known before counts"
     if after is None:
         return f"the live model has no fit with it after {REFITTED:.0f} s"
-    told = "no fit" if before is None else f"{before:.2f} times the noise"
-    return f"error of the live model: {told} before, {after:.2f} with it"
+    told = "" if before is None else f"{before:.2f} times the noise without it, "
+    return f"error of the live model: {told}{after:.2f} with it"
 
 
 def sentence(found: dict[str, Any]) -> str:

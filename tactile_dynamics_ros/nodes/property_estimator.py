@@ -88,24 +88,30 @@ class PropertyEstimatorNode(Shell):
         self._memory.inform(self.live)
         if self.live.changes != before:
             self._memory.give_up()
-            self._fitting, self._told = None, -np.inf
+            self._drop_fit()
             self.faults.add("changed", self.live.changed.text if self.live.changed else "")
         self._take_fit()
         streams = self.live.due(until) if self._fitting is None else None
         if streams is not None:
-            self._fitting = self._background.submit(estimate, streams, self.live.effects)
+            live = self.live
+            self._fitting = self._background.submit(estimate, streams, live.effects, live.known)
 
     def _change_model(self, config: PropertyEstimatorConfig) -> None:
         self.live.set_effects([name for name in config.effects if name])
-        self._fitting, self._told = None, -np.inf
+        self._drop_fit()
 
     def _forget(self) -> None:
         self.live.reset()
         self._memory.begin_anew()
+        self._drop_fit()
+
+    def _drop_fit(self) -> None:
+        """Want no fit any longer that was begun before."""
+        self._background.drop()
         self._fitting, self._told = None, -np.inf
 
     def _take_fit(self) -> None:
-        """Take over a fit that is finished; one that was begun before a reset is dropped."""
+        """Take over a fit that is finished."""
         if self._fitting is None or not self._fitting.done():
             return
         fitting, self._fitting = self._fitting, None

@@ -43,6 +43,12 @@ class Background:
         future.add_done_callback(self._count_down)
         return future
 
+    def drop(self) -> None:
+        """End what runs, whose result nobody wants any longer, so that the next need not wait."""
+        if self.busy:
+            with suppress(ProcessLookupError):
+                os.killpg(self._process.pid, signal.SIGKILL)
+
     def close(self) -> None:
         """Drop what waits, and end what runs."""
         self._closed = True

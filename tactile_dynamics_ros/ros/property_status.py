@@ -33,6 +33,8 @@ def property_status(known: Properties, live: LiveProperties) -> Sequence[Diagnos
     }
     if live.fit is not None:
         solver |= {"samples": live.fit.samples, "whitened_rms": live.fit.error}
+        if live.fit.error_without is not None:
+            solver["without_effects"] = live.fit.error_without
     statuses = [status_message("link_1", link, level, known.text)]
     for name, found in (live.fit.effects if live.fit is not None else {}).items():
         entries = {

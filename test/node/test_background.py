@@ -49,6 +49,18 @@ def test_a_process_that_was_killed_is_started_again(background):
     assert background.submit(divmod, 7, 2).result(30) == (3, 1)
 
 
+def test_what_nobody_wants_any_longer_is_not_waited_for(background):
+    background.drop()  # nothing runs
+    assert background.submit(divmod, 7, 2).result(30) == (3, 1)
+    unwanted = background.submit(time.sleep, 60)
+    while not unwanted.running():
+        time.sleep(0.01)
+    time.sleep(0.5)
+    background.drop()
+    assert background.submit(divmod, 9, 2).result(30) == (4, 1)
+    assert isinstance(unwanted.exception(0), TactileDynamicsError)
+
+
 def test_closing_ends_what_runs():
     background = Background()
     background.submit(divmod, 7, 2).result(30)

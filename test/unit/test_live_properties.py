@@ -7,6 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.planar.filter.change import Change
 from tactile_dynamics_ros.core.planar.filter.live import LiveProperties, PropertyConfig
 from tactile_dynamics_ros.core.planar.filter.record import PushRecord
 from tactile_dynamics_ros.core.planar.filter.summary import of_filter, of_fit
@@ -171,6 +172,42 @@ def test_a_fit_to_hardly_more_pushes_is_no_new_reference(monkeypatch):
     assert np.round(9.81 * np.exp(referred)).tolist() == [3, 4, 5, 7, 10]  # of 1, 2, 3, 5, 8
     live.take_fit(fitted(error=2.0))
     assert len(referred) == 5
+
+
+def told_change():
+    return Change(30.0, 22.0, 5.0, np.zeros(2), 0.4, 3.0)
+
+
+def test_no_fit_is_a_reference_while_a_change_is_told_and_not_answered(monkeypatch):
+    live, referred = seen(), []
+    live.add_contact(felt(0.05, 3.0))
+    live.take_fit(fitted(force=3.0))
+    live.monitor.alarm = told_change()
+    live.advance(0.09)
+    monkeypatch.setattr(live.monitor, "refer", lambda mean, _: referred.append(mean[0]))
+    live.add_contact(felt(6.0, 3.0))
+    live.take_fit(fitted(force=4.0))
+    assert referred == []
+    live.set_effects([])
+    live.take_fit(fitted(force=4.0))
+    assert 9.81 * np.exp(referred) == pytest.approx([4.0])
+
+
+def test_fits_with_effects_begin_with_what_was_known_before_the_change():
+    live = seen()
+    live.add_contact(felt(0.05, 3.0))
+    live.take_fit(fitted(force=3.0))
+    live.add_contact(felt(3.0, 3.0))
+    live.take_fit(fitted(force=5.0, error=2.0))  # no reference: the model does not fit
+    live.set_effects(["support_tilt"])
+    assert live.known is None  # nothing has changed
+    live.set_effects([])
+    live.monitor.alarm = told_change()
+    live.advance(0.09)
+    assert live.known is None
+    live.set_effects(["support_tilt"])
+    assert_allclose(np.exp(live.known.values[:2]), [3.0, 1.2])
+    assert_allclose(live.known.covariance, fitted().covariance)
 
 
 def test_another_outline_is_another_object():

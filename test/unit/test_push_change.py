@@ -74,6 +74,19 @@ def test_another_friction_is_noticed_and_told_as_one(factor):
     assert np.linalg.norm(watch.change.force) < 0.3
 
 
+@pytest.mark.parametrize("seed", [24, 27, 30])
+def test_no_push_from_before_the_change_is_among_those_since(seed):
+    """A clean push that chance makes look changed a little would hide what the others lack."""
+    rng, watch = np.random.default_rng(seed), monitor()
+    for k in range(8):
+        push(watch, rng, 2.0 * k, 2.4 * k)
+    k = 8
+    while watch.alarm is None:
+        push(watch, rng, 2.0 * k, 2.4 * k, pull=(0.5, 0.25))
+        k += 1
+    assert watch.alarm.since > 15.5
+
+
 def test_what_is_not_known_of_the_reference_raises_no_alarm():
     rng, watch = np.random.default_rng(7), ChangeMonitor(PatchProcess(BOX))
     push(watch, rng, 0.0, 0.0, factor=2.0)

@@ -33,7 +33,7 @@ def model(quick):
     """Residuals of these pushes, with the first guess of the motion."""
     cut = cut_intervals(quick.streams)
     patch = SupportPatch(np.asarray(quick.streams.links[0].footprint))
-    nodes, spread = fitting._first_motion(cut)
+    nodes, spread = fitting.first_motion(cut)
     return fitting._prepared(quick.streams, cut, patch, nodes, spread), nodes
 
 

@@ -19,7 +19,9 @@ from tactile_dynamics_ros.core.planar.filter.process import Process
 from tactile_dynamics_ros.core.planar.filter.record import PushRecord
 from tactile_dynamics_ros.core.planar.filter.summary import Properties, doubted, of_filter, of_fit
 from tactile_dynamics_ros.core.planar.filter.tracker import Felt, PushTracker, TrackerConfig
+from tactile_dynamics_ros.core.planar.known import KnownPushed
 from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
+from tactile_dynamics_ros.core.planar.memory.combination import known_of
 from tactile_dynamics_ros.core.planar.properties.estimate import PushedEstimate
 from tactile_dynamics_ros.core.planar.streams import USUAL_POSE_STD, PushedStreams
 
@@ -103,6 +105,7 @@ class LiveProperties:
         faster: steps of the filter in which the object was faster than the model ever saw.
         changed: the latest change of table or object; None while there was none since the reset.
         changes: how many there were.
+        named: whether what has changed was answered, by effects that are set.
     """
 
     def __init__(self, config: PropertyConfig | None = None, model: PushingModel = PATCH) -> None:
@@ -118,7 +121,8 @@ class LiveProperties:
         self.fit: PushedEstimate | None = None
         self.fits, self.faster, self.refused = 0, 0, ""
         self.changed: Change | None = None
-        self.changes = 0
+        self.changes, self.named = 0, True
+        self._before: PushedEstimate | None = None
         self.newest = -np.inf
         self.durations: deque[float] = deque(maxlen=500)
         self._yaw, self._referred = 0.0, 0
@@ -141,6 +145,8 @@ class LiveProperties:
     def set_effects(self, names: Sequence[str]) -> None:
         """Change the model of the fits; one to what was measured so far is due at once.
 
+        After a change, this is the answer to it.
+
         Raises:
             BadInputError: an effect is unknown or named twice, or the model is a learnt one.
         """
@@ -151,6 +157,7 @@ class LiveProperties:
                 f"'{self.model.name}' has not; choose model 'patch'"
             )
         self.effects, self.fit, self.refused = tuple(names), None, ""
+        self.named = True
         self.record.ask_again()
         self._watch()
 
@@ -209,6 +216,7 @@ class LiveProperties:
         """Know less from a change on: fits look at what came since, the belief is opened."""
         assert self.tracker is not None and self.tracker.filter is not None
         self.changed, self.changes, self.fit = change, self.changes + 1, None
+        self.named = False
         self.record.forget_before(change.since)
         self.monitor.dismiss()
         self._referred = 0
@@ -228,6 +236,13 @@ class LiveProperties:
         if self.model is not PATCH or self.outline is None or not self.record.has_ended(now):
             return None
         return self.record.streams(self.outline, self.gravity)
+
+    @property
+    def known(self) -> KnownPushed | None:
+        """What was known before a change, of which fits with effects make the best; else None."""
+        if self._before is None or self.changed is None or not self.effects:
+            return None
+        return known_of(self._before, "before the change")
 
     def take_fit(self, fit: PushedEstimate | None, refused: str = "") -> None:
         """Take a fit, or why there is none; the filter goes on from its numbers."""
@@ -251,8 +266,8 @@ class LiveProperties:
         here = floor + (fit.covariance if fit.here is None else fit.here)
         self.tracker.filter.inform(mean, here)
         more = self.record.pushes >= _MORE * self._referred
-        if self.monitor.calm and fit.error < _FITS and more:
-            self._referred = self.record.pushes
+        if self.named and self.monitor.calm and fit.error < _FITS and more:
+            self._referred, self._before = self.record.pushes, fit
             self.monitor.refer(mean, here + self._of_places())
 
     def _of_places(self) -> Array:

@@ -187,6 +187,12 @@ class Solution:
     equations: NormalEquations
     settled: bool
 
+    @property
+    def misfit(self) -> float:
+        """Root of the cost over rows less unknowns: error of one-step predictions over its std."""
+        unknowns = self.nodes.size + len(self.common)
+        return float(np.sqrt(self.equations.cost / max(self.equations.rows - unknowns, 1)))
+
 
 @dataclass(frozen=True, eq=False)
 class Optimum:
@@ -214,10 +220,8 @@ class Optimum:
 
     @property
     def misfit(self) -> float:
-        """Root of the cost over rows less unknowns: error of one-step predictions over its std."""
-        equations = self.solution.equations
-        unknowns = self.solution.nodes.size + len(self.solution.common)
-        return float(np.sqrt(equations.cost / max(equations.rows - unknowns, 1)))
+        """Error of one-step predictions over its std, of the solution."""
+        return self.solution.misfit
 
 
 def average(trials: Sequence[Optimum]) -> tuple[Optimum, Array, Array]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.core.planar.effects.registry import PUSHED
+from tactile_dynamics_ros.core.planar.known import KnownPushed
 from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
 from tactile_dynamics_ros.core.planar.properties.balance import NAMES
 from tactile_dynamics_ros.core.planar.properties.intervals import COARSE
@@ -59,6 +60,7 @@ class PushedEstimate:
         covariance: (4, 4) of ln friction force, ln mass, com_x, com_y.
         error: whitened RMS, 1 where only noise remains.
         effects: {effect: {parameter: {"value", "std", "unit"}}} of those in the model.
+        error_without: the same without the effects, at the same unevenness; None without effects.
         here: (4, 4) of the same as `covariance`, at the places that were pushed; None: no other.
     """
 
@@ -70,6 +72,7 @@ class PushedEstimate:
     error: float
     effects: dict[str, dict[str, dict[str, object]]] = field(default_factory=dict)
     here: Array | None = None
+    error_without: float | None = None
 
     @property
     def is_answer(self) -> bool:
@@ -136,13 +139,17 @@ class PushedEstimate:
 
 
 def estimate(
-    recording: PushedStreams | Pushed, effects: Sequence[str] = ()
+    recording: PushedStreams | Pushed,
+    effects: Sequence[str] = (),
+    known: KnownPushed | None = None,
 ) -> PushedEstimate | LinkedEstimate:
     """Estimate friction force, mass and centre of mass of a pushed object of one or two parts.
 
     Args:
         recording: streams, or what has them; poses may be sparse, before and after each push.
         effects: names of those in the model.
+        known: of an object of one part before all that is in the recording, such as before a
+            change; None: nothing.
 
     Raises:
         BadInputError: an effect is unknown, or nothing is touched while poses are known.
@@ -152,7 +159,7 @@ def estimate(
     streams = recording if isinstance(recording, PushedStreams) else recording.streams
     if len(streams.links) > 1:
         return _of_pair(streams, effects)
-    return _of_one(streams, effects)
+    return _of_one(streams, effects, known)
 
 
 def _of_pair(streams: PushedStreams, effects: Sequence[str]) -> LinkedEstimate:
@@ -167,7 +174,9 @@ def _of_pair(streams: PushedStreams, effects: Sequence[str]) -> LinkedEstimate:
     return estimate_pair(streams, _of_one, loose=bool(effects))
 
 
-def _of_one(streams: PushedStreams, effects: Sequence[str] = ()) -> PushedEstimate:
+def _of_one(
+    streams: PushedStreams, effects: Sequence[str] = (), known: KnownPushed | None = None
+) -> PushedEstimate:
     patch = SupportPatch(np.asarray(streams.links[0].footprint, dtype=float))
     chosen = PUSHED.create_all(effects)
     if _is_sparse(streams):
@@ -176,9 +185,11 @@ def _of_one(streams: PushedStreams, effects: Sequence[str] = ()) -> PushedEstima
                 "poses before and after pushes alone tell no effects; record them at 5 Hz"
             )
         return _of_sparse(fit_sparse(streams), streams, patch)
-    from tactile_dynamics_ros.core.planar.properties.fit import fit_push
+    from tactile_dynamics_ros.core.planar.properties.fit import error_without_effects, fit_push
 
-    return _of_dense(fit_push(streams, chosen), streams, patch)
+    fit = fit_push(streams, chosen, known)
+    found = _of_dense(fit, streams, patch)
+    return replace(found, error_without=error_without_effects(fit)) if chosen else found
 
 
 def _is_sparse(streams: PushedStreams) -> bool:

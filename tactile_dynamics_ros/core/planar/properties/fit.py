@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 from tactile_dynamics_ros.core.planar.effects.effect import PushEffect
+from tactile_dynamics_ros.core.planar.known import KnownPushed
 from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
 from tactile_dynamics_ros.core.planar.properties.balance import NAMES, Kinematics
 from tactile_dynamics_ros.core.planar.properties.bordered import (
@@ -21,24 +22,17 @@ from tactile_dynamics_ros.core.planar.properties.bordered import (
     average,
     minimise,
 )
+from tactile_dynamics_ros.core.planar.properties.first_motion import first_motion
 from tactile_dynamics_ros.core.planar.properties.intervals import COARSE, Intervals, cut_intervals
 from tactile_dynamics_ros.core.planar.properties.push_model import (
     PushFit,
     PushModel,
     Sharpness,
-    add_poses,
-    add_smoothness,
 )
 from tactile_dynamics_ros.core.planar.streams import PushedStreams
 
 Array = NDArray[np.float64]
 
-_STEADY = (0.05, 0.05, 1.0)
-"""Accelerations that the first guess of the motion takes for steady, m/s^2 and rad/s^2: a fifth of
-what an arm needs to reach 30 mm/s in 0.1 s. Larger ones leave noise in the velocities, of which
-friction then has the wrong direction."""
-_MOTION_ROUNDS = 8
-"""Rounds of reweighting of the first guess; after six the velocities change by less than 1 %."""
 _LEAST_SPREAD = (0.5, 0.5, 10.0)
 """Accelerations allowed where nothing is modelled and nothing touches, m/s^2 and rad/s^2: what
 turns out during a slide to a stop. A tenth holds the object back while it still slides."""
@@ -103,12 +97,19 @@ _PENDING = 0.5
 which its result is an answer; the step is in the interval."""
 
 
-def fit_push(streams: PushedStreams, effects: Sequence[PushEffect] = ()) -> PushFit:
+def fit_push(
+    streams: PushedStreams, effects: Sequence[PushEffect] = (), known: KnownPushed | None = None
+) -> PushFit:
     """Fit the first link.
+
+    Effects are there from the first stage on: a fit that lacks a lean finds a heavy object on ice,
+    from which no path leads back. Gains of sensors need to know the force without its noise, and
+    sudden effects the push with which they begin; they are added to such a fit one by one.
 
     Args:
         streams: forces, contact points and poses at 5 Hz or more.
-        effects: of the model, added one after the other.
+        effects: of the model.
+        known: of the object before all that is in the streams; sudden effects then begin before it.
 
     Raises:
         BadInputError: nothing is touched while poses are known, or an effect is one of two parts.
@@ -119,10 +120,15 @@ def fit_push(streams: PushedStreams, effects: Sequence[PushEffect] = ()) -> Push
             raise BadInputError(f"{effect.name}: for two parts on a joint, here is one")
     cut = cut_intervals(streams)
     patch = SupportPatch(np.asarray(streams.links[0].footprint, dtype=float))
-    nodes, spread = _first_motion(cut)
+    nodes, spread = first_motion(cut)
     model = _prepared(streams, cut, patch, nodes, spread)
+    late = [e for e in effects if e.lasting or (e.sudden and known is None)]
+    model = replace(model, effects=tuple(e for e in effects if e not in late))
+    if known is not None:
+        first = known.values - [np.log(-streams.gravity[2]), 0.0, *patch.centroid]
+        model = replace(model, known=(first, np.linalg.cholesky(np.linalg.inv(known.covariance)).T))
     fit = _best_planned(model, nodes)
-    for effect in effects:
+    for effect in late:
         fit = _extended(with_expected_force(fit), effect)
     return fit
 
@@ -179,29 +185,6 @@ def _evidence(model: PushModel, sharp: Sharpness, cost: float, factor: Factor) -
     _, std = model.memory(sharp)
     volume = 3.0 * (float(np.sum(np.log(std))) + np.log(sharp.variation))
     return float(-0.5 * (cost + factor.log_determinant) - volume)
-
-
-def _first_motion(cut: Intervals) -> tuple[Array, Array]:
-    """Nodes of a motion through the poses whose velocity changes little, but for a few moments.
-
-    Also returns the spread (N, 3) of its accelerations, m/s^2 and rad/s^2.
-    """
-    poses = cut.poses[0]
-    nodes = np.zeros((len(cut), 6))
-    for axis in range(3):
-        nodes[:, axis] = np.interp(cut.time, poses.time, poses.value[:, axis])
-    middle = np.flatnonzero(cut.inner)
-    spread = np.tile(_STEADY, (len(cut), 1)) * 10.0
-    loose = np.broadcast_to(np.repeat([1e-3, 1.0], 3), nodes.shape)
-    for _ in range(_MOTION_ROUNDS):
-        equations = NormalEquations(len(nodes), 6, len(NAMES))
-        add_poses(equations, cut, nodes, np.zeros(len(NAMES)))
-        add_smoothness(equations, nodes, middle, spread[middle] * cut.step**2)
-        step, _ = equations.factor(loose, np.ones(len(NAMES))).step()
-        nodes = nodes + step
-        curve = nodes[middle - 1, :3] - 2.0 * nodes[middle, :3] + nodes[middle + 1, :3]
-        spread[middle] = np.sqrt(0.5 * (np.square(curve / cut.step**2) + np.square(_STEADY)))
-    return nodes, spread
 
 
 def _foot_speed(patch: SupportPatch, kinematics: Kinematics) -> Array:
@@ -298,6 +281,8 @@ def _staged(
     common = model.prior[0].copy()
     common[0] = np.log(model.typical_force / -model.gravity[2])
     common[1] = common[0] - np.log(_START)
+    if model.known is not None:
+        common[:4] = model.known[0]
     start, found, first = nodes, None, model.mask
     for stage, most in enumerate(iterations):
         if stage in masked:
@@ -346,6 +331,16 @@ def refit(
         return _averaged(model, [_optimum(model, start, variation)])
     except np.linalg.LinAlgError as error:
         raise NotIdentifiableError(_SINGULAR) from error
+
+
+def error_without_effects(fit: PushFit) -> float:
+    """Error over the noise that a fit without its effects leaves, at the same variation.
+
+    A fit of its own would take what is missing for friction that differs more from place to place.
+    """
+    model = replace(fit.model, effects=())
+    sharp = final_sharpness(model, fit.nodes, fit.variation)
+    return _minimised(model, fit.nodes, fit.common[: len(NAMES)], sharp, _REFIT).misfit
 
 
 def _minimised(

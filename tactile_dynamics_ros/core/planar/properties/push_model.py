@@ -86,6 +86,8 @@ class PushModel:
         com_height, com_height_std: m, before the data.
         mask: (N,) intervals whose equations count; elsewhere the motion is smooth.
         travelled: (N - 1,) m between nodes. spread: (N, 3) accelerations allowed elsewhere.
+        effects: of the model. known: the first four common numbers (4,) beforehand, and a root
+            (4, 4) of their information; None: nothing but the usual friction.
     """
 
     intervals: Intervals
@@ -97,6 +99,7 @@ class PushModel:
     travelled: Array
     spread: Array
     effects: tuple[PushEffect, ...] = ()
+    known: tuple[Array, Array] | None = None
 
     @cached_property
     def plate(self) -> float:
@@ -264,19 +267,27 @@ class PushModel:
 
     def _add_prior(self, equations: NormalEquations, common: Array) -> None:
         mean, std = self.prior
-        rows = np.diag(1.0 / std)[2:]
-        usual = np.zeros(len(common))
-        usual[0], usual[1] = 1.0 / FRICTION_SPREAD, -1.0 / FRICTION_SPREAD
-        residual = np.append(
-            (common - mean)[2:] / std[2:],
-            (common[0] - common[1] - np.log(USUAL_FRICTION)) / FRICTION_SPREAD,
-        )
-        equations.add_common(residual, np.concatenate([rows, usual[None]]))
+        rows = np.diag(1.0 / std)[4:]
+        equations.add_common(rows @ (common - mean), rows)
+        first, root = self._beforehand
+        rows = np.pad(root, ((0, 0), (0, len(common) - 4)))
+        equations.add_common(root @ (common[:4] - first), rows)
         friction = common[0] - common[1]
         bound = np.clip(friction, np.log(LEAST_FRICTION), np.log(MOST_FRICTION))
         if friction != bound:
-            beyond = np.array([(friction - bound) / _BEYOND])
-            equations.add_common(beyond, usual[None] * FRICTION_SPREAD / _BEYOND)
+            slope = np.zeros((1, len(common)))
+            slope[0, :2] = 1.0 / _BEYOND, -1.0 / _BEYOND
+            equations.add_common(np.array([(friction - bound) / _BEYOND]), slope)
+
+    @cached_property
+    def _beforehand(self) -> tuple[Array, Array]:
+        """The first four common numbers (4,) and a root (k, 4) of their information."""
+        if self.known is not None:
+            return self.known
+        root = np.zeros((3, 4))
+        root[0, :2] = 1.0 / FRICTION_SPREAD, -1.0 / FRICTION_SPREAD
+        root[[1, 2], [2, 3]] = 1.0 / self.prior[1][2:4]
+        return np.array([np.log(USUAL_FRICTION), 0.0, 0.0, 0.0]), root
 
 
 @dataclass(frozen=True, eq=False)
