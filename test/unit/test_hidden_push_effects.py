@@ -131,6 +131,31 @@ def test_what_no_catalogue_has_leaves_the_object_on_the_table(table, effect):
     assert not made.reveal()["hidden_effect"]["in_catalogue"]
 
 
+@pytest.mark.parametrize(("share", "moves"), [(1.3, False), (2.2, True)])
+def test_a_second_object_rubs_as_soon_as_the_first_is_pushed_against_it(table, share, moves):
+    alone, made = (table(name, 1.35, 20) for name in ("none", "second_object"))
+    first, other = made.world.bodies
+    way = (other.pose() - first.pose())[:2, 3]
+    place, (part,) = other.pose()[:2, 3], first.thing.parts
+    weight = part.mass * part.friction * GRAVITY
+    assert truth(made)["mass"] == pytest.approx(0.5 * 1.35 * part.mass)
+    assert np.linalg.norm(shift(made)) < 1e-3  # they begin side by side, not in each other
+    force = np.array([*(share * weight * way / np.linalg.norm(way)), 0.0])
+    for each in (alone, made):
+        body = each.world.bodies[0]
+
+        def push(_, body=body):
+            body.push(0, force, body.pose()[:3, 3] + body.pose()[:3, :3] @ [*part.com, 0.01])
+
+        each.world.add_pre_step(push)
+        for _ in range(30):
+            each.advance(looking=False)
+    assert np.linalg.norm(shift(alone)) > 0.015
+    assert (np.linalg.norm(other.pose()[:2, 3] - place) > 0.01) == moves
+    assert moves or np.linalg.norm(shift(made)) < 0.005
+    assert not made.reveal()["hidden_effect"]["in_catalogue"]
+
+
 def felt(table, effect, turn=0.0, times=1):
     """Return how a push is felt, and the truth."""
     made = table(effect)

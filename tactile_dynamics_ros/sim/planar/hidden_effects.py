@@ -10,8 +10,10 @@ from typing import Any
 import numpy as np
 import pybullet
 from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
 
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.sim.bodies import TABLE_CENTRE
 from tactile_dynamics_ros.sim.contacts import ContactReading
 from tactile_dynamics_ros.sim.hidden_effects.base import quantity
 from tactile_dynamics_ros.sim.planar import influences
@@ -19,6 +21,10 @@ from tactile_dynamics_ros.sim.planar.bed import GRAVITY
 from tactile_dynamics_ros.sim.planar.table import TableWorld
 
 Array = NDArray[np.float64]
+
+_AIR = 0.01
+"""Gap to another object over the length of the face that they share: a millimetre of 100 mm, so
+that they do not begin by pushing each other away."""
 
 
 @dataclass
@@ -240,6 +246,22 @@ def _loose_ballast(draw: _Draw) -> Fields:
     return {"mass": (mass, "kg"), "play": (play, "m")}
 
 
+def _second_object(draw: _Draw) -> Fields:
+    """Another like the first lies face to face with it, in its way to the middle of the table."""
+    body = draw.world.bodies[0]
+    part = body.thing.parts[0]
+    around = part.corners[ConvexHull(part.corners).vertices]
+    edges = np.roll(around, -1, axis=0) - around
+    ahead = body.pose()[:2, :2].T @ (TABLE_CENTRE - body.pose()[:2, 3])
+    n = int(np.argmax(np.column_stack([edges[:, 1], -edges[:, 0]]) @ ahead))
+    beside = np.diag([-1.0, -1.0, 1.0, 1.0])  # the first turned by half about the middle of an edge
+    beside[:2, 3] = 2.0 * around[n] + edges[n] + _AIR * np.array([edges[n, 1], -edges[n, 0]])
+    mass = 0.5 * draw.size * part.mass
+    other = replace(body.thing, parts=(replace(part, mass=mass),), joint=None)
+    draw.world.add(other, body.pose() @ beside)
+    return {"mass": (mass, "kg"), "friction": (part.friction, "")}
+
+
 def _force_bias(draw: _Draw) -> Fields:
     return {"bias": (np.array([*(0.15 * draw.size * draw.way()), 0.0]), "N")}
 
@@ -285,6 +307,8 @@ _SENSING: dict[str, Maker] = {
     "sensor_lag": _sensor_lag,
     "time_offset": _time_offset,
 }
+_BESIDE: dict[str, Maker] = {"second_object": _second_object}
+"""What lies on the table too; no law of one object, so that draws leave it out."""
 _UNKNOWN: dict[str, Maker] = {
     "caster": _caster,
     "magnet": _magnet,
@@ -300,7 +324,7 @@ def known_effect(name: str) -> None:
     Raises:
         BadInputError: there is no such effect.
     """
-    known = ("none", "random", "random_outside", *CATALOGUED, *OUTSIDE)
+    known = ("none", "random", "random_outside", *CATALOGUED, *OUTSIDE, *_BESIDE)
     if name and name not in known:
         text = f"hidden effect {name!r} does not exist; expected one of {', '.join(known)}"
         raise BadInputError(text)
@@ -330,14 +354,14 @@ def hide(
         name = str(choice.choice(CATALOGUED if name == "random" else OUTSIDE))
     if name in ("", "none"):
         return HiddenPushEffect()
-    makers = {**_ACTING, **_SENSING, **_UNKNOWN}
+    makers = {**_ACTING, **_SENSING, **_UNKNOWN, **_BESIDE}
     if not world.bodies:
         raise BadInputError(f"hidden effect {name!r}: there is no object on the table")
     rng = np.random.default_rng([seed, zlib.crc32(name.encode())])
     found = makers[name](_Draw(world, magnitude, rng, time))
     truth = {key: quantity(value, unit) for key, (value, unit) in found.items()}
     sensing = {key: value for key, (value, _) in found.items()} if name in _SENSING else {}
-    return HiddenPushEffect(name, magnitude, name not in OUTSIDE, truth, **sensing)
+    return HiddenPushEffect(name, magnitude, name in CATALOGUED, truth, **sensing)
 
 
 def _about_vertical(angle: float) -> Array:

@@ -13,7 +13,7 @@ from tactile_dynamics_ros.core.planar.actions.straight import StraightAction, St
 from tactile_dynamics_ros.core.planar.actions.straight import straight_action as plan
 from tactile_dynamics_ros.core.planar.streams import LinkStream, PushContact, PushedStreams
 from tactile_dynamics_ros.core.rigid_body.rotation import log_so3
-from tactile_dynamics_ros.sim.planar.links import Outline
+from tactile_dynamics_ros.sim.planar.links import Outline, outlines
 from tactile_dynamics_ros.sim.planar.simulated_table import (
     SimulatedTable,
     SimulatedTableConfig,
@@ -110,10 +110,11 @@ def drawn_action(
     """Draw a push at a side of the object, from where the tip already is beside it."""
     outline = table.outlines[k % len(table.outlines)]
     others = [other for other in table.outlines if other is not outline]
+    beside = [one for body in table.world.bodies[1:] for one in outlines(body)]
     speed = float(np.exp(rng.uniform(*np.log(options.speed))))
     height = options.height_share * min(each.part.height for each in table.outlines)
     config = StraightConfig(height=height, clearance=height, hold=0.15, acceleration=2.0)
-    start, way = _beside(outline, others, options, table.config.pusher.tip_radius, rng)
+    start, way = _beside(outline, others, beside, options, table.config.pusher.tip_radius, rng)
     end = start + rng.uniform(*options.travel) * way + options.gap * way
     now = np.array([*start, table.config.table_height + height, 0.0])
     return plan(now, start, end, speed, config, table.config.table_height, options.pull)
@@ -122,6 +123,7 @@ def drawn_action(
 def _beside(
     outline: Outline,
     others: Sequence[Outline],
+    beside: Sequence[Outline],
     options: PushOptions,
     radius: float,
     rng: np.random.Generator,
@@ -143,6 +145,8 @@ def _beside(
         start = corners[n] + share * edge[n] - (radius + options.gap) * inward
         if way @ (np.array([0.5, 0.0]) - start) < 0.0:
             continue  # it would push the object away from where the arm reaches
+        if any(_distance(other, start) < 2.0 * radius for other in beside):
+            continue
         if all(_gap(other, start) > 2.0 * radius for other in others):
             break
     return start, way
@@ -154,6 +158,15 @@ def _gap(outline: Outline, place: Array) -> float:
     corners = outline.corners @ pose[:2, :2].T + pose[:2, 3]
     points = np.concatenate([corners, 0.5 * (corners + np.roll(corners, -1, axis=0))])
     return float(np.linalg.norm(points - place, axis=1).min())
+
+
+def _distance(outline: Outline, place: Array) -> float:
+    """Return the distance of a place (2,) from the edges of an object that lies beside."""
+    pose = outline.pose()
+    corners = outline.corners @ pose[:2, :2].T + pose[:2, 3]
+    edge, arm = np.roll(corners, -1, axis=0) - corners, place - corners
+    share = np.clip(np.sum(arm * edge, axis=1) / np.sum(edge * edge, axis=1), 0.0, 1.0)
+    return float(np.linalg.norm(arm - share[:, None] * edge, axis=1).min())
 
 
 class ReadingLog:

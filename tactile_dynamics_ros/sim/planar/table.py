@@ -59,13 +59,16 @@ class TableWorld(Engine):
         pybullet.setGravity(0.0, 0.0, -GRAVITY, physicsClientId=self.client)
         pybullet.setTimeStep(time_step, physicsClientId=self.client)
         self._draw_table()
-        self.bodies = [
-            PlanarBody(self.client, thing, standing(thing, place, height), surface)
-            for thing, place in zip(things, places, strict=True)
-        ]
+        self.bodies: list[PlanarBody] = []
+        for thing, place in zip(things, places, strict=True):
+            self.add(thing, standing(thing, place, height))
         self._pre_step: list[Callable[[TableWorld], None]] = []
         self._idle: list[Callable[[], bool]] = []
         self._settled = SETTLING
+
+    def add(self, thing: PlanarObject, pose: Array) -> None:
+        """Put one more object there, with its frame at a pose (4, 4)."""
+        self.bodies.append(PlanarBody(self.client, thing, pose, self.surface))
 
     def add_pre_step(
         self,
