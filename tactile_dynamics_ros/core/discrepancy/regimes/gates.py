@@ -42,7 +42,7 @@ class Gates:
 
 
 def gates_to_try(conditions: Sequence[Condition], cells: Sequence[slice]) -> Gates:
-    """Thresholds at every twentieth of each condition, and intervals of time.
+    """Thresholds at every twentieth of each condition that has a symbol, and intervals of time.
 
     Args:
         conditions: with one value for each instant.
@@ -52,6 +52,8 @@ def gates_to_try(conditions: Sequence[Condition], cells: Sequence[slice]) -> Gat
     inside: list[NDArray[np.bool_]] = []
     owner: list[int] = []
     for index, condition in enumerate(conditions):
+        if not condition.symbol:
+            continue
         means = np.array([condition.values[cell].mean() for cell in cells])
         for gate in _gates_of(condition.symbol, means):
             held = gate.inside(means)
