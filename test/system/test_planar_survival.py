@@ -10,12 +10,15 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PolygonStamped, PoseStamped, PoseWithCovarianceStamped
 from std_srvs.srv import Trigger
 
+from tactile_dynamics_ros.cli.bringup import write_parameters
+from tactile_dynamics_ros.cli.demo_planar import CONFIG, looking_command
 from tactile_dynamics_ros.cli.push_goal import _pose
 from tactile_dynamics_ros.cli.supervisor import node_command
 from tactile_dynamics_ros.core.planar.known import KnownPushed
 from tactile_dynamics_ros.recording.pushed import PushedRecording
 from tactile_dynamics_ros.recording.pushed.known_files import write_known
 from tactile_dynamics_ros.ros.diagnostics import status_values
+from tactile_dynamics_ros.share import share_file
 
 AWAY = (0.62, 0.2, 90.0)
 """m, m, deg: a goal that takes longer than the test."""
@@ -24,6 +27,7 @@ AGAIN = 2.0
 RESTART = 60.0
 """Real seconds until a node works again; 10 on an idle machine, of which it imports for four."""
 STATUS, SHAPE = "/property_estimator/status", "/object/footprint"
+CAMERA = "/camera/target"
 PROGRESS = {"explorer": "/explorer/progress", "push_controller": "/push_controller/progress"}
 
 
@@ -35,7 +39,7 @@ def story(system, listener, tmp_path):
     known = KnownPushed(np.array([friction, 0.1, 0.0, 0.0]), spread, "before")
     write_known(known, memory)
     clock = {"use_sim_time": True}
-    scene = {"scene": "table", "object_number": 121, "vision_rate_hz": 30.0, "depth_rate_hz": 0.0}
+    scene = {"scene": "table", "object_number": 121, "vision_rate_hz": 30.0, "depth_rate_hz": 5.0}
     nodes = {
         "robot_sim": scene,
         "property_estimator": clock | {"prior": str(memory), "save": str(memory)},
@@ -46,7 +50,10 @@ def story(system, listener, tmp_path):
     system.start_verb("recorder", "record", str(tmp_path / "recording"))
     for name, parameters in nodes.items():
         system.start(name, node_command(name, None, parameters))
+    files = write_parameters(share_file(CONFIG), tmp_path / "parameters")
+    system.start("shape_estimator", looking_command(files["shape_estimator"]))
     listener.follow(PoseStamped, "/pusher/pose")
+    listener.follow(PoseStamped, CAMERA)
     listener.follow(PoseWithCovarianceStamped, "/object/pose")
     listener.follow(DiagnosticArray, STATUS, latched=True)
     listener.follow(PolygonStamped, SHAPE, latched=True)
@@ -117,6 +124,24 @@ def explore(listener):
     listener.wait(busy, RESTART, "explorer chooses")
 
 
+def look(listener):
+    """Call shape_estimator/start until the camera is sent on, or the shape is known."""
+    heard, client = (
+        listener.seen[CAMERA],
+        listener.node.create_client(Trigger, "/shape_estimator/start"),
+    )
+    heard.clear()
+    asked = []
+
+    def looking():
+        late = not asked or time.monotonic() - asked[-1][0] > AGAIN
+        if late and client.service_is_ready():
+            asked.append((time.monotonic(), client.call_async(Trigger.Request())))
+        return heard or any(answer.done() and answer.result().success for _, answer in asked)
+
+    listener.wait(looking, RESTART, "shape_estimator looks")
+
+
 def diagnosed(listener):
     """Call model_check/diagnose until it answers."""
     client = listener.node.create_client(Trigger, "/model_check/diagnose")
@@ -136,6 +161,12 @@ def test_any_node_of_the_table_may_be_killed(over_udp, story, listener, tmp_path
     listener.wait(lambda: listener.seen[STATUS], RESTART, "a status")
     listener.wait(lambda: known(listener)[1] < 0.3, RESTART, "what the file says")
     took = {}
+
+    look(listener)
+    began = kill(story, listener, "shape_estimator")
+    look(listener)
+    took["shape_estimator"] = time.monotonic() - began
+    story.stop(["shape_estimator"])
 
     began = kill(story, listener, "property_estimator")
     listener.wait_for_new(STATUS, RESTART)
