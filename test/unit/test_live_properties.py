@@ -77,6 +77,16 @@ def test_a_record_keeps_what_lies_around_the_latest_touches():
     assert_allclose(contact.force_std, 0.03)
 
 
+def test_fits_know_how_the_sensor_was_turned():
+    live = seen()
+    for k in range(10):
+        live.add_pusher(0.01 * k, np.array([0.4, 0.0, 0.02, 0.3 * k]))
+    live.add_contact(felt(0.05, 3.0))
+    streams = live.due(2.0)
+    assert_allclose(streams.pusher_yaw, 0.3 * np.arange(10))
+    assert_allclose(streams.pusher_time, 0.01 * np.arange(10))
+
+
 def test_before_a_push_everything_is_said_to_be_undetermined():
     known = seen().properties()
     assert known.source == "nothing"

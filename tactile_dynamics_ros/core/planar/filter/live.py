@@ -189,6 +189,7 @@ class LiveProperties:
 
     def add_pusher(self, time: float, pose: Array) -> None:
         """Take where the pusher is: x, y, z, yaw (unwrapped)."""
+        self.record.add_pusher(time, float(pose[3]))
         if self.tracker is not None:
             self.tracker.add_pusher(time, pose)
 

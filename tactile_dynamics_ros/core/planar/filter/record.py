@@ -45,11 +45,16 @@ class PushRecord:
         self._poses: deque[tuple[float, Array, Array]] = deque(maxlen=_MOST)
         self._felt: dict[str, deque[Felt]] = {}
         self._touched: deque[float] = deque(maxlen=_MOST)
+        self._turns: deque[tuple[float, float]] = deque(maxlen=_MOST_TURNS)
         self._new = False
 
     def add_pose(self, time: float, pose: Array, std: Array) -> None:
         """Take a pose (3,) with its std (3,)."""
         self._poses.append((time, pose, std))
+
+    def add_pusher(self, time: float, yaw: float) -> None:
+        """Take how the pusher is turned, rad: the axes of its sensor."""
+        self._turns.append((time, yaw))
 
     def add_contact(self, felt: Felt) -> None:
         """Take a force."""
@@ -108,7 +113,8 @@ class PushRecord:
             np.median([std for _, _, std in kept], axis=0) if kept else None,
             footprint,
         )
-        return PushedStreams((link,), contacts, gravity)
+        time, yaw = np.array(self._turns).T if self._turns else (None, None)
+        return PushedStreams((link,), contacts, gravity, pusher_time=time, pusher_yaw=yaw)
 
 
 class PushWindow:
@@ -131,7 +137,6 @@ class PushWindow:
     def clear(self) -> None:
         """Forget all measurements; the outline stays."""
         self._record = PushRecord(self._longest)
-        self._turns: deque[tuple[float, float]] = deque(maxlen=_MOST_TURNS)
         self.newest = -np.inf
 
     def set_outline(self, outline: Array) -> bool:
@@ -150,7 +155,7 @@ class PushWindow:
 
     def add_pusher(self, time: float, pose: Array) -> None:
         """Take where the pusher is: x, y, z, yaw; its axes matter."""
-        self._turns.append((time, float(pose[3])))
+        self._record.add_pusher(time, float(pose[3]))
 
     def add_contact(self, felt: Felt) -> None:
         """Take a force on the object."""
@@ -173,9 +178,7 @@ class PushWindow:
             raise BadInputError("nothing was pushed yet; push the object first")
         link = streams.links[0]
         pose = np.column_stack([link.pose[:, :2], np.unwrap(link.pose[:, 2])])
-        time, yaw = np.array(self._turns).T if self._turns else (None, None)
-        links = (replace(link, pose=pose),)
-        return replace(streams, links=links, pusher_time=time, pusher_yaw=yaw)
+        return replace(streams, links=(replace(link, pose=pose),))
 
 
 def _near(at: Array, touched: Array) -> NDArray[np.bool_]:
