@@ -7,12 +7,14 @@ from tactile_dynamics_ros.synthetic.pushed.recordings import (
     PushOptions,
     generate,
 )
+from tactile_dynamics_ros.synthetic.pushed.regimes import REGIONAL
 from tactile_dynamics_ros.synthetic.pushed.sensors import SensorOptions
 
 __all__ = [
     "CATALOGUE",
     "JOINTED",
     "OUTSIDE",
+    "REGIONAL",
     "ActionOptions",
     "PushOptions",
     "HiddenPush",

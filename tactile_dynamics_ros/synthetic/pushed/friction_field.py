@@ -41,6 +41,17 @@ class FrictionField:
         field = (field - field.mean()) / field.std()
         return cls(size * field, np.zeros(2))
 
+    def with_step(self, axis: int, border: float, change: float) -> FrictionField:
+        """Return the table with another friction beyond a border, up to half a tile away.
+
+        Args:
+            axis: 0 for x, 1 for y. border: m. change: relative.
+        """
+        places = np.arange(_CELLS) * (_TILE / _CELLS)
+        beyond = change * (np.mod(places - border, _TILE) < 0.5 * _TILE)
+        step = beyond[:, None] if axis == 0 else beyond[None, :]
+        return FrictionField(self.cells + step, self.gradient)
+
 
 def friction_factor(cells: np.ndarray, gradient: np.ndarray, place: np.ndarray) -> np.ndarray:
     """Return the relative friction (B, P) at places on several tables, never below a tenth.

@@ -20,6 +20,7 @@ from tactile_dynamics_ros.synthetic.pushed.objects import (
     draw_object,
     with_uneven_support,
 )
+from tactile_dynamics_ros.synthetic.pushed.regimes import REGIONAL, hide_in_regime
 from tactile_dynamics_ros.synthetic.pushed.scene import STEP, Scene, Tip
 from tactile_dynamics_ros.synthetic.pushed.sensors import SensorOptions, read_sensors
 from tactile_dynamics_ros.synthetic.pushed.simulator import Motion, simulate
@@ -103,7 +104,7 @@ def generate(
 
     Args:
         seeds: one for each recording; of object, actions, table, effects and noise.
-        effects: hidden in all of them, at multiples of their typical sizes.
+        effects: hidden in all of them, at multiples of their typical sizes; also of `REGIONAL`.
         options: of all of them.
 
     Raises:
@@ -138,7 +139,8 @@ def _hidden(
 ) -> tuple[Hidden, dict[str, dict[str, Any]]]:
     hidden, found = Hidden(draw_scene(seed, options)), {}
     for name, magnitude in effects.items():
-        added = hide(name, magnitude, hidden.scene, randomness.stream(seed, "effect", name))
+        maker = hide_in_regime if name in REGIONAL else hide
+        added = maker(name, magnitude, hidden.scene, randomness.stream(seed, "effect", name))
         found[name] = {"magnitude": magnitude, "parameters": added.parameters}
         faults = added.faults or hidden.faults
         hidden = replace(hidden, scene=added.scene, faults=faults)

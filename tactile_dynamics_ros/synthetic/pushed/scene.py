@@ -83,6 +83,14 @@ class Change:
 
 
 @dataclass(frozen=True)
+class Film:
+    """Where the table is wet: beyond a border (m) along an axis (0 for x, 1 for y)."""
+
+    axis: int
+    border: float
+
+
+@dataclass(frozen=True)
 class Scene:
     """One recording to be simulated.
 
@@ -93,6 +101,7 @@ class Scene:
         actions: one after the other.
         gravity: (3,) m/s^2, axes of the table.
         viscosity: N s/m of the whole underside, spread as the feet's stiffness is.
+        film: where it acts, or None for everywhere.
         weakening: relative loss of friction at speed. weakening_speed: m/s at which most is lost.
         stiction: relative gain of friction at rest. stiction_speed: m/s.
         stretch: (2, 2) velocity to the velocity that friction sees: the identity is isotropic.
@@ -107,6 +116,7 @@ class Scene:
     actions: tuple[Action, ...]
     gravity: np.ndarray = field(default_factory=lambda: np.array([0.0, 0.0, -GRAVITY]))
     viscosity: float = 0.0
+    film: Film | None = None
     weakening: float = 0.0
     weakening_speed: float = 0.05
     stiction: float = 0.0

@@ -132,9 +132,20 @@ class Simulation:
         if not self._viscosity.any():
             return np.zeros_like(mass)
         share = self.bodies.stiffness / self.bodies.stiffness.sum(axis=(1, 2), keepdims=True)
+        share = share * self._wet()
         drag = np.einsum("blnkd,bln,blnke->bde", G, share * self._viscosity[:, None, None], G)
         mass += self._h * drag
         return np.asarray(drag)
+
+    def _wet(self) -> np.ndarray:
+        """Return 1 for feet (B, L, N) on a film, else 0."""
+        wet = np.ones(self.bodies.stiffness.shape)
+        if any(scene.film for scene in self._scenes):
+            places = self.bodies.places(self.bodies.feet)
+            for b, scene in enumerate(self._scenes):
+                if scene.film is not None:
+                    wet[b] = places[b, :, :, scene.film.axis] > scene.film.border
+        return wet
 
     def _change(self, time: float) -> None:
         for b, scene in enumerate(self._scenes):
