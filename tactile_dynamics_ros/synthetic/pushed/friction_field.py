@@ -45,7 +45,9 @@ class FrictionField:
         """Return the table with another friction beyond a border, up to half a tile away.
 
         Args:
-            axis: 0 for x, 1 for y. border: m. change: relative.
+            axis: 0 for x, 1 for y.
+            border: m.
+            change: relative.
         """
         places = np.arange(_CELLS) * (_TILE / _CELLS)
         beyond = change * (np.mod(places - border, _TILE) < 0.5 * _TILE)

@@ -12,7 +12,6 @@ from tactile_dynamics_ros.synthetic.pushed.friction_field import FrictionField
 from tactile_dynamics_ros.synthetic.pushed.scene import BodyState, Film, Influence, Scene
 from tactile_dynamics_ros.synthetic.pushed.simulator import Motion, simulate
 
-
 Maker = Callable[[Scene, float, np.random.Generator], "tuple[Hidden, Bounds]"]
 
 
