@@ -26,6 +26,9 @@ NAMES = (
 from the footprint's centroid (m), ln of the inertia over that of an even plate, errors of the
 height of the push and of the contact point (m), height of the centre of mass (m), ln of the size of
 the part that carries, delay of the forces (s)."""
+_SLIDING_SPEED, _SLIDING_SHARE = 0.02, 0.4
+"""Speed of the footprint from which it slides all over, m/s, or as share of the fast tenth if that
+is less. Slower intervals may stick in part."""
 
 
 @dataclass(frozen=True)
@@ -258,3 +261,35 @@ class Balance:
         shift = shift + situation.force[:, 2:] * arm / normal[:, None]
         moved = situation.com + turned(shift, -kinematics.pose[:, 2])
         return np.asarray(moved + kinematics.local[:, 1:] * np.sqrt(self.patch.gyration))
+
+
+def _foot_speed(patch: SupportPatch, kinematics: Kinematics) -> Array:
+    """Root mean square speed (N,) of the footprint, m/s."""
+    yaw, rate = kinematics.pose[:, 2], kinematics.velocity[:, 2]
+    x, y = patch.centroid
+    u = kinematics.velocity[:, 0] - rate * (np.sin(yaw) * x + np.cos(yaw) * y)
+    v = kinematics.velocity[:, 1] + rate * (np.cos(yaw) * x - np.sin(yaw) * y)
+    return np.asarray(np.sqrt(u * u + v * v + patch.gyration * rate * rate))
+
+
+def foot_speeds(cut: Intervals, patch: SupportPatch, nodes: Array) -> Array:
+    """Root mean square speed (N,) of the footprint at nodes (N, b), m/s; 0 at ends of segments."""
+    speed = np.zeros(len(cut))
+    middle = np.flatnonzero(cut.inner)
+    speed[middle] = _foot_speed(patch, Kinematics.of_nodes(nodes, middle, cut.step))
+    return speed
+
+
+def around(flags: NDArray[np.bool_], distance: int) -> NDArray[np.bool_]:
+    """Flags (N,) of intervals within a distance of those that are flagged."""
+    rolled = [np.roll(flags, k) for k in range(-distance, distance + 1)]
+    return np.asarray(np.any(rolled, axis=0))
+
+
+def sliding(cut: Intervals, patch: SupportPatch, nodes: Array) -> NDArray[np.bool_]:
+    """Intervals that slide all over, but for those next to a touch or a release."""
+    speed = foot_speeds(cut, patch, nodes)
+    fast = float(np.percentile(speed[cut.touching], 90))
+    slides = (speed > min(_SLIDING_SPEED, _SLIDING_SHARE * fast)) & cut.measured & cut.inner
+    change = np.diff(cut.touching.astype(int), prepend=0) != 0
+    return np.asarray(slides & ~around(change, 1))

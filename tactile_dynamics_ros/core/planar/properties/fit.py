@@ -13,7 +13,13 @@ from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 from tactile_dynamics_ros.core.planar.effects.effect import PushEffect
 from tactile_dynamics_ros.core.planar.known import KnownPushed
 from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
-from tactile_dynamics_ros.core.planar.properties.balance import NAMES, Kinematics
+from tactile_dynamics_ros.core.planar.properties.balance import (
+    NAMES,
+    Kinematics,
+    around,
+    foot_speeds,
+    sliding,
+)
 from tactile_dynamics_ros.core.planar.properties.bordered import (
     Factor,
     NormalEquations,
@@ -22,17 +28,24 @@ from tactile_dynamics_ros.core.planar.properties.bordered import (
     average,
     minimise,
 )
-from tactile_dynamics_ros.core.planar.properties.first_motion import first_motion
 from tactile_dynamics_ros.core.planar.properties.intervals import COARSE, Intervals, cut_intervals
 from tactile_dynamics_ros.core.planar.properties.push_model import (
     PushFit,
     PushModel,
     Sharpness,
+    add_poses,
+    add_smoothness,
 )
 from tactile_dynamics_ros.core.planar.streams import PushedStreams
 
 Array = NDArray[np.float64]
 
+_STEADY = (0.05, 0.05, 1.0)
+"""Accelerations that the first guess of the motion takes for steady, m/s^2 and rad/s^2: a fifth of
+what an arm needs to reach 30 mm/s in 0.1 s. Larger ones leave noise in the velocities, of which
+friction then has the wrong direction."""
+_MOTION_ROUNDS = 8
+"""Rounds of reweighting of the first guess; after six the velocities change by less than 1 %."""
 _LEAST_SPREAD = (0.5, 0.5, 10.0)
 """Accelerations allowed where nothing is modelled and nothing touches, m/s^2 and rad/s^2: what
 turns out during a slide to a stop. A tenth holds the object back while it still slides."""
@@ -72,9 +85,6 @@ first."""
 _REFIT = 90
 """Iterations of a refit with another variation, at most; from a neighbour's optimum 6 to 15 do.
 Where the model lacks something it takes up to 80; 30 left two of fifteen live fits unfinished."""
-_SLIDING_SPEED, _SLIDING_SHARE = 0.02, 0.4
-"""Speed of the footprint from which it slides all over, m/s, or as share of the fast tenth if that
-is less. Slower intervals may stick in part."""
 _LEAST_INTERVALS = 10
 """Intervals of sliding below which nothing is said: a tenth of a second at 100 Hz."""
 _LOOSE = 1e-6
@@ -187,40 +197,33 @@ def _evidence(model: PushModel, sharp: Sharpness, cost: float, factor: Factor) -
     return float(-0.5 * (cost + factor.log_determinant) - volume)
 
 
-def _foot_speed(patch: SupportPatch, kinematics: Kinematics) -> Array:
-    """Root mean square speed (N,) of the footprint, m/s."""
-    yaw, rate = kinematics.pose[:, 2], kinematics.velocity[:, 2]
-    x, y = patch.centroid
-    u = kinematics.velocity[:, 0] - rate * (np.sin(yaw) * x + np.cos(yaw) * y)
-    v = kinematics.velocity[:, 1] + rate * (np.cos(yaw) * x - np.sin(yaw) * y)
-    return np.asarray(np.sqrt(u * u + v * v + patch.gyration * rate * rate))
+def first_motion(cut: Intervals) -> tuple[Array, Array]:
+    """Return nodes of a motion through the poses whose velocity changes little but for moments.
 
-
-def _speeds(cut: Intervals, patch: SupportPatch, nodes: Array) -> Array:
-    speed = np.zeros(len(cut))
+    Also returns the spread (N, 3) of its accelerations, m/s^2 and rad/s^2.
+    """
+    poses = cut.poses[0]
+    nodes = np.zeros((len(cut), 6))
+    for axis in range(3):
+        nodes[:, axis] = np.interp(cut.time, poses.time, poses.value[:, axis])
     middle = np.flatnonzero(cut.inner)
-    speed[middle] = _foot_speed(patch, Kinematics.of_nodes(nodes, middle, cut.step))
-    return speed
-
-
-def _near(flags: NDArray[np.bool_], distance: int) -> NDArray[np.bool_]:
-    rolled = [np.roll(flags, k) for k in range(-distance, distance + 1)]
-    return np.asarray(np.any(rolled, axis=0))
-
-
-def _sliding(cut: Intervals, patch: SupportPatch, nodes: Array) -> NDArray[np.bool_]:
-    """Intervals that slide all over, but for those next to a touch or a release."""
-    speed = _speeds(cut, patch, nodes)
-    fast = float(np.percentile(speed[cut.touching], 90))
-    slides = (speed > min(_SLIDING_SPEED, _SLIDING_SHARE * fast)) & cut.measured & cut.inner
-    change = np.diff(cut.touching.astype(int), prepend=0) != 0
-    return np.asarray(slides & ~_near(change, 1))
+    spread = np.tile(_STEADY, (len(cut), 1)) * 10.0
+    loose = np.broadcast_to(np.repeat([1e-3, 1.0], 3), nodes.shape)
+    for _ in range(_MOTION_ROUNDS):
+        equations = NormalEquations(len(nodes), 6, len(NAMES))
+        add_poses(equations, cut, nodes, np.zeros(len(NAMES)))
+        add_smoothness(equations, nodes, middle, spread[middle] * cut.step**2)
+        step, _ = equations.factor(loose, np.ones(len(NAMES))).step()
+        nodes = nodes + step
+        curve = nodes[middle - 1, :3] - 2.0 * nodes[middle, :3] + nodes[middle + 1, :3]
+        spread[middle] = np.sqrt(0.5 * (np.square(curve / cut.step**2) + np.square(_STEADY)))
+    return nodes, spread
 
 
 def _prepared(
     streams: PushedStreams, cut: Intervals, patch: SupportPatch, nodes: Array, spread: Array
 ) -> PushModel:
-    mask = _sliding(cut, patch, nodes)
+    mask = sliding(cut, patch, nodes)
     if int(mask.sum()) < _LEAST_INTERVALS:
         raise NotIdentifiableError(
             f"the object slides in {int(mask.sum())} intervals of {cut.step:g} s only, expected "
@@ -233,7 +236,7 @@ def _prepared(
     plate = float(np.sqrt(patch.gyration))
     moved = np.linalg.norm(np.diff(nodes[:, :2], axis=0), axis=1)
     free = np.array([_FREE, _FREE, _FREE / plate])
-    near = _near(cut.touching, _AROUND)[:, None]
+    near = around(cut.touching, _AROUND)[:, None]
     return PushModel(
         intervals=cut,
         patch=patch,
@@ -251,7 +254,7 @@ def _scales(model: PushModel) -> tuple[Array, Array]:
 
 
 def _sharpness(model: PushModel, nodes: Array, stage: int, variation: float) -> Sharpness:
-    speed = _speeds(model.intervals, model.patch, nodes)
+    speed = foot_speeds(model.intervals, model.patch, nodes)
     share = min(1.0, float(np.median(speed[model.mask])) / 0.05)
     slip, floor = _STAGES[stage]
     return Sharpness(slip * share, floor, variation)
@@ -286,7 +289,7 @@ def _staged(
     start, found, first = nodes, None, model.mask
     for stage, most in enumerate(iterations):
         if stage in masked:
-            model = replace(model, mask=first & _sliding(model.intervals, model.patch, nodes))
+            model = replace(model, mask=first & sliding(model.intervals, model.patch, nodes))
         sharp = _sharpness(model, start, stage, _FIRST_VARIATION)
         found = _minimised(model, nodes, common, sharp, most)
         nodes, common = found.nodes, found.common
