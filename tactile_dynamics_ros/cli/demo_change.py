@@ -19,7 +19,7 @@ GOALS = ((0.42, -0.05, 0.0), (0.55, 0.08, 0.0), (0.45, 0.0, 90.0))
 NOTICED = 3.0
 """Real seconds that the estimator may be behind the last push."""
 REFITTED = 120.0
-"""Real seconds for the fit with the effect that was added; an idle core takes 20 to 50."""
+"""Real seconds for the fit with the effect that was added; of a core it takes 3 to 47."""
 
 Call = Callable[[str], tuple[bool, str]]
 Ask = Callable[[tuple[float, float, float]], dict[str, Any]]
@@ -97,7 +97,10 @@ class Act:
             f"named; {errors['noise_floor']:.2f} is the noise"
         )
         if not effect or found["verdict"] not in ("missing_effect", "ambiguous"):
-            self._say("what is known of the object was opened: call /explorer/explore to find it")
+            self._say(
+                "what is known of the object was opened: call /property_estimator/reset and "
+                "/explorer/explore to find it anew"
+            )
             return told
         from rclpy.parameter import Parameter
         from rclpy.parameter_client import AsyncParameterClient

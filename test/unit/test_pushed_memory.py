@@ -1,6 +1,7 @@
 """Pushed objects that were pushed before: combined, unless something differs; kept in files."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -129,3 +130,17 @@ def test_a_second_recording_starts_where_the_first_ended(bag, tmp_path, monkeypa
     assert main(arguments) == 2
     assert "another object or table: mass differ" in capsys.readouterr().err
     assert file.read_text() == before
+
+
+def test_a_mass_that_nothing_told_begins_at_the_usual_friction():
+    """Where a fit left it, on ice or on glue, is no knowledge; product and centre are."""
+    spread = np.diag(np.square([0.05, 0.6, 1e-3, 2e-3]))
+    told = KnownPushed(np.array([0.0, 3.0, 0.01, 0.0]), spread, "before")
+    mean, root = told.beforehand(usual=3.0, spread=0.5)
+    assert_allclose(mean, told.values)
+    assert_allclose(np.linalg.inv(root.T @ root), spread)
+    mean, root = replace(told, undetermined=("mass",)).beforehand(usual=3.0, spread=0.5)
+    assert_allclose(mean, [0.0, -np.log(3.0), 0.01, 0.0])
+    covariance = np.linalg.inv(root.T @ root)
+    assert_allclose(np.diag(covariance)[[0, 2, 3]], np.diag(spread)[[0, 2, 3]])
+    assert covariance[1, 1] == pytest.approx(0.05**2 + 0.5**2)

@@ -31,3 +31,22 @@ class KnownPushed:
     name: str
     undetermined: tuple[str, ...] = ()
     recordings: int = 1
+
+    def beforehand(self, usual: float, spread: float) -> tuple[Array, Array]:
+        """What a fit may begin with: the values (4,) and a root (k, 4) of their information.
+
+        A mass that nothing has told is that of the usual friction, wherever the fit has left it.
+
+        Args:
+            usual: friction force over mass, N/kg.
+            spread: standard deviation of its logarithm.
+        """
+        mean = self.values.copy()
+        if "mass" not in self.undetermined:
+            return mean, np.linalg.cholesky(np.linalg.inv(self.covariance)).T
+        mean[1] = mean[0] - np.log(usual)
+        told, root = [0, 2, 3], np.zeros((4, 4))
+        information = np.linalg.inv(self.covariance[np.ix_(told, told)])
+        root[:3, told] = np.linalg.cholesky(information).T
+        root[3, :2] = 1.0 / spread, -1.0 / spread
+        return mean, root

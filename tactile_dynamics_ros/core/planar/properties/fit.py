@@ -30,6 +30,8 @@ from tactile_dynamics_ros.core.planar.properties.bordered import (
 )
 from tactile_dynamics_ros.core.planar.properties.intervals import COARSE, Intervals, cut_intervals
 from tactile_dynamics_ros.core.planar.properties.push_model import (
+    FRICTION_SPREAD,
+    USUAL_FRICTION,
     PushFit,
     PushModel,
     Sharpness,
@@ -135,8 +137,9 @@ def fit_push(
     late = [e for e in effects if e.lasting or (e.sudden and known is None)]
     model = replace(model, effects=tuple(e for e in effects if e not in late))
     if known is not None:
-        first = known.values - [np.log(-streams.gravity[2]), 0.0, *patch.centroid]
-        model = replace(model, known=(first, np.linalg.cholesky(np.linalg.inv(known.covariance)).T))
+        gravity = -streams.gravity[2]
+        first, root = known.beforehand(USUAL_FRICTION * gravity, FRICTION_SPREAD)
+        model = replace(model, known=(first - [np.log(gravity), 0.0, *patch.centroid], root))
     fit = _best_planned(model, nodes)
     for effect in late:
         fit = _extended(with_expected_force(fit), effect)
