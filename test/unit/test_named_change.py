@@ -11,6 +11,7 @@ from tactile_dynamics_ros.core.planar.properties.estimate import PushedEstimate 
 from tactile_dynamics_ros.sim.planar.simulated_table import SimulatedTableConfig  # noqa: E402
 from tactile_dynamics_ros.sim.planar_objects import planar_object  # noqa: E402
 
+pytestmark = pytest.mark.slow
 NUMBER = 18
 STD = np.array([0.05, 0.15, 1e-3, 1e-3])
 """Of ln friction force, ln mass and centre of mass, m: what fits to five pushes state."""
