@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.pushed import linked
 from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
 from tactile_dynamics_ros.core.planar.diagnosis.discrepancy_model import PushDiscrepancy
@@ -18,6 +19,8 @@ from tactile_dynamics_ros.synthetic import pushed
 
 CLEAN = "none"
 """Stands for recordings in which nothing is hidden."""
+_PUSHES = 4
+"""Pushes of two parts, two on each: they turn a joint and go four ways."""
 _MAGNITUDE = 1.35
 """Multiple of the typical size at which effects are hidden, as for held objects."""
 
@@ -25,9 +28,11 @@ _MAGNITUDE = 1.35
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the section's options."""
     known = (CLEAN, *pushed.CATALOGUE, *pushed.OUTSIDE)
-    parser.add_argument("--diagnosed", nargs="+", choices=known, default=list(known))
+    choices = (*known, *pushed.JOINTED)
+    parser.add_argument("--diagnosed", nargs="+", choices=choices, default=list(known))
     parser.add_argument("--diagnosis-seeds", type=int, nargs="+", default=[210, 211, 212])
     parser.add_argument("--variations", type=float, nargs="+", default=[0.0, 0.05])
+    parser.add_argument("--diagnosed-kind", choices=("single", *linked.KINDS), default="single")
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
@@ -37,16 +42,19 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
         names, seeds = [CLEAN, "support_tilt"], seeds[:1]
     rows = []
     for variation, name, seed in product(options.variations, names, seeds):
-        row = _row(name, seed, variation)
-        said = row.get("effect") or row.get("verdict", "refused")
+        row = _row(name, seed, variation, options.diagnosed_kind)
+        said = row.get("effect") or row.get("verdict") or row["refused"]
         print(f"{name}, seed {seed}, variation {variation:g}: {said}", file=sys.stderr, flush=True)
         rows.append(row)
     return {"rows": rows, "magnitude": _MAGNITUDE}
 
 
-def _row(name: str, seed: int, variation: float) -> dict[str, Any]:
+def _row(name: str, seed: int, variation: float, kind: str) -> dict[str, Any]:
     hidden = {} if name == CLEAN else {name: _MAGNITUDE}
-    made = pushed.generate([seed], hidden, pushed.PushOptions(variation=variation))[0]
+    if kind == "single":
+        made = pushed.generate([seed], hidden, pushed.PushOptions(variation=variation))[0]
+    else:
+        made = linked.recorded([seed], kind, _PUSHES, True, variation, hidden=hidden)[0][0]
     row: dict[str, Any] = {"hidden": name, "seed": seed, "variation": variation}
     start = time.process_time()
     try:

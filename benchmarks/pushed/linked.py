@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -16,7 +17,7 @@ from tactile_dynamics_ros.core.planar.properties.estimate import estimate
 from tactile_dynamics_ros.core.planar.properties.linked_pair import Pair
 from tactile_dynamics_ros.synthetic import pushed, randomness
 from tactile_dynamics_ros.synthetic.pushed.actions import ActionOptions
-from tactile_dynamics_ros.synthetic.pushed.effects import Faults
+from tactile_dynamics_ros.synthetic.pushed.effects import Faults, Hidden, hide
 from tactile_dynamics_ros.synthetic.pushed.recordings import draw_scene
 from tactile_dynamics_ros.synthetic.pushed.scene import Scene
 from tactile_dynamics_ros.synthetic.pushed.sensors import read_sensors
@@ -65,21 +66,49 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def recorded(
-    seeds: range, kind: str, pushes: int, near: bool, variation: float = 0.0, play: float = 0.0
+    seeds: Sequence[int],
+    kind: str,
+    pushes: int,
+    near: bool,
+    variation: float = 0.0,
+    play: float = 0.0,
+    hidden: Mapping[str, float] | None = None,
 ) -> list[tuple[pushed.HiddenPush, Motion]]:
-    """Recordings of pairs that are pushed near where their parts meet, or as usual."""
+    """Recordings of pairs that are pushed near where their parts meet, or as usual.
+
+    Args:
+        seeds: one of each recording.
+        kind: of the pair.
+        pushes: in each recording.
+        near: whether near where parts meet.
+        variation: relative, of friction from place to place.
+        play: m, by which a joint's pin is thinner than its hole.
+        hidden: effects at multiples of their typical sizes.
+    """
     actions = ActionOptions(count=pushes, speed=SPEED if near else USUAL)
     options = pushed.PushOptions(kind=kind, actions=actions, variation=variation)
     scenes = [draw_scene(seed, options) for seed in seeds]
     if near:
         scenes = [_pushed_near(scene) for scene in scenes]
     scenes = [replace(scene, thing=replace(scene.thing, play=play)) for scene in scenes]
+    added = [_hidden(scene, hidden or {}) for scene in scenes]
     found = []
-    for scene, motion in zip(scenes, simulate(scenes), strict=True):
-        rng = randomness.stream(scene.seed, "noise")
-        streams = read_sensors(motion, scene, Faults(), options.sensors, rng)
-        found.append((pushed.HiddenPush(streams, scene, {}, motion), motion))
+    for more, motion in zip(added, simulate([more.scene for more in added]), strict=True):
+        rng = randomness.stream(more.scene.seed, "noise")
+        faults = more.faults or Faults()
+        streams = read_sensors(motion, more.scene, faults, options.sensors, rng)
+        found.append((pushed.HiddenPush(streams, more.scene, more.parameters, motion), motion))
     return found
+
+
+def _hidden(scene: Scene, effects: Mapping[str, float]) -> Hidden:
+    """The scene with effects, and their true parameters by name."""
+    made = Hidden(scene)
+    for name, size in effects.items():
+        added = hide(name, size, made.scene, randomness.stream(scene.seed, "effect", name))
+        told = made.parameters | {name: {"parameters": added.parameters}}
+        made = Hidden(added.scene, added.faults or made.faults, told)
+    return made
 
 
 def _pushed_near(scene: Scene) -> Scene:

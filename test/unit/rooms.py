@@ -96,7 +96,7 @@ ROOMS = {
     ),
     "core/planar/effects": Room(
         "what the model of a pushed object may lack, by name",
-        ("core/effects", "core/planar/mechanics"),
+        ("core/effects", "core/numerics", "core/planar/mechanics"),
     ),
     "core/planar/network": Room(
         "the graph network that predicts pushes, alone or beside the mechanics, and its training",
@@ -124,6 +124,7 @@ ROOMS = {
             "core/effects",
             "core/planar",
             "core/planar/effects",
+            "core/planar/linked",
             "core/planar/mechanics",
             "core/planar/properties",
         ),

@@ -42,7 +42,7 @@ def test_innovations_of_a_right_model_are_white(model):
 
 
 def test_the_same_change_under_all_points_is_more_friction(model):
-    balance, motion, common = model.fit.model.balance, model._motion, model.fit.common
+    balance, motion, common = model.fit.model.balance, model.pushes.kinematics, model.fit.common
     slip = model._sharp.slip
     everywhere = np.ones(balance.feet(motion).shape[:2])
     told = balance.lack_by_shares(motion, common, slip, [everywhere])[:, :, 0]
@@ -54,7 +54,7 @@ def test_the_same_change_under_all_points_is_more_friction(model):
 
 def test_a_slope_acts_under_each_point_of_the_object(model):
     """The effect, whose points share one factor and a centre, does what each point does alone."""
-    balance, motion, common = model.fit.model.balance, model._motion, model.fit.common
+    balance, motion, common = model.fit.model.balance, model.pushes.kinematics, model.fit.common
     feet = balance.feet(motion) - balance.middle
     told = balance.lack_by_shares(motion, common, model._sharp.slip, feet.transpose(2, 0, 1))
     effect, noise = model.effect_named(SLOPE), model.fit.model.noise(model._sharp.floor)

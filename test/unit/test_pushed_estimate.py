@@ -96,10 +96,21 @@ def test_gradient_of_the_cost_is_its_derivative(model):
     assert (ahead - behind) / (2.0 * step) == pytest.approx(by_formula, rel=1e-3)
 
 
+def test_a_force_after_the_last_sample_is_unknown(quick):
+    """Sensors that speak while something is touched say nothing of the slide to a stop."""
+    last = max(contact.time[-1] for contact in quick.streams.contacts.values())
+    cut = cut_intervals(quick.streams)
+    after = cut.time > last + cut.step
+    assert after.sum() > 5
+    assert not cut.measured[after].any()
+    assert not cut.touching[after].any()
+    assert cut.measured[(cut.time > last - 0.05) & (cut.time <= last)].all()
+
+
 def test_motions_that_a_light_object_could_make_do_not_count_for_it(model):
     residuals, nodes = model
     common = residuals.prior[0].copy()
-    common[:2] = np.log(residuals.typical_force / 9.81), np.log(residuals.typical_force / 3.0)
+    common[:2] = np.log(residuals.typical_force / 9.81), np.log(residuals.typical_force / 5.0)
     slope = residuals.volume_slope(nodes, common, Sharpness(5e-4, 1.0, 0.03))
     assert slope[NAMES.index("ln_mass")] > 0.05
 

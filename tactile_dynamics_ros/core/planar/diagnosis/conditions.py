@@ -12,6 +12,9 @@ from tactile_dynamics_ros.core.planar.effects.situation import PlanarMotion
 
 Array = NDArray[np.float64]
 
+_CHANNELS = ("position_x", "position_y", "yaw")
+"""What is seen of each part, in the order of the filter's rows."""
+
 
 def push_conditions(motion: PlanarMotion, force: Array, at: NDArray[np.intp]) -> list[Condition]:
     """Speed, force, place and time at some intervals.
@@ -41,16 +44,17 @@ def push_residuals(
 
     Args:
         time: (J,) s.
-        white: (J, 3) innovations of x, y and yaw.
-        pose_std: (3,) m, m, rad.
+        white: (J, 3 B) innovations of x, y and yaw of B parts.
+        pose_std: (J, 3 B) m, m, rad.
         conditions: as of `push_conditions`.
     """
+    parts = [""] if white.shape[1] == 3 else ["link_1_", "link_2_"]
     return Residuals(
         time=time,
         white=white,
         physical=white * pose_std,
-        channels=("position_x", "position_y", "yaw"),
-        units=("m", "m", "rad"),
+        channels=tuple(before + channel for before in parts for channel in _CHANNELS),
+        units=("m", "m", "rad") * len(parts),
         conditions=tuple(conditions),
         drivers=np.column_stack([c.values for c in (conditions[0], *conditions[4:6])]),
         alone="mass, friction and centre alone",

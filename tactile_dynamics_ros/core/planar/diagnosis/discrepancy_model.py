@@ -23,9 +23,16 @@ from tactile_dynamics_ros.core.planar.diagnosis.conditions import (
     push_conditions,
     push_residuals,
 )
+from tactile_dynamics_ros.core.planar.diagnosis.fitted import FRICTION_SPREAD, FittedPushes
 from tactile_dynamics_ros.core.planar.diagnosis.innovations import Innovations
-from tactile_dynamics_ros.core.planar.diagnosis.rows import PushRows, linear_rows
-from tactile_dynamics_ros.core.planar.diagnosis.separating_push import plan_push, plan_wider
+from tactile_dynamics_ros.core.planar.diagnosis.one_part import OnePart
+from tactile_dynamics_ros.core.planar.diagnosis.rows import PushRows
+from tactile_dynamics_ros.core.planar.diagnosis.separating_push import (
+    Predict,
+    plan_push,
+    plan_wider,
+)
+from tactile_dynamics_ros.core.planar.diagnosis.two_parts import TwoParts
 from tactile_dynamics_ros.core.planar.diagnosis.variation import (
     SLOPE,
     VARIATION,
@@ -33,16 +40,11 @@ from tactile_dynamics_ros.core.planar.diagnosis.variation import (
     field_rows,
     likeliest_table,
 )
+from tactile_dynamics_ros.core.planar.effects.acting import Acting
 from tactile_dynamics_ros.core.planar.effects.effect import PushEffect
 from tactile_dynamics_ros.core.planar.effects.gated import can_be_gated
 from tactile_dynamics_ros.core.planar.effects.registry import PUSHED
-from tactile_dynamics_ros.core.planar.properties.balance import NAMES, Friction, Kinematics
-from tactile_dynamics_ros.core.planar.properties.fit import (
-    final_sharpness,
-    fit_push,
-    refit,
-    with_expected_force,
-)
+from tactile_dynamics_ros.core.planar.properties.linked_fit import PairFit
 from tactile_dynamics_ros.core.planar.properties.push_model import (
     USUAL_FRICTION,
     PushFit,
@@ -52,19 +54,12 @@ from tactile_dynamics_ros.core.planar.streams import PushedStreams
 
 Array = NDArray[np.float64]
 
-_FRICTION_SPREAD = 0.4
-"""Standard deviation of the logarithm of friction beforehand: nearly all tables within 0.1 and 0.9.
-Narrower than in an estimate, since a fit at fixed whitening does not see that heavy objects on ice
-explain whatever the model lacks."""
-_OWN = 4
-"""Common numbers that a fit at fixed whitening may change: product, mass and centre of mass. The
-others are known beforehand to within their priors, which is part of the whitening."""
 _LARGEST_GUESS = 1.5
 """Largest start of an effect's parameter, in standard deviations of its prior: linear forms
 overshoot where an effect is large. At 3 some fits began where friction is negative."""
 _OF_WHITENING = (
     *("_sharp", "_rows", "_filter", "_lasting"),
-    *("_spread", "_at_fit", "_motion", "_friction"),
+    *("_spread", "_at_fit", "_friction"),
 )
 """What is computed of the linearisation alone, and handed on to models at the same whitening; what
 is left out is computed again, at half a second each."""
@@ -77,19 +72,20 @@ laws bend by far less than a thousandth over it, rounding is a millionth of it."
 class PushDiscrepancy(LeastSquaresModel[PushEffect]):
     """Innovations of the poses of a pushed object, with x = [ln q, ln m, com x, com y, theta ...].
 
+    Of two parts on a joint x has the numbers of both, and ln of the joint's friction.
     The motion, local friction and what is known of lasting errors of height, place, clock and
     pressure are integrated out along a linearisation: the residual says what each pose adds to
     those before it and to the forces.
 
     Attributes:
-        fit: motion and common numbers at which the rows were linearised; with all effects.
-        values: (4,) own parameters.
+        pushes: motion and common numbers at which the rows were linearised; with all effects.
+        values: (q,) own parameters.
         effects: of the model. theta: their parameters.
         catalogue: names of the effects that may be tried.
         table: how friction differs from place to place, by which residuals are made white.
     """
 
-    fit: PushFit
+    pushes: FittedPushes
     values: Array
     effects: tuple[PushEffect, ...]
     theta: tuple[Array, ...]
@@ -101,33 +97,37 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
         """Fit a model with named effects.
 
         Raises:
-            BadInputError: an effect is unknown, or nothing is touched while poses are known.
-            NotIdentifiableError: nothing slides long enough, or there are two parts.
+            BadInputError: an effect is unknown or has no law for two parts, or nothing is touched
+                while poses are known.
+            NotIdentifiableError: nothing slides long enough, there are more than two parts, or
+                what two are to each other is not known.
         """
-        if len(streams.links) > 1:
-            raise NotIdentifiableError(
-                f"{len(streams.links)} parts: what a model lacks is told of one; record the parts "
-                "one by one, or ask `estimate`, which tells whether their joint has play"
-            )
-        effects = PUSHED.create_all(names)
-        found = with_expected_force(fit_push(streams, effects))
-        first, *theta = np.split(found.common, len(NAMES) + _ends(effects))
-        model = cls(
-            *(found, first[:_OWN], found.model.effects, tuple(theta), PUSHED.names()),
-            table=Table(found.variation),
-        )
+        kind = OnePart if len(streams.links) == 1 else TwoParts
+        pushes = kind.of_streams(streams, PUSHED.create_all(names))
+        values, theta = _split(pushes)
+        table = Table(pushes.variation)
+        model = cls(pushes, values, pushes.effects, theta, pushes.catalogue, table)
         return replace(model, table=model._likeliest_table()).settled()
 
     @property
-    def own(self) -> Array:
-        """(4,) ln of product (kg) and mass (kg), centre of mass from the centroid, m."""
-        return self.values
+    def fit(self) -> PushFit | PairFit:
+        """Motion and common numbers."""
+        found: PushFit | PairFit = self.pushes.fit
+        return found
 
     @property
+    def own(self) -> Array:
+        """(q,) ln of product (kg) and mass (kg), centre of mass from the centroid, m, ..."""
+        return self.values
+
+    @cached_property
     def own_scales(self) -> Array:
-        """(4,) plausible change of each."""
-        reach = float(np.sqrt(self.fit.model.plate))
-        return np.array([0.3, 0.6, 0.5 * reach, 0.5 * reach])
+        """(q,) plausible change of each."""
+        pushes = self.pushes
+        scales = pushes.prior[1].copy()
+        for product, mass in pushes.frictions:
+            scales[[product, mass]] = 0.3, 0.6
+        return scales[pushes.own]
 
     @property
     def own_names(self) -> tuple[tuple[str, str, str], ...]:
@@ -136,11 +136,11 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
 
     @cached_property
     def _sharp(self) -> Sharpness:
-        return final_sharpness(self.fit.model, self.fit.nodes, self.table.along)
+        return self.pushes.sharp(self.table.along)
 
     @cached_property
     def _rows(self) -> PushRows:
-        return linear_rows(self.fit.model, self.fit.nodes, self.fit.common, self._sharp)
+        return self.pushes.rows(self._sharp)
 
     @cached_property
     def _filter(self) -> Innovations:
@@ -152,10 +152,10 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
 
         Height, place, clock and pressure; and friction over the table, of which nothing is found.
         """
-        mean, std = self.fit.model.prior
-        chosen = slice(_OWN, len(NAMES))
+        mean, std = self.pushes.prior
+        places = self._places
         motion, poses = self._lasting_rows
-        found = (self.fit.common[chosen] - mean[chosen]) / std[chosen]
+        found = (self.pushes.common[places] - mean[places]) / std[places]
         if self.table.field:
             field = self.table.field * self._field(self.table.length)
             motion = np.concatenate([motion, field], axis=2)
@@ -165,17 +165,21 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
         return self._innovations(motion, poses), found
 
     @property
+    def _places(self) -> NDArray[np.intp]:
+        """Places of the common numbers that are lasting errors."""
+        return np.setdiff1d(np.arange(len(self.pushes.names)), self.pushes.own)
+
+    @property
     def _lasting_rows(self) -> tuple[Array, Array]:
-        """Rows (N, 3, 7) and (P, 3, 7) per standard deviation of errors that last."""
-        std, rows = self.fit.model.prior[1], self._rows
-        chosen = slice(_OWN, len(NAMES))
-        poses = np.zeros((*rows.pose.shape, len(NAMES) - _OWN))
-        poses[:, :, -1] = rows.pose_by_delay
-        return rows.motion_by_common[:, :, chosen] * std[chosen], poses * std[chosen]
+        """Rows (N, D, k) and (P, 3, k) per standard deviation of errors that last."""
+        rows, places = self._rows, self._places
+        std = self.pushes.prior[1][places]
+        by_motion, by_poses = rows.motion_by_common, rows.poses.by_common
+        return by_motion[:, :, places] * std, by_poses[:, :, places] * std
 
     def _field(self, length: float) -> Array:
-        """Rows (N, 3, K) by spots of a table whose friction differs over a length, m."""
-        return field_rows(self.fit.model, self._motion, self.fit.common, self._sharp, length)
+        """Rows (N, D, K) by spots of a table whose friction differs over a length, m."""
+        return field_rows(self.pushes, self._sharp, length)
 
     @cached_property
     def _spread(self) -> tuple[Array, Array]:
@@ -184,7 +188,7 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
         return vectors, np.square(sizes)
 
     def _innovations(self, motion: Array, poses: Array) -> Array:
-        """(M, c) of rows (N, 3, c) of the motion and (P, 3, c) of poses alone."""
+        """(M, c) of rows (N, D, c) of the motion and (P, 3, c) of poses alone."""
         local = np.zeros((*self._rows.local.shape, motion.shape[2]))
         return self._filter.white(motion, local, poses).reshape(-1, motion.shape[2])
 
@@ -192,19 +196,13 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
     def _at_fit(self) -> Array:
         """(M,) innovations at the linearisation, for lasting errors of zero."""
         rows = self._rows
-        parts = (rows.motion[..., None], rows.local[..., None], rows.pose[..., None])
+        parts = (rows.motion[..., None], rows.local[..., None], rows.poses.residual[..., None])
         columns, found = self._lasting
         return np.asarray(self._filter.white(*parts).reshape(-1) - columns @ found)
 
     @cached_property
-    def _motion(self) -> Kinematics:
-        model = self.fit.model
-        return Kinematics.of_nodes(self.fit.nodes, model.middle, model.intervals.step)
-
-    @cached_property
-    def _friction(self) -> Friction:
-        balance = self.fit.model.balance
-        return balance.linear_friction(self._motion, self.fit.common, self._sharp.slip)
+    def _friction(self) -> Any:
+        return self.pushes.friction(self._sharp)
 
     def evaluate(self, x: Array, effects: tuple[PushEffect, ...]) -> tuple[Array, Array]:
         """White residual (M,) and its derivative (M, p), in one run of the filter."""
@@ -212,7 +210,7 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
         return self.whiten(self._at_fit) + white[:, 0], white[:, 1:]
 
     def _slopes(self, x: Array, effects: tuple[PushEffect, ...]) -> tuple[Array, Array]:
-        """`_changed` (N, 3, 1 + p) and (P, 3, 1 + p), followed by its derivative."""
+        """`_changed` (N, D, 1 + p) and (P, 3, 1 + p), followed by its derivative."""
         sizes = _STEP * self.scales(effects)
         here = self._changed(x, effects)
         moved = [self._changed(x + step, effects) for step in np.diag(sizes)]
@@ -225,22 +223,29 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
         return motion, poses
 
     def _changed(self, x: Array, effects: Sequence[PushEffect]) -> tuple[Array, Array]:
-        """Change of rows (N, 3) of the motion and (P, 3) of poses from where they were taken."""
-        model, rows = self.fit.model, self._rows
-        balance = model.balance_with(tuple(effects))
-        common = np.concatenate([x[:_OWN], self.fit.common[_OWN : len(NAMES)], x[_OWN:]])
-        lack = balance.lack(self._motion, common, self._friction) / model.noise(self._sharp.floor)
+        """Change of rows (N, D) of the motion and (P, 3) of poses from where they were taken."""
+        pushes, rows, acting = self.pushes, self._rows, tuple(effects)
+        common = self._common(x)
+        lack = pushes.lack(common, acting, self._friction) / pushes.noise(self._sharp)
         motion = np.zeros_like(rows.motion)
-        motion[model.middle] = lack - rows.motion[model.middle]
-        delay = NAMES.index("delay")
-        late = balance.numbers(common)[delay] - model.balance.numbers(self.fit.common)[delay]
-        return motion, rows.pose_by_delay * late
+        motion[pushes.middle] = lack - rows.motion[pushes.middle]
+        late = pushes.delay(common, acting) - pushes.delay(pushes.common, pushes.effects)
+        return motion, rows.poses.by_common[:, :, pushes.names.index("delay")] * late
+
+    def _common(self, x: Array) -> Array:
+        """(p + k,) all numbers for x = [own, theta ...]; the others are as they were found."""
+        pushes = self.pushes
+        count = len(pushes.own)
+        common = np.append(pushes.common[: len(pushes.names)], x[count:])
+        common[pushes.own] = x[:count]
+        return common
 
     @property
     def time(self) -> Array:
         """(M,) s."""
-        times = self._rows.pose_time[self._filter.order]
-        return np.repeat(times - times[0], 3)
+        order = self._filter.order
+        times = self._rows.poses.time[order[:, 0]]
+        return np.repeat(times - times[0], 3 * order.shape[1])
 
     @property
     def measured(self) -> Array:
@@ -268,11 +273,15 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
     def prior_rows(self, effects: tuple[PushEffect, ...]) -> tuple[Array, Array]:
         """Those of effects, the usual friction, and a centre of mass under the footprint."""
         rows, values = super().prior_rows(effects)
-        own = np.zeros((3, rows.shape[1]))
-        own[0, :2] = 1.0 / _FRICTION_SPREAD, -1.0 / _FRICTION_SPREAD
-        own[1, 2] = own[2, 3] = 1.0 / self.own_scales[2]
-        usual = np.array([-np.log(USUAL_FRICTION) / _FRICTION_SPREAD, 0.0, 0.0])
-        return np.concatenate([rows, own]), np.append(values, usual)
+        pushes, (mean, std) = self.pushes, self.pushes.prior
+        pick = np.zeros((len(mean), rows.shape[1]))
+        pick[pushes.own, np.arange(len(pushes.own))] = 1.0
+        bound = [pair for pair in pushes.frictions if pair[1] in pushes.own]
+        free = np.setdiff1d(pushes.own, bound)
+        usual = [(pick[product] - pick[mass]) / FRICTION_SPREAD for product, mass in bound]
+        far = np.full(len(bound), -np.log(USUAL_FRICTION) / FRICTION_SPREAD)
+        rows = np.concatenate([rows, *(row[None] for row in usual), pick[free] / std[free, None]])
+        return rows, np.concatenate([values, far, -mean[free] / std[free]])
 
     def parameters_of(self, effect: PushEffect) -> tuple[EffectParameter, ...]:
         """Parameters of an effect."""
@@ -301,13 +310,12 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
 
         Effects far from the data have no such fit; the one at fixed whitening then stands for it.
         """
-        start = np.concatenate([self.values, self.fit.common[_OWN : len(NAMES)], *self.theta])
         try:
-            found = refit(self.fit, self.effects, start, self.table.total)
+            found = self.pushes.refitted(self.effects, self._common(self.x), self.table.total)
         except NotIdentifiableError:
             return self.settled()
-        first, *theta = np.split(found.common, len(NAMES) + _ends(self.effects))
-        made = replace(self, fit=found, values=first[:_OWN], theta=tuple(theta))
+        values, theta = _split(found)
+        made = replace(self, pushes=found, values=values, theta=theta)
         return replace(made, table=made._likeliest_table(self.table)).settled()
 
     def settled(self) -> PushDiscrepancy:
@@ -316,12 +324,8 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
 
     def families_of(self, name: str) -> list[Family]:
         """What an effect that the model lacks makes of the innovations."""
-        instances = self._instances(self.effect_named(name))
+        instances = self.pushes.families(self.effect_named(name))
         return [self._family(instance, len(instances)) for instance in instances]
-
-    def _instances(self, effect: PushEffect) -> list[PushEffect]:
-        """An effect, or for sudden ones one for each push with which it may begin; or none."""
-        return effect.beginnings(self.fit.model.intervals.push_starts) if effect.told else []
 
     def _family(self, effect: PushEffect, choices: int) -> Family:
         at = "" if effect.start is None else f" at {effect.start:.2f} s"
@@ -333,7 +337,7 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
         )  # fmt: skip
 
     def _spanned(self, effect: PushEffect) -> tuple[Array, Array]:
-        """Changes of rows (N, 3, m) and (P, 3, m) by what spans an effect."""
+        """Changes of rows (N, D, m) and (P, 3, m) by what spans an effect."""
         sizes = np.array([p.prior_std for p in effect.parameters])
         steps, scale = effect.family_thetas(), 1.0
         if steps is None:
@@ -364,26 +368,29 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
 
     def _gap(self, start: float) -> float:
         """Time before a push in which something may have changed, s, as a standard deviation."""
-        times = self._rows.pose_time[self._filter.order]
+        times = self._rows.poses.time[self._filter.order[:, 0]]
         before = times[times < start]
         return float(start - before[-1]) / np.sqrt(12.0) if len(before) else 0.0
 
     def conditions(self) -> list[Condition]:
         """Speed, force, place and time."""
-        model, rows = self.fit.model, self._rows
-        at = np.searchsorted(model.middle, rows.pose_middle[self._filter.order])
-        force = np.linalg.norm(model.intervals.force[model.middle, :2], axis=1)
-        return push_conditions(model.balance.motion(self._motion), force, at)
+        pushes, poses = self.pushes, self._rows.poses
+        at = np.searchsorted(pushes.middle, poses.middle[self._filter.order[:, 0]])
+        force = np.linalg.norm(pushes.intervals.force[pushes.middle, :2], axis=1)
+        return push_conditions(pushes.motion(), force, at)
 
     def residuals(self) -> Residuals:
         """Innovations of the pose, with what was going on."""
-        white = self.residual.reshape(-1, 3)
-        return push_residuals(self.time[::3], white, self._rows.pose_std, self.conditions())
+        order = self._filter.order
+        white = self.residual.reshape(len(order), -1)
+        std = self._rows.poses.std[order].reshape(white.shape)
+        time = self.time[:: white.shape[1]]
+        return push_residuals(time, white, std, self.conditions())
 
     def lacking(self) -> Array:
         """(R, 3) force, N, and torque about the contact, N m, that the fitted motion lacks."""
-        fit = self.fit
-        return fit.model.balance.lack(self._motion, fit.common, self._friction)
+        pushes = self.pushes
+        return pushes.lack(pushes.common, pushes.effects, self._friction)[:, :3]
 
     @property
     def remark(self) -> str:
@@ -397,13 +404,15 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
     def plan_against(self, rivals: Sequence[PushDiscrepancy]) -> dict[str, Any] | None:
         """The push that would tell this model from others."""
         named = {rival.effect_names[-1]: rival._pushed for rival in rivals if rival.effects}
+        steady = self.pushes.steady()
+        if steady is None:
+            return None
         if not named and self.imitators(SLOPE):
-            return plan_wider(self.fit.model)
-        return plan_push(self._pushed, named, self.fit.model, self.table.total)
+            return plan_wider(steady)
+        return plan_push(self._pushed, named, steady, self.table.total)
 
-    def _pushed(self, predict: Any) -> Array:
-        common = np.concatenate([self.values, self.fit.common[_OWN : len(NAMES)], *self.theta])
-        return np.asarray(predict(common, self.effects))
+    def _pushed(self, predict: Predict) -> Array:
+        return predict(self._common(self.x), self.effects)
 
     def _likeliest_table(self, most: Table | None = None) -> Table:
         """Variations of friction that are likeliest beside single effects of plausible sizes.
@@ -418,7 +427,7 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
         effects = []
         missing = [] if most else [n for n in self.catalogue if n not in self.effect_names]
         for name in missing:
-            for effect in self._instances(self.effect_named(name)):
+            for effect in self.pushes.families(self.effect_named(name)):
                 by_motion, by_poses = self._spanned(effect)
                 size = _sizes(effect, by_motion.shape[2])
                 effects.append((name, (by_motion * size, by_poses * size)))
@@ -430,10 +439,10 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
         return there._at_fit, there._innovations(motion, poses), there._filter.log_volume
 
 
-def _ends(effects: Sequence[PushEffect]) -> NDArray[np.intp]:
-    """Where parameters of effects begin, from the first one's."""
-    counts = [len(effect.parameters) for effect in effects]
-    return np.cumsum([0, *counts])[: len(counts)]
+def _split(pushes: FittedPushes) -> tuple[Array, tuple[Array, ...]]:
+    """Own parameters, and those of each effect."""
+    acting = Acting(pushes.effects, pushes.common[len(pushes.names) :])
+    return pushes.common[pushes.own], tuple(theta for _, theta in acting)
 
 
 def _sizes(effect: PushEffect, count: int) -> Array:

@@ -30,9 +30,9 @@ class _Step:
 
     Attributes:
         live: segments. node: (b,) middle nodes.
-        ahead: (b, 3, 3) inverse derivative of the row by the next node.
-        carry: (b, 12, 12) from state to state.
-        by_local: (b, 3, 3) derivative of the next node by local friction.
+        ahead: (b, D, D) inverse derivative of the row by the next node.
+        carry: (b, 3 D + l, 3 D + l) from state to state.
+        by_local: (b, D, l) derivative of the next node by local friction.
         measured: poses of each round, with what the filter does about them.
     """
 
@@ -59,7 +59,8 @@ class Innovations:
 
     Attributes:
         rows: of the model there.
-        order: (J,) poses while the object slides, which are judged, in the order of time.
+        order: (J, B) poses while the object slides, which are judged, in the order of time: those
+            of B parts at one node. What has no fellow there is used and not judged.
         log_volume: sum of ln det of the square roots of their covariances.
     """
 
@@ -75,29 +76,30 @@ class Innovations:
         return _Builder(rows).built()
 
     def white(self, motion: Array, local: Array, poses: Array) -> Array:
-        """Innovations (J, 3, c), white.
+        """Innovations (J, 3 B, c), white.
 
         Args:
-            motion: (N, 3, c) residuals of dynamics or smoothness around each node, white.
-            local: (N, 3, c) what local friction at a node differs from what the one before leaves.
+            motion: (N, D, c) residuals of dynamics or smoothness around each node, white.
+            local: (N, l, c) what local friction at a node differs from what the one before leaves.
             poses: (M, 3, c) residuals of poses, white.
         """
-        state = np.zeros((self._segments, 12, motion.shape[2]))
+        size, more = motion.shape[1], local.shape[1]
+        state = np.zeros((self._segments, 3 * size + more, motion.shape[2]))
         first = self.rows.first_node
-        state[:, 9:] = -local[first]
+        state[:, 3 * size :] = -local[first]
         found = np.zeros(poses.shape)
         for step in self._steps:
             at = step.live
             moved = step.carry @ state[at]
-            moved[:, 6:9] -= step.ahead @ motion[step.node]
-            moved[:, 6:9] -= step.by_local @ local[step.node]
-            moved[:, 9:] -= local[step.node]
+            moved[:, 2 * size : 3 * size] -= step.ahead @ motion[step.node]
+            moved[:, 2 * size : 3 * size] -= step.by_local @ local[step.node]
+            moved[:, 3 * size :] -= local[step.node]
             for seen in step.measured:
                 error = poses[seen.pose] + seen.looks @ moved[seen.which]
                 found[seen.pose] = seen.root @ error
                 moved[seen.which] -= seen.gain @ error
             state[at] = moved
-        return found[self.order]
+        return found[self.order].reshape(len(self.order), -1, motion.shape[2])
 
 
 class _Builder:
@@ -108,27 +110,31 @@ class _Builder:
         count = len(rows.motion_by_nodes)
         self._ends = np.append(rows.first_node[1:], count)
         self._length = self._ends - rows.first_node
-        self._poses_of = _group(rows.pose_middle, count)
+        self._poses_of = _group(rows.poses.middle, count)
+        self._size, self._more = len(rows.unsure), rows.local.shape[1]
 
     def built(self) -> Innovations:
-        rows = self._rows
+        rows, size = self._rows, self._size
         segments = len(rows.first_node)
-        covariance = np.zeros((segments, 12, 12))
-        wide = np.square(_DIFFUSE * rows.pose_std)
-        diffuse = np.concatenate([np.zeros(3), wide, wide, np.full(3, rows.variation**2)])
-        covariance[:] = np.diag(diffuse)
-        steps, volume, judged = [], 0.0, []
+        wide = np.square(_DIFFUSE * rows.unsure)
+        known = np.full(self._more, rows.variation**2)
+        covariance = np.tile(
+            np.diag(np.concatenate([np.zeros(size), wide, wide, known])), (segments, 1, 1)
+        )
+        steps: list[_Step] = []
+        volumes, judged = np.zeros(len(rows.poses.time)), [np.zeros(0, dtype=np.intp)]
         for k in range(1, int(self._length.max()) - 1):
             live = np.flatnonzero(self._length - 1 > k)
             node = rows.first_node[live] + k
             step, covariance[live] = self._predicted(live, node, covariance[live])
             measured, covariance[live] = self._corrected(node, covariance[live])
             if k > _UNJUDGED:
-                counts = [rows.judged[node[seen.which]] for seen in measured]
-                judged += [seen.pose[c] for seen, c in zip(measured, counts, strict=True)]
-                volume -= sum(_log(seen.root[c]) for seen, c in zip(measured, counts, strict=True))
+                judged += [seen.pose[rows.judged[node[seen.which]]] for seen in measured]
+            for seen in measured:
+                volumes[seen.pose] = -_logs(seen.root)
             steps.append(_Step(live, node, *step, measured))
-        order = np.sort(np.concatenate(judged)) if judged else np.zeros(0, dtype=np.intp)
+        order = _fellows(rows, np.sort(np.concatenate(judged)))
+        volume = float(np.sum(volumes[order]))
         return Innovations(rows, order, volume, tuple(steps), segments)
 
     def _predicted(
@@ -139,39 +145,38 @@ class _Builder:
         The state holds nodes k-2, k-1, k and the local friction of k-1 before, and k-1, k, k+1 and
         that of k after.
         """
-        rows = self._rows
+        rows, size, states = self._rows, self._size, covariance.shape[1]
+        first, second, third = (slice(k * size, (k + 1) * size) for k in range(3))
+        last = slice(3 * size, states)
         by = rows.motion_by_nodes[node]
-        ahead: Array = np.linalg.inv(by[:, :, 2, :3]).astype(np.float64)
+        ahead: Array = np.linalg.inv(by[:, :, 2, :size]).astype(np.float64)
         keep, std = rows.keep[node], rows.local_std[node]
-        carry = np.zeros((len(live), 12, 12))
-        carry[:, :3, 3:6] = carry[:, 3:6, 6:9] = np.eye(3)
-        carry[:, 9:, 9:] = keep[:, None, None] * np.eye(3)
-        carry[:, 6:9, 3:6] = -ahead @ by[:, :, 0, :3]
-        carry[:, 6:9, 6:9] = -ahead @ by[:, :, 1, :3]
-        by_local: Array = np.asarray(-ahead @ by[:, :, 1, 3:])
-        carry[:, 6:9, 9:] = keep[:, None, None] * by_local
-        noise = np.zeros((len(live), 12, 12))
-        noise[:, 6:9, 6:9] = ahead @ ahead.swapaxes(1, 2)
+        carry = np.zeros((len(live), states, states))
+        carry[:, first, second] = carry[:, second, third] = np.eye(size)
+        carry[:, last, last] = keep[:, None, None] * np.eye(self._more)
+        carry[:, third, second] = -ahead @ by[:, :, 0, :size]
+        carry[:, third, third] = -ahead @ by[:, :, 1, :size]
+        by_local: Array = np.asarray(-ahead @ by[:, :, 1, size:])
+        carry[:, third, last] = keep[:, None, None] * by_local
+        noise = np.zeros_like(carry)
         spread = np.square(std)[:, None, None]
-        noise[:, 9:, 9:] = spread * np.eye(3)
-        noise[:, 6:9, 9:] = spread * by_local
-        noise[:, 9:, 6:9] = spread * by_local.swapaxes(1, 2)
-        noise[:, 6:9, 6:9] += spread * by_local @ by_local.swapaxes(1, 2)
+        noise[:, last, last] = spread * np.eye(self._more)
+        noise[:, third, last] = spread * by_local
+        noise[:, last, third] = spread * by_local.swapaxes(1, 2)
+        noise[:, third, third] = ahead @ ahead.swapaxes(1, 2)
+        noise[:, third, third] += spread * by_local @ by_local.swapaxes(1, 2)
         after = carry @ covariance @ carry.swapaxes(1, 2) + noise
         return (ahead, carry, by_local), after
 
     def _corrected(self, node: Index, covariance: Array) -> tuple[tuple[_Measured, ...], Array]:
-        rows = self._rows
+        size, poses = self._size, self._rows.poses
         measured = []
         rounds = max((len(self._poses_of[n]) for n in node), default=0)
         for turn in range(rounds):
             which = np.array([i for i, n in enumerate(node) if len(self._poses_of[n]) > turn])
             pose = np.array([self._poses_of[node[i]][turn] for i in which], dtype=np.intp)
-            looks = np.zeros((len(which), 3, 12))
-            for axis in range(3):
-                looks[:, axis, [axis, axis + 3, axis + 6]] = (
-                    rows.pose_weights[pose] / rows.pose_std[axis]
-                )
+            looks = np.zeros((len(which), 3, covariance.shape[1]))
+            looks[:, :, : 3 * size] = poses.by_nodes[pose].reshape(len(which), 3, 3 * size)
             there = covariance[which]
             across = there @ looks.swapaxes(1, 2)
             root = np.linalg.cholesky(looks @ across + np.eye(3))
@@ -183,9 +188,19 @@ class _Builder:
         return tuple(measured), covariance
 
 
-def _log(root: Array) -> float:
-    """Sum of ln det of triangular matrices (b, 3, 3)."""
-    return float(np.sum(np.log(np.diagonal(root, axis1=1, axis2=2))))
+def _fellows(rows: PushRows, judged: Index) -> Index:
+    """(J, B) poses of all parts at one node, of poses that are judged; one of each part."""
+    middle, parts = rows.poses.middle, rows.poses.part[judged]
+    if not np.any(rows.poses.part):
+        return judged[:, None]
+    seen = [judged[parts == part] for part in (0, 1)]
+    nodes = np.intersect1d(middle[seen[0]], middle[seen[1]])
+    return np.stack([poses[np.searchsorted(middle[poses], nodes)] for poses in seen], axis=1)
+
+
+def _logs(root: Array) -> Array:
+    """(b,) sum of ln det of triangular matrices (b, 3, 3)."""
+    return np.asarray(np.sum(np.log(np.diagonal(root, axis1=1, axis2=2)), axis=1))
 
 
 def _group(middle: Index, count: int) -> list[Index]:

@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.planar.properties.balance import NAMES
+from tactile_dynamics_ros.core.planar.properties.intervals import Intervals
+from tactile_dynamics_ros.core.planar.properties.linked_model import PairModel
 from tactile_dynamics_ros.core.planar.properties.push_model import (
     PushModel,
     Sharpness,
@@ -22,17 +24,19 @@ Index = NDArray[np.intp]
 class PushRows:
     """White residuals and derivatives of N nodes and M poses.
 
+    The motion has D coordinates; beside them each node has l numbers of local friction.
+
     Attributes:
-        motion: (N, 3) residuals of dynamics, or of smoothness where nothing slides; 0 at the ends.
-        motion_by_nodes: (N, 3, 3, 6) derivative by the node before, here and after.
-        motion_by_common: (N, 3, p).
+        motion: (N, D) residuals of dynamics, or of smoothness where nothing slides; 0 at the ends.
+        motion_by_nodes: (N, D, 3, D + l) derivative by the node before, here and after.
+        motion_by_common: (N, D, p).
         keep: (N,) share of local friction that lasts from the node before.
-        local: (N, 3) what local friction differs from that. local_std: (N,) of the difference.
-        pose: (M, 3) residuals. pose_by_delay: (M, 3). pose_weights: (M, 3) of three nodes.
-        pose_middle: (M,) nodes. pose_time: (M,) s. pose_std: (3,) m, m, rad.
+        local: (N, l) what local friction differs from that. local_std: (N,) of the difference.
+        unsure: (D,) size of the noise of the coordinates, m and rad.
         first_node: (S,) of each segment.
         judged: (N,) whether the dynamics of the node count.
         variation: relative standard deviation of friction from place to place.
+        poses: what was seen.
     """
 
     motion: Array
@@ -41,34 +45,102 @@ class PushRows:
     keep: Array
     local: Array
     local_std: Array
-    pose: Array
-    pose_by_delay: Array
-    pose_weights: Array
-    pose_middle: Index
-    pose_time: Array
-    pose_std: Array
+    unsure: Array
     first_node: Index
     judged: NDArray[np.bool_]
     variation: float
+    poses: PoseRows
 
 
-def linear_rows(model: PushModel, nodes: Array, common: Array, sharp: Sharpness) -> PushRows:
-    """Rows at a motion and common numbers."""
-    cut, count = model.intervals, len(nodes)
-    motion, by_nodes = np.zeros((count, 3)), np.zeros((count, 3, 3, 6))
-    by_common = np.zeros((count, 3, len(common)))
-    inner = np.flatnonzero(~model.mask & cut.inner)
-    _smooth(motion, by_nodes, nodes, inner, model.spread[inner] * cut.step**2)
+@dataclass(frozen=True, eq=False)
+class PoseRows:
+    """Poses (M,) of all parts, the first part's first, each in the order of time.
+
+    Attributes:
+        residual: (M, 3) white. by_nodes: (M, 3, 3, D) derivative by three nodes.
+        by_common: (M, 3, p).
+        middle: (M,) nodes. time: (M,) s. std: (M, 3) m, m, rad. part: (M,) 0 or 1.
+    """
+
+    residual: Array
+    by_nodes: Array
+    by_common: Array
+    middle: Index
+    time: Array
+    std: Array
+    part: Index
+
+    @classmethod
+    def joined(cls, parts: list[PoseRows]) -> PoseRows:
+        """Poses of one part after those of another."""
+        columns = {name: [getattr(p, name) for p in parts] for name in cls.__dataclass_fields__}
+        return cls(**{name: np.concatenate(values) for name, values in columns.items()})
+
+
+def rows_of_one(model: PushModel, nodes: Array, common: Array, sharp: Sharpness) -> PushRows:
+    """Rows of one part at a motion and common numbers."""
+    delaying = [NAMES.index("delay"), *model.delayers]
+    seen = see_poses(model.intervals, nodes, float(np.sum(common[delaying])))
+    poses, count = model.intervals.poses[0], len(seen.index)
+    by_nodes, by_common = np.zeros((count, 3, 3, 3)), np.zeros((count, 3, len(common)))
+    for axis in range(3):
+        by_nodes[:, axis, :, axis] = seen.weights / poses.std[axis]
+    by_common[:, :, delaying] = seen.slope[..., None]
+    rows = PoseRows(
+        residual=seen.residual,
+        by_nodes=by_nodes,
+        by_common=by_common,
+        middle=seen.middle,
+        time=poses.time[seen.index],
+        std=np.tile(poses.std, (count, 1)),
+        part=np.zeros(count, dtype=np.intp),
+    )
+    return _rows(model, nodes, (common, model.mask, model.spread, poses.std), sharp, rows)
+
+
+def rows_of_two(model: PairModel, nodes: Array, common: Array, sharp: Sharpness) -> PushRows:
+    """Rows of two parts at a motion and common numbers."""
+    parts = []
+    for part, poses in enumerate(model.intervals.poses):
+        seen = model.seen(nodes, common, part)
+        parts.append(
+            PoseRows(
+                residual=seen.residual,
+                by_nodes=seen.by_nodes,
+                by_common=seen.by_common,
+                middle=seen.at.middle,
+                time=poses.time[seen.at.inside],
+                std=np.tile(model.pose_std(part), (len(seen.residual), 1)),
+                part=np.full(len(seen.residual), part, dtype=np.intp),
+            )
+        )
+    given = (common, model.data.mask, model.data.spread, model.node_scale[: model.freedoms])
+    return _rows(model, nodes, given, sharp, PoseRows.joined(parts))
+
+
+def _rows(
+    model: PushModel | PairModel,
+    nodes: Array,
+    given: tuple[Array, NDArray[np.bool_], Array, Array],
+    sharp: Sharpness,
+    poses: PoseRows,
+) -> PushRows:
+    """Add motion and local friction to poses.
+
+    `given` are the numbers (p,), the mask (N,), the spread (N, D) of accelerations elsewhere, and
+    the noise (D,) of the coordinates.
+    """
+    common, mask, spread, unsure = given
+    cut, size = model.intervals, len(unsure)
+    motion, by_nodes = _smooth(cut, nodes, ~mask & cut.inner, spread, size)
+    by_common = np.zeros((len(nodes), size, len(common)))
     at = model.middle
     motion[at], by_nodes[at], by_common[at] = model.dynamics(nodes, common, sharp)
     keep, std = model.memory(sharp)
     keep, std = np.append(0.0, keep), np.append(sharp.variation, std)
     keep[cut.first_node], std[cut.first_node] = 0.0, sharp.variation
-    local = nodes[:, 3:].copy()
-    local[1:] -= keep[1:, None] * nodes[:-1, 3:]
-    delaying = [NAMES.index("delay"), *model.delayers]
-    seen = see_poses(cut, nodes, float(np.sum(common[delaying])))
-    poses = cut.poses[0]
+    local = nodes[:, size:].copy()
+    local[1:] -= keep[1:, None] * nodes[:-1, size:]
     return PushRows(
         motion=motion,
         motion_by_nodes=by_nodes,
@@ -76,22 +148,23 @@ def linear_rows(model: PushModel, nodes: Array, common: Array, sharp: Sharpness)
         keep=keep,
         local=local,
         local_std=std,
-        pose=seen.residual,
-        pose_by_delay=seen.slope,
-        pose_weights=seen.weights,
-        pose_middle=seen.middle,
-        pose_time=poses.time[seen.index],
-        pose_std=poses.std,
+        unsure=unsure,
         first_node=cut.first_node,
-        judged=model.mask & cut.inner,
+        judged=mask & cut.inner,
         variation=sharp.variation,
+        poses=poses,
     )
 
 
-def _smooth(motion: Array, by_nodes: Array, nodes: Array, middle: Index, spread: Array) -> None:
-    """Set rows of second differences of the motion, with their std (R, 3)."""
-    for axis in range(3):
-        weights = np.array([1.0, -2.0, 1.0]) / spread[:, axis, None]
+def _smooth(
+    cut: Intervals, nodes: Array, where: NDArray[np.bool_], spread: Array, size: int
+) -> tuple[Array, Array]:
+    """Rows (N, D) of second differences of the motion over their std, and (N, D, 3, D + l)."""
+    motion, by_nodes = np.zeros((len(nodes), size)), np.zeros((len(nodes), size, 3, nodes.shape[1]))
+    middle = np.flatnonzero(where)
+    for axis in range(size):
+        weights = np.array([1.0, -2.0, 1.0]) / (spread[middle, axis, None] * cut.step**2)
         by_nodes[middle, axis, :, axis] = weights
         near = np.stack([nodes[middle + k, axis] for k in (-1, 0, 1)], axis=1)
         motion[middle, axis] = np.sum(weights * near, axis=1)
+    return motion, by_nodes

@@ -13,12 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.planar.properties.balance import Kinematics
-from tactile_dynamics_ros.core.planar.properties.push_model import PushModel, Sharpness
+from tactile_dynamics_ros.core.planar.diagnosis.fitted import FittedPushes
+from tactile_dynamics_ros.core.planar.properties.push_model import Sharpness
 
 Array = NDArray[np.float64]
 Rows = tuple[Array, Array]
-"""Changes of rows (N, 3, c) of the motion and (P, 3, c) of poses."""
+"""Changes of rows (N, D, c) of the motion and (P, 3, c) of poses."""
 
 SLOPE = "friction_gradient"
 """The effect that a field over the table imitates where pushes go over a few of its lengths."""
@@ -78,30 +78,26 @@ class Table:
         )
 
 
-def field_rows(
-    model: PushModel, motion: Kinematics, common: Array, sharp: Sharpness, length: float
-) -> Array:
-    """Rows (N, 3, K) by independent standard normal spots of a field with standard deviation 1.
+def field_rows(pushes: FittedPushes, sharp: Sharpness, length: float) -> Array:
+    """Rows (N, D, K) by independent standard normal spots of a field with standard deviation 1.
 
     f(p) = sum_k z_k sqrt(2 / pi) exp(-|p - c_k|^2 / l^2) with the c_k a distance l apart has the
     covariance exp(-|p - q|^2 / (2 l^2)).
 
     Args:
-        model: of the pushes.
-        motion: of its intervals.
-        common: numbers there.
+        pushes: at their motion.
         sharp: how strictly the model is taken.
         length: m; larger where that takes too many spots.
     """
-    feet = model.balance.feet(motion)
+    feet = pushes.feet()
     spots, length = _spots(feet, length)
-    rows = np.zeros((len(model.mask), 3, len(spots)))
     shares = (
         np.sqrt(2.0 / np.pi) * np.exp(-np.sum((feet - spot) ** 2, axis=2) / length**2)
         for spot in spots
     )
-    lack = model.balance.lack_by_shares(motion, common, sharp.slip, shares)
-    rows[model.middle] = lack / model.noise(sharp.floor)[:, :, None]
+    lack = pushes.lack_by_shares(sharp, shares)
+    rows = np.zeros((len(pushes.intervals), *lack.shape[1:]))
+    rows[pushes.middle] = lack / pushes.noise(sharp)[:, :, None]
     return rows
 
 

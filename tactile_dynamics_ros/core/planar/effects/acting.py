@@ -59,7 +59,9 @@ class Acting:
         """Force of the support (R, 2), N, and torque (R,) about the centroid, N m, as changed.
 
         Args:
-            motion: of the part. support, spin: of dry friction alone.
+            motion: of the part.
+            support: N, of dry friction alone.
+            spin: N m, likewise.
             share: of a wrench on the whole object that this part of it feels.
         """
         added = np.zeros((len(spin), 3))

@@ -29,6 +29,8 @@ class PushEffect(ABC):
         sudden: whether it begins at one time, which an instance carries.
         lasting: whether it is an error of the sensor.
         of_joint: whether it is one of two parts on a joint, which alone can have it.
+        of_parts: whether it means the same of two parts on a joint: a law of each part where it is,
+            or of the sensor. A wrench at a point of one object does not.
         told: whether pushes of one part can tell it; a wrong gain looks like another load.
         start: s, when it begins; None where it is there all along, or not yet known.
     """
@@ -44,6 +46,7 @@ class PushEffect(ABC):
     sudden: ClassVar[bool] = False
     lasting: ClassVar[bool] = False
     of_joint: ClassVar[bool] = False
+    of_parts: ClassVar[bool] = False
     told: ClassVar[bool] = True
     start: float | None = None
 

@@ -21,7 +21,7 @@ AXES = {"x": 0, "y": 1}
 _EDGE = {"x": 1e-3, "y": 1e-3, "v": 5e-3}
 """Distance, m, and speed, m/s, over which an effect sets in that acts at one point: what a border
 is known to at best. Without an edge derivatives by the motion do not exist at the border."""
-_COPIED = ("family", "formula", "looks_like", "sentence", "remedy", "lasting")
+_COPIED = ("family", "formula", "looks_like", "sentence", "remedy", "lasting", "of_parts")
 """What an effect in a regime says of itself as the effect does that acts everywhere. What is left
 out has the value of `PushEffect`."""
 

@@ -36,6 +36,7 @@ class ForceBias(PushEffect):
         EffectParameter("b_n", "N", 1.0, "offset along the pusher's x axis, or the normal", 0.15),
         EffectParameter("b_t", "N", 1.0, "offset across it", 0.15),
     )
+    of_parts = True
     lasting = True
 
     def changed(self, situation: Situation, theta: Array) -> Situation:
@@ -59,6 +60,7 @@ class ForceScale(PushEffect):
     sentence = "the gain of the force sensor is wrong"
     remedy = "Calibrate the sensor with a known weight."
     parameters = (EffectParameter("g", "", 0.3, "relative correction of the gain", 0.1),)
+    of_parts = True
     lasting = True
     told = False
 
@@ -78,6 +80,7 @@ class SensorRotation(PushEffect):
     sentence = "the force sensor is mounted turned"
     remedy = "Correct the mounting, or the transform of its frame."
     parameters = (EffectParameter("a", "rad", 0.2, "turn of the forces", 0.07),)
+    of_parts = True
     lasting = True
 
     def changed(self, situation: Situation, theta: Array) -> Situation:
@@ -101,6 +104,7 @@ class ContactOffset(PushEffect):
         EffectParameter("d_n", "m", 0.01, "offset along the pusher's x axis, or the normal", 0.003),
         EffectParameter("d_t", "m", 0.01, "offset across it", 0.003),
     )
+    of_parts = True
     lasting = True
 
     def changed(self, situation: Situation, theta: Array) -> Situation:
@@ -121,6 +125,7 @@ class SensorLag(PushEffect):
     sentence = "the force sensor lags"
     remedy = "Switch its filter off, or correct the lag."
     parameters = (EffectParameter("tau", "s", 0.03, "time constant", 0.01, least=0.0),)
+    of_parts = True
 
     def changed(self, situation: Situation, theta: Array) -> Situation:
         """Forces ahead by the lag, to first order."""
@@ -138,4 +143,5 @@ class TimeOffset(PushEffect):
     sentence = "forces and poses are stamped on clocks that differ"
     remedy = "Synchronise the clocks, or shift the stamps."
     parameters = (EffectParameter("d", "s", 0.03, "delay of the forces' stamps", 0.01),)
+    of_parts = True
     adds_to = "delay"

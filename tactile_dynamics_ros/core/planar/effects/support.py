@@ -41,6 +41,7 @@ class SupportTilt(PushEffect):
         EffectParameter("t_x", "rad", 0.1, "lean towards x: down where x grows", 0.035),
         EffectParameter("t_y", "rad", 0.1, "lean towards y: down where y grows", 0.035),
     )
+    of_parts = True
 
     def changed(self, situation: Situation, theta: Array) -> Situation:
         """Gravity with horizontal components."""
@@ -61,6 +62,7 @@ class ViscousSupport(PushEffect):
     sentence = "a film between object and table resists the faster it slides"
     remedy = "Clean and dry the table; keep the term if the film belongs to the task."
     parameters = (EffectParameter("c", "N s/m", 10.0, "force over speed", 3.0, least=0.0),)
+    of_parts = True
 
     def wrench(self, motion: PlanarMotion, theta: Array) -> Array:
         """-c (v, r^2 omega)."""
@@ -82,6 +84,7 @@ class VelocityWeakening(PushEffect):
         EffectParameter("a", "", 0.5, "share that is lost at high speed", 0.2, least=0.0),
         EffectParameter("b", "", 0.7, "logarithm of the speed of half the loss over 0.05 m/s", 0.3),
     )
+    of_parts = True
 
     def friction(self, motion: PlanarMotion, theta: Array) -> Array:
         """Factor by speed."""
@@ -103,6 +106,7 @@ class AnisotropicSupport(PushEffect):
         EffectParameter("a", "", 0.3, "share by which x resists more, and y less", 0.12),
         EffectParameter("b", "", 0.3, "the same of the diagonals", 0.12),
     )
+    of_parts = True
 
     def friction(self, motion: PlanarMotion, theta: Array) -> Array:
         """One matrix for all."""
@@ -124,6 +128,7 @@ class FrictionGradient(PushEffect):
         EffectParameter("g_x", "1/m", 2.0, "relative rise of friction along x", 0.8),
         EffectParameter("g_y", "1/m", 2.0, "relative rise of friction along y", 0.8),
     )
+    of_parts = True
 
     def friction(self, motion: PlanarMotion, theta: Array) -> Array:
         """Factor by place."""
@@ -146,6 +151,7 @@ class ConcentratedPressure(PushEffect):
     sentence = "the object does not rest on its face evenly"
     remedy = "Keep the scale of the part that carries."
     parameters = (EffectParameter("s", "", 0.5, "ln of the size of the part that carries", 0.2),)
+    of_parts = True
     adds_to = "ln_scale"
 
 
@@ -160,6 +166,7 @@ class FrictionChange(PushEffect):
     sentence = "friction changed at one time"
     remedy = "Estimate before and after separately."
     parameters = (EffectParameter("d", "", 0.5, "relative change of friction", 0.2, least=-0.9),)
+    of_parts = True
     sudden = True
 
     def friction(self, motion: PlanarMotion, theta: Array) -> Array:

@@ -217,6 +217,7 @@ def _gather(contact: PushContact, time: Array, step: float) -> _Gathered:
     after = np.clip(np.searchsorted(contact.time, time), 1, len(contact.time) - 1)
     gap = contact.time[after] - contact.time[after - 1]
     known = gap <= 3.0 * max(step, float(np.median(np.diff(contact.time))))
+    known &= (time >= contact.time[0] - step) & (time <= contact.time[-1] + step)
     size = np.linalg.norm(value[:, :3], axis=1)
     point, normal = (
         np.stack([np.interp(time, contact.pose_time, column) for column in values.T], axis=1)

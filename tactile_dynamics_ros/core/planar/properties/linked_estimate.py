@@ -31,7 +31,7 @@ _UNKNOWN = 0.2
 _UNKNOWN_COM = 0.25
 """Std of a coordinate of the centre of mass over the footprint's radius of gyration from which it
 is undetermined, as of one part."""
-_TURNED = np.radians(5.0)
+TURNED = np.radians(5.0)
 """Turn of a joint from which its friction and the parts' shares are told, rad. At 2 degrees of six
 joints two came out with a tenth of their friction torque, at a stated half."""
 _SHARE_SPREAD = 0.8
@@ -130,7 +130,7 @@ def _found(pair: Pair, estimate_alone: Callable[[PushedStreams], Alone]) -> _Fou
         return _guessed(pair)
     if structure.likeliest == "separate":
         return _of_separate(pair, estimate_alone)
-    if structure.likeliest == "jointed" and structure.hinge.turned > _TURNED:
+    if structure.likeliest == "jointed" and structure.hinge.turned > TURNED:
         try:
             fit = fit_jointed(pair)
         except NotIdentifiableError:

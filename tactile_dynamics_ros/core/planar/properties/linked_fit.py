@@ -57,7 +57,8 @@ _TOLERANCE = 3e-2
 _WIDTH = 2.0
 """By how much std of masses and inertias are widened, as for one part."""
 _AGAIN = 60
-"""Iterations of a fit with another effect, at most: where something is missing it takes up to 50."""
+"""Iterations of a fit with another effect, at most: where something is missing it takes up to
+50."""
 _SINGULAR = (
     "the motion that was found is singular: the model may lack something, or footprints, units or "
     "clocks are wrong"

@@ -92,10 +92,7 @@ class JointedModel(PairModel):
     freedoms: ClassVar[int] = 4
     locals: ClassVar[int] = 6
     scalings: ClassVar[tuple[str, ...]] = ("ln_product_1", "ln_product_2", "ln_mass_1", "ln_mass_2")
-    unknown: ClassVar[tuple[str, ...]] = (
-        *(f"{name}_{k}" for k in (1, 2) for name in _OF_PART[:4]),
-        "ln_joint_torque",
-    )
+    unknown: ClassVar[tuple[str, ...]] = ("ln_product_1", "ln_product_2")
 
     @cached_property
     def own_prior(self) -> tuple[Array, Array]:

@@ -61,7 +61,7 @@ class RigidModel(PairModel):
     freedoms: ClassVar[int] = 3
     locals: ClassVar[int] = 3
     scalings: ClassVar[tuple[str, ...]] = ("ln_product", "ln_mass")
-    unknown: ClassVar[tuple[str, ...]] = ("ln_product", "ln_mass", "com_x", "com_y", "ln_ratio")
+    unknown: ClassVar[tuple[str, ...]] = ("ln_product", "ln_mass", "com_x", "com_y")
     endings: ClassVar[tuple[str, ...]] = ("",)
 
     @cached_property

@@ -1,0 +1,135 @@
+"""Pushes of one part, as the diagnosis asks of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.planar.diagnosis.fitted import FittedPushes
+from tactile_dynamics_ros.core.planar.diagnosis.rows import PushRows, rows_of_one
+from tactile_dynamics_ros.core.planar.diagnosis.separating_push import SLIP, Steady
+from tactile_dynamics_ros.core.planar.effects.effect import PushEffect
+from tactile_dynamics_ros.core.planar.effects.situation import PlanarMotion
+from tactile_dynamics_ros.core.planar.properties.balance import (
+    NAMES,
+    Balance,
+    Friction,
+    Kinematics,
+)
+from tactile_dynamics_ros.core.planar.properties.fit import (
+    final_sharpness,
+    fit_push,
+    refit,
+    with_expected_force,
+)
+from tactile_dynamics_ros.core.planar.properties.intervals import Intervals
+from tactile_dynamics_ros.core.planar.properties.push_model import PushFit, Sharpness
+from tactile_dynamics_ros.core.planar.streams import PushedStreams
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+_OWN = ("ln_product", "ln_mass", "com_x", "com_y")
+"""Common numbers of which hardly anything is known before the data; no number of a threshold."""
+
+
+@dataclass(frozen=True, eq=False)
+class OnePart(FittedPushes):
+    """A fit of one part."""
+
+    fit: PushFit
+
+    @classmethod
+    def of_streams(cls, streams: PushedStreams, effects: Sequence[PushEffect]) -> OnePart:
+        """Fit a model with effects.
+
+        Raises:
+            BadInputError: nothing is touched while poses are known.
+            NotIdentifiableError: nothing slides long enough.
+        """
+        return cls(with_expected_force(fit_push(streams, effects)))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the common numbers."""
+        return NAMES
+
+    @property
+    def own(self) -> Index:
+        """Product, mass and centre of mass."""
+        return np.array([NAMES.index(name) for name in _OWN])
+
+    @property
+    def frictions(self) -> list[tuple[int, int]]:
+        """Of the one body."""
+        return [(NAMES.index("ln_product"), NAMES.index("ln_mass"))]
+
+    def sharp(self, along: float) -> Sharpness:
+        """How strictly the model is taken."""
+        return final_sharpness(self.fit.model, self.fit.nodes, along)
+
+    def rows(self, sharp: Sharpness) -> PushRows:
+        """Linearisation."""
+        return rows_of_one(self.fit.model, self.fit.nodes, self.fit.common, sharp)
+
+    @cached_property
+    def kinematics(self) -> Kinematics:
+        """Motion of the intervals that count."""
+        model = self.fit.model
+        return Kinematics.of_nodes(self.fit.nodes, model.middle, model.intervals.step)
+
+    def friction(self, sharp: Sharpness) -> Friction:
+        """Friction to first order around the motion."""
+        balance = self.fit.model.balance
+        return balance.linear_friction(self.kinematics, self.fit.common, sharp.slip)
+
+    def lack(self, common: Array, effects: tuple[PushEffect, ...], friction: Friction) -> Array:
+        """(R, 3) force, N, and torque about the contact, N m."""
+        return self.fit.model.balance_with(effects).lack(self.kinematics, common, friction)
+
+    def delay(self, common: Array, effects: tuple[PushEffect, ...]) -> float:
+        """Delay of the stamps of the forces, s."""
+        numbers = self.fit.model.balance_with(effects).numbers(common)
+        return float(numbers[NAMES.index("delay")])
+
+    def feet(self) -> Array:
+        """Places (R, n, 2) of the points that carry, m."""
+        return self.fit.model.balance.feet(self.kinematics)
+
+    def lack_by_shares(self, sharp: Sharpness, shares: Iterable[Array]) -> Array:
+        """Change (R, 3, K) of `lack` by relative changes of friction (R, n) under the points."""
+        balance = self.fit.model.balance
+        return balance.lack_by_shares(self.kinematics, self.fit.common, sharp.slip, shares)
+
+    def motion(self) -> PlanarMotion:
+        """Motion of the footprint's centroid."""
+        return self.fit.model.balance.motion(self.kinematics)
+
+    def refitted(self, effects: tuple[PushEffect, ...], common: Array, variation: float) -> OnePart:
+        """The same pushes fitted with effects."""
+        return OnePart(refit(self.fit, effects, common, variation))
+
+    def steady(self) -> Steady:
+        """The object in pushes that were not made."""
+        model = self.fit.model
+
+        def lacking(
+            cut: Intervals,
+            pose: Array,
+            velocity: Array,
+            common: Array,
+            effects: tuple[PushEffect, ...],
+        ) -> Array:
+            none = np.zeros_like(pose)
+            motion = Kinematics(pose, velocity, none, none)
+            at = np.arange(len(pose))
+            balance = Balance(cut, at, model.patch, model.gravity, model.balance.middle, effects)
+            return balance.lack(motion, common, balance.linear_friction(motion, common, SLIP))
+
+        size = float(np.sqrt(model.plate))
+        middle, centroid = np.asarray(model.balance.middle), model.patch.centroid
+        return Steady(model.intervals, model.typical_force, middle, centroid, size, lacking)

@@ -1,0 +1,208 @@
+"""Pushes of two parts, rigidly joined or on a joint, as the diagnosis asks of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
+from tactile_dynamics_ros.core.planar.diagnosis.fitted import FittedPushes
+from tactile_dynamics_ros.core.planar.diagnosis.rows import PushRows, rows_of_two
+from tactile_dynamics_ros.core.planar.diagnosis.separating_push import SLIP, Steady
+from tactile_dynamics_ros.core.planar.effects.effect import PushEffect
+from tactile_dynamics_ros.core.planar.effects.registry import PUSHED
+from tactile_dynamics_ros.core.planar.effects.situation import PlanarMotion
+from tactile_dynamics_ros.core.planar.linked.description import remedies
+from tactile_dynamics_ros.core.planar.linked.rows import PairFriction
+from tactile_dynamics_ros.core.planar.properties.intervals import Intervals
+from tactile_dynamics_ros.core.planar.properties.linked_estimate import TURNED
+from tactile_dynamics_ros.core.planar.properties.linked_fit import (
+    PairFit,
+    final_sharpness,
+    fit_jointed,
+    fit_rigid,
+    refit_pair,
+    with_expected_force,
+)
+from tactile_dynamics_ros.core.planar.properties.linked_motion import Motion
+from tactile_dynamics_ros.core.planar.properties.linked_pair import Pair
+from tactile_dynamics_ros.core.planar.properties.linked_rigid import RigidModel
+from tactile_dynamics_ros.core.planar.properties.push_model import Sharpness
+from tactile_dynamics_ros.core.planar.streams import PushedStreams
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+
+@dataclass(frozen=True, eq=False)
+class TwoParts(FittedPushes):
+    """A fit of two parts."""
+
+    fit: PairFit
+
+    @classmethod
+    def of_streams(cls, streams: PushedStreams, effects: Sequence[PushEffect]) -> TwoParts:
+        """Fit the structure that the motion tells, with effects.
+
+        Raises:
+            BadInputError: nothing is touched while poses are known, or an effect has no law for
+                these parts.
+            NotIdentifiableError: the parts slide too little, or what they are to each other is
+                undecided, or they are separate, or the joint has play.
+        """
+        pair = Pair.of_streams(streams)
+        structure = _decided(pair)
+        for effect in effects:
+            if not _has_law(effect, structure):
+                raise BadInputError(
+                    f"{effect.name}: has no law for {structure} parts, expected one of "
+                    + ", ".join(_catalogue(structure))
+                )
+        fit = (fit_rigid if structure == "rigid" else fit_jointed)(pair, effects)
+        return cls(with_expected_force(fit))
+
+    @property
+    def structure(self) -> str:
+        """What the parts are to each other."""
+        return "rigid" if isinstance(self.fit.model, RigidModel) else "jointed"
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the common numbers."""
+        return self.fit.model.names
+
+    @property
+    def own(self) -> Index:
+        """Those of which hardly anything is known before the data."""
+        return np.array([self.fit.model.at(name) for name in self.fit.model.unknown])
+
+    @property
+    def frictions(self) -> list[tuple[int, int]]:
+        """Of each body."""
+        return self.fit.model.frictions
+
+    @property
+    def catalogue(self) -> tuple[str, ...]:
+        """Names of the effects whose law can be stated for these parts."""
+        return _catalogue(self.structure)
+
+    def sharp(self, along: float) -> Sharpness:
+        """How strictly the model is taken."""
+        return final_sharpness(along)
+
+    def rows(self, sharp: Sharpness) -> PushRows:
+        """Linearisation."""
+        return rows_of_two(self.fit.model, self.fit.nodes, self.fit.common, sharp)
+
+    @cached_property
+    def kinematics(self) -> Motion:
+        """Motion of the intervals that count."""
+        model = self.fit.model
+        return Motion.of_nodes(self.fit.nodes, model.middle, model.intervals.step, model.freedoms)
+
+    def friction(self, sharp: Sharpness) -> PairFriction:
+        """Friction to first order around the motion."""
+        return self.fit.model.linear_friction(self.fit.common, self.kinematics, sharp.slip)
+
+    def lack(self, common: Array, effects: tuple[PushEffect, ...], friction: PairFriction) -> Array:
+        """(R, D) force, N, torque about the contact, N m, and about the joint."""
+        return replace(self.fit.model, effects=effects).lack(self.kinematics, common, friction)
+
+    def delay(self, common: Array, effects: tuple[PushEffect, ...]) -> float:
+        """Delay of the stamps of the forces, s."""
+        model = replace(self.fit.model, effects=effects)
+        return float(np.sum(common[model.delayers]))
+
+    def feet(self) -> Array:
+        """Places (R, n, 2) of the points that carry, of both parts, m."""
+        model, common = self.fit.model, self.fit.common
+        friction = model.linear_friction(common, self.kinematics, SLIP)
+        pressed = model.pressed(self.kinematics, common, friction)
+        return np.concatenate([body.feet for body in pressed], axis=1)
+
+    def lack_by_shares(self, sharp: Sharpness, shares: Iterable[Array]) -> Array:
+        """Change (R, D, K) of `lack` by relative changes of friction (R, n) under the points."""
+        model, friction = self.fit.model, self.friction(sharp)
+        return model.lack_by_shares(self.kinematics, self.fit.common, friction, shares)
+
+    def motion(self) -> PlanarMotion:
+        """Motion of the first body's centroid."""
+        model, common = self.fit.model, self.fit.common
+        friction = model.linear_friction(common, self.kinematics, SLIP)
+        first = model.pressed(self.kinematics, common, friction)[0]
+        return model.planar_motion(first.part, first.patch)
+
+    def refitted(
+        self, effects: tuple[PushEffect, ...], common: Array, variation: float
+    ) -> TwoParts:
+        """The same pushes fitted with effects."""
+        return TwoParts(refit_pair(self.fit, effects, common, variation))
+
+    def steady(self) -> Steady | None:
+        """A rigid pair in pushes that were not made; a joint would turn as nobody foretells."""
+        model = self.fit.model
+        if not isinstance(model, RigidModel):
+            return None
+
+        def lacking(
+            cut: Intervals,
+            pose: Array,
+            velocity: Array,
+            common: Array,
+            effects: tuple[PushEffect, ...],
+        ) -> Array:
+            none, here = np.zeros_like(pose), np.arange(len(pose))
+            data = replace(model.data, intervals=cut)
+            made = replace(model, data=data, effects=effects)
+            made.__dict__.update(middle=here, middle_place=model.middle_place)
+            motion = Motion(pose, velocity, none, none)
+            return made.lack(motion, common, made.linear_friction(common, motion, SLIP))
+
+        middle, centroid = model.middle_place, model.patch.centroid
+        return Steady(model.intervals, model.typical_force, middle, centroid, model.size, lacking)
+
+
+def _has_law(effect: PushEffect, structure: str) -> bool:
+    """Whether an effect means something for two parts of a structure."""
+    return not effect.of_joint and (structure == "rigid" or effect.of_parts)
+
+
+def _catalogue(structure: str) -> tuple[str, ...]:
+    return tuple(n for n in PUSHED.names() if _has_law(PUSHED.create(n), structure))
+
+
+def _decided(pair: Pair) -> str:
+    """What the parts are to each other, where a model of both can be questioned.
+
+    Raises:
+        NotIdentifiableError: it is undecided, they are separate, or the joint has play
+            or hardly turned.
+    """
+    structure = pair.structure
+    if structure.slack is not None:
+        raise NotIdentifiableError(
+            f"the parts move as on a joint with play (about {1e3 * structure.slack.play[0]:.1f} "
+            "mm), effect loose_joint: `estimate --effects loose_joint` tells it; nothing else is "
+            "told beside it, so tighten the joint and push again"
+        )
+    if structure.name == "undecided":
+        told = ", ".join(f"{name} {p:.2f}" for name, p in structure.probability.items())
+        action = remedies("undecided", False, ())[0]
+        raise NotIdentifiableError(
+            f"what the two parts are to each other is undecided ({told}), and what a model lacks "
+            f"is told of no guess: {action}"
+        )
+    if structure.name == "separate":
+        raise NotIdentifiableError(
+            "the two parts are separate objects: record each with its own pushes, one by one"
+        )
+    if structure.name == "jointed" and structure.hinge.turned < TURNED:
+        raise NotIdentifiableError(
+            f"the joint turned by {np.degrees(structure.hinge.turned):.1f} degrees only, expected "
+            f"{np.degrees(TURNED):.0f}: {remedies('jointed', True, ('link_1.mass',))[0]}"
+        )
+    return structure.name

@@ -1,0 +1,162 @@
+"""What a model of two pushed parts lacks: each structure, and effects that have a law there."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
+from tactile_dynamics_ros.core.planar.diagnosis import two_parts
+from tactile_dynamics_ros.core.planar.diagnosis.discrepancy_model import PushDiscrepancy
+from tactile_dynamics_ros.core.planar.diagnosis.innovations import Innovations
+from tactile_dynamics_ros.core.planar.diagnosis.two_parts import TwoParts
+from tactile_dynamics_ros.core.planar.diagnosis.variation import Table
+from tactile_dynamics_ros.core.planar.effects.registry import PUSHED
+from tactile_dynamics_ros.core.planar.properties.linked_fit import (
+    fit_jointed,
+    fit_rigid,
+    with_expected_force,
+)
+from tactile_dynamics_ros.core.planar.properties.linked_pair import Pair
+from tactile_dynamics_ros.synthetic import pushed
+from tactile_dynamics_ros.synthetic.pushed.actions import ActionOptions
+
+ACTIONS = ActionOptions(count=2, speed=(0.1, 0.2), travel=0.06)
+
+
+def _model(kind, fit):
+    """Two pushes of two parts in which nothing is hidden, fitted as what they are."""
+    options = pushed.PushOptions(kind=kind, actions=ACTIONS)
+    [made] = pushed.generate([107], {}, options)
+    pushes = TwoParts(with_expected_force(fit(Pair.of_streams(made.streams))))
+    values = pushes.common[pushes.own]
+    return PushDiscrepancy(pushes, values, (), (), pushes.catalogue, Table(0.003)).settled()
+
+
+@pytest.fixture(scope="module")
+def rigid():
+    """Two boxes that are glued together."""
+    return _model("rigid_pair", fit_rigid)
+
+
+@pytest.fixture(scope="module")
+def jointed():
+    """Two discs on a joint that turns by more than 5 degrees."""
+    return _model("jointed", fit_jointed)
+
+
+@pytest.fixture(params=["rigid", "jointed"])
+def model(request):
+    """Either."""
+    return request.getfixturevalue(request.param)
+
+
+def test_innovations_of_both_parts_are_white(model):
+    white = model.residual.reshape(len(model._filter.order), 6)
+    assert np.sqrt(np.mean(white**2)) == pytest.approx(1.0, abs=0.12)
+    rho = np.mean(white[1:] * white[:-1], axis=0) / np.mean(white**2, axis=0)
+    assert np.max(np.abs(rho)) < 4.0 / np.sqrt(len(white))
+    across = np.corrcoef(white.T) - np.eye(6)
+    assert np.max(np.abs(across)) < 4.0 / np.sqrt(len(white))
+
+
+def test_a_pose_without_a_fellow_is_used_and_not_judged(rigid):
+    rows = rigid._rows
+    second = np.flatnonzero(rows.poses.part == 1)
+    order = rigid._filter.order
+    gone = order[len(order) // 2, 1]
+    kept = np.setdiff1d(np.arange(len(rows.poses.time)), [gone])
+    names = rows.poses.__dataclass_fields__
+    poses = replace(rows.poses, **{name: getattr(rows.poses, name)[kept] for name in names})
+    left = Innovations.of(replace(rows, poses=poses))
+    assert gone in second
+    assert len(left.order) == len(order) - 1
+    assert np.all(rows.poses.middle[order[:, 0]] == rows.poses.middle[order[:, 1]])
+
+
+def test_effects_are_absent_at_zero_and_lie_in_their_families(model):
+    for name in model.catalogue:
+        effect = PUSHED.create(name)
+        if effect.sudden:
+            effect = effect.from_time(float(model.pushes.intervals.time.mean()))
+        zero = np.append(model.x, np.zeros(len(effect.parameters)))
+        before = model.lack(model.x, ())
+        assert np.allclose(model.lack(zero, (effect,)), before, atol=1e-9), name
+        small = 1e-3 * np.array([p.typical for p in effect.parameters])
+        change = model.whiten(model.lack(np.append(model.x, small), (effect,)) - before)
+        families = model.families_of(name)
+        assert bool(families) == effect.told, name
+        if families and not effect.sudden:
+            columns = families[0].columns
+            left = change - columns @ np.linalg.lstsq(columns, change, rcond=None)[0]
+            assert np.linalg.norm(left) < 0.05 * np.linalg.norm(change) + 1e-9, name
+
+
+def test_wrenches_at_a_point_of_one_object_have_no_law_for_parts_on_a_joint(rigid, jointed):
+    only = set(rigid.catalogue) - set(jointed.catalogue)
+    assert only == {"tether_spring", "constant_pull", "unsensed_contact", "load_change"}
+    assert {"support_tilt", "friction_change", "force_bias"} < set(jointed.catalogue)
+    assert "loose_joint" not in (*rigid.catalogue, *jointed.catalogue)
+
+
+def test_the_same_change_under_all_points_is_more_friction_of_each_part(model):
+    pushes, sharp = model.pushes, model._sharp
+    friction, motion = pushes.friction(sharp), pushes.kinematics
+    everywhere = np.ones(pushes.feet().shape[:2])
+    told = pushes.lack_by_shares(sharp, [everywhere])[:, :, 0]
+    local = motion.local.copy()
+    local[:, ::3] += 1e-4
+    lack = pushes.fit.model.lack
+    change = lack(replace(motion, local=local), pushes.common, friction)
+    change -= lack(motion, pushes.common, friction)
+    tipped = 0.02 if model.pushes.structure == "rigid" else 0.1  # friction tips parts on a joint
+    assert np.linalg.norm(told - change / 1e-4) < tipped * np.linalg.norm(told)
+
+
+def test_a_lean_pulls_at_the_mass_of_each_part(model):
+    pushes = model.pushes
+    [effect] = PUSHED.create_all(["support_tilt"])
+    there = np.append(pushes.common, [0.0, 1e-3])
+    change = pushes.lack(there, (effect,), model._friction)
+    change -= pushes.lack(pushes.common, (), model._friction)
+    mass = sum(np.exp(pushes.common[place]) for _, place in pushes.frictions)
+    np.testing.assert_allclose(change[:, 1], -mass * 9.81e-3, rtol=0.02)
+
+
+def test_a_film_under_both_parts_resists_each_by_its_area(jointed):
+    pushes = jointed.pushes
+    [effect] = PUSHED.create_all(["viscous_support"])
+    change = pushes.lack(np.append(pushes.common, 1.0), (effect,), jointed._friction)
+    change -= pushes.lack(pushes.common, (), jointed._friction)
+    model = pushes.fit.model
+    pressed = model.pressed(pushes.kinematics, pushes.common, jointed._friction)
+    speeds = [body.part.velocity_of(body.patch.centroid) for body in pressed]
+    outlines = [(body.patch.outline, np.roll(body.patch.outline, -1, axis=0)) for body in pressed]
+    areas = np.array([abs(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])) for a, b in outlines])
+    expected = (areas[0] * speeds[0] + areas[1] * speeds[1]) / areas.sum()
+    np.testing.assert_allclose(change[:, :2], expected, atol=0.05 * np.abs(expected).max())
+
+
+def test_no_model_is_questioned_on_a_guess(jointed, monkeypatch):
+    class Seen:
+        slack = None
+        hinge = replace(jointed.pushes.fit.model.hinge, turned=0.05)
+        probability = {"rigid": 0.6, "jointed": 0.35, "separate": 0.05}
+        name = "undecided"
+
+    class Parts:
+        structure = Seen()
+
+    parts = Parts()
+    with pytest.raises(NotIdentifiableError, match=r"undecided \(rigid 0.60.*push sideways"):
+        two_parts._decided(parts)
+    parts.structure.name = "separate"
+    with pytest.raises(NotIdentifiableError, match="one by one"):
+        two_parts._decided(parts)
+    parts.structure.name = "jointed"
+    with pytest.raises(NotIdentifiableError, match="turned by 2.9 degrees only, expected 5"):
+        two_parts._decided(parts)
+    monkeypatch.setattr(two_parts, "_decided", lambda pair: "jointed")
+    monkeypatch.setattr(two_parts.Pair, "of_streams", lambda streams: parts)
+    with pytest.raises(BadInputError, match="tether_spring: has no law for jointed parts"):
+        TwoParts.of_streams(None, PUSHED.create_all(["tether_spring"]))
