@@ -16,7 +16,11 @@ from tactile_dynamics_ros.core.planar.filter.observation import Observation, See
 from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess
 from tactile_dynamics_ros.core.planar.filter.process import PusherMotion
 from tactile_dynamics_ros.core.planar.network.noise import NoiseWeights, TouchNoise, shipped_noise
-from tactile_dynamics_ros.core.planar.network.noise_features import joined_looks, joined_touches
+from tactile_dynamics_ros.core.planar.network.noise_features import (
+    joined_looks,
+    joined_touches,
+    lasting,
+)
 from tactile_dynamics_ros.sim.planar.looking import Told, looked_at, told_of
 from tactile_dynamics_ros.synthetic import pushed
 from tactile_dynamics_ros.synthetic.pushed.scene import STEP
@@ -84,6 +88,10 @@ def looks(all_: list[Case]) -> dict[str, dict[str, float]]:
     found = {}
     for name, std in stated.items():
         found[name] = judged(error[known] / CONSTANT, std[known] / CONSTANT, hidden[known])
+        white = np.where(known[:, None], error / std, np.nan)
+        parts = np.split(white, np.cumsum([len(case.truth) for case in all_])[:-1])
+        together = np.concatenate([lasting(part) for part in parts])
+        found[name]["nees_8"] = float(np.nanmean(together**2))
     return found
 
 
@@ -175,14 +183,14 @@ def _crops(case: Case, noise: NoiseWeights) -> Array:
 
 
 WAYS = {
-    "constant std": Way(_constant),
     "no noise nets": Way(_tracker),
-    "net for vision": Way(_shares),
-    "net for vision, from crops": Way(_crops),
     "net for touch": Way(_tracker, force=True),
+    "net for vision": Way(_shares),
     "nets for both": Way(_shares, force=True),
-    "nets for both, no rules": Way(_shares, force=True, rules=False),
     "no nets, no rules": Way(_tracker, rules=False),
+    "nets for both, no rules": Way(_shares, force=True, rules=False),
+    "net for vision, from crops": Way(_crops),
+    "constant std of poses": Way(_constant),
 }
 """By their names in the table."""
 
@@ -240,11 +248,12 @@ def table(found: dict[str, Any]) -> str:
     """Rows of what is stated of poses and of forces, for people."""
     rows = [f"## what is stated of poses and forces, n = {found['n']} recordings", ""]
     keys = ("rank", "inside", "inside_bad", "nees", "nees_bad", "ln", "n", "bad")
-    keys += ("error", "error_bad", "std", "std_bad")
+    keys += ("error", "error_bad", "std", "std_bad", "nees_8")
     for what in ("poses", "forces"):
         rows += [f"| {what} | {' | '.join(keys)} |", "|---" * (len(keys) + 1) + "|"]
         for name, one in found[what].items():
-            rows.append(f"| {name} | {' | '.join(f'{one[key]:.3g}' for key in keys)} |")
+            cells = [f"{one[key]:.4g}" if key in one else "" for key in keys]
+            rows.append(f"| {name} | {' | '.join(cells)} |")
         rows.append("")
     return "\n".join(rows)
 

@@ -29,6 +29,7 @@ from tactile_dynamics_ros.core.planar.network.noise_features import (
     Looked,
     Touched,
     TouchHistory,
+    lasting,
 )
 from tactile_dynamics_ros.core.planar.network.noise_training import (
     NoiseExamples,
@@ -249,3 +250,15 @@ def test_the_command_simulates_looks_trains_and_writes(tmp_path, monkeypatch, ca
     assert main([*arguments, "--out", str(out), "--keep", str(kept)]) == 0
     assert set(NoiseWeights.load(out).nets) == {"touch", "look", "crop"}
     assert len(list(kept.glob("noise_*.pkl"))) == 2
+
+
+def test_errors_that_last_add_up_and_others_do_not():
+    rng = np.random.default_rng(6)
+    independent = rng.normal(size=(4000, 1))
+    assert np.mean(lasting(independent) ** 2) == pytest.approx(1.0, rel=0.15)
+    kept = lasting(np.ones((100, 1)))
+    np.testing.assert_allclose(kept[10:-10], np.sqrt(8.0))
+    gap = np.ones((20, 1))
+    gap[9:11] = np.nan
+    assert np.all(np.isnan(lasting(gap)) == np.isnan(gap))
+    np.testing.assert_allclose(lasting(gap)[8], np.sqrt(6.0))
