@@ -44,8 +44,6 @@ HIDDEN = 0.6
 LOST = 0.2
 """Change of the pusher's velocity over its speed above which a touch counts as unsteady; so does
 one in its first step, or that lasts for a part of the step."""
-
-
 MOST = 50.0
 """Squared error over its variance up to which the likelihood counts it: poses of other turns."""
 
@@ -154,7 +152,7 @@ class Way:
 
     Attributes:
         poses: of a case, (N, 3).
-        force: the noise model of forces, or None.
+        force: whether a net says how good forces are.
         rules: whether forces of unsteady touches are left out.
     """
 
@@ -164,9 +162,8 @@ class Way:
 
 
 def _constant(case: Case, _: NoiseWeights) -> Array:
-    std = np.broadcast_to(CONSTANT, case.told.looked.std.shape).copy()
-    std[~case.told.looked.known.all(axis=1)] = case.told.looked.std.max()
-    return std
+    looked = case.told.looked
+    return np.where(looked.known[:, [0, 0, 1]], CONSTANT, looked.std)
 
 
 def _tracker(case: Case, _: NoiseWeights) -> Array:
