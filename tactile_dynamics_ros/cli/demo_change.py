@@ -18,8 +18,8 @@ GOALS = ((0.42, -0.05, 0.0), (0.55, 0.08, 0.0), (0.45, 0.0, 90.0))
 """m, m, deg: where the object is pushed until somebody notices the change; three ways to be."""
 NOTICED = 3.0
 """Real seconds that the estimator may be behind the last push."""
-REFITTED = 120.0
-"""Real seconds for the fit with the effect that was added; of a core it takes 3 to 47."""
+REFITTED = 240.0
+"""Real seconds for the fit with the effect that was added: 3 to 47 of a core, which others use."""
 
 Call = Callable[[str], tuple[bool, str]]
 Ask = Callable[[tuple[float, float, float]], dict[str, Any]]

@@ -111,7 +111,7 @@ def test_an_effect_that_is_added_tells_how_the_error_falls(monkeypatch):
     words = "error of the live model: 2.31 times the noise without it, 0.97 with it"
     assert told["fall"] == said[-1] == words
     assert fall(None, 0.97) == "error of the live model: 0.97 with it"
-    assert fall(2.31, None) == "the live model has no fit with it after 120 s"
+    assert fall(2.31, None) == "the live model has no fit with it after 240 s"
     assert "came to no end" in fall(2.31, None, ended=True)
 
 
