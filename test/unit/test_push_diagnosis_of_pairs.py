@@ -12,6 +12,7 @@ from tactile_dynamics_ros.core.planar.diagnosis.innovations import Innovations
 from tactile_dynamics_ros.core.planar.diagnosis.two_parts import TwoParts
 from tactile_dynamics_ros.core.planar.diagnosis.variation import Table
 from tactile_dynamics_ros.core.planar.effects.registry import PUSHED
+from tactile_dynamics_ros.core.planar.properties.estimate import estimate
 from tactile_dynamics_ros.core.planar.properties.linked_fit import (
     fit_jointed,
     fit_rigid,
@@ -160,3 +161,17 @@ def test_no_model_is_questioned_on_a_guess(jointed, monkeypatch):
     monkeypatch.setattr(two_parts.Pair, "of_streams", lambda streams: parts)
     with pytest.raises(BadInputError, match="tether_spring: has no law for jointed parts"):
         TwoParts.of_streams(None, PUSHED.create_all(["tether_spring"]))
+
+
+def test_an_estimate_of_two_parts_takes_effects_that_have_a_law_there():
+    actions = replace(ACTIONS, count=3)
+    options = pushed.PushOptions(kind="rigid_pair", actions=actions)
+    [made] = pushed.generate([100], {"support_tilt": 1.5}, options)
+    found = estimate(made.streams, ["support_tilt"])
+    assert found.structure == "rigid"
+    told, truth = found.effects["support_tilt"], made.truth()["effects"]["support_tilt"]
+    for name, way in zip(("t_x", "t_y"), truth["parameters"]["direction"], strict=True):
+        away = told[name]["value"] - truth["parameters"]["angle"] * way
+        assert abs(away) < 3.0 * told[name]["std"]
+    assert found.covariance_names[-2:] == ("support_tilt.t_x", "support_tilt.t_y")
+    assert found.covariance.shape == (len(found.covariance_names),) * 2

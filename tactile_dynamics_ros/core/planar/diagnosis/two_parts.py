@@ -13,6 +13,7 @@ from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 from tactile_dynamics_ros.core.planar.diagnosis.fitted import FittedPushes
 from tactile_dynamics_ros.core.planar.diagnosis.rows import PushRows, rows_of_two
 from tactile_dynamics_ros.core.planar.diagnosis.separating_push import SLIP, Steady
+from tactile_dynamics_ros.core.planar.effects.acting import has_law
 from tactile_dynamics_ros.core.planar.effects.effect import PushEffect
 from tactile_dynamics_ros.core.planar.effects.registry import PUSHED
 from tactile_dynamics_ros.core.planar.effects.situation import PlanarMotion
@@ -57,7 +58,7 @@ class TwoParts(FittedPushes):
         pair = Pair.of_streams(streams)
         structure = _decided(pair)
         for effect in effects:
-            if not _has_law(effect, structure):
+            if not has_law(effect, structure):
                 raise BadInputError(
                     f"{effect.name}: has no law for {structure} parts, expected one of "
                     + ", ".join(_catalogue(structure))
@@ -166,13 +167,8 @@ class TwoParts(FittedPushes):
         return Steady(model.intervals, model.typical_force, middle, centroid, model.size, lacking)
 
 
-def _has_law(effect: PushEffect, structure: str) -> bool:
-    """Whether an effect means something for two parts of a structure."""
-    return not effect.of_joint and (structure == "rigid" or effect.of_parts)
-
-
 def _catalogue(structure: str) -> tuple[str, ...]:
-    return tuple(n for n in PUSHED.names() if _has_law(PUSHED.create(n), structure))
+    return tuple(n for n in PUSHED.names() if has_law(PUSHED.create(n), structure))
 
 
 def _decided(pair: Pair) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,6 +93,26 @@ def places_of(effect: PushEffect, names: Sequence[str]) -> list[int]:
     """Places of the common numbers to which an effect adds its parameter."""
     name = effect.adds_to
     return [k for k, own in enumerate(names) if name and own in (name, f"{name}_1", f"{name}_2")]
+
+
+def has_law(effect: PushEffect, structure: str) -> bool:
+    """Whether an effect means something for two parts: "rigid", "jointed", or something else."""
+    one_body, parts = structure == "rigid", structure == "jointed" and effect.of_parts
+    return not effect.of_joint and (one_body or parts)
+
+
+def described(
+    effects: Sequence[PushEffect], values: Array, std: Array
+) -> dict[str, dict[str, dict[str, Any]]]:
+    """{effect: {parameter: {"value", "std", "unit"}}} of parameters (k,), effect after effect."""
+    table: dict[str, dict[str, dict[str, Any]]] = {}
+    told = iter(zip(values.tolist(), std.tolist(), strict=True))
+    for effect in effects:
+        own = table.setdefault(effect.name, {})
+        for parameter in effect.parameters:
+            value, spread = next(told)
+            own[parameter.name] = {"value": value, "std": spread, "unit": parameter.unit}
+    return table
 
 
 def ends(effects: Sequence[PushEffect]) -> NDArray[np.intp]:

@@ -163,15 +163,14 @@ def estimate(
 
 
 def _of_pair(streams: PushedStreams, effects: Sequence[str]) -> LinkedEstimate:
-    others = [effect.name for effect in PUSHED.create_all(effects) if not effect.of_joint]
-    if others or _is_sparse(streams):
-        what = ", ".join(others) or "poses before and after pushes alone"
+    chosen = PUSHED.create_all(effects)
+    if _is_sparse(streams):
         raise NotIdentifiableError(
-            f"{what}: for a single part only; record the parts one by one, or poses at 5 Hz"
+            "poses before and after pushes alone: for a single part only; record poses at 5 Hz"
         )
     from tactile_dynamics_ros.core.planar.properties.linked_estimate import estimate_pair
 
-    return estimate_pair(streams, _of_one, loose=bool(effects))
+    return estimate_pair(streams, _of_one, chosen)
 
 
 def _of_one(

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
+from tactile_dynamics_ros.core.planar.effects.acting import described, has_law
+from tactile_dynamics_ros.core.planar.effects.effect import PushEffect
 from tactile_dynamics_ros.core.planar.effects.joint import LooseJoint
 from tactile_dynamics_ros.core.planar.linked.description import (
     Effects,
@@ -65,25 +67,35 @@ class _Found:
     error: float | None
     torque: Value | None = None
     one_body: bool = False
+    effects: Effects = field(default_factory=dict)
 
 
 def estimate_pair(
-    streams: PushedStreams, estimate_alone: Callable[[PushedStreams], Alone], loose: bool = False
+    streams: PushedStreams,
+    estimate_alone: Callable[[PushedStreams], Alone],
+    effects: Sequence[PushEffect] = (),
 ) -> LinkedEstimate:
     """Estimate two parts.
 
     Args:
         streams: with poses of both at 5 Hz or more.
         estimate_alone: estimates one part; it is asked where the parts are separate.
-        loose: whether the joint may have play.
+        effects: of the model; one of the joint lets it have play.
 
     Raises:
         BadInputError: nothing is touched while poses are known.
-        NotIdentifiableError: the parts slide too little.
+        NotIdentifiableError: the parts slide too little, or an effect has no law for such parts.
     """
-    pair = Pair.of_streams(streams, loose)
+    pair = Pair.of_streams(streams, loose=any(effect.of_joint for effect in effects))
     structure = pair.structure
-    found = _found(pair, estimate_alone)
+    others = [effect for effect in effects if not effect.of_joint]
+    for effect in others:
+        if not has_law(effect, structure.name):
+            raise NotIdentifiableError(
+                f"{effect.name}: has no law for {structure.name} parts; leave it out"
+            )
+    found = _found(pair, estimate_alone, others)
+    slack = structure.slack.play[0] if structure.slack is not None else None
     joint = None
     if structure.name == "jointed":
         std = np.sqrt(np.diag(structure.hinge.covariance)[:2])
@@ -100,31 +112,27 @@ def estimate_pair(
         whole=found.whole,
         joint=joint,
         undetermined=undetermined,
-        remedies=remedies(structure.name, found.one_body, undetermined, _slack(pair)),
+        remedies=remedies(structure.name, found.one_body, undetermined, slack),
         covariance=found.covariance,
         covariance_names=found.names,
         error=found.error,
-        effects=_effects(pair),
+        effects=_effects(pair, found, others),
     )
 
 
-def _slack(pair: Pair) -> float | None:
-    """Play of the joint, m, that the model lacks and the motion shows; None if it shows none."""
-    slack = pair.structure.slack
-    return slack.play[0] if slack is not None else None
+def _effects(pair: Pair, found: _Found, others: Sequence[PushEffect]) -> Effects:
+    """Those of the fit, or what is known of them beforehand; and play, where there may be any."""
+    std = np.array([p.prior_std for effect in others for p in effect.parameters])
+    table = found.effects or described(others, np.zeros(len(std)), std)
+    value, doubt = np.array(pair.play)[:, None]
+    return described((LooseJoint(),), value, doubt) | table if pair.loose else table
 
 
-def _effects(pair: Pair) -> Effects:
-    """What is in the model, told where there is a joint."""
-    if not pair.loose:
-        return {}
-    value, std = pair.structure.hinge.play
-    if pair.structure.likeliest != "jointed":
-        value, std = 0.0, LooseJoint.parameters[0].prior_std
-    return {LooseJoint.name: {"p": {"value": value, "std": std, "unit": "m"}}}
-
-
-def _found(pair: Pair, estimate_alone: Callable[[PushedStreams], Alone]) -> _Found:
+def _found(
+    pair: Pair,
+    estimate_alone: Callable[[PushedStreams], Alone],
+    effects: Sequence[PushEffect],
+) -> _Found:
     structure = pair.structure
     if structure.slack is not None:
         return _guessed(pair)
@@ -132,11 +140,11 @@ def _found(pair: Pair, estimate_alone: Callable[[PushedStreams], Alone]) -> _Fou
         return _of_separate(pair, estimate_alone)
     if structure.likeliest == "jointed" and structure.hinge.turned > TURNED:
         try:
-            fit = fit_jointed(pair)
+            fit = fit_jointed(pair, effects)
         except NotIdentifiableError:
             return _guessed(pair)
         return _of_jointed(pair, fit) if fit.converged else _guessed(pair)
-    fit = fit_rigid(pair)
+    fit = fit_rigid(pair, effects)
     return _of_rigid(pair, fit) if fit.converged else _guessed(pair)
 
 
@@ -247,10 +255,11 @@ def _of_jointed(pair: Pair, fit: PairFit) -> _Found:
         links=(links[0], links[1]),
         whole=whole,
         covariance=fit.covariance,
-        names=fit.model.names,
+        names=fit.names,
         samples=int(fit.model.data.mask.sum()),
         error=fit.whitened_rms,
         torque=(torque, torque * fit.std("ln_joint_torque")),
+        effects=fit.effects,
     )
 
 
@@ -281,10 +290,11 @@ def _of_rigid(pair: Pair, fit: PairFit) -> _Found:
         links=_split(pair, fit, mass, middle, gravity),
         whole=whole,
         covariance=fit.covariance,
-        names=model.names,
+        names=fit.names,
         samples=int(model.data.mask.sum()),
         error=fit.whitened_rms,
         one_body=True,
+        effects=fit.effects,
     )
 
 

@@ -57,6 +57,8 @@ _VOLUME_STEP = 0.02
 """Change of a logarithm for a difference quotient; half or double changes slopes by 1 %."""
 LOOSE = 1e-6
 """Information on every node beside the data, in units of one pose: a millionth changes nothing."""
+
+
 @dataclass(frozen=True, eq=False)
 class Given:
     """What a set of common numbers says.
@@ -136,11 +138,6 @@ class PairModel(ABC):
     def bodies(self) -> tuple[SupportPatch, ...]:
         """Footprint of each body that feels friction of places."""
         return self.data.patches
-
-    @property
-    def body_sizes(self) -> tuple[float, ...]:
-        """Root of the squared radius of gyration, m, of each body."""
-        return tuple(float(np.sqrt(patch.gyration)) for patch in self.bodies)
 
     @property
     def intervals(self) -> Intervals:

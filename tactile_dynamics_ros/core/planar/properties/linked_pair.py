@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
+from tactile_dynamics_ros.core.planar.effects.joint import LooseJoint
 from tactile_dynamics_ros.core.planar.linked.chances import SeenParts, weigh_chances
 from tactile_dynamics_ros.core.planar.linked.outlines import in_second, meeting_points
 from tactile_dynamics_ros.core.planar.linked.relative import RelativePoses
@@ -114,6 +115,13 @@ class Pair:
         between = np.stack([place, in_second(place, offset)])
         chances = weigh_chances(self.seen)
         return infer_structure(self.relative, between, size, chances, self.loose)
+
+    @property
+    def play(self) -> tuple[float, float]:
+        """Play of the joint and its std, m; no more than its prior where there is no joint."""
+        if self.structure.likeliest == "jointed":
+            return self.structure.hinge.play
+        return 0.0, LooseJoint.parameters[0].prior_std
 
     @cached_property
     def touched(self) -> Array:
