@@ -114,6 +114,8 @@ class Act:
         before, after = (_number(errors.get(key)) for key in ("without_effects", "whitened_rms"))
         told |= {"added": effect, "live_before": before, "live_after": after}
         told["fall"] = fall(before, after, self._refuses(effect))
+        if effect in errors.get("vague", "").split(","):
+            told["fall"] += f"; how large {effect} is, the pushes do not tell: it may be another"
         self._say(told["fall"])
         return told
 

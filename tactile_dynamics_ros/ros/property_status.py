@@ -8,7 +8,7 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from tactile_dynamics_ros.core.planar.filter.live import LiveProperties
-from tactile_dynamics_ros.core.planar.filter.summary import Properties
+from tactile_dynamics_ros.core.planar.filter.summary import Properties, vague_effects
 from tactile_dynamics_ros.ros.diagnostics import status_message
 
 
@@ -35,6 +35,7 @@ def property_status(known: Properties, live: LiveProperties) -> Sequence[Diagnos
         solver |= {"samples": live.fit.samples, "whitened_rms": live.fit.error}
         if live.fit.error_without is not None:
             solver["without_effects"] = live.fit.error_without
+            solver["vague"] = ",".join(vague_effects(live.fit))
     statuses = [status_message("link_1", link, level, known.text)]
     for name, found in (live.fit.effects if live.fit is not None else {}).items():
         entries = {

@@ -110,6 +110,10 @@ def test_an_effect_that_is_added_tells_how_the_error_falls(monkeypatch):
     assert (told["live_before"], told["live_after"]) == (2.31, 0.97)
     words = "error of the live model: 2.31 times the noise without it, 0.97 with it"
     assert told["fall"] == said[-1] == words
+    vague = {"whitened_rms": 0.97, "without_effects": 2.31, "vague": "support_tilt"}
+    monkeypatch.setattr(act, "_spin", lambda *_: tell(vague, "support_tilt"))
+    words = "how large support_tilt is, the pushes do not tell"
+    assert words in act._take_over(found)["fall"]
     assert fall(None, 0.97) == "error of the live model: 0.97 with it"
     assert fall(2.31, None) == "the live model has no fit with it after 240 s"
     assert "came to no end" in fall(2.31, None, ended=True)

@@ -159,6 +159,16 @@ def test_what_speaks_against_a_fit_is_said(fit, refused, words):
     assert known.values == fit.values
 
 
+@pytest.mark.parametrize(("std", "doubted"), [(0.01, False), (0.06, True)])
+def test_an_effect_of_unknown_size_may_stand_for_something_else(std, doubted):
+    mean = np.array([np.log(3.0 / 9.81), 0.0, 0.0, 0.0])
+    live = of_filter(mean, np.diag([2.5e-3, 1.0, 1e-6, 1e-6]), PATCH, steps=100)
+    axes = {"t_x": {"value": -0.06, "std": std}, "t_y": {"value": 0.0, "std": 0.06}}
+    known = of_fit(replace(fitted(), effects={"support_tilt": axes}), live, "")
+    assert known.doubtful == doubted
+    assert ("how large support_tilt is, the pushes do not tell" in known.text) == doubted
+
+
 def test_the_filter_goes_on_from_a_fit():
     live = seen()
     live.take_fit(fitted(std=3e-3))

@@ -30,6 +30,9 @@ as the fits presume."""
 _POOR = 1.5
 """Error over the noise from which a fit is said not to fit: clean simulated pushes have 0.9 to 1.2;
 effects raise it to 1.1 to 5, and what is below is a matter for `diagnose`."""
+_TOLD = 2.0
+"""Size of an effect's parameter over its standard deviation from which it is told: right effects of
+eight simulated changes had 8 to 40, those that stood for a second object 1."""
 _APART = 4.0
 """Difference of two friction forces in their standard deviations from which it is told."""
 
@@ -103,6 +106,10 @@ def of_fit(fit: PushedEstimate, live: Properties, refused: str) -> Properties:
         remarks.append(
             f"the model does not fit ({fit.error:.1f} times the noise): ask /model_check/diagnose"
         )
+    remarks += [
+        f"how large {name} is, the pushes do not tell: something else may have changed"
+        for name in vague_effects(fit)
+    ]
     (force, std), (now, now_std) = (v["friction_force_n"] for v in (fit.values, live.values))
     if abs(now - force) > _APART * np.hypot(std, now_std):
         remarks.append(f"now it slides as with {now:.2f} +- {now_std:.2f} N: something changed")
@@ -111,6 +118,24 @@ def of_fit(fit: PushedEstimate, live: Properties, refused: str) -> Properties:
     return Properties(
         fit.values, fit.undetermined, "; ".join(remarks), len(remarks) > 1, "fit"
     )  # fmt: skip
+
+
+def vague_effects(fit: PushedEstimate) -> tuple[str, ...]:
+    """Effects in the model of which no parameter is told.
+
+    Where the model lacks something else, fits end with a heavy object on ice, beside which an
+    effect may have any size.
+    """
+    return tuple(
+        name
+        for name, parameters in fit.effects.items()
+        if all(abs(_float(p["value"])) < _TOLD * _float(p["std"]) for p in parameters.values())
+    )
+
+
+def _float(value: object) -> float:
+    assert isinstance(value, float | int)
+    return float(value)
 
 
 def words(values: dict[str, tuple[float, float]], undetermined: tuple[str, ...] | list[str]) -> str:
