@@ -37,8 +37,8 @@ ACTIONS = pushed.ActionOptions(
 GAP = 0.01
 """m that the tip flies to every second object."""
 CONSTANT = np.array([1e-3, 1e-3, np.radians(0.5)])
-"""Standard deviation of every pose in the row that has none of its own: rounded from the training
-recordings."""
+"""Standard deviation of every pose in the row that has none of its own, m and rad: rounded from
+what four other recordings had."""
 HIDDEN = 0.6
 """Visible share of the near side below which an object counts as hidden."""
 LOST = 0.2
