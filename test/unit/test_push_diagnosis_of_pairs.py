@@ -97,6 +97,8 @@ def test_wrenches_at_a_point_of_one_object_have_no_law_for_parts_on_a_joint(rigi
     only = set(rigid.catalogue) - set(jointed.catalogue)
     assert only == {"tether_spring", "constant_pull", "unsensed_contact", "load_change"}
     assert {"support_tilt", "friction_change", "force_bias"} < set(jointed.catalogue)
+    assert jointed.imitators("support_tilt") == ("constant_pull", "tether_spring")
+    assert rigid.imitators("support_tilt") == jointed.imitators("force_bias") == ()
     assert "loose_joint" not in (*rigid.catalogue, *jointed.catalogue)
 
 

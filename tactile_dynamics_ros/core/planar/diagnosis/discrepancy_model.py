@@ -398,8 +398,9 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
         return self.table.remark
 
     def imitators(self, name: str) -> tuple[str, ...]:
-        """Friction that differs from place to place may look like a slope."""
-        return (VARIATION,) if name == SLOPE and self.table.imitates_slope else ()
+        """Friction that differs by place may look like a slope, and a pull like a lean."""
+        varied = (VARIATION,) if name == SLOPE and self.table.imitates_slope else ()
+        return (*varied, *self.pushes.imitators(name))
 
     def plan_against(self, rivals: Sequence[PushDiscrepancy]) -> dict[str, Any] | None:
         """The push that would tell this model from others."""

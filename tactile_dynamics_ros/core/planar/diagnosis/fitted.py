@@ -148,3 +148,7 @@ class FittedPushes(ABC):
     def families(self, effect: PushEffect) -> Sequence[PushEffect]:
         """An effect, or for sudden ones one for each push with which it may begin; or none."""
         return effect.beginnings(self.intervals.push_starts) if effect.told else []
+
+    def imitators(self, name: str) -> tuple[str, ...]:
+        """Effects that are not in the catalogue of these parts and may do what one there does."""
+        return ()

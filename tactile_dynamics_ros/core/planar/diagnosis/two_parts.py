@@ -143,6 +143,11 @@ class TwoParts(FittedPushes):
         """The same pushes fitted with effects."""
         return TwoParts(refit_pair(self.fit, effects, common, variation))
 
+    def imitators(self, name: str) -> tuple[str, ...]:
+        """Pulls at a point of one part on a joint have no law here, and may look like a lean."""
+        pulled = name == "support_tilt" and self.structure == "jointed"
+        return ("constant_pull", "tether_spring") if pulled else ()
+
     def steady(self) -> Steady | None:
         """A rigid pair in pushes that were not made; a joint would turn as nobody foretells."""
         model = self.fit.model
