@@ -37,6 +37,9 @@ Array = NDArray[np.float64]
 BOXES = ("box_0", "box_1", "box_2", "box_3", "box_4")
 MEASURES = ("trace_error", "distance", "mass_percent", "com_mm", "inertia")
 
+DRAWN = ("mass_percent", "com_mm")
+"""Measures of which every run is kept, for box plots."""
+
 PROCESSES = 2
 """Recordings at a time."""
 
@@ -172,6 +175,7 @@ def _box_row(box: str, table: int, runs: list[BoxRun]) -> dict[str, Any]:
         "object": box,
         "runs": len(ours),
         "ours": _measures(ours),
+        "each": {key: [round(getattr(score, key), 4) for score in ours] for key in DRAWN},
         "live": _measures(live),
         "paper": _measures([published_score(table, box)]),
         "paper's method here": _measures(reproduced),

@@ -80,7 +80,10 @@ def _shade_breaks(axes: Axes, contacts: Sequence[ContactStream]) -> None:
 
 
 def draw_boxes(results: dict[str, Any]) -> Figure:
-    """Median errors per box: ours and paper A's rows, on a wrist sensor and in the hand."""
+    """Errors per box beside paper A's rows, on a wrist sensor and in the hand.
+
+    Ours as box plots (quartiles, 5 and 95 %) where every run was kept, else as medians.
+    """
     figure = new_figure(3.4)
     panels = figure.subplots(1, 2)
     kinds = [
@@ -96,11 +99,25 @@ def draw_boxes(results: dict[str, Any]) -> Figure:
         for k, (table, row, name, colour) in enumerate(kinds):
             rows = results[table]["rows"]
             places = np.arange(len(rows)) + 0.16 * (k - 2)
-            axes.bar(places, [r[row][key] for r in rows], 0.15, color=colour, label=name)
+            if row == "ours" and all("each" in r for r in rows):
+                _draw_runs(axes, places, [r["each"][key] for r in rows], colour)
+                axes.bar([], [], color=colour, label=f"{name}, n = {rows[0]['runs']}")
+            else:
+                axes.bar(places, [r[row][key] for r in rows], 0.15, color=colour, label=name)
         axes.set(yscale="log", ylabel=f"error of {label}")
         axes.set_xticks(range(len(rows)), [r["object"] for r in rows])
-    panels[0].legend(fontsize=6)
+    named = panels[0].get_legend_handles_labels()
+    figure.legend(*named, loc="outside upper center", ncols=len(kinds), fontsize=7)
     return figure
+
+
+def _draw_runs(axes: Axes, places: np.ndarray, runs: list[list[float]], colour: str) -> None:
+    axes.boxplot(
+        runs, positions=places, widths=0.14, whis=(5, 95), showfliers=False, patch_artist=True,
+        manage_ticks=False, boxprops={"facecolor": colour, "linewidth": 0.6},
+        medianprops={"color": "white"}, whiskerprops={"linewidth": 0.6},
+        capprops={"linewidth": 0.6},
+    )  # fmt: skip
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
