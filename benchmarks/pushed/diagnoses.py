@@ -14,6 +14,7 @@ import numpy as np
 from benchmarks.pushed import linked
 from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
+from tactile_dynamics_ros.core.numerics.regime import split_label
 from tactile_dynamics_ros.core.planar.diagnosis.discrepancy_model import PushDiscrepancy
 from tactile_dynamics_ros.synthetic import pushed
 
@@ -21,14 +22,17 @@ CLEAN = "none"
 """Stands for recordings in which nothing is hidden."""
 _PUSHES = 4
 """Pushes of two parts, two on each: they turn a joint and go four ways."""
-_MAGNITUDE = 1.35
-"""Multiple of the typical size at which effects are hidden, as for held objects."""
+_MAGNITUDE, _IN_REGIME = 1.35, 2.0
+"""Multiples of the typical size at which effects are hidden, as for held objects, and inside a
+regime."""
+_FAR = pushed.ActionOptions(count=8, travel=0.2, duration=3.0, speed=(0.05, 0.2))
+"""Pushes that go over a border and back, where something acts beyond it."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the section's options."""
     known = (CLEAN, *pushed.CATALOGUE, *pushed.OUTSIDE)
-    choices = (*known, *pushed.JOINTED)
+    choices = (*known, *pushed.JOINTED, *pushed.REGIONAL)
     parser.add_argument("--diagnosed", nargs="+", choices=choices, default=list(known))
     parser.add_argument("--diagnosis-seeds", type=int, nargs="+", default=[210, 211, 212])
     parser.add_argument("--variations", type=float, nargs="+", default=[0.0, 0.05])
@@ -50,9 +54,11 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def _row(name: str, seed: int, variation: float, kind: str) -> dict[str, Any]:
-    hidden = {} if name == CLEAN else {name: _MAGNITUDE}
+    size = _IN_REGIME if name in pushed.REGIONAL else _MAGNITUDE
+    hidden = {} if name == CLEAN else {name: size}
     if kind == "single":
-        made = pushed.generate([seed], hidden, pushed.PushOptions(variation=variation))[0]
+        far = {"actions": _FAR} if name in pushed.REGIONAL else {}
+        made = pushed.generate([seed], hidden, pushed.PushOptions(variation=variation, **far))[0]
     else:
         made = linked.recorded([seed], kind, _PUSHES, True, variation, hidden=hidden)[0][0]
     row: dict[str, Any] = {"hidden": name, "seed": seed, "variation": variation}
@@ -84,7 +90,17 @@ def _is_right(row: dict[str, Any]) -> bool:
         return bool(row.get("verdict") == "adequate")
     if row["hidden"] in pushed.OUTSIDE:
         return bool(row.get("verdict") == "unexplained")
-    return row["hidden"] in (row.get("effect"), *row.get("group", ()))
+    return _true_name(row) in map(_plain, (row.get("effect"), *row.get("group", ())))
+
+
+def _true_name(row: dict[str, Any]) -> str:
+    hidden: str = row["hidden"]
+    return pushed.REGIONAL[hidden][0] if hidden in pushed.REGIONAL else hidden
+
+
+def _plain(name: str | None) -> str:
+    """Name of an effect without its regime."""
+    return split_label(name)[0] if name else ""
 
 
 def table(found: dict[str, Any]) -> str:
@@ -95,7 +111,7 @@ def table(found: dict[str, Any]) -> str:
     for variation, name in cases:
         rows = [r for r in found["rows"] if (r["variation"], r["hidden"]) == (variation, name)]
         right = sum(map(_is_right, rows))
-        alone = sum(r.get("effect") == name and not r["group"] for r in rows)
+        alone = sum(_plain(r.get("effect")) == _true_name(r) and not r["group"] for r in rows)
         lines.append(
             f"| `{name}` | {variation:g} | {len(rows)} | {right} | {alone or ''} | "
             f"{_verdicts(rows)} | {_errors(rows)} | {np.median([r['cpu_s'] for r in rows]):.0f} |"

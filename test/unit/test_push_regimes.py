@@ -11,6 +11,7 @@ from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.planar.effects.registry import PUSHED
 from tactile_dynamics_ros.core.planar.effects.situation import PlanarMotion
 from tactile_dynamics_ros.synthetic import pushed
+from tactile_dynamics_ros.synthetic.pushed.regimes import bounds_in
 
 GYRATION = 1e-3
 COUNT = 401
@@ -82,7 +83,7 @@ def test_what_is_hidden_acts_inside_its_bounds_only(case):
     options = pushed.PushOptions(actions=pushed.ActionOptions(count=3, travel=0.12))
     clean = pushed.generate([7], {}, options)[0].motion
     made = pushed.generate([7], {case: 2.0}, options)[0]
-    bounds = made.effects[case]["parameters"]["bounds"]
+    bounds = bounds_in(made.scene, made.effects[case]["parameters"]["regime"])
     inside = (bounds.values(clean) > bounds.low) & (bounds.values(clean) < bounds.high)
     first = int(np.argmax(inside))
     differs = np.abs(made.motion.origin - clean.origin).max(axis=(1, 2)) > 1e-6

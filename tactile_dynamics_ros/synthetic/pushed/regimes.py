@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -116,7 +117,7 @@ REGIONAL: dict[str, tuple[str, Maker]] = {
 
 
 def hide_in_regime(case: str, size: float, scene: Scene, rng: np.random.Generator) -> Hidden:
-    """Return a scene in which something acts in a regime; parameters have its bounds.
+    """Return a scene in which something acts in a regime; parameters say which.
 
     Args:
         case: of `REGIONAL`.
@@ -126,4 +127,10 @@ def hide_in_regime(case: str, size: float, scene: Scene, rng: np.random.Generato
     """
     name, make = REGIONAL[case]
     made, bounds = make(scene, size, rng)
-    return replace(made, parameters={**made.parameters, "effect": name, "bounds": bounds})
+    ends = {"symbol": bounds.symbol, "low": bounds.low, "high": bounds.high}
+    return replace(made, parameters={**made.parameters, "effect": name, "regime": ends})
+
+
+def bounds_in(scene: Scene, regime: dict[str, Any]) -> Bounds:
+    """Return the bounds that `hide_in_regime` told, for the object of a scene."""
+    return Bounds(**regime, middle=scene.thing.links[0].corners.mean(axis=0))
