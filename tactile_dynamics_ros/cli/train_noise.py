@@ -10,7 +10,7 @@ from argparse import Namespace
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,11 +21,13 @@ from tactile_dynamics_ros.core.planar.network.noise_features import (
     joined_touches,
     lasting,
 )
-from tactile_dynamics_ros.sim.planar.looking import Told, looked_at, told_of
 from tactile_dynamics_ros.synthetic import pushed
 from tactile_dynamics_ros.synthetic.pushed.scene import STEP
 from tactile_dynamics_ros.synthetic.pushed.touches import FeltErrors, felt_errors
 from tactile_dynamics_ros.synthetic.pushed.transitions import states_at
+
+if TYPE_CHECKING:
+    from tactile_dynamics_ros.sim.planar.looking import Told
 
 Array = NDArray[np.float64]
 
@@ -78,6 +80,8 @@ def noise_record(one: Any, period: float, looking: bool) -> NoiseRecord:
     felt = felt_errors(one, period, seed)
     if not looking:
         return NoiseRecord(felt, None, np.zeros((0, 3)))
+    from tactile_dynamics_ros.sim.planar.looking import looked_at, told_of
+
     truth = states_at(one.scene, one.motion)[3 :: round(_IMAGE / STEP), :3]
     link, times = one.scene.thing.links[0], _IMAGE * np.arange(len(truth))
     told = told_of(looked_at(link.corners, link.height, times, truth, seed), truth[:, 2])

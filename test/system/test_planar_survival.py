@@ -157,7 +157,7 @@ def diagnosed(listener):
 
 
 @pytest.mark.timeout(400)
-def test_any_node_of_the_table_may_be_killed(over_udp, story, listener, tmp_path):
+def test_any_node_of_the_table_may_be_killed(story, listener, tmp_path):
     listener.wait(lambda: listener.seen[STATUS], RESTART, "a status")
     listener.wait(lambda: known(listener)[1] < 0.3, RESTART, "what the file says")
     took = {}

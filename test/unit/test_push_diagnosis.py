@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from tactile_dynamics_ros.cli.main import main
+from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.core.planar.diagnosis.discrepancy_model import PushDiscrepancy
 from tactile_dynamics_ros.core.planar.diagnosis.variation import SLOPE, VARIATION, Table
 from tactile_dynamics_ros.core.planar.effects.registry import PUSHED
@@ -129,3 +130,11 @@ def test_a_wrong_sign_is_told_in_one_line(tilted, tmp_path, capsys):
     PushedRecording(replace(tilted.streams, contacts=wrong), "made").to_bag(bag)
     assert main(["compare", str(bag)]) == 2
     assert "--assume force_sign" in capsys.readouterr().err
+
+
+def test_a_few_poses_while_it_slides_judge_nothing(tilted):
+    link = tilted.streams.links[0]
+    touched = min(contact.time[0] for contact in tilted.streams.contacts.values())
+    few = link.between(link.time[0], touched + 0.35)
+    with pytest.raises(NotIdentifiableError, match="push it further"):
+        PushDiscrepancy.of_streams(replace(tilted.streams, links=(few,)))

@@ -63,6 +63,9 @@ _OF_WHITENING = (
 )
 """What is computed of the linearisation alone, and handed on to models at the same whitening; what
 is left out is computed again, at half a second each."""
+_LEAST_JUDGED = 30
+"""Poses while the object slides from which a model is judged: three stretches of the ten samples in
+which bursts are looked for. With fewer anything is adequate."""
 _STEP = 1e-3
 """Step of the difference quotient by an effect's parameters, in their prior's standard deviations:
 laws bend by far less than a thousandth over it, rounding is a millionth of it."""
@@ -107,6 +110,12 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
         values, theta = _split(pushes)
         table = Table(pushes.variation)
         model = cls(pushes, values, pushes.effects, theta, pushes.catalogue, table)
+        judged = len(model._filter.order)
+        if judged < _LEAST_JUDGED:
+            raise NotIdentifiableError(
+                f"{judged} poses while the object slides, expected {_LEAST_JUDGED} at least; push it "
+                "further, or send poses more often"
+            )
         return replace(model, table=model._likeliest_table()).settled()
 
     @property
