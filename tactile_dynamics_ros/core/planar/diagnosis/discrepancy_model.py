@@ -113,8 +113,8 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
         judged = len(model._filter.order)
         if judged < _LEAST_JUDGED:
             raise NotIdentifiableError(
-                f"{judged} poses while the object slides, expected {_LEAST_JUDGED} at least; push it "
-                "further, or send poses more often"
+                f"{judged} poses while the object slides, expected {_LEAST_JUDGED} at least; "
+                "push it further, or send poses more often"
             )
         return replace(model, table=model._likeliest_table()).settled()
 
