@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import pickle
-import sys
 import time
 from argparse import Namespace
 from collections.abc import Iterable
@@ -15,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.cli.train_pushing import made_in_parts
 from tactile_dynamics_ros.core.planar.network.noise import NoiseWeights, shipped_noise_file
 from tactile_dynamics_ros.core.planar.network.noise_features import (
     joined_looks,
@@ -92,26 +91,23 @@ def simulated_records(
     name: str, first: int, count: int, kept: Path | None, said: str = "pushing"
 ) -> list[NoiseRecord]:
     """Recordings of `count` objects from a seed on; parts that are kept are not made again."""
-    setting, found = SETTINGS[name], list[NoiseRecord]()
-    for start in range(first, first + count, _PART):
-        seeds = range(start, min(start + _PART, first + count))
-        print(f"\r{said}, {name}: {seeds.stop - first}/{count}", end="", file=sys.stderr)
-        file = None if kept is None else kept / f"noise_{name}_{seeds.start}_{seeds.stop}.pkl"
-        if file is not None and file.exists():
-            found += pickle.loads(file.read_bytes())
-            continue
-        gap = _GAP * (start // _PART % 2)
+    setting = SETTINGS[name]
+
+    def make(seeds: range) -> list[NoiseRecord]:
+        gap = _GAP * (seeds.start // _PART % 2)
         options = pushed.PushOptions(
             actions=replace(setting.actions, gap=gap), variation=0.08, stiction=0.1, uneven=0.1
         )
         made = pushed.generate(seeds, None, options)
-        part = [noise_record(one, setting.period, name == "slow") for one in made]
-        if file is not None:
-            file.parent.mkdir(parents=True, exist_ok=True)
-            file.write_bytes(pickle.dumps(part))
-        found += part
-    print(file=sys.stderr)
-    return found
+        return [noise_record(one, setting.period, name == "slow") for one in made]
+
+    return made_in_parts(
+        make,
+        range(first, first + count),
+        _PART,
+        f"{said}, {name}",
+        None if kept is None else kept / f"noise_{name}",
+    )
 
 
 def touch_examples(records: Iterable[NoiseRecord]) -> Any:

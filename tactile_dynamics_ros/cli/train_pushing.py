@@ -11,7 +11,7 @@ from argparse import Namespace
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from tactile_dynamics_ros.core.planar.network.mechanics import expected_steps
 from tactile_dynamics_ros.core.planar.network.process import help_units
@@ -24,6 +24,8 @@ from tactile_dynamics_ros.core.planar.network.transitions import (
 from tactile_dynamics_ros.core.planar.network.weights import GraphWeights, shipped_file
 from tactile_dynamics_ros.synthetic import pushed
 from tactile_dynamics_ros.synthetic.pushed.transitions import cut_all
+
+Record = TypeVar("Record")
 
 _PART = 64
 """Objects that are simulated together and kept as one file: half a minute's work may be lost."""
@@ -136,15 +138,37 @@ def _simulated(
     kind: str, first: int, count: int, name: str, kept: Path | None
 ) -> list[Transitions]:
     """Steps of `count` objects from a seed on; parts that are kept are not simulated again."""
-    found: list[Transitions] = []
-    for start in range(first, first + count, _PART):
-        seeds = range(start, min(start + _PART, first + count))
-        print(f"\rpushing {kind} objects: {seeds.stop - first}/{count}", end="", file=sys.stderr)
-        file = None if kept is None else kept / f"{kind}_{name}_{seeds.start}_{seeds.stop}.pkl"
+    return made_in_parts(
+        lambda seeds: simulate_steps(kind, seeds, SETTINGS[name]),
+        range(first, first + count),
+        _PART,
+        f"pushing {kind} objects",
+        None if kept is None else kept / f"{kind}_{name}",
+    )
+
+
+def made_in_parts(
+    make: Callable[[range], list[Record]], seeds: range, size: int, said: str, kept: Path | None
+) -> list[Record]:
+    """What is made of seeds, part by part; a part that is kept is read instead.
+
+    Args:
+        make: from the seeds of a part.
+        seeds: all of them.
+        size: of a part.
+        said: in front of the count of the seeds, on standard error.
+        kept: files of the parts, without the seeds and the ending; None keeps nothing.
+    """
+    found: list[Record] = []
+    for k in range(0, len(seeds), size):
+        own = seeds[k : k + size]
+        print(f"\r{said}: {k + len(own)}/{len(seeds)}", end="", file=sys.stderr)
+        name = f"_{own.start}_{own.stop}.pkl"
+        file = None if kept is None else kept.with_name(kept.name + name)
         if file is not None and file.exists():
             found += pickle.loads(file.read_bytes())
             continue
-        part = simulate_steps(kind, seeds, SETTINGS[name])
+        part = make(own)
         if file is not None:
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_bytes(pickle.dumps(part))

@@ -110,13 +110,14 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
         values, theta = _split(pushes)
         table = Table(pushes.variation)
         model = cls(pushes, values, pushes.effects, theta, pushes.catalogue, table)
+        model = replace(model, table=model._likeliest_table()).settled()
         judged = len(model._filter.order)
         if judged < _LEAST_JUDGED:
             raise NotIdentifiableError(
                 f"{judged} poses while the object slides, expected {_LEAST_JUDGED} at least; "
                 "push it further, or send poses more often"
             )
-        return replace(model, table=model._likeliest_table()).settled()
+        return model
 
     @property
     def fit(self) -> PushFit | PairFit:

@@ -87,7 +87,7 @@ class GatedPushEffect(PushEffect):
         return np.asarray(np.prod([self._open(gate, motion) for gate in self.regime.gates], axis=0))
 
     def _open(self, gate: Gate, motion: PlanarMotion) -> Array:
-        values = value_of(motion, gate.symbol)
+        values = _value_of(motion, gate.symbol)
         if gate.symbol == "t":
             return gate.inside(values).astype(float)
         edge = self._edge(gate.symbol, motion)
@@ -101,7 +101,7 @@ class GatedPushEffect(PushEffect):
         for gate in self.regime.gates:
             if gate.symbol not in AXES:
                 continue
-            values, edge = value_of(motion, gate.symbol), self._edge(gate.symbol, motion)
+            values, edge = _value_of(motion, gate.symbol), self._edge(gate.symbol, motion)
             change = norm.pdf((values - gate.low) / edge) - norm.pdf((values - gate.high) / edge)
             others = [g for g in self.regime.gates if g is not gate]
             beside = np.prod([self._open(g, motion) for g in others], axis=0) if others else 1.0
@@ -114,19 +114,11 @@ class GatedPushEffect(PushEffect):
         return _EDGE[symbol]
 
 
-def value_of(motion: PlanarMotion, symbol: str) -> Array:
-    """(R,) of what bounds a regime: x, y (m), v (m/s) or t (s from the first interval).
-
-    Raises:
-        BadInputError: there is no such symbol.
-    """
+def _value_of(motion: PlanarMotion, symbol: str) -> Array:
+    """(R,) of what bounds a regime: x, y (m), v (m/s) or t (s from the first interval)."""
     if symbol in AXES:
         return motion.place[:, AXES[symbol]]
-    if symbol == "v":
-        return motion.speed
-    if symbol == "t":
-        return np.asarray(motion.time - motion.time[0])
-    raise BadInputError(f"regime: '{symbol}' is unknown of pushes; there are x, y, v and t")
+    return motion.speed if symbol == "v" else np.asarray(motion.time - motion.time[0])
 
 
 def can_be_gated(effect: PushEffect) -> bool:
