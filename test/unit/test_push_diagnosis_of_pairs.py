@@ -9,9 +9,11 @@ from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 from tactile_dynamics_ros.core.planar.diagnosis import two_parts
 from tactile_dynamics_ros.core.planar.diagnosis.discrepancy_model import PushDiscrepancy
 from tactile_dynamics_ros.core.planar.diagnosis.innovations import Innovations
+from tactile_dynamics_ros.core.planar.diagnosis.separating_push import plan_push
 from tactile_dynamics_ros.core.planar.diagnosis.two_parts import TwoParts
 from tactile_dynamics_ros.core.planar.diagnosis.variation import Table
 from tactile_dynamics_ros.core.planar.effects.registry import PUSHED
+from tactile_dynamics_ros.core.planar.linked.outlines import distance_outside
 from tactile_dynamics_ros.core.planar.properties.estimate import estimate
 from tactile_dynamics_ros.core.planar.properties.linked_fit import (
     fit_jointed,
@@ -149,20 +151,63 @@ def test_no_model_is_questioned_on_a_guess(jointed, monkeypatch):
 
     class Parts:
         structure = Seen()
+        telling_push = "push link_1 at (1, 2) mm in its frame"
 
     parts = Parts()
-    with pytest.raises(NotIdentifiableError, match=r"undecided \(rigid 0.60.*push sideways"):
+    with pytest.raises(
+        NotIdentifiableError, match=r"undecided \(rigid 0.60.*push sideways.*link_1"
+    ):
         two_parts._decided(parts)
     parts.structure.name = "separate"
     with pytest.raises(NotIdentifiableError, match="one by one"):
         two_parts._decided(parts)
     parts.structure.name = "jointed"
-    with pytest.raises(NotIdentifiableError, match="turned by 2.9 degrees only, expected 5"):
+    with pytest.raises(
+        NotIdentifiableError, match="turned by 2.9 degrees only, expected 5: push so.*link_1 at"
+    ):
         two_parts._decided(parts)
     monkeypatch.setattr(two_parts, "_decided", lambda pair: "jointed")
     monkeypatch.setattr(two_parts.Pair, "of_streams", lambda streams: parts)
     with pytest.raises(BadInputError, match="tether_spring: has no law for jointed parts"):
         TwoParts.of_streams(None, PUSHED.create_all(["tether_spring"]))
+
+
+def test_a_lean_is_foretold_in_pushes_of_either_part_where_the_tip_sticks(jointed):
+    pushes, [lean] = jointed.pushes, PUSHED.create_all(["support_tilt"])
+    steady, common = pushes.steady(), pushes.common
+    level = steady.predict(common, ())
+    size = np.linalg.norm(level[:, :2], axis=1)
+    whole = 9.81 * sum(np.exp(common[product]) for product, _ in pushes.frictions)
+    assert np.all(size < 1.1 * whole)  # both slide together at most
+    assert np.abs(np.sum(level[:, :2] * steady.pushes.way, axis=1) / size).min() > 0.9
+    away = steady.predict(np.append(common, [0.02, -0.01]), (lean,)) - level
+    mass = sum(np.exp(common[place]) for _, place in pushes.frictions)
+    pulled = mass * 9.81 * np.array([-0.02, 0.01])
+    np.testing.assert_allclose(np.median(away[:, :2], axis=0), pulled, rtol=0.05)
+    np.testing.assert_allclose(away[:, :2], np.tile(pulled, (len(away), 1)), rtol=0.2)
+    assert {*steady.pushes.part} == {0, 1}
+
+
+def test_the_push_that_tells_a_lean_from_a_film_names_a_place_of_a_part(model):
+    pushes = model.pushes
+    lean, film = (PUSHED.create_all([name]) for name in ("support_tilt", "viscous_support"))
+    steady, common = pushes.steady(), pushes.common
+
+    def best(predict):
+        return predict(np.append(common, [0.03, 0.0]), lean)
+
+    rivals = {"viscous_support": lambda predict: predict(np.append(common, 3.0), film)}
+    plan = plan_push(best, rivals, steady, 0.003)
+    assert plan["separates_from"] == ["viscous_support"]
+    assert plan["differs_by_n"] > 0.2
+    part = int(plan["link"][-1]) - 1
+    point, outline = np.array(plan["point"]), pushes.fit.model.data.patches[part].outline
+    assert abs(distance_outside(outline, point[None])[0]) < 1e-6
+    words = plan["description"]
+    assert words.startswith(f"push {plan['link']} at ({1e3 * point[0]:.0f}, {1e3 * point[1]:.0f})")
+    assert f"towards {plan['heading_deg']:.0f} deg" in words
+    assert words.endswith(f"the forces differ there by {plan['differs_by_n']:.2f} N")
+    assert plan_push(best, {"same": best}, steady, 0.003) is None
 
 
 def test_an_estimate_of_two_parts_takes_effects_that_have_a_law_there():

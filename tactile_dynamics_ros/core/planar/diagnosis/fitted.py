@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.planar.diagnosis.rows import PushRows
-from tactile_dynamics_ros.core.planar.diagnosis.separating_push import Steady
+from tactile_dynamics_ros.core.planar.diagnosis.separating_push import Foretold
 from tactile_dynamics_ros.core.planar.effects.effect import PushEffect
 from tactile_dynamics_ros.core.planar.effects.registry import PUSHED
 from tactile_dynamics_ros.core.planar.effects.situation import PlanarMotion
@@ -142,7 +142,7 @@ class FittedPushes(ABC):
         """
 
     @abstractmethod
-    def steady(self) -> Steady | None:
+    def steady(self) -> Foretold | None:
         """The object in pushes that were not made; None where none can be foretold."""
 
     def families(self, effect: PushEffect) -> Sequence[PushEffect]:

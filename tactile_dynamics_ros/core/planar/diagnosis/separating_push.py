@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
@@ -23,13 +24,13 @@ Lacking = Callable[[Intervals, Array, Array, Array, tuple[PushEffect, ...]], Arr
 _HEADINGS_DEG = tuple(45.0 * k for k in range(8))
 """Ways to push that are compared, axes of the table: finer ones name other pushes and part the same
 models."""
-_SPEEDS = (0.03, 0.1, 0.3)
+SPEEDS = (0.03, 0.1, 0.3)
 """Speeds that are compared, m/s, from slow to as fast as arms push; laws of speed differ most at
 the ends."""
-_PLACES = ((0.0, 0.0), (0.12, 0.0), (-0.12, 0.0), (0.0, 0.12), (0.0, -0.12))
+PLACES = ((0.0, 0.0), (0.12, 0.0), (-0.12, 0.0), (0.0, 0.12), (0.0, -0.12))
 """Places from the middle of the recording, m: there and beside it by the length of a push. Farther
 ones part springs and gradients better, but tables end."""
-_TURNS_DEG = (0.0, 90.0, 180.0)
+TURNS_DEG = (0.0, 90.0, 180.0)
 """Turns of the object from how it lay: what turns with it differs from what stays with the table at
 each of them."""
 _BEYOND = 1.5
@@ -43,18 +44,43 @@ At 1 pushes that would part models are not promised, at 4 some that would not ar
 _PARTED = 4.0
 """Standard deviations of the mean force by which models must differ: one in ten thousand by chance,
 of some hundred pushes that are compared. At 3 pushes are promised that part nothing."""
+_PUSHES = tuple(product(_HEADINGS_DEG, SPEEDS, PLACES, TURNS_DEG))
+"""Heading, speed, place and turn of every push that is compared, of one body."""
 SLIP = 5e-4
 """Speed below which friction falls, m/s, far below that of the pushes; smaller changes nothing."""
 
 
-@dataclass(frozen=True, eq=False)
-class Steady:
-    """An object in pushes without turning, at speeds that last.
+class Foretold(ABC):
+    """An object in K pushes that were not made.
 
     Attributes:
         intervals: of the recording. typical_force: N.
-        middle: (2,) m, mean place of the centroid. centroid: (2,) m, in the frame.
-        size: m, radius of gyration of the footprint. lacking: of pushes.
+        middle: (2,) m, mean place of the centroid. size: m, by which torques are forces.
+    """
+
+    intervals: Intervals
+    typical_force: float
+    middle: Array
+    size: float
+
+    @abstractmethod
+    def predict(self, common: Array, effects: tuple[PushEffect, ...]) -> Array:
+        """What the sensor would read, (K, c) N, torques over `size`."""
+
+    @abstractmethod
+    def told(self, k: int) -> dict[str, Any]:
+        """`heading_deg`, `speed`, `place`, `turn_deg` of a push, and `description` of how to do it.
+
+        Of two parts `link` is pushed at `point`, m, in its frame.
+        """
+
+
+@dataclass(frozen=True, eq=False)
+class Steady(Foretold):
+    """An object in pushes without turning, at speeds that last.
+
+    Attributes:
+        centroid: (2,) m, in the frame. lacking: of pushes.
     """
 
     intervals: Intervals
@@ -64,11 +90,48 @@ class Steady:
     size: float
     lacking: Lacking
 
+    def predict(self, common: Array, effects: tuple[PushEffect, ...]) -> Array:
+        """Force and torque."""
+        pushes, yaws = _PUSHES, self.yaw + np.radians([p[3] for p in _PUSHES])
+        heading = np.radians([p[0] for p in pushes])
+        way = np.stack([np.cos(heading), np.sin(heading)], axis=1)
+        none = np.zeros((len(pushes), 3))
+        velocity = np.column_stack([np.array([p[1] for p in pushes])[:, None] * way, none[:, 0]])
+        centre = self.middle + np.array([p[2] for p in pushes])
+        place = centre - turned(np.broadcast_to(self.centroid, centre.shape), yaws)
+        pose = np.column_stack([place, yaws])
+        com = np.broadcast_to(common[2:4], centre.shape)
+        point = with_height(self.intervals, centre + turned(com, yaws))
+
+        def lack(cut: Intervals) -> Array:
+            return self.lacking(cut, pose, velocity, common, effects)
+
+        return felt(self.intervals, point, heading, lack) / [1.0, 1.0, self.size]
+
+    def told(self, k: int) -> dict[str, Any]:
+        """Through the centre of mass, so that the object does not turn."""
+        heading, speed, place, turn = _PUSHES[k]
+        where = np.asarray(self.middle) + place
+        turning = f", with the object turned by {turn:.0f} deg" if turn else ""
+        return {
+            "heading_deg": heading,
+            "speed": speed,
+            "place": [float(v) for v in where],
+            "turn_deg": turn,
+            "description": f"push it towards {heading:.0f} deg (axes of the table) at {speed:g} "
+            f"m/s near ({where[0]:.2f}, {where[1]:.2f}) m{turning}",
+        }
+
+    @property
+    def yaw(self) -> float:
+        """How the object lay, rad."""
+        return float(np.median(self.intervals.poses[0].value[:, 2]))
+
 
 def plan_push(
     best: Callable[[Predict], Array],
     rivals: Mapping[str, Callable[[Predict], Array]],
-    thing: Steady,
+    thing: Foretold,
     variation: float,
 ) -> dict[str, Any] | None:
     """Choose the push in which the rivals' forces differ most from the best model's.
@@ -80,39 +143,28 @@ def plan_push(
         variation: relative standard deviation of friction from place to place.
 
     Returns:
-        `heading_deg`, `speed`, `place`, `turn_deg`, `description`, `differs_by_n` and
-        `separates_from`, the names of the rivals that it parts; None if it parts none.
+        What `Foretold.told` says, `differs_by_n` and `separates_from`, the names of the rivals that
+        it parts; None if it parts none.
     """
     if not rivals:
         return None
-    pushes = list(product(_HEADINGS_DEG, _SPEEDS, _PLACES, _TURNS_DEG))
-    predict = _prediction(pushes, thing)
-    mine = best(predict)
+    mine = best(thing.predict)
     noise = float(np.median(thing.intervals.force_std)) / np.sqrt(_SAMPLES)
     noise = float(np.hypot(noise, variation * thing.typical_force / _PATCHES))
-    away = np.stack([np.abs(rival(predict) - mine).max(axis=1) for rival in rivals.values()])
+    away = np.stack([np.abs(rival(thing.predict) - mine).max(axis=1) for rival in rivals.values()])
     chosen = int(np.argmax(away.min(axis=0)))
     parted = away[:, chosen] > _PARTED * noise
     if not parted.any():
         return None
-    heading, speed, place, turn = pushes[chosen]
-    where = np.asarray(thing.middle) + place
-    difference = float(away[parted, chosen].min())
-    turning = f", with the object turned by {turn:.0f} deg" if turn else ""
-    return {
-        "heading_deg": heading,
-        "speed": speed,
-        "place": [float(v) for v in where],
-        "turn_deg": turn,
+    difference, told = float(away[parted, chosen].min()), thing.told(chosen)
+    return told | {
         "differs_by_n": difference,
         "separates_from": [name for name, p in zip(rivals, parted, strict=True) if p],
-        "description": f"push it towards {heading:.0f} deg (axes of the table) at {speed:g} m/s "
-        f"near ({where[0]:.2f}, {where[1]:.2f}) m{turning}: the forces differ there by "
-        f"{difference:.2f} N",
+        "description": f"{told['description']}: the forces differ there by {difference:.2f} N",
     }
 
 
-def plan_wider(thing: Steady) -> dict[str, Any]:
+def plan_wider(thing: Foretold) -> dict[str, Any]:
     """Plan the push that tells a slope of friction from friction that differs by place.
 
     A slope goes on beyond the places that were pushed; what merely differs does not.
@@ -126,7 +178,7 @@ def plan_wider(thing: Steady) -> dict[str, Any]:
     where[axis] += _BEYOND * max(float(np.ptp(places[:, axis])), thing.size)
     return {
         "heading_deg": 90.0 * axis,
-        "speed": _SPEEDS[1],
+        "speed": SPEEDS[1],
         "place": [float(v) for v in where],
         "turn_deg": 0.0,
         "description": "push over more of the table, "
@@ -136,43 +188,42 @@ def plan_wider(thing: Steady) -> dict[str, Any]:
     }
 
 
-def _prediction(pushes: Sequence[tuple[Any, ...]], thing: Steady) -> Predict:
-    """What the sensor would read, (R, 3) N, in pushes without turning, for numbers and effects."""
-    heading = np.radians([p[0] for p in pushes])
-    speed = np.array([p[1] for p in pushes])
-    way = np.stack([np.cos(heading), np.sin(heading)], axis=1)
-    yaw = float(np.median(thing.intervals.poses[0].value[:, 2]))
-    yaws = yaw + np.radians([p[3] for p in pushes])
-    none = np.zeros((len(pushes), 3))
-    velocity = np.column_stack([speed[:, None] * way, none[:, 0]])
-    centre = thing.middle + np.array([p[2] for p in pushes])
-    place = centre - turned(np.broadcast_to(thing.centroid, centre.shape), yaws)
-    pose = np.column_stack([place, yaws])
+def felt(seen: Intervals, point: Array, facing: Array, lack: Callable[[Intervals], Array]) -> Array:
+    """Force (K, 2), N, that the sensor reads where none is lacking, and what else is, (K, D - 2).
 
-    def predict(common: Array, effects: tuple[PushEffect, ...]) -> Array:
-        com = np.broadcast_to(common[2:4], centre.shape)
-        point = np.column_stack([centre + turned(com, yaws), np.full(len(yaws), _height(thing))])
-        force = none
-        for _ in range(2):
-            cut = _intervals(thing, force, point, heading)
-            lack = thing.lacking(cut, pose, velocity, common, effects)
-            force = force + np.column_stack([lack[:, :2], none[:, 0]])
-        return np.column_stack([force[:, :2], lack[:, 2] / thing.size])
-
-    return predict
+    Args:
+        seen: intervals of the recording.
+        point: (K, 3) m, that is touched.
+        facing: (K,) rad, of the pusher's axes.
+        lack: (K, D) of intervals; the force tips the object, so that it is asked twice.
+    """
+    force, short = np.zeros((len(point), 3)), np.zeros(0)
+    for _ in range(2):
+        short = lack(made_intervals(seen, force, point, facing))
+        force[:, :2] += short[:, :2]
+    return np.column_stack([force[:, :2], short[:, 2:]])
 
 
-def _height(thing: Steady) -> float:
-    cut = thing.intervals
-    return float(np.median(cut.point[cut.touching, 2]))
+def with_height(seen: Intervals, place: Array) -> Array:
+    """Places (K, 3) at the height at which pushes were made."""
+    height = float(np.median(seen.point[seen.touching, 2]))
+    return np.column_stack([place, np.full(len(place), height)])
 
 
-def _intervals(thing: Steady, force: Array, point: Array, facing: Array) -> Intervals:
+def made_intervals(seen: Intervals, force: Array, point: Array, facing: Array) -> Intervals:
+    """Intervals of pushes that were not made.
+
+    Args:
+        seen: of the recording.
+        force: (K, 3) N.
+        point: (K, 3) m.
+        facing: (K,) rad, of the pusher's axes.
+    """
     count = len(force)
     none, yes = np.zeros(count), np.ones(count, dtype=bool)
     return Intervals(
-        step=thing.intervals.step,
-        time=np.full(count, float(thing.intervals.time[-1])),
+        step=seen.step,
+        time=np.full(count, float(seen.time[-1])),
         inner=np.zeros(count, dtype=bool),
         force=force,
         force_std=np.zeros((count, 2)),

@@ -12,12 +12,17 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 from tactile_dynamics_ros.core.planar.diagnosis.fitted import FittedPushes
 from tactile_dynamics_ros.core.planar.diagnosis.rows import PushRows, rows_of_two
-from tactile_dynamics_ros.core.planar.diagnosis.separating_push import SLIP, Steady
+from tactile_dynamics_ros.core.planar.diagnosis.separating_pair_push import (
+    JointedPushes,
+    RigidPushes,
+)
+from tactile_dynamics_ros.core.planar.diagnosis.separating_push import SLIP, Foretold
 from tactile_dynamics_ros.core.planar.effects.acting import has_law
 from tactile_dynamics_ros.core.planar.effects.effect import PushEffect
 from tactile_dynamics_ros.core.planar.effects.registry import PUSHED
 from tactile_dynamics_ros.core.planar.effects.situation import PlanarMotion
 from tactile_dynamics_ros.core.planar.linked.description import remedies
+from tactile_dynamics_ros.core.planar.linked.pushes import KnownPair, PairPushes
 from tactile_dynamics_ros.core.planar.linked.rows import PairFriction
 from tactile_dynamics_ros.core.planar.properties.intervals import Intervals
 from tactile_dynamics_ros.core.planar.properties.linked_estimate import TURNED
@@ -29,7 +34,8 @@ from tactile_dynamics_ros.core.planar.properties.linked_fit import (
     refit_pair,
     with_expected_force,
 )
-from tactile_dynamics_ros.core.planar.properties.linked_motion import Motion
+from tactile_dynamics_ros.core.planar.properties.linked_model import PairModel
+from tactile_dynamics_ros.core.planar.properties.linked_motion import Motion, PairData
 from tactile_dynamics_ros.core.planar.properties.linked_pair import Pair
 from tactile_dynamics_ros.core.planar.properties.linked_rigid import RigidModel
 from tactile_dynamics_ros.core.planar.properties.push_model import Sharpness
@@ -148,11 +154,16 @@ class TwoParts(FittedPushes):
         pulled = name == "support_tilt" and self.structure == "jointed"
         return ("constant_pull", "tether_spring") if pulled else ()
 
-    def steady(self) -> Steady | None:
-        """A rigid pair in pushes that were not made; a joint would turn as nobody foretells."""
+    def steady(self) -> Foretold:
+        """Both parts in pushes that were not made."""
         model = self.fit.model
-        if not isinstance(model, RigidModel):
-            return None
+        return self._rigid() if isinstance(model, RigidModel) else self._jointed()
+
+    def _rigid(self) -> RigidPushes:
+        """They do not turn, so that nothing but the speed has to be foretold."""
+        model = self.fit.model
+        assert isinstance(model, RigidModel)
+        first, second = (patch.outline for patch in model.data.patches)
 
         def lacking(
             cut: Intervals,
@@ -161,15 +172,66 @@ class TwoParts(FittedPushes):
             common: Array,
             effects: tuple[PushEffect, ...],
         ) -> Array:
-            none, here = np.zeros_like(pose), np.arange(len(pose))
-            data = replace(model.data, intervals=cut)
-            made = replace(model, data=data, effects=effects)
-            made.__dict__.update(middle=here, middle_place=model.middle_place)
-            motion = Motion(pose, velocity, none, none)
+            made = _in_pushes(model, replace(model.data, intervals=cut), effects)
+            motion = _lasting(pose, velocity, model.locals)
             return made.lack(motion, common, made.linear_friction(common, motion, SLIP))
 
-        middle, centroid = model.middle_place, model.patch.centroid
-        return Steady(model.intervals, model.typical_force, middle, centroid, model.size, lacking)
+        return RigidPushes(
+            intervals=model.intervals,
+            typical_force=model.typical_force,
+            middle=model.middle_place,
+            centroid=model.patch.centroid,
+            size=model.size,
+            lacking=lacking,
+            outlines=(first, second),
+            offset=model.offset,
+            com=model.patch.centroid + self.common[[model.at("com_x"), model.at("com_y")]],
+        )
+
+    def _jointed(self) -> JointedPushes:
+        """The joint turns; how fast follows from the friction that was found."""
+        model, common = self.fit.model, self.common
+        gravity = -float(model.data.gravity[2])
+        forces = gravity * np.exp([common[product] for product, _ in model.frictions])
+        at = [model.at(f"joint_at_{axis}_{k}") for k in (1, 2) for axis in ("x", "y")]
+        torque = float(np.exp(common[model.at("ln_joint_torque")]))
+        first, second = model.data.patches
+
+        def lacking(
+            cut: Intervals,
+            pushes: PairPushes,
+            velocity: Array,
+            common: Array,
+            effects: tuple[PushEffect, ...],
+        ) -> Array:
+            touched, turning = pushes.part.astype(np.float64), np.ones(len(pushes), dtype=bool)
+            data = replace(model.data, intervals=cut, touched=touched, turning=turning)
+            made = _in_pushes(model, data, effects)
+            motion = _lasting(pushes.pose, velocity, model.locals)
+            return made.lack(motion, common, made.linear_friction(common, motion, SLIP))
+
+        return JointedPushes(
+            intervals=model.intervals,
+            typical_force=model.typical_force,
+            middle=model.middle_place,
+            size=model.size,
+            pair=KnownPair((first, second), forces, common[at].reshape(2, 2), torque),
+            outlines=(first.outline, second.outline),
+            lacking=lacking,
+        )
+
+
+def _in_pushes(model: PairModel, data: PairData, effects: tuple[PushEffect, ...]) -> PairModel:
+    """A model of the same parts in intervals that all count, about the same middle."""
+    made = replace(model, data=data, effects=effects)
+    here = np.arange(len(data.intervals.time))
+    made.__dict__.update(middle=here, middle_place=model.middle_place)
+    return made
+
+
+def _lasting(pose: Array, velocity: Array, count: int) -> Motion:
+    """Motion without acceleration, where friction is as everywhere."""
+    return Motion(pose, velocity, np.zeros_like(pose), np.zeros((len(pose), count)))
 
 
 def _catalogue(structure: str) -> tuple[str, ...]:
@@ -192,7 +254,7 @@ def _decided(pair: Pair) -> str:
         )
     if structure.name == "undecided":
         told = ", ".join(f"{name} {p:.2f}" for name, p in structure.probability.items())
-        action = remedies("undecided", False, ())[0]
+        action = remedies("undecided", False, (), push=pair.telling_push)[0]
         raise NotIdentifiableError(
             f"what the two parts are to each other is undecided ({told}), and what a model lacks "
             f"is told of no guess: {action}"
@@ -202,8 +264,9 @@ def _decided(pair: Pair) -> str:
             "the two parts are separate objects: record each with its own pushes, one by one"
         )
     if structure.name == "jointed" and structure.hinge.turned < TURNED:
+        further = remedies("jointed", True, ("link_1.mass",), push=pair.telling_push)
         raise NotIdentifiableError(
             f"the joint turned by {np.degrees(structure.hinge.turned):.1f} degrees only, expected "
-            f"{np.degrees(TURNED):.0f}: {remedies('jointed', True, ('link_1.mass',))[0]}"
+            f"{np.degrees(TURNED):.0f}: {further[0]}"
         )
     return structure.name

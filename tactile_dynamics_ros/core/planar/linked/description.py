@@ -192,7 +192,11 @@ def _link_lines(name: str, link: dict[str, Value], undetermined: tuple[str, ...]
 
 
 def remedies(
-    structure: str, one_body: bool, undetermined: tuple[str, ...], slack: float | None = None
+    structure: str,
+    one_body: bool,
+    undetermined: tuple[str, ...],
+    slack: float | None = None,
+    push: str = "",
 ) -> tuple[str, ...]:
     """Actions that would tell what is not known.
 
@@ -201,15 +205,17 @@ def remedies(
         one_body: whether they moved as one body.
         undetermined: names that are not known.
         slack: play of a joint, m, that the motion shows and the model lacks.
+        push: that would turn a joint, in words with numbers.
     """
-    said = [_TELL_STRUCTURE] * (structure == "undecided")
+    such = f"; such as: {push}" if push else ""
+    said = [_TELL_STRUCTURE + such] * (structure == "undecided")
     if slack is not None:
         said.insert(0, f"{_TELL_PLAY} (about {1e3 * slack:.1f} mm)")
     parts = [n for n in undetermined if "." in n]
     if parts and structure == "separate":
         said.append(_TELL_UNTOUCHED)
     if parts and one_body:
-        said.append(_TELL_BY_TURNING if structure == "jointed" else _TELL_SHARES)
+        said.append(_TELL_BY_TURNING + such if structure == "jointed" else _TELL_SHARES)
     if not one_body and any(n.endswith("mass") for n in parts):
         said.append(_TELL_MASS)
     return tuple(said)

@@ -112,7 +112,7 @@ def estimate_pair(
         whole=found.whole,
         joint=joint,
         undetermined=undetermined,
-        remedies=remedies(structure.name, found.one_body, undetermined, slack),
+        remedies=remedies(structure.name, found.one_body, undetermined, slack, pair.telling_push),
         covariance=found.covariance,
         covariance_names=found.names,
         error=found.error,
