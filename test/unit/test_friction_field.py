@@ -7,6 +7,7 @@ from tactile_dynamics_ros.core.planar.diagnosis.variation import (
     SLOPE,
     VARIATION,
     Table,
+    hidden_slope,
     likeliest_table,
 )
 
@@ -79,9 +80,29 @@ def test_a_slope_over_a_small_place_could_be_a_field(line):
     """Over a quarter of the places a smooth field has a slope and nothing else."""
     line = Line()
     slope = np.array([1.5, -1.0])
-    assert not line.told(line.place @ slope * 3.0, np.random.default_rng(1)).imitates_slope
+    assert not line.told(line.place @ slope * 3.0, np.random.default_rng(1)).imitating
     line.place = 0.25 * line.place
-    assert line.told(line.place @ slope, np.random.default_rng(2)).imitates_slope
+    assert line.told(line.place @ slope, np.random.default_rng(2)).imitating
+
+
+def test_a_slope_is_more_than_a_field_only_where_it_is_steep(line):
+    """On tables with a field a slope that fields of that size make is none."""
+    slight, steep = np.array([0.2, 0.1]), np.array([2.5, -2.0])
+    random = np.random.default_rng(4)
+    field = line.draw(random, 0.05)
+    table = line.told(field + line.place @ slight, random)
+    assert table.field > 0.0
+    assert table.imitating == table.field
+    table = line.told(field + line.place @ steep, random)
+    assert table.field == 0.0
+
+
+def test_a_slope_hides_behind_what_else_may_differ():
+    columns = np.random.default_rng(5).normal(size=(200, 2))
+    free = hidden_slope(columns, np.zeros((200, 0)))
+    assert free == pytest.approx(1.0 / np.sqrt(1.0 + 200.0), rel=0.2)
+    basis = np.linalg.qr(columns[:, :1])[0]
+    assert hidden_slope(columns, basis) == pytest.approx(1.0, abs=0.01)
 
 
 def test_a_field_is_told_beside_an_adequate_model():

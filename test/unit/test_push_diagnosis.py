@@ -1,6 +1,7 @@
 """What a model of pushes lacks: white where nothing does, named where something does."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 
 from tactile_dynamics_ros.cli.main import main
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
+from tactile_dynamics_ros.core.planar.diagnosis import one_part
 from tactile_dynamics_ros.core.planar.diagnosis.discrepancy_model import PushDiscrepancy
 from tactile_dynamics_ros.core.planar.diagnosis.variation import SLOPE, VARIATION, Table
 from tactile_dynamics_ros.core.planar.effects.registry import PUSHED
@@ -75,11 +77,62 @@ def test_what_a_field_may_do_is_no_evidence_for_a_slope(model):
 
 
 def test_a_slope_that_a_field_could_be_is_named_with_it(model):
-    alike = replace(model, table=Table(0.003, imitates_slope=True))
+    alike = replace(model, table=Table(0.003, imitating=0.05))
     assert alike.imitators(SLOPE) == (VARIATION,)
     assert alike.imitators("support_tilt") == ()
     assert replace(model, table=Table(0.003)).imitators(SLOPE) == ()
     assert "push over more of the table" in alike.plan_against([])["description"]
+
+
+def test_a_slope_is_as_uncertain_as_the_field_that_may_make_it(model):
+    even = replace(model, table=Table(model.table.along))
+    sloped = even.fitted_from((model.effect_named(SLOPE),), (np.zeros(2),))
+    alike = replace(sloped, table=replace(sloped.table, imitating=0.05, length=0.1))
+    told = [one.parameters()[SLOPE]["g_x"]["std"] for one in (sloped, alike)]
+    assert told[1] > told[0]
+    double = replace(alike, table=replace(alike.table, imitating=0.1)).parameters()
+    added = [np.sqrt(std**2 - told[0] ** 2) for std in (told[1], double[SLOPE]["g_x"]["std"])]
+    assert added[1] == pytest.approx(2.0 * added[0], rel=1e-3)
+
+
+def test_beside_a_field_the_slope_is_told_that_looks_the_same(model):
+    uneven = replace(model, table=Table(model.table.along, 0.05, 0.03))
+    told = re.search(r"A slope of (\S+) per metre would look the same: push over", uneven.remark)
+    wider = replace(model, table=Table(model.table.along, 0.14, 0.1)).remark
+    more = re.search(r"A slope of (\S+) per metre", wider)
+    assert 0.0 < float(told[1]) < float(more[1]) < 4.0
+    assert model.remark == ""
+
+
+GOOD = {"inertia": 0.1, "error": 0.9}
+
+
+@pytest.mark.parametrize(
+    ("first", "leaning", "kept"),
+    [
+        ({"inertia": 0.2, "error": 0.95}, GOOD, "first"),
+        ({"inertia": -1.2, "error": 1.1}, GOOD, "leaning"),
+        ({"inertia": 0.0, "error": 1.5}, GOOD, "leaning"),
+        ({"inertia": 0.0, "error": 0.95, "bound": True}, GOOD, "leaning"),
+        ({"inertia": 0.0, "error": 0.85, "bound": True}, GOOD, "first"),
+        ({"inertia": -1.2, "error": 1.1}, GOOD | {"variation": 0.1}, "first"),
+    ],
+)
+def test_a_fit_where_no_object_is_is_tried_with_a_lean(model, monkeypatch, first, leaning, kept):
+    def made(inertia, error, bound=False, variation=0.03):
+        common = np.array([-1.0, -1.0 - np.log(0.01 if bound else 0.3), *np.zeros(9)])
+        common[4] = inertia
+        return replace(model.fit, common=common, whitened_rms=error, variation=variation)
+
+    fits = {(): made(**first), ("support_tilt",): made(**leaning)}
+    monkeypatch.setattr(one_part, "with_expected_force", lambda fit: fit)
+    monkeypatch.setattr(one_part, "fit_push", lambda _, effects: fits[names_of(effects)])
+    found = one_part.OnePart.of_streams(None, ()).fit
+    assert found is fits[() if kept == "first" else ("support_tilt",)]
+
+
+def names_of(effects):
+    return tuple(effect.name for effect in effects)
 
 
 @pytest.mark.parametrize("name", PUSHED.names())

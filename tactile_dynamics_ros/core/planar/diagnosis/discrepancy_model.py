@@ -17,6 +17,7 @@ from tactile_dynamics_ros.core.discrepancy.model.residual_model import (
     ParameterTable,
     Residuals,
 )
+from tactile_dynamics_ros.core.discrepancy.screening import orthonormal
 from tactile_dynamics_ros.core.effects.parameter import EffectParameter
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.core.planar.diagnosis.conditions import (
@@ -38,6 +39,7 @@ from tactile_dynamics_ros.core.planar.diagnosis.variation import (
     VARIATION,
     Table,
     field_rows,
+    hidden_slope,
     likeliest_table,
 )
 from tactile_dynamics_ros.core.planar.effects.acting import Acting
@@ -110,6 +112,8 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
         values, theta = _split(pushes)
         table = Table(pushes.variation)
         model = cls(pushes, values, pushes.effects, theta, pushes.catalogue, table)
+        for name in set(model.effect_names) - set(names):
+            model = model.without_effect(name)
         model = replace(model, table=model._likeliest_table()).settled()
         judged = len(model._filter.order)
         if judged < _LEAST_JUDGED:
@@ -376,6 +380,25 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
                 table[effect.name]["time"] = start
         return table
 
+    @property
+    def covariance(self) -> Array:
+        """(p, p) of all parameters, widened by the field that could be there beside a slope."""
+        found = super().covariance
+        if SLOPE not in self.effect_names or not self.table.imitating:
+            return found
+        moved = self._moved_by_field
+        return np.asarray(found + moved @ moved.T)
+
+    @cached_property
+    def _moved_by_field(self) -> Array:
+        """Changes (p, K) of all parameters by spots of that field."""
+        field = self.table.imitating * self._field(self.table.length)
+        none = np.zeros((*self._rows.poses.residual.shape, field.shape[2]))
+        white = self.whiten(self._innovations(field, none))
+        jacobian, (rows, _) = self.jacobian, self.prior_rows(self.effects)
+        information = jacobian.T @ jacobian + rows.T @ rows
+        return np.asarray(np.linalg.solve(information, jacobian.T @ white))
+
     def _gap(self, start: float) -> float:
         """Time before a push in which something may have changed, s, as a standard deviation."""
         times = self._rows.poses.time[self._filter.order[:, 0]]
@@ -404,12 +427,21 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
 
     @property
     def remark(self) -> str:
-        """How friction differs over the table, if it does."""
-        return self.table.remark
+        """How friction differs over the table if it does, and what slope would look the same."""
+        steady = self.pushes.steady()
+        if not self.table.field or steady is None:
+            return self.table.remark
+        size = self.effect_named(SLOPE).parameters[0].prior_std
+        [family] = self.families_of(SLOPE)
+        hidden = size * hidden_slope(family.columns * size, orthonormal(self.jacobian))
+        return (
+            f"{self.table.remark} A slope of {2.0 * hidden:.2g} per metre would look the same: "
+            f"{plan_wider(steady)['description']}."
+        )
 
     def imitators(self, name: str) -> tuple[str, ...]:
         """Friction that differs by place may look like a slope, and a pull like a lean."""
-        varied = (VARIATION,) if name == SLOPE and self.table.imitates_slope else ()
+        varied = (VARIATION,) if name == SLOPE and self.table.imitating else ()
         return (*varied, *self.pushes.imitators(name))
 
     def plan_against(self, rivals: Sequence[PushDiscrepancy]) -> dict[str, Any] | None:
