@@ -87,7 +87,7 @@ def checked_model(
     return CheckedModel(
         pushed,
         LiveModelCheck(pushed, pushes, change.diagnose, span),
-        PushingStreams(node, contacts or (PUSHER, *PADS), pushed, pushed.clear),
+        PushingStreams(node, contacts or (PUSHER, *PADS), pushed, pushed.clear, pushed.second),
         PROPERTY_STATUS,
         change.diagnose,
         write_pushes,

@@ -42,16 +42,20 @@ FORCE_STD = np.full(3, 0.03)
 """Noise of a force, N, presumed before one is stated."""
 
 
-class PushedObject(Protocol):
-    """Takes what is heard; x, y, z and yaw are in the frame of the support."""
-
-    gravity: Array
+class PushedLink(Protocol):
+    """Takes what is heard of one part; x, y and yaw are in the frame of the support."""
 
     def set_outline(self, outline: Array) -> bool:
         """Take the footprint (V, 2), m; return whether it is that of another object."""
 
     def add_pose(self, time: float, pose: Array, std: Array | None) -> None:
-        """Take x, y, yaw (3,) of the object and their std."""
+        """Take x, y, yaw (3,) of the part and their std."""
+
+
+class PushedObject(PushedLink, Protocol):
+    """Takes what is heard; x, y, z and yaw are in the frame of the support."""
+
+    gravity: Array
 
     def add_pusher(self, time: float, pose: Array) -> None:
         """Take x, y, z, yaw (4,) of the pusher, yaw unwrapped."""
@@ -68,9 +72,7 @@ class PushingStreams:
         contacts: their names.
         thing: that takes what is heard, in the order of time.
         forget: called when the clock of the streams was set back.
-
-    Attributes:
-        pose: (4, 4) of the object in the world, the newest.
+        second: that takes what is heard of link_2, for an object of two parts.
     """
 
     def __init__(
@@ -79,20 +81,23 @@ class PushingStreams:
         contacts: Sequence[str],
         thing: PushedObject,
         forget: Callable[[], None],
+        second: PushedLink | None = None,
     ) -> None:
-        self._node, self._thing = node, thing
+        self._thing = thing
         self._X_SW, self._yaw = np.eye(4), 0.0
-        self.pose: Array | None = None
         self.clock = StreamClock(node)
-        self._poses = Reordered[tuple[Array, Array | None]]()
         self._pusher = Reordered[Array]()
-        self.clock.on_restart += [self._poses.clear, self._pusher.clear, forget]
-        self._pose_topic, self._outline = (link_topic("link_1", k) for k in ("pose", "footprint"))
-        node.listen(PoseWithCovarianceStamped, self._pose_topic, self._on_pose, sole=True)
+        self.clock.on_restart += [self._pusher.clear, forget]
+        parts = [thing] if second is None else [thing, second]
+        self._links = [_Link(node, k, part, self.clock) for k, part in enumerate(parts)]
         node.listen(PoseStamped, PUSHER_POSE, self._on_pusher, sole=True)
-        node.listen(PolygonStamped, self._outline, self._on_outline, LATCHED)
         node.listen(PoseStamped, SUPPORT_POSE, self._on_support, LATCHED)
         self._contacts = [_Contact(node, name, self.clock) for name in contacts]
+
+    @property
+    def pose(self) -> Array | None:
+        """(4, 4) of the object in the world, the newest; None before the first."""
+        return self._links[0].pose
 
     def release(self) -> float:
         """Hand on what need not wait any longer; return up to which time, s."""
@@ -102,27 +107,12 @@ class PushingStreams:
             turn = np.arctan2(placed[1, 0], placed[0, 0]) - self._yaw
             self._yaw += (turn + np.pi) % (2.0 * np.pi) - np.pi
             self._thing.add_pusher(time, np.append(placed[:3, 3], self._yaw))
-        for time, (pose, covariance) in self._poses.take(until):
-            self.pose, placed = pose, self._X_SW @ pose
-            flat = np.array([*placed[:2, 3], np.arctan2(placed[1, 0], placed[0, 0])])
-            self._thing.add_pose(time, flat, self._planar_std(covariance))
+        for link in self._links:
+            link.release(until, self._X_SW)
         for contact in self._contacts:
             for felt in contact.take(until, self._X_SW):
                 self._thing.add_contact(felt)
         return until
-
-    def _planar_std(self, covariance: Array | None) -> Array | None:
-        """Std (3,) of x, y and yaw in S from a covariance [rotation, position] in the world."""
-        if covariance is None:
-            return None
-        turn = self._X_SW[:3, :3]
-        place, angle = (turn @ covariance[k : k + 3, k : k + 3] @ turn.T for k in (3, 0))
-        return np.sqrt(np.maximum([place[0, 0], place[1, 1], angle[2, 2]], 0.0))
-
-    def _on_pose(self, message: Stamped) -> None:
-        both = uncertain_pose_to_core(message, self._pose_topic, WORLD)
-        time = self.clock.admit(message.stamp, self._pose_topic)
-        _add(self._poses, time, both, self._pose_topic)
 
     def _on_pusher(self, message: Stamped) -> None:
         pose = pose_to_core(message, PUSHER_POSE, WORLD)
@@ -132,14 +122,58 @@ class PushingStreams:
         self._X_SW = np.linalg.inv(pose_to_core(message, SUPPORT_POSE, WORLD))
         self._thing.gravity = self._X_SW[:3, :3] @ np.array([0.0, 0.0, -9.81])
 
+
+class _Link:
+    """Pose and outline of one part.
+
+    Args:
+        node: that subscribes.
+        index: 0 for link_1.
+        part: that takes what is heard.
+        clock: of the node's streams.
+
+    Attributes:
+        pose: (4, 4) in the world, the newest; None before the first.
+    """
+
+    def __init__(self, node: Shell, index: int, part: PushedLink, clock: StreamClock) -> None:
+        self._node, self._part, self._clock = node, part, clock
+        self.pose: Array | None = None
+        self._poses = Reordered[tuple[Array, Array | None]]()
+        clock.on_restart.append(self._poses.clear)
+        link = f"link_{index + 1}"
+        self._pose_topic, self._outline = (link_topic(link, k) for k in ("pose", "footprint"))
+        node.listen(PoseWithCovarianceStamped, self._pose_topic, self._on_pose, sole=True)
+        node.listen(PolygonStamped, self._outline, self._on_outline, LATCHED)
+
+    def release(self, until: float, X_SW: Array) -> None:
+        """Hand on the poses up to a time, s, in the frame of the support."""
+        for time, (pose, covariance) in self._poses.take(until):
+            self.pose, placed = pose, X_SW @ pose
+            flat = np.array([*placed[:2, 3], np.arctan2(placed[1, 0], placed[0, 0])])
+            self._part.add_pose(time, flat, _planar_std(covariance, X_SW[:3, :3]))
+
+    def _on_pose(self, message: Stamped) -> None:
+        both = uncertain_pose_to_core(message, self._pose_topic, WORLD)
+        time = self._clock.admit(message.stamp, self._pose_topic)
+        _add(self._poses, time, both, self._pose_topic)
+
     def _on_outline(self, message: PolygonStamped) -> None:
         corners = np.array([[p.x, p.y] for p in message.polygon.points], dtype=float)
         if len(corners) < 3 or not np.isfinite(corners).all():
             raise MessageError("bad_outline", f"{self._outline}: {len(corners)} corners, not 3")
         after = np.roll(corners, -1, axis=0)
         area = float(np.sum(corners[:, 0] * after[:, 1] - corners[:, 1] * after[:, 0]))
-        if self._thing.set_outline(corners if area > 0.0 else corners[::-1].copy()):
+        if self._part.set_outline(corners if area > 0.0 else corners[::-1].copy()):
             self._node.faults.add("outline_changed", f"{self._outline}: another object; forgotten")
+
+
+def _planar_std(covariance: Array | None, turn: Array) -> Array | None:
+    """Std (3,) of x, y and yaw in S from a covariance [rotation, position] in the world."""
+    if covariance is None:
+        return None
+    place, angle = (turn @ covariance[k : k + 3, k : k + 3] @ turn.T for k in (3, 0))
+    return np.sqrt(np.maximum([place[0, 0], place[1, 1], angle[2, 2]], 0.0))
 
 
 class _Contact:

@@ -21,7 +21,7 @@ def kind_of(topic, message):
     topic = topic.lstrip("/")
     if topic == "friction_probe/estimate":
         return DiagnosticStatus
-    if topic.startswith("object/pose"):
+    if topic.startswith(("object/pose", "object/link_2/pose")):
         return PoseWithCovarianceStamped
     if topic.startswith(("camera", "biotac/raw")):
         return Image

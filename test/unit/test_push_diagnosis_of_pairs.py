@@ -1,5 +1,6 @@
 """What a model of two pushed parts lacks: each structure, and effects that have a law there."""
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -12,8 +13,10 @@ from tactile_dynamics_ros.core.planar.diagnosis.innovations import Innovations
 from tactile_dynamics_ros.core.planar.diagnosis.separating_push import plan_push
 from tactile_dynamics_ros.core.planar.diagnosis.two_parts import TwoParts
 from tactile_dynamics_ros.core.planar.diagnosis.variation import Table
+from tactile_dynamics_ros.core.planar.effects.acting import described
 from tactile_dynamics_ros.core.planar.effects.registry import PUSHED
 from tactile_dynamics_ros.core.planar.linked.outlines import distance_outside
+from tactile_dynamics_ros.core.planar.linked.part_effects import OF_ONE_PART, on_part
 from tactile_dynamics_ros.core.planar.properties.estimate import estimate
 from tactile_dynamics_ros.core.planar.properties.linked_fit import (
     fit_jointed,
@@ -79,15 +82,13 @@ def test_a_pose_without_a_fellow_is_used_and_not_judged(rigid):
 
 def test_effects_are_absent_at_zero_and_lie_in_their_families(model):
     for name in model.catalogue:
-        effect = PUSHED.create(name)
-        if effect.sudden:
-            effect = effect.from_time(float(model.pushes.intervals.time.mean()))
+        families = model.families_of(name)
+        effect = families[0].source if families else PUSHED.create(name)
         zero = np.append(model.x, np.zeros(len(effect.parameters)))
         before = model.lack(model.x, ())
         assert np.allclose(model.lack(zero, (effect,)), before, atol=1e-9), name
         small = 1e-3 * np.array([p.typical for p in effect.parameters])
         change = model.whiten(model.lack(np.append(model.x, small), (effect,)) - before)
-        families = model.families_of(name)
         assert bool(families) == effect.told, name
         if families and not effect.sudden:
             columns = families[0].columns
@@ -95,13 +96,73 @@ def test_effects_are_absent_at_zero_and_lie_in_their_families(model):
             assert np.linalg.norm(left) < 0.05 * np.linalg.norm(change) + 1e-9, name
 
 
-def test_wrenches_at_a_point_of_one_object_have_no_law_for_parts_on_a_joint(rigid, jointed):
-    only = set(rigid.catalogue) - set(jointed.catalogue)
-    assert only == {"tether_spring", "constant_pull", "unsensed_contact", "load_change"}
-    assert {"support_tilt", "friction_change", "force_bias"} < set(jointed.catalogue)
-    assert jointed.imitators("support_tilt") == ("constant_pull", "tether_spring")
-    assert rigid.imitators("support_tilt") == jointed.imitators("force_bias") == ()
-    assert "loose_joint" not in (*rigid.catalogue, *jointed.catalogue)
+def test_what_acts_at_a_point_acts_on_one_part_of_two_on_a_joint(rigid, jointed):
+    assert set(rigid.catalogue) == set(jointed.catalogue)
+    assert "loose_joint" not in rigid.catalogue
+    for name in OF_ONE_PART:
+        families, starts = jointed.families_of(name), jointed.pushes.intervals.push_starts
+        often = len(starts) - 1 if name == "load_change" else 1
+        assert [family.source.part for family in families] == [0, 1] * often, name
+        assert len({family.label for family in families}) == 2 * often
+        assert all(family.choices == 2 * often for family in families)
+        for family in families:
+            assert family.label == f"{family.source.inner.label} on link_{family.source.part + 1}"
+        assert all("link_" not in family.label for family in rigid.families_of(name))
+    assert [family.label for family in jointed.families_of("support_tilt")] == ["support_tilt"]
+
+
+@pytest.mark.parametrize("part", [0, 1])
+def test_a_pull_at_one_part_is_felt_by_its_own_balance(jointed, part):
+    pushes, [pull] = jointed.pushes, PUSHED.create_all(["constant_pull"])
+    common, force = pushes.common, np.array([0.3, -0.2])
+    theta = [*force, 0.0, 0.0]
+    change = pushes.lack(np.append(common, theta), (on_part(pull, part),), jointed._friction)
+    change -= pushes.lack(common, (), jointed._friction)
+    np.testing.assert_allclose(change[:, :2], np.tile(-force, (len(change), 1)), atol=1e-9)
+    model = pushes.fit.model
+    body = model.pressed(pushes.kinematics, common, jointed._friction)[part]
+    centre = body.part.pose[:, :2] + body.part.place(body.patch.centroid)
+    arm = centre - model.intervals.point[pushes.middle, :2] - common[15:17]
+    np.testing.assert_allclose(change[:, 2], -(arm[:, 0] * -0.2 - arm[:, 1] * 0.3), atol=1e-9)
+    joint = body.part.place(common[18 + 2 * part : 20 + 2 * part])
+    lever = centre - body.part.pose[:, :2] - joint
+    free = (model.data.touched[pushes.middle] != part) & model.data.turning[pushes.middle]
+    expected = np.where(free, -(lever[:, 0] * -0.2 - lever[:, 1] * 0.3), 0.0)
+    assert free.any()
+    np.testing.assert_allclose(change[:, 3], expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("part", [0, 1])
+def test_a_load_on_one_part_is_more_mass_and_friction_of_it_from_its_time_on(jointed, part):
+    pushes, [load] = jointed.pushes, PUSHED.create_all(["load_change"])
+    time = pushes.intervals.time[pushes.middle]
+    effect, common = on_part(load, part).from_time(float(np.median(time))), pushes.common
+    found = pushes.lack(np.append(common, [0.3, 0.004, 0.0]), (effect,), jointed._friction)
+    heavier = common.copy()
+    names = [f"ln_product_{part + 1}", f"ln_mass_{part + 1}"]
+    heavier[[pushes.names.index(name) for name in names]] += np.log(1.3)
+    heavier[pushes.names.index(f"com_x_{part + 1}")] += 0.004
+    after = time >= effect.start
+    assert 10 < after.sum() < len(after) - 10
+    expected = pushes.lack(heavier, (), jointed._friction)
+    np.testing.assert_allclose(found[after], expected[after], atol=1e-9)
+    before = pushes.lack(common, (), jointed._friction)
+    np.testing.assert_allclose(found[~after], before[~after], atol=1e-9)
+
+
+def test_an_effect_on_one_part_survives_a_pickle_and_tells_its_part(jointed):
+    [pull] = PUSHED.create_all(["constant_pull"])
+    effect = pickle.loads(pickle.dumps(on_part(pull, 1)))
+    assert (effect.name, effect.part, effect.label) == (
+        "constant_pull",
+        1,
+        "constant_pull on link_2",
+    )
+    table = described((effect,), np.zeros(4), np.ones(4))
+    assert table["constant_pull"]["link"] == {"value": 2.0, "std": 0.0, "unit": ""}
+    theta = np.array([0.1, 0.2, 0.0, 0.0])
+    told = jointed.with_parameters(jointed.own, (effect,), (theta,)).parameters()
+    assert told["constant_pull"]["link"]["value"] == 2.0
 
 
 def test_the_same_change_under_all_points_is_more_friction_of_each_part(model):
@@ -168,8 +229,8 @@ def test_no_model_is_questioned_on_a_guess(jointed, monkeypatch):
         two_parts._decided(parts)
     monkeypatch.setattr(two_parts, "_decided", lambda pair: "jointed")
     monkeypatch.setattr(two_parts.Pair, "of_streams", lambda streams: parts)
-    with pytest.raises(BadInputError, match="tether_spring: has no law for jointed parts"):
-        TwoParts.of_streams(None, PUSHED.create_all(["tether_spring"]))
+    with pytest.raises(BadInputError, match="loose_joint: has no law for jointed parts"):
+        TwoParts.of_streams(None, PUSHED.create_all(["loose_joint"]))
 
 
 def test_a_lean_is_foretold_in_pushes_of_either_part_where_the_tip_sticks(jointed):

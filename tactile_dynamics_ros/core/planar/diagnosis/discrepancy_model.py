@@ -342,11 +342,10 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
         return [self._family(instance, len(instances)) for instance in instances]
 
     def _family(self, effect: PushEffect, choices: int) -> Family:
-        at = "" if effect.start is None else f" at {effect.start:.2f} s"
         columns = -self.whiten(self._innovations(*self._spanned(effect)))
         kept = tuple(range(columns.shape[1]))
         return Family(
-            effect.name, effect.name + at, effect.name, columns, kept, choices, source=effect,
+            effect.name, effect.label, effect.name, columns, kept, choices, source=effect,
             lasting=effect.lasting, regional=can_be_gated(effect) and effect.start is None,
         )  # fmt: skip
 
@@ -372,8 +371,11 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
         return np.asarray(np.maximum(np.clip(effect.guess(coefficients), -most, most), least))
 
     def parameters(self) -> ParameterTable:
-        """{effect: {parameter: {"value", "std", "unit"}}}, with the time of sudden ones."""
+        """{effect: {parameter: {"value", "std", "unit"}}}, with time or part that was chosen."""
         table = super().parameters()
+        for effect in self.effects:
+            for name, chosen in effect.choices.items():
+                table[effect.name][name] = {"value": chosen, "std": 0.0, "unit": ""}
         for effect in self.effects:
             if effect.start is not None:
                 start = {"value": effect.start, "std": self._gap(effect.start), "unit": "s"}

@@ -17,11 +17,11 @@ from tactile_dynamics_ros.core.planar.diagnosis.separating_pair_push import (
     RigidPushes,
 )
 from tactile_dynamics_ros.core.planar.diagnosis.separating_push import SLIP, Foretold
-from tactile_dynamics_ros.core.planar.effects.acting import has_law
 from tactile_dynamics_ros.core.planar.effects.effect import PushEffect
 from tactile_dynamics_ros.core.planar.effects.registry import PUSHED
 from tactile_dynamics_ros.core.planar.effects.situation import PlanarMotion
 from tactile_dynamics_ros.core.planar.linked.description import remedies
+from tactile_dynamics_ros.core.planar.linked.part_effects import has_law, instances
 from tactile_dynamics_ros.core.planar.linked.pushes import KnownPair, PairPushes
 from tactile_dynamics_ros.core.planar.linked.rows import PairFriction
 from tactile_dynamics_ros.core.planar.properties.intervals import Intervals
@@ -149,10 +149,10 @@ class TwoParts(FittedPushes):
         """The same pushes fitted with effects."""
         return TwoParts(refit_pair(self.fit, effects, common, variation))
 
-    def imitators(self, name: str) -> tuple[str, ...]:
-        """Pulls at a point of one part on a joint have no law here, and may look like a lean."""
-        pulled = name == "support_tilt" and self.structure == "jointed"
-        return ("constant_pull", "tether_spring") if pulled else ()
+    def families(self, effect: PushEffect) -> Sequence[PushEffect]:
+        """One for each push with which it may begin, and for each part on which it may act."""
+        starts = self.intervals.push_starts
+        return instances(effect, self.structure, starts) if effect.told else []
 
     def steady(self) -> Foretold:
         """Both parts in pushes that were not made."""

@@ -95,12 +95,6 @@ def places_of(effect: PushEffect, names: Sequence[str]) -> list[int]:
     return [k for k, own in enumerate(names) if name and own in (name, f"{name}_1", f"{name}_2")]
 
 
-def has_law(effect: PushEffect, structure: str) -> bool:
-    """Whether an effect means something for two parts: "rigid", "jointed", or something else."""
-    one_body, parts = structure == "rigid", structure == "jointed" and effect.of_parts
-    return not effect.of_joint and (one_body or parts)
-
-
 def described(
     effects: Sequence[PushEffect], values: Array, std: Array
 ) -> dict[str, dict[str, dict[str, Any]]]:
@@ -112,6 +106,8 @@ def described(
         for parameter in effect.parameters:
             value, spread = next(told)
             own[parameter.name] = {"value": value, "std": spread, "unit": parameter.unit}
+        for name, chosen in effect.choices.items():
+            own[name] = {"value": chosen, "std": 0.0, "unit": ""}
     return table
 
 

@@ -66,6 +66,16 @@ class PushEffect(ABC):
             return [self]
         return [self.from_time(float(start)) for start in push_starts[1:]]
 
+    @property
+    def label(self) -> str:
+        """Name, with what has to be chosen of it: when it begins."""
+        return self.name if self.start is None else f"{self.name} at {self.start:.2f} s"
+
+    @property
+    def choices(self) -> dict[str, float]:
+        """What was chosen of it beside its parameters and its time, by name."""
+        return {}
+
     def since(self, time: Array) -> Array:
         """(R,) 1 from its beginning on, else 0."""
         begin = -np.inf if self.start is None else self.start

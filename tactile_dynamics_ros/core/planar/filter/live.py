@@ -236,7 +236,7 @@ class LiveProperties:
         """Return what a fit should look at, where a push has ended since the last."""
         if self.model is not PATCH or self.outline is None or not self.record.has_ended(now):
             return None
-        return self.record.streams(self.outline, self.gravity)
+        return self.record.streams(self.outline, gravity=self.gravity)
 
     @property
     def known(self) -> KnownPushed | None:

@@ -42,15 +42,15 @@ class PushRecord:
 
     def __init__(self, longest: float) -> None:
         self._longest = longest
-        self._poses: deque[tuple[float, Array, Array]] = deque(maxlen=_MOST)
+        self._poses: dict[int, deque[tuple[float, Array, Array]]] = {0: deque(maxlen=_MOST)}
         self._felt: dict[str, deque[Felt]] = {}
         self._touched: deque[float] = deque(maxlen=_MOST)
         self._turns: deque[tuple[float, float]] = deque(maxlen=_MOST_TURNS)
         self._new = False
 
-    def add_pose(self, time: float, pose: Array, std: Array) -> None:
-        """Take a pose (3,) with its std (3,)."""
-        self._poses.append((time, pose, std))
+    def add_pose(self, time: float, pose: Array, std: Array, link: int = 0) -> None:
+        """Take a pose (3,) of a link with its std (3,)."""
+        self._poses.setdefault(link, deque(maxlen=_MOST)).append((time, pose, std))
 
     def add_pusher(self, time: float, yaw: float) -> None:
         """Take how the pusher is turned, rad: the axes of its sensor."""
@@ -79,17 +79,18 @@ class PushRecord:
 
     def forget_before(self, time: float) -> None:
         """Drop what was measured before a time, s."""
-        self._poses = deque((row for row in self._poses if row[0] >= time), maxlen=_MOST)
+        for link, poses in self._poses.items():
+            self._poses[link] = deque((row for row in poses if row[0] >= time), maxlen=_MOST)
         for name, felt in self._felt.items():
             kept = (each for each in felt if each.time >= time)
             self._felt[name] = deque(kept, maxlen=_MOST)
         self._touched = deque((at for at in self._touched if at >= time), maxlen=_MOST)
 
-    def streams(self, footprint: Array, gravity: Array) -> PushedStreams:
+    def streams(self, *footprints: Array, gravity: Array) -> PushedStreams:
         """Drop what is far from touches or too old, and return the rest.
 
         Args:
-            footprint: (V, 2) m, link frame.
+            footprints: (V, 2) m of link_1, and of link_2 where there is one, each in its frame.
             gravity: (3,) m/s^2, axes of S.
         """
         self._new = False
@@ -97,9 +98,7 @@ class PushRecord:
         period = float(np.median(np.diff(times))) if len(times) > 1 else 0.01
         times = times[-max(int(self._longest / max(period, 1e-3)), 1) :]
         self._touched = deque(times.tolist(), maxlen=_MOST)
-        near = _near(np.array([time for time, _, _ in self._poses]), times)
-        kept = [row for row, keep in zip(self._poses, near, strict=True) if keep]
-        self._poses = deque(kept, maxlen=_MOST)
+        links = tuple(self._link(k, outline, times) for k, outline in enumerate(footprints))
         contacts = {}
         for name, felt in self._felt.items():
             near = _follows(np.array([each.time for each in felt]), times)
@@ -107,18 +106,25 @@ class PushRecord:
             self._felt[name] = deque(rows, maxlen=_MOST)
             if any(touches(each) for each in rows):
                 contacts[name] = _contact(name, rows)
-        link = LinkStream(
+        time, yaw = np.array(self._turns).T if self._turns else (None, None)
+        return PushedStreams(links, contacts, gravity, pusher_time=time, pusher_yaw=yaw)
+
+    def _link(self, link: int, footprint: Array, touched: Array) -> LinkStream:
+        """Poses of one link around touches, s; the others go."""
+        poses = self._poses.get(link, deque())
+        near = _near(np.array([time for time, _, _ in poses]), touched)
+        kept = [row for row, keep in zip(poses, near, strict=True) if keep]
+        self._poses[link] = deque(kept, maxlen=_MOST)
+        return LinkStream(
             np.array([time for time, _, _ in kept]),
             np.array([pose for _, pose, _ in kept]).reshape(-1, 3),
             np.median([std for _, _, std in kept], axis=0) if kept else None,
             footprint,
         )
-        time, yaw = np.array(self._turns).T if self._turns else (None, None)
-        return PushedStreams((link,), contacts, gravity, pusher_time=time, pusher_yaw=yaw)
 
 
 class PushWindow:
-    """Keeps poses and forces around the latest touches.
+    """Keeps poses and forces around the latest touches, of one part or of two.
 
     Args:
         longest: s of touch that are kept.
@@ -126,31 +132,36 @@ class PushWindow:
     Attributes:
         gravity: (3,) m/s^2, axes of the support.
         newest: s, stamp of the newest force or pose; minus infinity where there is none.
+        second: takes outline and poses of link_2.
     """
 
     def __init__(self, longest: float) -> None:
         self._longest = longest
         self.gravity = np.array([0.0, 0.0, -9.81])
-        self._outline: Array | None = None
+        self._outlines: dict[int, Array] = {}
+        self.second = SecondPart(self)
         self.clear()
 
     def clear(self) -> None:
         """Forget all measurements; the outline stays."""
         self._record = PushRecord(self._longest)
         self.newest = -np.inf
+        self._parts = 1
 
-    def set_outline(self, outline: Array) -> bool:
+    def set_outline(self, outline: Array, link: int = 0) -> bool:
         """Take the footprint (V, 2), m; another one is another object and begins anew."""
-        before, self._outline = self._outline, outline
+        before = self._outlines.get(link)
+        self._outlines[link] = outline
         changed = before is not None and not np.array_equal(before, outline)
         if changed:
             self.clear()
         return changed
 
-    def add_pose(self, time: float, pose: Array, std: Array | None) -> None:
-        """Take where the link is: x, y, yaw, with their std where stated."""
+    def add_pose(self, time: float, pose: Array, std: Array | None, link: int = 0) -> None:
+        """Take where a link is: x, y, yaw, with their std where stated."""
         spread = USUAL_POSE_STD if std is None or not np.all(std > 0.0) else std
-        self._record.add_pose(time, pose, spread)
+        self._record.add_pose(time, pose, spread, link)
+        self._parts = max(self._parts, link + 1)
         self.newest = max(self.newest, time)
 
     def add_pusher(self, time: float, pose: Array) -> None:
@@ -169,16 +180,44 @@ class PushWindow:
             window: not used.
 
         Raises:
-            BadInputError: no outline was seen, or nothing was touched.
+            BadInputError: no outline was seen of a part whose poses came, or nothing was touched.
         """
-        if self._outline is None:
-            raise BadInputError("/object/footprint has not come: start shape_estimator, or send it")
-        streams = self._record.streams(self._outline, self.gravity)
+        for link in range(self._parts):
+            if link not in self._outlines:
+                part = f"link_{link + 1}/" if link else ""
+                raise BadInputError(
+                    f"/object/{part}footprint has not come: start shape_estimator, or send it"
+                )
+        outlines = [self._outlines[link] for link in range(self._parts)]
+        streams = self._record.streams(*outlines, gravity=self.gravity)
         if not streams.contacts:
             raise BadInputError("nothing was pushed yet; push the object first")
-        link = streams.links[0]
-        pose = np.column_stack([link.pose[:, :2], np.unwrap(link.pose[:, 2])])
-        return replace(streams, links=(replace(link, pose=pose),))
+        return replace(streams, links=tuple(_unwrapped(link) for link in streams.links))
+
+
+class SecondPart:
+    """Takes what is heard of link_2 for a window.
+
+    Args:
+        window: of both parts.
+    """
+
+    def __init__(self, window: PushWindow) -> None:
+        self._window = window
+
+    def set_outline(self, outline: Array) -> bool:
+        """Take the footprint (V, 2), m, in the frame of link_2."""
+        return self._window.set_outline(outline, 1)
+
+    def add_pose(self, time: float, pose: Array, std: Array | None) -> None:
+        """Take where link_2 is: x, y, yaw, with their std where stated."""
+        self._window.add_pose(time, pose, std, 1)
+
+
+def _unwrapped(link: LinkStream) -> LinkStream:
+    """With a yaw that has no jumps."""
+    pose = np.column_stack([link.pose[:, :2], np.unwrap(link.pose[:, 2])])
+    return replace(link, pose=pose)
 
 
 def _near(at: Array, touched: Array) -> NDArray[np.bool_]:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.core.planar.effects.acting import described
 from tactile_dynamics_ros.core.planar.effects.effect import PushEffect
+from tactile_dynamics_ros.core.planar.linked.part_effects import instances
 from tactile_dynamics_ros.core.planar.linked.rows import PairPatch
 from tactile_dynamics_ros.core.planar.mechanics.linkage import turned
 from tactile_dynamics_ros.core.planar.properties.bordered import (
@@ -140,17 +141,19 @@ def fit_rigid(pair: Pair, effects: Sequence[PushEffect] = ()) -> PairFit:
 
 
 def _with_effects(model: PairModel, coordinates: Array, effects: Sequence[PushEffect]) -> PairFit:
-    """Fit with effects; errors of sensors and sudden ones are added to a fit without them.
+    """Fit with effects; errors of sensors, sudden ones and those of one part are added to a fit.
 
     A fit that lacks a lean finds a heavy object on ice, from which no path leads back.
     """
-    late = [effect for effect in effects if effect.lasting or effect.sudden]
-    early = tuple(effect for effect in effects if effect not in late)
+    structure = "jointed" if isinstance(model, JointedModel) else "rigid"
+    starts = model.intervals.push_starts
+    choices = [(effect, instances(effect, structure, starts)) for effect in effects]
+    late = [(e, made) for e, made in choices if e.lasting or e.sudden or len(made) != 1]
+    early = tuple(e for e, made in choices if (e, made) not in late)
     fit = _fitted(replace(model, effects=early), coordinates)
-    for effect in late:
+    for effect, trials in late:
         fit = with_expected_force(fit)
         start = np.append(fit.common, np.zeros(len(effect.parameters)))
-        trials = effect.beginnings(fit.model.intervals.push_starts)
         if not trials:
             raise NotIdentifiableError(f"{effect.name}: one push tells no change; push again")
         hopes = []

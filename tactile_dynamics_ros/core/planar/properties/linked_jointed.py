@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar
 
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.planar.linked.chances import JOINT_SPREAD, JOINT_TORQUE
+from tactile_dynamics_ros.core.planar.linked.part_effects import of_both, of_part
 from tactile_dynamics_ros.core.planar.linked.rows import (
     LinearFriction,
     Loaded,
@@ -143,16 +144,21 @@ class JointedModel(PairModel):
         """Friction of each part to first order around a motion."""
         given, frictions = self.given(common), []
         for k, part in enumerate(self._parts(motion, given.numbers)):
-            state = self._state(k, part, given.numbers, self._resting(k, part, given.numbers))
+            state = self._state(k, part, given.numbers, self._carried(k, given)[1])
             rough = LinearFriction.of_state(self.data.patches[k], state, slip)
             centre = self._loaded(k, part, motion, given, rough).centre
             state = self._state(k, part, given.numbers, centre)
             frictions.append(LinearFriction.of_state(self.data.patches[k], state, slip))
         return PairFriction(tuple(frictions), slip)
 
-    def _resting(self, k: int, part: PartMotion, numbers: Array) -> Array:
-        """Centre of pressure (R, 2) below the centre of mass, from the centroid."""
-        return np.broadcast_to(numbers[7 * k + 2 : 7 * k + 4], (len(part.pose), 2))
+    def _carried(self, k: int, given: Given) -> tuple[Array, Array]:
+        """Mass (R,), kg, and centre of mass (R, 2) from the centroid, m, of a part."""
+        own = given.numbers[7 * k : 7 * k + 7]
+        even = np.ones(len(self.middle))
+        mass, com = even * np.exp(own[1]), even[:, None] * own[2:4]
+        alone = replace(given.situation, mass=mass, com=com)
+        alone = of_part(given.acting, k).changed(alone)
+        return alone.mass, alone.com
 
     def _state(self, k: int, part: PartMotion, numbers: Array, centre: Array) -> Array:
         twist = part.twist_of(self.data.patches[k].centroid)
@@ -167,9 +173,7 @@ class JointedModel(PairModel):
         supports = [
             self._supported(k, parts[k], given, loaded[k], friction.bodies[k]) for k in (0, 1)
         ]
-        first, second = (
-            self._acting(k, parts[k], given.numbers, loaded[k], supports[k]) for k in (0, 1)
-        )
+        first, second = (self._acting(k, parts[k], given, loaded[k], supports[k]) for k in (0, 1))
         found = self._balanced(motion, given, parts, (first, second))
         found[:, :2] -= given.situation.force[:, :2]
         found[:, 2] -= self.data.intervals.torque[self.middle]
@@ -190,7 +194,7 @@ class JointedModel(PairModel):
         still = np.zeros((len(none), 2))
         acting = []
         for k, (force, torque) in enumerate(supports):
-            places = self._places(k, parts[k], given.numbers)
+            places = self._places(k, parts[k], self._carried(k, given)[1])
             acting.append(_Acting(force, torque, still, *places, none))
         found = self._balanced(motion, given, parts, (acting[0], acting[1]))
         found[:, 3] *= self.data.turning[self.middle]
@@ -235,14 +239,14 @@ class JointedModel(PairModel):
         at, patch = self.middle, self.data.patches[k]
         situation, numbers = given.situation, given.numbers
         own = numbers[7 * k : 7 * k + 7]
-        mass, yaw = float(np.exp(own[1])), part.pose[:, 2]
-        pull = mass * (part.acceleration_of(patch.centroid + own[2:4]) - situation.gravity[:2])
+        (mass, com), yaw = self._carried(k, given), part.pose[:, 2]
+        moved = part.acceleration_at(turned(patch.centroid + com, yaw))
+        pull = mass[:, None] * (moved - situation.gravity[:2])
         touched = (self.data.touched[at] == float(k)) & situation.touching
         weight = -mass * situation.gravity[2]
         normal = np.maximum(weight - np.where(touched, situation.force[:, 2], 0.0), 0.1 * weight)
         load = np.exp(own[0] - own[1]) * normal * (1.0 + motion.local[:, 3 * k])
-        resting = self._resting(k, part, numbers)
-        rough = friction.at(self._state(k, part, numbers, resting))[:, :2] * load[:, None]
+        rough = friction.at(self._state(k, part, numbers, com))[:, :2] * load[:, None]
         rough = turned(rough, yaw)
         pushed = np.where(touched[:, None], situation.force[:, :2], 0.0)
         height = np.full(len(yaw), own[5])
@@ -251,20 +255,21 @@ class JointedModel(PairModel):
         passed = pull - rough - pushed
         shift = shift + (middle - height)[:, None] * passed / normal[:, None]
         local = motion.local[:, 3 * k + 1 : 3 * k + 3] * np.sqrt(patch.gyration)
-        return Loaded(pull, load, resting + turned(shift, -yaw) + local)
+        return Loaded(pull, load, com + turned(shift, -yaw) + local)
 
     def _supported(
         self, k: int, part: PartMotion, given: Given, loaded: Loaded, friction: LinearFriction
     ) -> tuple[Array, Array]:
         """Force (R, 2) and torque (R,) of the support about a part's centroid."""
         patch = self.data.patches[k]
-        motion = self.planar_motion(part, patch)
-        rise = given.acting.rise(motion)
+        motion, both = self.planar_motion(part, patch), of_both(given.acting)
+        rise = both.rise(motion)
         centre = loaded.centre + rise @ patch.second_moments
         load = loaded.load * (1.0 + np.sum(rise * loaded.centre, axis=1))
         wrench = friction.at(self._state(k, part, given.numbers, centre)) * load[:, None]
         force = turned(wrench[:, :2], part.pose[:, 2])
-        return given.acting.resisted(motion, force, wrench[:, 2], self._shares[k])
+        force, torque = both.resisted(motion, force, wrench[:, 2], self._shares[k])
+        return of_part(given.acting, k).resisted(motion, force, torque)
 
     @cached_property
     def _shares(self) -> tuple[float, float]:
@@ -272,23 +277,22 @@ class JointedModel(PairModel):
         areas = [abs(area_and_centroid(patch.outline)[0]) for patch in self.data.patches]
         return areas[0] / sum(areas), areas[1] / sum(areas)
 
-    def _places(self, k: int, part: PartMotion, numbers: Array) -> tuple[Array, Array]:
-        """Centre of mass and centroid (R, 2), m."""
-        patch, origin = self.data.patches[k], part.pose[:, :2]
-        com = part.place(patch.centroid + numbers[7 * k + 2 : 7 * k + 4])
-        return origin + com, origin + part.place(patch.centroid)
+    def _places(self, k: int, part: PartMotion, com: Array) -> tuple[Array, Array]:
+        """Centre of mass, at (R, 2) m from the centroid in the part's axes, and centroid (R, 2)."""
+        centroid, origin = self.data.patches[k].centroid, part.pose[:, :2]
+        return origin + turned(centroid + com, part.pose[:, 2]), origin + part.place(centroid)
 
     def _acting(
         self,
         k: int,
         part: PartMotion,
-        numbers: Array,
+        given: Given,
         loaded: Loaded,
         support: tuple[Array, Array],
     ) -> _Acting:
-        own = numbers[7 * k : 7 * k + 7]
-        inertia = np.exp(own[1] + own[4]) * self.data.patches[k].gyration
-        places = self._places(k, part, numbers)
+        mass, com = self._carried(k, given)
+        inertia = mass * np.exp(given.numbers[7 * k + 4]) * self.data.patches[k].gyration
+        places = self._places(k, part, com)
         return _Acting(*support, loaded.pull, *places, inertia * part.acceleration[:, 2])
 
     def noise(self, floor: float) -> Array:
