@@ -1,4 +1,7 @@
-"""Two parts: rigid or jointed by their motion, the joint's place, and what pushes tell of each."""
+"""Two parts: rigid or jointed by their motion, the joint's place, and what pushes tell of each.
+
+*Told*: where a structure is undecided, the next push is the one that the answer proposes.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,7 @@ from tactile_dynamics_ros.core.planar.linked.description import LinkedEstimate
 from tactile_dynamics_ros.core.planar.properties.estimate import estimate
 from tactile_dynamics_ros.core.planar.properties.linked_pair import Pair
 from tactile_dynamics_ros.synthetic import pushed, randomness
-from tactile_dynamics_ros.synthetic.pushed.actions import ActionOptions
+from tactile_dynamics_ros.synthetic.pushed.actions import Action, ActionOptions
 from tactile_dynamics_ros.synthetic.pushed.effects import Faults, Hidden, hide
 from tactile_dynamics_ros.synthetic.pushed.recordings import draw_scene
 from tactile_dynamics_ros.synthetic.pushed.scene import Scene
@@ -31,6 +34,8 @@ SPEED = (0.1, 0.3)
 NEAR = (55.0, 80.0)
 """Degrees between the line to the other part and the place that is pushed: sideways, close to where
 the parts meet. There a push makes the other part trail, and its friction turns the joint."""
+TOLD = 3
+"""Pushes of a recording in which the answer proposes the next one: as many as it should need."""
 USUAL = (0.03, 0.2)
 """m/s of the generator's own pushes, which are spread over the free sides."""
 
@@ -55,6 +60,9 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
         for kind in KINDS if count else ():
             drawn = recorded(seeds, kind, pushes, own, variation)
             found[f"{name} {kind}"] = [_structure(*pair) for pair in drawn]
+    for kind in KINDS if count else ():
+        drawn = told(seeds, kind, variation)
+        found[f"1 near, 2 told, {kind}"] = [_structure(*pair) for pair in drawn]
     if options.pair_play:
         drawn = recorded(seeds, "jointed", 3, True, variation, options.pair_play)
         found["3 near, play, jointed"] = [_structure(*pair) for pair in drawn]
@@ -94,11 +102,53 @@ def recorded(
     added = [_hidden(scene, hidden or {}) for scene in scenes]
     found = []
     for more, motion in zip(added, simulate([more.scene for more in added]), strict=True):
-        rng = randomness.stream(more.scene.seed, "noise")
-        faults = more.faults or Faults()
-        streams = read_sensors(motion, more.scene, faults, options.sensors, rng)
-        found.append((pushed.HiddenPush(streams, more.scene, more.parameters, motion), motion))
+        found.append(_read(more, motion, options))
     return found
+
+
+def _read(
+    made: Hidden, motion: Motion, options: pushed.PushOptions
+) -> tuple[pushed.HiddenPush, Motion]:
+    """What sensors read of a motion."""
+    rng = randomness.stream(made.scene.seed, "noise")
+    faults = made.faults or Faults()
+    streams = read_sensors(motion, made.scene, faults, options.sensors, rng)
+    return pushed.HiddenPush(streams, made.scene, made.parameters, motion), motion
+
+
+def told(
+    seeds: Sequence[int], kind: str, variation: float = 0.0
+) -> list[tuple[pushed.HiddenPush, Motion]]:
+    """Recordings of one push near where parts meet, then of up to two that the answer proposes.
+
+    Args:
+        seeds: one of each recording.
+        kind: of the pair.
+        variation: relative, of friction from place to place.
+    """
+    options = pushed.PushOptions(
+        kind=kind, actions=ActionOptions(count=TOLD, speed=SPEED), variation=variation
+    )
+    planned = [_pushed_near(draw_scene(seed, options)) for seed in seeds]
+    scenes = [replace(scene, actions=scene.actions[:1]) for scene in planned]
+    read: list[tuple[pushed.HiddenPush, Motion]] = []
+    for k in range(TOLD):
+        read = [_read(Hidden(s), m, options) for s, m in zip(scenes, simulate(scenes), strict=True)]
+        if k + 1 < TOLD:
+            more = zip(scenes, planned, read, strict=True)
+            scenes = [_as_told(s, p.actions[k + 1], made) for s, p, (made, _) in more]
+    return read
+
+
+def _as_told(scene: Scene, planned: Action, made: pushed.HiddenPush) -> Scene:
+    """The scene with one more push if its structure is undecided, made as the answer says."""
+    pair = Pair.of_streams(made.streams)
+    push = pair.telling_push
+    if pair.structure.name != "undecided" or push is None:
+        return scene
+    heading = float(np.arctan2(push.normal[1], push.normal[0]))
+    action = replace(planned, link=push.part, point=push.point, normal=push.normal, heading=heading)
+    return replace(scene, actions=(*scene.actions, action))
 
 
 def _hidden(scene: Scene, effects: Mapping[str, float]) -> Hidden:

@@ -17,6 +17,7 @@ from tactile_dynamics_ros.core.planar.effects.acting import described
 from tactile_dynamics_ros.core.planar.effects.registry import PUSHED
 from tactile_dynamics_ros.core.planar.linked.outlines import distance_outside
 from tactile_dynamics_ros.core.planar.linked.part_effects import OF_ONE_PART, on_part
+from tactile_dynamics_ros.core.planar.linked.telling_push import TellingPush
 from tactile_dynamics_ros.core.planar.properties.estimate import estimate
 from tactile_dynamics_ros.core.planar.properties.linked_fit import (
     fit_jointed,
@@ -212,7 +213,7 @@ def test_no_model_is_questioned_on_a_guess(jointed, monkeypatch):
 
     class Parts:
         structure = Seen()
-        telling_push = "push link_1 at (1, 2) mm in its frame"
+        telling_push = TellingPush(0, np.zeros(2), np.array([1.0, 0.0]), 0.5, 0.03, 0.2, 0.04)
 
     parts = Parts()
     with pytest.raises(

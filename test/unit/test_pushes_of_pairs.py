@@ -105,9 +105,9 @@ def test_what_would_tell_two_parts_names_part_place_way_and_torque():
     assert push.torque == pytest.approx(held, rel=0.02)
     assert f"push link_{push.part + 1} at (" in push.words
     assert "mm at 0.2 m/s" in push.words
-    [said] = remedies("undecided", False, (), push=push.words)
+    [said] = remedies("undecided", False, (), push=push)
     assert said.endswith(push.words)
-    [said] = remedies("jointed", True, ("link_1.mass",), push=push.words)
+    [said] = remedies("jointed", True, ("link_1.mass",), push=push)
     assert said.endswith(push.words)
 
 

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.planar.linked.telling_push import TellingPush
+
 Array = NDArray[np.float64]
 Value = tuple[float, float]
 Effects = dict[str, dict[str, dict[str, Any]]]
@@ -196,7 +198,7 @@ def remedies(
     one_body: bool,
     undetermined: tuple[str, ...],
     slack: float | None = None,
-    push: str = "",
+    push: TellingPush | None = None,
 ) -> tuple[str, ...]:
     """Actions that would tell what is not known.
 
@@ -205,9 +207,9 @@ def remedies(
         one_body: whether they moved as one body.
         undetermined: names that are not known.
         slack: play of a joint, m, that the motion shows and the model lacks.
-        push: that would turn a joint, in words with numbers.
+        push: that would turn a joint.
     """
-    such = f"; such as: {push}" if push else ""
+    such = f"; such as: {push.words}" if push is not None else ""
     said = [_TELL_STRUCTURE + such] * (structure == "undecided")
     if slack is not None:
         said.insert(0, f"{_TELL_PLAY} (about {1e3 * slack:.1f} mm)")

@@ -39,13 +39,15 @@ class TellingPush:
     """A push of one part.
 
     Attributes:
-        part: 0 or 1. point: (2,) m in its frame, on the outline.
+        part: 0 or 1.
+        point: (2,) m on its outline and normal: (2,) inwards, along which it goes, in its frame.
         heading: rad, axes of the support, where the parts lie now. way: m. speed: m/s.
         torque: N m, friction of a joint up to which the push turns it.
     """
 
     part: int
     point: Array
+    normal: Array
     heading: float
     way: float
     speed: float
@@ -88,6 +90,7 @@ def telling_push(parts: SeenParts, joint: Array | None = None) -> TellingPush | 
     return TellingPush(
         part=int(pushes.part[best]),
         point=pushes.point[best],
+        normal=pushes.normal[best],
         heading=float(np.arctan2(y, x)),
         way=float(way),
         speed=_SPEED,

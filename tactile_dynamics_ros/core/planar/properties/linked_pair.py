@@ -13,7 +13,7 @@ from tactile_dynamics_ros.core.planar.effects.joint import LooseJoint
 from tactile_dynamics_ros.core.planar.linked.chances import SeenParts, weigh_chances
 from tactile_dynamics_ros.core.planar.linked.outlines import in_second, meeting_points
 from tactile_dynamics_ros.core.planar.linked.relative import RelativePoses
-from tactile_dynamics_ros.core.planar.linked.telling_push import telling_push
+from tactile_dynamics_ros.core.planar.linked.telling_push import TellingPush, telling_push
 from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
 from tactile_dynamics_ros.core.planar.properties.intervals import Intervals, cut_intervals
 from tactile_dynamics_ros.core.planar.properties.linked_motion import smoothed
@@ -128,14 +128,13 @@ class Pair:
         return 0.0, LooseJoint.parameters[0].prior_std
 
     @property
-    def telling_push(self) -> str:
-        """The push that would turn a joint, in words; empty where none is wanted, or none would."""
+    def telling_push(self) -> TellingPush | None:
+        """The push that would turn a joint; None where none is wanted, or none would."""
         if self.structure.name not in ("undecided", "jointed"):
-            return ""
+            return None
         hinge = self.structure.hinge
         known = np.sqrt(np.trace(hinge.covariance[:2, :2])) < _PLACED
-        push = telling_push(self.seen, np.stack([hinge.first, hinge.second]) if known else None)
-        return push.words if push is not None else ""
+        return telling_push(self.seen, np.stack([hinge.first, hinge.second]) if known else None)
 
     @cached_property
     def touched(self) -> Array:
