@@ -164,6 +164,9 @@ def test_an_effect_on_one_part_survives_a_pickle_and_tells_its_part(jointed):
     theta = np.array([0.1, 0.2, 0.0, 0.0])
     told = jointed.with_parameters(jointed.own, (effect,), (theta,)).parameters()
     assert told["constant_pull"]["link"]["value"] == 2.0
+    model = jointed.with_parameters(jointed.own, (effect,), (theta,))
+    assert model.sentence("constant_pull").startswith("at link_2 something pulls")
+    assert jointed.sentence("constant_pull").startswith("something pulls")
 
 
 def test_the_same_change_under_all_points_is_more_friction_of_each_part(model):

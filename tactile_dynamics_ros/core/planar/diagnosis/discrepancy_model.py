@@ -314,6 +314,11 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
         """An effect of the catalogue."""
         return PUSHED.create(name)
 
+    def sentence(self, name: str) -> str:
+        """What an effect does, as a clause; of one in the model with the part on which it acts."""
+        own = next((e for e in self.effects if e.name == name), None)
+        return super().sentence(name) if own is None else own.sentence
+
     def is_possible(self, name: str) -> bool:
         """Whether the parameters of an effect that the model has are such as can exist."""
         pairs = zip(self.effects, self.theta, strict=True)

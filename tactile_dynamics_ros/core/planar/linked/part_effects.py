@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 OF_ONE_PART = ("tether_spring", "constant_pull", "unsensed_contact", "load_change")
 """Names of the effects that act on one part of two on a joint, as on an object of its own; the rest
 of the catalogue acts under both parts, or in the sensor."""
-_COPIED = ("name", "family", "formula", "looks_like", "sentence", "remedy", "parameters", "sudden")
+_COPIED = ("name", "family", "formula", "looks_like", "remedy", "sudden")
 """What an effect on one part says of itself as the effect does on an object; the rest has the value
 of `PushEffect`."""
 
@@ -87,7 +87,8 @@ def on_part(effect: PushEffect, part: int) -> PartEffect:
     """
     body: dict[str, Any] = {one: getattr(type(effect), one) for one in _COPIED}
     parameters: tuple[EffectParameter, ...] = effect.parameters
-    kind = type("PartEffect", (PartEffect,), body | {"parameters": parameters})
+    body |= {"parameters": parameters, "sentence": f"at link_{part + 1} {effect.sentence}"}
+    kind = type("PartEffect", (PartEffect,), body)
     made = kind(effect, part)
     assert isinstance(made, PartEffect)
     return made
