@@ -64,6 +64,17 @@ def test_pressure_has_the_centre_that_balances_and_never_pulls(reach):
     assert np.any(pressure == 0.0) == (reach > SIDE / 6.0)
 
 
+@pytest.mark.parametrize("reach", [0.01, 0.03])
+def test_slope_of_the_pressure_is_its_derivative_while_the_same_points_carry(reach):
+    patch = SupportPatch(SQUARE, 400)
+    centre, scale = np.array([[reach, 0.004]]), np.array([1.1])
+    pressure, slope = patch.pressure_and_slope(centre, scale)
+    assert_allclose(pressure, patch.pressure(centre, scale))
+    for axis, step in enumerate(1e-7 * np.eye(2)):
+        change = (patch.pressure(centre + step, scale) - patch.pressure(centre - step, scale)) / 2e-7
+        assert_allclose(slope[:, :, axis], change, atol=1e-4)
+
+
 def test_a_slow_push_tips_forward_by_height_times_force_over_weight():
     push = np.array([[2.0, 0.0]])
     shift = tipping_shift(np.array([9.81]), np.array([0.05]), -push, push, np.array([0.02]))

@@ -94,6 +94,9 @@ def test_gradient_of_the_cost_is_its_derivative(model):
         for k in (step, -step)
     )
     assert (ahead - behind) / (2.0 * step) == pytest.approx(by_formula, rel=1e-3)
+    slope = across
+    whole = residuals.linearise(nodes, common, sharp, slope).cost
+    assert residuals.cost(nodes, common, sharp, slope) == pytest.approx(whole, rel=1e-9)
 
 
 def test_a_force_after_the_last_sample_is_unknown(quick):

@@ -67,8 +67,13 @@ class PairPatch(SupportPatch):
         assert self.other is not None
         areas = [_area(self.outline), _area(self.other)]
         both = [load_points(o, self.count) for o in (self.outline, self.other)]
-        shares = [share * area / sum(areas) for (_, share), area in zip(both, areas, strict=True)]
+        shares = [share * area / self._area for (_, share), area in zip(both, areas, strict=True)]
         return np.concatenate([points for points, _ in both]), np.concatenate(shares)
+
+    @cached_property
+    def _area(self) -> float:
+        assert self.other is not None
+        return _area(self.outline) + _area(self.other)
 
     @cached_property
     def centroid(self) -> Array:

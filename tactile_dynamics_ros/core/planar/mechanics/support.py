@@ -23,6 +23,10 @@ _LIFTED_LACK = 1e-10
 """What may be lacking, before the last step, of the load over the load and of its centre, m: a
 thousandth of a millimetre is 1e-6. At 1e-13 rounding keeps the iteration going to its end."""
 
+_REGULAR = 1e-9
+"""Share of the load by which moments of the points that carry are widened: where an object stands
+on one or two points they are singular. Centres of pressure move by less than a nanometre."""
+
 
 @dataclass(frozen=True, eq=False)
 class SupportPatch:
@@ -63,6 +67,17 @@ class SupportPatch:
         return self._points[1]
 
     @cached_property
+    def spacing(self) -> float:
+        """Distance of the points, m: root of their mean area; 0 for feet."""
+        if self.corners_only:
+            return 0.0
+        return float(np.sqrt(self._area / len(self.offset)))
+
+    @cached_property
+    def _area(self) -> float:
+        return abs(area_and_centroid(self.outline)[0])
+
+    @cached_property
     def gyration(self) -> float:
         """Squared radius of gyration of the even footprint about its centroid, m^2."""
         return float(self.share @ np.sum(self.offset**2, axis=1))
@@ -87,28 +102,47 @@ class SupportPatch:
             centre: (B, 2) centre of pressure relative to the centroid, m, link axes.
             scale: (B,) size of the part that carries over that of the footprint.
         """
-        wanted = centre / scale[:, None]
+        return np.asarray(self.share * self._level(centre / scale[:, None]))
+
+    def pressure_and_slope(self, centre: Array, scale: Array) -> tuple[Array, Array]:
+        """`pressure` and its derivative (B, n, 2) by the centre, while the same points carry."""
+        linear = self._features[:, :3]
+        level = self._level(centre / scale[:, None])
+        borne = self.share * (level > 0.0)
+        moments = self._moments(borne)
+        by_slope = np.linalg.solve(moments, np.eye(3)[1:].T[None])
+        slope = (borne / scale[:, None])[:, :, None] * (linear @ by_slope)
+        return np.asarray(self.share * level), np.asarray(slope)
+
+    def _level(self, wanted: Array) -> Array:
+        """max(0, a + g . d) (B, n) for centres of pressure (B, 2) of the part that carries."""
+        linear = self._features[:, :3]
         slope = np.concatenate(
             [np.ones((len(wanted), 1)), np.linalg.solve(self.second_moments, wanted.T).T], axis=1
         )
-        level = slope @ self._features[:, :3].T
+        level = slope @ linear.T
         lifted = np.flatnonzero(level.min(axis=1) < 0.0)
         if len(lifted):
             level[lifted] = self._with_lift(slope[lifted], wanted[lifted])
-        return np.asarray(self.share * np.maximum(level, 0.0))
+        return np.maximum(level, 0.0)
+
+    def _moments(self, borne: Array) -> Array:
+        """Moments (B, 3, 3) of 1, x, y over points of weights (B, n)."""
+        linear = self._features[:, :3]
+        products = (linear[:, :, None] * linear[:, None, :]).reshape(-1, 9)
+        moments = (borne @ products).reshape(-1, 3, 3)
+        moments += _REGULAR * np.eye(3) * moments[:, :1, :1]
+        return np.asarray(moments)
 
     def _with_lift(self, slope: Array, wanted: Array) -> Array:
         linear = self._features[:, :3]
-        products = (linear[:, :, None] * linear[:, None, :]).reshape(-1, 9)
         target = np.concatenate([np.ones((len(wanted), 1)), wanted], axis=1)
         left = np.arange(len(slope))
         for _ in range(_LIFTED_STEPS):
             level = slope[left] @ linear.T
             borne = self.share * (level > 0.0)
-            moments = (borne @ products).reshape(-1, 3, 3)
-            moments += 1e-9 * np.eye(3) * moments[:, :1, :1]
             lack = target[left] - (borne * level) @ linear
-            slope[left] += np.linalg.solve(moments, lack[..., None])[..., 0]
+            slope[left] += np.linalg.solve(self._moments(borne), lack[..., None])[..., 0]
             left = left[np.max(np.abs(lack), axis=1) >= _LIFTED_LACK]
             if len(left) == 0:
                 break
@@ -124,7 +158,7 @@ class SupportPatch:
             load: (B, n) friction coefficient times normal force of each point, N.
             scale: (B,) of the points' distances.
             twist: (B, 3) of the centroid, link axes, m/s and rad/s.
-            slip: speed below which friction falls, m/s.
+            slip: speed below which friction falls, m/s; a number, or (B, 1).
         """
         u, v, w = twist[:, 0], twist[:, 1], twist[:, 2] * scale
         terms = np.stack([u * u + v * v, 2.0 * w * v, -2.0 * w * u, w * w], axis=1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +30,11 @@ _SLIDING_SPEED, _SLIDING_SHARE = 0.02, 0.4
 """Speed of the footprint from which it slides all over, m/s, or as share of the fast tenth if that
 is less. Slower intervals may stick in part."""
 
+_OF_CELL = 0.28
+"""Distance from a point over that of neighbours, whose speed softens its friction: half the radius
+of a disc of its area, which is exact to second order far from the centre of rotation. At 0 single
+intervals in which an object turns about a point stop whole fits."""
+
 
 @dataclass(frozen=True)
 class Kinematics:
@@ -51,19 +56,43 @@ class Kinematics:
             nodes[middle, 3:],
         )
 
-    def stacked(self) -> Array:
-        """(N, 12)."""
-        return np.concatenate([self.pose, self.velocity, self.acceleration, self.local], axis=1)
-
-    @classmethod
-    def of_stacked(cls, values: Array) -> Kinematics:
-        """Inverse of `stacked`."""
-        return cls(values[:, :3], values[:, 3:6], values[:, 6:9], values[:, 9:])
+    def moved(self, steps: Array) -> Kinematics:
+        """(12 N): all intervals with the first of the twelve values moved by a step, and so on."""
+        parts = (self.pose, self.velocity, self.acceleration, self.local)
+        values = np.concatenate(parts, axis=1) + np.diag(steps)[:, None, :]
+        return Kinematics(*np.split(values.reshape(-1, len(steps)), 4, axis=1))
 
 
 Friction = Callable[[Array, Array, float], Array]
 """Wrench (N, 3) on the object per newton of load times coefficient, about the centroid, link axes,
 from the twist (N, 3) there, the centre of pressure (N, 2) from it, and the scale."""
+
+
+@dataclass(frozen=True, eq=False)
+class LinearFriction:
+    """`Friction` to first order.
+
+    Attributes:
+        base: (N, 3) wrench at `around`. slope: (N, 3, 6) its derivative.
+        around: (N, 6) twist, centre of pressure, and scale.
+    """
+
+    base: Array
+    slope: Array
+    around: Array
+
+    def __call__(self, twist: Array, centre: Array, scale: float) -> Array:
+        """Wrench (N, 3)."""
+        change = np.column_stack([twist, centre, np.full(len(twist), scale)]) - self.around
+        return np.asarray(self.base + applied(self.slope, change))
+
+    def repeated(self, times: int) -> LinearFriction:
+        """Of all intervals that often, one after the other."""
+        return LinearFriction(
+            np.tile(self.base, (times, 1)),
+            np.tile(self.slope, (times, 1, 1)),
+            np.tile(self.around, (times, 1)),
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,38 +185,53 @@ class Balance:
         arm = state.arm - turned(state.situation.com, yaw)
         changes = []
         for share in shares:
-            matrix = self.patch.resistance(load * share, scale, state.twist, slip)
-            wrench = applied(matrix, state.twist)
+            wrench = self._wrench(load * share, scale, state.twist, slip)
             force = turned(wrench[:, :2], yaw)
-            changes.append(np.column_stack([force, wrench[:, 2] + cross(arm, force)]))
+            changes.append(-np.column_stack([force, wrench[:, 2] + cross(arm, force)]))
         return np.stack(changes, axis=2)
 
-    def linear_friction(self, kinematics: Kinematics, common: Array, slip: float) -> Friction:
-        """Friction to first order around the present motion, which costs seven evaluations."""
+    def friction(self, slip: float) -> Friction:
+        """Friction as it is."""
+
+        def wrench(twist: Array, centre: Array, scale: float) -> Array:
+            scales = np.full(len(twist), scale)
+            return self._wrench(self.patch.pressure(centre, scales), scales, twist, slip)
+
+        return wrench
+
+    def _wrench(self, load: Array, scale: Array, twist: Array, slip: float) -> Array:
+        """Friction (R, 3) of points that stand for cells of an even face.
+
+        Each point slips as if by the mean motion of its cell: where the object turns about one,
+        its friction does not jump.
+        """
+        within = _OF_CELL * self.patch.spacing * twist[:, 2:]
+        matrix = self.patch.resistance(load, scale, twist, np.hypot(slip, within))
+        return -applied(matrix, twist)
+
+    def linear_friction(self, kinematics: Kinematics, common: Array, slip: float) -> LinearFriction:
+        """Friction to first order around the present motion.
+
+        The wrench is linear in the load, which is linear in the centre over the scale while the
+        same points carry.
+        """
         state = self._state(kinematics, common)
-        scale = np.full(len(state.twist), float(np.exp(state.numbers[9])))
-        around = np.column_stack([state.twist, state.centre, scale])
+        twist = state.twist
+        scale = np.full(len(twist), float(np.exp(state.numbers[9])))
+        load, by_centre = self.patch.pressure_and_slope(state.centre, scale)
 
-        def wrench(values: Array, load: Array) -> Array:
-            matrix = self.patch.resistance(load, values[:, 5], values[:, :3], slip)
-            return -applied(matrix, values[:, :3])
-
-        load = self.patch.pressure(state.centre, scale)
-        base = wrench(around, load)
-        slopes = []
-        for k, (h, row) in enumerate(
-            zip((1e-6, 1e-6, 1e-5, 1e-6, 1e-6, 1e-5), np.eye(6), strict=True)
-        ):
-            moved = around + h * row
-            pressed = load if k < 3 else self.patch.pressure(moved[:, 3:5], moved[:, 5])
-            slopes.append((wrench(moved, pressed) - base) / h)
-        slope = np.stack(slopes, axis=2)
-
-        def friction(twist: Array, centre: Array, scale: float) -> Array:
-            change = np.column_stack([twist, centre, np.full(len(twist), scale)]) - around
-            return np.asarray(base + applied(slope, change))
-
-        return friction
+        wrench = partial(self._wrench, slip=slip)
+        base = wrench(load, scale, twist)
+        slopes = [
+            (wrench(load, scale, twist + h * row) - base) / h
+            for h, row in zip((1e-6, 1e-6, 1e-5), np.eye(3), strict=True)
+        ]
+        along = [wrench(by_centre[:, :, axis], scale, twist) for axis in (0, 1)]
+        wider = (wrench(load, scale + 1e-5, twist) - base) / 1e-5
+        share = state.centre / scale[:, None]
+        slopes += [*along, wider - along[0] * share[:, :1] - along[1] * share[:, 1:]]
+        around = np.column_stack([twist, state.centre, scale])
+        return LinearFriction(base, np.stack(slopes, axis=2), around)
 
     def _acting(self, common: Array) -> Acting:
         return Acting(self.effects, common[len(NAMES) :])

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve, cho_solve_banded, cholesky_banded
-from scipy.sparse import csr_array
 
 Array = NDArray[np.float64]
 
@@ -28,9 +27,70 @@ chance."""
 _REJECTED = 12
 """Failures in a row that end the iteration: by then the damping has grown by 6^12."""
 
+_OF_REJECTED = 0.2
+"""What a step that failed counts of the iterations where its cost alone was computed: its time over
+that of one with derivatives. At 1 first stages of objects that turn on the spot lead nowhere."""
+
 
 @dataclass(eq=False)
-class NormalEquations:
+class Cost:
+    """Sum of squares of rows, whatever their derivatives; takes the same rows as the equations."""
+
+    cost: float = field(default=0.0, init=False)
+    rows: int = field(default=0, init=False)
+
+    def count(self, residual: Array) -> None:
+        """Add the squares of rows of any shape."""
+        self.cost += float(np.sum(residual * residual))
+        self.rows += residual.size
+
+    def add(
+        self,
+        middle: NDArray[np.intp],
+        residual: Array,
+        by_nodes: Array,
+        by_common: Array | None = None,
+    ) -> None:
+        """Add rows.
+
+        Args:
+            middle: (R,) middle node of the three that each group of rows reads.
+            residual: (R, r).
+            by_nodes: (R, r, 3, b) derivative.
+            by_common: (R, r, p) derivative, None for 0.
+        """
+        self.count(residual)
+
+    def add_separate(
+        self,
+        middle: NDArray[np.intp],
+        residual: Array,
+        weights: Array,
+        first: int = 0,
+        by_common: Array | None = None,
+    ) -> None:
+        """Add rows each of which reads one number of three nodes in a row.
+
+        Args:
+            middle: (R,) middle node.
+            residual: (R, r); the k-th reads the number `first` + k of each node.
+            weights: (R, r, 3) derivative by it.
+            first: number that the first row reads.
+            by_common: (R, r, p) derivative, None for 0.
+        """
+        self.count(residual)
+
+    def add_common(self, residual: Array, by_common: Array) -> None:
+        """Add rows (R,) that read the common numbers alone, derivative (R, p)."""
+        self.count(residual)
+
+    def add_slope(self, slope: Array, common: Array) -> None:
+        """Add -2 slope . common to the cost: a part of the log probability that is linear."""
+        self.cost -= 2.0 * float(slope @ common)
+
+
+@dataclass(eq=False)
+class NormalEquations(Cost):
     """H = J^T J and g = J^T r of rows that read three nodes in a row and the common numbers.
 
     Attributes:
@@ -40,8 +100,6 @@ class NormalEquations:
     nodes: int
     size: int
     common: int
-    cost: float = 0.0
-    rows: int = 0
     blocks: Array = field(init=False)
     border: Array = field(init=False)
     corner: Array = field(init=False)
@@ -63,24 +121,46 @@ class NormalEquations:
         by_nodes: Array,
         by_common: Array | None = None,
     ) -> None:
-        """Add rows.
-
-        Args:
-            middle: (R,) middle node of the three that each group of rows reads.
-            residual: (R, r).
-            by_nodes: (R, r, 3, b) derivative.
-            by_common: (R, r, p) derivative, None for 0.
-        """
-        self.cost += float(np.sum(residual * residual))
-        self.rows += residual.size
+        """Add rows that read three nodes in a row and the common numbers."""
+        super().add(middle, residual, by_nodes, by_common)
+        b = self.size
+        flat = by_nodes.reshape(len(residual), residual.shape[1], 3 * b)
+        left = np.ascontiguousarray(flat.swapaxes(1, 2))
+        squares = left @ flat
+        gradient = (left @ residual[..., None])[..., 0]
+        border = None if by_common is None else left @ by_common
         for i in range(3):
-            left = by_nodes[:, :, i].swapaxes(1, 2)
             at = np.clip(middle + i - 1, 0, self.nodes - 1)
-            _add_at(self.gradient, at, (left @ residual[..., None])[..., 0])
-            if by_common is not None:
-                _add_at(self.border, at, left @ by_common)
+            rows = slice(i * b, (i + 1) * b)
+            _add_at(self.gradient, at, gradient[:, rows])
+            if border is not None:
+                _add_at(self.border, at, border[:, rows])
             for j in range(i, 3):
-                _add_at(self.blocks[:, j - i], at, left @ by_nodes[:, :, j])
+                _add_at(self.blocks[:, j - i], at, squares[:, rows, j * b : (j + 1) * b])
+        self._add_corner(residual, by_common)
+
+    def add_separate(
+        self,
+        middle: NDArray[np.intp],
+        residual: Array,
+        weights: Array,
+        first: int = 0,
+        by_common: Array | None = None,
+    ) -> None:
+        """Add rows each of which reads one number of three nodes in a row."""
+        super().add_separate(middle, residual, weights, first, by_common)
+        read = slice(first, first + residual.shape[1])
+        for i in range(3):
+            at = np.clip(middle + i - 1, 0, self.nodes - 1)
+            _add_at(self.gradient[:, read], at, weights[:, :, i] * residual)
+            if by_common is not None:
+                _add_at(self.border[:, read], at, weights[:, :, i, None] * by_common)
+            for j in range(i, 3):
+                diagonal = np.einsum("nkk->nk", self.blocks[:, j - i, read, read])
+                _add_at(diagonal, at, weights[:, :, i] * weights[:, :, j])
+        self._add_corner(residual, by_common)
+
+    def _add_corner(self, residual: Array, by_common: Array | None) -> None:
         if by_common is None:
             return
         flat = by_common.reshape(-1, self.common)
@@ -89,14 +169,13 @@ class NormalEquations:
 
     def add_common(self, residual: Array, by_common: Array) -> None:
         """Add rows (R,) that read the common numbers alone, derivative (R, p)."""
-        self.cost += float(residual @ residual)
-        self.rows += len(residual)
+        super().add_common(residual, by_common)
         self.corner += by_common.T @ by_common
         self.common_gradient += by_common.T @ residual
 
     def add_slope(self, slope: Array, common: Array) -> None:
         """Add -2 slope . common to the cost: a part of the log probability that is linear."""
-        self.cost -= 2.0 * float(slope @ common)
+        super().add_slope(slope, common)
         self.common_gradient -= slope
 
     def log_determinant_of_nodes(self, damping: Array, kept: int) -> float:
@@ -141,12 +220,18 @@ class NormalEquations:
 
 def _add_at(target: Array, at: NDArray[np.intp], values: Array) -> None:
     """Add rows to those of a view, several to one where an index occurs more than once."""
-    if np.all(np.diff(at) > 0):
-        target[at] += values
+    change = np.diff(at)
+    if np.all(change == 1):
+        target[at[0] : at[-1] + 1] += values
         return
-    rows = np.arange(len(at))
-    gather = csr_array((np.ones(len(at)), (at, rows)), shape=(len(target), len(at)))
-    target += (gather @ values.reshape(len(at), -1)).reshape(target.shape)
+    if np.any(change < 0):
+        order = np.argsort(at, kind="stable")
+        at, values = at[order], values[order]
+        change = np.diff(at)
+    if not np.all(change > 0):
+        starts = np.flatnonzero(np.append(1, change))
+        at, values = at[starts], np.add.reduceat(values, starts, axis=0)
+    target[at] += values
 
 
 @dataclass(eq=False)
@@ -248,6 +333,7 @@ def minimise(
     common_scale: Array,
     iterations: int,
     tolerance: float,
+    cost: Callable[[Array, Array], float] | None = None,
 ) -> Solution:
     """Minimise the cost by damped Gauss-Newton steps.
 
@@ -257,28 +343,36 @@ def minimise(
         common: (p,) start.
         node_scale: (b,) sizes in whose inverse squares damping is counted.
         common_scale: (p,) likewise.
-        iterations: evaluations at most.
+        iterations: steps at most; those that fail count less where `cost` is given.
         tolerance: fall of the cost below which it has converged.
+        cost: of the equations, where that is cheaper without derivatives: half of all steps fail.
     """
     best = linearise(nodes, common)
     damping, failures, idle, settled = 1e-3, 0, 0, False
-    for _ in range(iterations):
+    left = float(iterations)
+    while left > 0.0:
         at_nodes = np.broadcast_to(damping / np.square(node_scale), nodes.shape)
         try:
             step, common_step = best.factor(at_nodes, damping / np.square(common_scale)).step()
         except np.linalg.LinAlgError:
             damping, failures = max(damping, 1e-6) * _GROWTH, failures + 1
+            left -= 1.0
             continue
-        trial = linearise(nodes + step, common + common_step)
-        if np.isfinite(trial.cost) and trial.cost <= best.cost:
-            idle = idle + 1 if best.cost - trial.cost <= tolerance else 0
+        ahead = nodes + step, common + common_step
+        trial = None if cost else linearise(*ahead)
+        there = trial.cost if trial else cost(*ahead)
+        if np.isfinite(there) and there <= best.cost:
+            idle = idle + 1 if best.cost - there <= tolerance else 0
             settled = idle > 0 and (damping <= 1e-2 or idle >= _IDLE)
-            nodes, common, best = nodes + step, common + common_step, trial
+            nodes, common = ahead
+            best = trial or linearise(*ahead)
+            left -= 1.0
             damping, failures = max(damping * _SHRINK, _LEAST_DAMPING), 0
             if settled:
                 break
         else:
             damping, failures = max(damping, 1e-6) * _GROWTH, failures + 1
+            left -= _OF_REJECTED if cost else 1.0
             settled = failures >= _REJECTED
             if settled:
                 break

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -317,9 +317,10 @@ def _minimised(
     iterations: int,
     slope: Array | None = None,
 ) -> Solution:
-    linearise: Callable[..., object] = partial(model.linearise, sharp=sharp, slope=slope)
+    linearise = partial(model.linearise, sharp=sharp, slope=slope)
+    cost = partial(model.cost, sharp=sharp, slope=slope)
     scales = model.node_scale, model.prior[1]
-    return minimise(linearise, nodes, common, *scales, iterations, _TOLERANCE)  # type: ignore[arg-type]
+    return minimise(linearise, nodes, common, *scales, iterations, _TOLERANCE, cost)
 
 
 def _optimum(model: PairModel, start: Solution, variation: float, slope: Array) -> Optimum:

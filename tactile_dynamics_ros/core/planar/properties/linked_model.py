@@ -22,7 +22,7 @@ from tactile_dynamics_ros.core.planar.linked.rows import PairFriction, PartMotio
 from tactile_dynamics_ros.core.planar.mechanics.linkage import turned
 from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
 from tactile_dynamics_ros.core.planar.properties.balance import measured_situation
-from tactile_dynamics_ros.core.planar.properties.bordered import NormalEquations
+from tactile_dynamics_ros.core.planar.properties.bordered import Cost, NormalEquations
 from tactile_dynamics_ros.core.planar.properties.intervals import Intervals
 from tactile_dynamics_ros.core.planar.properties.linked_motion import (
     STEPS,
@@ -31,7 +31,7 @@ from tactile_dynamics_ros.core.planar.properties.linked_motion import (
     SeenPart,
     Sightings,
 )
-from tactile_dynamics_ros.core.planar.properties.push_model import Sharpness
+from tactile_dynamics_ros.core.planar.properties.push_model import Sharpness, add_local
 
 Array = NDArray[np.float64]
 
@@ -233,8 +233,22 @@ class PairModel(ABC):
         self._add_seen(equations, nodes, common, sharp)
         return equations
 
+    def cost(
+        self, nodes: Array, common: Array, sharp: Sharpness, slope: Array | None = None
+    ) -> float:
+        """Cost of `linearise` without most of its derivatives."""
+        motion = Motion.of_nodes(nodes, self.middle, self.data.intervals.step, self.freedoms)
+        friction = self.linear_friction(common, motion, sharp.slip)
+        total = Cost()
+        total.count(self.lack(motion, common, friction) / self.noise(sharp.floor))
+        if slope is not None:
+            total.add_slope(slope, common)
+        self._add_smoothness(total, nodes)
+        self._add_seen(total, nodes, common, sharp)
+        return total.cost
+
     def _add_seen(
-        self, equations: NormalEquations, nodes: Array, common: Array, sharp: Sharpness
+        self, equations: Cost, nodes: Array, common: Array, sharp: Sharpness
     ) -> None:
         for part in (0, 1):
             self._add_poses(equations, nodes, common, part)
@@ -243,27 +257,18 @@ class PairModel(ABC):
 
     def equations_of_motion(self, nodes: Array, common: Array, sharp: Sharpness) -> NormalEquations:
         """Normal equations of the dynamics alone, and of smoothness where they do not count."""
-        cut, count = self.data.intervals, self.freedoms
         equations = NormalEquations(len(nodes), nodes.shape[1], len(common))
-        self._add_dynamics(equations, nodes, common, sharp)
-        elsewhere = np.flatnonzero(~self.data.mask & cut.inner)
-        spread = self.data.spread[elsewhere, :count] * cut.step**2
-        self._add_smoothness(equations, nodes, elsewhere, spread)
+        equations.add(self.middle, *self.dynamics(nodes, common, sharp))
+        self._add_smoothness(equations, nodes)
         return equations
 
-    def _add_smoothness(
-        self, equations: NormalEquations, nodes: Array, middle: NDArray[np.intp], spread: Array
-    ) -> None:
-        by_nodes = np.zeros((len(middle), self.freedoms, 3, nodes.shape[1]))
-        for axis in range(self.freedoms):
-            by_nodes[:, axis, :, axis] = np.array([1.0, -2.0, 1.0]) / spread[:, axis, None]
-        curve = nodes[middle - 1] - 2.0 * nodes[middle] + nodes[middle + 1]
-        equations.add(middle, curve[:, : self.freedoms] / spread, by_nodes)
-
-    def _add_dynamics(
-        self, equations: NormalEquations, nodes: Array, common: Array, sharp: Sharpness
-    ) -> None:
-        equations.add(self.middle, *self.dynamics(nodes, common, sharp))
+    def _add_smoothness(self, equations: Cost, nodes: Array) -> None:
+        cut, count = self.data.intervals, self.freedoms
+        elsewhere = np.flatnonzero(~self.data.mask & cut.inner)
+        spread = self.data.spread[elsewhere, :count] * cut.step**2
+        curve = nodes[elsewhere - 1] - 2.0 * nodes[elsewhere] + nodes[elsewhere + 1]
+        weights = np.array([1.0, -2.0, 1.0]) / spread[:, :, None]
+        equations.add_separate(elsewhere, curve[:, :count] / spread, weights)
 
     def dynamics(self, nodes: Array, common: Array, sharp: Sharpness) -> tuple[Array, Array, Array]:
         """White residuals (R, D) of `middle`, derivative by nodes (R, D, 3, D + l) and numbers."""
@@ -292,9 +297,7 @@ class PairModel(ABC):
             columns.append((changed - residual) / h)
         return residual, by_nodes, np.stack(columns, axis=2)
 
-    def _add_poses(
-        self, equations: NormalEquations, nodes: Array, common: Array, part: int
-    ) -> None:
+    def _add_poses(self, equations: Cost, nodes: Array, common: Array, part: int) -> None:
         seen = self.seen(nodes, common, part)
         by_nodes = np.zeros((*seen.by_nodes.shape[:3], nodes.shape[1]))
         by_nodes[..., : self.freedoms] = seen.by_nodes
@@ -331,26 +334,16 @@ class PairModel(ABC):
         """Places of the common numbers on which the second part's pose depends."""
         return [k for k, name in enumerate(self.names) if name.startswith("joint_at")]
 
-    def _add_local(self, equations: NormalEquations, nodes: Array, sharp: Sharpness) -> None:
+    def _add_local(self, equations: Cost, nodes: Array, sharp: Sharpness) -> None:
         """Rows e_k+1 = rho e_k + sigma sqrt(1 - rho^2) w, rho = exp(-distance / 20 mm)."""
-        keep, std = self.memory(sharp)
-        local = nodes[:, self.freedoms :]
-        index = np.arange(self.locals)
-        by_nodes = np.zeros((len(keep), self.locals, 3, nodes.shape[1]))
-        by_nodes[:, index, 0, self.freedoms + index] = -(keep / std)[:, None]
-        by_nodes[:, index, 1, self.freedoms + index] = (1.0 / std)[:, None]
-        residual = (local[1:] - keep[:, None] * local[:-1]) / std[:, None]
-        equations.add(np.arange(1, len(nodes)), residual, by_nodes)
-        first = np.zeros((1, self.locals, 3, nodes.shape[1]))
-        first[:, index, 1, self.freedoms + index] = 1.0 / sharp.variation
-        equations.add(np.array([0]), local[:1] / sharp.variation, first)
+        add_local(equations, nodes, self.freedoms, *self.memory(sharp), sharp.variation)
 
     def memory(self, sharp: Sharpness) -> tuple[Array, Array]:
         """Factor (N - 1,) by which local friction lasts to the next node, and std of its change."""
         keep = np.exp(-np.maximum(self.data.travelled, 1e-6) / _DISTANCE)
         return keep, sharp.variation * np.sqrt(1.0 - keep**2)
 
-    def _add_prior(self, equations: NormalEquations, common: Array) -> None:
+    def _add_prior(self, equations: Cost, common: Array) -> None:
         mean, std = self.prior
         equations.add_common((common - mean) / std, np.diag(1.0 / std))
         for product, mass in self.frictions:

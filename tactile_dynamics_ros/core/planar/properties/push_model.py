@@ -8,7 +8,7 @@ relative change and a shift of the centre of pressure, which vary over the dista
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -18,7 +18,7 @@ from tactile_dynamics_ros.core.planar.effects.effect import PushEffect
 from tactile_dynamics_ros.core.planar.mechanics.linkage import turned
 from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
 from tactile_dynamics_ros.core.planar.properties.balance import NAMES, Balance, Kinematics
-from tactile_dynamics_ros.core.planar.properties.bordered import NormalEquations
+from tactile_dynamics_ros.core.planar.properties.bordered import Cost, NormalEquations
 from tactile_dynamics_ros.core.planar.properties.intervals import Intervals
 
 Array = NDArray[np.float64]
@@ -56,6 +56,10 @@ as those of nodes before the first pose. A millionth changes no interval."""
 _DISTANCE = 0.02
 """Distance over which friction stays alike, m: grain and wear of tables. Twice as long widens
 products of short pushes by 1.3."""
+
+_STEPS = np.repeat([1e-6, 1e-5, 1e-3, 1e-5], 3)
+"""Steps of difference quotients by pose (m, rad), velocity, acceleration and local friction: a
+thousandth of their noise, a thousand times what rounding makes."""
 
 ELSEWHERE = np.array([2.0, 1.2, 1.2])
 """Std of friction and of its centre at the places of a recording about those of the table, over the
@@ -124,6 +128,11 @@ class PushModel:
         """Balance of the intervals whose equations count."""
         return self.balance_with(self.effects)
 
+    @cached_property
+    def _moved_balance(self) -> Balance:
+        """The same balance for all steps of the difference quotient at once."""
+        return replace(self.balance, at=np.tile(self.middle, len(_STEPS)))
+
     def balance_with(self, effects: tuple[PushEffect, ...]) -> Balance:
         """Balance of the same intervals with other effects."""
         poses = self.intervals.poses[0].value
@@ -156,20 +165,45 @@ class PushModel:
     ) -> NormalEquations:
         """Normal equations of dynamics, poses, local friction, prior and `volume_slope`."""
         equations = self.equations_of_motion(nodes, common, sharp)
+        self._add_seen(equations, nodes, common, sharp, slope)
+        return equations
+
+    def cost(
+        self, nodes: Array, common: Array, sharp: Sharpness, slope: Array | None = None
+    ) -> float:
+        """Cost of `linearise` without its derivatives."""
+        kinematics = Kinematics.of_nodes(nodes, self.middle, self.intervals.step)
+        lack = self.balance.lack(kinematics, common, self.balance.friction(sharp.slip))
+        total = Cost()
+        total.count(lack / self.noise(sharp.floor))
+        self._add_smoothness(total, nodes)
+        self._add_seen(total, nodes, common, sharp, slope)
+        return total.cost
+
+    def _add_seen(
+        self,
+        equations: Cost,
+        nodes: Array,
+        common: Array,
+        sharp: Sharpness,
+        slope: Array | None = None,
+    ) -> None:
         if slope is not None:
             equations.add_slope(slope, common)
         add_poses(equations, self.intervals, nodes, common, self.delayers)
         self._add_local(equations, nodes, sharp)
         self._add_prior(equations, common)
-        return equations
 
     def equations_of_motion(self, nodes: Array, common: Array, sharp: Sharpness) -> NormalEquations:
         """Normal equations of the dynamics alone, and of smoothness where they do not count."""
         equations = NormalEquations(len(nodes), 6, len(common))
         equations.add(self.middle, *self.dynamics(nodes, common, sharp))
+        self._add_smoothness(equations, nodes)
+        return equations
+
+    def _add_smoothness(self, equations: Cost, nodes: Array) -> None:
         elsewhere = np.flatnonzero(~self.mask & self.intervals.inner)
         add_smoothness(equations, nodes, elsewhere, self.spread[elsewhere] * self.intervals.step**2)
-        return equations
 
     def volume_slope(self, nodes: Array, common: Array, sharp: Sharpness) -> Array:
         """Slope (p,) of what the likeliest motion leaves out of the probability of the numbers.
@@ -195,11 +229,10 @@ class PushModel:
         loose = np.broadcast_to(
             np.append(_LOOSE / np.square(self.intervals.poses[0].std), np.zeros(3)), nodes.shape
         )
-        caused = self.equations_of_motion(nodes, common, sharp)
-        known = self.linearise(nodes, common, sharp)
-        return 0.5 * (
-            caused.log_determinant_of_nodes(loose, 3) - known.log_determinant_of_nodes(loose, 6)
-        )
+        equations = self.equations_of_motion(nodes, common, sharp)
+        caused = equations.log_determinant_of_nodes(loose, 3)
+        self._add_seen(equations, nodes, common, sharp)
+        return 0.5 * (caused - equations.log_determinant_of_nodes(loose, 6))
 
     def dynamics(self, nodes: Array, common: Array, sharp: Sharpness) -> tuple[Array, Array, Array]:
         """White residuals (R, 3) of `middle`, derivative by nodes (R, 3, 3, 6) and numbers."""
@@ -207,19 +240,18 @@ class PushModel:
         friction = self.balance.linear_friction(kinematics, common, sharp.slip)
         scale = 1.0 / self.noise(sharp.floor)
 
-        def at(values: Array, numbers: Array) -> Array:
-            return self.balance.lack(Kinematics.of_stacked(values), numbers, friction) * scale
+        def at(numbers: Array) -> Array:
+            return self.balance.lack(kinematics, numbers, friction) * scale
 
-        values = kinematics.stacked()
-        residual = at(values, common)
-        steps = np.repeat([1e-6, 1e-5, 1e-3, 1e-5], 3)
-        by_values = np.stack(
-            [(at(values + h * row, common) - residual) / h
-             for h, row in zip(steps, np.eye(12), strict=True)], axis=2,
-        )  # fmt: skip
+        residual = at(common)
+        moved = self._moved_balance.lack(
+            kinematics.moved(_STEPS), common, friction.repeated(len(_STEPS))
+        )
+        changes = moved.reshape(len(_STEPS), *residual.shape) * scale - residual
+        by_values = (changes / _STEPS[:, None, None]).transpose(1, 2, 0)
         sizes = 1e-5 * self.prior[1]
         by_common = np.stack(
-            [(at(values, common + h * row) - residual) / h
+            [(at(common + h * row) - residual) / h
              for h, row in zip(sizes, np.eye(len(common)), strict=True)], axis=2,
         )  # fmt: skip
         return residual, self.by_nodes(by_values), by_common
@@ -246,26 +278,16 @@ class PushModel:
         torque = np.hypot(size * cut.point_std[at], least * np.sqrt(self.plate))
         return np.column_stack([np.hypot(force, least), torque])
 
-    def _add_local(self, equations: NormalEquations, nodes: Array, sharp: Sharpness) -> None:
+    def _add_local(self, equations: Cost, nodes: Array, sharp: Sharpness) -> None:
         """Rows e_k+1 = rho e_k + sigma sqrt(1 - rho^2) w, rho = exp(-distance / 20 mm)."""
-        keep, std = self.memory(sharp)
-        local = nodes[:, 3:]
-        by_nodes = np.zeros((len(keep), 3, 3, 6))
-        index = np.arange(3)
-        by_nodes[:, index, 0, 3 + index] = -(keep / std)[:, None]
-        by_nodes[:, index, 1, 3 + index] = (1.0 / std)[:, None]
-        residual = (local[1:] - keep[:, None] * local[:-1]) / std[:, None]
-        equations.add(np.arange(1, len(nodes)), residual, by_nodes)
-        first = np.zeros((1, 3, 3, 6))
-        first[:, index, 1, 3 + index] = 1.0 / sharp.variation
-        equations.add(np.array([0]), local[:1] / sharp.variation, first)
+        add_local(equations, nodes, 3, *self.memory(sharp), sharp.variation)
 
     def memory(self, sharp: Sharpness) -> tuple[Array, Array]:
         """Factor (N - 1,) by which local friction lasts to the next node, and std of its change."""
         keep = np.exp(-np.maximum(self.travelled, 1e-6) / _DISTANCE)
         return keep, sharp.variation * np.sqrt(1.0 - keep**2)
 
-    def _add_prior(self, equations: NormalEquations, common: Array) -> None:
+    def _add_prior(self, equations: Cost, common: Array) -> None:
         mean, std = self.prior
         rows = np.diag(1.0 / std)[4:]
         equations.add_common(rows @ (common - mean), rows)
@@ -350,7 +372,7 @@ class PushFit:
 
 
 def add_poses(
-    equations: NormalEquations,
+    equations: Cost,
     cut: Intervals,
     nodes: Array,
     common: Array,
@@ -367,13 +389,10 @@ def add_poses(
     """
     delaying = [NAMES.index("delay"), *delayers]
     seen = see_poses(cut, nodes, float(np.sum(common[delaying])))
-    std = cut.poses[0].std
-    by_nodes = np.zeros((len(seen.middle), 3, 3, nodes.shape[1]))
-    for axis in range(3):
-        by_nodes[:, axis, :, axis] = seen.weights / std[axis]
+    weights = seen.weights[:, None, :] / cut.poses[0].std[:, None]
     by_common = np.zeros((len(seen.middle), 3, len(common)))
     by_common[:, :, delaying] = seen.slope[..., None]
-    equations.add(seen.middle, seen.residual, by_nodes, by_common)
+    equations.add_separate(seen.middle, seen.residual, weights, by_common=by_common)
 
 
 @dataclass(frozen=True, eq=False)
@@ -418,12 +437,33 @@ def see_poses(cut: Intervals, nodes: Array, delay: float) -> SeenPoses:
     return SeenPoses(inside, middle, weights, residual, slope)
 
 
+def add_local(
+    equations: Cost, nodes: Array, first: int, keep: Array, std: Array, variation: float
+) -> None:
+    """Add rows e_k+1 = keep_k e_k + std_k w of local friction, and e_0 = variation w.
+
+    Args:
+        equations: to be extended.
+        nodes: (N, b) control points, then local friction from the number `first` on.
+        first: number with which it begins.
+        keep: (N - 1,) factor by which it lasts to the next node.
+        std: (N - 1,) of its change.
+        variation: standard deviation where nothing is before it.
+    """
+    local = nodes[:, first:]
+    weights = np.zeros((*local.shape, 3))
+    weights[1:, :, 0] = -(keep / std)[:, None]
+    weights[1:, :, 1] = (1.0 / std)[:, None]
+    weights[0, :, 1] = 1.0 / variation
+    residual = local * weights[:, :, 1]
+    residual[1:] += local[:-1] * weights[1:, :, 0]
+    equations.add_separate(np.arange(len(nodes)), residual, weights, first)
+
+
 def add_smoothness(
-    equations: NormalEquations, nodes: Array, middle: NDArray[np.intp], spread: Array
+    equations: Cost, nodes: Array, middle: NDArray[np.intp], spread: Array
 ) -> None:
     """Add second differences of the motion around some nodes, with their std (R, 3)."""
-    by_nodes = np.zeros((len(middle), 3, 3, nodes.shape[1]))
-    for axis in range(3):
-        by_nodes[:, axis, :, axis] = np.array([1.0, -2.0, 1.0]) / spread[:, axis, None]
+    weights = np.array([1.0, -2.0, 1.0]) / spread[:, :, None]
     curve = nodes[middle - 1, :3] - 2.0 * nodes[middle, :3] + nodes[middle + 1, :3]
-    equations.add(middle, curve / spread, by_nodes)
+    equations.add_separate(middle, curve / spread, weights)
