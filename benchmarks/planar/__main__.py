@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.planar import ahead, choice, daily, noise, speed
+from benchmarks.planar import ahead, choice, choices, daily, noise, speed
 from benchmarks.planar.ablations import FILTERS
 from benchmarks.planar.fit import fitted
 from benchmarks.planar.scores import mean_interval, scored
@@ -79,9 +79,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--objects", type=int, default=12, help="test objects of each family (12)")
     parser.add_argument("--only", choices=(*WITHIN, *SECTIONS), help="one part only")
     parser.add_argument("--first", type=int, default=FIRST, help=f"seed of the first ({FIRST})")
+    parser.add_argument("--seeds", type=int, default=5, help="of --only choices (5)")
     parser.add_argument("--keep", type=Path, help="folder from which an interrupted run goes on")
     parser.add_argument("--json", action="store_true", help="print only JSON on stdout")
     options = parser.parse_args(arguments)
+    if options.seeds < 2:
+        parser.error(f"--seeds {options.seeds}: expected at least 2, intervals are over seeds")
     found: dict[str, Any] = {}
     for name, (make, say) in SECTIONS.items():
         if options.only in (None, name):
@@ -141,9 +144,20 @@ def one_step(names: list[str], ones: list[Any], setting: str) -> dict[str, Any]:
     return found
 
 
-def choices(options: argparse.Namespace) -> dict[str, Any]:
+def choice_times(options: argparse.Namespace) -> dict[str, Any]:
     """Times of a choice of a push."""
     return choice.measure(range(options.first, options.first + options.objects))
+
+
+def learnt(options: argparse.Namespace) -> dict[str, Any]:
+    """Learning curves of pushes that are chosen, of the families that are asked for."""
+    kinds = [kind for kind in choices.KINDS if kind in options.families]
+    return {
+        kind: choices.measure(
+            kind, range(1, options.seeds + 1), Kept(options.keep, f"choices_{kind}").of
+        )
+        for kind in kinds
+    }
 
 
 def speeds(options: argparse.Namespace) -> dict[str, dict[str, float]]:
@@ -346,7 +360,8 @@ def _cell(one: dict[str, float]) -> str:
 WITHIN = ("ahead", "filter")
 """Parts of the figures of a family."""
 SECTIONS: dict[str, tuple[Callable[..., Any], Callable[..., str]]] = {
-    "choice": (choices, choice.table),
+    "choice": (choice_times, choice.table),
+    "choices": (learnt, lambda found: "\n".join(map(choices.table, found.values()))),
     "speed": (speeds, speed.table),
     "daily": (daily_objects, partial(table, "daily objects")),
     "noise": (noises, noise_table),

@@ -6,9 +6,10 @@ import json
 import sys
 import time
 from argparse import Namespace
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +40,30 @@ _FIRST, _HELD_OUT, _JUDGES = 200_000, 510_000, 12
 """First seed of objects to push, that of objects which only judge, and how many those are."""
 
 
+@dataclass(frozen=True)
+class Rounds:
+    """How a network learns in rounds.
+
+    Attributes:
+        choice: of pushes, one of `CHOICES`; the first round takes them as drawn in any case.
+        count: of rounds.
+        epochs: passes over the pushes of all rounds. Each round begins anew and takes as many
+            steps as the last, so that its error tells the pushes and not the length of training.
+        width: hidden units.
+        seed: of initial weights and order.
+        setting: how objects are pushed.
+        origin: command that is kept with the weights.
+    """
+
+    choice: str
+    count: int
+    epochs: int
+    width: int
+    seed: int
+    setting: Setting
+    origin: str = ""
+
+
 def run(args: Namespace) -> int:
     """Simulate and train in rounds; write weights and tell the error after each round."""
     import torch
@@ -49,36 +74,73 @@ def run(args: Namespace) -> int:
         )
     torch.set_num_threads(1)
     start, setting = time.monotonic(), SETTINGS[args.setting]
-    others = range(_HELD_OUT, _HELD_OUT + _JUDGES)
-    judges = _joined(simulate_steps("single", others, setting), setting)
-    buffer: list[Transitions] = []
-    weights, curve = None, []
-    for k, seeds in enumerate(_rounds(args)):
-        for candidates in _candidates(seeds, setting):
-            buffer += _chosen(args.choice, candidates, weights)
-        weights = _trained(args, buffer, setting)
-        curve.append({"pushes": len(buffer), "error": relative_error(weights, judges)})
-        said = f"round {k + 1}: {len(buffer)} pushes, error {curve[-1]['error']:.3f} of a mean's"
-        print(said, file=sys.stderr)
-    assert weights is not None
+    command = (
+        f"tactile-dynamics train pushing --choice {args.choice} --objects {args.objects} --rounds "
+        f"{args.rounds} --epochs {args.epochs} --width {args.width} --seed {args.seed}"
+    )
+    parts = round_seeds(args.seed, args.objects, args.rounds)
+    how = Rounds(args.choice, len(parts), args.epochs, args.width, args.seed, setting, command)
+    judges = judging_steps("single", _JUDGES, setting)
+    offered = (candidate_pushes("single", part, setting) for part in parts)
+    weights, curve = learn(how, offered, judges, sys.stderr)
     weights.save(Path(args.out))
     found = {"choice": args.choice, "curve": curve, "seconds": time.monotonic() - start}
     print(json.dumps(found) if args.json else f"wrote {args.out} in {found['seconds']:.0f} s")
     return 0
 
 
-def _rounds(args: Namespace) -> list[list[int]]:
-    first = _FIRST + 1000 * args.seed
-    parts = np.array_split(np.arange(first, first + args.objects), min(args.rounds, args.objects))
-    return [[int(seed) for seed in part] for part in parts]
+def learn(
+    how: Rounds,
+    rounds: Iterable[Sequence[list[Transitions]]],
+    judges: Examples,
+    told: TextIO | None = None,
+) -> tuple[GraphWeights, list[dict[str, float]]]:
+    """Train after each round on all pushes that were chosen, and judge.
+
+    Args:
+        how: choice and training.
+        rounds: candidate pushes of each object, by round.
+        judges: steps of other objects.
+        told: where each round is reported.
+
+    Returns:
+        The last weights, and `pushes` and `error` (`relative_error`) after each round.
+    """
+    buffer: list[Transitions] = []
+    weights, curve = None, []
+    for k, objects in enumerate(rounds, start=1):
+        for candidates in objects:
+            buffer += _chosen(how.choice, candidates, weights)
+        weights = _trained(how, buffer, round(how.epochs * how.count / k))
+        curve.append({"pushes": len(buffer), "error": relative_error(weights, judges)})
+        said = f"round {k}: {len(buffer)} pushes, error {curve[-1]['error']:.3f} of a mean's"
+        if told is not None:
+            print(said, file=told)
+    assert weights is not None
+    return weights, curve
 
 
-def _candidates(objects: Sequence[int], setting: Setting) -> list[list[Transitions]]:
-    """Steps of pushes of each object, each push on a table of its own."""
+def round_seeds(seed: int, objects: int, rounds: int) -> list[list[int]]:
+    """Seeds of the objects of each round."""
+    first = _FIRST + 1000 * seed
+    parts = np.array_split(np.arange(first, first + objects), min(rounds, objects))
+    return [[int(number) for number in part] for part in parts]
+
+
+def judging_steps(kind: str, count: int, setting: Setting) -> Examples:
+    """Steps of as many objects that only judge, pushed at their first link."""
+    steps = simulate_steps(kind, range(_HELD_OUT, _HELD_OUT + count), setting)
+    return _joined([one for one in steps if one.push.link == 0], setting)
+
+
+def candidate_pushes(
+    kind: str, objects: Sequence[int], setting: Setting
+) -> list[list[Transitions]]:
+    """Steps of pushes of the first link of each object, each push on a table of its own."""
     seeds = [_CANDIDATES * number + k for number in objects for k in range(_CANDIDATES)]
-    things = {seed: draw_object(seed // _CANDIDATES, "single") for seed in seeds}
+    things = {seed: draw_object(seed // _CANDIDATES, kind) for seed in seeds}
     options = pushed.PushOptions(
-        actions=setting.actions, variation=0.08, stiction=0.1, uneven=0.1, things=things
+        kind=kind, actions=setting.actions, variation=0.08, stiction=0.1, uneven=0.1, things=things
     )
     made: Any = pushed.generate(seeds, None, options)
     steps = [cut_steps(one.scene, one.motion, setting.period, setting.every)[0] for one in made]
@@ -89,11 +151,11 @@ def _chosen(
     choice: str, pushes: list[Transitions], weights: GraphWeights | None
 ) -> list[Transitions]:
     """The pushes that go into the buffer; without a network yet, as drawn."""
+    if choice == "random" or weights is None:
+        return pushes[:_KEPT]
     if choice == "uniform":
         order = np.argsort([float(np.arctan2(*p.push.normal[0][::-1])) for p in pushes])
         return [pushes[k] for k in order[:: max(len(pushes) // _KEPT, 1)][:_KEPT]]
-    if choice == "random" or weights is None:
-        return pushes[:_KEPT]
     order = np.argsort([-_spread(weights, push) for push in pushes])
     return [pushes[k] for k in order[:_KEPT]]
 
@@ -105,17 +167,14 @@ def _spread(weights: GraphWeights, push: Transitions) -> float:
     return float(np.log(said.motion_std).mean() + np.log(said.force_std).mean())
 
 
-def _trained(args: Namespace, buffer: Sequence[Transitions], setting: Setting) -> GraphWeights:
+def _trained(how: Rounds, buffer: Sequence[Transitions], epochs: int) -> GraphWeights:
     from tactile_dynamics_ros.core.planar.network.training import GraphTrainingConfig, train_graph
 
-    command = (
-        f"tactile-dynamics train pushing --choice {args.choice} --objects {args.objects} --rounds "
-        f"{args.rounds} --epochs {args.epochs} --width {args.width} --seed {args.seed}"
-    )
+    setting = how.setting
     units = help_units(setting.speed)
-    about = GraphWeights("graph", setting.period, setting.speed, *units, {}, command)
+    about = GraphWeights("graph", setting.period, setting.speed, *units, {}, how.origin)
     config = GraphTrainingConfig(
-        epochs=args.epochs, seed=args.seed, width=args.width, batch=128, learning_rate=6e-3
+        epochs=epochs, seed=how.seed, width=how.width, batch=128, learning_rate=6e-3
     )
     examples = _joined(buffer, setting)
     return train_graph(about, [examples], [examples], config)

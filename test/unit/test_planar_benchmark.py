@@ -5,11 +5,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from benchmarks.planar.__main__ import calibration, table
+from benchmarks.planar import choices
+from benchmarks.planar.__main__ import Kept, calibration, table
 from benchmarks.planar.ablations import Clipped
 from benchmarks.planar.daily import daily_things
 from benchmarks.planar.scores import nrmse, scored
 from benchmarks.planar.trial import _distance
+from tactile_dynamics_ros.cli import train_pushing_rounds
 from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess
 from tactile_dynamics_ros.synthetic.pushed.recordings import PushOptions, draw_scene
 from tactile_dynamics_ros.synthetic.pushed.sensed import arrived, felt_by_pads, pulled
@@ -103,3 +105,72 @@ def test_clipped_hypotheses_lie_on_the_edge_of_what_is_possible():
     values, _ = found._hypotheses()
     assert process.feasible(values[:, :5]).all()
     assert np.abs(values[:, 3]).max() == pytest.approx(0.03, abs=1e-4)
+
+
+def test_needed_pushes_are_read_where_a_curve_crosses_what_all_reach():
+    pushes = np.array([10.0, 20.0, 30.0])
+    errors = {
+        "active": np.array([[1.0, 0.5, 0.3]]),
+        "uniform": np.array([[1.0, 1.2, 0.6]]),
+        "random": np.array([[1.0, 0.8, 0.5]]),
+    }
+    found = choices.needed_pushes(pushes, errors)
+    assert {name: row[0] for name, row in found.items()} == pytest.approx(
+        {"active": 18.0, "uniform": 30.0, "random": 80.0 / 3.0}
+    )
+
+
+def curves_of(*last):
+    start = [{"pushes": 10, "error": 1.0}]
+    ends = zip(choices.training.CHOICES, last, strict=True)
+    return {name: [*start, {"pushes": 20, "error": end}] for name, end in ends}
+
+
+def test_a_saving_is_claimed_only_where_its_interval_is_on_one_side():
+    clear = choices.compared([curves_of(0.25, 0.5, 0.5), curves_of(0.24, 0.52, 0.5)])
+    assert clear["needed"]["uniform"]["mean"] == pytest.approx(20.0)
+    assert 0.0 < clear["saved"]["uniform"]["low"] < clear["saved"]["uniform"]["mean"] < 0.2
+    assert clear["error_ratio"]["random"]["mean"] == pytest.approx(np.sqrt(0.25 * 0.24) / 0.5)
+    mixed = choices.compared([curves_of(0.25, 0.5, 0.5), curves_of(0.6, 0.5, 0.3)])
+    assert mixed["saved"]["uniform"]["low"] < 0.0 < mixed["saved"]["uniform"]["high"]
+    said = choices.table({"kind": "single"} | mixed)
+    assert said.count("no difference to be seen") == 2
+    assert "it needs fewer" in choices.table({"kind": "single"} | clear)
+    turned = [curves_of(0.5, 0.25, 0.25), curves_of(0.52, 0.25, 0.24)]
+    assert "it needs more" in choices.table({"kind": "single"} | choices.compared(turned))
+
+
+def test_intervals_of_two_seeds_are_those_of_student():
+    found = choices.interval(np.array([1.0, 3.0]))
+    assert found["mean"] == 2.0
+    assert found["high"] - 2.0 == pytest.approx(12.706, rel=1e-3)
+
+
+def test_choices_begin_alike_choose_from_the_same_pushes_and_go_on_from_what_is_kept(
+    tmp_path, monkeypatch
+):
+    monkeypatch.setattr(train_pushing_rounds, "_CANDIDATES", 3)
+    monkeypatch.setattr(train_pushing_rounds, "_KEPT", 1)
+    keep = Kept(tmp_path, "small").of
+    size = choices.Size(objects=2, rounds=2, epochs=2, width=8, judges=2)
+    found = choices.measure("single", (1, 2), keep, size)
+    assert found["pushes"] == [1, 2]
+    first = [found["error"][choice][0] for choice in choices.training.CHOICES]
+    assert first[0] == first[1] == first[2]
+    last = {found["error"][choice][1]["mean"] for choice in choices.training.CHOICES}
+    assert len(last) > 1
+    for name in ("learn", "candidate_pushes", "judging_steps"):
+        monkeypatch.setattr(train_pushing_rounds, name, lambda *_: pytest.fail("made again"))
+    assert choices.measure("single", (1, 2), keep, size) == found
+
+
+def test_candidates_and_judges_of_a_jointed_pair_are_pushes_of_its_first_link(monkeypatch):
+    monkeypatch.setattr(train_pushing_rounds, "_CANDIDATES", 2)
+    setting = train_pushing_rounds.SETTINGS["slow"]
+    (pushes,) = train_pushing_rounds.candidate_pushes("jointed", [200_000], setting)
+    assert [push.push.link for push in pushes] == [0, 0]
+    assert pushes[0].thing is not pushes[1].thing
+    np.testing.assert_array_equal(pushes[0].parameters[0, :8], pushes[1].parameters[0, :8])
+    judges = train_pushing_rounds.judging_steps("jointed", 1, setting)
+    assert judges.motion.shape[1] == 2
+    assert len(judges) < 60
