@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import argparse
+import sys
 import time
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.pushed.bound import bound
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.core.planar.properties.estimate import PushedEstimate, estimate
 from tactile_dynamics_ros.core.planar.streams import PushedStreams
@@ -45,6 +48,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--first-seed", type=int, default=200, help="of simulated pushes")
     parser.add_argument("--objects", type=int, default=20, help="seeds of each condition")
     parser.add_argument("--conditions", nargs="+", choices=sorted(CONDITIONS), default=None)
+    parser.add_argument(
+        "--bound", action="store_true", help="Cramer-Rao bound on even tables beside the errors"
+    )
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
@@ -52,9 +58,20 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     count = 2 if options.quick else options.objects
     seeds = range(options.first_seed, options.first_seed + count)
     chosen = options.conditions or list(CONDITIONS)
-    return {
-        name: [_row(h) for h in pushed.generate(seeds, {}, CONDITIONS[name])] for name in chosen
-    }
+    return {name: _rows(seeds, CONDITIONS[name], options.bound) for name in chosen}
+
+
+def _rows(
+    seeds: Sequence[int], condition: pushed.PushOptions, bounded: bool
+) -> list[dict[str, Any]]:
+    rows = []
+    for hidden in pushed.generate(seeds, {}, condition):
+        row = _row(hidden)
+        if bounded and not condition.variation:
+            row["bound"] = bound(hidden.scene, condition.sensors)
+        print(f"seed {hidden.scene.seed}: {row['cpu_s']:.1f} s", file=sys.stderr, flush=True)
+        rows.append(row)
+    return rows
 
 
 def _row(hidden: pushed.HiddenPush) -> dict[str, Any]:
@@ -124,7 +141,7 @@ def table(found: dict[str, Any]) -> str:
     head = (
         "| pushes | n | product % | CoM mm | mass % | 90 % hold: product, CoM, mass | largest z "
         "| mass undetermined | refused | mean force % | balance: product, mass % | centroid mm "
-        "| cpu s |"
+        "| cpu s | bound: product %, CoM mm, mass % |"
     )
     lines = [head, "|" + "---|" * (head.count("|") - 1)]
     lines += [_line(name, rows) for name, rows in found.items()]
@@ -163,5 +180,14 @@ def _line(name: str, rows: list[dict[str, Any]]) -> str:
         balance,
         f"{1e3 * median(lambda r: r['centroid_m'], rows):.1f}",
         f"{median(lambda r: r['cpu_s'], rows):.1f}",
+        _bound([row["bound"] for row in rows if "bound" in row]),
     ]
     return "| " + " | ".join(str(cell) for cell in cells) + " |"
+
+
+def _bound(rows: list[dict[str, float]]) -> str:
+    if not rows:
+        return ""
+    product, mass = (float(np.median([r[n] for r in rows])) for n in ("friction_force_n", "mass"))
+    com = float(np.median([np.hypot(r["com_x"], r["com_y"]) for r in rows]))
+    return f"{100 * product:.2f}, {1e3 * com:.2f}, {100 * mass:.1f}"

@@ -359,8 +359,12 @@ def minimise(
             left -= 1.0
             continue
         ahead = nodes + step, common + common_step
-        trial = None if cost else linearise(*ahead)
-        there = trial.cost if trial else cost(*ahead)
+        trial = None
+        if cost:
+            there = cost(*ahead)
+        else:
+            trial = linearise(*ahead)
+            there = trial.cost
         if np.isfinite(there) and there <= best.cost:
             idle = idle + 1 if best.cost - there <= tolerance else 0
             settled = idle > 0 and (damping <= 1e-2 or idle >= _IDLE)

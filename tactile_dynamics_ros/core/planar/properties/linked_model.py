@@ -247,9 +247,7 @@ class PairModel(ABC):
         self._add_seen(total, nodes, common, sharp)
         return total.cost
 
-    def _add_seen(
-        self, equations: Cost, nodes: Array, common: Array, sharp: Sharpness
-    ) -> None:
+    def _add_seen(self, equations: Cost, nodes: Array, common: Array, sharp: Sharpness) -> None:
         for part in (0, 1):
             self._add_poses(equations, nodes, common, part)
         self._add_local(equations, nodes, sharp)

@@ -460,9 +460,7 @@ def add_local(
     equations.add_separate(np.arange(len(nodes)), residual, weights, first)
 
 
-def add_smoothness(
-    equations: Cost, nodes: Array, middle: NDArray[np.intp], spread: Array
-) -> None:
+def add_smoothness(equations: Cost, nodes: Array, middle: NDArray[np.intp], spread: Array) -> None:
     """Add second differences of the motion around some nodes, with their std (R, 3)."""
     weights = np.array([1.0, -2.0, 1.0]) / spread[:, :, None]
     curve = nodes[middle - 1, :3] - 2.0 * nodes[middle, :3] + nodes[middle + 1, :3]
