@@ -12,6 +12,7 @@ from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.core.planar.diagnosis import one_part
 from tactile_dynamics_ros.core.planar.diagnosis.discrepancy_model import PushDiscrepancy
 from tactile_dynamics_ros.core.planar.diagnosis.variation import SLOPE, VARIATION, Table
+from tactile_dynamics_ros.core.planar.effects.regional import STEP
 from tactile_dynamics_ros.core.planar.effects.registry import PUSHED
 from tactile_dynamics_ros.core.planar.properties.estimate import estimate
 from tactile_dynamics_ros.recording.pushed import PushedRecording
@@ -97,11 +98,34 @@ def test_a_slope_is_as_uncertain_as_the_field_that_may_make_it(model):
 
 def test_beside_a_field_the_slope_is_told_that_looks_the_same(model):
     uneven = replace(model, table=Table(model.table.along, 0.05, 0.03))
-    told = re.search(r"A slope of (\S+) per metre would look the same: push over", uneven.remark)
+    told = re.search(
+        r"A slope of up to (\S+) per metre would look the same: push over", uneven.remark
+    )
     wider = replace(model, table=Table(model.table.along, 0.14, 0.1)).remark
-    more = re.search(r"A slope of (\S+) per metre", wider)
-    assert 0.0 < float(told[1]) < float(more[1]) < 4.0
+    more = re.search(r"A slope of up to (\S+) per metre", wider)
+    assert 0.0 < float(told[1]) < float(more[1]) < 5.0
     assert model.remark == ""
+
+
+def test_what_is_clearly_likelier_in_a_regime_is_named_beside_what_acts_everywhere(model):
+    film = "viscous_support[y>0.2]"
+    table = replace(model.table, regional=film)
+    wet = replace(model, table=table)
+    assert wet.imitators("support_tilt") == (film,)
+    assert wet.imitators("viscous_support") == ()
+    assert wet.imitators(film) == ()
+    assert wet.refined().table.regional == film
+
+
+def test_hypotheses_in_a_regime_part_the_recording(model):
+    motion = model.pushes.motion()
+    found = model.pushes.regional()
+    assert len({effect.name for effect in found}) == len(found) < 130
+    shares = np.array([effect.share(motion).mean() for effect in found])
+    assert np.all((shares > 0.02) & (shares < 0.98))
+    kinds = {(name.split("[")[0], name.split("[")[1][0]) for name in (e.name for e in found)}
+    places = {(name, axis) for name in ("viscous_support", STEP, "constant_pull") for axis in "xy"}
+    assert places < kinds
 
 
 GOOD = {"inertia": 0.1, "error": 0.9}

@@ -45,6 +45,7 @@ from tactile_dynamics_ros.core.planar.diagnosis.variation import (
 from tactile_dynamics_ros.core.planar.effects.acting import Acting
 from tactile_dynamics_ros.core.planar.effects.effect import PushEffect
 from tactile_dynamics_ros.core.planar.effects.gated import can_be_gated
+from tactile_dynamics_ros.core.planar.effects.regional import plain_name
 from tactile_dynamics_ros.core.planar.effects.registry import PUSHED
 from tactile_dynamics_ros.core.planar.properties.linked_fit import PairFit
 from tactile_dynamics_ros.core.planar.properties.push_model import (
@@ -440,16 +441,23 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
             return self.table.remark
         size = self.effect_named(SLOPE).parameters[0].prior_std
         [family] = self.families_of(SLOPE)
-        hidden = size * hidden_slope(family.columns * size, orthonormal(self.jacobian))
+        basis = orthonormal(self.jacobian)
+        hidden = size * hidden_slope(-family.columns * size, basis, self.residual)
         return (
-            f"{self.table.remark} A slope of {2.0 * hidden:.2g} per metre would look the same: "
+            f"{self.table.remark} A slope of up to {hidden:.2g} per metre would look the same: "
             f"{plan_wider(steady)['description']}."
         )
 
     def imitators(self, name: str) -> tuple[str, ...]:
-        """Friction that differs by place may look like a slope, and a pull like a lean."""
+        """Friction that differs by place may look like a slope, and a pull like a lean.
+
+        What is clearly likelier in a regime, before any refit, is not ruled out by a fit with what
+        acts everywhere.
+        """
         varied = (VARIATION,) if name == SLOPE and self.table.imitating else ()
-        return (*varied, *self.pushes.imitators(name))
+        other = plain_name(name) != plain_name(self.table.regional)
+        regional = (self.table.regional,) if self.table.regional and other else ()
+        return (*varied, *regional, *self.pushes.imitators(name))
 
     def plan_against(self, rivals: Sequence[PushDiscrepancy]) -> dict[str, Any] | None:
         """The push that would tell this model from others."""
@@ -476,11 +484,11 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
         motion, poses = (np.concatenate(part, axis=2) for part in parts)
         effects = []
         missing = [] if most else [n for n in self.catalogue if n not in self.effect_names]
-        for name in missing:
-            for effect in self.pushes.families(self.effect_named(name)):
-                by_motion, by_poses = self._spanned(effect)
-                size = _sizes(effect, by_motion.shape[2])
-                effects.append((name, (by_motion * size, by_poses * size)))
+        single = [e for name in missing for e in self.pushes.families(self.effect_named(name))]
+        for effect in (*single, *([] if most else self.pushes.regional())):
+            by_motion, by_poses = self._spanned(effect)
+            size = _sizes(effect, by_motion.shape[2])
+            effects.append((effect.name, (by_motion * size, by_poses * size)))
         return likeliest_table(self._whitened, (motion, poses), effects, self._field, most)
 
     def _whitened(self, along: float, motion: Array, poses: Array) -> tuple[Array, Array, float]:

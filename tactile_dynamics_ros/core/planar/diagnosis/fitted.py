@@ -149,6 +149,10 @@ class FittedPushes(ABC):
         """An effect, or for sudden ones one for each push with which it may begin; or none."""
         return effect.beginnings(self.intervals.push_starts) if effect.told else []
 
+    def regional(self) -> Sequence[PushEffect]:
+        """Effects in a regime that are compared with friction that differs over the table."""
+        return ()
+
     def imitators(self, name: str) -> tuple[str, ...]:
         """Effects that are not in the catalogue of these parts and may do what one there does."""
         return ()

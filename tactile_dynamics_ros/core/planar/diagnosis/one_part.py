@@ -14,6 +14,7 @@ from tactile_dynamics_ros.core.planar.diagnosis.fitted import FittedPushes
 from tactile_dynamics_ros.core.planar.diagnosis.rows import PushRows, rows_of_one
 from tactile_dynamics_ros.core.planar.diagnosis.separating_push import SLIP, Steady
 from tactile_dynamics_ros.core.planar.effects.effect import PushEffect
+from tactile_dynamics_ros.core.planar.effects.regional import regional_hypotheses
 from tactile_dynamics_ros.core.planar.effects.registry import PUSHED
 from tactile_dynamics_ros.core.planar.effects.situation import PlanarMotion
 from tactile_dynamics_ros.core.planar.properties.balance import (
@@ -123,6 +124,10 @@ class OnePart(FittedPushes):
     def motion(self) -> PlanarMotion:
         """Motion of the footprint's centroid."""
         return self.fit.model.balance.motion(self.kinematics)
+
+    def regional(self) -> list[PushEffect]:
+        """Those on a side of the table, or for a while."""
+        return regional_hypotheses(self.motion())
 
     def refitted(self, effects: tuple[PushEffect, ...], common: Array, variation: float) -> OnePart:
         """The same pushes fitted with effects."""

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from tactile_dynamics_ros.core.planar.diagnosis.fitted import FittedPushes
+from tactile_dynamics_ros.core.planar.effects.regional import STEP, is_regional, plain_name
 from tactile_dynamics_ros.core.planar.properties.push_model import Sharpness
 
 Array = NDArray[np.float64]
@@ -41,10 +42,10 @@ _SMOOTH = 2.0
 """Log odds before the data against a field that is smooth over 100 mm: grain and wear are on all
 tables, one in eight was wiped or lacquered unevenly. At 0 one of five hidden slopes is taken for
 such a field."""
-_STEEP = 0.5
+_STEEP = 2.0
 """Log evidence by which a slope must beat every field to be more than what tables vary by: on
-tables with fields of 5 % it was -1.0 at most (n = 8), on five of seven with a slope besides 0.8 to
-3.7. Lower makes fields seem slopes, higher misses slopes."""
+tables with fields of 5 % it was -1.0 at most on eight made for tuning, and above 0.5 on one of
+eight others; with a slope besides above 2 on four of nine. Lower makes fields seem slopes."""
 _ALIKE = 1.0
 """Log evidence within which the smaller field is told: over a few of its lengths a smooth field of
 14 % makes the same as one of 7 %, and the larger would be said of the table."""
@@ -65,12 +66,14 @@ class Table:
         length: m over which the field stays alike.
         imitating: standard deviation of a field that could do what a slope of the friction does
             here, also where no field is presumed; 0 where none could.
+        regional: what acts in a regime and is clearly likelier than all else; empty where nothing.
     """
 
     along: float
     field: float = 0.0
     length: float = _LENGTHS[0]
     imitating: float = 0.0
+    regional: str = ""
 
     @property
     def total(self) -> float:
@@ -207,6 +210,7 @@ def likeliest_table(
     parts = [slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
     own, common = parts[: len(effects)], parts[len(effects) :]
     tried = [("", slice(0, 0)), *zip((name for name, _ in effects), own, strict=True)]
+    prices = _prices([name for name, _ in tried])
     found: dict[tuple[str, Table], float] = {}
     for along in VARIATIONS:
         if most and along > most.along:
@@ -219,12 +223,21 @@ def likeliest_table(
             odds = _SMOOTH * (table.length == max(_LENGTHS))
             left = gram.beside(sizes, slice(0, common[0].start))
             for name, part in tried:
-                value = left.evidence(part) - odds
+                value = left.evidence(part) - odds - prices[name]
                 found[name, table] = max(found.get((name, table), -np.inf), value)
     chosen = _chosen(found)
     if most and not chosen.field:
-        return replace(chosen, imitating=most.imitating, length=most.length)
-    return chosen
+        chosen = replace(chosen, imitating=most.imitating, length=most.length)
+    return replace(chosen, regional=most.regional) if most else chosen
+
+
+def _prices(names: Sequence[str]) -> dict[str, float]:
+    """Log odds against each hypothesis in a regime: one of as many regimes as are tried."""
+    plain = [plain_name(name) for name in names if is_regional(name)]
+    return {
+        name: float(np.log(plain.count(plain_name(name)))) if is_regional(name) else 0.0
+        for name in names
+    }
 
 
 def _tables(along: float, parts: Sequence[slice]) -> Iterator[tuple[Table, Array]]:
@@ -245,33 +258,55 @@ def _chosen(found: dict[tuple[str, Table], float]) -> Table:
     Fields are on all tables and imitate a slope, which is an effect only if it clearly beats them.
     What any other effect does on an even table a field must beat clearly.
     """
-    steep = {key: value for key, value in found.items() if key[0] == SLOPE}
+    steep = {key: value for key, value in found.items() if _is_by_place(key[0])}
     even, uneven = (
-        {k: v for k, v in found.items() if k[0] != SLOPE and bool(k[1].field) == differs}
+        {k: v for k, v in found.items() if k not in steep and bool(k[1].field) == differs}
         for differs in (False, True)
     )
     name, table = max(even, key=even.__getitem__)
     if not uneven:
         return table
     least, most = max(even.values()), max(uneven.values())
-    if max(steep.values(), default=-np.inf) > max(least, most) + _STEEP:
-        _, table = max((key for key in steep if not key[1].field), key=steep.__getitem__)
+    slopes = {key: value for key, value in steep.items() if not key[1].field}
+    likeliest = max(steep, key=steep.__getitem__, default=("", table))
+    lead = max(steep.values(), default=-np.inf) - max(least, most)
+    if lead > _STEEP:
+        table = likeliest[1] if lead > _CLEAR else max(slopes, key=slopes.__getitem__)[1]
     elif most > least + (_CLEAR if name else _CHANCE):
         alike = [table for (_, table), value in uneven.items() if value > most - _ALIKE]
         table = min(alike, key=lambda table: table.field)
-        return replace(table, imitating=table.field)
-    told = max((v for (_, table), v in steep.items() if not table.field), default=-np.inf)
+        return replace(table, imitating=table.field, regional=_regional(found))
+    told = max((v for (name, _), v in slopes.items() if name == SLOPE), default=-np.inf)
     _, field = max((key for key in uneven if not key[0]), key=uneven.__getitem__)
-    imitates = uneven["", field] > told - _CHANCE
-    return replace(table, imitating=field.field if imitates else 0.0, length=field.length)
+    imitates = lead < _CLEAR and uneven["", field] > told - _CHANCE
+    found_length = table.length if table.field else field.length
+    imitating = field.field if imitates else 0.0
+    return replace(table, imitating=imitating, length=found_length, regional=_regional(found))
 
 
-def hidden_slope(columns: Array, basis: Array) -> float:
-    """Standard deviation of a slope that the data leave, over that beforehand.
+def _is_by_place(name: str) -> bool:
+    """Whether an effect is friction that differs by place, as a field does."""
+    return name == SLOPE or (plain_name(name) == STEP and is_regional(name))
+
+
+def _regional(found: dict[tuple[str, Table], float]) -> str:
+    """What acts in a regime and is clearly likelier than all that acts everywhere; or nothing."""
+    best = max(found, key=found.__getitem__)[0]
+    if not is_regional(best):
+        return ""
+    everywhere = max(v for (name, _), v in found.items() if not is_regional(name))
+    return best if max(found.values()) > everywhere + _CLEAR else ""
+
+
+def hidden_slope(columns: Array, basis: Array, residual: Array) -> float:
+    """Largest slope that data leave possible (two standard deviations), over its std beforehand.
 
     Args:
         columns: (M, 2) white, per standard deviation beforehand.
         basis: (M, p) orthonormal, of all else that may differ.
+        residual: (M,) white, of a fit with that.
     """
     left = columns - basis @ (basis.T @ columns)
-    return float(np.sqrt(np.diag(np.linalg.inv(left.T @ left + np.eye(2)))).max())
+    covariance = np.linalg.inv(left.T @ left + np.eye(2))
+    told = np.abs(covariance @ (left.T @ residual))
+    return float(np.max(told + 2.0 * np.sqrt(np.diag(covariance))))
