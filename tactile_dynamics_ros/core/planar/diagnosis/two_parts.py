@@ -18,10 +18,10 @@ from tactile_dynamics_ros.core.planar.diagnosis.separating_pair_push import (
 )
 from tactile_dynamics_ros.core.planar.diagnosis.separating_push import SLIP, Foretold
 from tactile_dynamics_ros.core.planar.effects.effect import PushEffect
+from tactile_dynamics_ros.core.planar.effects.part import has_law, instances
 from tactile_dynamics_ros.core.planar.effects.registry import PUSHED
 from tactile_dynamics_ros.core.planar.effects.situation import PlanarMotion
 from tactile_dynamics_ros.core.planar.linked.description import remedies
-from tactile_dynamics_ros.core.planar.linked.part_effects import has_law, instances
 from tactile_dynamics_ros.core.planar.linked.pushes import KnownPair, PairPushes
 from tactile_dynamics_ros.core.planar.linked.rows import PairFriction
 from tactile_dynamics_ros.core.planar.properties.intervals import Intervals

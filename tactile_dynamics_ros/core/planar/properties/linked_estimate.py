@@ -13,6 +13,7 @@ from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.core.planar.effects.acting import described
 from tactile_dynamics_ros.core.planar.effects.effect import PushEffect
 from tactile_dynamics_ros.core.planar.effects.joint import LooseJoint
+from tactile_dynamics_ros.core.planar.effects.part import has_law
 from tactile_dynamics_ros.core.planar.linked.description import (
     Effects,
     LinkedEstimate,
@@ -20,7 +21,6 @@ from tactile_dynamics_ros.core.planar.linked.description import (
     Value,
     remedies,
 )
-from tactile_dynamics_ros.core.planar.linked.part_effects import has_law
 from tactile_dynamics_ros.core.planar.mechanics.linkage import turned
 from tactile_dynamics_ros.core.planar.properties.linked_fit import PairFit, fit_jointed, fit_rigid
 from tactile_dynamics_ros.core.planar.properties.linked_pair import Pair

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.core.planar.effects.acting import described
 from tactile_dynamics_ros.core.planar.effects.effect import PushEffect
-from tactile_dynamics_ros.core.planar.linked.part_effects import instances
+from tactile_dynamics_ros.core.planar.effects.part import instances
 from tactile_dynamics_ros.core.planar.linked.rows import PairPatch
 from tactile_dynamics_ros.core.planar.mechanics.linkage import turned
 from tactile_dynamics_ros.core.planar.properties.bordered import (

@@ -10,8 +10,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.planar.effects.part import of_both, of_part
 from tactile_dynamics_ros.core.planar.linked.chances import JOINT_SPREAD, JOINT_TORQUE
-from tactile_dynamics_ros.core.planar.linked.part_effects import of_both, of_part
 from tactile_dynamics_ros.core.planar.linked.rows import (
     LinearFriction,
     Loaded,
