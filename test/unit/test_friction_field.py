@@ -1,5 +1,7 @@
 """Friction that differs over the table: found as a field, and not taken for a slope."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,7 @@ from tactile_dynamics_ros.core.planar.diagnosis.variation import (
     SLOPE,
     VARIATION,
     Table,
+    _chosen,
     hidden_slope,
     likeliest_table,
 )
@@ -120,6 +123,19 @@ def test_a_film_on_one_side_is_no_field(line):
     friction = line.draw(random, 0.03) + 0.5 * film["film[x>0]"]
     assert line.told(friction, random, film).regional == "film[x>0]"
     assert line.told(line.draw(random, 0.05), random, film).regional == ""
+
+
+def test_a_field_alone_is_presumed_where_it_is_likelier_than_any_effect():
+    """An effect on an even table need not be beaten clearly by what all tables have."""
+    even, field = Table(0.003), Table(0.003, 0.02)
+    close = {("", even): -8.0, ("change", even): -1.0, ("", field): -0.5, ("change", field): 0.0}
+    assert _chosen(close).field == 0.02
+    assert _chosen(close | {("change", even): 0.0}).field == 0.0
+    ahead = {("", even): -90.0, ("film", even): -60.0, ("", field): -50.0}
+    small = Table(0.003, 0.01)
+    assert _chosen(ahead | {("film", small): 0.0, ("", small): -80.0}) == replace(
+        small, imitating=0.01
+    )
 
 
 def test_a_step_by_place_must_beat_fields_as_a_slope_must(line):

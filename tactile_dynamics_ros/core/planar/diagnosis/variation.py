@@ -256,7 +256,8 @@ def _chosen(found: dict[tuple[str, Table], float]) -> Table:
     """The likeliest table.
 
     Fields are on all tables and imitate a slope, which is an effect only if it clearly beats them.
-    What any other effect does on an even table a field must beat clearly.
+    A field alone that is likelier than any other effect on an even table is presumed; beside an
+    effect it must beat those clearly.
     """
     steep = {key: value for key, value in found.items() if _is_by_place(key[0])}
     even, uneven = (
@@ -272,12 +273,16 @@ def _chosen(found: dict[tuple[str, Table], float]) -> Table:
     lead = max(steep.values(), default=-np.inf) - max(least, most)
     if lead > _STEEP:
         table = likeliest[1] if lead > _CLEAR else max(slopes, key=slopes.__getitem__)[1]
-    elif most > least + (_CLEAR if name else _CHANCE):
-        alike = [table for (_, table), value in uneven.items() if value > most - _ALIKE]
+    alone = {key: value for key, value in uneven.items() if not key[0]}
+    enough = max(alone.values()) > max(least + (0.0 if name else _CHANCE), most - _CLEAR)
+    if lead <= _STEEP and (enough or most > least + _CLEAR):
+        likely = alone if enough else uneven
+        best = max(likely.values())
+        alike = [table for (_, table), value in likely.items() if value > best - _ALIKE]
         table = min(alike, key=lambda table: table.field)
         return replace(table, imitating=table.field, regional=_regional(found))
     told = max((v for (name, _), v in slopes.items() if name == SLOPE), default=-np.inf)
-    _, field = max((key for key in uneven if not key[0]), key=uneven.__getitem__)
+    _, field = max(alone, key=alone.__getitem__)
     imitates = lead < _CLEAR and uneven["", field] > told - _CHANCE
     found_length = table.length if table.field else field.length
     imitating = field.field if imitates else 0.0
