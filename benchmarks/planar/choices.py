@@ -155,7 +155,8 @@ def table(found: dict[str, Any]) -> str:
     cells = [_cell(found["needed"][name]) for name in names]
     rows += [f"| to the error that all reach | {' | '.join(cells)} |", ""]
     for other, saved in found["saved"].items():
-        said = "{mean:.0%} ({low:.0%} to {high:.0%})".format(**saved)
+        shares = {name: round(value, 2) + 0.0 for name, value in saved.items()}  # no "-0%"
+        said = "{mean:.0%} ({low:.0%} to {high:.0%})".format(**shares)
         ratio = "{mean:.3f} ({low:.3f} to {high:.3f})".format(**found["error_ratio"][other])
         rows.append(f"beside {other}: active saves {said} of the pushes, {_seen(saved)}; its error")
         rows[-1] += f" after the same pushes is {ratio} of it"
