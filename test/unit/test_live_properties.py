@@ -66,7 +66,7 @@ def test_a_record_keeps_what_lies_around_the_latest_touches():
         record.add_contact(felt(time, 0.0, "pad_left"))
         over = 4.995 < time < 9.995 or time > 11.495
         assert record.has_ended(time) == over, time
-    streams = record.streams(BLOCK, np.array([0.0, 0.0, -9.81]))
+    streams = record.streams(BLOCK, gravity=np.array([0.0, 0.0, -9.81]))
     assert not record.has_ended(20.0)
     assert list(streams.contacts) == ["pusher"]
     contact, link = streams.contacts["pusher"], streams.links[0]
