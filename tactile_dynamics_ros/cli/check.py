@@ -4,10 +4,19 @@ from __future__ import annotations
 
 import json
 from argparse import Namespace, _SubParsersAction
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from tactile_dynamics_ros.cli.recordings import add_recording_arguments, read_recording
+from tactile_dynamics_ros.cli.recordings import (
+    add_recording_arguments,
+    model_of,
+    read_pushed,
+    read_recording,
+)
 from tactile_dynamics_ros.core.errors import BadInputError
+
+if TYPE_CHECKING:
+    from tactile_dynamics_ros.api.checks import Check
+    from tactile_dynamics_ros.api.pushed_checks import PushedCheck
 
 
 def add_parser(verbs: _SubParsersAction[Any]) -> None:
@@ -33,12 +42,20 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
 
 def run(args: Namespace) -> int:
     """Check and print."""
-    from tactile_dynamics_ros.api.checks import check_recording
-
     if args.effects:
         raise BadInputError("check: expected no --effects; it is about the recording alone")
     if not args.goal > 0.0:
         raise BadInputError(f"--goal {args.goal:g}: expected a percentage above 0")
-    found = check_recording(read_recording(args), args.goal / 100.0)
+    found = _checked(args)
     print(json.dumps(found.to_json()) if args.json else found)
     return 0 if found.ready else 3
+
+
+def _checked(args: Namespace) -> Check | PushedCheck:
+    if model_of(args) == "pushed":
+        from tactile_dynamics_ros.api.pushed_checks import check_pushes
+
+        return check_pushes(read_pushed(args), args.goal / 100.0)
+    from tactile_dynamics_ros.api.checks import check_recording
+
+    return check_recording(read_recording(args), args.goal / 100.0)

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
 
 if TYPE_CHECKING:
+    from tactile_dynamics_ros.api.checks import Check
+    from tactile_dynamics_ros.api.pushed_checks import PushedCheck
     from tactile_dynamics_ros.ros.recorder import Recorder
 
 _SENTENCES = 3
@@ -33,11 +35,8 @@ class Said:
 
 def check_so_far(path: str, namespace: str | None) -> Said:
     """Check what is in the file of a recording by now."""
-    from tactile_dynamics_ros.api.checks import check_recording
-    from tactile_dynamics_ros.api.reading import read_recording
-
     try:
-        found = check_recording(read_recording(path, namespace=namespace))
+        found = _checked(path, namespace)
     except TactileDynamicsError as error:
         return Said(False, f"nothing to say yet: {' '.join(str(error).split())}", {})
     if found.ready:
@@ -46,6 +45,17 @@ def check_so_far(path: str, namespace: str | None) -> Said:
     wanted = [line for line in lines if line in found.faults or " known to " in line
               or "not excited" in line]  # fmt: skip
     return Said(False, "; ".join(wanted[:_SENTENCES]), found.relative)
+
+
+def _checked(path: str, namespace: str | None) -> Check | PushedCheck:
+    from tactile_dynamics_ros.api.checks import check_recording
+    from tactile_dynamics_ros.api.pushed_checks import check_pushes
+    from tactile_dynamics_ros.api.reading import read_recording
+    from tactile_dynamics_ros.recording.pushed import PushedRecording, recorded_model
+
+    if recorded_model(path) == "pushed":
+        return check_pushes(PushedRecording.from_bag(path))
+    return check_recording(read_recording(path, namespace=namespace))
 
 
 class RecordCheck:

@@ -88,7 +88,7 @@ ROOMS = {
     ),
     "core/planar/actions": Room(
         "pushes and pulls as paths of a gripper; what they would tell",
-        ("core/planar/mechanics", "core/rigid_body"),
+        ("core/planar", "core/planar/mechanics", "core/rigid_body"),
     ),
     "core/planar/control": Room(
         "the next pushes that bring an object to a pose, in closed loop",
@@ -208,7 +208,8 @@ ROOMS = {
         ("core/discrepancy", "core/effects", "core/friction", "core/inertia")
         + (_INERTIA + "batch", _INERTIA + "diagnosis", _INERTIA + "excitation")
         + (_INERTIA + "residuals", "core/rigid_body", "core/shape")
-        + ("core/planar/diagnosis", "export", "recording", "report"),
+        + ("core/planar/actions", "core/planar/diagnosis", "core/planar/mechanics")
+        + ("core/planar/properties", "export", "recording", "report"),
     ),
     "ros": Room(
         "what nodes share: shell, wire, conversions, parameters, diagnostics",

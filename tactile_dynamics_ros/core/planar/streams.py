@@ -14,6 +14,9 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+_USUAL_FORCE_STD, _USUAL_POINT_STD = 0.03, 3e-4
+"""Noise of force, N, and contact point, m, presumed where none is stated: of a good 3-axis pad and
+of a calibrated arm. Wrong ones are seen in the error and widen the intervals."""
 USUAL_POSE_STD = np.array([5e-4, 5e-4, 3e-3])
 """Noise of poses, m, m, rad, presumed where none is stated: of a tracker of markers. Larger hides
 what a model lacks, smaller invents it; a wrong one is seen in the error and widens intervals."""
@@ -77,6 +80,17 @@ class PushContact:
     point_std: float | None = None
     torque: Array | None = None
     link: int | None = None
+
+    @property
+    def presumed_force_std(self) -> Array:
+        """(3,) N of the force: as stated, or as usual."""
+        stated = self.force_std
+        return np.full(3, _USUAL_FORCE_STD) if stated is None else np.asarray(stated)
+
+    @property
+    def presumed_point_std(self) -> float:
+        """Noise per axis of where it acts, m: as stated, or as usual."""
+        return _USUAL_POINT_STD if self.point_std is None else self.point_std
 
     def between(self, start: float, stop: float) -> PushContact:
         """What was measured from start to stop, s."""

@@ -237,7 +237,7 @@ def _simulated(thing: PredictedObject, belief: Belief, candidates: Sequence[Cand
     com_height = np.full(_VARIANTS, thing.com_height)
     com_height[8] += _HEIGHT_STEP
     config = StepConfig(step=5e-3, rounds=3)
-    paths = np.repeat(np.stack([_path(c, config.step) for c in candidates]), _VARIANTS, axis=0)
+    paths = np.repeat(np.stack([path_of(c, config.step) for c in candidates]), _VARIANTS, axis=0)
     tangents = np.array([[-c.normal[1], c.normal[0]] for c in candidates])
     paths[6::_VARIANTS, :, :2] += _PLACE_STEP * tangents[:, None]
     tip = Tip(
@@ -246,7 +246,7 @@ def _simulated(thing: PredictedObject, belief: Belief, candidates: Sequence[Cand
         np.full(_VARIANTS * count, thing.tip_friction),
         stiffness=np.tile(stiffness, count),
     )
-    linkage = _linkage(thing, np.tile(variants, (count, 1)), np.tile(com_height, count))
+    linkage = believed(thing, np.tile(variants, (count, 1)), np.tile(com_height, count))
     return simulate(linkage, tip, np.zeros((_VARIANTS * count, 1, 3)), paths, config)
 
 
@@ -257,7 +257,7 @@ def _slides(twist: Array, thing: PredictedObject) -> Array:
     return np.asarray(speed > _SLIDING)[..., None]
 
 
-def _linkage(thing: PredictedObject, parameters: Array, com_height: Array) -> Linkage:
+def believed(thing: PredictedObject, parameters: Array, com_height: Array) -> Linkage:
     """Objects with parameters (B, 4) and heights (B,) of the centre of mass, m."""
     patch = SupportPatch(thing.outline, thing.points)
     count, mass = len(parameters), np.exp(parameters[:, 1])
@@ -278,7 +278,7 @@ def _linkage(thing: PredictedObject, parameters: Array, com_height: Array) -> Li
     )
 
 
-def _path(candidate: Candidate, step: float) -> Array:
+def path_of(candidate: Candidate, step: float) -> Array:
     """Poses (T, 3) of the tip's point: from rest to rest, and a little rest."""
     speed, hard = candidate.speed, candidate.acceleration
     ramp = speed / hard

@@ -33,9 +33,6 @@ by so much a force that is sampled once may be off. At 1 hard stops tell nothing
 _BEFORE, _AFTER = 0.15, 0.4
 """How long before a touch and after a release intervals are kept, s: what slides on at 0.3 m/s with
 a coefficient of 0.1 stops after 0.3 s. Longer only costs time."""
-_FORCE_STD, _POINT_STD = 0.03, 3e-4
-"""Noise of force, N, and contact point, m, that is presumed where none is stated: of a good 3-axis
-pad and of a calibrated arm. Wrong ones are seen in the error and widen the intervals."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,15 +155,9 @@ def _step(streams: PushedStreams) -> float:
     return max(_SHORTEST, *steps) if steps else _SHORTEST
 
 
-def force_std(contact: PushContact) -> Array:
-    """(3,) N of a contact, as stated or presumed."""
-    stated = contact.force_std
-    return np.full(3, _FORCE_STD) if stated is None else np.asarray(stated)
-
-
 def _touches(contact: PushContact) -> Mask:
     size = np.linalg.norm(contact.force, axis=1)
-    return np.asarray(size > _TOUCH * float(np.max(force_std(contact))))
+    return np.asarray(size > _TOUCH * float(np.max(contact.presumed_force_std)))
 
 
 def _spans(streams: PushedStreams, step: float) -> list[tuple[float, int]]:
@@ -201,7 +192,7 @@ def _inner(count: int) -> Mask:
 
 def _gather(contact: PushContact, time: Array, step: float) -> _Gathered:
     """Means of the force in the intervals around nodes, or lines between samples where few are."""
-    std = force_std(contact)
+    std = contact.presumed_force_std
     left = np.searchsorted(contact.time, time - 0.5 * step, side="left")
     right = np.searchsorted(contact.time, time + 0.5 * step, side="left")
     count = right - left
@@ -228,7 +219,7 @@ def _gather(contact: PushContact, time: Array, step: float) -> _Gathered:
         std[None, :2] ** 2 / np.maximum(count, 1)[:, None],
         point,
         normal,
-        _POINT_STD if contact.point_std is None else contact.point_std,
+        contact.presumed_point_std,
         value[:, 5] * known if contact.torque is not None else np.zeros(len(time)),
         known & (size > _TOUCH * float(np.max(std))),
         known,

@@ -1,0 +1,353 @@
+"""Is a recording of pushes fit for an estimate, and which pushes would make it so?"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, replace
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.api.checks import GOAL
+from tactile_dynamics_ros.api.result import Result, Rows
+from tactile_dynamics_ros.core.errors import TactileDynamicsError
+from tactile_dynamics_ros.core.inertia.excitation.addition import WORTH
+from tactile_dynamics_ros.core.planar.actions.continuation import continued
+from tactile_dynamics_ros.core.planar.actions.exploration import Choice, ExploreConfig, Explorer
+from tactile_dynamics_ros.core.planar.actions.information import (
+    Belief,
+    PredictedObject,
+    SensingConfig,
+)
+from tactile_dynamics_ros.core.planar.mechanics.outline import convex_hull
+from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
+from tactile_dynamics_ros.core.planar.properties.estimate import PushedEstimate, estimate
+from tactile_dynamics_ros.recording.rates import StreamRate
+
+Array = NDArray[np.float64]
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from tactile_dynamics_ros.recording.pushed import PushedRecording
+
+_LOST = 0.05
+"""Share of the time of poses in gaps from which that is a fault: what slides there tells nothing,
+and a twentieth costs as much of the recording."""
+_LATE, _CERTAIN = 5e-3, 5.0
+"""Difference of clocks, s, and standard deviations, from which it is a fault: smaller ones are
+estimated with everything else and are in the intervals."""
+_ADEQUATE = 1.3
+"""Error over the noise from which nothing is promised, as for held objects: what a push brings then
+depends on what the model lacks."""
+_FAST, _SLOW = 0.3, 0.1
+"""Speeds of pushes that are proposed, m/s: as fast as arms push where the mass is lacking, which
+only acceleration tells; else such that hardly any arm objects."""
+_MOST = 6
+"""Pushes that are proposed at most; a goal that takes more needs other sensors."""
+_SEED = 0
+"""Of the noise of the simulated push: the same recording gets the same answer."""
+
+
+class Found(Protocol):
+    """An estimate of one or two parts."""
+
+    @property
+    def undetermined(self) -> tuple[str, ...]:
+        """Names of what the recording does not tell."""
+
+    @property
+    def error(self) -> float:
+        """Whitened RMS, 1 where only noise remains."""
+
+    def to_document(self) -> dict[str, Any]:
+        """JSON of the estimate."""
+
+
+@dataclass(frozen=True)
+class Addition:
+    """A push to make as well, and what it would bring.
+
+    Attributes:
+        choice: the push. count: how many of its kind.
+        relative: (4,) standard deviation over size after them, as `PushedCheck.relative`.
+    """
+
+    choice: Choice
+    count: int
+    relative: tuple[float, ...]
+
+    @property
+    def many(self) -> str:
+        """How many pushes, in words."""
+        return "another push" if self.count == 1 else f"{self.count} such pushes"
+
+    @property
+    def words(self) -> str:
+        """How to make it, in the frame of the object."""
+        candidate = self.choice.candidate
+        x, y = 1e3 * candidate.point
+        heading = np.degrees(np.arctan2(*candidate.direction[::-1]))
+        return (
+            f"at ({x:.0f}, {y:.0f}) mm of its outline towards {heading:.0f} deg in its own frame, "
+            f"{candidate.speed:g} m/s over {1e3 * candidate.length:.0f} mm, and stop hard"
+        )
+
+    def to_json(self, pose: Array) -> dict[str, Any]:
+        """Plain numbers, with point and direction in the world."""
+        return {**self.choice.to_json(pose), "count": self.count}
+
+
+@dataclass(frozen=True)
+class PushedCheck(Result):
+    """What a recording of pushes tells, what is wrong with it, and which pushes to add.
+
+    Attributes:
+        recording: of one or two parts.
+        found: estimate from the recording as it is.
+        rates: of its streams.
+        faults: sentences on what makes estimates wrong.
+        remarks: sentences on what else should be known.
+        addition: push to make as well; None where nothing can be promised.
+        goal: standard deviation over size that is wanted; of the centre of mass over the radius
+            of gyration of the footprint.
+    """
+
+    recording: PushedRecording
+    found: Found
+    rates: tuple[StreamRate, ...]
+    faults: tuple[str, ...]
+    remarks: tuple[str, ...]
+    addition: Addition | None
+    goal: float = GOAL
+
+    @property
+    def relative(self) -> dict[str, float]:
+        """Standard deviation over size, by words for the parameter."""
+        shares = {}
+        links = self.found.to_document()["links"]
+        for k, link in enumerate(links):
+            of = f" of link_{k + 1}" if len(links) > 1 else ""
+            for name, words in (("friction_force_n", "friction force"), ("mass", "mass")):
+                shares[words + of] = float(link[name]["std"] / abs(link[name]["value"]))
+            reach = _reach(self.recording, k)
+            for axis, std in zip("xy", link["com"]["std"], strict=True):
+                shares[f"centre of mass along {axis}{of}"] = float(std / reach)
+        return shares
+
+    @property
+    def lacking(self) -> list[str]:
+        """Parameters that are not known as well as wanted."""
+        return [name for name, share in self.relative.items() if not share <= self.goal]
+
+    @property
+    def ready(self) -> bool:
+        """Whether nothing is wrong and everything is known as well as wanted."""
+        return not self.faults and not self.lacking
+
+    @property
+    def promised(self) -> dict[str, float]:
+        """`relative` after what is proposed; empty without it."""
+        if self.addition is None:
+            return {}
+        return dict(zip(self.relative, self.addition.relative, strict=True))
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the document of `check`."""
+        unknown = self.found.undetermined
+        pose = self.recording.streams.links[0].pose[-1]
+        return {
+            "ready": self.ready,
+            "goal": self.goal,
+            "duration_s": self.recording.duration,
+            "streams": [asdict(rate) for rate in self.rates],
+            "faults": list(self.faults),
+            "remarks": list(self.remarks),
+            "error": self.found.error,
+            "undetermined": list(unknown),
+            "parameters": {name: {"relative": share} for name, share in self.relative.items()},
+            "addition": self.addition and self.addition.to_json(pose),
+            "expected_relative": self.promised,
+        }
+
+    def headline(self) -> str:
+        """Return whether the recording is ready, and why not."""
+        source = self.recording.source
+        if self.ready:
+            return f"{source}: ready, every parameter is known to {self.goal:.0%} or better"
+        if self.faults:
+            return f"{source}: not ready, {self.faults[0]}"
+        return f"{source}: not ready, not known to {self.goal:.0%}: {', '.join(self.lacking)}"
+
+    def lines(self) -> list[str]:
+        """Return streams, faults, what is not known, and what to push as well."""
+        return [
+            f"{self.recording.source}: {self.recording.duration:.1f} s of pushes",
+            *(f"  {rate.words}" for rate in self.rates),
+            *(f"fault: {fault}" for fault in self.faults),
+            *(f"note: {remark}" for remark in self.remarks),
+            *(self._known(name) for name in self.lacking),
+            *self._proposal(),
+            "ready" if self.ready else "not ready",
+        ]
+
+    def rows(self) -> Rows:
+        """Return how well each parameter is known, now and after the proposed pushes."""
+        count = self.addition.count if self.addition else 0
+        head = ("parameter", "std over size", f"after {count} more pushes")
+        after = self.promised
+        return [
+            head,
+            *(
+                (name, f"{share:.1%}", f"{after[name]:.1%}" if after else "")
+                for name, share in self.relative.items()
+            ),
+        ]
+
+    def draw(self) -> Figure:
+        """Draw what is known now, after the proposed pushes, and what is wanted."""
+        from matplotlib.figure import Figure as NewFigure
+
+        figure = NewFigure(layout="constrained")
+        axes = figure.add_subplot()
+        shares = self.relative
+        axes.barh(list(shares), [100.0 * s for s in shares.values()], label="now")
+        if self.promised:
+            after = [100.0 * s for s in self.promised.values()]
+            axes.barh(list(shares), after, label="after what is proposed")
+        axes.axvline(100.0 * self.goal, label="wanted", color="black", linestyle="--")
+        axes.set_xlabel("standard deviation over size, %")
+        axes.legend()
+        return figure
+
+    def _known(self, name: str) -> str:
+        now = f"{name} is known to +- {100.0 * self.relative[name]:.2g} %"
+        after = self.promised.get(name, np.inf)
+        if self.addition is None:
+            return now
+        if after > WORTH * self.relative[name]:
+            return f"{now}; no push like this helps"
+        return f"{now}; {self.addition.many} would bring it to +- {100.0 * after:.2g} %"
+
+    def _proposal(self) -> list[str]:
+        return [f"push {self.addition.words}"] if self.addition else []
+
+
+def check_pushes(recording: PushedRecording, goal: float = GOAL) -> PushedCheck:
+    """Check a recording of a pushed object; see `PushedCheck`.
+
+    Raises:
+        BadInputError: nothing is touched while poses are known.
+        NotIdentifiableError: it slides too little, or the fit does not come to an end.
+    """
+    found = estimate(recording)
+    rates = _rates(recording)
+    faults = [
+        f"{rate.name}: {rate.lost_share:.0%} of the time is lost in {rate.gaps} gaps"
+        for rate in rates
+        if rate.lost_share > _LOST
+    ]
+    remarks = recording.problem_lines()
+    addition = None
+    if isinstance(found, PushedEstimate):
+        faults += _clock_faults(found)
+    if found.error > _ADEQUATE:
+        remarks.append(
+            f"the error is {found.error:.1f} times the noise: something acts that the model has "
+            "not, or the stated noise is too small; `diagnose` tells"
+        )
+    elif isinstance(found, PushedEstimate):
+        addition = _addition(recording, found, goal)
+    else:
+        remarks.append("of two parts no push is promised; `diagnose` tells which would part models")
+    return PushedCheck(recording, found, rates, tuple(faults), tuple(remarks), addition, goal)
+
+
+def _rates(recording: PushedRecording) -> tuple[StreamRate, ...]:
+    """Rates of poses with their gaps, and of forces, which pause between pushes."""
+    streams = recording.streams
+    many = len(streams.links) > 1
+    rates = [
+        StreamRate.of(f"pose of link_{k}" if many else "object's pose", link.time)
+        for k, link in enumerate(streams.links, 1)
+    ]
+    for name, contact in streams.contacts.items():
+        rate = StreamRate.of(f"force of {name} while it touches", contact.time)
+        rates.append(replace(rate, gaps=0, longest_gap_s=0.0, lost_share=0.0))
+    return tuple(rates)
+
+
+def _clock_faults(found: PushedEstimate) -> list[str]:
+    """Return a sentence if forces and poses seem to be stamped on clocks that differ."""
+    late, std = found.delay or (0.0, np.inf)
+    if abs(late) < max(_LATE, _CERTAIN * std):
+        return []
+    return [
+        f"the stamps of forces and poses seem to differ by {1e3 * late:.1f} +- {1e3 * std:.1f} ms "
+        "(effect time_offset); `diagnose` tells whether it is the clocks"
+    ]
+
+
+def _addition(recording: PushedRecording, found: PushedEstimate, goal: float) -> Addition | None:
+    """Return the push that tells most of what is lacking; None if nothing lacks or tells."""
+    streams, reach = recording.streams, _reach(recording, 0)
+    size = np.array([1.0, 1.0, reach, reach])
+    masses = found.covariance[1, 1] > goal**2
+    config = ExploreConfig(
+        speeds=(_FAST if masses else _SLOW,),
+        least=1,
+        product=goal,
+        mass=goal,
+        com=float(np.clip(goal * reach, 1e-4, 0.1)),
+    )
+    thing = _thing(recording)
+    explorer = Explorer(thing, config, _sensing(recording))
+    force, mass = (found.values[name][0] for name in ("friction_force_n", "mass"))
+    com = [found.values[name][0] for name in ("com_x", "com_y")]
+    mean = np.array([np.log(force / -streams.gravity[2]), np.log(mass), *com])
+    belief = Belief(mean, found.covariance)
+    choice = explorer.choose(belief, streams.links[0].pose[-1])
+    if isinstance(choice, str):
+        return None
+    longer = continued(streams, thing, belief, choice.candidate, np.random.default_rng(_SEED))
+    try:
+        after = estimate(longer)
+    except TactileDynamicsError:
+        return None
+    assert isinstance(after, PushedEstimate)
+    now, then = (np.sqrt(np.diag(e.covariance)) / size for e in (found, after))
+    gained = np.maximum(then**-2.0 - now**-2.0, 0.0)
+    lacking = now > goal
+    with np.errstate(divide="ignore"):
+        wanted = np.ceil((goal**-2.0 - now**-2.0) / gained)[lacking]
+    count = int(min(np.max(wanted, initial=1.0), _MOST))
+    std = (now**-2.0 + count * gained) ** -0.5
+    return Addition(choice, count, tuple(float(s) for s in std))
+
+
+def _thing(recording: PushedRecording) -> PredictedObject:
+    streams = recording.streams
+    outline = convex_hull(np.asarray(streams.links[0].footprint, dtype=float))
+    height = float(np.median(np.concatenate([c.point[:, 2] for c in streams.contacts.values()])))
+    com_height = streams.com_height[0] if streams.com_height is not None else height
+    return PredictedObject(outline, push_height=height, com_height=com_height)
+
+
+def _sensing(recording: PushedRecording) -> SensingConfig:
+    """Rates as they are in the recording; noise of poses as it is stated, or usual."""
+    streams = recording.streams
+    link = streams.links[0]
+    rate = max(StreamRate.of("", c.time).rate_hz for c in streams.contacts.values())
+    std = link.presumed_pose_std
+    return SensingConfig(
+        force_rate_hz=rate,
+        pose_rate_hz=StreamRate.of("", link.time).rate_hz,
+        pose_std=float(std[0]),
+        turn_std=float(std[2]),
+    )
+
+
+def _reach(recording: PushedRecording, link: int) -> float:
+    """Radius of gyration of a part's footprint, m."""
+    outline = np.asarray(recording.streams.links[link].footprint, dtype=float)
+    return float(np.sqrt(SupportPatch(outline).gyration))
