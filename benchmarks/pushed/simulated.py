@@ -81,6 +81,7 @@ def _row(hidden: pushed.HiddenPush) -> dict[str, Any]:
         "mean_force": peers[0] / truth["friction_force_n"] - 1.0,
         "balance_product": peers[1] / truth["friction_force_n"] - 1.0,
         "balance_mass": peers[2] / truth["mass"] - 1.0,
+        "ellipsoid_com_m": float(np.linalg.norm(_ellipsoid_centre(hidden.streams) - truth["com"])),
         "centroid_m": float(np.hypot(*truth["com"])),
     }
     start = time.process_time()
@@ -125,8 +126,27 @@ def _peers(streams: PushedStreams) -> tuple[float, float, float]:
     return middle, float(product), float(mass)
 
 
+def _ellipsoid_centre(streams: PushedStreams) -> Array:
+    """Centre of mass (2,), m, of an ellipsoid limit surface, by least squares while sliding.
+
+    Force and velocity of the centre of friction are parallel: f x (v + omega x R c) = 0, with v of
+    the frame's origin; the centre of friction is taken for that of mass, as nothing tips.
+    Source: Lynch, Maekawa, Tanie 1992.
+    """
+    link, contact = streams.links[0], next(iter(streams.contacts.values()))
+    velocity, _ = _differentiated(link.time, link.pose, contact.time)
+    yaw = np.interp(contact.time, link.time, link.pose[:, 2])
+    force, sliding = contact.force[:, :2], np.linalg.norm(velocity[:, :2], axis=1) > 0.015
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    turns = np.stack([np.column_stack([-sin, -cos]), np.column_stack([cos, -sin])], axis=1)
+    moved = velocity[:, 2, None, None] * turns
+    columns = force[:, :1] * moved[:, 1] - force[:, 1:] * moved[:, 0]
+    lack = force[:, 1] * velocity[:, 0] - force[:, 0] * velocity[:, 1]
+    return np.asarray(np.linalg.lstsq(columns[sliding], lack[sliding], rcond=None)[0])
+
+
 def _differentiated(time_of: Array, place: Array, at: Array) -> tuple[Array, Array]:
-    velocity, acceleration = np.zeros((len(at), 2)), np.zeros((len(at), 2))
+    velocity, acceleration = np.zeros((2, len(at), place.shape[1]))
     for k, now in enumerate(at):
         near = np.abs(time_of - now) < _WINDOW
         if near.sum() < 4:
@@ -140,8 +160,8 @@ def table(found: dict[str, Any]) -> str:
     """Medians of errors, shares of intervals that hold, what was called undetermined, peers."""
     head = (
         "| pushes | n | product % | CoM mm | mass % | 90 % hold: product, CoM, mass | largest z "
-        "| mass undetermined | refused | mean force % | balance: product, mass % | centroid mm "
-        "| cpu s | bound: product %, CoM mm, mass % |"
+        "| mass undetermined | refused | mean force % | balance: product, mass % "
+        "| centroid, ellipsoid mm | cpu s | bound: product %, CoM mm, mass % |"
     )
     lines = [head, "|" + "---|" * (head.count("|") - 1)]
     lines += [_line(name, rows) for name, rows in found.items()]
@@ -178,7 +198,8 @@ def _line(name: str, rows: list[dict[str, Any]]) -> str:
         refused,
         f"{100 * median(lambda r: r['mean_force'], rows):.1f}",
         balance,
-        f"{1e3 * median(lambda r: r['centroid_m'], rows):.1f}",
+        f"{1e3 * median(lambda r: r['centroid_m'], rows):.1f}, "
+        f"{1e3 * median(lambda r: r['ellipsoid_com_m'], rows):.1f}",
         f"{median(lambda r: r['cpu_s'], rows):.1f}",
         _bound([row["bound"] for row in rows if "bound" in row]),
     ]
