@@ -43,7 +43,7 @@ move estimates by less than their intervals."""
 _EXPLAINED = 0.9
 """Share of the error beyond noise that an offset of clocks must explain to be believed, as the one
 effect of a diagnosis. Lower blames a drag, which looks a little like a delay, on the clocks."""
-_ADEQUATE = 1.3
+ADEQUATE = 1.3
 """Error over the noise from which it is said that the model lacks something, as in reports, and
 from which nothing is promised: what a motion brings then depends on what is lacking."""
 
@@ -175,7 +175,7 @@ class Check(Result):
     @property
     def promises(self) -> bool:
         """Whether the model fits, so that what a motion brings can be told."""
-        return self.estimate.found.error.whitened_rms <= _ADEQUATE
+        return self.estimate.found.error.whitened_rms <= ADEQUATE
 
     def _promised(self, addition: Addition, name: str | None = None) -> float:
         """Expected standard deviation over size after a motion."""
@@ -191,7 +191,7 @@ def check_recording(recording: Recording, goal: float = GOAL) -> Check:
 
     found = Estimate(recording, estimate(recording))
     rates = tuple(stream_rates(recording.streams))
-    faults = _lost_faults(rates) + _clock_faults(found) + _unit_faults(found)
+    faults = lost_faults(rates) + _clock_faults(found) + _unit_faults(found)
     return Check(found, rates, tuple(faults), tuple(_remarks(found)), _additions(found, goal), goal)
 
 
@@ -205,7 +205,8 @@ def describe_parameter(name: str) -> str:
     return f"inertia about {axes[0]}" if axes[0] == axes[1] else f"product of inertia {axes}"
 
 
-def _lost_faults(rates: tuple[StreamRate, ...]) -> list[str]:
+def lost_faults(rates: tuple[StreamRate, ...]) -> list[str]:
+    """Return a sentence on each stream that lost too much of its time in gaps."""
     return [
         f"{rate.name}: {rate.lost_share:.0%} of the time is lost in {rate.gaps} gaps"
         for rate in rates
@@ -251,7 +252,7 @@ def _unit_faults(found: Estimate) -> list[str]:
 def _remarks(found: Estimate) -> list[str]:
     error = found.found.error.whitened_rms
     lines = found.recording.problem_lines()
-    if _ADEQUATE < error <= GROSS_MISFIT:
+    if ADEQUATE < error <= GROSS_MISFIT:
         lines.append(
             f"the error is {error:.1f} times the noise: something acts that a rigid body "
             "has not, or the stated noise is too small; `diagnose` tells"
@@ -261,7 +262,7 @@ def _remarks(found: Estimate) -> list[str]:
 
 def _additions(found: Estimate, goal: float) -> tuple[Addition, ...]:
     """Return motions to record as well; none where nothing can be promised."""
-    if found.found.error.whitened_rms > _ADEQUATE:
+    if found.found.error.whitened_rms > ADEQUATE:
         return ()
     try:
         held = Continuation.of(found.recording.streams, found.model)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.api.checks import GOAL
+from tactile_dynamics_ros.api.checks import ADEQUATE, GOAL, lost_faults
 from tactile_dynamics_ros.api.result import Result, Rows
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
 from tactile_dynamics_ros.core.inertia.excitation.addition import WORTH
@@ -31,15 +31,9 @@ if TYPE_CHECKING:
 
     from tactile_dynamics_ros.recording.pushed import PushedRecording
 
-_LOST = 0.05
-"""Share of the time of poses in gaps from which that is a fault: what slides there tells nothing,
-and a twentieth costs as much of the recording."""
 _LATE, _CERTAIN = 5e-3, 5.0
 """Difference of clocks, s, and standard deviations, from which it is a fault: smaller ones are
 estimated with everything else and are in the intervals."""
-_ADEQUATE = 1.3
-"""Error over the noise from which nothing is promised, as for held objects: what a push brings then
-depends on what the model lacks."""
 _FAST, _SLOW = 0.3, 0.1
 """Speeds of pushes that are proposed, m/s: as fast as arms push where the mass is lacking, which
 only acceleration tells; else such that hardly any arm objects."""
@@ -242,16 +236,12 @@ def check_pushes(recording: PushedRecording, goal: float = GOAL) -> PushedCheck:
     """
     found = estimate(recording)
     rates = _rates(recording)
-    faults = [
-        f"{rate.name}: {rate.lost_share:.0%} of the time is lost in {rate.gaps} gaps"
-        for rate in rates
-        if rate.lost_share > _LOST
-    ]
+    faults = lost_faults(rates)
     remarks = recording.problem_lines()
     addition = None
     if isinstance(found, PushedEstimate):
         faults += _clock_faults(found)
-    if found.error > _ADEQUATE:
+    if found.error > ADEQUATE:
         remarks.append(
             f"the error is {found.error:.1f} times the noise: something acts that the model has "
             "not, or the stated noise is too small; `diagnose` tells"

@@ -11,7 +11,9 @@ from geometry_msgs.msg import (
     Vector3Stamped,
     WrenchStamped,
 )
+from rclpy.executors import SingleThreadedExecutor
 from sensor_msgs.msg import Image, JointState
+from std_srvs.srv import Trigger
 
 
 def kind_of(topic, message):
@@ -44,6 +46,19 @@ class Bench:
             rclpy.init(args=["--ros-args", *arguments] if arguments else [])
         self.nodes.append(factory())
         return self.nodes[-1]
+
+    def trigger(self, node, service, timeout):
+        """Call a service of a node and return the answer; messages go on meanwhile."""
+        executor = SingleThreadedExecutor()
+        executor.add_node(node)
+        future = node.create_client(Trigger, service).call_async(Trigger.Request())
+
+        def answered():
+            executor.spin_once(timeout_sec=0.0)
+            return future.done()
+
+        self.until(answered, timeout=timeout)
+        return future.result()
 
     def follow(self, kind, topic, **options):
         """Collect the messages of a topic."""

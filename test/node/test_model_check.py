@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
-from rclpy.executors import SingleThreadedExecutor
 from std_msgs.msg import Float64
-from std_srvs.srv import Trigger
 from synthetic_recording import held_box
 from test_inertial_estimator import play
 
@@ -52,17 +50,8 @@ def test_diagnosis_answers_while_messages_go_on(checker):
     streams = held_box(seconds=6.0).streams
     play(checker, streams)
     node = checker.nodes[0]
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
-    client = node.create_client(Trigger, "/model_check/diagnose")
-    future = client.call_async(Trigger.Request())
-
-    def answered():
-        executor.spin_once(timeout_sec=0.0)
-        return future.done()
-
-    checker.until(answered, timeout=120.0)
-    document = json.loads(future.result().message)
+    answer = checker.trigger(node, "/model_check/diagnose", timeout=120.0)
+    document = json.loads(answer.message)
     assert document["verdict"] == "adequate"
     assert document["effect"] is None
     assert np.isfinite(document["error"]["before"])

@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PolygonStamped
-from rclpy.executors import SingleThreadedExecutor
-from std_srvs.srv import Trigger
 
 from benchmarks.pushed import linked
 from tactile_dynamics_ros.nodes.model_check import ModelCheckNode
@@ -64,17 +62,7 @@ def tell_pair(bench, node, streams):
 
 def ask(bench, node):
     """The answer of /model_check/diagnose."""
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
-    client = node.create_client(Trigger, "/model_check/diagnose")
-    future = client.call_async(Trigger.Request())
-
-    def answered():
-        executor.spin_once(timeout_sec=0.0)
-        return future.done()
-
-    bench.until(answered, timeout=400.0)
-    return future.result()
+    return bench.trigger(node, "/model_check/diagnose", timeout=400.0)
 
 
 def test_what_cannot_be_told_is_refused_with_the_push_that_would_tell(bench, node):

@@ -118,3 +118,25 @@ class PushEffect(ABC):
         """Whether parameters are such that the effect can exist."""
         least = np.array([parameter.least for parameter in self.parameters])
         return bool(np.all(theta >= least))
+
+
+class WrappedEffect(PushEffect):
+    """Another effect under a condition: what spans it and what can exist is as without.
+
+    Attributes:
+        inner: the effect.
+    """
+
+    inner: PushEffect
+
+    def family_thetas(self) -> Array | None:
+        """Those of the inner effect."""
+        return self.inner.family_thetas()
+
+    def guess(self, coefficients: Array) -> Array:
+        """That of the inner effect."""
+        return self.inner.guess(coefficients)
+
+    def is_possible(self, theta: Array) -> bool:
+        """Whether the inner effect can exist."""
+        return self.inner.is_possible(theta)

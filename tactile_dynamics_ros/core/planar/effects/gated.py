@@ -11,7 +11,7 @@ from scipy.stats import norm
 from tactile_dynamics_ros.core.effects.parameter import EffectParameter
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.numerics.regime import Gate, Regime
-from tactile_dynamics_ros.core.planar.effects.effect import PushEffect
+from tactile_dynamics_ros.core.planar.effects.effect import PushEffect, WrappedEffect
 from tactile_dynamics_ros.core.planar.effects.situation import PlanarMotion
 
 Array = NDArray[np.float64]
@@ -26,7 +26,7 @@ _COPIED = ("family", "formula", "looks_like", "sentence", "remedy", "lasting", "
 out has the value of `PushEffect`."""
 
 
-class GatedPushEffect(PushEffect):
+class GatedPushEffect(WrappedEffect):
     """Another effect where its regime holds, nothing elsewhere; see `gate_push_effect`.
 
     What the table does acts under the part of the footprint that lies in the regime: for points
@@ -37,7 +37,6 @@ class GatedPushEffect(PushEffect):
         regime: where it acts.
     """
 
-    inner: PushEffect
     regime: Regime
 
     def __init__(self, inner: PushEffect, regime: Regime) -> None:
@@ -69,18 +68,6 @@ class GatedPushEffect(PushEffect):
         """That of the inner effect inside."""
         found = self.inner.wrench(motion, theta)
         return None if found is None else np.asarray(self.share(motion)[:, None] * found)
-
-    def family_thetas(self) -> Array | None:
-        """Those of the inner effect."""
-        return self.inner.family_thetas()
-
-    def guess(self, coefficients: Array) -> Array:
-        """That of the inner effect."""
-        return self.inner.guess(coefficients)
-
-    def is_possible(self, theta: Array) -> bool:
-        """Whether the inner effect can exist."""
-        return self.inner.is_possible(theta)
 
     def share(self, motion: PlanarMotion) -> Array:
         """(R,) share of the effect that acts, 0 to 1."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.effects.parameter import EffectParameter
 from tactile_dynamics_ros.core.planar.effects.acting import Acting
-from tactile_dynamics_ros.core.planar.effects.effect import PushEffect
+from tactile_dynamics_ros.core.planar.effects.effect import PushEffect, WrappedEffect
 from tactile_dynamics_ros.core.planar.effects.situation import PlanarMotion, Situation
 
 Array = NDArray[np.float64]
@@ -24,7 +24,7 @@ _COPIED = ("name", "family", "formula", "looks_like", "remedy", "sudden")
 of `PushEffect`."""
 
 
-class PartEffect(PushEffect):
+class PartEffect(WrappedEffect):
     """Another effect on one part of two, nothing on the other; see `on_part`.
 
     The two equations of a joint feel it through the balance of that part.
@@ -34,7 +34,6 @@ class PartEffect(PushEffect):
         part: 0 or 1.
     """
 
-    inner: PushEffect
     part: int
 
     def __init__(self, inner: PushEffect, part: int) -> None:
@@ -64,18 +63,6 @@ class PartEffect(PushEffect):
     def wrench(self, motion: PlanarMotion, theta: Array) -> Array | None:
         """That of the inner effect; asked of its own part only."""
         return self.inner.wrench(motion, theta)
-
-    def family_thetas(self) -> Array | None:
-        """Those of the inner effect."""
-        return self.inner.family_thetas()
-
-    def guess(self, coefficients: Array) -> Array:
-        """That of the inner effect."""
-        return self.inner.guess(coefficients)
-
-    def is_possible(self, theta: Array) -> bool:
-        """Whether the inner effect can exist."""
-        return self.inner.is_possible(theta)
 
 
 def on_part(effect: PushEffect, part: int) -> PartEffect:

@@ -298,16 +298,18 @@ def _staged(
     if model.known is not None:
         common[:4] = model.known[0]
     start, found, first = nodes, None, model.mask
+
+    def judged(nodes: Array) -> PushModel:
+        return replace(model, mask=first & sliding(model.intervals, model.patch, nodes))
+
     for stage, most in enumerate(iterations):
         if stage in masked:
-            model = replace(model, mask=first & sliding(model.intervals, model.patch, nodes))
+            model = judged(nodes)
         sharp = _sharpness(model, start, stage, _FIRST_VARIATION)
         found = _minimised(model, nodes, common, sharp, most)
         nodes, common = found.nodes, found.common
     assert found is not None
-    if len(iterations) in masked:
-        model = replace(model, mask=first & sliding(model.intervals, model.patch, nodes))
-    return model, found
+    return judged(nodes) if len(iterations) in masked else model, found
 
 
 def final_sharpness(model: PushModel, nodes: Array, variation: float) -> Sharpness:
