@@ -47,7 +47,7 @@ def test_innovations_of_a_right_model_are_white(model):
 
 def test_the_same_change_under_all_points_is_more_friction(model):
     balance, motion, common = model.fit.model.balance, model.pushes.kinematics, model.fit.common
-    slip = model._sharp.slip
+    slip = model.linear.sharp.slip
     everywhere = np.ones(balance.feet(motion).shape[:2])
     told = balance.lack_by_shares(motion, common, slip, [everywhere])[:, :, 0]
     friction = balance.linear_friction(motion, common, slip)
@@ -60,8 +60,8 @@ def test_a_slope_acts_under_each_point_of_the_object(model):
     """The effect, whose points share one factor and a centre, does what each point does alone."""
     balance, motion, common = model.fit.model.balance, model.pushes.kinematics, model.fit.common
     feet = balance.feet(motion) - balance.middle
-    told = balance.lack_by_shares(motion, common, model._sharp.slip, feet.transpose(2, 0, 1))
-    effect, noise = model.effect_named(SLOPE), model.fit.model.noise(model._sharp.floor)
+    told = balance.lack_by_shares(motion, common, model.linear.sharp.slip, feet.transpose(2, 0, 1))
+    effect, noise = model.effect_named(SLOPE), model.fit.model.noise(model.linear.sharp.floor)
     made, _ = model._spanned(effect)
     made = made[model.fit.model.middle] * noise[:, :, None]
     assert np.linalg.norm(made - told) < 0.15 * np.linalg.norm(told)
@@ -69,7 +69,7 @@ def test_a_slope_acts_under_each_point_of_the_object(model):
 
 
 def test_what_a_field_may_do_is_no_evidence_for_a_slope(model):
-    uneven = replace(model, table=Table(model.table.along, 2.0, 0.1))
+    uneven = model.on_table(Table(model.table.along, 2.0, 0.1))
     told = [np.linalg.norm(m.families_of(SLOPE)[0].columns) for m in (model, uneven)]
     assert told[1] < 0.7 * told[0]
     noise = uneven.draw_noise(np.random.default_rng(1))
@@ -78,30 +78,30 @@ def test_what_a_field_may_do_is_no_evidence_for_a_slope(model):
 
 
 def test_a_slope_that_a_field_could_be_is_named_with_it(model):
-    alike = replace(model, table=Table(0.003, imitating=0.05))
+    alike = model.on_table(Table(0.003, imitating=0.05))
     assert alike.imitators(SLOPE) == (VARIATION,)
     assert alike.imitators("support_tilt") == ()
-    assert replace(model, table=Table(0.003)).imitators(SLOPE) == ()
+    assert model.on_table(Table(0.003)).imitators(SLOPE) == ()
     assert "push over more of the table" in alike.plan_against([])["description"]
 
 
 def test_a_slope_is_as_uncertain_as_the_field_that_may_make_it(model):
-    even = replace(model, table=Table(model.table.along))
+    even = model.on_table(Table(model.table.along))
     sloped = even.fitted_from((model.effect_named(SLOPE),), (np.zeros(2),))
-    alike = replace(sloped, table=replace(sloped.table, imitating=0.05, length=0.1))
+    alike = sloped.on_table(replace(sloped.table, imitating=0.05, length=0.1))
     told = [one.parameters()[SLOPE]["g_x"]["std"] for one in (sloped, alike)]
     assert told[1] > told[0]
-    double = replace(alike, table=replace(alike.table, imitating=0.1)).parameters()
+    double = alike.on_table(replace(alike.table, imitating=0.1)).parameters()
     added = [np.sqrt(std**2 - told[0] ** 2) for std in (told[1], double[SLOPE]["g_x"]["std"])]
     assert added[1] == pytest.approx(2.0 * added[0], rel=1e-3)
 
 
 def test_beside_a_field_the_slope_is_told_that_looks_the_same(model):
-    uneven = replace(model, table=Table(model.table.along, 0.05, 0.03))
+    uneven = model.on_table(Table(model.table.along, 0.05, 0.03))
     told = re.search(
         r"A slope of up to (\S+) per metre would look the same: push over", uneven.remark
     )
-    wider = replace(model, table=Table(model.table.along, 0.14, 0.1)).remark
+    wider = model.on_table(Table(model.table.along, 0.14, 0.1)).remark
     more = re.search(r"A slope of up to (\S+) per metre", wider)
     assert 0.0 < float(told[1]) < float(more[1]) < 5.0
     assert model.remark == ""
@@ -110,7 +110,7 @@ def test_beside_a_field_the_slope_is_told_that_looks_the_same(model):
 def test_what_is_clearly_likelier_in_a_regime_is_named_beside_what_acts_everywhere(model):
     film = "viscous_support[y>0.2]"
     table = replace(model.table, regional=film)
-    wet = replace(model, table=table)
+    wet = model.on_table(table)
     assert wet.imitators("support_tilt") == (film,)
     assert wet.imitators("viscous_support") == ()
     assert wet.imitators(film) == ()

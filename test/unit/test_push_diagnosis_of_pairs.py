@@ -10,6 +10,7 @@ from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 from tactile_dynamics_ros.core.planar.diagnosis import two_parts
 from tactile_dynamics_ros.core.planar.diagnosis.discrepancy_model import PushDiscrepancy
 from tactile_dynamics_ros.core.planar.diagnosis.innovations import Innovations
+from tactile_dynamics_ros.core.planar.diagnosis.linearisation import Linearisation
 from tactile_dynamics_ros.core.planar.diagnosis.separating_push import plan_push
 from tactile_dynamics_ros.core.planar.diagnosis.two_parts import TwoParts
 from tactile_dynamics_ros.core.planar.diagnosis.variation import Table
@@ -37,7 +38,8 @@ def _model(kind, fit):
     [made] = pushed.generate([107], {}, options)
     pushes = TwoParts(with_expected_force(fit(Pair.of_streams(made.streams))))
     values = pushes.common[pushes.own]
-    return PushDiscrepancy(pushes, values, (), (), pushes.catalogue, Table(0.003)).settled()
+    linear = Linearisation(pushes, Table(0.003))
+    return PushDiscrepancy(linear, values, (), (), pushes.catalogue).settled()
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +61,7 @@ def model(request):
 
 
 def test_innovations_of_both_parts_are_white(model):
-    white = model.residual.reshape(len(model._filter.order), 6)
+    white = model.residual.reshape(len(model.linear.filter.order), 6)
     assert np.sqrt(np.mean(white**2)) == pytest.approx(1.0, abs=0.12)
     rho = np.mean(white[1:] * white[:-1], axis=0) / np.mean(white**2, axis=0)
     assert np.max(np.abs(rho)) < 4.0 / np.sqrt(len(white))
@@ -68,9 +70,9 @@ def test_innovations_of_both_parts_are_white(model):
 
 
 def test_a_pose_without_a_fellow_is_used_and_not_judged(rigid):
-    rows = rigid._rows
+    rows = rigid.linear.rows
     second = np.flatnonzero(rows.poses.part == 1)
-    order = rigid._filter.order
+    order = rigid.linear.filter.order
     gone = order[len(order) // 2, 1]
     kept = np.setdiff1d(np.arange(len(rows.poses.time)), [gone])
     names = rows.poses.__dataclass_fields__
@@ -117,11 +119,11 @@ def test_a_pull_at_one_part_is_felt_by_its_own_balance(jointed, part):
     pushes, [pull] = jointed.pushes, PUSHED.create_all(["constant_pull"])
     common, force = pushes.common, np.array([0.3, -0.2])
     theta = [*force, 0.0, 0.0]
-    change = pushes.lack(np.append(common, theta), (on_part(pull, part),), jointed._friction)
-    change -= pushes.lack(common, (), jointed._friction)
+    change = pushes.lack(np.append(common, theta), (on_part(pull, part),), jointed.linear.friction)
+    change -= pushes.lack(common, (), jointed.linear.friction)
     np.testing.assert_allclose(change[:, :2], np.tile(-force, (len(change), 1)), atol=1e-9)
     model = pushes.fit.model
-    body = model.pressed(pushes.kinematics, common, jointed._friction)[part]
+    body = model.pressed(pushes.kinematics, common, jointed.linear.friction)[part]
     centre = body.part.pose[:, :2] + body.part.place(body.patch.centroid)
     arm = centre - model.intervals.point[pushes.middle, :2] - common[15:17]
     np.testing.assert_allclose(change[:, 2], -(arm[:, 0] * -0.2 - arm[:, 1] * 0.3), atol=1e-9)
@@ -138,16 +140,16 @@ def test_a_load_on_one_part_is_more_mass_and_friction_of_it_from_its_time_on(joi
     pushes, [load] = jointed.pushes, PUSHED.create_all(["load_change"])
     time = pushes.intervals.time[pushes.middle]
     effect, common = on_part(load, part).from_time(float(np.median(time))), pushes.common
-    found = pushes.lack(np.append(common, [0.3, 0.004, 0.0]), (effect,), jointed._friction)
+    found = pushes.lack(np.append(common, [0.3, 0.004, 0.0]), (effect,), jointed.linear.friction)
     heavier = common.copy()
     names = [f"ln_product_{part + 1}", f"ln_mass_{part + 1}"]
     heavier[[pushes.names.index(name) for name in names]] += np.log(1.3)
     heavier[pushes.names.index(f"com_x_{part + 1}")] += 0.004
     after = time >= effect.start
     assert 10 < after.sum() < len(after) - 10
-    expected = pushes.lack(heavier, (), jointed._friction)
+    expected = pushes.lack(heavier, (), jointed.linear.friction)
     np.testing.assert_allclose(found[after], expected[after], atol=1e-9)
-    before = pushes.lack(common, (), jointed._friction)
+    before = pushes.lack(common, (), jointed.linear.friction)
     np.testing.assert_allclose(found[~after], before[~after], atol=1e-9)
 
 
@@ -170,7 +172,7 @@ def test_an_effect_on_one_part_survives_a_pickle_and_tells_its_part(jointed):
 
 
 def test_the_same_change_under_all_points_is_more_friction_of_each_part(model):
-    pushes, sharp = model.pushes, model._sharp
+    pushes, sharp = model.pushes, model.linear.sharp
     friction, motion = pushes.friction(sharp), pushes.kinematics
     everywhere = np.ones(pushes.feet().shape[:2])
     told = pushes.lack_by_shares(sharp, [everywhere])[:, :, 0]
@@ -187,8 +189,8 @@ def test_a_lean_pulls_at_the_mass_of_each_part(model):
     pushes = model.pushes
     [effect] = PUSHED.create_all(["support_tilt"])
     there = np.append(pushes.common, [0.0, 1e-3])
-    change = pushes.lack(there, (effect,), model._friction)
-    change -= pushes.lack(pushes.common, (), model._friction)
+    change = pushes.lack(there, (effect,), model.linear.friction)
+    change -= pushes.lack(pushes.common, (), model.linear.friction)
     mass = sum(np.exp(pushes.common[place]) for _, place in pushes.frictions)
     np.testing.assert_allclose(change[:, 1], -mass * 9.81e-3, rtol=0.02)
 
@@ -196,10 +198,10 @@ def test_a_lean_pulls_at_the_mass_of_each_part(model):
 def test_a_film_under_both_parts_resists_each_by_its_area(jointed):
     pushes = jointed.pushes
     [effect] = PUSHED.create_all(["viscous_support"])
-    change = pushes.lack(np.append(pushes.common, 1.0), (effect,), jointed._friction)
-    change -= pushes.lack(pushes.common, (), jointed._friction)
+    change = pushes.lack(np.append(pushes.common, 1.0), (effect,), jointed.linear.friction)
+    change -= pushes.lack(pushes.common, (), jointed.linear.friction)
     model = pushes.fit.model
-    pressed = model.pressed(pushes.kinematics, pushes.common, jointed._friction)
+    pressed = model.pressed(pushes.kinematics, pushes.common, jointed.linear.friction)
     speeds = [body.part.velocity_of(body.patch.centroid) for body in pressed]
     outlines = [(body.patch.outline, np.roll(body.patch.outline, -1, axis=0)) for body in pressed]
     areas = np.array([abs(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])) for a, b in outlines])

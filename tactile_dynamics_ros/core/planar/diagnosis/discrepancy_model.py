@@ -25,9 +25,8 @@ from tactile_dynamics_ros.core.planar.diagnosis.conditions import (
     push_residuals,
 )
 from tactile_dynamics_ros.core.planar.diagnosis.fitted import FRICTION_SPREAD, FittedPushes
-from tactile_dynamics_ros.core.planar.diagnosis.innovations import Innovations
+from tactile_dynamics_ros.core.planar.diagnosis.linearisation import Linearisation
 from tactile_dynamics_ros.core.planar.diagnosis.one_part import OnePart
-from tactile_dynamics_ros.core.planar.diagnosis.rows import PushRows
 from tactile_dynamics_ros.core.planar.diagnosis.separating_push import (
     Predict,
     plan_push,
@@ -38,7 +37,6 @@ from tactile_dynamics_ros.core.planar.diagnosis.variation import (
     SLOPE,
     VARIATION,
     Table,
-    field_rows,
     hidden_slope,
     likeliest_table,
 )
@@ -48,11 +46,7 @@ from tactile_dynamics_ros.core.planar.effects.gated import can_be_gated
 from tactile_dynamics_ros.core.planar.effects.regional import plain_name
 from tactile_dynamics_ros.core.planar.effects.registry import PUSHED
 from tactile_dynamics_ros.core.planar.properties.linked_fit import PairFit
-from tactile_dynamics_ros.core.planar.properties.push_model import (
-    USUAL_FRICTION,
-    PushFit,
-    Sharpness,
-)
+from tactile_dynamics_ros.core.planar.properties.push_model import USUAL_FRICTION, PushFit
 from tactile_dynamics_ros.core.planar.streams import PushedStreams
 
 Array = NDArray[np.float64]
@@ -60,12 +54,6 @@ Array = NDArray[np.float64]
 _LARGEST_GUESS = 1.5
 """Largest start of an effect's parameter, in standard deviations of its prior: linear forms
 overshoot where an effect is large. At 3 some fits began where friction is negative."""
-_OF_WHITENING = (
-    *("_sharp", "_rows", "_filter", "_lasting"),
-    *("_spread", "_at_fit", "_friction"),
-)
-"""What is computed of the linearisation alone, and handed on to models at the same whitening; what
-is left out is computed again, at half a second each."""
 _LEAST_JUDGED = 30
 """Poses while the object slides from which a model is judged: three stretches of the ten samples in
 which bursts are looked for. With fewer anything is adequate."""
@@ -84,19 +72,18 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
     those before it and to the forces.
 
     Attributes:
-        pushes: motion and common numbers at which the rows were linearised; with all effects.
+        linear: motion and common numbers at which the rows were linearised, with all effects, and
+            the table by which residuals are made white.
         values: (q,) own parameters.
         effects: of the model. theta: their parameters.
         catalogue: names of the effects that may be tried.
-        table: how friction differs from place to place, by which residuals are made white.
     """
 
-    pushes: FittedPushes
+    linear: Linearisation
     values: Array
     effects: tuple[PushEffect, ...]
     theta: tuple[Array, ...]
     catalogue: tuple[str, ...]
-    table: Table
 
     @classmethod
     def of_streams(cls, streams: PushedStreams, names: Sequence[str] = ()) -> PushDiscrepancy:
@@ -111,18 +98,32 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
         kind = OnePart if len(streams.links) == 1 else TwoParts
         pushes = kind.of_streams(streams, PUSHED.create_all(names))
         values, theta = _split(pushes)
-        table = Table(pushes.variation)
-        model = cls(pushes, values, pushes.effects, theta, pushes.catalogue, table)
+        linear = Linearisation(pushes, Table(pushes.variation))
+        model = cls(linear, values, pushes.effects, theta, pushes.catalogue)
         for name in set(model.effect_names) - set(names):
             model = model.without_effect(name)
-        model = replace(model, table=model._likeliest_table()).settled()
-        judged = len(model._filter.order)
+        model = model.on_table(model._likeliest_table()).settled()
+        judged = len(model.linear.times)
         if judged < _LEAST_JUDGED:
             raise NotIdentifiableError(
                 f"{judged} poses while the object slides, expected {_LEAST_JUDGED} at least; "
                 "push it further, or send poses more often"
             )
         return model
+
+    @property
+    def pushes(self) -> FittedPushes:
+        """Motion and common numbers at which the rows were linearised."""
+        return self.linear.pushes
+
+    @property
+    def table(self) -> Table:
+        """How friction differs from place to place."""
+        return self.linear.table
+
+    def on_table(self, table: Table) -> PushDiscrepancy:
+        """The model whitened for another table, not fitted again."""
+        return replace(self, linear=Linearisation(self.pushes, table))
 
     @property
     def fit(self) -> PushFit | PairFit:
@@ -149,83 +150,14 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
         """Logarithms stay unnamed: the estimate tells these numbers."""
         return ()
 
-    @cached_property
-    def _sharp(self) -> Sharpness:
-        return self.pushes.sharp(self.table.along)
-
-    @cached_property
-    def _rows(self) -> PushRows:
-        return self.pushes.rows(self._sharp)
-
-    @cached_property
-    def _filter(self) -> Innovations:
-        return Innovations.of(self._rows)
-
-    @cached_property
-    def _lasting(self) -> tuple[Array, Array]:
-        """Innovations (M, k) per standard deviation of lasting errors, and what is found (k,).
-
-        Height, place, clock and pressure; and friction over the table, of which nothing is found.
-        """
-        mean, std = self.pushes.prior
-        places = self._places
-        motion, poses = self._lasting_rows
-        found = (self.pushes.common[places] - mean[places]) / std[places]
-        if self.table.field:
-            field = self.table.field * self._field(self.table.length)
-            motion = np.concatenate([motion, field], axis=2)
-            more = field.shape[2]
-            poses = np.concatenate([poses, np.zeros((*poses.shape[:2], more))], axis=2)
-            found = np.append(found, np.zeros(more))
-        return self._innovations(motion, poses), found
-
-    @property
-    def _places(self) -> NDArray[np.intp]:
-        """Places of the common numbers that are lasting errors."""
-        return np.setdiff1d(np.arange(len(self.pushes.names)), self.pushes.own)
-
-    @property
-    def _lasting_rows(self) -> tuple[Array, Array]:
-        """Rows (N, D, k) and (P, 3, k) per standard deviation of errors that last."""
-        rows, places = self._rows, self._places
-        std = self.pushes.prior[1][places]
-        by_motion, by_poses = rows.motion_by_common, rows.poses.by_common
-        return by_motion[:, :, places] * std, by_poses[:, :, places] * std
-
-    def _field(self, length: float) -> Array:
-        """Rows (N, D, K) by spots of a table whose friction differs over a length, m."""
-        return field_rows(self.pushes, self._sharp, length)
-
-    @cached_property
-    def _spread(self) -> tuple[Array, Array]:
-        """Directions U (M, k) of lasting errors and their variances."""
-        vectors, sizes, _ = np.linalg.svd(self._lasting[0], full_matrices=False)
-        return vectors, np.square(sizes)
-
-    def _innovations(self, motion: Array, poses: Array) -> Array:
-        """(M, c) of rows (N, D, c) of the motion and (P, 3, c) of poses alone."""
-        local = np.zeros((*self._rows.local.shape, motion.shape[2]))
-        return self._filter.white(motion, local, poses).reshape(-1, motion.shape[2])
-
-    @cached_property
-    def _at_fit(self) -> Array:
-        """(M,) innovations at the linearisation, for lasting errors of zero."""
-        rows = self._rows
-        parts = (rows.motion[..., None], rows.local[..., None], rows.poses.residual[..., None])
-        columns, found = self._lasting
-        return np.asarray(self._filter.white(*parts).reshape(-1) - columns @ found)
-
-    @cached_property
-    def _friction(self) -> Any:
-        return self.pushes.friction(self._sharp)
-
     def evaluate(self, x: Array, effects: tuple[PushEffect, ...]) -> tuple[Array, Array]:
         """White residual (M,) and its derivative (M, p), in one run of the filter."""
-        white = self.whiten(self._innovations(*self._slopes(x, effects)))
-        return self.whiten(self._at_fit) + white[:, 0], white[:, 1:]
+        linear = self.linear
+        white = linear.whiten(linear.innovations(*self._slopes(x, effects)))
+        return linear.whiten(linear.innovated) + white[:, 0], white[:, 1:]
 
     def _slopes(self, x: Array, effects: tuple[PushEffect, ...]) -> tuple[Array, Array]:
-        """`_changed` (N, D, 1 + p) and (P, 3, 1 + p), followed by its derivative."""
+        """Change (N, D, 1 + p) and (P, 3, 1 + p) of the rows, followed by its derivative."""
         sizes = _STEP * self.scales(effects)
         here = self._changed(x, effects)
         moved = [self._changed(x + step, effects) for step in np.diag(sizes)]
@@ -237,15 +169,8 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
         )
         return motion, poses
 
-    def _changed(self, x: Array, effects: Sequence[PushEffect]) -> tuple[Array, Array]:
-        """Change of rows (N, D) of the motion and (P, 3) of poses from where they were taken."""
-        pushes, rows, acting = self.pushes, self._rows, tuple(effects)
-        common = self._common(x)
-        lack = pushes.lack(common, acting, self._friction) / pushes.noise(self._sharp)
-        motion = np.zeros_like(rows.motion)
-        motion[pushes.middle] = lack - rows.motion[pushes.middle]
-        late = pushes.delay(common, acting) - pushes.delay(pushes.common, pushes.effects)
-        return motion, rows.poses.by_common[:, :, pushes.names.index("delay")] * late
+    def _changed(self, x: Array, effects: tuple[PushEffect, ...]) -> tuple[Array, Array]:
+        return self.linear.changed(self._common(x), effects)
 
     def _common(self, x: Array) -> Array:
         """(p + k,) all numbers for x = [own, theta ...]; the others are as they were found."""
@@ -258,32 +183,26 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
     @property
     def time(self) -> Array:
         """(M,) s."""
-        order = self._filter.order
-        times = self._rows.poses.time[order[:, 0]]
-        return np.repeat(times - times[0], 3 * order.shape[1])
+        times = self.linear.times
+        return np.repeat(times - times[0], 3 * self.linear.filter.order.shape[1])
 
     @property
     def measured(self) -> Array:
         """(M,) innovations of the poses at the linearisation."""
-        return self._at_fit
+        return self.linear.innovated
 
     def predict(self, x: Array, effects: Sequence[PushEffect]) -> Array:
         """(M,) what other parameters change about them."""
-        motion, poses = self._changed(x, effects)
-        return -self._innovations(motion[..., None], poses[..., None])[:, 0]
+        motion, poses = self._changed(x, tuple(effects))
+        return -self.linear.innovations(motion[..., None], poses[..., None])[:, 0]
 
     def whiten(self, rows: Array) -> Array:
-        """White form of innovations (M, ...), whose lasting errors have the spread of the prior."""
-        vectors, variances = self._spread
-        flat = rows.reshape(len(rows), -1)
-        shrunk = (1.0 - 1.0 / np.sqrt(1.0 + variances))[:, None] * (vectors.T @ flat)
-        return np.asarray((flat - vectors @ shrunk).reshape(rows.shape))
+        """White form of innovations (M, ...)."""
+        return self.linear.whiten(rows)
 
     def draw_noise(self, random: np.random.Generator) -> Array:
         """(M,) innovations of noise, and one draw of lasting errors."""
-        columns = self._lasting[0]
-        draw = columns @ random.normal(size=columns.shape[1])
-        return np.asarray(random.normal(size=len(columns)) + draw)
+        return self.linear.draw_noise(random)
 
     def prior_rows(self, effects: tuple[PushEffect, ...]) -> tuple[Array, Array]:
         """Those of effects, the usual friction, and a centre of mass under the footprint."""
@@ -306,10 +225,7 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
         self, own: Array, effects: tuple[PushEffect, ...], theta: tuple[Array, ...]
     ) -> PushDiscrepancy:
         """The model at other parameters, at the same whitening."""
-        made = replace(self, values=own, effects=effects, theta=theta)
-        known = {name: self.__dict__[name] for name in _OF_WHITENING if name in self.__dict__}
-        made.__dict__.update(known)
-        return made
+        return replace(self, values=own, effects=effects, theta=theta)
 
     def effect_named(self, name: str) -> PushEffect:
         """An effect of the catalogue."""
@@ -335,8 +251,9 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
         except NotIdentifiableError:
             return self.settled()
         values, theta = _split(found)
-        made = replace(self, pushes=found, values=values, theta=theta)
-        return replace(made, table=made._likeliest_table(self.table)).settled()
+        linear = Linearisation(found, self.table)
+        made = replace(self, linear=linear, values=values, theta=theta)
+        return made.on_table(made._likeliest_table(self.table)).settled()
 
     def settled(self) -> PushDiscrepancy:
         """Fit at fixed whitening."""
@@ -348,7 +265,7 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
         return [self._family(instance, len(instances)) for instance in instances]
 
     def _family(self, effect: PushEffect, choices: int) -> Family:
-        columns = -self.whiten(self._innovations(*self._spanned(effect)))
+        columns = -self.whiten(self.linear.innovations(*self._spanned(effect)))
         kept = tuple(range(columns.shape[1]))
         return Family(
             effect.name, effect.label, effect.name, columns, kept, choices, source=effect,
@@ -400,38 +317,39 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
     @cached_property
     def _moved_by_field(self) -> Array:
         """Changes (p, K) of all parameters by spots of that field."""
-        field = self.table.imitating * self._field(self.table.length)
-        none = np.zeros((*self._rows.poses.residual.shape, field.shape[2]))
-        white = self.whiten(self._innovations(field, none))
+        linear, table = self.linear, self.table
+        field = table.imitating * linear.field(table.length)
+        none = np.zeros((*linear.rows.poses.residual.shape, field.shape[2]))
+        white = self.whiten(linear.innovations(field, none))
         jacobian, (rows, _) = self.jacobian, self.prior_rows(self.effects)
         information = jacobian.T @ jacobian + rows.T @ rows
         return np.asarray(np.linalg.solve(information, jacobian.T @ white))
 
     def _gap(self, start: float) -> float:
         """Time before a push in which something may have changed, s, as a standard deviation."""
-        times = self._rows.poses.time[self._filter.order[:, 0]]
-        before = times[times < start]
+        before = self.linear.times[self.linear.times < start]
         return float(start - before[-1]) / np.sqrt(12.0) if len(before) else 0.0
 
     def conditions(self) -> list[Condition]:
         """Speed, force, place and time."""
-        pushes, poses = self.pushes, self._rows.poses
-        at = np.searchsorted(pushes.middle, poses.middle[self._filter.order[:, 0]])
+        pushes, linear = self.pushes, self.linear
+        nodes = linear.rows.poses.middle[linear.filter.order[:, 0]]
+        at = np.searchsorted(pushes.middle, nodes)
         force = np.linalg.norm(pushes.intervals.force[pushes.middle, :2], axis=1)
         return push_conditions(pushes.motion(), force, at)
 
     def residuals(self) -> Residuals:
         """Innovations of the pose, with what was going on."""
-        order = self._filter.order
+        order = self.linear.filter.order
         white = self.residual.reshape(len(order), -1)
-        std = self._rows.poses.std[order].reshape(white.shape)
+        std = self.linear.rows.poses.std[order].reshape(white.shape)
         time = self.time[:: white.shape[1]]
         return push_residuals(time, white, std, self.conditions())
 
     def lacking(self) -> Array:
         """(R, 3) force, N, and torque about the contact, N m, that the fitted motion lacks."""
         pushes = self.pushes
-        return pushes.lack(pushes.common, pushes.effects, self._friction)[:, :3]
+        return pushes.lack(pushes.common, pushes.effects, self.linear.friction)[:, :3]
 
     @property
     def remark(self) -> str:
@@ -480,7 +398,7 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
         """
         sizes = self.scales(self.effects)
         slopes = [rows[:, :, 1:] * sizes for rows in self._slopes(self.x, self.effects)]
-        parts = zip(slopes, self._lasting_rows, strict=True)
+        parts = zip(slopes, self.linear.lasting_rows, strict=True)
         motion, poses = (np.concatenate(part, axis=2) for part in parts)
         effects = []
         missing = [] if most else [n for n in self.catalogue if n not in self.effect_names]
@@ -489,12 +407,12 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
             by_motion, by_poses = self._spanned(effect)
             size = _sizes(effect, by_motion.shape[2])
             effects.append((effect.name, (by_motion * size, by_poses * size)))
-        return likeliest_table(self._whitened, (motion, poses), effects, self._field, most)
+        return likeliest_table(self._whitened, (motion, poses), effects, self.linear.field, most)
 
     def _whitened(self, along: float, motion: Array, poses: Array) -> tuple[Array, Array, float]:
         """Residual, innovations of rows and log volume at a variation along the way."""
-        there = replace(self, table=Table(along))
-        return there._at_fit, there._innovations(motion, poses), there._filter.log_volume
+        there = Linearisation(self.pushes, Table(along))
+        return there.innovated, there.innovations(motion, poses), there.filter.log_volume
 
 
 def _split(pushes: FittedPushes) -> tuple[Array, tuple[Array, ...]]:
