@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,7 +10,8 @@ import numpy as np
 from tactile_dynamics_ros.api.discrepancies import Diagnosis
 from tactile_dynamics_ros.api.estimates import GROSS_MISFIT, Estimate
 from tactile_dynamics_ros.api.questions import question_held
-from tactile_dynamics_ros.api.result import Result, Rows
+from tactile_dynamics_ros.api.readiness import ADEQUATE, GOAL, Readiness, lost_faults
+from tactile_dynamics_ros.api.result import Rows
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
 from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import PARAMETER_NAMES
 from tactile_dynamics_ros.core.inertia.excitation.addition import (
@@ -26,14 +27,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from tactile_dynamics_ros.recording import Recording
-    from tactile_dynamics_ros.recording.rates import StreamRate
 
-GOAL = 0.1
-"""Standard deviation over the size of a parameter that is wanted if nothing else is said: inertia
-to a tenth moves a controller's torques by as much. Less asks for more motion."""
-_LOST = 0.05
-"""Share of a stream's time in gaps from which that is a fault. Nothing is derived across a gap, so
-that motion is lost with it; a twentieth costs as much of the recording."""
 _CERTAIN = 5.0
 """Standard deviations from which clocks are said to differ. Of honest intervals one in two million
 is beyond; at 3 one recording of 400 would be blamed."""
@@ -43,30 +37,29 @@ move estimates by less than their intervals."""
 _EXPLAINED = 0.9
 """Share of the error beyond noise that an offset of clocks must explain to be believed, as the one
 effect of a diagnosis. Lower blames a drag, which looks a little like a delay, on the clocks."""
-ADEQUATE = 1.3
-"""Error over the noise from which it is said that the model lacks something, as in reports, and
-from which nothing is promised: what a motion brings then depends on what is lacking."""
 
 
 @dataclass(frozen=True)
-class Check(Result):
-    """What a recording tells, what is wrong with it, and what to record as well.
+class Check(Readiness):
+    """What a recording of a held object tells, what is wrong with it, and what to record as well.
 
     Attributes:
         estimate: from the recording as it is.
-        rates: of its streams.
-        faults: sentences on what makes estimates wrong.
-        remarks: sentences on what else should be known.
         additions: motions to record as well, each alone.
-        goal: standard deviation over size that is wanted.
     """
 
     estimate: Estimate
-    rates: tuple[StreamRate, ...]
-    faults: tuple[str, ...]
-    remarks: tuple[str, ...]
     additions: tuple[Addition, ...]
-    goal: float = GOAL
+
+    @property
+    def source(self) -> str:
+        """Where the recording came from."""
+        return self.estimate.recording.source
+
+    @property
+    def duration(self) -> float:
+        """Length of the recording, s."""
+        return self.estimate.recording.duration
 
     @property
     def relative(self) -> dict[str, float]:
@@ -81,21 +74,10 @@ class Check(Result):
         unknown = self.estimate.undetermined
         return [n for n, share in self.relative.items() if share > self.goal or n in unknown]
 
-    @property
-    def ready(self) -> bool:
-        """Whether nothing is wrong and everything is known as well as wanted."""
-        return not self.faults and not self.lacking
-
     def to_json(self) -> dict[str, Any]:
         """Return the document of `check`."""
         found, unknown = self.estimate.found, self.estimate.undetermined
-        return {
-            "ready": self.ready,
-            "goal": self.goal,
-            "duration_s": self.estimate.recording.duration,
-            "streams": [asdict(rate) for rate in self.rates],
-            "faults": list(self.faults),
-            "remarks": list(self.remarks),
+        return super().to_json() | {
             "error": found.error.to_json(),
             "parameters": {
                 name: {
@@ -111,26 +93,9 @@ class Check(Result):
             ],
         }
 
-    def headline(self) -> str:
-        """Return whether the recording is ready, and why not."""
-        source = self.estimate.recording.source
-        if self.ready:
-            return f"{source}: ready, every parameter is known to {self.goal:.0%} or better"
-        if self.faults:
-            return f"{source}: not ready, {self.faults[0]}"
-        names = ", ".join(describe_parameter(name) for name in self.lacking)
-        return f"{source}: not ready, not known to {self.goal:.0%}: {names}"
-
-    def lines(self) -> list[str]:
-        """Return streams, faults, excitation and what to record as well."""
-        return [
-            f"{self.estimate.recording.source}: {self.estimate.recording.duration:.1f} s",
-            *(f"  {rate.words}" for rate in self.rates),
-            *(f"fault: {fault}" for fault in self.faults),
-            *(f"note: {remark}" for remark in self.remarks),
-            *self._excitation_lines(),
-            "ready" if self.ready else "not ready",
-        ]
+    def describe(self, name: str) -> str:
+        """Return a parameter in words."""
+        return describe_parameter(name)
 
     def rows(self) -> Rows:
         """Return how well each parameter is known, now and after the proposed motions."""
@@ -146,7 +111,7 @@ class Check(Result):
         """Draw how the estimate settles."""
         return self.estimate.draw()
 
-    def _excitation_lines(self) -> list[str]:
+    def advice(self) -> list[str]:
         """Return a sentence on each parameter that is not known as well as wanted."""
         return [
             f"{describe_parameter(name)} {self._known(name)}{self._help(name)}"
@@ -192,7 +157,8 @@ def check_recording(recording: Recording, goal: float = GOAL) -> Check:
     found = Estimate(recording, estimate(recording))
     rates = tuple(stream_rates(recording.streams))
     faults = lost_faults(rates) + _clock_faults(found) + _unit_faults(found)
-    return Check(found, rates, tuple(faults), tuple(_remarks(found)), _additions(found, goal), goal)
+    remarks = tuple(_remarks(found))
+    return Check(rates, tuple(faults), remarks, goal, found, _additions(found, goal))
 
 
 def describe_parameter(name: str) -> str:
@@ -203,15 +169,6 @@ def describe_parameter(name: str) -> str:
     if kind == "com":
         return f"centre of mass along {axes}"
     return f"inertia about {axes[0]}" if axes[0] == axes[1] else f"product of inertia {axes}"
-
-
-def lost_faults(rates: tuple[StreamRate, ...]) -> list[str]:
-    """Return a sentence on each stream that lost too much of its time in gaps."""
-    return [
-        f"{rate.name}: {rate.lost_share:.0%} of the time is lost in {rate.gaps} gaps"
-        for rate in rates
-        if rate.lost_share > _LOST
-    ]
 
 
 def _clock_faults(found: Estimate) -> list[str]:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.api.checks import ADEQUATE, GOAL, lost_faults
-from tactile_dynamics_ros.api.result import Result, Rows
+from tactile_dynamics_ros.api.readiness import ADEQUATE, GOAL, Readiness, lost_faults
+from tactile_dynamics_ros.api.result import Rows
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
 from tactile_dynamics_ros.core.inertia.excitation.addition import WORTH
 from tactile_dynamics_ros.core.planar.actions.continuation import continued
@@ -93,31 +93,32 @@ class Addition:
 
 
 @dataclass(frozen=True)
-class PushedCheck(Result):
+class PushedCheck(Readiness):
     """What a recording of pushes tells, what is wrong with it, and which pushes to add.
 
     Attributes:
         recording: of one or two parts.
         found: estimate from the recording as it is.
-        rates: of its streams.
-        faults: sentences on what makes estimates wrong.
-        remarks: sentences on what else should be known.
         addition: push to make as well; None where nothing can be promised.
-        goal: standard deviation over size that is wanted; of the centre of mass over the radius
-            of gyration of the footprint.
     """
 
     recording: PushedRecording
     found: Found
-    rates: tuple[StreamRate, ...]
-    faults: tuple[str, ...]
-    remarks: tuple[str, ...]
     addition: Addition | None
-    goal: float = GOAL
+
+    @property
+    def source(self) -> str:
+        """Where the recording came from."""
+        return self.recording.source
+
+    @property
+    def duration(self) -> float:
+        """Length of the recording, s."""
+        return self.recording.duration
 
     @property
     def relative(self) -> dict[str, float]:
-        """Standard deviation over size, by words for the parameter."""
+        """Standard deviation over size; of centres of mass over the footprint's gyration."""
         shares = {}
         links = self.found.to_document()["links"]
         for k, link in enumerate(links):
@@ -135,11 +136,6 @@ class PushedCheck(Result):
         return [name for name, share in self.relative.items() if not share <= self.goal]
 
     @property
-    def ready(self) -> bool:
-        """Whether nothing is wrong and everything is known as well as wanted."""
-        return not self.faults and not self.lacking
-
-    @property
     def promised(self) -> dict[str, float]:
         """`relative` after what is proposed; empty without it."""
         if self.addition is None:
@@ -150,13 +146,7 @@ class PushedCheck(Result):
         """Return the document of `check`."""
         unknown = self.found.undetermined
         pose = self.recording.streams.links[0].pose[-1]
-        return {
-            "ready": self.ready,
-            "goal": self.goal,
-            "duration_s": self.recording.duration,
-            "streams": [asdict(rate) for rate in self.rates],
-            "faults": list(self.faults),
-            "remarks": list(self.remarks),
+        return super().to_json() | {
             "error": self.found.error,
             "undetermined": list(unknown),
             "parameters": {name: {"relative": share} for name, share in self.relative.items()},
@@ -164,26 +154,14 @@ class PushedCheck(Result):
             "expected_relative": self.promised,
         }
 
-    def headline(self) -> str:
-        """Return whether the recording is ready, and why not."""
-        source = self.recording.source
-        if self.ready:
-            return f"{source}: ready, every parameter is known to {self.goal:.0%} or better"
-        if self.faults:
-            return f"{source}: not ready, {self.faults[0]}"
-        return f"{source}: not ready, not known to {self.goal:.0%}: {', '.join(self.lacking)}"
+    def describe(self, name: str) -> str:
+        """Return a parameter in words, as it is named."""
+        return name
 
-    def lines(self) -> list[str]:
-        """Return streams, faults, what is not known, and what to push as well."""
-        return [
-            f"{self.recording.source}: {self.recording.duration:.1f} s of pushes",
-            *(f"  {rate.words}" for rate in self.rates),
-            *(f"fault: {fault}" for fault in self.faults),
-            *(f"note: {remark}" for remark in self.remarks),
-            *(self._known(name) for name in self.lacking),
-            *self._proposal(),
-            "ready" if self.ready else "not ready",
-        ]
+    def advice(self) -> list[str]:
+        """Return what is not known, and what to push as well."""
+        push = [f"push {self.addition.words}"] if self.addition else []
+        return [*(self._known(name) for name in self.lacking), *push]
 
     def rows(self) -> Rows:
         """Return how well each parameter is known, now and after the proposed pushes."""
@@ -223,9 +201,6 @@ class PushedCheck(Result):
             return f"{now}; no push like this helps"
         return f"{now}; {self.addition.many} would bring it to +- {100.0 * after:.2g} %"
 
-    def _proposal(self) -> list[str]:
-        return [f"push {self.addition.words}"] if self.addition else []
-
 
 def check_pushes(recording: PushedRecording, goal: float = GOAL) -> PushedCheck:
     """Check a recording of a pushed object; see `PushedCheck`.
@@ -250,7 +225,7 @@ def check_pushes(recording: PushedRecording, goal: float = GOAL) -> PushedCheck:
         addition = _addition(recording, found, goal)
     else:
         remarks.append("of two parts no push is promised; `diagnose` tells which would part models")
-    return PushedCheck(recording, found, rates, tuple(faults), tuple(remarks), addition, goal)
+    return PushedCheck(rates, tuple(faults), tuple(remarks), goal, recording, found, addition)
 
 
 def _rates(recording: PushedRecording) -> tuple[StreamRate, ...]:

@@ -15,8 +15,7 @@ from tactile_dynamics_ros.cli.recordings import (
 from tactile_dynamics_ros.core.errors import BadInputError
 
 if TYPE_CHECKING:
-    from tactile_dynamics_ros.api.checks import Check
-    from tactile_dynamics_ros.api.pushed_checks import PushedCheck
+    from tactile_dynamics_ros.api.readiness import Readiness
 
 
 def add_parser(verbs: _SubParsersAction[Any]) -> None:
@@ -51,7 +50,7 @@ def run(args: Namespace) -> int:
     return 0 if found.ready else 3
 
 
-def _checked(args: Namespace) -> Check | PushedCheck:
+def _checked(args: Namespace) -> Readiness:
     if model_of(args) == "pushed":
         from tactile_dynamics_ros.api.pushed_checks import check_pushes
 

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
 
 if TYPE_CHECKING:
-    from tactile_dynamics_ros.api.checks import Check
-    from tactile_dynamics_ros.api.pushed_checks import PushedCheck
+    from tactile_dynamics_ros.api.readiness import Readiness
     from tactile_dynamics_ros.ros.recorder import Recorder
 
 _SENTENCES = 3
@@ -41,13 +40,11 @@ def check_so_far(path: str, namespace: str | None) -> Said:
         return Said(False, f"nothing to say yet: {' '.join(str(error).split())}", {})
     if found.ready:
         return Said(True, f"ready: every parameter is known to {found.goal:.0%}", found.relative)
-    lines = [line.removeprefix("fault: ") for line in found.lines()]
-    wanted = [line for line in lines if line in found.faults or " known to " in line
-              or "not excited" in line]  # fmt: skip
-    return Said(False, "; ".join(wanted[:_SENTENCES]), found.relative)
+    said = [*found.faults, *found.advice()]
+    return Said(False, "; ".join(said[:_SENTENCES]), found.relative)
 
 
-def _checked(path: str, namespace: str | None) -> Check | PushedCheck:
+def _checked(path: str, namespace: str | None) -> Readiness:
     from tactile_dynamics_ros.api.checks import check_recording
     from tactile_dynamics_ros.api.pushed_checks import check_pushes
     from tactile_dynamics_ros.api.reading import read_recording
