@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,6 +12,7 @@ from tactile_dynamics_ros.core.errors import BadInputError
 if TYPE_CHECKING:
     from tactile_dynamics_ros.core.effects.effect import Effect
     from tactile_dynamics_ros.recording import Recording
+    from tactile_dynamics_ros.recording.pushed import PushedRecording
 
 
 def read_recording(
@@ -41,6 +43,41 @@ def read_recording(
     return recording
 
 
+def read_pushed_recording(
+    path: str | Path, assume: Sequence[str] = ()
+) -> tuple[PushedRecording, list[str]]:
+    """Read the recording of an object on a support.
+
+    Args:
+        path: of the recording.
+        assume: conventions as which it is read.
+
+    Returns:
+        The recording, and a sentence on each convention.
+
+    Raises:
+        BadInputError: it cannot be read, or the tip presses into the outline only if signs, units
+            or axes are read another way.
+    """
+    from tactile_dynamics_ros.core.planar.misreading import assumed, check_reading
+    from tactile_dynamics_ros.recording.pushed import PushedRecording
+
+    recording, notes = PushedRecording.from_bag(path), []
+    for name in assume:
+        streams, reading = assumed(recording.streams, name)
+        notes.append(f"read as {name}: {reading.change}")
+        recording = replace(recording, streams=streams)
+    check_reading(recording.streams)
+    return recording, notes
+
+
+def names_of(named: str | Sequence[str | Effect]) -> list[str]:
+    """Return the names of effects given as "a,b", by their names, or as they are."""
+    if isinstance(named, str):
+        return [name.strip() for name in named.split(",") if name.strip()]
+    return [one if isinstance(one, str) else one.name for one in named]
+
+
 def effects_of(named: str | Sequence[str | Effect]) -> list[Effect]:
     """Return effects given as "a,b", by their names, or as they are.
 
@@ -49,8 +86,7 @@ def effects_of(named: str | Sequence[str | Effect]) -> list[Effect]:
     """
     from tactile_dynamics_ros.core.effects import create_effect
 
-    if isinstance(named, str):
-        named = [name.strip() for name in named.split(",") if name.strip()]
+    named = names_of(named) if isinstance(named, str) else named
     names = [one for one in named if isinstance(one, str)]
     repeated = {name for name in names if names.count(name) > 1}
     if repeated:

@@ -4,17 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from tactile_dynamics_ros.api.discrepancies import Comparison, Diagnosis, Explanation
 from tactile_dynamics_ros.api.estimates import Estimate
-from tactile_dynamics_ros.api.questions import question_held
-from tactile_dynamics_ros.api.reading import effects_of, read_recording
+from tactile_dynamics_ros.api.questions import Question, question_held, question_pushed
+from tactile_dynamics_ros.api.reading import (
+    effects_of,
+    names_of,
+    read_pushed_recording,
+    read_recording,
+)
 from tactile_dynamics_ros.api.shapes import Shape
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.recording.pushed import PushedRecording, recorded_model
 
 if TYPE_CHECKING:
     from tactile_dynamics_ros.api.checks import Check
+    from tactile_dynamics_ros.api.pushed_checks import PushedCheck
+    from tactile_dynamics_ros.api.pushed_estimates import EstimateOfPushes
     from tactile_dynamics_ros.core.effects.effect import Effect
     from tactile_dynamics_ros.recording import Recording
 
@@ -27,8 +35,9 @@ def read(
     namespace: str | None = None,
     world_frame: str | None = None,
     any_unit: bool = False,
-) -> Recording:
-    """Read a recording, or several of one object as one.
+    model: str = "auto",
+) -> Any:
+    """Read a recording, or several of one held object as one.
 
     Args:
         paths: rosbag2 directories, .mcap, .db3 or ROS 1 .bag files.
@@ -37,14 +46,27 @@ def read(
         world_frame: frame of the poses, z up, if it is neither `world` nor a robot's base.
         any_unit: whether accelerations that look like units of g are taken as they are; `diagnose`
             and `explain` then tell the unit.
+        model: "held", "pushed" for an object on a support, or "auto", which decides by the topics.
+
+    Returns:
+        A `Recording` of a held object, or a `PushedRecording`.
 
     Raises:
-        BadInputError: one cannot be read, or no contact pushes.
+        BadInputError: one cannot be read, no contact pushes, or a pushed object's recording is one
+            of several, is to be renamed, or presses into the outline only if read another way.
     """
     from tactile_dynamics_ros.recording import Recording
 
     if not paths:
         raise BadInputError("read: expected the path of a recording")
+    if model not in ("auto", "held", "pushed"):
+        raise BadInputError(f"read: model {model!r}; expected auto, held or pushed")
+    if (recorded_model(paths[0]) if model == "auto" else model) == "pushed":
+        if len(paths) > 1 or remap or world_frame:
+            raise BadInputError(
+                f"{paths[0]}: an object on a support; read one recording, as it is named"
+            )
+        return read_pushed_recording(paths[0])[0]
     return Recording.join(
         [
             read_recording(
@@ -59,7 +81,7 @@ def read(
     )
 
 
-def check(recording: Recording, goal: float = 0.1) -> Check:
+def check(recording: Recording | PushedRecording, goal: float = 0.1) -> Check | PushedCheck:
     """Tell whether a recording is fit for an estimate, and what to record as well.
 
     Args:
@@ -68,27 +90,31 @@ def check(recording: Recording, goal: float = 0.1) -> Check:
 
     Raises:
         BadInputError: contacts and motion do not overlap.
-        NotIdentifiableError: the iteration diverged.
+        NotIdentifiableError: the iteration diverged, or a pushed object slides too little.
     """
+    if isinstance(recording, PushedRecording):
+        from tactile_dynamics_ros.api.pushed_checks import check_pushes
+
+        return check_pushes(recording, goal)
     from tactile_dynamics_ros.api.checks import check_recording
 
     return check_recording(recording, goal)
 
 
 def estimate(
-    recording: Recording,
+    recording: Recording | PushedRecording,
     effects: Effects = (),
     *,
     tool: str | Path | None = None,
     prior: str | Path | None = None,
     wrist: Recording | None = None,
     hand: str | Path | None = None,
-) -> Estimate:
-    """Estimate mass, centre of mass and inertia of a held object, and the parameters of effects.
+) -> Estimate | EstimateOfPushes:
+    """Estimate mass, centre of mass and inertia of a held object, or friction of a pushed one.
 
     Args:
         recording: what was measured.
-        effects: of the model: "a,b", names, or `Effect`s.
+        effects: of the model: "a,b", names, or, of held objects, `Effect`s.
         tool: file of what was carried as well, such as a gripper: a URDF, or one of
             `Estimate.save`.
         prior: file of `Estimate.save` of the same object, from earlier recordings.
@@ -97,9 +123,14 @@ def estimate(
 
     Raises:
         BadInputError: contacts and motion do not overlap, an effect is unknown, a file is no
-            body's, or one of wrist and hand is missing.
-        NotIdentifiableError: the iteration diverged.
+            body's, one of wrist and hand is missing, or any of them or a tool is given for a pushed
+            object.
+        NotIdentifiableError: the iteration diverged, or a pushed object slides too little.
     """
+    if isinstance(recording, PushedRecording):
+        if tool or wrist or hand:
+            raise BadInputError("tool, wrist, hand: not for an object on a support; leave them out")
+        return _estimate_pushed(recording, effects, prior)
     from tactile_dynamics_ros.core.inertia.estimate import estimate as fit
     from tactile_dynamics_ros.recording.body_files import read_body
 
@@ -114,31 +145,47 @@ def estimate(
     return Estimate(recording, fit(recording, effects_of(effects)), *known, share)
 
 
-def compare(recording: Recording, effects: Effects = ()) -> Comparison:
+def _estimate_pushed(
+    recording: PushedRecording, effects: Effects, prior: str | Path | None
+) -> EstimateOfPushes:
+    from tactile_dynamics_ros.api.pushed_estimates import EstimateOfPushes
+    from tactile_dynamics_ros.recording.pushed.known_files import read_known
+
+    known = None if prior is None else read_known(prior)
+    return EstimateOfPushes.of(recording, names_of(effects), known)
+
+
+def _question(recording: Recording | PushedRecording, effects: Effects) -> Question:
+    if isinstance(recording, PushedRecording):
+        return question_pushed(recording, names_of(effects))
+    return question_held(recording, effects_of(effects))
+
+
+def compare(recording: Recording | PushedRecording, effects: Effects = ()) -> Comparison:
     """Tell how far the model is from a recording, and where it fails.
 
     Raises:
         BadInputError: contacts and motion do not overlap, or an effect is unknown.
     """
-    return Comparison.of(question_held(recording, effects_of(effects)))
+    return Comparison.of(_question(recording, effects))
 
 
-def diagnose(recording: Recording, effects: Effects = ()) -> Diagnosis:
+def diagnose(recording: Recording | PushedRecording, effects: Effects = ()) -> Diagnosis:
     """Tell which effect is missing from the model of a recording.
 
     Raises:
         BadInputError: contacts and motion do not overlap, or an effect is unknown.
     """
-    return Diagnosis.of(question_held(recording, effects_of(effects)))
+    return Diagnosis.of(_question(recording, effects))
 
 
-def explain(recording: Recording, effects: Effects = ()) -> Explanation:
+def explain(recording: Recording | PushedRecording, effects: Effects = ()) -> Explanation:
     """Add missing effects one by one until the model is adequate or nothing helps.
 
     Raises:
         BadInputError: contacts and motion do not overlap, or an effect is unknown.
     """
-    return Explanation.of(question_held(recording, effects_of(effects)))
+    return Explanation.of(_question(recording, effects))
 
 
 def shape(

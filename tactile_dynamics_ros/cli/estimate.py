@@ -16,12 +16,11 @@ from tactile_dynamics_ros.cli.recordings import (
     read_pushed,
     read_recording,
 )
-from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
+from tactile_dynamics_ros.core.errors import BadInputError
 
 if TYPE_CHECKING:
     from tactile_dynamics_ros.api.estimates import Estimate
-    from tactile_dynamics_ros.core.planar.known import KnownPushed
-    from tactile_dynamics_ros.core.planar.properties.estimate import PushedEstimate
+    from tactile_dynamics_ros.api.pushed_estimates import EstimateOfPushes
     from tactile_dynamics_ros.recording import Recording
 
 
@@ -91,18 +90,7 @@ def run(args: Namespace) -> int:
         found = estimate(read_recording(args), read_effects(args), **known, **wrist)
     else:
         found = estimate(read_recording(args), read_effects(args), **known)
-    for note in found.notes:
-        print(f"note: {note}", file=sys.stderr)
-    if args.export:
-        print(_export(args, found), end="")
-    else:
-        print(json.dumps(found.to_json()) if args.json else found)
-    if args.out:
-        print(f"report: {found.report(Path(args.out))}", file=sys.stderr)
-    found.require_answer()
-    if args.save:
-        print(f"saved: {found.save(args.save)}", file=sys.stderr)
-    return 0
+    return _told(args, found)
 
 
 def _read_wrist(args: Namespace) -> Recording:
@@ -127,74 +115,30 @@ def _estimate_pushed(args: Namespace) -> int:
         BadInputError: an option is asked for that holds for held objects only.
         NotIdentifiableError: the recording does not tell the friction force.
     """
-    from tactile_dynamics_ros.core.planar.properties.estimate import PushedEstimate, estimate
-    from tactile_dynamics_ros.recording.pushed.known_files import read_known
+    from tactile_dynamics_ros.api.verbs import estimate
 
-    if args.out:
-        raise BadInputError("--out: a pushed object has no report here; ask `compare --out`")
-    known = read_known(args.prior) if args.prior else None
-    recording = read_pushed(args)
-    found, changed = estimate(recording, pushed_effects(args)), []
-    if known is not None or args.save:
-        if not isinstance(found, PushedEstimate):
-            raise NotIdentifiableError("--prior, --save: for objects of one part")
-        found, changed = _remembered(found, known)
-    document = found.to_document()
-    if known is not None:
-        document["prior"] = {"name": known.name, "recordings": known.recordings, "changed": changed}
-    print(json.dumps(document) if args.json else "\n".join(found.lines()))
-    if not found.is_answer:
-        raise NotIdentifiableError("the friction force is undetermined; push further")
-    if args.save and isinstance(found, PushedEstimate):
-        _save_pushed(args, found, recording.source, known, changed)
-    return 0
+    return _told(args, estimate(read_pushed(args), pushed_effects(args), prior=args.prior))
 
 
-def _remembered(
-    found: PushedEstimate, known: KnownPushed | None
-) -> tuple[PushedEstimate, list[str]]:
-    """Combine an estimate with what was known; say how they compare."""
-    from tactile_dynamics_ros.core.planar.memory.combination import with_memory
-
-    if known is None:
-        return found, []
-    found, changed = with_memory(found, known)
-    print(f"note: {_told_of(known, changed)}", file=sys.stderr)
-    return found, changed
-
-
-def _save_pushed(
-    args: Namespace,
-    found: PushedEstimate,
-    source: str,
-    known: KnownPushed | None,
-    changed: list[str],
-) -> None:
-    """Write what is known now.
+def _told(args: Namespace, found: Estimate | EstimateOfPushes) -> int:
+    """Print an estimate, write its report, and keep what is known.
 
     Raises:
-        BadInputError: the file is that of another object.
+        BadInputError: the file to write is that of another object.
+        NotIdentifiableError: the numbers are no answer.
     """
-    from tactile_dynamics_ros.core.planar.memory.combination import known_of
-    from tactile_dynamics_ros.recording.pushed.known_files import write_known
-
-    if changed and Path(args.save) == Path(args.prior):
-        raise BadInputError(
-            f"{args.save} is the file of another object or table: {' and '.join(changed)} differ; "
-            "choose another path"
-        )
-    count = 1 if known is None or changed else known.recordings + 1
-    print(f"saved: {write_known(known_of(found, source, count), args.save)}", file=sys.stderr)
-
-
-def _told_of(known: KnownPushed, changed: list[str]) -> str:
-    """Say how an estimate compares with what was known."""
-    if not changed:
-        return f"together with {known.recordings} recordings of {known.name}"
-    return (
-        f"{' and '.join(changed)} differ from {known.name} beyond chance: object or table are "
-        "others, or the frame lies otherwise; this recording alone counts"
-    )
+    for note in found.notes:
+        print(f"note: {note}", file=sys.stderr)
+    if args.export and isinstance(found, Estimate):
+        print(_export(args, found), end="")
+    else:
+        print(json.dumps(found.to_json()) if args.json else found)
+    if args.out:
+        print(f"report: {found.report(Path(args.out))}", file=sys.stderr)
+    found.require_answer()
+    if args.save:
+        print(f"saved: {found.save(args.save)}", file=sys.stderr)
+    return 0
 
 
 def _export(args: Namespace, found: Estimate) -> str:

@@ -7,7 +7,7 @@ from argparse import Action, ArgumentParser, Namespace
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from tactile_dynamics_ros.api.reading import effects_of
+from tactile_dynamics_ros.api.reading import effects_of, names_of, read_pushed_recording
 from tactile_dynamics_ros.api.reading import read_recording as recording_of
 from tactile_dynamics_ros.core.errors import BadInputError
 
@@ -110,7 +110,7 @@ def model_of(args: Namespace) -> str:
     return recorded_model(first) if chosen == "auto" else chosen
 
 
-_HELD_ONLY = ("export", "tool", "remap", "between", "world_frame")
+_HELD_ONLY = ("export", "tool", "wrist", "carried", "robot", "remap", "between", "world_frame")
 """Options of the verbs that mean nothing for an object on a support."""
 
 
@@ -121,21 +121,13 @@ def read_pushed(args: Namespace) -> PushedRecording:
         BadInputError: it cannot be read, an option holds for held objects only, or the tip presses
             into the outline only if signs, units or axes are read another way.
     """
-    from tactile_dynamics_ros.core.planar.misreading import assumed, check_reading
-    from tactile_dynamics_ros.recording.pushed import PushedRecording
-
     asked = [name for name in _HELD_ONLY if getattr(args, name, None)]
     if asked or len(args.bag) > 1:
         what = f"--{asked[0].replace('_', '-')}" if asked else "several recordings"
         raise BadInputError(f"{what}: not for an object on a support; leave it out")
-    recording = PushedRecording.from_bag(args.bag[0])
-    for line in recording.problem_lines():
+    recording, notes = read_pushed_recording(args.bag[0], getattr(args, "assume", []))
+    for line in [*recording.problem_lines(), *notes]:
         print(f"note: {line}", file=sys.stderr)
-    for name in getattr(args, "assume", []):
-        streams, reading = assumed(recording.streams, name)
-        print(f"note: read as {name}: {reading.change}", file=sys.stderr)
-        recording = replace(recording, streams=streams)
-    check_reading(recording.streams)
     return recording
 
 
@@ -146,7 +138,7 @@ def pushed_effects(args: Namespace) -> list[str]:
         BadInputError: a file of effects cannot be read.
     """
     read_effect_files(args)
-    return [name.strip() for name in args.effects.split(",") if name.strip()]
+    return names_of(args.effects)
 
 
 def read_recording(args: Namespace) -> Recording:

@@ -197,7 +197,7 @@ ROOMS = {
     "report": Room(
         "figures and pages",
         ("core/contact", "core/discrepancy", "core/effects", _INERTIA + "batch")
-        + ("core/planar/effects", "core/rigid_body", "core/streams", "recording"),
+        + ("core/planar", "core/planar/effects", "core/rigid_body", "core/streams", "recording"),
     ),
     "export": Room(
         "estimates in the formats of simulators and robots",
@@ -208,8 +208,9 @@ ROOMS = {
         ("core/discrepancy", "core/effects", "core/friction", "core/inertia")
         + (_INERTIA + "batch", _INERTIA + "diagnosis", _INERTIA + "excitation")
         + (_INERTIA + "residuals", "core/rigid_body", "core/shape")
-        + ("core/planar/actions", "core/planar/diagnosis", "core/planar/mechanics")
-        + ("core/planar/properties", "export", "recording", "report"),
+        + ("core/planar", "core/planar/actions", "core/planar/diagnosis", "core/planar/linked")
+        + ("core/planar/mechanics", "core/planar/memory", "core/planar/properties")
+        + ("export", "recording", "report"),
     ),
     "ros": Room(
         "what nodes share: shell, wire, conversions, parameters, diagnostics",

@@ -15,6 +15,9 @@ from synthetic_recording import held_box
 import tactile_dynamics_ros as td
 from tactile_dynamics_ros.cli.main import main
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
+from tactile_dynamics_ros.recording.pushed import PushedRecording
+from tactile_dynamics_ros.synthetic import pushed
+from tactile_dynamics_ros.synthetic.pushed.actions import ActionOptions
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 PNG = b"\x89PNG"
@@ -117,6 +120,56 @@ def test_a_shape_is_drawn_and_tabulated(tmp_path):
     assert found.plot()._repr_png_().startswith(PNG)
     with pytest.raises(BadInputError, match="the largest is 1"):
         td.shape(tmp_path / "box.txt", support=0.0, number=9)
+
+
+@pytest.fixture(scope="module")
+def pushes(tmp_path_factory):
+    """A recording of two pushes that stop hard."""
+    actions = ActionOptions(count=2, speed=(0.08, 0.15), travel=0.05)
+    [made] = pushed.generate([7], {}, pushed.PushOptions(actions=actions))
+    folder = tmp_path_factory.mktemp("pushes")
+    return PushedRecording(made.streams, "made").to_bag(folder / "push.mcap")
+
+
+@pytest.mark.parametrize("verb", ["estimate", "compare"])
+def test_verbs_take_a_pushed_object_as_the_command_does(verb, pushes, capsys):
+    result = getattr(td, verb)(td.read(pushes))
+    assert json.loads(json.dumps(result.to_json())) == printed(capsys, verb, pushes)
+    assert result.plot()._repr_png_().startswith(PNG)
+    assert "<table>" in result._repr_html_()
+
+
+def test_what_is_known_of_a_pushed_object_goes_into_its_next_recording(pushes, tmp_path):
+    recording = td.read(pushes)
+    first = td.estimate(recording)
+    again = td.estimate(recording, prior=first.save(tmp_path / "thing.yaml"))
+    assert again.notes[0].startswith("together with 1 recordings")
+    both = again.found.values["friction_force_n"][1]
+    assert both == pytest.approx(first.found.values["friction_force_n"][1] / np.sqrt(2), rel=0.05)
+    with pytest.raises(BadInputError, match="another object"):
+        replace(again, changed=("mass",)).save(tmp_path / "thing.yaml")
+
+
+def test_the_page_of_pushes_tells_numbers_and_shows_forces(pushes, tmp_path):
+    found = td.estimate(td.read(pushes))
+    page = found.report(tmp_path).read_text()
+    assert found.lines()[0].split("+-")[0].split()[-1] in page
+    assert (tmp_path / "pushes.png").exists() and (tmp_path / "forces.png").exists()
+    rows = {row[0].removesuffix(" *"): row[1:] for row in found.rows()}
+    force, std = found.found.values["friction_force_n"]
+    assert float(rows["friction force"][0]) == pytest.approx(force, abs=std)
+    assert rows["com_x"][2] == "mm"
+
+
+def test_what_holds_for_held_objects_alone_is_refused_of_pushed_ones(pushes, bag, tmp_path):
+    recording = td.read(pushes)
+    with pytest.raises(BadInputError, match="not for an object on a support"):
+        td.estimate(recording, tool=tmp_path / "gripper.urdf")
+    with pytest.raises(BadInputError, match="one recording"):
+        td.read(pushes, pushes)
+    with pytest.raises(BadInputError, match="expected auto, held or pushed"):
+        td.read(bag, model="thrown")
+    assert type(td.read(bag)).__name__ == "Recording"
 
 
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.ipynb")), ids=lambda path: path.stem)
