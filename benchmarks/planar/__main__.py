@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.planar import ahead, choice, choices, daily, noise, speed
-from benchmarks.planar.ablations import FILTERS
+from benchmarks.planar.ablations import WAYS, Way
 from benchmarks.planar.fit import fitted
 from benchmarks.planar.scores import mean_interval, scored
 from benchmarks.planar.trial import (
@@ -252,12 +252,13 @@ def ablated(options: argparse.Namespace) -> dict[str, Any]:
     ones, keep = recorded("single", options)
     population, truths = Population.of("single"), [truth_of(one.scene) for one in ones]
     ranges, rows = _ranges("single"), {}
-    for name, (make, learning) in FILTERS.items():
+    for name, way in WAYS.items():
 
-        def tell(k: int, make: Any = make, learning: str = learning) -> dict[str, Any]:
+        def tell(k: int, way: Way = way) -> dict[str, Any]:
             process = process_of("patch", ones[k], options.setting)
-            prior, config = population.prior(process), DualConfig(learning=learning)
-            return filtered(process, prior, ones[k], options.setting, "patch", k, make, config)
+            prior, config = population.prior(process), DualConfig(learning=way.learning)
+            how = way.make, config, way.sense(ones[k].scene, k)
+            return filtered(process, prior, ones[k], options.setting, "patch", k, *how)
 
         told = each_of(tell, len(ones), keep, f"patch, {name}")
         rows[name] = scored([t["values"] for t in told], truths, ranges) | calibration(told)

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.planar.pixels import LASTING, NO_LASTING, Camera
 from tactile_dynamics_ros.core.planar.filter.belief import Belief
 from tactile_dynamics_ros.core.planar.filter.dual import DualFilter
+from tactile_dynamics_ros.core.planar.filter.observation import Observation
+from tactile_dynamics_ros.synthetic.pushed.sensed import SensedStep
 
 Array = NDArray[np.float64]
 
@@ -58,11 +63,33 @@ class KeptCross(DualFilter):
         return Belief(mean, np.asarray(np.linalg.cholesky(joint)), len(marginal[0]))
 
 
-FILTERS: dict[str, tuple[Any, str]] = {
-    "as it is": (DualFilter, "trend"),
-    "weighted hypotheses (Liu and West)": (DualFilter, "weights"),
-    "printed Eq. 32-33": (DualFilter, "printed"),
-    "clipped points": (Clipped, "trend"),
-    "kept cross-covariance": (KeptCross, "trend"),
+@dataclass(frozen=True, eq=False)
+class Way:
+    """One way to filter.
+
+    Attributes:
+        make: the filter. learning: how it learns parameters.
+        lasting: (3,) m and rad, error that pixels share, if they are seen instead of poses.
+    """
+
+    make: Callable[..., DualFilter] = DualFilter
+    learning: str = "trend"
+    lasting: Array | None = None
+
+    def sense(self, scene: Any, seed: int) -> Callable[[DualFilter, SensedStep], Observation]:
+        """What the filter is shown of each step."""
+        if self.lasting is None:
+            return lambda _, step: step.usual
+        return Camera(scene, self.lasting, seed)
+
+
+WAYS = {
+    "as it is": Way(),
+    "weighted hypotheses (Liu and West)": Way(learning="weights"),
+    "printed Eq. 32-33": Way(learning="printed"),
+    "clipped points": Way(Clipped),
+    "kept cross-covariance": Way(KeptCross),
+    "64 x 64 pixels, independent": Way(lasting=NO_LASTING),
+    "64 x 64 pixels, lasting error": Way(lasting=LASTING),
 }
-"""By what is undone: the filter, and how it learns parameters."""
+"""By what is undone."""

@@ -141,6 +141,7 @@ def filtered(
     seed: int,
     make: Callable[..., DualFilter] = DualFilter,
     config: DualConfig | None = None,
+    sense: Callable[[DualFilter, SensedStep], Observation] = lambda _, step: step.usual,
 ) -> dict[str, Any]:
     """What a filter with a model makes of all pushes of an object, and what it cost.
 
@@ -153,11 +154,12 @@ def filtered(
         seed: of the noise and of the hypotheses.
         make: the filter.
         config: of the filter, but for the seed.
+        sense: what the filter is shown of a step.
     """
     steps = sensed_steps(one, SETTINGS[setting][0], seed)
     start = np.concatenate([pose.value for pose in steps[0].seen.poses])
     belief = make(process, start, POSE_STD, replace(config or DualConfig(), seed=seed), prior)
-    after = follow(belief, steps, model)
+    after = follow(belief, steps, model, sense)
     found = described(*belief.parameters, process, one.scene)
     times = 1e3 * np.array([each.seconds for each in after])
     return found | {"nees": float(np.mean([each.nees for each in after])),

@@ -201,6 +201,34 @@ def test_a_tip_that_stands_or_starts_within_a_coarse_step_tells_no_force():
         assert (np.abs(found.parameters[0] - before).max() > 0.05) == tells
 
 
+@pytest.mark.parametrize(("slack", "tells"), [(5e-3, True), (2e-2, False)])
+def test_a_tip_that_moves_by_no_more_than_it_may_give_way_tells_no_force(slack, tells):
+    found = linear_filter(Linear())
+    before = found.parameters[0]
+    found.step(GOING, replace(FELT, slack=np.array([slack, 0.0])))
+    assert (np.abs(found.parameters[0] - before).max() > 0.05) == tells
+
+
+@dataclass(frozen=True)
+class Growing(Linear):
+    """Forces that grow with the exponential of a parameter, as friction does with ln product."""
+
+    def predict(self, states, parameters, motion):
+        """States stay."""
+        force = np.zeros((len(states), 3))
+        force[:, 0] = np.exp(parameters[:, 0])
+        return Prediction(states.copy(), force, self.force_std, self.state_std)
+
+
+def test_the_force_of_what_is_believed_teaches_nothing_however_unsure_the_belief():
+    found = linear_filter(Growing())
+    mean = found.parameters[0]
+    felt = FeltWrench(np.array([np.exp(mean[0]), 0.0]), np.full(2, 0.05))
+    found.step(GOING, Observation((), felt))
+    assert_allclose(found.parameters[0], mean, atol=1e-3)
+    assert found.parameters[1][0, 0] < 0.5 * Growing().prior[1][0, 0]
+
+
 def test_parameters_that_a_measurement_does_not_tell_stay_as_they_are():
     rng, size = np.random.default_rng(3), 5
     mean, root, by_weights = np.zeros(size), np.eye(size), 0.0

@@ -182,10 +182,8 @@ class DualFilter:
         middle[:k] = mean
         moving = np.asarray(np.linalg.cholesky(self.belief.covariance[own:, own:]), dtype=float)
         known = np.asarray(np.linalg.cholesky(marginal), dtype=float)
-        self.belief = joined(
-            (middle, known), np.zeros((n, own)),
-            (self.belief.mean[own:], moving),
-        )  # fmt: skip
+        rest = self.belief.mean[own:], moving
+        self.belief = joined((middle, known), np.zeros((n, own)), rest)
 
     def expected(self, motion: PusherMotion, seen: Observation) -> tuple[Array, Array]:
         """Mean (m,) and covariance (m, m) of what a step will show, without its own noise."""
@@ -199,17 +197,18 @@ class DualFilter:
             seen: during the step.
         """
         coarse = motion is not None and motion.step > COARSE
-        if not self._steady(motion, coarse):
+        if not self._steady(motion, coarse, float(np.linalg.norm(seen.slack))):
             seen = replace(seen, wrench=None)
         ahead = self._ahead(motion, seen)
         noise = self._believed_noise(seen, ahead)
         self.belief = self._updated(ahead, seen.value, noise, motion is None, coarse)
 
-    def _steady(self, motion: PusherMotion | None, coarse: bool) -> bool:
+    def _steady(self, motion: PusherMotion | None, coarse: bool, slack: float) -> bool:
         """Whether the mean force of a step follows from the mean motion of the pusher.
 
-        A tip that stands holds the object with any force up to friction; in a coarse step that
-        begins or ends a motion it does so for an unknown part of the step.
+        A tip that stands, or that moves by no more than it may give way, holds the object with any
+        force up to friction; in a coarse step that begins or ends a motion it does so for an
+        unknown part of the step.
         """
         velocity = np.zeros(2)
         if motion is not None:
@@ -218,13 +217,15 @@ class DualFilter:
         speed = np.linalg.norm(velocity)
         if motion is None or (motion.grip and motion.after[2] != motion.before[2]):
             return True
-        return bool(speed > _STANDING[0] and not (coarse and change > _STARTS * speed))
+        starts = coarse and change > _STARTS * speed
+        return bool(speed > _STANDING[0] + slack and not starts)
 
     def _ahead(self, motion: PusherMotion | None, seen: Observation) -> _Ahead:
         """Parameters with their likeliest motion, and motions with the mean parameters, moved on.
 
         So neither blurs what the other is told: a heavy hypothesis is not judged by the velocity
-        that was drawn with it.
+        that was drawn with it. What is expected is that of the mean parameters: forces grow with
+        the exponential of a parameter, and their mean would be that of heavier objects.
         """
         own = self._own
         values, split = self._hypotheses()
@@ -233,12 +234,12 @@ class DualFilter:
         states, memory = self._moved(values, motion, split)
         local = memory * values[:, own + self._moving :]
         both = np.concatenate([states.states, local, seen.expected(states)], axis=1)
-        middle, by_own, moved = np.split(both, split)
+        _, by_own, moved = np.split(both, split)
         average = moved.mean(axis=0)
         rows = (moved - average) / np.sqrt(len(moved))
         return _Ahead(
             values[1 : split[1], :own],
-            by_own + average - middle,
+            by_own + average - by_own.mean(axis=0),
             np.concatenate([rows, self._noise_rows(motion, seen, memory, states)]),
             states.force_std,
             len(seen.value),
