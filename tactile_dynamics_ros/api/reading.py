@@ -44,13 +44,21 @@ def read_recording(
 
 
 def read_pushed_recording(
-    path: str | Path, assume: Sequence[str] = ()
+    path: str | Path,
+    assume: Sequence[str] = (),
+    *,
+    remap: Mapping[str, str | Sequence[str]] | None = None,
+    namespace: str | None = None,
+    world_frame: str | None = None,
 ) -> tuple[PushedRecording, list[str]]:
-    """Read the recording of an object on a support.
+    """Read the recording of an object on a support; see `PushedRecording.from_bag`.
 
     Args:
         path: of the recording.
         assume: conventions as which it is read.
+        remap: recorded topic names and the name, or names, that they stand for.
+        namespace: of the topics that are read.
+        world_frame: frame of the poses, z up.
 
     Returns:
         The recording, and a sentence on each convention.
@@ -62,7 +70,10 @@ def read_pushed_recording(
     from tactile_dynamics_ros.core.planar.misreading import assumed, check_reading
     from tactile_dynamics_ros.recording.pushed import PushedRecording
 
-    recording, notes = PushedRecording.from_bag(path), []
+    recording = PushedRecording.from_bag(
+        path, remap=remap, namespace=namespace, world_frame=world_frame
+    )
+    notes = []
     for name in assume:
         streams, reading = assumed(recording.streams, name)
         notes.append(f"read as {name}: {reading.change}")

@@ -37,7 +37,7 @@ def read(
     any_unit: bool = False,
     model: str = "auto",
 ) -> Any:
-    """Read a recording, or several of one held object as one.
+    """Read a recording, or several of one object as one.
 
     Args:
         paths: rosbag2 directories, .mcap, .db3 or ROS 1 .bag files.
@@ -52,8 +52,8 @@ def read(
         A `Recording` of a held object, or a `PushedRecording`.
 
     Raises:
-        BadInputError: one cannot be read, no contact pushes, or a pushed object's recording is one
-            of several, is to be renamed, or presses into the outline only if read another way.
+        BadInputError: one cannot be read, no contact pushes, several are not of one object, or a
+            tip presses into the outline only if read another way.
     """
     from tactile_dynamics_ros.recording import Recording
 
@@ -61,12 +61,9 @@ def read(
         raise BadInputError("read: expected the path of a recording")
     if model not in ("auto", "held", "pushed"):
         raise BadInputError(f"read: model {model!r}; expected auto, held or pushed")
-    if (recorded_model(paths[0]) if model == "auto" else model) == "pushed":
-        if len(paths) > 1 or remap or world_frame:
-            raise BadInputError(
-                f"{paths[0]}: an object on a support; read one recording, as it is named"
-            )
-        return read_pushed_recording(paths[0])[0]
+    if (recorded_model(paths[0], remap) if model == "auto" else model) == "pushed":
+        where = {"remap": remap, "namespace": namespace, "world_frame": world_frame}
+        return PushedRecording.join([read_pushed_recording(path, **where)[0] for path in paths])
     return Recording.join(
         [
             read_recording(

@@ -26,15 +26,50 @@ def _names(name: str) -> Callable[[Document], str]:
     return lambda document: " ".join(document[name])
 
 
+def _body(document: Document) -> Document:
+    """The held body, the pushed part, or, of two parts, what is known of both together."""
+    if document.get("model") != "pushed":
+        return document
+    links = document["links"]
+    whole: Document = document["whole"] if len(links) > 1 else links[0]
+    return whole
+
+
+def _value(name: str, key: str) -> Callable[[Document], str]:
+    """Value or std of a number; empty where the recording does not tell it."""
+
+    def cell(document: Document) -> str:
+        unknown = name in document["undetermined"]
+        return "" if unknown else _number(_body(document)[name][key])
+
+    return cell
+
+
+def _centre(axis: int) -> Callable[[Document], str]:
+    """A coordinate of the centre of mass, likewise."""
+
+    def cell(document: Document) -> str:
+        unknown = {"com", f"com_{'xyz'[axis]}"} & set(document["undetermined"])
+        values = _body(document)["com"]["value"]
+        return _number(values[axis]) if axis < len(values) and not unknown else ""
+
+    return cell
+
+
+def _estimate_error(document: Document) -> str:
+    error = document["error"]
+    return _number(error if document.get("model") == "pushed" else error["whitened_rms"])
+
+
 _COLUMNS: dict[str, dict[str, Callable[[Document], str]]] = {
     "estimate": {
-        "mass_kg": lambda d: _number(d["mass"]["value"]),
-        "mass_std_kg": lambda d: _number(d["mass"]["std"]),
-        **{
-            f"com_{axis}_m": lambda d, k=k: _number(d["com"]["value"][k])  # type: ignore[misc]
-            for k, axis in enumerate("xyz")
-        },
-        "error": _error("whitened_rms"),
+        "mass_kg": _value("mass", "value"),
+        "mass_std_kg": _value("mass", "std"),
+        **{f"com_{axis}_m": _centre(k) for k, axis in enumerate("xyz")},
+        "friction_force_n": _value("friction_force_n", "value"),
+        "friction_force_std_n": _value("friction_force_n", "std"),
+        "undetermined": _names("undetermined"),
+        "error": _estimate_error,
     },
     "compare": {
         "adequate": lambda d: "yes" if d["adequate"] else "no",

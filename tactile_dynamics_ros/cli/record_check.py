@@ -51,7 +51,7 @@ def _checked(path: str, namespace: str | None) -> Readiness:
     from tactile_dynamics_ros.recording.pushed import PushedRecording, recorded_model
 
     if recorded_model(path) == "pushed":
-        return check_pushes(PushedRecording.from_bag(path))
+        return check_pushes(PushedRecording.from_bag(path, namespace=namespace))
     return check_recording(read_recording(path, namespace=namespace))
 
 

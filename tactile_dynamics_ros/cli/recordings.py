@@ -107,28 +107,46 @@ def model_of(args: Namespace) -> str:
 
     chosen = str(getattr(args, "model", "auto"))
     first = args.bag if isinstance(args.bag, str) else args.bag[0]
-    return recorded_model(first) if chosen == "auto" else chosen
+    if chosen != "auto":
+        return chosen
+    return recorded_model(first, _parse_remappings(getattr(args, "remap", [])))
 
 
-_HELD_ONLY = ("export", "tool", "wrist", "carried", "robot", "remap", "between", "world_frame")
+_HELD_ONLY = ("export", "tool", "wrist", "carried", "robot")
 """Options of the verbs that mean nothing for an object on a support."""
 
 
 def read_pushed(args: Namespace) -> PushedRecording:
-    """Read the recording of an object on a support; problems go to stderr, one line each.
+    """Read recordings of an object on a support; problems go to stderr, one line each.
 
     Raises:
-        BadInputError: it cannot be read, an option holds for held objects only, or the tip presses
-            into the outline only if signs, units or axes are read another way.
+        BadInputError: one cannot be read, an option holds for held objects only, several are not of
+            one object, or the tip presses into the outline only if signs, units or axes are read
+            another way.
     """
+    from tactile_dynamics_ros.recording.pushed import PushedRecording
+
     asked = [name for name in _HELD_ONLY if getattr(args, name, None)]
-    if asked or len(args.bag) > 1:
-        what = f"--{asked[0].replace('_', '-')}" if asked else "several recordings"
-        raise BadInputError(f"{what}: not for an object on a support; leave it out")
-    recording, notes = read_pushed_recording(args.bag[0], getattr(args, "assume", []))
-    for line in [*recording.problem_lines(), *notes]:
-        print(f"note: {line}", file=sys.stderr)
-    return recording
+    if asked:
+        raise BadInputError(
+            f"--{asked[0].replace('_', '-')}: not for an object on a support; leave it out"
+        )
+    span, bags = _parse_span(args.between), list(args.bag)
+    if span and len(bags) > 1:
+        raise BadInputError(f"--between cuts one recording; {len(bags)} are given")
+    recordings = []
+    for bag in bags:
+        recording, notes = read_pushed_recording(
+            bag,
+            getattr(args, "assume", []),
+            remap=_parse_remappings(args.remap),
+            namespace=args.namespace,
+            world_frame=args.world_frame,
+        )
+        for line in [*recording.problem_lines(), *notes]:
+            print(f"note: {line}", file=sys.stderr)
+        recordings.append(recording)
+    return recordings[0].between(*span) if span else PushedRecording.join(recordings)
 
 
 def pushed_effects(args: Namespace) -> list[str]:

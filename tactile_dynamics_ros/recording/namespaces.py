@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from tactile_dynamics_ros.core.errors import BadInputError
@@ -78,16 +78,20 @@ class RecordedNames:
     Attributes:
         remap: recorded topics and the names at root that they stand for, one or several.
         namespace: that is read; None chooses root or the only one.
+        needed: matches names at root of the topics that a recording is made of.
+        suffice: whether topics at root are enough for a recording.
     """
 
     remap: Mapping[str, str | Sequence[str]]
     namespace: str | None = None
+    needed: re.Pattern[str] = topics.NEEDED
+    suffice: Callable[[Iterable[str]], bool] = topics.suffice
 
     def may_be_needed(self, topic: str) -> bool:
         """Whether a topic may have to be read, before it is known which there are."""
         if topic in self.remap:
-            return any(topics.topic_kind(name) is not None for name in self._meant(topic))
-        found = split_topic(topic, topics.NEEDED)
+            return any(map(self.needed.fullmatch, self._meant(topic)))
+        found = split_topic(topic, self.needed)
         return found is not None and self._may_be(found[0])
 
     def _meant(self, recorded: str) -> tuple[str, ...]:
@@ -97,6 +101,11 @@ class RecordedNames:
 
     def _may_be(self, namespace: str) -> bool:
         return self.namespace is None or absolute_namespace(self.namespace) == namespace
+
+    def recorded(self, meant: str, namespace: str) -> str:
+        """Return the name under which a topic was recorded."""
+        named = (topic for topic in self.remap if meant in self._meant(topic))
+        return next(named, namespace + meant)
 
     def apply(self, bag: BagTables, source: str) -> str:
         """Give all topics the names that they stand for, all at once: names may be swapped.
@@ -125,11 +134,11 @@ class RecordedNames:
         """Return the namespace that is read."""
         found: dict[str, set[str]] = {}
         for topic in types:
-            split = None if topic in self.remap else split_topic(topic, topics.NEEDED)
+            split = None if topic in self.remap else split_topic(topic, self.needed)
             if split is not None:
                 found.setdefault(split[0], set()).add(split[1])
         meant = [name for topic in self.remap for name in self._meant(topic)]
-        root_is_used = ROOT in found or any(map(topics.topic_kind, meant))
-        enough = [name for name, own in found.items() if topics.suffice(own)]
+        root_is_used = ROOT in found or any(map(self.needed.fullmatch, meant))
+        enough = [name for name, own in found.items() if self.suffice(own)]
         wanted = enough if self.namespace is None else found
         return choose_namespace(self.namespace, wanted, root_is_used, source)

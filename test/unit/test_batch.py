@@ -7,7 +7,7 @@ import pytest
 from synthetic_recording import held_box
 
 from tactile_dynamics_ros.cli import batch_jobs
-from tactile_dynamics_ros.cli.batch_table import row
+from tactile_dynamics_ros.cli.batch_table import columns, row
 from tactile_dynamics_ros.cli.main import main
 
 SAID = {
@@ -104,9 +104,22 @@ def test_the_verb_itself_is_asked_in_a_process_of_its_own(tmp_path, capfd):
     assert bad["status"] == "bad input" and "bad.mcap" in bad["message"]
 
 
-def test_a_document_of_another_model_leaves_cells_empty():
-    answer = batch_jobs.Answer("push.mcap", ".", "done", 1.0, {"model": "pushed", "links": []})
-    assert row("estimate", answer)[:3] == ["push.mcap", "done", ""]
+def told(document):
+    cells = row("estimate", batch_jobs.Answer("push.mcap", ".", "done", 1.0, document))
+    return dict(zip(columns("estimate"), cells, strict=True))
+
+
+def test_pushed_objects_have_their_friction_force_and_what_is_not_told_is_empty():
+    number = {"value": 1.5, "std": 0.02}
+    part = {"mass": number, "friction_force_n": number, "com": {"value": [0.01, 0.02]}}
+    document = {"model": "pushed", "links": [part], "undetermined": ["mass"], "error": 0.97}
+    cells = told(document)
+    assert cells["friction_force_n"] == "1.500" and cells["friction_force_std_n"] == "0.02000"
+    assert cells["mass_kg"] == cells["com_z_m"] == "" and cells["com_y_m"] == "0.02000"
+    assert cells["error"] == "0.9700" and cells["undetermined"] == "mass"
+    whole = {"mass": number, "friction_force_n": {"value": 4.0, "std": 0.1}}
+    both = document | {"links": [part, part], "whole": whole, "undetermined": ["link_1.mass"]}
+    assert told(both)["friction_force_n"] == "4.000" and told(both)["mass_kg"] == "1.500"
 
 
 def test_nothing_that_matches_is_bad_input(tmp_path, capsys):

@@ -165,8 +165,7 @@ def test_what_holds_for_held_objects_alone_is_refused_of_pushed_ones(pushes, bag
     recording = td.read(pushes)
     with pytest.raises(BadInputError, match="not for an object on a support"):
         td.estimate(recording, tool=tmp_path / "gripper.urdf")
-    with pytest.raises(BadInputError, match="one recording"):
-        td.read(pushes, pushes)
+    assert td.read(pushes, pushes).duration > 2.0 * recording.duration
     with pytest.raises(BadInputError, match="expected auto, held or pushed"):
         td.read(bag, model="thrown")
     assert type(td.read(bag)).__name__ == "Recording"

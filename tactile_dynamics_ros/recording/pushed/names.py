@@ -10,7 +10,11 @@ from tactile_dynamics_ros.recording import topics
 SUPPORT_POSE = "/support/pose"
 PUSHER_POSE = "/pusher/pose"
 POLYGON_STAMPED = "geometry_msgs/msg/PolygonStamped"
-_LINK = re.compile(r"^/object(?:/(?P<link>link_\d+))?/(?P<kind>pose|footprint)$")
+NEEDED = re.compile(
+    rf"/object(/link_\d+)?/(pose|footprint)|{SUPPORT_POSE}|{PUSHER_POSE}"
+    r"|/contact/[^/]+/(force|force_std|pose)"
+)
+"""Topics that a recording of a pushed object is made of."""
 _MOST_LINKS = 2
 
 
@@ -24,12 +28,6 @@ def link_frame(index: int) -> str:
     return "object" if index == 0 else f"link_{index + 1}"
 
 
-def is_needed(topic: str) -> bool:
-    """Whether a topic belongs to a recording of a pushed object."""
-    contact = topics.CONTACT_TOPIC.match(topic)
-    return bool(contact or _LINK.match(topic)) or topic in (SUPPORT_POSE, PUSHER_POSE)
-
-
 def links_of(names: Iterable[str]) -> int:
     """Return how many links have poses, counted without gaps."""
     known, count = set(names), 0
@@ -38,7 +36,14 @@ def links_of(names: Iterable[str]) -> int:
     return count
 
 
+def suffice(names: Iterable[str]) -> bool:
+    """Whether topics hold the motion of an object, its outline and a contact."""
+    known = set(names)
+    contact = any(topics.CONTACT_TOPIC.match(name) for name in known)
+    return contact and {link_topic(0, "pose"), link_topic(0, "footprint")} <= known
+
+
 def marks_a_push(names: Iterable[str]) -> bool:
-    """Whether topics are those of an object on a support: footprint, support or pusher."""
-    marks = {link_topic(0, "footprint"), SUPPORT_POSE, PUSHER_POSE}
-    return not marks.isdisjoint(names)
+    """Whether topics, in any namespace, are a footprint, a support or a pusher."""
+    marks = (link_topic(0, "footprint"), SUPPORT_POSE, PUSHER_POSE)
+    return any(name.endswith(marks) for name in names)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -10,14 +12,22 @@ from numpy.typing import NDArray
 from rosbags.typesys import Stores, get_typestore
 
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.planar.joining import join_pushes
 from tactile_dynamics_ros.core.planar.streams import LinkStream, PushContact, PushedStreams
 from tactile_dynamics_ros.core.rigid_body.rotation import quaternion_to_matrix
 from tactile_dynamics_ros.core.streams.streams import ContactStream, PoseStream
 from tactile_dynamics_ros.recording import topics
-from tactile_dynamics_ros.recording.assembly import assemble_contact, assemble_pose
+from tactile_dynamics_ros.recording.assembly import (
+    PoseColumns,
+    WrenchColumns,
+    assemble_contact,
+    assemble_pose,
+)
 from tactile_dynamics_ros.recording.bag_files import BagTables, read_messages, read_tables
 from tactile_dynamics_ros.recording.cdr import MessageTable
 from tactile_dynamics_ros.recording.cleaning import ProblemLog, ranked_lines
+from tactile_dynamics_ros.recording.frames import Frames, in_world_axes
+from tactile_dynamics_ros.recording.namespaces import RecordedNames
 from tactile_dynamics_ros.recording.pushed import names
 from tactile_dynamics_ros.recording.pushed.writer import write_pushed
 
@@ -43,15 +53,72 @@ class PushedRecording:
     epoch_ns: int = 0
 
     @classmethod
-    def from_bag(cls, path: str | Path) -> PushedRecording:
+    def from_bag(
+        cls,
+        path: str | Path,
+        *,
+        remap: Mapping[str, str | Sequence[str]] | None = None,
+        namespace: str | None = None,
+        world_frame: str | None = None,
+    ) -> PushedRecording:
         """Read a rosbag2 recording; links and contacts are discovered from its topics.
 
+        Args:
+            path: the recording's directory, or an .mcap, .db3 or ROS 1 .bag file.
+            remap: recorded topic names and the name, or names, that they stand for.
+            namespace: of the topics that are read; root if None, or the only one there is.
+            world_frame: frame of the poses, z up, if it is not `world` or a robot's base.
+
         Raises:
-            BadInputError: the files cannot be read, or pose or footprint of a link is missing.
+            BadInputError: the files cannot be read, pose or footprint of a link is missing, a topic
+                is in another frame, or several namespaces could be meant.
         """
-        bag = read_tables(Path(path), names.is_needed)
-        topics.check_types(bag.types, str(path))
-        return _Assembly(bag, Path(path)).recording()
+        recorded = RecordedNames(dict(remap or {}), namespace, names.NEEDED, names.suffice)
+        bag, source = read_tables(Path(path), recorded.may_be_needed), str(path)
+        chosen = recorded.apply(bag, source)
+        if chosen:
+            source += f" (namespace {chosen})"
+        topics.check_types(bag.types, source)
+        frames = Frames.of(bag, world_frame, source)
+        outlines = {
+            k: _last_outline(
+                Path(path), recorded.recorded(names.link_topic(k, "footprint"), chosen)
+            )
+            for k in range(names.links_of(bag.tables))
+            if bag.types.get(names.link_topic(k, "footprint")) == names.POLYGON_STAMPED
+        }
+        return _Assembly(bag, source, frames, outlines).recording()
+
+    @classmethod
+    def join(cls, recordings: Sequence[PushedRecording]) -> PushedRecording:
+        """Several recordings of one object on one support as one.
+
+        Raises:
+            BadInputError: none is given, or they are not of one object.
+        """
+        if len(recordings) == 1:
+            return recordings[0]
+        streams = join_pushes([recording.streams for recording in recordings])
+        problems: Counter[str] = Counter()
+        for recording in recordings:
+            problems.update(recording.problems)
+        source = " + ".join(recording.source for recording in recordings)
+        return cls(streams, source, dict(problems), recordings[0].epoch_ns)
+
+    def between(self, start: float, stop: float) -> PushedRecording:
+        """What was measured from start to stop, in seconds from the first pose.
+
+        Raises:
+            BadInputError: nothing was recorded then.
+        """
+        first = float(self.streams.links[0].time[0])
+        streams = self.streams.between(first + start, first + stop)
+        if not all(len(link.time) for link in streams.links):
+            raise BadInputError(
+                f"from {start:g} to {stop:g} s: nothing was recorded then; {self.source} lasts "
+                f"from 0 to {self.duration:.1f} s"
+            )
+        return replace(self, streams=streams, source=f"{self.source} from {start:g} to {stop:g} s")
 
     @property
     def duration(self) -> float:
@@ -72,13 +139,28 @@ class PushedRecording:
         return ranked_lines(self.problems)
 
 
-def recorded_model(path: str | Path) -> str:
+def recorded_model(path: str | Path, remap: Mapping[str, str | Sequence[str]] | None = None) -> str:
     """Return "pushed" for a recording with footprint, support or pusher, else "held".
+
+    Args:
+        path: of the recording.
+        remap: recorded topic names and the name, or names, that they stand for.
 
     Raises:
         BadInputError: there is no recording at the path.
     """
-    return "pushed" if names.marks_a_push(read_tables(Path(path), _nothing).types) else "held"
+    found = list(read_tables(Path(path), _nothing).types)
+    for meant in (remap or {}).values():
+        found += [meant] if isinstance(meant, str) else meant
+    return "pushed" if names.marks_a_push(found) else "held"
+
+
+def _last_outline(path: Path, topic: str) -> Array:
+    """Return the corners (V, 2) of the last polygon of a topic, m."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    data = [raw for _, _, _, raw in read_messages(path, topic)][-1]
+    points = store.deserialize_cdr(data, names.POLYGON_STAMPED).polygon.points  # type: ignore
+    return np.array([[p.x, p.y] for p in points], dtype=np.float64)
 
 
 def _nothing(topic: str) -> bool:
@@ -88,19 +170,31 @@ def _nothing(topic: str) -> bool:
 class _Assembly:
     """Builds the streams of one recording from its decoded topics."""
 
-    def __init__(self, bag: BagTables, path: Path) -> None:
-        self._bag, self._path, self._log = bag, path, ProblemLog(bag.problems)
+    def __init__(
+        self, bag: BagTables, source: str, frames: Frames, outlines: Mapping[int, Array]
+    ) -> None:
+        self._bag, self._source, self._log = bag, source, ProblemLog(bag.problems)
+        self._frames, self._outlines = frames, outlines
         self._links = names.links_of(bag.tables)
         if not self._links:
             raise BadInputError(
-                f"{path}: {topics.OBJECT_POSE} is missing; record the object's pose"
+                f"{source}: {topics.OBJECT_POSE} is missing; record the object's pose"
             )
+        for line in frames.notes:
+            self._log[line] += 1
         self._clock = topics.Clock.starting_at(bag.tables[topics.OBJECT_POSE])
         self._place, self._R_WS = np.zeros(3), np.eye(3)
-        support = bag.tables.get(names.SUPPORT_POSE)
-        if support is not None and len(support):
+        support = self._world(names.SUPPORT_POSE)
+        if support is not None:
             self._place = support.values[-1, :3]
             self._R_WS = quaternion_to_matrix(support.values[-1:, 3:7])[0]
+
+    def _world(self, topic: str) -> MessageTable | None:
+        """Return a topic's messages in the world frame, or None if there are none."""
+        table = self._bag.tables.get(topic)
+        if table is None or not len(table):
+            return None
+        return self._frames.in_world(topic, table, self._log)
 
     def recording(self) -> PushedRecording:
         """Return the recording with everything on the support."""
@@ -109,12 +203,12 @@ class _Assembly:
         streams = PushedStreams(
             links, self._contacts(), self._R_WS.T @ GRAVITY_W, pusher_time=time, pusher_yaw=yaw
         )
-        return PushedRecording(streams, str(self._path), dict(self._log), self._clock.epoch_ns)
+        return PushedRecording(streams, self._source, dict(self._log), self._clock.epoch_ns)
 
     def _pusher(self) -> tuple[Array, Array] | tuple[None, None]:
         """Return times and yaw of the pusher's axes on the support, or nothing."""
-        table = self._bag.tables.get(names.PUSHER_POSE)
-        if table is None or not len(table):
+        table = self._world(names.PUSHER_POSE)
+        if table is None:
             return None, None
         columns = topics.pose_columns(names.PUSHER_POSE, table, self._clock)
         pose = assemble_pose(columns, self._log)
@@ -123,9 +217,8 @@ class _Assembly:
 
     def _link(self, k: int) -> LinkStream:
         topic = names.link_topic(k, "pose")
-        pose = assemble_pose(
-            topics.pose_columns(topic, self._bag.tables[topic], self._clock), self._log
-        )
+        table = self._frames.in_world(topic, self._bag.tables[topic], self._log)
+        pose = assemble_pose(topics.pose_columns(topic, table, self._clock), self._log)
         turn = self._R_WS.T @ pose.rotation
         yaw = np.unwrap(np.arctan2(turn[:, 1, 0], turn[:, 0, 0]))
         place = (pose.position - self._place) @ self._R_WS
@@ -135,27 +228,27 @@ class _Assembly:
     def _footprint(self, k: int) -> Array:
         """Return the corners of the last footprint, anticlockwise."""
         topic = names.link_topic(k, "footprint")
-        if self._bag.types.get(topic) != names.POLYGON_STAMPED:
+        if k not in self._outlines:
             raise BadInputError(
-                f"{self._path}: {topic} is missing; expected a {names.POLYGON_STAMPED} with the "
+                f"{self._source}: {topic} is missing; expected a {names.POLYGON_STAMPED} with the "
                 "outline on the support (`tactile-dynamics shape` finds it from point clouds)"
             )
-        store = get_typestore(Stores.ROS2_JAZZY)
-        data = [raw for _, _, _, raw in read_messages(self._path, topic)][-1]
-        points = store.deserialize_cdr(data, names.POLYGON_STAMPED).polygon.points  # type: ignore
-        corners = np.array([[p.x, p.y] for p in points], dtype=np.float64)
+        corners = self._outlines[k]
         if len(corners) < 3 or not np.isfinite(corners).all():
-            raise BadInputError(f"{self._path}: {topic} has {len(corners)} corners; expected three")
+            raise BadInputError(
+                f"{self._source}: {topic} has {len(corners)} corners; expected three"
+            )
         after = np.roll(corners, -1, axis=0)
         area = np.sum(corners[:, 0] * after[:, 1] - corners[:, 1] * after[:, 0])
         return corners if area > 0.0 else corners[::-1]
 
     def _contacts(self) -> dict[str, PushContact]:
         found = {}
-        for topic, table in self._bag.tables.items():
+        for topic in self._bag.tables:
             match = topics.CONTACT_TOPIC.match(topic)
-            if match and match["kind"] == "pose" and len(table):
-                contact = self._contact(match["name"], table)
+            where = self._world(topic) if match and match["kind"] == "pose" else None
+            if match and where is not None:
+                contact = self._contact(match["name"], where)
                 if contact is not None:
                     found[match["name"]] = contact
         return dict(sorted(found.items()))
@@ -165,13 +258,14 @@ class _Assembly:
         placed = topics.pose_columns(pose, where, self._clock)
         variance = where.values[:, 7:].reshape(len(where), -1)[:, :1]
         point_std = float(np.sqrt(np.median(variance))) if variance.any() else None
-        if not len(self._bag.tables.get(force, ())):
+        felt = self._wrench(force, placed)
+        if felt is None:
             path = assemble_pose(placed, self._log)
             return self._on_support(name, path, point_std, None)
         stated = self._bag.tables.get(std)
         stream = assemble_contact(
             name,
-            topics.wrench_columns(force, self._bag.tables[force], self._clock),
+            felt,
             placed,
             None if stated is None else topics.std_columns(std, stated, self._clock),
             self._log,
@@ -180,6 +274,14 @@ class _Assembly:
             return None
         path = PoseStream(stream.pose_time, stream.position, stream.rotation)
         return self._on_support(name, path, point_std, stream)
+
+    def _wrench(self, topic: str, placed: PoseColumns) -> WrenchColumns | None:
+        """Return forces in axes of the world, or None if there are none."""
+        if self._frames.sensor_of(topic):
+            wrench = topics.wrench_columns(topic, self._bag.tables[topic], self._clock)
+            return in_world_axes(wrench, placed)
+        table = self._world(topic)
+        return None if table is None else topics.wrench_columns(topic, table, self._clock)
 
     def _on_support(
         self, name: str, path: PoseStream, point_std: float | None, stream: ContactStream | None
