@@ -17,6 +17,7 @@ from tactile_dynamics_ros.cli.push_goal import ask
 from tactile_dynamics_ros.cli.supervisor import Supervisor, node_command, verb_command
 from tactile_dynamics_ros.cli.topics import short_lived_node, spin_until
 from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError
+from tactile_dynamics_ros.core.planar.actions.candidate import MANNERS
 from tactile_dynamics_ros.share import share_file
 
 if TYPE_CHECKING:
@@ -115,7 +116,7 @@ def nodes(table: dict[str, object], seed: int) -> dict[str, dict[str, object]]:
     return {
         "robot_sim": table,
         "property_estimator": clock,
-        "explorer": clock | {"budget": BUDGET, "seed": seed},
+        "explorer": clock | {"budget": BUDGET, "seed": seed, "manners": list(MANNERS)},
         "push_controller": clock,
         "model_check": clock | CHECKING,
     }

@@ -1,4 +1,4 @@
-"""Node: pushes the object where that tells most, until it is known; differently, if it changes."""
+"""Node: pushes and pulls the object where that tells most; differently, if it changes."""
 
 from __future__ import annotations
 
@@ -10,18 +10,17 @@ from dataclasses import dataclass, field
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
+from numpy.typing import NDArray
 from rclpy.task import Future as RosFuture
+from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
 from tactile_dynamics_ros.core.errors import NotIdentifiableError, TactileDynamicsError
+from tactile_dynamics_ros.core.planar.actions.affordances import ExploreConfig
 from tactile_dynamics_ros.core.planar.actions.directions import DirectionExplorer
-from tactile_dynamics_ros.core.planar.actions.exploration import (
-    Choice,
-    ExploreConfig,
-    Explorer,
-    next_choice,
-)
+from tactile_dynamics_ros.core.planar.actions.exploration import Choice, Explorer, next_choice
 from tactile_dynamics_ros.core.planar.actions.information import PredictedObject, SensingConfig
+from tactile_dynamics_ros.core.planar.actions.straight import freeing
 from tactile_dynamics_ros.core.planar.control.guard import Guard, GuardConfig
 from tactile_dynamics_ros.core.planar.control.performance import (
     Performance,
@@ -37,13 +36,22 @@ from tactile_dynamics_ros.ros.names import (
     EXPLORE,
     EXPLORE_CHANGE,
     EXPLORE_PROGRESS,
+    GRIPPER_TARGET,
     PROPERTY_STATUS,
     PUSHER_TARGET,
 )
 from tactile_dynamics_ros.ros.parameters import declare_config
 from tactile_dynamics_ros.ros.shell import REQUESTS, Shell, run_node
-from tactile_dynamics_ros.ros.table_scene import WORLD, TableScene, TableSceneConfig, tip_pose
+from tactile_dynamics_ros.ros.table_scene import (
+    OPEN,
+    WORLD,
+    TableScene,
+    TableSceneConfig,
+    tip_pose,
+)
 from tactile_dynamics_ros.ros.wire import Stamp
+
+Array = NDArray[np.float64]
 
 GAP = 0.006
 """Between tip and object before a push, m: outlines from cameras are right to 2 mm."""
@@ -86,7 +94,7 @@ def _late(run: Run) -> bool:
 
 
 class ExplorerNode(Shell):
-    """On request chooses a push, makes it, waits for the estimate, and chooses again."""
+    """On request chooses a push or a pull, makes it, waits for the estimate, and chooses again."""
 
     skimming = True
 
@@ -101,6 +109,8 @@ class ExplorerNode(Shell):
         self._run: Run | None = None
         self._answered, self._heard = Stamp(0, 0), time.monotonic()
         self._target = self.create_publisher(PoseStamped, PUSHER_TARGET, 10)
+        self._jaws = self.create_publisher(Float64, GRIPPER_TARGET, 10)
+        self._width: float | None = None
         self._progress = self.latched(DiagnosticStatus, EXPLORE_PROGRESS)
         self.stop = EmergencyStop(self, lambda: self._finish("the emergency stop is on", False))
         self.create_service(Trigger, EXPLORE, self._explore, qos_profile=REQUESTS)
@@ -125,7 +135,7 @@ class ExplorerNode(Shell):
             self.stop.require_released()
             if self._run is not None:
                 raise NotIdentifiableError("it is already exploring")
-            self._run = Run(RosFuture(), self._explorer(kind))
+            self._run = Run(RosFuture(), self._explorer(kind), performance=self._freeing())
         except TactileDynamicsError as error:
             response.success, response.message = False, str(error)
             return response
@@ -136,10 +146,21 @@ class ExplorerNode(Shell):
     def _explorer(self, kind: type[Explorer]) -> Explorer:
         body, config = self.scene.body(), self.scene.config
         thing = PredictedObject(
-            convex_hull(body.outline), config.tip_friction, push_height=self.way.height
+            convex_hull(body.outline),
+            config.tip_friction,
+            push_height=self.way.height,
+            footprint=body.outline,
         )
         room = (np.array(config.low), np.array(config.high))
-        return kind(thing, self.config, self.sensing, room, config.tip_radius)
+        opening = self.way.opening
+        return kind(thing, self.config, self.sensing, room, config.tip_radius, opening)
+
+    def _freeing(self) -> Performance | None:
+        """Let go first of what a pull still holds that was stopped; None where jaws are closed."""
+        if self.scene.width < OPEN:
+            return None
+        action = freeing(self.scene.seen().tip, self.way, self.scene.support)
+        return Performance(action, Guard(self.guard))
 
     def process(self) -> None:
         """Answer the newest pose of the tip while a push is made."""
@@ -156,10 +177,19 @@ class ExplorerNode(Shell):
         if performance.why:
             self._finish(performance.why, False)
         elif performance.finished:
-            self._run.performance, self._run.since = None, time.monotonic()
-            self._tell("waiting", "for the estimate from this push")
+            self._run.performance = None
+            if self._run.actions:
+                self._run.since = time.monotonic()
+                self._tell("waiting", "for the estimate from this push")
         else:
-            self._target.publish(pose_to_message(tip_pose(target), self._answered, WORLD))
+            self._move(target, performance.width)
+
+    def _move(self, target: Array, width: float | None) -> None:
+        """Send tip and jaws where they should be now."""
+        if width is not None and width != self._width:
+            self._jaws.publish(Float64(data=width))
+        self._width = width
+        self._target.publish(pose_to_message(tip_pose(target), self._answered, WORLD))
 
     def _advance(self) -> None:
         """Choose when the last push has been judged; begin what is chosen."""

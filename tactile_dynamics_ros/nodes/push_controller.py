@@ -9,7 +9,7 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 
-from tactile_dynamics_ros.core.errors import TactileDynamicsError
+from tactile_dynamics_ros.core.errors import NotIdentifiableError, TactileDynamicsError
 from tactile_dynamics_ros.core.planar.control.controller import (
     ControlConfig,
     PushController,
@@ -28,7 +28,13 @@ from tactile_dynamics_ros.ros.names import (
 )
 from tactile_dynamics_ros.ros.parameters import declare_config
 from tactile_dynamics_ros.ros.shell import Shell, run_node
-from tactile_dynamics_ros.ros.table_scene import WORLD, TableScene, TableSceneConfig, tip_pose
+from tactile_dynamics_ros.ros.table_scene import (
+    OPEN,
+    WORLD,
+    TableScene,
+    TableSceneConfig,
+    tip_pose,
+)
 from tactile_dynamics_ros.ros.wire import Stamp, Stamped
 
 SILENT = 5.0
@@ -79,6 +85,12 @@ class PushControllerNode(Shell):
         try:
             self.stop.require_released()
             body = self.scene.body()
+            if self.scene.width > OPEN:
+                raise NotIdentifiableError(
+                    f"the jaws are {1e3 * self.scene.width:.0f} mm open, perhaps around the "
+                    "object, and only a closed gripper pushes: call /explorer/explore, which lets "
+                    "go first, or close them"
+                )
         except TactileDynamicsError as error:
             self._publish(False, str(error), {})
             raise

@@ -15,6 +15,7 @@ from tactile_dynamics_ros.core.planar.actions.straight import (
     StraightConfig,
     straight_action,
 )
+from tactile_dynamics_ros.core.planar.actions.travel import Travel
 from tactile_dynamics_ros.ros.conversions import pose_to_core, pose_to_message, to_seconds
 from tactile_dynamics_ros.ros.names import (
     EMERGENCY_STOP,
@@ -86,8 +87,9 @@ class StraightMotion:
         turn = float(np.arctan2(self._pose[1, 0], self._pose[0, 0]))
         now = np.array([*self._pose[:3, 3], turn])
         self._goal = np.array(end, dtype=float)
+        travel = Travel(speed, config.acceleration)
         self._action = straight_action(
-            now, np.array(start), self._goal, speed, config, self._support, pull
+            now, np.array(start), self._goal, travel, config, self._support, pull
         )
         self._busy, self._began = True, None
 

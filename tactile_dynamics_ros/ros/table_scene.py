@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from geometry_msgs.msg import (
     WrenchStamped,
 )
 from numpy.typing import NDArray
+from std_msgs.msg import Float64
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
@@ -26,6 +28,7 @@ from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 from tactile_dynamics_ros.ros.conversions import MessageError, pose_to_core, to_seconds
 from tactile_dynamics_ros.ros.diagnostics import status_values
 from tactile_dynamics_ros.ros.names import (
+    GRIPPER_WIDTH,
     OBJECT_POSE,
     PROPERTY_STATUS,
     PUSHER_POSE,
@@ -38,7 +41,12 @@ from tactile_dynamics_ros.ros.wire import Stamp, Stamped
 
 Array = NDArray[np.float64]
 
-WORLD, PUSHER = "world", "pusher"
+WORLD = "world"
+CONTACTS = ("pusher", "pad_left", "pad_right")
+"""Whose forces stop a motion: of the tip and of both pads."""
+OPEN = 0.004
+"""Width of the jaws from which they are not closed to a single tip, m: twice what closed grippers
+tell of themselves, half of the narrowest that is gripped."""
 UPRIGHT = 0.97
 """Cosine of the tilt up to which an object stands, 14 deg: what falls over does so at more, and
 trackers are wrong by a few degrees."""
@@ -81,6 +89,7 @@ class TableScene:
         support: height of the table, m. properties: the newest estimate as numbers by name.
         undetermined: names of what it does not tell. fits: how often it was made anew.
         fallen: whether the object no longer stands. stamp: of the tip's newest pose.
+        width: m, of the jaws; 0 where nobody tells.
     """
 
     def __init__(self, node: Shell, config: TableSceneConfig) -> None:
@@ -93,12 +102,16 @@ class TableScene:
         self._tip: Array | None = None
         self._object: tuple[float, Array] | None = None
         self._footprint: Array | None = None
-        self._force = (-np.inf, 0.0)
+        self._forces = dict.fromkeys(CONTACTS, (-np.inf, 0.0))
+        self.width = 0.0
         node.listen(PoseStamped, PUSHER_POSE, self._on_tip, skim=True)
         node.listen(PoseWithCovarianceStamped, OBJECT_POSE, self._on_object)
         node.listen(PolygonStamped, link_topic("link_1", "footprint"), self._on_outline, LATCHED)
         node.listen(PoseStamped, SUPPORT_POSE, self._on_support, LATCHED)
-        node.listen(WrenchStamped, contact_topic(PUSHER, "force"), self._on_force)
+        for name in CONTACTS:
+            take = partial(self._on_force, name)
+            node.listen(WrenchStamped, contact_topic(name, "force"), take, skim=True)
+        node.listen(Float64, GRIPPER_WIDTH, self._on_width, skim=True)
         node.listen(DiagnosticArray, PROPERTY_STATUS, self._on_properties, LATCHED)
 
     def properties_json(self) -> dict[str, object]:
@@ -161,8 +174,8 @@ class TableScene:
             )
         now = to_seconds(self.stamp)
         time, pose = self._object
-        force = self._force[1] if abs(now - self._force[0]) < SILENT else 0.0
-        return Seen(now, self._tip, pose, time, force)
+        felt = [size for when, size in self._forces.values() if abs(now - when) < SILENT]
+        return Seen(now, self._tip, pose, time, max(felt, default=0.0))
 
     def _on_tip(self, message: Stamped) -> None:
         pose = pose_to_core(message, PUSHER_POSE, WORLD)
@@ -184,8 +197,12 @@ class TableScene:
     def _on_support(self, message: Stamped) -> None:
         self.support = float(pose_to_core(message, SUPPORT_POSE, WORLD)[2, 3])
 
-    def _on_force(self, message: Stamped) -> None:
-        self._force = to_seconds(message.stamp), float(np.linalg.norm(message.values[:3]))
+    def _on_force(self, name: str, message: Stamped) -> None:
+        size = float(np.linalg.norm(message.values[:3]))
+        self._forces[name] = to_seconds(message.stamp), size
+
+    def _on_width(self, message: Float64) -> None:
+        self.width = float(message.data)
 
     def _on_properties(self, message: DiagnosticArray) -> None:
         for status in message.status:

@@ -88,7 +88,7 @@ ROOMS = {
     ),
     "core/planar/actions": Room(
         "pushes and pulls as paths of a gripper; what they would tell",
-        ("core/planar", "core/planar/mechanics", "core/rigid_body"),
+        ("core/planar", "core/planar/linked", "core/planar/mechanics", "core/rigid_body"),
     ),
     "core/planar/control": Room(
         "the next pushes that bring an object to a pose, in closed loop",

@@ -5,6 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from tactile_dynamics_ros.core.planar.actions.straight import StraightConfig, straight_action
+from tactile_dynamics_ros.core.planar.actions.travel import Travel
 from tactile_dynamics_ros.recording.pushed import PushedRecording, recorded_model
 from tactile_dynamics_ros.sim.planar.bed import GRAVITY, Surface, uneven_friction
 from tactile_dynamics_ros.sim.planar.pusher import Pusher, PusherConfig
@@ -70,7 +71,9 @@ def push(rig, start, end, speed=0.05, pull=False):
     """Put the tip beside the block and push."""
     now = np.array([*start, HEIGHT, 0.0])
     config = StraightConfig(height=HEIGHT, clearance=HEIGHT, hold=0.2, grip_time=0.7)
-    action = straight_action(now, np.array(start), np.array(end), speed, config, pull=pull)
+    action = straight_action(
+        now, np.array(start), np.array(end), Travel(speed, config.acceleration), config, pull=pull
+    )
     rig.pusher.place(now, action.legs[0].width)
     return rig.perform(action)
 

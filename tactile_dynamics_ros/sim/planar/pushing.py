@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.planar.actions.straight import StraightAction, StraightConfig
 from tactile_dynamics_ros.core.planar.actions.straight import straight_action as plan
+from tactile_dynamics_ros.core.planar.actions.travel import Travel
 from tactile_dynamics_ros.core.planar.streams import LinkStream, PushContact, PushedStreams
 from tactile_dynamics_ros.core.rigid_body.rotation import log_so3
 from tactile_dynamics_ros.sim.planar.links import Outline, outlines
@@ -117,7 +118,8 @@ def drawn_action(
     start, way = _beside(outline, others, beside, options, table.config.pusher.tip_radius, rng)
     end = start + rng.uniform(*options.travel) * way + options.gap * way
     now = np.array([*start, table.config.table_height + height, 0.0])
-    return plan(now, start, end, speed, config, table.config.table_height, options.pull)
+    travel = Travel(speed, config.acceleration)
+    return plan(now, start, end, travel, config, table.config.table_height, options.pull)
 
 
 def _beside(

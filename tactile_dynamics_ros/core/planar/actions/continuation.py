@@ -7,12 +7,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.planar.actions.candidate import Candidate, path_of
 from tactile_dynamics_ros.core.planar.actions.information import (
     Belief,
-    Candidate,
     PredictedObject,
     believed,
-    path_of,
 )
 from tactile_dynamics_ros.core.planar.mechanics.linkage import turned
 from tactile_dynamics_ros.core.planar.mechanics.pusher import Tip

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.planar.actions.exploration import Choice, Explorer
-from tactile_dynamics_ros.core.planar.actions.information import Belief, Candidate
+from tactile_dynamics_ros.core.planar.actions.candidate import Candidate
+from tactile_dynamics_ros.core.planar.actions.exploration import Choice, Explorer, Others
+from tactile_dynamics_ros.core.planar.actions.information import Belief
 from tactile_dynamics_ros.core.planar.mechanics.linkage import turned
 
 Array = NDArray[np.float64]
@@ -36,18 +37,19 @@ class DirectionExplorer(Explorer):
         """Why nothing more is to be done; what is known of the object does not count."""
         return f"{self.count} pushes in different directions were made" * (self.count >= PUSHES)
 
-    def choose(self, belief: Belief, pose: Array) -> Choice | str:
+    def choose(self, belief: Belief, pose: Array, others: Others = ()) -> Choice | str:
         """Return the next push, or why there is none.
 
         Args:
             belief: what is known.
             pose: (3,) of the object.
+            others: (V, 2) m each, outlines of other parts in the object's frame.
         """
         reason = self.reason_to_stop(belief)
         if reason:
             return reason
         slow = min(self.config.speeds)
-        fitting = [c for c in self._candidates() if c.speed == slow and self._fits(c, pose)]
+        fitting = [c for c in self._pushes(self._around(pose, others)) if c.speed == slow]
         if not fitting:
             return "no push keeps tip and object where the arm may be"
         headings = np.array([_heading(c, pose) for c in fitting])

@@ -1,18 +1,26 @@
-"""Which push to make next, and when no more: candidates, choice, stop."""
+"""Which push or pull to make next, and when no more: choice, stop."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.configuration import check_ranges, parameter
-from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.planar.actions.affordances import (
+    ExploreConfig,
+    Surroundings,
+    fits,
+    leads_inside,
+    pulls,
+    pushes,
+)
+from tactile_dynamics_ros.core.planar.actions.candidate import WORDS, Candidate
+from tactile_dynamics_ros.core.planar.actions.grips import is_held
 from tactile_dynamics_ros.core.planar.actions.information import (
     NAMES,
     Belief,
-    Candidate,
     PredictedObject,
     SensingConfig,
     expected_gain,
@@ -20,54 +28,21 @@ from tactile_dynamics_ros.core.planar.actions.information import (
     updated,
 )
 from tactile_dynamics_ros.core.planar.mechanics.linkage import turned
-from tactile_dynamics_ros.core.planar.mechanics.outline import convex_hull
 
 Array = NDArray[np.float64]
+Others = Sequence[Array]
 
-CHOOSERS = ("gain", "uniform", "random")
-"""Ways to choose: by expected gain, round the object in equal steps, by chance."""
 _STANDS, _LOOKED_BACK = 0.9, 2
 """Ratio to which the last so many pushes have to narrow something that is wanted narrower; else
 pushing on is no use, whatever is expected. Nearer to 1 a budget is spent on hopeless masses."""
 _RIVALS = 4
 """Pushes from other places that are told beside the chosen one, for people: more hide the object
 on a page."""
-_CORNER = 0.012
-"""m from a corner within which no push begins: a tip of 6 mm radius would slip off."""
-
-
-@dataclass(frozen=True)
-class ExploreConfig:
-    """What pushes may be chosen, how, and when enough is known."""
-
-    chooser: str = parameter("gain", "gain, uniform or random")
-    speeds: tuple[float, ...] = parameter((0.08, 0.2), "that are tried", "m/s")
-    length: float = parameter(0.06, "of a push after contact", "m", 0.01, 0.3)
-    acceleration: float = parameter(4.0, "at start and stop of a push", "m/s^2", 0.1, 20.0)
-    places: int = parameter(10, "round the outline that are tried", "", 3, 60)
-    turn_deg: float = parameter(12.0, "of directions to the normal, both ways", "deg", 0.0, 40.0)
-    budget: int = parameter(8, "pushes at most", "", 1, 100)
-    least: int = parameter(2, "pushes at least: one alone does not tell variation", "", 1, 100)
-    gain: float = parameter(0.2, "expected, below which no push is worth it", "nats", 0.0, 100.0)
-    product: float = parameter(0.05, "wanted relative std of mass times friction", "", 1e-3, 10.0)
-    mass: float = parameter(0.1, "wanted relative std of the mass", "", 1e-3, 10.0)
-    com: float = parameter(0.002, "wanted std of the centre of mass", "m", 1e-4, 0.1)
-    seed: int = parameter(0, "of chance", "", 0)
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
-        if self.chooser not in CHOOSERS:
-            raise BadInputError(f"chooser '{self.chooser}': expected {', '.join(CHOOSERS)}")
-
-    @property
-    def wanted(self) -> Array:
-        """Stds (4,) as the parameters of a belief."""
-        return np.array([self.product, self.mass, self.com, self.com])
 
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """A push that was chosen.
+    """A push or a pull that was chosen.
 
     Attributes:
         candidate: in the object's frame. gain: expected, nats. because: in words.
@@ -88,7 +63,7 @@ class Choice:
             pose: (3,) of the object before the push.
         """
         told = _plain(self.candidate, self.gain, pose)
-        return {"kind": "push", **told, "chosen_because": self.because}
+        return {**told, "chosen_because": self.because}
 
     def rivals_json(self, pose: Array) -> list[dict[str, object]]:
         """Plain numbers of the rivals, with point and direction in the world.
@@ -104,6 +79,7 @@ def _plain(candidate: Candidate, gain: float, pose: Array) -> dict[str, object]:
         turned(v[None], pose[2:])[0] for v in (candidate.point, candidate.direction)
     )
     return {
+        "kind": candidate.manner,
         "point": (pose[:2] + point).tolist(),
         "direction": direction.tolist(),
         "speed": candidate.speed,
@@ -125,7 +101,11 @@ def _rivals(
 
 
 class Explorer:
-    """Chooses pushes of one object until its parameters are known.
+    """Chooses pushes and pulls of one object until its parameters are known.
+
+    Well inside the border of the workspace all manners compete by what they would tell, or only
+    pushes do, as configured; beyond it the object is pulled inwards where a grip holds it
+    (Source: paper B, III-D).
 
     Args:
         thing: the object as it was seen.
@@ -133,9 +113,10 @@ class Explorer:
         sensing: what is measured.
         room: ((2,), (2,)) m, corners of where tip and object's middle may come to, world.
         tip_radius: m.
+        opening: m, of the jaws.
 
     Attributes:
-        count: pushes chosen so far.
+        count: pushes and pulls chosen so far.
     """
 
     def __init__(
@@ -145,9 +126,11 @@ class Explorer:
         sensing: SensingConfig | None = None,
         room: tuple[Array, Array] | None = None,
         tip_radius: float = 0.006,
+        opening: float = 0.078,
     ) -> None:
         self.thing, self.config = thing, config or ExploreConfig()
         self.sensing, self.room, self.tip_radius = sensing, room, tip_radius
+        self.opening = opening
         self.count = 0
         self._stds: list[Array] = []
         self._rng = np.random.default_rng([self.config.seed, 47])
@@ -174,12 +157,13 @@ class Explorer:
         wide = belief.std > self.config.wanted
         return [name for name, is_wide in zip(NAMES, wide, strict=True) if is_wide]
 
-    def choose(self, belief: Belief, pose: Array) -> Choice | str:
-        """Return the next push, or why there is none.
+    def choose(self, belief: Belief, pose: Array, others: Others = ()) -> Choice | str:
+        """Return the next push or pull, or why there is none.
 
         Args:
             belief: what is known.
             pose: (3,) of the object.
+            others: (V, 2) m each, outlines of other parts in the object's frame.
         """
         reason = self.reason_to_stop(belief)
         if reason:
@@ -190,18 +174,19 @@ class Explorer:
             return (
                 f"the last {_LOOKED_BACK} pushes hardly narrowed what is wanted narrower: {names}"
             )
-        candidates = [c for c in self._candidates() if self._fits(c, pose)]
+        candidates, where = self._possible(belief, self._around(pose, others))
         if not candidates:
             return "no push keeps tip and object where the arm may be"
         found = self._informations(belief, candidates)
-        gains = expected_gain(belief, found)
+        wide = belief.std > self.config.wanted
+        gains = expected_gain(belief, found, wide if wide.any() else None)
         k = self._chosen(candidates, gains, pose)
         if self.config.chooser == "gain" and gains[k] < self.config.gain and self.count:
             return f"no push would tell more than {gains[k]:.2g} nats"
         self.count += 1
         after = updated(belief, found[k])
-        words, rivals = self._words(belief, after), _rivals(candidates, gains, k)
-        return Choice(candidates[k], float(gains[k]), words, after, rivals)
+        words = f"{WORDS[candidates[k].manner]}: {self._words(belief, after)}{where}"
+        return Choice(candidates[k], float(gains[k]), words, after, _rivals(candidates, gains, k))
 
     def _words(self, belief: Belief, after: Belief) -> str:
         """Say what a push narrows most."""
@@ -211,38 +196,46 @@ class Explorer:
         k = int(ratio.argmax())
         return f"it narrows {NAMES[k]} most, {ratio[k]:.1f} times, of all that fit"
 
-    def _candidates(self) -> list[Candidate]:
-        """Pushes round the outline, in each direction and at each speed."""
-        config, found = self.config, []
-        for point, normal in _places(self.thing.outline, config.places):
-            for turn in np.deg2rad([-config.turn_deg, 0.0, config.turn_deg]):
-                way = turned(normal[None], np.array([turn]))[0]
-                for speed in config.speeds:
-                    found.append(
-                        Candidate(point, normal, way, speed, config.length, config.acceleration)
-                    )
-        return found
+    def _around(self, pose: Array, others: Others) -> Surroundings:
+        return Surroundings(pose, tuple(others), self.room, self.tip_radius, self.opening)
 
-    def _fits(self, candidate: Candidate, pose: Array) -> bool:
-        """Whether tip and object stay in the room."""
-        if self.room is None:
-            return True
-        low, high = self.room
-        ends = np.array([-0.02, 0.0, candidate.length])
-        path = candidate.point + ends[:, None] * candidate.direction
-        path = pose[:2] + turned(path, np.full(3, pose[2]))
-        pushed = pose[:2] + turned(candidate.direction[None], pose[2:])[0] * candidate.length
-        points = np.vstack([path, pushed])
-        return bool(np.all(points >= low) and np.all(points <= high))
+    def _pushes(self, around: Surroundings) -> list[Candidate]:
+        """Pushes that keep tip and object in the room and clear of other parts."""
+        found = pushes(self.thing.outline, self.config)
+        return [candidate for candidate in found if fits(candidate, around)]
+
+    def _pulls(self, belief: Belief, around: Surroundings) -> list[Candidate]:
+        """Pulls that keep pads and object in the room, and that the grip should hold."""
+        thing = self.thing
+        footprint = thing.outline if thing.footprint is None else thing.footprint
+        force = self.config.grip_force
+        return [
+            candidate
+            for candidate in pulls(footprint, self.config, around)
+            if fits(candidate, around) and is_held(candidate, belief, thing.tip_friction, force)
+        ]
+
+    def _possible(self, belief: Belief, around: Surroundings) -> tuple[list[Candidate], str]:
+        """What may be chosen where the object lies, and words on that where it is by place."""
+        config = self.config
+        if not config.beyond_border(around.pose[:2]):
+            pulled = [] if config.inside == "place" else self._pulls(belief, around)
+            return self._pushes(around) + pulled, ""
+        if not {"pull", "shake"} & set(config.manners):
+            return self._pushes(around), ""
+        found = [c for c in self._pulls(belief, around) if leads_inside(c, config, around)]
+        if found:
+            return found, "; near the border objects are pulled"
+        return self._pushes(around), "; no grip pulls it away from the border"
 
     def _informations(self, belief: Belief, candidates: list[Candidate]) -> Array:
-        """Information (N, 4, 4); those of one speed are simulated together."""
+        """Information (N, 4, 4); those of one manner and speed are simulated together."""
         found = np.zeros((len(candidates), 4, 4))
-        for speed in self.config.speeds:
-            chosen = [k for k, c in enumerate(candidates) if c.speed == speed]
-            if chosen:
-                alike = [candidates[k] for k in chosen]
-                found[chosen] = informations(self.thing, belief, alike, self.sensing)
+        kinds = [(c.manner, c.speed) for c in candidates]
+        for kind in dict.fromkeys(kinds):
+            chosen = [k for k, each in enumerate(kinds) if each == kind]
+            alike = [candidates[k] for k in chosen]
+            found[chosen] = informations(self.thing, belief, alike, self.sensing)
         return found
 
     def _chosen(self, candidates: list[Candidate], gains: Array, pose: Array) -> int:
@@ -257,23 +250,8 @@ class Explorer:
         return int(near[self._rng.integers(len(near))])
 
 
-def next_choice(explorer: Explorer, belief: Belief, pose: Array) -> tuple[Explorer, Choice | str]:
+def next_choice(
+    explorer: Explorer, belief: Belief, pose: Array, others: Others = ()
+) -> tuple[Explorer, Choice | str]:
     """Choose in another process: return the explorer as it is afterwards, and its choice."""
-    return explorer, explorer.choose(belief, pose)
-
-
-def _places(outline: Array, count: int) -> list[tuple[Array, Array]]:
-    """Points (2,) of an anticlockwise outline and normals (2,) into it, away from sharp corners."""
-    hull = convex_hull(outline)
-    way = np.roll(hull, -1, axis=0) - hull
-    length = np.linalg.norm(way, axis=1)
-    along = (np.arange(count) + 0.5) / count * length.sum()
-    ends = np.cumsum(length)
-    found = []
-    for place in along:
-        k = int(np.searchsorted(ends, place, side="right"))
-        inset = min(_CORNER, 0.5 * float(length[k]))
-        left = float(np.clip(place - (ends[k] - length[k]), inset, length[k] - inset))
-        unit = way[k] / length[k]
-        found.append((hull[k] + left * unit, np.array([-unit[1], unit[0]])))
-    return found
+    return explorer, explorer.choose(belief, pose, others)

@@ -1,4 +1,4 @@
-"""What a push would tell about product, mass and centre of mass: Fisher information by simulation.
+"""What a push or a pull would tell about product, mass and centre of mass: Fisher information.
 
 Parameters are (ln of mass times friction, ln mass, com x, com y); masses in kg, lengths in m.
 """
@@ -12,12 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
+from tactile_dynamics_ros.core.planar.actions.candidate import Candidate, path_of
 from tactile_dynamics_ros.core.planar.mechanics.linkage import Link, Linkage
-from tactile_dynamics_ros.core.planar.mechanics.pusher import Tip
+from tactile_dynamics_ros.core.planar.mechanics.pusher import Grip, Pusher, Tip
 from tactile_dynamics_ros.core.planar.mechanics.simulation import Motion, StepConfig, simulate
 from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 NAMES = ("ln_product", "ln_mass", "com_x", "com_y")
 """Parameters of a belief, in the order of its mean and covariance."""
@@ -37,6 +39,10 @@ the step of its logarithm. If it were known, the ringing after contact would tel
 _SLIDING = 0.015
 """m/s, speed below which forces are not counted: feet stick and creep there, and estimators leave
 such samples out. At zero the start of every push would seem to tell the mass."""
+_UNRESOLVED = 5.0
+"""Poses after the beginning within which forces are not counted, nor after braking begins:
+estimators know motion by poses and not by the arm, and resolve neither the impact of a tip nor its
+ringing. At 2 the ringing of a slow push would seem to tell the mass to 2 %; it does to 30 %."""
 _NO_USE = 1e6
 """N, standard deviation of a force that is not counted: beyond all that is measured."""
 
@@ -57,6 +63,7 @@ class SensingConfig:
     point_std: float = parameter(5e-4, "of the contact along the outline", "m", 0.0, 0.1)
     stiffness: float = parameter(0.5, "relative std of the tip's stiffness", "", 0.0, 10.0)
     com_height_std: float = parameter(0.003, "of the centre of mass's height", "m", 0.0, 0.1)
+    squeeze: float = parameter(12.0, "with which each pad grips", "N", 0.1, 70.0)
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -92,29 +99,13 @@ class Belief:
 
 
 @dataclass(frozen=True, eq=False)
-class Candidate:
-    """A straight push that might be made, in the object's frame.
-
-    Attributes:
-        point: (2,) m on the outline. normal: (2,) into the object. direction: (2,) unit.
-        speed: m/s. length: m after contact. acceleration: m/s^2, of start and stop.
-    """
-
-    point: Array
-    normal: Array
-    direction: Array
-    speed: float
-    length: float
-    acceleration: float
-
-
-@dataclass(frozen=True, eq=False)
 class PredictedObject:
     """What a simulation needs beside a belief.
 
     Attributes:
         outline: (V, 2) m, convex. tip_friction: against the tip. push_height: m.
         com_height: m. points: that carry it.
+        footprint: (V, 2) m, of any shape, where pads grip; None: the outline.
     """
 
     outline: Array
@@ -122,6 +113,7 @@ class PredictedObject:
     push_height: float = 0.02
     com_height: float = 0.025
     points: int = 36
+    footprint: Array | None = None
 
 
 def informations(
@@ -132,23 +124,30 @@ def informations(
 ) -> Array:
     """Fisher information (N, 4, 4) of each candidate about the parameters.
 
-    Unknown are also friction of this push and of each place on its way, its height and its place
-    on the outline, the stiffness of the tip and the height of the centre of mass; they are
-    marginalised:
+    Unknown are also friction of this push and of each place on its way, by which its centre lies
+    beside the centre of mass, its height and its place on the outline, the stiffness of the tip
+    and the height of the centre of mass; they are marginalised:
     F = J' W J - J' W K (K' W K + prior)^-1 K' W J.
+    Of a pull the torque about the grip is measured too: its noise is that of the forces at the
+    arm of the pads, and it is off by the squeeze times what is not known of where it acts.
 
     Args:
         thing: the object.
         belief: where the sensitivities are taken.
-        candidates: with the same speed, length and acceleration.
+        candidates: of one manner, with the same speed, length and acceleration.
         sensing: what is measured.
     """
     sensing = sensing or SensingConfig()
     slopes, weights, places = _slopes(thing, belief, candidates, sensing)
     known = slopes[..., :4]
-    nuisance = np.concatenate([slopes[..., [0, 4, 5, 6, 7]], slopes[..., :1] * places], axis=2)
+    own = slopes[..., [0, 2, 3, 4, 5, 6, 7]]
+    nuisance = np.concatenate([own, slopes[..., :1] * places], axis=2)
     each = np.full(places.shape[2], sensing.local)
-    lasting = [sensing.variation, sensing.height_std, sensing.point_std]
+    place = sensing.point_std
+    if candidates[0].grips:
+        place = float(np.sqrt(2.0)) * sensing.squeeze * sensing.point_std
+    beside = sensing.variation * float(np.sqrt(SupportPatch(thing.outline).gyration))
+    lasting = [sensing.variation, beside, beside, sensing.height_std, place]
     lasting += [sensing.stiffness, sensing.com_height_std]
     unsure = np.array([*lasting, *each])
     prior = np.diag(np.maximum(unsure, 1e-6) ** -2)
@@ -159,7 +158,7 @@ def informations(
     return np.asarray(information - across.swapaxes(1, 2) @ np.linalg.solve(own, across))
 
 
-def expected_gain(belief: Belief, information: Array) -> Array:
+def expected_gain(belief: Belief, information: Array, which: Mask | None = None) -> Array:
     """Expected gain (N,) in nats: half the fall of the logarithm of the covariance's determinant.
 
     It is the mean, over what may be measured, of the Kullback-Leibler divergence of the belief
@@ -170,12 +169,15 @@ def expected_gain(belief: Belief, information: Array) -> Array:
     Args:
         belief: before.
         information: (N, 4, 4).
+        which: (4,) parameters whose gain is meant, whatever becomes of the others; None: all.
 
     Source: paper B, Eq. 17 (blank in print), over all steps of a push.
     """
-    before = np.linalg.slogdet(np.linalg.inv(belief.covariance))[1]
-    after = np.linalg.slogdet(np.linalg.inv(belief.covariance) + information)[1]
-    return np.asarray(0.5 * (after - before))
+    chosen = np.flatnonzero(np.ones(4) if which is None else which)
+    own = np.ix_(chosen, chosen)
+    after = np.linalg.inv(np.linalg.inv(belief.covariance) + information)[:, own[0], own[1]]
+    before = np.linalg.slogdet(belief.covariance[own])[1]
+    return np.asarray(0.5 * (before - np.linalg.slogdet(after)[1]))
 
 
 def updated(belief: Belief, information: Array) -> Belief:
@@ -196,15 +198,17 @@ def _slopes(
     k-th part of its way, else 0.
     """
     motion = _simulated(thing, belief, candidates)
-    count, step = len(candidates), float(motion.time[1])
+    count, step, grips = len(candidates), float(motion.time[1]), candidates[0].grips
     forces, poses = (
         slice(None, None, max(1, round(1.0 / (rate * step))))
         for rate in (sensing.force_rate_hz, sensing.pose_rate_hz)
     )
-    force, pose = motion.wrench[:, forces, :2], motion.pose[:, poses, 0]
+    felt = 3 if grips else 2
+    force, pose = motion.wrench[:, forces, :felt], motion.pose[:, poses, 0]
     base = force[::_VARIANTS]
     slides = _slides(motion.twist[::_VARIANTS, forces, 0], thing)
-    noise = np.where(slides, sensing.force_std, _NO_USE)
+    slides = slides & _resolved(candidates[0], motion.time[forces], sensing)[:, None]
+    noise = np.where(slides, _noises(candidates, sensing)[:, None, :felt], _NO_USE)
     noise = np.broadcast_to(noise, base.shape).reshape(count, -1)
     std_pose = np.array([sensing.pose_std, sensing.pose_std, sensing.turn_std])
     stds = np.broadcast_to(std_pose, (count, *pose.shape[1:])).reshape(count, -1)
@@ -213,16 +217,32 @@ def _slopes(
     rows = rows.reshape(count, _VARIANTS, -1)
     steps = np.array([*_STEPS, _HEIGHT_STEP, _PLACE_STEP, _STIFFER, _HEIGHT_STEP])
     slopes = (rows[:, 1:] - rows[:, :1]).swapaxes(1, 2) / steps
+    if grips:  # a torque that stays instead of a place along the outline
+        slopes[:, :, 5] = 0.0
+        slopes[:, 2 : felt * force.shape[1] : felt, 5] = 1.0
     weights = np.concatenate([noise, stds], axis=1) ** -2.0
     way = np.linalg.norm(
         motion.point[::_VARIANTS, :, :2] - motion.point[::_VARIANTS, :1, :2], axis=2
     )
     at = np.concatenate(
-        [np.repeat(way[:, forces], 2, axis=1), np.repeat(way[:, poses], 3, axis=1)], 1
+        [np.repeat(way[:, forces], felt, axis=1), np.repeat(way[:, poses], 3, axis=1)], 1
     )
-    parts = np.arange(int(np.ceil(candidates[0].length / sensing.place)))
+    parts = np.arange(int(np.ceil(way.max() / sensing.place)))
     inside = np.floor(at[..., None] / sensing.place) == parts
     return slopes, weights, inside.astype(float)
+
+
+def _resolved(candidate: Candidate, time: Array, sensing: SensingConfig) -> Mask:
+    """Whether (T,) poses resolve the acceleration at times (T,) s of a push or a pull."""
+    begun = time > _UNRESOLVED / sensing.pose_rate_hz
+    return np.asarray(begun & (time < candidate.travel.braking_from(candidate.length)))
+
+
+def _noises(candidates: Sequence[Candidate], sensing: SensingConfig) -> Array:
+    """Noise (N, 3) of force, N, and of the torque about a grip, N m."""
+    arm = np.array([0.5 * c.width for c in candidates])
+    even = np.full(len(candidates), sensing.force_std)
+    return np.stack([even, even, np.maximum(arm, 1e-3) * sensing.force_std], axis=1)
 
 
 def _simulated(thing: PredictedObject, belief: Belief, candidates: Sequence[Candidate]) -> Motion:
@@ -230,27 +250,34 @@ def _simulated(thing: PredictedObject, belief: Belief, candidates: Sequence[Cand
     count = len(candidates)
     variants = np.repeat(belief.mean[None], _VARIANTS, axis=0)
     variants[1:5] += np.diag(_STEPS)
-    heights = np.full(_VARIANTS, thing.push_height)
-    heights[5] += _HEIGHT_STEP
-    stiffness = np.full(_VARIANTS, _STIFFNESS)
-    stiffness[7] *= np.exp(_STIFFER)
     com_height = np.full(_VARIANTS, thing.com_height)
     com_height[8] += _HEIGHT_STEP
     config = StepConfig(step=5e-3, rounds=3)
     paths = np.repeat(np.stack([path_of(c, config.step) for c in candidates]), _VARIANTS, axis=0)
-    tangents = np.array([[-c.normal[1], c.normal[0]] for c in candidates])
-    paths[6::_VARIANTS, :, :2] += _PLACE_STEP * tangents[:, None]
-    tip = Tip(
-        thing.outline,
-        np.tile(heights, count),
-        np.full(_VARIANTS * count, thing.tip_friction),
-        stiffness=np.tile(stiffness, count),
-    )
+    if not candidates[0].grips:
+        tangents = np.array([[-c.normal[1], c.normal[0]] for c in candidates])
+        paths[6::_VARIANTS, :, :2] += _PLACE_STEP * tangents[:, None]
     linkage = believed(thing, np.tile(variants, (count, 1)), np.tile(com_height, count))
-    return simulate(linkage, tip, np.zeros((_VARIANTS * count, 1, 3)), paths, config)
+    pusher = _pusher(thing, candidates)
+    return simulate(linkage, pusher, np.zeros((_VARIANTS * count, 1, 3)), paths, config)
 
 
-def _slides(twist: Array, thing: PredictedObject) -> Array:
+def _pusher(thing: PredictedObject, candidates: Sequence[Candidate]) -> Pusher:
+    """The tip or the grip of all variants of all candidates."""
+    count, runs = len(candidates), _VARIANTS * len(candidates)
+    heights = np.full(_VARIANTS, thing.push_height)
+    heights[5] += _HEIGHT_STEP
+    stiffness = np.full(_VARIANTS, _STIFFNESS)
+    stiffness[7] *= np.exp(_STIFFER)
+    heights, stiffness = np.tile(heights, count), np.tile(stiffness, count)
+    if candidates[0].grips:
+        points = np.repeat(np.stack([c.point for c in candidates]), _VARIANTS, axis=0)
+        return Grip(points, np.zeros(runs), heights, stiffness=stiffness)
+    friction = np.full(runs, thing.tip_friction)
+    return Tip(thing.outline, heights, friction, stiffness=stiffness)
+
+
+def _slides(twist: Array, thing: PredictedObject) -> Mask:
     """Whether (N, T, 1) objects with twists (N, T, 3) slide so fast that friction is Coulomb's."""
     reach = np.sqrt(SupportPatch(thing.outline, thing.points).gyration)
     speed = np.hypot(np.linalg.norm(twist[..., :2], axis=2), reach * twist[..., 2])
@@ -276,15 +303,3 @@ def believed(thing: PredictedObject, parameters: Array, com_height: Array) -> Li
             ),
         )
     )
-
-
-def path_of(candidate: Candidate, step: float) -> Array:
-    """Poses (T, 3) of the tip's point: from rest to rest, and a little rest."""
-    speed, hard = candidate.speed, candidate.acceleration
-    ramp = speed / hard
-    moving = candidate.length / speed + ramp
-    time = np.arange(int(np.ceil((moving + 0.1) / step)) + 1) * step
-    pace = np.clip(np.minimum(time / ramp, (moving - time) / ramp), 0.0, 1.0) * speed
-    along = np.concatenate([[0.0], np.cumsum(0.5 * (pace[1:] + pace[:-1])) * step])
-    place = candidate.point + along[:, None] * candidate.direction
-    return np.column_stack([place, np.zeros(len(time))])

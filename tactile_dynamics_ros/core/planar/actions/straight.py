@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.planar.actions.travel import Travel
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 
 Array = NDArray[np.float64]
@@ -33,52 +34,38 @@ class StraightConfig:
 
 @dataclass(frozen=True)
 class Leg:
-    """A straight motion from rest to rest with trapezoidal speed, or a rest.
+    """A straight motion from rest to rest, or a rest.
 
     Attributes:
         name: what it is for.
         start, end: (4,) x, y, z (m) and turn (rad).
         width: of the jaws, m.
-        speed: m/s at most. acceleration: m/s^2. rest: s after the motion.
+        travel: how the way is gone. rest: s after the motion.
     """
 
     name: str
     start: Array
     end: Array
     width: float
-    speed: float
-    acceleration: float
+    travel: Travel
     rest: float = 0.0
 
     @property
     def duration(self) -> float:
         """Seconds with the rest."""
-        length, speed = self._length, self._peak
-        return (length / speed + speed / self.acceleration if length > 0.0 else 0.0) + self.rest
+        return self.travel.duration(self._length) + self.rest
 
     def at(self, time: float) -> Array:
         """Return x, y, z and turn (4,) at a time since the start, s."""
         if self._length == 0.0:
             return self.end.copy()
-        ramp, moving = self._peak / self.acceleration, self.duration - self.rest
-        t = float(np.clip(time, 0.0, moving))
-        left = moving - t
-        way = self._peak * (t - 0.5 * ramp)
-        if t < ramp:
-            way = 0.5 * self.acceleration * t**2
-        elif left < ramp:
-            way = self._length - 0.5 * self.acceleration * left**2
+        way = float(self.travel.at(np.array([time]), self._length)[0])
         return np.asarray(self.start + way / self._length * (self.end - self.start))
 
     @property
     def _length(self) -> float:
         """Way, m; a turn counts as the way of a point at 0.1 m."""
         return float(np.linalg.norm((self.end - self.start) * [1.0, 1.0, 1.0, 0.1]))
-
-    @property
-    def _peak(self) -> float:
-        """Speed that is reached."""
-        return min(self.speed, float(np.sqrt(self._length * self.acceleration)))
 
 
 @dataclass(frozen=True)
@@ -124,6 +111,10 @@ class StraightAction:
         leg, time = self._leg(time)
         return leg.at(time)
 
+    def width(self, time: float) -> float:
+        """Return the width of the jaws at a time since the start, m."""
+        return self._leg(time)[0].width
+
     def _leg(self, time: float) -> tuple[Leg, float]:
         """Return the leg at a time since the start, s, and the time since its own start."""
         for leg in self.legs:
@@ -137,10 +128,11 @@ def straight_action(
     now: Array,
     start: Array,
     end: Array,
-    speed: float,
+    travel: Travel,
     config: StraightConfig,
     support: float = 0.0,
     pull: bool = False,
+    turn: float | None = None,
 ) -> StraightAction:
     """Plan a push or a pull.
 
@@ -148,10 +140,12 @@ def straight_action(
         now: (4,) x, y, z (m) and turn (rad) of the tip.
         start: (2,) m, of the tip (push) or of the middle between the pads (pull).
         end: (2,) m.
-        speed: m/s, along.
+        travel: how the way between them is gone.
         config: of everything else.
         support: height of the table, m.
-        pull: grip first and open afterwards; the pads then stand to both sides of the way.
+        pull: grip first, open afterwards and close in the air, where the tip rises.
+        turn: rad, of the gripper of a pull, or the same turned by half a turn; without it the pads
+            stand to both sides of the way.
 
     Raises:
         BadInputError: there is no way between start and end, or the speed is not positive.
@@ -160,20 +154,41 @@ def straight_action(
     length = float(np.linalg.norm(way))
     if length < 1e-3 or not np.isfinite(length):
         raise BadInputError(f"push: from {list(start)} to {list(end)} is no way; expected 1 mm")
-    if not 0.0 < speed <= 2.0:
-        raise BadInputError(f"push: speed {speed} m/s: expected more than 0 and at most 2")
-    turn = _turn_across(now[3], way) if pull else now[3]
+    if not 0.0 < travel.speed <= 2.0:
+        raise BadInputError(f"push: speed {travel.speed} m/s: expected more than 0 and at most 2")
+    across = float(np.arctan2(way[1], way[0])) if turn is None else turn
+    held = _nearest_turn(now[3], across) if pull else now[3]
     low, closed, opened = support + config.height, 0.0, config.opening
-    begin, finish = np.array([*start, low, turn]), np.array([*end, low, turn])
-    legs = way_there(now, begin[:2], config, support, turn, opened if pull else closed)
+    begin, finish = np.array([*start, low, held]), np.array([*end, low, held])
+    legs = way_there(now, begin[:2], config, support, held, opened if pull else closed)
+    at_rest = Travel(1.0, 1.0)
     if pull:
-        legs.append(Leg("grip", begin, begin, closed, 1.0, 1.0, config.grip_time))
-    name = "pull" if pull else "push"
-    legs.append(Leg(name, begin, finish, closed, speed, config.acceleration, config.hold))
+        legs.append(Leg("grip", begin, begin, closed, at_rest, config.grip_time))
+    legs.append(Leg("pull" if pull else "push", begin, finish, closed, travel, config.hold))
     if pull:
-        legs.append(Leg("release", finish, finish, opened, 1.0, 1.0, config.grip_time))
+        legs.append(Leg("release", finish, finish, opened, at_rest, config.grip_time))
     back = np.zeros(2) if pull else -way / length
     legs += way_back(finish, back, config, support, opened if pull else closed)
+    if pull and config.clearance > config.height:
+        above = legs[-1].end
+        legs.append(Leg("close", above, above, closed, at_rest, config.grip_time))
+    return StraightAction(tuple(leg for leg in legs if leg.duration > 0.0))
+
+
+def freeing(now: Array, config: StraightConfig, support: float) -> StraightAction:
+    """Open jaws that hold something where they are, rise, and close them in the air.
+
+    Args:
+        now: (4,) x, y, z (m) and turn (rad) of the tip.
+        config: heights and speeds.
+        support: height of the table, m.
+    """
+    at_rest = Travel(1.0, 1.0)
+    legs = [Leg("release", now, now, config.opening, at_rest, config.grip_time)]
+    if now[2] < support + config.clearance:
+        legs += way_back(now, np.zeros(2), config, support, config.opening)
+    above = legs[-1].end
+    legs.append(Leg("close", above, above, 0.0, at_rest, config.grip_time))
     return StraightAction(tuple(leg for leg in legs if leg.duration > 0.0))
 
 
@@ -199,7 +214,7 @@ def way_there(
     up = np.array([*now[:2], max(high, now[2]), now[3]])
     above, begin = np.array([*start, high, turn]), np.array([*start, low, turn])
     stops = [("rise", up, 0.0), ("travel", above, config.hold), ("descend", begin, config.hold)]
-    return _chain(now, stops, width, config.travel_speed, config.acceleration)
+    return _chain(now, stops, width, config)
 
 
 def way_back(
@@ -217,25 +232,24 @@ def way_back(
     away = now + [*(config.retreat * back), 0.0, 0.0]
     raised = np.array([*away[:2], support + config.clearance, now[3]])
     stops = [("retreat", away, 0.0), ("rise", raised, 0.0)]
-    return _chain(now, stops, width, config.travel_speed, config.acceleration)
+    return _chain(now, stops, width, config)
 
 
 def _chain(
     start: Array,
     stops: list[tuple[str, Array, float]],
     width: float,
-    speed: float,
-    acceleration: float,
+    config: StraightConfig,
 ) -> list[Leg]:
     """Return legs from stop to stop."""
-    legs = []
+    legs, travel = [], Travel(config.travel_speed, config.acceleration)
     for name, end, rest in stops:
-        legs.append(Leg(name, start, end, width, speed, acceleration, rest))
+        legs.append(Leg(name, start, end, width, travel, rest))
         start = end
     return legs
 
 
-def _turn_across(turn: float, way: Array) -> float:
-    """Return the turn nearest to the present one with pads to both sides of a way."""
-    wanted = np.arctan2(way[1], way[0]) - turn
-    return float(turn + wanted - np.pi * np.round(wanted / np.pi))
+def _nearest_turn(now: float, wanted: float) -> float:
+    """Return the turn nearest to the present one that is a wanted one or half a turn from it."""
+    away = wanted - now
+    return float(now + away - np.pi * np.round(away / np.pi))

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.configuration import parameter
-from tactile_dynamics_ros.core.planar.actions.information import Candidate
+from tactile_dynamics_ros.core.planar.actions.candidate import Candidate
 from tactile_dynamics_ros.core.planar.actions.straight import (
     StraightAction,
     StraightConfig,
@@ -64,10 +64,12 @@ class Performance:
 
     Attributes:
         finished: whether it has ended. why: it was stopped; empty if it was not.
+        width: m, of the jaws now; None before the first answer.
     """
 
     def __init__(self, action: StraightAction, guard: Guard) -> None:
         self.finished, self.why = False, ""
+        self.width: float | None = None
         self._action, self._guard = action, guard
         self._clock = Clock()
         self._target: Array | None = None
@@ -79,7 +81,7 @@ class Performance:
         self.finished = bool(self.why) or time > self._action.duration + _SETTLING
         if self.why:
             return seen.tip.copy()
-        self._target = self._action.frame(time)
+        self._target, self.width = self._action.frame(time), self._action.width(time)
         return self._target
 
 
@@ -91,7 +93,7 @@ def action_of(
     standoff: float,
     gap: float,
 ) -> StraightAction:
-    """Return the action that makes a push of an object where it is seen.
+    """Return the action that makes a push or a pull of an object where it is seen.
 
     Args:
         candidate: in the object's frame.
@@ -99,11 +101,17 @@ def action_of(
         way: how the tip goes there and back.
         support: height of the table, m.
         standoff: m, radius of the tip.
-        gap: m, between tip and object at the start.
+        gap: m, between tip and object at the start of a push.
     """
     vectors = np.stack([candidate.point, candidate.normal, candidate.direction])
     point, normal, direction = turned(vectors, np.full(3, seen.pose[2]))
-    start = seen.pose[:2] + point - standoff * normal - gap * direction
+    start = seen.pose[:2] + point
+    if candidate.grips:
+        end = start + candidate.length * direction
+        turn = float(np.arctan2(-normal[0], normal[1]))
+        return straight_action(
+            seen.tip, start, end, candidate.travel, way, support, pull=True, turn=turn
+        )
+    start = start - standoff * normal - gap * direction
     end = start + (candidate.length + gap) * direction
-    hard = replace(way, acceleration=candidate.acceleration)
-    return straight_action(seen.tip, start, end, candidate.speed, hard, support)
+    return straight_action(seen.tip, start, end, candidate.travel, way, support)

@@ -175,14 +175,14 @@ class Grip:
         point: (B, 2) m, of the link, where the gripper's pose lies at rest.
         angle: (B,) rad, yaw of the gripper relative to the link at rest.
         height: (B,) m. link: index of the gripped link.
-        stiffness: N/m. turning: N m/rad. time_constant: s, damping over stiffness.
+        stiffness: N/m, or (B,). turning: N m/rad. time_constant: s, damping over stiffness.
     """
 
     point: Array
     angle: Array
     height: Array
     link: int = 0
-    stiffness: float = 5e3
+    stiffness: float | Array = 5e3
     turning: float = 5.0
     time_constant: float = 2e-3
 
@@ -196,14 +196,15 @@ class GripHold:
 
     def __init__(self, grip: Grip, frame: Array, before: Array, after: Array, step: float) -> None:
         arm = turned(grip.point, frame[:, 2])
-        gains = np.array([grip.stiffness, grip.stiffness, grip.turning])
+        stiffness = np.broadcast_to(grip.stiffness, len(frame))
+        gains = np.stack([stiffness, stiffness, np.full(len(frame), grip.turning)], axis=1)
         place = np.column_stack([frame[:, :2] + arm, frame[:, 2] + grip.angle])
         motion = shifting(arm)
         rate = step + grip.time_constant
         pull = gains * (before - place + rate * (after - before) / step)
         turned_back = motion.swapaxes(1, 2)
         self._push = applied(turned_back, pull)
-        self._damping = turned_back @ ((gains * rate)[:, None] * motion)
+        self._damping = turned_back @ ((gains * rate)[:, :, None] * motion)
 
     def linear(self) -> tuple[Array, Array]:
         """Damping and push of the spring."""
