@@ -134,3 +134,79 @@ def test_a_part_of_a_recording_is_asked_about(bag, capsys):
     assert "nothing was recorded then" in capsys.readouterr().err
     half = PushedRecording.from_bag(bag).between(0.0, 1.0)
     assert half.duration < 1.01
+
+
+def csv(path, names, columns):
+    np.savetxt(path, np.column_stack(columns), delimiter=",", header=",".join(names), comments="")
+
+
+MAPPING = """
+object_pose:
+  file: tracker.csv
+  time: {columns: t, unit: ms}
+  position: {columns: [x, y], unit: mm, plane: true}
+  yaw: {columns: yaw, unit: deg}
+  position_std: {constant: 0.5, unit: mm}
+  rotation_std: {constant: 0.2, unit: deg}
+  footprint: {constant: %s, unit: mm}
+contacts:
+  pusher:
+    file: tip.csv
+    time: {columns: t}
+    force: {columns: [fx, fy], plane: true, scale: -1}
+    force_std: 0.03
+    position: {columns: [px, py], unit: cm, plane: true}
+    position_std: {constant: 0.3, unit: mm}
+    height: {constant: %s, unit: mm}
+"""
+
+
+def test_tables_of_a_pushed_object_become_a_recording(made, tmp_path, capsys):
+    [link], [contact] = made.streams.links, made.streams.contacts.values()
+    x, y, yaw = link.pose.T
+    names = ["t", "x", "y", "yaw"]
+    csv(tmp_path / "tracker.csv", names, [1e3 * link.time, 1e3 * x, 1e3 * y, np.degrees(yaw)])
+    at = [np.interp(contact.time, contact.pose_time, axis) for axis in contact.point.T]
+    force = -contact.force[:, :2]
+    csv(
+        tmp_path / "tip.csv",
+        ["t", "fx", "fy", "px", "py"],
+        [contact.time, force, 1e2 * at[0], 1e2 * at[1]],
+    )
+    outline = (1e3 * link.footprint).tolist()
+    (tmp_path / "mapping.yaml").write_text(MAPPING % (outline, 1e3 * np.median(at[2])))
+    out = tmp_path / "run.mcap"
+    assert main(["import", "csv", str(tmp_path / "mapping.yaml"), str(out)]) == 0
+    capsys.readouterr()
+    found, wanted = (
+        estimate(streams).values["friction_force_n"]
+        for streams in (PushedRecording.from_bag(out).streams, made.streams)
+    )
+    assert abs(found[0] - wanted[0]) < 0.5 * wanted[1]
+    read = PushedRecording.from_bag(out).streams
+    np.testing.assert_allclose(read.links[0].footprint, link.footprint, atol=1e-6)
+    assert read.contacts["pusher"].point_std == pytest.approx(3e-4)
+
+
+def test_two_columns_are_a_plane_only_where_it_is_said(made, tmp_path, capsys):
+    csv(tmp_path / "tracker.csv", ["t", "x", "y", "yaw"], [np.arange(9.0)] * 4)
+    csv(tmp_path / "tip.csv", ["t", "fx", "fy", "px", "py"], [np.arange(9.0)] * 5)
+    mapping = (MAPPING % ([[0, 0], [1, 0], [0, 1]], 12)).replace("fy], plane: true", "fy]")
+    (tmp_path / "mapping.yaml").write_text(mapping)
+    assert main(["import", "csv", str(tmp_path / "mapping.yaml"), str(tmp_path / "out")]) == 2
+    assert "plane: true" in capsys.readouterr().err
+
+
+def test_arrays_of_two_parts_need_an_outline_of_each(made):
+    link = made.streams.links[0]
+    part = {"time": link.time, "position": link.pose[:, :2], "yaw": link.pose[:, 2]}
+    contact = made.streams.contacts["pusher"]
+    touch = {"time": contact.time, "force": contact.force, "position": [0.0, 0.0, 0.02]}
+    whole = part | {"footprint": link.footprint[::-1]}
+    found = PushedRecording.from_arrays({"pusher": touch}, [whole, whole]).streams
+    np.testing.assert_allclose(found.links[1].pose[:, :2], link.pose[:, :2], atol=1e-12)
+    np.testing.assert_allclose(found.links[0].footprint, np.roll(link.footprint, 0, axis=0))
+    with pytest.raises(BadInputError, match="link_2 has no footprint"):
+        PushedRecording.from_arrays({"pusher": touch}, [whole, part])
+    with pytest.raises(BadInputError, match="3 links"):
+        PushedRecording.from_arrays({"pusher": touch}, [whole] * 3)

@@ -19,16 +19,22 @@ from tactile_dynamics_ros.recording.importers.bag_tables import (
     read_frame,
     read_topic,
 )
-from tactile_dynamics_ros.recording.importers.fields import constant_rotation, read_stream
+from tactile_dynamics_ros.recording.importers.fields import (
+    constant_rotation,
+    read_field,
+    read_stream,
+)
 from tactile_dynamics_ros.recording.importers.importer import Importer
 from tactile_dynamics_ros.recording.importers.joint_angles import KEYS, read_link
 from tactile_dynamics_ros.recording.importers.tables import Table, read_table
+from tactile_dynamics_ros.recording.pushed import PushedRecording, Support
 from tactile_dynamics_ros.recording.recording import Recording
 
 Array = NDArray[np.float64]
 
 SECTIONS = frozenset(
     ["object_pose", "object_imu", "contacts", "contact_frame", "static_poses", "world_rotation"]
+    + ["link_2_pose", "support"]
 )
 
 
@@ -39,13 +45,15 @@ class CsvMappingImporter(Importer):
     summary = "your own CSV tables, by a yaml file that names columns, units and signs"
     source_help = "the yaml file (docs/recordings.md explains it); tables lie beside it"
 
-    def read(self, source: Path, options: Namespace) -> Recording:
+    def read(self, source: Path, options: Namespace) -> Recording | PushedRecording:
         """Read the tables that the yaml file names."""
         return read_mapping(load_yaml(source), source.parent, str(source))
 
 
-def read_mapping(mapping: Mapping[str, Any], folder: Path, source: str) -> Recording:
-    """Read the tables that a mapping names.
+def read_mapping(
+    mapping: Mapping[str, Any], folder: Path, source: str
+) -> Recording | PushedRecording:
+    """Read the tables that a mapping names; with an outline they are those of a pushed object.
 
     Args:
         mapping: sections of the yaml file.
@@ -65,11 +73,13 @@ def read_mapping(mapping: Mapping[str, Any], folder: Path, source: str) -> Recor
     if "world_rotation" in mapping:
         world = constant_rotation(f"{source}: world_rotation", mapping["world_rotation"])
     if "static_poses" in mapping:
-        recording = _static(f"{source}: static_poses", mapping["static_poses"], tables, world)
-        recording = replace(recording, source=source)
-    else:
-        recording = _streams(mapping, source, tables, world)
-    return replace(recording, problems=tables.problems() | recording.problems)
+        held = _static(f"{source}: static_poses", mapping["static_poses"], tables, world)
+        return replace(held, source=source, problems=tables.problems() | held.problems)
+    if "footprint" in (mapping.get("object_pose") or {}):
+        pushed = _pushes(mapping, source, tables, world)
+        return replace(pushed, problems=tables.problems() | pushed.problems)
+    held = _streams(mapping, source, tables, world)
+    return replace(held, problems=tables.problems() | held.problems)
 
 
 class _Tables:
@@ -125,14 +135,7 @@ class _Tables:
 
 def _streams(mapping: Mapping[str, Any], source: str, tables: _Tables, world: Array) -> Recording:
     """Return the recording of streams with stamps."""
-    frame = str(mapping.get("contact_frame", "world"))
-    contacts = {}
-    for name, section in dict(mapping.get("contacts") or {}).items():
-        where = f"{source}: contacts.{name}"
-        arrays = tables.stream(where, section, frozenset(["pose"]))
-        if "pose" in section:
-            arrays |= _place(f"{where}.pose", section["pose"], tables)
-        contacts[str(name)] = _turned(arrays, world) if frame == "world" else arrays
+    frame, contacts = _contacts(mapping, source, tables, world)
     pose, imu = (
         tables.stream(f"{source}: {key}", mapping[key]) if mapping.get(key) else None
         for key in ("object_pose", "object_imu")
@@ -142,6 +145,57 @@ def _streams(mapping: Mapping[str, Any], source: str, tables: _Tables, world: Ar
     if imu is not None and "rotation" in imu:
         imu["rotation"] = world @ imu["rotation"]
     return Recording.from_arrays(contacts, pose, imu, contact_frame=frame, source=source)
+
+
+def _contacts(
+    mapping: Mapping[str, Any], source: str, tables: _Tables, world: Array
+) -> tuple[str, dict[str, dict[str, Any]]]:
+    """Return the frame of the contacts and their arrays."""
+    frame = str(mapping.get("contact_frame", "world"))
+    contacts = {}
+    for name, section in dict(mapping.get("contacts") or {}).items():
+        where = f"{source}: contacts.{name}"
+        arrays = tables.stream(where, section, frozenset(["pose"]))
+        if "pose" in section:
+            arrays |= _place(f"{where}.pose", section["pose"], tables)
+        contacts[str(name)] = _turned(arrays, world) if frame == "world" else arrays
+    return frame, contacts
+
+
+def _pushes(
+    mapping: Mapping[str, Any], source: str, tables: _Tables, world: Array
+) -> PushedRecording:
+    """Return the recording of an object on a support."""
+    frame, contacts = _contacts(mapping, source, tables, world)
+    for arrays in contacts.values():
+        if "height" in arrays:
+            lifted = np.zeros((len(arrays["position"]), 3))
+            lifted[:, 2] = arrays.pop("height")
+            arrays["position"] = arrays["position"] + lifted
+        if "position_std" in arrays:
+            arrays["point_std"] = arrays.pop("position_std")
+    links = [
+        _turned(tables.stream(f"{source}: {key}", mapping[key]), world)
+        for key in ("object_pose", "link_2_pose")
+        if mapping.get(key)
+    ]
+    return PushedRecording.from_arrays(
+        contacts, links, contact_frame=frame, support=_support(mapping, source), source=source
+    )
+
+
+def _support(mapping: Mapping[str, Any], source: str) -> Support:
+    """Return the axes of the support, as {position: [..], euler: [..], ...}, in the world."""
+    section = dict(mapping.get("support") or {})
+    place = np.zeros(3)
+    if "position" in section:
+        entry = section.pop("position")
+        table = Table(source, (), np.zeros((1, 0)))
+        place = np.asarray(read_field(f"{source}: support.position", "position", entry, table))
+    if place.shape != (3,):
+        raise BadInputError(f"{source}: support.position; expected three numbers")
+    turn = constant_rotation(f"{source}: support", section) if section else np.eye(3)
+    return Support(place, turn)
 
 
 def _place(where: str, section: Any, tables: _Tables) -> dict[str, Any]:

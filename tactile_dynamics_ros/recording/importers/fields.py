@@ -31,12 +31,15 @@ FIELDS = {
     "time": ("time", 1),
     "pose_time": ("time", 1),
     "position": ("length", 3),
+    "height": ("length", 1),
+    "footprint": ("length", 2),
     "position_std": ("length", 3),
     "rotation_std": ("angle", 3),
     "quaternion": ("number", 4),
     "rotation": ("number", 9),
     "rotation_vector": ("angle", 3),
     "euler": ("angle", 3),
+    "yaw": ("angle", 1),
     "normal": ("number", 3),
     "force": ("force", 3),
     "force_std": ("force", 3),
@@ -47,13 +50,15 @@ FIELDS = {
     "angular_velocity": ("angular velocity", 3),
 }
 """Quantity and number of columns of each field."""
-ORIENTATIONS = ("quaternion", "rotation", "rotation_vector", "euler")
+ORIENTATIONS = ("quaternion", "rotation", "rotation_vector", "euler", "yaw")
 """Fields of which a stream has one, and which become its `rotation`."""
 TURNED = ("force", "torque", "specific_force", "angular_velocity", "normal")
 """Vectors in the sensor's axes, which `sensor_rotation` turns."""
 EULER_ORDERS = frozenset(a + b + c for a in "xyz" for b in "xyz" for c in "xyz" if a != b != c)
 """Orders of axes: small letters about axes that stay, capitals about those that turn along."""
-_OPTIONS = frozenset(["columns", "constant", "unit", "scale", "order", "inverse", "rate_hz"])
+_OPTIONS = frozenset(
+    ["columns", "constant", "unit", "scale", "order", "inverse", "rate_hz", "plane"]
+)
 
 
 def read_stream(
@@ -119,9 +124,14 @@ def _values(
     if "constant" in entry:
         return np.asarray(factor * _constant(where, entry["constant"]))
     names = _names(entry)
-    if len(names) not in (width, 1 if key.endswith("_std") else width):
-        raise BadInputError(f"{where}: {len(names)} columns; expected {width}")
-    values = factor * table.columns(*names)
+    flat = bool(entry.get("plane", False)) and width == 3
+    if len(names) not in (width - flat, 1 if key.endswith("_std") else width - flat):
+        plane = ", or plane: true where x and y of a support are all" if len(names) == 2 else ""
+        raise BadInputError(f"{where}: {len(names)} columns; expected {width - flat}{plane}")
+    values = table.columns(*names)
+    if flat and len(names) == 2:
+        values = np.column_stack([values, np.zeros(len(values))])
+    values = factor * values
     return np.asarray(np.broadcast_to(values, (len(values), width)))
 
 
@@ -162,6 +172,8 @@ def _rotations(where: str, key: str, entry: Mapping[str, Any], values: Array) ->
         matrices[known] = Rotation.from_quat(rows[lasting]).as_matrix()
     elif key == "rotation_vector":
         matrices[known] = Rotation.from_rotvec(rows).as_matrix()
+    elif key == "yaw":
+        matrices[known] = Rotation.from_euler("z", rows).as_matrix()
     elif key == "euler":
         if order.lower() not in EULER_ORDERS or order not in (order.lower(), order.upper()):
             raise BadInputError(

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,6 @@ from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.planar.joining import join_pushes
 from tactile_dynamics_ros.core.planar.streams import LinkStream, PushContact, PushedStreams
 from tactile_dynamics_ros.core.rigid_body.rotation import quaternion_to_matrix
-from tactile_dynamics_ros.core.streams.streams import ContactStream, PoseStream
 from tactile_dynamics_ros.recording import topics
 from tactile_dynamics_ros.recording.assembly import (
     PoseColumns,
@@ -29,11 +29,11 @@ from tactile_dynamics_ros.recording.cleaning import ProblemLog, ranked_lines
 from tactile_dynamics_ros.recording.frames import Frames, in_world_axes
 from tactile_dynamics_ros.recording.namespaces import RecordedNames
 from tactile_dynamics_ros.recording.pushed import names
+from tactile_dynamics_ros.recording.pushed.arrays import pushes_from_arrays
+from tactile_dynamics_ros.recording.pushed.on_support import Support, anticlockwise
 from tactile_dynamics_ros.recording.pushed.writer import write_pushed
 
 Array = NDArray[np.float64]
-
-GRAVITY_W = np.array([0.0, 0.0, -9.81])
 
 
 @dataclass(frozen=True)
@@ -88,6 +88,35 @@ class PushedRecording:
             if bag.types.get(names.link_topic(k, "footprint")) == names.POLYGON_STAMPED
         }
         return _Assembly(bag, source, frames, outlines).recording()
+
+    @classmethod
+    def from_arrays(
+        cls,
+        contacts: Mapping[str, Mapping[str, Any]],
+        links: Sequence[Mapping[str, Any]],
+        *,
+        contact_frame: str = "world",
+        support: Support | None = None,
+        source: str = "arrays",
+    ) -> PushedRecording:
+        """Take measurements that are already in memory; the first pose becomes time zero.
+
+        Args:
+            contacts: per contact as `Recording.from_arrays`, and optionally ``point_std`` m; the
+                height of ``position`` above the support is that of the push.
+            links: per part ``footprint`` (V, 2) m in its frame, ``time`` (N,) s, ``position``
+                (N, 2) or (N, 3) m, ``yaw`` (N,) rad or ``quaternion`` (N, 4) xyzw or ``rotation``
+                (N, 3, 3), and optionally ``position_std`` m and ``rotation_std`` rad.
+            contact_frame: "world" or "object", of the first part.
+            support: its axes; those of the world if None.
+            source: name for messages to the user.
+
+        Raises:
+            BadInputError: an array is missing, unknown, of the wrong shape or without usable rows.
+        """
+        place = Support() if support is None else support
+        streams, log, start = pushes_from_arrays(contacts, links, contact_frame, place, source)
+        return cls(streams, source, dict(log), round(start * 1e9))
 
     @classmethod
     def join(cls, recordings: Sequence[PushedRecording]) -> PushedRecording:
@@ -183,11 +212,11 @@ class _Assembly:
         for line in frames.notes:
             self._log[line] += 1
         self._clock = topics.Clock.starting_at(bag.tables[topics.OBJECT_POSE])
-        self._place, self._R_WS = np.zeros(3), np.eye(3)
-        support = self._world(names.SUPPORT_POSE)
-        if support is not None:
-            self._place = support.values[-1, :3]
-            self._R_WS = quaternion_to_matrix(support.values[-1:, 3:7])[0]
+        self._support = Support()
+        table = self._world(names.SUPPORT_POSE)
+        if table is not None:
+            turn = quaternion_to_matrix(table.values[-1:, 3:7])[0]
+            self._support = Support(table.values[-1, :3], turn)
 
     def _world(self, topic: str) -> MessageTable | None:
         """Return a topic's messages in the world frame, or None if there are none."""
@@ -201,7 +230,7 @@ class _Assembly:
         links = tuple(self._link(k) for k in range(self._links))
         time, yaw = self._pusher()
         streams = PushedStreams(
-            links, self._contacts(), self._R_WS.T @ GRAVITY_W, pusher_time=time, pusher_yaw=yaw
+            links, self._contacts(), self._support.gravity, pusher_time=time, pusher_yaw=yaw
         )
         return PushedRecording(streams, self._source, dict(self._log), self._clock.epoch_ns)
 
@@ -212,18 +241,14 @@ class _Assembly:
             return None, None
         columns = topics.pose_columns(names.PUSHER_POSE, table, self._clock)
         pose = assemble_pose(columns, self._log)
-        turn = self._R_WS.T @ pose.rotation
+        turn = self._support.R_WS.T @ pose.rotation
         return pose.time, np.arctan2(turn[:, 1, 0], turn[:, 0, 0])
 
     def _link(self, k: int) -> LinkStream:
         topic = names.link_topic(k, "pose")
         table = self._frames.in_world(topic, self._bag.tables[topic], self._log)
         pose = assemble_pose(topics.pose_columns(topic, table, self._clock), self._log)
-        turn = self._R_WS.T @ pose.rotation
-        yaw = np.unwrap(np.arctan2(turn[:, 1, 0], turn[:, 0, 0]))
-        place = (pose.position - self._place) @ self._R_WS
-        planar = np.column_stack([place[:, :2], yaw])
-        return LinkStream(pose.time, planar, _planar_std(pose, self._R_WS), self._footprint(k))
+        return self._support.link(pose, self._footprint(k))
 
     def _footprint(self, k: int) -> Array:
         """Return the corners of the last footprint, anticlockwise."""
@@ -233,14 +258,7 @@ class _Assembly:
                 f"{self._source}: {topic} is missing; expected a {names.POLYGON_STAMPED} with the "
                 "outline on the support (`tactile-dynamics shape` finds it from point clouds)"
             )
-        corners = self._outlines[k]
-        if len(corners) < 3 or not np.isfinite(corners).all():
-            raise BadInputError(
-                f"{self._source}: {topic} has {len(corners)} corners; expected three"
-            )
-        after = np.roll(corners, -1, axis=0)
-        area = np.sum(corners[:, 0] * after[:, 1] - corners[:, 1] * after[:, 0])
-        return corners if area > 0.0 else corners[::-1]
+        return anticlockwise(self._outlines[k], f"{self._source}: {topic}")
 
     def _contacts(self) -> dict[str, PushContact]:
         found = {}
@@ -260,8 +278,7 @@ class _Assembly:
         point_std = float(np.sqrt(np.median(variance))) if variance.any() else None
         felt = self._wrench(force, placed)
         if felt is None:
-            path = assemble_pose(placed, self._log)
-            return self._on_support(name, path, point_std, None)
+            return self._support.path(name, assemble_pose(placed, self._log), point_std)
         stated = self._bag.tables.get(std)
         stream = assemble_contact(
             name,
@@ -270,10 +287,7 @@ class _Assembly:
             None if stated is None else topics.std_columns(std, stated, self._clock),
             self._log,
         )
-        if stream is None:
-            return None
-        path = PoseStream(stream.pose_time, stream.position, stream.rotation)
-        return self._on_support(name, path, point_std, stream)
+        return None if stream is None else self._support.contact(stream, point_std)
 
     def _wrench(self, topic: str, placed: PoseColumns) -> WrenchColumns | None:
         """Return forces in axes of the world, or None if there are none."""
@@ -282,33 +296,3 @@ class _Assembly:
             return in_world_axes(wrench, placed)
         table = self._world(topic)
         return None if table is None else topics.wrench_columns(topic, table, self._clock)
-
-    def _on_support(
-        self, name: str, path: PoseStream, point_std: float | None, stream: ContactStream | None
-    ) -> PushContact:
-        """Return a contact in axes of the support."""
-        none = np.zeros((0, 3))
-        std = None if stream is None else stream.force_std
-        torque = stream.torque if stream is not None and stream.carries_torque else None
-        return PushContact(
-            name=name,
-            time=np.zeros(0) if stream is None else stream.time,
-            force=none if stream is None else stream.force @ self._R_WS,
-            force_std=None if std is None else np.sqrt(np.median(std**2, axis=0)),
-            pose_time=path.time,
-            point=(path.position - self._place) @ self._R_WS,
-            normal=path.rotation[:, :, 2] @ self._R_WS,
-            point_std=point_std,
-            torque=None if torque is None else torque @ self._R_WS,
-        )
-
-
-def _planar_std(pose: PoseStream, R_WS: Array) -> Array | None:
-    """Return stated std of x, y and yaw on the support, or None."""
-    if pose.covariance is None:
-        return None
-    turn, shift = pose.covariance[:, :3, :3], pose.covariance[:, 3:, 3:]
-    variances = np.einsum("ia,nij,ja->na", R_WS, shift, R_WS)[:, :2]
-    about = np.einsum("i,nij,j->n", R_WS[:, 2], turn, R_WS[:, 2])
-    found = np.sqrt(np.median(np.column_stack([variances, about]), axis=0))
-    return np.asarray(found) if np.all(found > 0.0) else None
