@@ -18,8 +18,9 @@ PAGE = (ROOT / "docs" / "recordings.md").read_text()
 
 
 def test_the_mapping_on_the_page_imports(tmp_path):
-    (text,) = re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)
+    text, pushed = re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)
     (tmp_path / "mapping.yaml").write_text(text)
+    (tmp_path / "pushed.yaml").write_text(pushed)
     rows = "\n".join(f"{10 * k},0,0,500,0,0,0,1" for k in range(50))
     (tmp_path / "tracker.csv").write_text(f"t_ms,x,y,z,qx,qy,qz,qw\n{rows}\n")
     rows = "\n".join(f"{0.01 * k + 0.008:.3f},-1,-2,-3,0.1,0,0.5,-1,0,0" for k in range(50))
@@ -30,6 +31,15 @@ def test_the_mapping_on_the_page_imports(tmp_path):
     np.testing.assert_array_equal(index.force[0], [1.0, 2.0, 3.0])
     assert index.time[0] == pytest.approx(0.0, abs=1e-9)
     assert recording.problems == {}
+    rows = "\n".join(f"{0.01 * k},{k},20,90" for k in range(50))
+    (tmp_path / "tracker.csv").write_text(f"t,x,y,theta\n{rows}\n")
+    rows = "\n".join(f"{0.01 * k},-1,-2,-40,20" for k in range(50))
+    (tmp_path / "tip.csv").write_text(f"t,fx,fy,px,py\n{rows}\n")
+    pushes = importer.read(tmp_path / "pushed.yaml", Namespace()).streams
+    lean = np.array([np.sin(np.radians(3.0)), 0.0, -np.cos(np.radians(3.0))])
+    np.testing.assert_allclose(pushes.gravity, 9.81 * lean, atol=1e-9)
+    np.testing.assert_allclose(pushes.links[0].footprint[2], [0.04, 0.03])
+    assert pushes.contacts["pusher"].force[0, 0] == pytest.approx(np.cos(np.radians(3.0)))
 
 
 def test_the_page_names_all_fields_units_importers_and_topics():
