@@ -64,6 +64,16 @@ def test_pressure_has_the_centre_that_balances_and_never_pulls(reach):
     assert np.any(pressure == 0.0) == (reach > SIDE / 6.0)
 
 
+def test_an_uneven_face_keeps_load_and_centre_of_pressure():
+    patch = SupportPatch(SQUARE)
+    pressure = patch.pressure(np.array([[0.0, 0.0], [0.01, -0.02]]), np.ones(2))
+    draws = np.random.default_rng(0).normal(size=(50, len(patch.share)))
+    for draw, change in zip(draws, patch.balanced(pressure, draws), strict=True):
+        assert np.abs(np.sum(pressure * change, axis=1)).max() < 1e-7
+        assert np.abs((pressure * change) @ patch.offset).max() < 1e-7
+        assert np.std(change - draw) < 0.5
+
+
 @pytest.mark.parametrize("reach", [0.01, 0.03])
 def test_slope_of_the_pressure_is_its_derivative_while_the_same_points_carry(reach):
     patch = SupportPatch(SQUARE, 400)

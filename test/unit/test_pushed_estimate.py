@@ -1,15 +1,22 @@
 """Mass, friction and centre of an object that is pushed: right where told, told where not known."""
 
 import json
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from tactile_dynamics_ros.cli.main import main
 from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
 from tactile_dynamics_ros.core.planar.properties import fit as fitting
 from tactile_dynamics_ros.core.planar.properties.balance import NAMES
+from tactile_dynamics_ros.core.planar.properties.bordered import (
+    NormalEquations,
+    Optimum,
+    Solution,
+)
 from tactile_dynamics_ros.core.planar.properties.estimate import estimate
 from tactile_dynamics_ros.core.planar.properties.intervals import cut_intervals
 from tactile_dynamics_ros.core.planar.properties.push_model import Sharpness
@@ -97,6 +104,63 @@ def test_gradient_of_the_cost_is_its_derivative(model):
     slope = across
     whole = residuals.linearise(nodes, common, sharp, slope).cost
     assert residuals.cost(nodes, common, sharp, slope) == pytest.approx(whole, rel=1e-9)
+
+
+def test_numbers_move_with_residuals_as_a_fit_of_changed_residuals_does(model):
+    residuals, nodes = model
+    sharp = Sharpness(5e-3, 3.0, 0.03)
+    common = residuals.prior[0].copy()
+    common[:2] = np.log(residuals.typical_force / 9.81), np.log(residuals.typical_force / 3.0)
+    lack, by_nodes, by_common = residuals.dynamics(nodes, common, sharp)
+    change = np.random.default_rng(1).normal(size=(*lack.shape, 2))
+    loose = np.broadcast_to(np.repeat([1.0, 1.0], 3), nodes.shape)
+
+    def factored(lack):
+        equations = NormalEquations(len(nodes), 6, len(common))
+        equations.add(residuals.middle, lack, by_nodes, by_common)
+        residuals._add_seen(equations, nodes, common, sharp)
+        return equations.factor(loose, np.zeros(len(common)))
+
+    factor = factored(lack)
+    moved = factor.moved_by(residuals.middle, change, by_nodes, by_common)
+    for k in range(2):
+        after = factored(lack + change[:, :, k]).step()[1] - factor.step()[1]
+        assert_allclose(moved[:, k], after, rtol=1e-6, atol=1e-12)
+
+
+def test_where_a_face_carries_moves_a_fit_as_its_interval_says(quick, monkeypatch):
+    """One draw of pressure, and outlines aside: fits that are made beside what is stated."""
+    fit = fitting.fit_push(quick.streams)
+    model, patch, start = fit.model, fit.model.patch, fit.common
+    places = [NAMES.index(name) for name in ("ln_product", "com_x", "com_y")]
+    near = fitting.final_sharpness(model, fit.nodes, fit.variation)
+    at = Solution(fit.nodes, start, model.linearise(fit.nodes, start, near), True)
+    found = Optimum(at, fit.covariance, 0.0, 0.0, fit.variation)
+    back = fitting.refit(fit, (), start, fit.variation).common[places]
+    draw = 0.1 * np.random.default_rng(3).normal(size=(1, len(patch.share)))
+    [[draw]] = patch.balanced(patch.share[None], draw)
+    balanced = SupportPatch.balanced
+
+    def stated(aside, amount):
+        monkeypatch.setattr(fitting, "_ASIDE", aside)
+        monkeypatch.setattr(
+            SupportPatch, "balanced", lambda p, load, _: balanced(p, load, amount * draw[None])
+        )
+        return np.sqrt(np.diag(fitting._by_face(model, found)))[places]
+
+    def moved(other, shift=(0.0, 0.0)):
+        begin = start - np.pad(shift, (2, len(start) - 4))
+        trial = replace(fit, model=replace(model, patch=other))
+        there = fitting.refit(trial, (), begin, fit.variation).common[places]
+        return there + [0.0, *shift] - back
+
+    uneven = replace(patch)
+    kept = {"centroid": patch.centroid, "offset": patch.offset}
+    uneven.__dict__.update(kept, share=patch.share * (1.0 + draw))
+    assert_allclose(stated(0.0, 1.0), np.abs(moved(uneven)), rtol=0.3, atol=2e-5)
+    shifts = 0.02 * np.sqrt(patch.gyration) * np.eye(2)
+    aside = [moved(replace(patch, outline=patch.outline + shift), shift) for shift in shifts]
+    assert_allclose(stated(0.02, 0.0), np.hypot(*aside), rtol=0.3, atol=2e-5)
 
 
 def test_a_force_after_the_last_sample_is_unknown(quick):

@@ -5,6 +5,7 @@ Planar twists and wrenches are (x, y, rotation) and (force x, force y, torque), 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -169,6 +170,20 @@ class SupportPatch:
         none = np.zeros_like(even)
         rows = [even, none, -y, none, even, x, -y, x, polar]
         return np.stack(rows, axis=1).reshape(-1, 3, 3)
+
+    def balanced(self, pressure: Array, changes: Array) -> Iterator[Array]:
+        """Relative changes (B, n) of pressures that keep load and centre, one by one.
+
+        Args:
+            pressure: (B, n) shares of the load.
+            changes: (K, n) relative; of each the part that is linear over the footprint is taken
+                away that load and centre rule out.
+        """
+        linear = self._features[:, :3]
+        moments = self._moments(pressure)
+        for change in changes:
+            moved = (pressure * change) @ linear
+            yield change - np.linalg.solve(moments, moved[..., None])[..., 0] @ linear.T
 
     def friction_radius(self, centre: Array, scale: Array) -> Array:
         """Largest friction torque about the centre of pressure over the largest force, (B,) m."""

@@ -190,6 +190,28 @@ class Balance:
             changes.append(-np.column_stack([force, wrench[:, 2] + cross(arm, force)]))
         return np.stack(changes, axis=2)
 
+    def lack_by_face(
+        self, kinematics: Kinematics, common: Array, slip: float, uneven: float, aside: float
+    ) -> Array:
+        """Changes (R, 3, n + 2) of `lack` by a face that carries elsewhere within its outline.
+
+        Each point bears more by `uneven`, relative, at the same load and centre of pressure; and
+        the whole that carries lies aside along x and y by `aside` radii of gyration, the centre of
+        mass staying where it is.
+        """
+        state, patch = self._state(kinematics, common), self.patch
+        scale = np.full(len(state.twist), float(np.exp(state.numbers[9])))
+        pressure = patch.pressure(state.centre, scale)
+        shares = patch.balanced(pressure, uneven * np.eye(pressure.shape[1]))
+        changes = [self.lack_by_shares(kinematics, common, slip, shares)]
+        here = self.lack(kinematics, common, self.friction(slip))
+        for shift in aside * np.sqrt(patch.gyration) * np.eye(2):
+            there = replace(self, patch=replace(patch, outline=patch.outline + shift))
+            moved = common - np.pad(shift, (2, len(common) - 4))
+            after = there.lack(kinematics, moved, there.friction(slip))
+            changes.append((after - here)[:, :, None])
+        return np.concatenate(changes, axis=2)
+
     def friction(self, slip: float) -> Friction:
         """Friction as it is."""
 

@@ -252,6 +252,25 @@ class Factor:
         common = -cho_solve(cho_factor(self.schur), right)
         return (-alone - self.inner @ common).reshape(e.nodes, e.size), common
 
+    def moved_by(
+        self, middle: NDArray[np.intp], rows: Array, by_nodes: Array, by_common: Array
+    ) -> Array:
+        """Changes (p, K) of the common numbers by small changes of residuals.
+
+        Args:
+            middle: (R,) middle node of the three that each group of rows reads.
+            rows: (R, r, K) changes of the residuals.
+            by_nodes: (R, r, 3, b) derivative. by_common: (R, r, p) derivative.
+        """
+        e = self.equations
+        gradient = np.zeros((e.nodes, e.size, rows.shape[2]))
+        for i in range(3):
+            at = np.clip(middle + i - 1, 0, e.nodes - 1)
+            _add_at(gradient, at, by_nodes[:, :, i].swapaxes(1, 2) @ rows)
+        flat = gradient.reshape(e.nodes * e.size, -1)
+        right = np.einsum("rip,rik->pk", by_common, rows) - self.inner.T @ flat
+        return np.asarray(-cho_solve(cho_factor(self.schur), right))
+
     @property
     def covariance(self) -> Array:
         """(p, p) of the common numbers."""
