@@ -260,7 +260,8 @@ class Factor:
         Args:
             middle: (R,) middle node of the three that each group of rows reads.
             rows: (R, r, K) changes of the residuals.
-            by_nodes: (R, r, 3, b) derivative. by_common: (R, r, p) derivative.
+            by_nodes: (R, r, 3, b) derivative.
+            by_common: (R, r, p) derivative.
         """
         e = self.equations
         gradient = np.zeros((e.nodes, e.size, rows.shape[2]))
