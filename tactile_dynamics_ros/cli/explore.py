@@ -48,10 +48,14 @@ def describe(told: dict[str, Any]) -> str:
     for k, action in enumerate(told["actions"], 1):
         x, y = action["point"]
         lines.append(
-            f"{k}. {action['kind']} at ({x:.3f}, {y:.3f}) m, {action['speed']:g} m/s: expected "
-            f"{action['expected_gain']:.1f} nats, {action['chosen_because']}"
+            f"{k}. {action['kind']}{_of_part(told, action)} at ({x:.3f}, {y:.3f}) m, "
+            f"{action['speed']:g} m/s: expected {action['expected_gain']:.1f} nats, "
+            f"{action['chosen_because']}"
         )
     unknown = told["properties"]["undetermined"]
+    if "said" in told["properties"]:
+        lines += told["properties"]["said"]
+        return "\n".join([*lines, f"stopped: {told['stopped_because']}"])
     for link in told["properties"]["links"]:
         for name, entry in link.items():
             value, std = entry["value"], entry["std"]
@@ -59,3 +63,8 @@ def describe(told: dict[str, Any]) -> str:
             words = ", ".join(f"{v:.4g} +- {s:.2g}" for v, s in pairs)
             lines.append(f"{name}: {words}{' (undetermined)' if name in unknown else ''}")
     return "\n".join([*lines, f"stopped: {told['stopped_because']}"])
+
+
+def _of_part(told: dict[str, Any], action: dict[str, Any]) -> str:
+    """Which part was pushed, where there are two."""
+    return f" of part {action['part']}" if "said" in told["properties"] else ""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import time
 from concurrent.futures import Future
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -19,9 +19,13 @@ from tactile_dynamics_ros.core.errors import NotIdentifiableError, TactileDynami
 from tactile_dynamics_ros.core.planar.actions.affordances import ExploreConfig
 from tactile_dynamics_ros.core.planar.actions.directions import DirectionExplorer
 from tactile_dynamics_ros.core.planar.actions.exploration import Choice, Explorer, next_choice
-from tactile_dynamics_ros.core.planar.actions.information import PredictedObject, SensingConfig
+from tactile_dynamics_ros.core.planar.actions.information import (
+    Belief,
+    PredictedObject,
+    SensingConfig,
+)
 from tactile_dynamics_ros.core.planar.actions.straight import freeing
-from tactile_dynamics_ros.core.planar.control.guard import Guard, GuardConfig
+from tactile_dynamics_ros.core.planar.control.guard import Guard, GuardConfig, Seen
 from tactile_dynamics_ros.core.planar.control.performance import (
     Performance,
     WayConfig,
@@ -40,9 +44,11 @@ from tactile_dynamics_ros.ros.names import (
     PROPERTY_STATUS,
     PUSHER_TARGET,
 )
+from tactile_dynamics_ros.ros.pair_fits import PairFits
 from tactile_dynamics_ros.ros.parameters import declare_config
 from tactile_dynamics_ros.ros.shell import REQUESTS, Shell, run_node
 from tactile_dynamics_ros.ros.table_scene import (
+    CONTACTS,
     OPEN,
     WORLD,
     TableScene,
@@ -58,6 +64,8 @@ GAP = 0.006
 PATIENCE = 60.0
 """Real time for which the estimate of the last push is awaited, s; a fit to eight pushes takes
 fifteen on an idle core. Then the next one is chosen by what is known."""
+_FORCE = "friction_force_n"
+"""Name of what `explore` has to know at least: the friction force, of two parts that of both."""
 SILENT = 5.0
 """Real time without a pose of the tip after which exploring is given up, s."""
 
@@ -67,14 +75,17 @@ class Run:
     """A call of the service that is being answered.
 
     Attributes:
-        answer: where it is awaited. explorer: that chooses. actions: done, as told in the end.
-        rivals: of the last action, as JSON.
+        answer: where it is awaited. explorers: that choose, one of each part. part: whose turn
+            it is. idle: parts of which nothing more is to be done, and why.
+        actions: done, as told in the end. rivals: of the last action, as JSON.
         choosing: while that runs. choice: made. performance: while it is carried out.
         fits: estimates before the last push. since: monotonic s, when it ended.
     """
 
     answer: RosFuture
-    explorer: Explorer
+    explorers: list[Explorer]
+    part: int = 0
+    idle: dict[int, str] = field(default_factory=dict)
     actions: list[dict[str, object]] = field(default_factory=list)
     rivals: str = "[]"
     choosing: Future[tuple[Explorer, Choice | str]] | None = None
@@ -83,9 +94,21 @@ class Run:
     since: float = -np.inf
 
     @property
+    def explorer(self) -> Explorer:
+        """Of the part whose turn it is."""
+        return self.explorers[self.part]
+
+    @property
     def waits(self) -> bool:
         """Whether the next push is chosen by the estimate from the last one."""
         return not isinstance(self.explorer, DirectionExplorer)
+
+    def pass_on(self) -> bool:
+        """Give the turn to the part that was pushed least; return whether there is any."""
+        left = [k for k in range(len(self.explorers)) if k not in self.idle]
+        if left:
+            self.part = min(left, key=lambda k: self.explorers[k].count)
+        return bool(left)
 
 
 def _late(run: Run) -> bool:
@@ -106,6 +129,7 @@ class ExplorerNode(Shell):
         self.guard = declare_config(self, GuardConfig)
         self.scene = TableScene(self, declare_config(self, TableSceneConfig))
         self._background = Background()
+        self._pair: PairFits | None = None
         self._run: Run | None = None
         self._answered, self._heard = Stamp(0, 0), time.monotonic()
         self._target = self.create_publisher(PoseStamped, PUSHER_TARGET, 10)
@@ -135,7 +159,7 @@ class ExplorerNode(Shell):
             self.stop.require_released()
             if self._run is not None:
                 raise NotIdentifiableError("it is already exploring")
-            self._run = Run(RosFuture(), self._explorer(kind), performance=self._freeing())
+            self._run = Run(RosFuture(), self._explorers(kind), performance=self._freeing())
         except TactileDynamicsError as error:
             response.success, response.message = False, str(error)
             return response
@@ -143,17 +167,39 @@ class ExplorerNode(Shell):
         response.success, response.message = await self._run.answer
         return response
 
-    def _explorer(self, kind: type[Explorer]) -> Explorer:
-        body, config = self.scene.body(), self.scene.config
+    def _explorers(self, kind: type[Explorer]) -> list[Explorer]:
+        """One for each part; those of two parts only push, as how they hold together is unknown."""
+        outlines = [self.scene.body().outline]
+        if self._pair is None:
+            return [self._explorer(kind, outlines[0], self.config)]
+        if kind is Explorer:
+            outlines.append(self.scene.of_second()[1])
+        pushing = replace(self.config, manners=("push",))
+        return [self._explorer(kind, outline, pushing) for outline in outlines]
+
+    def _explorer(self, kind: type[Explorer], outline: Array, chosen: ExploreConfig) -> Explorer:
+        config = self.scene.config
         thing = PredictedObject(
-            convex_hull(body.outline),
+            convex_hull(outline),
             config.tip_friction,
             push_height=self.way.height,
-            footprint=body.outline,
+            footprint=outline,
         )
         room = (np.array(config.low), np.array(config.high))
-        opening = self.way.opening
-        return kind(thing, self.config, self.sensing, room, config.tip_radius, opening)
+        return kind(thing, chosen, self.sensing, room, config.tip_radius, self.way.opening)
+
+    def _view(self, part: int) -> tuple[Seen, list[Array]]:
+        """What is seen of a part, and the outlines of others in its frame."""
+        if part:
+            seen, _, beside = self.scene.of_second()
+            return seen, [beside]
+        second = self.scene.second_outline()
+        return self.scene.seen(), [] if second is None else [second]
+
+    def _belief(self, run: Run) -> Belief:
+        """What is known of the part whose turn it is."""
+        told = None if self._pair is None else self._pair.values(run.part)
+        return self.scene.belief(run.explorer.thing.outline, told)
 
     def _freeing(self) -> Performance | None:
         """Let go first of what a pull still holds that was stopped; None where jaws are closed."""
@@ -181,6 +227,8 @@ class ExplorerNode(Shell):
             if self._run.actions:
                 self._run.since = time.monotonic()
                 self._tell("waiting", "for the estimate from this push")
+                if self._pair is not None and self._run.waits:
+                    self._pair.ask()
         else:
             self._move(target, performance.width)
 
@@ -193,6 +241,10 @@ class ExplorerNode(Shell):
 
     def _advance(self) -> None:
         """Choose when the last push has been judged; begin what is chosen."""
+        if self._pair is None and self.scene.second_outline() is not None:
+            self._pair = PairFits(self, CONTACTS, self._background)
+        if self._pair is not None:
+            self._pair.advance()
         run = self._run
         if run is None or run.performance is not None:
             return
@@ -201,30 +253,46 @@ class ExplorerNode(Shell):
         elif run.choosing is not None:
             if run.choosing.done():
                 self._begin(run, run.choosing)
-        elif not run.waits or self.scene.fits > run.fits or _late(run):
-            if run.actions and not self.scene.properties:
+        elif not run.waits or self._is_judged(run) or _late(run):
+            if self._pair is None and run.actions and not self.scene.properties:
                 self._finish(f"no {PROPERTY_STATUS} came: is property_estimator running?", False)
                 return
-            belief = self.scene.belief(run.explorer.thing.outline)
-            pose = self.scene.seen().pose
-            run.choosing = self._background.submit(next_choice, run.explorer, belief, pose)
-            self._tell("choosing", "simulating pushes")
+            self._choose(run)
+
+    def _is_judged(self, run: Run) -> bool:
+        """Whether the estimate of the last push has come."""
+        return self.scene.fits > run.fits if self._pair is None else not self._pair.busy
+
+    def _choose(self, run: Run) -> None:
+        """Begin to choose for the part that was pushed least; end where none is left to push."""
+        if len(run.explorers) > 1 and len(run.actions) >= self.config.budget:
+            self._finish(f"{len(run.actions)} pushes were made", True)
+            return
+        if not run.pass_on():
+            self._finish("; ".join(dict.fromkeys(run.idle.values())), True)
+            return
+        seen, others = self._view(run.part)
+        run.choosing = self._background.submit(
+            next_choice, run.explorer, self._belief(run), seen.pose, others
+        )
+        self._tell("choosing", "simulating pushes")
 
     def _begin(self, run: Run, choosing: Future[tuple[Explorer, Choice | str]]) -> None:
         run.choosing = None
         try:
-            run.explorer, choice = choosing.result()
+            run.explorers[run.part], choice = choosing.result()
             if isinstance(choice, str):
-                self._finish(choice, True)
+                run.idle[run.part] = choice
+                self._choose(run)
                 return
-            seen = self.scene.seen()
+            seen, _ = self._view(run.part)
             radius = self.scene.config.tip_radius
             action = action_of(choice.candidate, seen, self.way, self.scene.support, radius, GAP)
         except TactileDynamicsError as error:
             self._finish(str(error), False)
             return
         run.fits, run.performance = self.scene.fits, Performance(action, Guard(self.guard))
-        run.actions.append(choice.to_json(seen.pose))
+        run.actions.append(choice.to_json(seen.pose) | {"part": run.part + 1})
         run.rivals = json.dumps(choice.rivals_json(seen.pose))
         self._tell("pushing", choice.because)
 
@@ -243,11 +311,18 @@ class ExplorerNode(Shell):
         self._tell("finished", why, level)
         told = {
             "actions": self._run.actions,
-            "properties": self.scene.properties_json(),
+            "properties": self._properties(),
             "stopped_because": why,
         }
         answer, self._run = self._run.answer, None
         answer.set_result((success, json.dumps(told)))
+
+    def _properties(self) -> dict[str, object]:
+        """The newest estimate as `estimate --json` tells it; of two parts with what they are."""
+        if self._pair is None:
+            return self.scene.properties_json()
+        unknown: dict[str, object] = {"links": [], "undetermined": ["structure", _FORCE]}
+        return (self._pair.found or unknown) | {"said": self._pair.said}
 
 
 def main() -> int:

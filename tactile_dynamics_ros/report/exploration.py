@@ -30,27 +30,38 @@ INTERVAL = 1.645
 
 
 def compare_properties(properties: dict[str, Any], truth: dict[str, Any]) -> list[dict[str, Any]]:
-    """Return estimates beside the truth of the first link, with what is undetermined.
+    """Return estimates beside the truth of each link, with what is undetermined.
 
     Args:
         properties: links and undetermined, as `explore` tells them.
         truth: as robot_sim reveals it.
     """
-    if not properties["links"]:
-        return []
-    found, known = _flat(properties["links"][0]), truth["links"][0]
+    several = len(properties["links"]) > 1
+    rows = []
+    for k, (link, known) in enumerate(zip(properties["links"], truth["links"], strict=False), 1):
+        part = f"link_{k}" * several
+        rows += _compared(part, _flat(link), known, properties["undetermined"])
+    return rows
+
+
+def _compared(
+    part: str, found: dict[str, tuple[float, float]], known: dict[str, Any], unknown: list[str]
+) -> list[dict[str, Any]]:
+    """Rows of one part; its name is empty where there is only one."""
     known = {**known, "com_x": known["com"][0], "com_y": known["com"][1]}
     rows = []
     for name in (name for name in COMPARED if name in found):
         value, std = found[name]
+        stem = "com" if name.startswith("com") else name
         rows.append(
             {
                 "name": name,
+                "part": part,
                 "value": value,
                 "std": std,
                 "truth": known[name],
                 "inside_90": bool(abs(value - known[name]) <= INTERVAL * std),
-                "undetermined": name in properties["undetermined"],
+                "undetermined": bool({name, stem, f"{part}.{stem}"} & set(unknown)),
             }
         )
     return rows
@@ -118,7 +129,7 @@ def _actions(told: dict[str, Any]) -> Section:
 def _estimates(told: dict[str, Any]) -> Section:
     rows = [
         [
-            TITLES[row["name"]],
+            f"{row.get('part', '')} {TITLES[row['name']]}".strip(),
             f"{row['value']:.4g} ± {row['std']:.2g} {UNITS[row['name']]}",
             f"{row['truth']:.4g}",
             "undetermined" if row["undetermined"] else "yes" if row["inside_90"] else "no",

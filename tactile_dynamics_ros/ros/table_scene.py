@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -23,6 +25,7 @@ from tactile_dynamics_ros.core.planar.actions.information import Belief
 from tactile_dynamics_ros.core.planar.control.guard import Seen
 from tactile_dynamics_ros.core.planar.control.plan import Bounds
 from tactile_dynamics_ros.core.planar.control.prediction import PushedBody
+from tactile_dynamics_ros.core.planar.mechanics.linkage import turned
 from tactile_dynamics_ros.core.planar.mechanics.simulation import GRAVITY
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 from tactile_dynamics_ros.ros.conversions import MessageError, pose_to_core, to_seconds
@@ -44,6 +47,12 @@ Array = NDArray[np.float64]
 WORLD = "world"
 CONTACTS = ("pusher", "pad_left", "pad_right")
 """Whose forces stop a motion: of the tip and of both pads."""
+_TURNS = np.deg2rad(3.0)
+"""Turn of two parts against each other from which a joint is presumed, rad: markers tell each to
+0.2 deg, and rigid pairs stay within 1 deg; pushes turn joints by 5 deg and more."""
+_AVERAGED, _TOGETHER = 15, 1e-3
+"""Relative angles that are averaged, half a second of 30 Hz, and s within which two poses are of
+one image: of different ones a turning object would seem to have a joint."""
 OPEN = 0.004
 """Width of the jaws from which they are not closed to a single tip, m: twice what closed grippers
 tell of themselves, half of the narrowest that is gripped."""
@@ -90,6 +99,7 @@ class TableScene:
         undetermined: names of what it does not tell. fits: how often it was made anew.
         fallen: whether the object no longer stands. stamp: of the tip's newest pose.
         width: m, of the jaws; 0 where nobody tells.
+        jointed: whether a second part was seen to turn against the first.
     """
 
     def __init__(self, node: Shell, config: TableSceneConfig) -> None:
@@ -102,11 +112,19 @@ class TableScene:
         self._tip: Array | None = None
         self._object: tuple[float, Array] | None = None
         self._footprint: Array | None = None
+        self.jointed = False
+        self._second: tuple[float, Array] | None = None
+        self._second_outline: Array | None = None
+        self._turns: deque[float] = deque(maxlen=_AVERAGED)
+        self._turned = (np.inf, -np.inf)
         self._forces = dict.fromkeys(CONTACTS, (-np.inf, 0.0))
         self.width = 0.0
         node.listen(PoseStamped, PUSHER_POSE, self._on_tip, skim=True)
         node.listen(PoseWithCovarianceStamped, OBJECT_POSE, self._on_object)
         node.listen(PolygonStamped, link_topic("link_1", "footprint"), self._on_outline, LATCHED)
+        pose, outline = (link_topic("link_2", kind) for kind in ("pose", "footprint"))
+        node.listen(PoseWithCovarianceStamped, pose, self._on_second)
+        node.listen(PolygonStamped, outline, self._on_second_outline, LATCHED)
         node.listen(PoseStamped, SUPPORT_POSE, self._on_support, LATCHED)
         for name in CONTACTS:
             take = partial(self._on_force, name)
@@ -127,22 +145,24 @@ class TableScene:
             link["com"] = {key: [part[key] for part in com] for key in ("value", "std")}
         return {"links": [link] if link else [], "undetermined": self.undetermined}
 
-    def belief(self, outline: Array) -> Belief:
+    def belief(self, outline: Array, told: Mapping[str, float] | None = None) -> Belief:
         """What is known of product, mass and centre of mass; little if nobody tells.
 
         Args:
             outline: (V, 2) m, of the object.
+            told: numbers by name; None: those of property_estimator.
         """
         unknown = Belief.unknown(outline)
+        told = self.properties if told is None else told
         names = ("friction_force_n", "mass", "com_x", "com_y")
-        values = np.array([self.properties.get(name, np.nan) for name in names])
-        stds = np.array([self.properties.get(f"{name}_std", np.nan) for name in names])
+        values = np.array([told.get(name, np.nan) for name in names])
+        stds = np.array([told.get(f"{name}_std", np.nan) for name in names])
         if not np.all(np.isfinite([values, stds])) or np.any(values[:2] <= 0.0):
             return unknown
         mean = np.array([np.log(values[0] / GRAVITY), np.log(values[1]), *values[2:]])
         std = np.array([*(stds[:2] / values[:2]), *stds[2:]])
-        told = std < unknown.std
-        mean, std = np.where(told, mean, unknown.mean), np.where(told, std, unknown.std)
+        known = std < unknown.std
+        mean, std = np.where(known, mean, unknown.mean), np.where(known, std, unknown.std)
         return Belief(mean, np.diag(np.square(np.maximum(std, 1e-4))))
 
     def body(self) -> PushedBody:
@@ -158,7 +178,32 @@ class TableScene:
         seen = PushedBody.from_footprint(
             self._footprint, None, config.tip_radius, config.tip_friction
         )
-        return replace(seen, com=self.belief(seen.outline).mean[2:])
+        second = self.second_outline()
+        if second is None:
+            return replace(seen, com=self.belief(seen.outline).mean[2:])
+        return seen.beside(second, joined=not self.jointed)
+
+    def second_outline(self) -> Array | None:
+        """Return the outline (V, 2) of a second part in the object's frame, m; None without one."""
+        if self._second is None or self._second_outline is None or self._object is None:
+            return None
+        pose, outline = self._second[1], self._second_outline
+        placed = pose[:2] + turned(outline, np.full(len(outline), pose[2]))
+        return _in_frame(placed, self._object[1])
+
+    def of_second(self) -> tuple[Seen, Array, Array]:
+        """Return what is seen if the second part is the object, its outline, and that of the first.
+
+        Raises:
+            NotIdentifiableError: there is no second part, or something is not published.
+        """
+        seen = self.seen()
+        if self._second is None or self._second_outline is None or self._footprint is None:
+            raise NotIdentifiableError("there is no second part")
+        time, pose = self._second
+        first = seen.pose[:2] + turned(self._footprint, np.full(len(self._footprint), seen.pose[2]))
+        beside = _in_frame(first, pose)
+        return replace(seen, pose=pose, pose_time=time), self._second_outline, beside
 
     def seen(self) -> Seen:
         """Return what is known now.
@@ -185,14 +230,34 @@ class TableScene:
     def _on_object(self, message: Stamped) -> None:
         pose = pose_to_core(message, OBJECT_POSE, WORLD)
         self.fallen = pose[2, 2] < UPRIGHT
-        yaw = np.arctan2(pose[1, 0], pose[0, 0])
-        self._object = to_seconds(message.stamp), np.array([*pose[:2, 3], yaw])
+        self._object = to_seconds(message.stamp), _flat(pose)
+        self._compare()
+
+    def _on_second(self, message: Stamped) -> None:
+        pose = pose_to_core(message, link_topic("link_2", "pose"), WORLD)
+        self._second = to_seconds(message.stamp), _flat(pose)
+        self._compare()
+
+    def _compare(self) -> None:
+        """Note by how much the second part has turned against the first."""
+        if self._object is None or self._second is None:
+            return
+        (time, first), (other, second) = self._object, self._second
+        if abs(time - other) > _TOGETHER:
+            return
+        turn = float(second[2] - first[2])
+        before = self._turns[-1] if self._turns else turn
+        self._turns.append(before + (turn - before + np.pi) % (2.0 * np.pi) - np.pi)
+        if len(self._turns) == _AVERAGED:
+            mean = float(np.mean(self._turns))
+            self._turned = min(self._turned[0], mean), max(self._turned[1], mean)
+            self.jointed = self.jointed or self._turned[1] - self._turned[0] > _TURNS
 
     def _on_outline(self, message: PolygonStamped) -> None:
-        points = np.array([[p.x, p.y] for p in message.polygon.points]).reshape(-1, 2)
-        if len(points) < 3 or not np.all(np.isfinite(points)):
-            raise MessageError("bad_footprint", f"object/footprint: {len(points)} usable vertices")
-        self._footprint = points
+        self._footprint = _corners(message)
+
+    def _on_second_outline(self, message: PolygonStamped) -> None:
+        self._second_outline = _corners(message)
 
     def _on_support(self, message: Stamped) -> None:
         self.support = float(pose_to_core(message, SUPPORT_POSE, WORLD)[2, 3])
@@ -221,6 +286,23 @@ def tip_pose(frame: Array) -> Array:
     pose[:3, :3] = exp_so3(np.array([0.0, 0.0, frame[3]]))
     pose[:3, 3] = frame[:3]
     return pose
+
+
+def _flat(pose: Array) -> Array:
+    """x, y, yaw (3,) of a pose (4, 4)."""
+    return np.array([*pose[:2, 3], np.arctan2(pose[1, 0], pose[0, 0])])
+
+
+def _in_frame(points: Array, pose: Array) -> Array:
+    """Points (N, 2), world, in the frame of a part at a pose (3,)."""
+    return np.asarray(turned(points - pose[:2], np.full(len(points), -pose[2])))
+
+
+def _corners(message: PolygonStamped) -> Array:
+    points = np.array([[p.x, p.y] for p in message.polygon.points]).reshape(-1, 2)
+    if len(points) < 3 or not np.all(np.isfinite(points)):
+        raise MessageError("bad_footprint", f"object/footprint: {len(points)} usable vertices")
+    return points
 
 
 def _number(text: str) -> float:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
-from std_msgs.msg import Bool
+from std_msgs.msg import Bool, Float64
 from std_srvs.srv import Trigger
 
 from tactile_dynamics_ros.core.planar.control.prediction import PushedBody, pushed
@@ -17,6 +17,7 @@ from tactile_dynamics_ros.ros.names import (
     EMERGENCY_STOP,
     EXPLORE,
     GOAL_POSE,
+    GRIPPER_WIDTH,
     OBJECT_POSE,
     PROPERTY_STATUS,
     PUSH_PROGRESS,
@@ -189,3 +190,39 @@ def test_the_explorer_pushes_on_request_until_all_is_known(bench):
     assert "known to the wanted width" in told["stopped_because"]
     assert told["properties"]["links"][0]["mass"]["value"] == 0.8
     assert np.hypot(*(table.pose[:2] - [0.46, 0.09])) > 0.01  # it was pushed
+
+
+def test_jaws_that_are_open_are_not_taken_for_a_tip(table):
+    table.outline()
+    table.tell()
+    table.bench.send(GRIPPER_WIDTH, Float64(data=0.05))
+    table.until(lambda: table.node.scene.width > 0.04, 50)
+    table.ask()
+    table.until(lambda: table.said("refused"), 50)
+    assert "50 mm open" in table.said("refused")[-1].message
+    assert not table.targets
+
+
+def test_a_second_part_is_an_obstacle_until_it_proves_to_be_one_body(table):
+    table.outline()
+    beside = np.array([[-0.03, -0.03], [0.03, -0.03], [0.03, 0.03], [-0.03, 0.03]])
+    message = outline_message(beside, "object/link_2")
+    table.bench.send(link_topic("link_2", "footprint"), message, profile=LATCHED)
+
+    def tell(turn):
+        table.tell()
+        c, s = np.cos(table.pose[2]), np.sin(table.pose[2])
+        place = table.pose[:2] + 0.085 * np.array([c, s])
+        second = tip_pose(np.array([*place, 0.0, table.pose[2] + turn]))
+        told = cv.uncertain_pose_to_message(second, 1e-6 * np.eye(6), table.time, "world")
+        table.bench.send(link_topic("link_2", "pose"), told)
+        table.bench.work(0.006)
+
+    for _ in range(30):
+        tell(0.0)
+    body = table.node.scene.body()
+    assert body.joined
+    np.testing.assert_allclose(body.second[0], [0.055, -0.03], atol=1e-6)
+    for _ in range(30):
+        tell(0.1)
+    assert not table.node.scene.body().joined

@@ -92,7 +92,7 @@ ROOMS = {
     ),
     "core/planar/control": Room(
         "the next pushes that bring an object to a pose, in closed loop",
-        ("core/numerics", "core/planar/actions", "core/planar/mechanics"),
+        ("core/numerics", "core/planar/actions", "core/planar/linked", "core/planar/mechanics"),
     ),
     "core/planar/effects": Room(
         "what the model of a pushed object may lack, by name",

@@ -10,7 +10,7 @@ from tactile_dynamics_ros.core.planar.control.guard import Guard, GuardConfig, S
 from tactile_dynamics_ros.core.planar.control.performance import Clock
 from tactile_dynamics_ros.core.planar.control.plan import Bounds, PushPlanner
 from tactile_dynamics_ros.core.planar.control.prediction import PushedBody, pushed
-from tactile_dynamics_ros.core.planar.mechanics.linkage import Link, Linkage
+from tactile_dynamics_ros.core.planar.mechanics.linkage import Link, Linkage, turned
 from tactile_dynamics_ros.core.planar.mechanics.outline import area_and_centroid
 from tactile_dynamics_ros.core.planar.mechanics.pusher import Tip
 from tactile_dynamics_ros.core.planar.mechanics.simulation import StepConfig, simulate
@@ -167,3 +167,42 @@ def test_a_clock_of_motion_waits_where_poses_come_late():
     clock = Clock()
     times = [clock.advance(now) for now in (5.0, 5.01, 6.0, 6.01)]
     np.testing.assert_allclose(times, [0.0, 0.01, 0.05, 0.06])
+
+
+NEIGHBOUR = np.array([[0.052, -0.03], [0.132, -0.03], [0.132, 0.03], [0.052, 0.03]])
+
+
+def of_two(joined):
+    return PushedBody.from_footprint(BOX, None, 0.006, 0.35).beside(NEIGHBOUR, joined)
+
+
+def test_two_joined_parts_are_one_body_that_is_pushed_at_either():
+    one, both = PushedBody.from_footprint(BOX, None, 0.006, 0.35), of_two(True)
+    areas = np.array([0.1 * 0.08, 0.08 * 0.06])
+    assert both.com[0] == pytest.approx(areas @ [0.0, 0.092] / areas.sum(), abs=1e-3)
+    assert both.radius > 1.4 * one.radius
+    points, inward = both.at(np.linspace(0.0, 1.0, 200, endpoint=False))
+    assert np.any(points[:, 0] > 0.1)
+    far = both.nearest(points - 0.02 * inward)[1]
+    assert far.max() <= 0.02 + 1e-9
+
+
+def test_a_second_part_on_a_joint_is_only_in_the_way():
+    body = of_two(False)
+    np.testing.assert_allclose(body.com, [0.0, 0.0], atol=1e-9)
+    assert body.at(np.linspace(0.0, 1.0, 200, endpoint=False))[0][:, 0].max() < 0.0501
+    tips = np.array([[0.051, 0.0], [0.08, 0.037], [-0.06, 0.0]])
+    assert np.all(body.struck(tips)[:2] > 0.0)
+    assert body.struck(tips)[2] == 0.0
+
+
+@pytest.mark.parametrize("joined", [True, False])
+def test_no_push_is_planned_where_the_tip_would_come_down_on_another_part(joined):
+    body = of_two(joined)
+    goal = np.array([0.38, 0.0, 0.0])  # straight away from where the parts meet
+    planner = PushPlanner(body, goal, Bounds(np.array([0.0, -0.5]), np.array([1.0, 0.5])))
+    for turn in (0.0, 1.5, 3.0):
+        pose = np.array([0.5, 0.0, turn])
+        push = planner.plan(pose)
+        own = turned((push.start - pose[:2])[None], -pose[2:])
+        assert body.crowded(own)[0] == pytest.approx(0.0, abs=1e-4)

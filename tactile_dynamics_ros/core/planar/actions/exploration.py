@@ -192,8 +192,9 @@ class Explorer:
         """Say what a push narrows most."""
         if self.config.chooser != "gain":
             return f"chosen {self.config.chooser}ly"
+        wide = belief.std > self.config.wanted
         ratio = belief.std / after.std
-        k = int(ratio.argmax())
+        k = int(np.where(wide | ~wide.any(), ratio, 0.0).argmax())
         return f"it narrows {NAMES[k]} most, {ratio[k]:.1f} times, of all that fit"
 
     def _around(self, pose: Array, others: Others) -> Surroundings:

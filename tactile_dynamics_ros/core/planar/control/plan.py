@@ -188,8 +188,10 @@ class PushPlanner:
                 tip, normal = self._starts(push[:, PLACE], poses)
                 gap = self.config.gap
                 total += moves * (self.config.effort + 10.0 * self.bounds.lacking(tip))
+                total += 10.0 * moves * self.body.crowded(_own(tip, poses))
             poses, tip = self._pushed(push, poses, tip, normal, gap)
             total += 10.0 * moves * self.bounds.lacking(tip)
+            total += 10.0 * moves * self.body.struck(_own(tip, poses))
             total += self.config.length_effort * np.maximum(push[:, LENGTH], 0.0)
             weight = 1.0 if k == plans.shape[1] - 1 else self.config.early
             total += weight * self.error(poses)
@@ -221,3 +223,8 @@ class PushPlanner:
         direction = self._directions(plan[:1], normal)[0, 0]
         length = float(self.length(plan[:1], pose[None])[0])
         return Push(start[0], direction, length + self.config.gap, normal[0], cost, plan)
+
+
+def _own(point: Array, pose: Array) -> Array:
+    """Points (N, 2), world, in the frames of objects at poses (N, 3)."""
+    return turned(point - pose[:, :2], -pose[:, 2])
