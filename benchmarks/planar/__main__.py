@@ -151,12 +151,14 @@ def choice_times(options: argparse.Namespace) -> dict[str, Any]:
 
 def learnt(options: argparse.Namespace) -> dict[str, Any]:
     """Learning curves of pushes that are chosen, of the families that are asked for."""
+    seeds = range(1, options.seeds + 1)
     kinds = [kind for kind in choices.KINDS if kind in options.families]
     return {
-        kind: choices.measure(
-            kind, range(1, options.seeds + 1), Kept(options.keep, f"choices_{kind}").of
+        f"{kind}{', believed' * believed}": choices.measure(
+            kind, seeds, Kept(options.keep, f"choices_{kind}").of, believed=believed
         )
         for kind in kinds
+        for believed in (False, True)
     }
 
 

@@ -21,8 +21,10 @@ Curves = dict[str, list[dict[str, float]]]
 
 KINDS = ("single", "jointed")
 """Families that paper B's Fig. 10 has."""
-_OTHERS = ("uniform", "random")
-"""Choices beside which `active` is put."""
+_CHOOSERS, _OTHERS = ("active", "gain"), ("uniform", "random")
+"""Choices by what was learnt, and those beside which they are put."""
+BELIEVED = ("random", "gain")
+"""Choices that are compared where networks learn from what a filter believes."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +50,7 @@ def measure(
     seeds: Sequence[int],
     keep: Callable[[str, Callable[[], Any]], Any],
     size: Size | None = None,
+    believed: bool = False,
 ) -> dict[str, Any]:
     """Learning curves of all choices from the same candidates, first round and judges.
 
@@ -56,13 +59,16 @@ def measure(
         seeds: of objects, pushes and weights together; at least two.
         keep: gives back what was kept under a name, or makes it.
         size: of each run.
+        believed: whether networks learn from what a filter believes.
     """
     import torch
 
     torch.set_num_threads(1)
     size, setting = size or Size(), SETTINGS["slow"]
     judges = keep("judges", partial(training.judging_steps, kind, size.judges, setting))
-    first = training.Rounds("random", size.rounds, size.epochs, size.width, 0, setting)
+    first = training.Rounds(
+        "random", size.rounds, size.epochs, size.width, 0, setting, believed=believed
+    )
     told: list[Curves] = []
     for seed in seeds:
         parts = training.round_seeds(seed, size.objects, size.rounds)
@@ -71,14 +77,14 @@ def measure(
             for k, part in enumerate(parts)
         ]
         curves: Curves = {}
-        for choice in training.CHOICES:
+        for choice in BELIEVED if believed else training.CHOICES:
             how = replace(first, choice=choice, seed=seed)
             make = partial(_curve, how, rounds, judges)
-            curves[choice] = keep(f"curve_{seed}_{choice}", make)
+            curves[choice] = keep(f"curve_{seed}_{choice}{'_believed' * believed}", make)
             print(f"\r{kind}, seed {seed}, {choice}", end="", file=sys.stderr)
         told.append(curves)
     print(file=sys.stderr)
-    return {"kind": kind, **vars(size)} | compared(told)
+    return {"kind": kind, "believed": believed, **vars(size)} | compared(told)
 
 
 def _curve(how: training.Rounds, rounds: Any, judges: Any) -> list[dict[str, float]]:
@@ -87,23 +93,26 @@ def _curve(how: training.Rounds, rounds: Any, judges: Any) -> list[dict[str, flo
 
 def compared(told: Sequence[Curves]) -> dict[str, Any]:
     """What is told of the curves of several seeds, with intervals over these."""
-    pushes = [one["pushes"] for one in told[0]["active"]]
+    first = next(iter(told[0].values()))
+    pushes = [one["pushes"] for one in first]
     errors = {
         choice: np.array([[one["error"] for one in each[choice]] for each in told])
-        for choice in training.CHOICES
+        for choice in told[0]
     }
     needed = needed_pushes(np.array(pushes, dtype=float), errors)
     found: dict[str, Any] = {"n": len(told), "pushes": pushes, "saved": {}, "error_ratio": {}}
     found["error"] = {choice: [interval(row) for row in rows.T] for choice, rows in errors.items()}
     found["needed"] = {choice: interval(row) for choice, row in needed.items()}
-    for other in _OTHERS:
-        ratio = interval(np.log(needed["active"] / needed[other]))
+    pairs = [(one, other) for one in _CHOOSERS for other in _OTHERS if {one, other} <= set(errors)]
+    for one, other in pairs:
+        name = f"{one} beside {other}"
+        ratio = interval(np.log(needed[one] / needed[other]))
         low, high = 1.0 - np.exp(ratio["high"]), 1.0 - np.exp(ratio["low"])
-        found["saved"][other] = {"mean": 1.0 - float(np.exp(ratio["mean"]))}
-        found["saved"][other] |= {"low": float(low), "high": float(high)}
-        later = np.log(errors["active"][:, 1:] / errors[other][:, 1:]).mean(axis=1)
+        found["saved"][name] = {"mean": 1.0 - float(np.exp(ratio["mean"]))}
+        found["saved"][name] |= {"low": float(low), "high": float(high)}
+        later = np.log(errors[one][:, 1:] / errors[other][:, 1:]).mean(axis=1)
         ends = interval(later)
-        found["error_ratio"][other] = {key: float(np.exp(end)) for key, end in ends.items()}
+        found["error_ratio"][name] = {key: float(np.exp(end)) for key, end in ends.items()}
     return found
 
 
@@ -142,9 +151,9 @@ def interval(values: Array) -> dict[str, float]:
 def table(found: dict[str, Any]) -> str:
     """Rows for people, and whether a difference is to be seen."""
     names = list(found["error"])
+    truth = "what a filter believes" if found["believed"] else "the simulator's truth"
     rows = [
-        f"## {found['kind']}: pushes chosen by the network that learns from them, "
-        f"n = {found['n']} seeds",
+        f"## {found['kind']}: pushes that are chosen, learnt from {truth}, n = {found['n']} seeds",
         "",
         f"| pushes | {' | '.join(names)} |",
         "|---" * (len(names) + 1) + "|",
@@ -154,11 +163,11 @@ def table(found: dict[str, Any]) -> str:
         rows.append(f"| {count} | {' | '.join(cells)} |")
     cells = [_cell(found["needed"][name]) for name in names]
     rows += [f"| to the error that all reach | {' | '.join(cells)} |", ""]
-    for other, saved in found["saved"].items():
-        shares = {name: round(value, 2) + 0.0 for name, value in saved.items()}  # no "-0%"
+    for name, saved in found["saved"].items():
+        shares = {end: round(value, 2) + 0.0 for end, value in saved.items()}  # no "-0%"
         said = "{mean:.0%} ({low:.0%} to {high:.0%})".format(**shares)
-        ratio = "{mean:.3f} ({low:.3f} to {high:.3f})".format(**found["error_ratio"][other])
-        rows.append(f"beside {other}: active saves {said} of the pushes, {_seen(saved)}; its error")
+        ratio = "{mean:.3f} ({low:.3f} to {high:.3f})".format(**found["error_ratio"][name])
+        rows.append(f"{name}: saves {said} of the pushes, {_seen(saved)}; its error")
         rows[-1] += f" after the same pushes is {ratio} of it"
     return "\n".join([*rows, ""])
 

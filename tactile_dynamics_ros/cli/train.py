@@ -39,10 +39,15 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
     pushing.add_argument("--keep", metavar="DIR", help="where an interrupted run goes on from")
     pushing.add_argument(
         "--choice",
-        choices=["active", "uniform", "random"],
+        choices=["active", "uniform", "random", "gain"],
         help="train in rounds, on pushes that are chosen so among 15 of each object",
     )
     pushing.add_argument("--rounds", type=int, default=4, help="of --choice (4)")
+    pushing.add_argument(
+        "--believed",
+        action="store_true",
+        help="with --choice: learn from what a filter believes instead of the simulator's truth",
+    )
     pushing.add_argument(
         "--noise",
         action="store_true",

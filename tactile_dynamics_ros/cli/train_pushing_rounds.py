@@ -16,8 +16,14 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.cli.train_pushing import SETTINGS, Setting, simulate_steps
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.planar.actions.information import Belief, expected_gain, updated
+from tactile_dynamics_ros.core.planar.network.believed import (
+    CandidatePush,
+    believed_steps,
+    expected_information,
+)
 from tactile_dynamics_ros.core.planar.network.graph import Graph, build_graph
-from tactile_dynamics_ros.core.planar.network.process import help_units
+from tactile_dynamics_ros.core.planar.network.process import GraphProcess, help_units
 from tactile_dynamics_ros.core.planar.network.transitions import (
     Examples,
     Transitions,
@@ -27,13 +33,14 @@ from tactile_dynamics_ros.core.planar.network.transitions import (
 from tactile_dynamics_ros.core.planar.network.weights import GraphWeights
 from tactile_dynamics_ros.synthetic import pushed
 from tactile_dynamics_ros.synthetic.pushed.objects import draw_object
+from tactile_dynamics_ros.synthetic.pushed.sensed import SensedStep, giving_way, sensed_steps
 from tactile_dynamics_ros.synthetic.pushed.transitions import cut_steps
 
 Array = NDArray[np.float64]
 
-CHOICES = ("active", "uniform", "random")
+CHOICES = ("active", "uniform", "random", "gain")
 """How pushes of an object are chosen: where the network states the widest spread, at angles that
-differ most, or as drawn."""
+differ most, as drawn, or where a filter with the network expects to learn most of the object."""
 _CANDIDATES, _KEPT = 15, 5
 """Pushes of an object that are candidates, and those of them that are kept: paper B's top five."""
 _FIRST, _HELD_OUT, _JUDGES = 200_000, 510_000, 12
@@ -48,11 +55,14 @@ class Rounds:
         choice: of pushes, one of `CHOICES`; the first round takes them as drawn in any case.
         count: of rounds.
         epochs: passes over the pushes of all rounds. Each round begins anew and takes as many
-            steps as the last, so that its error tells the pushes and not the length of training.
+            steps as the last, so that its error tells the pushes and not the length of training;
+            steps that are believed do not overlap, and are passed over the more often.
         width: hidden units.
         seed: of initial weights and order.
         setting: how objects are pushed.
         origin: command that is kept with the weights.
+        believed: whether parameters, poses and forces are those that a filter believes, instead of
+            the simulator's.
     """
 
     choice: str
@@ -62,6 +72,7 @@ class Rounds:
     seed: int
     setting: Setting
     origin: str = ""
+    believed: bool = False
 
 
 def run(args: Namespace) -> int:
@@ -77,9 +88,13 @@ def run(args: Namespace) -> int:
     command = (
         f"tactile-dynamics train pushing --choice {args.choice} --objects {args.objects} --rounds "
         f"{args.rounds} --epochs {args.epochs} --width {args.width} --seed {args.seed}"
+        + " --believed"
+        * args.believed
     )
     parts = round_seeds(args.seed, args.objects, args.rounds)
-    how = Rounds(args.choice, len(parts), args.epochs, args.width, args.seed, setting, command)
+    how = Rounds(
+        args.choice, len(parts), args.epochs, args.width, args.seed, setting, command, args.believed
+    )
     judges = judging_steps("single", _JUDGES, setting)
     offered = (candidate_pushes("single", part, setting) for part in parts)
     weights, curve = learn(how, offered, judges, sys.stderr)
@@ -91,7 +106,7 @@ def run(args: Namespace) -> int:
 
 def learn(
     how: Rounds,
-    rounds: Iterable[Sequence[list[Transitions]]],
+    rounds: Iterable[Sequence[list[CandidatePush]]],
     judges: Examples,
     told: TextIO | None = None,
 ) -> tuple[GraphWeights, list[dict[str, float]]]:
@@ -108,10 +123,13 @@ def learn(
     """
     buffer: list[Transitions] = []
     weights, curve = None, []
+    apart = how.setting.period / how.setting.every if how.believed else 1.0
     for k, objects in enumerate(rounds, start=1):
         for candidates in objects:
-            buffer += _chosen(how.choice, candidates, weights)
-        weights = _trained(how, buffer, round(how.epochs * how.count / k))
+            chosen = _chosen(how.choice, candidates, weights)
+            known = believed_steps(chosen, how.seed) if how.believed else [c.steps for c in chosen]
+            buffer += known
+        weights = _trained(how, buffer, round(apart * how.epochs * how.count / k))
         curve.append({"pushes": len(buffer), "error": relative_error(weights, judges)})
         said = f"round {k}: {len(buffer)} pushes, error {curve[-1]['error']:.3f} of a mean's"
         if told is not None:
@@ -135,29 +153,72 @@ def judging_steps(kind: str, count: int, setting: Setting) -> Examples:
 
 def candidate_pushes(
     kind: str, objects: Sequence[int], setting: Setting
-) -> list[list[Transitions]]:
-    """Steps of pushes of the first link of each object, each push on a table of its own."""
+) -> list[list[CandidatePush]]:
+    """Pushes of the first link of each object, each push on a table of its own."""
     seeds = [_CANDIDATES * number + k for number in objects for k in range(_CANDIDATES)]
     things = {seed: draw_object(seed // _CANDIDATES, kind) for seed in seeds}
     options = pushed.PushOptions(
         kind=kind, actions=setting.actions, variation=0.08, stiction=0.1, uneven=0.1, things=things
     )
     made: Any = pushed.generate(seeds, None, options)
-    steps = [cut_steps(one.scene, one.motion, setting.period, setting.every)[0] for one in made]
-    return [steps[k : k + _CANDIDATES] for k in range(0, len(steps), _CANDIDATES)]
+    pushes = []
+    for one, seed in zip(made, seeds, strict=True):
+        truth = cut_steps(one.scene, one.motion, setting.period, setting.every)[0]
+        sensed = sensed_steps(one, setting.period, seed)
+        pushes.append(CandidatePush(truth, sensed, _giving_way(sensed)))
+    return [pushes[k : k + _CANDIDATES] for k in range(0, len(pushes), _CANDIDATES)]
+
+
+def _giving_way(steps: Sequence[SensedStep]) -> list[SensedStep]:
+    """Steps with a tip that gives way where it touches."""
+    return [
+        step if step.motion is None else giving_way(steps[max(k - 1, 0) : k + 2], step)
+        for k, step in enumerate(steps)
+    ]
 
 
 def _chosen(
-    choice: str, pushes: list[Transitions], weights: GraphWeights | None
-) -> list[Transitions]:
+    choice: str, pushes: list[CandidatePush], weights: GraphWeights | None
+) -> list[CandidatePush]:
     """The pushes that go into the buffer; without a network yet, as drawn."""
     if choice == "random" or weights is None:
         return pushes[:_KEPT]
+    if choice == "gain":
+        return most_telling(pushes, weights, _KEPT)
     if choice == "uniform":
-        order = np.argsort([float(np.arctan2(*p.push.normal[0][::-1])) for p in pushes])
+        order = np.argsort([float(np.arctan2(*p.steps.push.normal[0][::-1])) for p in pushes])
         return [pushes[k] for k in order[:: max(len(pushes) // _KEPT, 1)][:_KEPT]]
-    order = np.argsort([-_spread(weights, push) for push in pushes])
+    order = np.argsort([-_spread(weights, push.steps) for push in pushes])
     return [pushes[k] for k in order[:_KEPT]]
+
+
+def most_telling(
+    pushes: list[CandidatePush], weights: GraphWeights, count: int
+) -> list[CandidatePush]:
+    """The pushes of one object that together tell most of it, chosen one after the other.
+
+    Each time that of the largest expected Kullback-Leibler divergence is added, given those that
+    were chosen before.
+
+    Args:
+        pushes: candidates, of which the ways of the tip are known, not what they will show.
+        weights: of the network that the filter predicts with.
+        count: wanted.
+
+    Source: paper B, Eq. 17 and IV-B2.
+    """
+    process = GraphProcess.of(pushes[0].steps.thing, weights)
+    told = np.stack([expected_information(process, push) for push in pushes])
+    size = told.shape[1]
+    mean, covariance = process.prior
+    belief = Belief(mean[:size], covariance[:size, :size])
+    chosen: list[int] = []
+    for _ in range(min(count, len(pushes))):
+        gains = expected_gain(belief, told)
+        gains[chosen] = -np.inf
+        chosen.append(int(np.argmax(gains)))
+        belief = updated(belief, told[chosen[-1]])
+    return [pushes[k] for k in chosen]
 
 
 def _spread(weights: GraphWeights, push: Transitions) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -387,9 +388,10 @@ def test_a_network_that_chooses_its_pushes_beats_the_mean_and_learns_from_the_wi
     assert [each["pushes"] for each in curve] == [10, 20]
     assert curve[-1]["error"] < 0.8
     assert len(scores) == 12
-    order = [3.0, 1.0, 7.0, 5.0, 2.0, 6.0, 4.0]
+    order = [SimpleNamespace(steps=size) for size in (3.0, 1.0, 7.0, 5.0, 2.0, 6.0, 4.0)]
     monkeypatch.setattr(train_pushing_rounds, "_spread", lambda _, push: push)
-    assert train_pushing_rounds._chosen("active", order, object()) == [7.0, 6.0, 5.0, 4.0, 3.0]
+    chosen = train_pushing_rounds._chosen("active", order, object())
+    assert [each.steps for each in chosen] == [7.0, 6.0, 5.0, 4.0, 3.0]
 
 
 def test_choosing_pushes_never_overwrites_the_shipped_network(capsys):

@@ -22,6 +22,8 @@ from tactile_dynamics_ros.core.planar.network.weights import (
 
 Array = NDArray[np.float64]
 Report = Callable[[int, float, float], None]
+Told = tuple[Tensor, Tensor]
+"""What is known of an outcome, and its standard deviation, in units of the output."""
 
 _LOG_STD = (-7.0, 1.5)
 """Bounds of ln(standard deviation), as the forward pass has them; others here would teach outputs
@@ -100,11 +102,18 @@ def _perceptron(sizes: tuple[int, ...]) -> nn.Sequential:
     return nn.Sequential(*layers, nn.Linear(sizes[-2], sizes[-1]))
 
 
-def step_loss(process: Tensor, touch: Tensor, motion: Tensor, force: Tensor) -> Tensor:
+def step_loss(process: Tensor, touch: Tensor, motion: Told, force: Told) -> Tensor:
     """Return squared error and beta-weighted likelihood (beta = 1/2) of motion and force together.
 
     Paper B adds the two as well. Its plain likelihood lets steps that are hard to predict count
-    for little, so that they stay so; weighted by the predicted spread they do not.
+    for little, so that they stay so; weighted by the predicted spread they do not. What was
+    measured has the likelihood of an observation: its noise adds to the predicted spread.
+
+    Args:
+        process: (N, L, 2 MOTION) and
+        touch: (N, 4) that the network says, mean and ln std.
+        motion: (N, L, MOTION) and its std.
+        force: (N, 2) and its std.
 
     Source: paper B, IV-B2; Seitzer et al. 2022.
     """
@@ -113,8 +122,10 @@ def step_loss(process: Tensor, touch: Tensor, motion: Tensor, force: Tensor) -> 
     return felt
 
 
-def _likelihood(mean: Tensor, log_std: Tensor, truth: Tensor) -> Tensor:
-    bounded = log_std.clamp(*_LOG_STD)
+def _likelihood(mean: Tensor, log_std: Tensor, told: Told) -> Tensor:
+    truth, noise = told
+    own = log_std.clamp(*_LOG_STD)
+    bounded = 0.5 * torch.log(torch.exp(2.0 * own) + noise**2)
     error = nn.functional.huber_loss(mean, truth, reduction="none", delta=1.0)
     surprise = 0.5 * ((truth - mean) * torch.exp(-bounded)) ** 2 + bounded
     return (error + surprise * torch.exp(bounded).detach()).mean()
@@ -213,7 +224,14 @@ def _keep(run: _Run, checkpoint: str) -> None:
 
 
 def _tensors(part: Examples, units: tuple[Array, Array]) -> tuple[Tensor, ...]:
-    values = (part.nodes, part.edges, part.motion / units[0], part.force / units[1])
+    motion, force = (
+        (value / unit, std / unit)
+        for value, std, unit in (
+            (part.motion, part.noise.motion, units[0]),
+            (part.force, part.noise.force, units[1]),
+        )
+    )
+    values = (part.nodes, part.edges, *motion, *force)
     return tuple(torch.from_numpy(value.astype(np.float32)) for value in values)
 
 
@@ -228,10 +246,10 @@ def _epoch(run: _Run, parts: list[tuple[Tensor, ...]], config: GraphTrainingConf
     losses = []
     for k in torch.randperm(len(batches), generator=draw).tolist():
         part, rows = batches[k]
-        nodes, edges, motion, force = (values[rows] for values in part)
+        nodes, edges, motion, motion_std, force, force_std = (values[rows] for values in part)
         run.optimiser.zero_grad()
         process, touch = run.network(nodes, edges)
-        loss = step_loss(process, touch, motion, force)
+        loss = step_loss(process, touch, (motion, motion_std), (force, force_std))
         torch.autograd.backward(loss)
         nn.utils.clip_grad_norm_(run.network.parameters(), _LARGEST_GRADIENT)
         run.optimiser.step()
@@ -244,9 +262,10 @@ def _epoch(run: _Run, parts: list[tuple[Tensor, ...]], config: GraphTrainingConf
 def _held_out_loss(network: GraphNetwork, parts: list[tuple[Tensor, ...]]) -> float:
     losses = []
     with torch.no_grad():
-        for nodes, edges, motion, force in parts:
+        for nodes, edges, motion, motion_std, force, force_std in parts:
             process, touch = network(nodes, edges)
-            losses.append(float(step_loss(process, touch, motion, force)))
+            told = (motion, motion_std), (force, force_std)
+            losses.append(float(step_loss(process, touch, *told)))
     return float(np.mean(losses))
 
 

@@ -25,6 +25,18 @@ Mechanics = Callable[["Transitions"], tuple[Array, Array]]
 
 
 @dataclass(frozen=True, eq=False)
+class Noise:
+    """How well the outcome of N steps is known.
+
+    Attributes:
+        motion: (N, L, MOTION) std, m/s and rad/s. force: (N, 2) std, N.
+    """
+
+    motion: Array
+    force: Array
+
+
+@dataclass(frozen=True, eq=False)
 class Transitions:
     """Steps of one object under one touched link.
 
@@ -33,6 +45,7 @@ class Transitions:
         states, after: (N, 6 L) when a step begins and ends, as `filter.process.LINK_STATE`.
         push: (N) of the robot.
         force: (N, 2) N on the object, mean over the step, axes of the support.
+        noise: of motion and force where they were measured; None where they are known exactly.
     """
 
     thing: Thing
@@ -41,6 +54,7 @@ class Transitions:
     after: Array
     push: Push
     force: Array
+    noise: Noise | None = None
 
     def __len__(self) -> int:
         return len(self.states)
@@ -69,12 +83,14 @@ class Examples:
         nodes: (N, 2 + L, F). edges: (N, 2 L, EDGE).
         motion: (N, L, MOTION) and force: (N, 2) beside the mechanics where those help, m/s, rad/s,
             N, axes of the contact.
+        noise: of both.
     """
 
     nodes: Array
     edges: Array
     motion: Array
     force: Array
+    noise: Noise
 
     def __len__(self) -> int:
         return len(self.nodes)
@@ -121,10 +137,17 @@ def make_examples(
         help_ = helping(expected, pressing, units)
         motion, force = motion - expected, force - pressing
     graph = build_graph(steps.thing, steps.states, steps.parameters, steps.push, speed, help_)
-    return Examples(graph.nodes, graph.edges, motion, force)
+    noise = steps.noise or Noise(np.zeros_like(motion), np.zeros_like(force))
+    return Examples(graph.nodes, graph.edges, motion, force, noise)
 
 
 def joined(parts: Sequence[Examples]) -> Examples:
     """Examples of several objects with as many links."""
-    names = ("nodes", "edges", "motion", "force")
-    return Examples(*(np.concatenate([getattr(p, n) for p in parts]) for n in names))
+    nodes, edges, motion, force = (
+        np.concatenate([getattr(p, name) for p in parts])
+        for name in ("nodes", "edges", "motion", "force")
+    )
+    motion_std, force_std = (
+        np.concatenate([getattr(p.noise, name) for p in parts]) for name in ("motion", "force")
+    )
+    return Examples(nodes, edges, motion, force, Noise(motion_std, force_std))
