@@ -160,7 +160,8 @@ class PushedCheck(Readiness):
 
     def advice(self) -> list[str]:
         """Return what is not known, and what to push as well."""
-        push = [f"push {self.addition.words}"] if self.addition else []
+        helps = any(self._helps(name) for name in self.lacking)
+        push = [f"push {self.addition.words}"] if self.addition and helps else []
         return [*(self._known(name) for name in self.lacking), *push]
 
     def rows(self) -> Rows:
@@ -194,12 +195,16 @@ class PushedCheck(Readiness):
 
     def _known(self, name: str) -> str:
         now = f"{name} is known to +- {100.0 * self.relative[name]:.2g} %"
-        after = self.promised.get(name, np.inf)
         if self.addition is None:
             return now
-        if after > WORTH * self.relative[name]:
-            return f"{now}; no push like this helps"
-        return f"{now}; {self.addition.many} would bring it to +- {100.0 * after:.2g} %"
+        if not self._helps(name):
+            return f"{now}; no push helps"
+        after = 100.0 * self.promised[name]
+        return f"{now}; {self.addition.many} would bring it to +- {after:.2g} %"
+
+    def _helps(self, name: str) -> bool:
+        """Whether what is proposed tells a parameter clearly better."""
+        return self.promised.get(name, np.inf) <= WORTH * self.relative[name]
 
 
 def check_pushes(recording: PushedRecording, goal: float = GOAL) -> PushedCheck:
@@ -215,7 +220,7 @@ def check_pushes(recording: PushedRecording, goal: float = GOAL) -> PushedCheck:
     remarks = recording.problem_lines()
     addition = None
     if isinstance(found, PushedEstimate):
-        faults += _clock_faults(found)
+        (remarks if found.is_uneven else faults).extend(_clock_faults(found))
     if found.error > ADEQUATE:
         remarks.append(
             f"the error is {found.error:.1f} times the noise: something acts that the model has "
@@ -247,9 +252,10 @@ def _clock_faults(found: PushedEstimate) -> list[str]:
     late, std = found.delay or (0.0, np.inf)
     if abs(late) < max(_LATE, _CERTAIN * std):
         return []
+    other = ", or something else is missing" if found.is_uneven else ""
     return [
         f"the stamps of forces and poses seem to differ by {1e3 * late:.1f} +- {1e3 * std:.1f} ms "
-        "(effect time_offset); `diagnose` tells whether it is the clocks"
+        f"(effect time_offset){other}; `diagnose` tells whether it is the clocks"
     ]
 
 

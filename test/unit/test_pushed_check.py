@@ -6,11 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tactile_dynamics_ros.api import pushed_checks
 from tactile_dynamics_ros.api.pushed_checks import check_pushes
 from tactile_dynamics_ros.cli.main import main
 from tactile_dynamics_ros.cli.record_check import check_so_far
 from tactile_dynamics_ros.core.planar.actions.continuation import continued
 from tactile_dynamics_ros.core.planar.actions.information import Belief, Candidate, PredictedObject
+from tactile_dynamics_ros.core.planar.properties.estimate import estimate
 from tactile_dynamics_ros.recording.pushed import PushedRecording
 from tactile_dynamics_ros.synthetic import pushed
 
@@ -67,6 +69,20 @@ def test_clocks_that_differ_are_a_fault():
     found = check_pushes(PushedRecording(replace(streams, contacts=late), "late.mcap"))
     assert any("stamps of forces and poses seem to differ by" in fault for fault in found.faults)
     assert not found.ready
+
+
+def test_where_friction_had_to_differ_clocks_are_no_fault_but_a_note(monkeypatch):
+    """A lean that the model lacks makes both."""
+    actions = pushed.ActionOptions(count=3, speed=(0.08, 0.15), travel=0.05)
+    options = pushed.PushOptions(actions=actions)
+    [made] = pushed.generate([31], {"support_tilt": 2.0}, options)
+    leaning = replace(estimate(made.streams), delay=(-0.02, 0.001))
+    assert leaning.is_uneven and "10 % from place to place" in "".join(leaning.lines())
+    assert leaning.to_document()["friction_variation"] == 0.1
+    monkeypatch.setattr(pushed_checks, "estimate", lambda _: leaning)
+    found = check_pushes(PushedRecording(made.streams, "leans.mcap"))
+    assert found.faults == ()
+    assert any("or something else is missing" in remark for remark in found.remarks)
 
 
 def test_command_and_recorder_say_the_same(slow, tmp_path, capsys):

@@ -39,6 +39,9 @@ is undetermined: half the prior's."""
 _PRIOR_FRICTION_STD = 0.6
 """Relative std of mass and friction where only their product is known: that of friction of
 tables."""
+_EVEN = 0.03
+"""Relative variation of friction up to which nothing is said of it: made tables without any come
+out with as much at most."""
 _SPARSE_RATE = 5.0
 """Poses per second of touch below which the mechanics are integrated from pose to pose instead of
 following the motion: three poses within a push of half a second."""
@@ -67,6 +70,8 @@ class PushedEstimate:
         error_without: the same without the effects, at the same unevenness; None without effects.
         delay: s, of the forces' stamps after those of the poses, and its std; None: not estimated.
         here: (4, 4) of the same as `covariance`, at the places that were pushed; None: no other.
+        unevenness: relative standard deviation of friction from place to place by which the model
+            holds; 0 where it was not asked.
     """
 
     samples: int
@@ -79,6 +84,12 @@ class PushedEstimate:
     here: Array | None = None
     delay: tuple[float, float] | None = None
     error_without: float | None = None
+    unevenness: float = 0.0
+
+    @property
+    def is_uneven(self) -> bool:
+        """Whether friction had to differ more than on an even table, or something is missing."""
+        return self.unevenness > _EVEN
 
     @property
     def is_answer(self) -> bool:
@@ -107,6 +118,7 @@ class PushedEstimate:
             },
             "effects": self.effects,
             "error": self.error,
+            "friction_variation": self.unevenness,
         }
 
     def lines(self) -> list[str]:
@@ -133,6 +145,11 @@ class PushedEstimate:
             inertia, inertia_std = v["inertia_zz"]
             said.append(f"inertia           {1e6 * inertia:.0f} +- {1e6 * inertia_std:.0f} kg mm^2")
         said.append(f"error             {self.error:.2f} times the noise, {self.samples} samples")
+        if self.is_uneven:
+            said.append(
+                f"friction is taken to differ by {100.0 * self.unevenness:.0f} % from place to "
+                "place; a lean, a drag or another effect may look like that: `diagnose` tells"
+            )
         for name, parameters in self.effects.items():
             told = [
                 f"{symbol} = {entry['value']:.3g} +- {entry['std']:.2g} {entry['unit']}".strip()
@@ -246,6 +263,7 @@ def _of_dense(fit: PushFit, streams: PushedStreams, patch: SupportPatch) -> Push
         effects=fit.effects,
         here=here,
         delay=(float(fit.common[late]), fit.std(late)),
+        unevenness=fit.variation,
     )
 
 
