@@ -6,6 +6,7 @@ import struct
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 
 import apsw
@@ -95,16 +96,20 @@ def read_tables(path: Path, wanted: Callable[[str], bool]) -> BagTables:
 
 
 def read_messages(path: Path, topic: str) -> Iterator[RawMessage]:
-    """Yield the serialised messages of one topic of a recording that is whole.
+    """Yield the serialised messages of one topic; of a damaged recording those that can be read.
 
     Raises:
-        BadInputError: there is no recording at the path, or it is damaged.
+        BadInputError: there is no recording at the path.
     """
     for part in _parts(path):
+        count = 0
         try:
-            yield from _regular_messages(part, {}, lambda name: name == topic)
-        except DAMAGE as error:
-            raise BadInputError(f"{part}: damaged ({_one_line(error)})") from error
+            for message in _regular_messages(part, {}, lambda name: name == topic):
+                yield message
+                count += 1
+        except DAMAGE:
+            saved = _salvaged_messages(part, {}, lambda name: name == topic)
+            yield from islice(saved, count, None)
 
 
 def _parts(path: Path) -> list[Path]:

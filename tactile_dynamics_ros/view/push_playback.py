@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from functools import partial
 from operator import itemgetter
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,7 +22,7 @@ from tactile_dynamics_ros.core.planar.properties.estimate import PushedEstimate,
 from tactile_dynamics_ros.core.planar.streams import PushContact, PushedStreams
 from tactile_dynamics_ros.core.rigid_body.poses import pose_of
 from tactile_dynamics_ros.core.streams.streams import nearest_samples
-from tactile_dynamics_ros.recording.bag_files import read_messages
+from tactile_dynamics_ros.recording.bag_files import RawMessage, read_messages
 from tactile_dynamics_ros.recording.pushed import PushedRecording
 from tactile_dynamics_ros.ros.background import Background
 from tactile_dynamics_ros.ros.names import (
@@ -180,11 +179,11 @@ def _told(recording: PushedRecording) -> dict[str, list[Event]]:
 
     Statuses of `property_estimator` have a stamp and a time of arrival: these are the two clocks.
     """
-    path, store = Path(recording.source), get_typestore(Stores.ROS2_JAZZY)
+    store = get_typestore(Stores.ROS2_JAZZY)
     tracks: dict[str, list[Event]] = {}
     clocks: list[tuple[float, float]] = []
     for topic in (PROPERTY_STATUS, MODEL_DIAGNOSIS, EXPLORE_PROGRESS, PUSH_PROGRESS):
-        for _, kind, came, raw in read_messages(path, f"/{topic}"):
+        for _, kind, came, raw in _messages(recording, topic):
             message: Any = store.deserialize_cdr(raw, kind)
             if hasattr(message, "header"):
                 stamp = message.header.stamp
@@ -198,10 +197,16 @@ def _told(recording: PushedRecording) -> dict[str, list[Event]]:
     return {topic: sorted(track, key=itemgetter(0)) for topic, track in tracks.items()}
 
 
+def _messages(recording: PushedRecording, topic: str) -> Iterator[RawMessage]:
+    """Messages of a topic of the file that was read; none of what was made or joined."""
+    if recording.file is not None:
+        yield from read_messages(recording.file, f"{recording.namespace}/{topic}")
+
+
 def _shape(recording: PushedRecording) -> tuple[Array, Array] | None:
     """Surface (K, 3) in the world, if it was recorded, and the pose of the object then."""
     link, state, store = recording.streams.links[0], State(), get_typestore(Stores.ROS2_JAZZY)
-    for _, kind, _, raw in read_messages(Path(recording.source), f"/{OBJECT_MARKERS}"):
+    for _, kind, _, raw in _messages(recording, OBJECT_MARKERS):
         message: Any = store.deserialize_cdr(raw, kind)
         if take_markers(state, message.markers) and state.shape is not None:
             stamp = message.markers[-1].header.stamp

@@ -136,6 +136,18 @@ def test_a_part_of_a_recording_is_asked_about(bag, capsys):
     assert half.duration < 1.01
 
 
+def test_a_recording_that_was_cut_off_is_read_as_far_as_it_goes(bag, tmp_path):
+    [file] = bag.glob("*.mcap")
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(file.read_bytes()[: int(0.7 * file.stat().st_size)])
+    found, whole = PushedRecording.from_bag(cut), PushedRecording.from_bag(bag)
+    assert any("salvaged" in line for line in found.problem_lines())
+    np.testing.assert_array_equal(
+        found.streams.links[0].footprint, whole.streams.links[0].footprint
+    )
+    assert 0 < len(found.streams.links[0].time) <= len(whole.streams.links[0].time)
+
+
 def csv(path, names, columns):
     np.savetxt(path, np.column_stack(columns), delimiter=",", header=",".join(names), comments="")
 

@@ -45,12 +45,16 @@ class PushedRecording:
         source: where the recording comes from, for messages to the user.
         problems: one line of text per kind of fault met, and how often it was met.
         epoch_ns: stamp of time zero in nanoseconds.
+        file: that it was read from; None if it was made or joined.
+        namespace: of its topics there.
     """
 
     streams: PushedStreams
     source: str
     problems: dict[str, int] = field(default_factory=dict)
     epoch_ns: int = 0
+    file: Path | None = None
+    namespace: str = ""
 
     @classmethod
     def from_bag(
@@ -80,14 +84,14 @@ class PushedRecording:
             source += f" (namespace {chosen})"
         topics.check_types(bag.types, source)
         frames = Frames.of(bag, world_frame, source)
-        outlines = {
-            k: _last_outline(
-                Path(path), recorded.recorded(names.link_topic(k, "footprint"), chosen)
-            )
-            for k in range(names.links_of(bag.tables))
-            if bag.types.get(names.link_topic(k, "footprint")) == names.POLYGON_STAMPED
-        }
-        return _Assembly(bag, source, frames, outlines).recording()
+        outlines = {}
+        for k in range(names.links_of(bag.tables)):
+            topic = names.link_topic(k, "footprint")
+            if bag.types.get(topic) == names.POLYGON_STAMPED:
+                corners = _outlines(Path(path), recorded.recorded(topic, chosen))
+                outlines |= {k: corners[-1]} if corners else {}
+        found = _Assembly(bag, source, frames, outlines).recording()
+        return replace(found, file=Path(path), namespace=chosen)
 
     @classmethod
     def from_arrays(
@@ -184,12 +188,14 @@ def recorded_model(path: str | Path, remap: Mapping[str, str | Sequence[str]] | 
     return "pushed" if names.marks_a_push(found) else "held"
 
 
-def _last_outline(path: Path, topic: str) -> Array:
-    """Return the corners (V, 2) of the last polygon of a topic, m."""
+def _outlines(path: Path, topic: str) -> list[Array]:
+    """Return the corners (V, 2) of each polygon of a topic, m."""
     store = get_typestore(Stores.ROS2_JAZZY)
-    data = [raw for _, _, _, raw in read_messages(path, topic)][-1]
-    points = store.deserialize_cdr(data, names.POLYGON_STAMPED).polygon.points  # type: ignore
-    return np.array([[p.x, p.y] for p in points], dtype=np.float64)
+    found = []
+    for _, kind, _, raw in read_messages(path, topic):
+        message: Any = store.deserialize_cdr(raw, kind)
+        found.append(np.array([[p.x, p.y] for p in message.polygon.points], dtype=np.float64))
+    return found
 
 
 def _nothing(topic: str) -> bool:
