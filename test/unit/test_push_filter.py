@@ -55,6 +55,10 @@ class Linear:
         """Centres on one side only."""
         return parameters[:, 2] > self.least
 
+    def acting(self, states, parameters):
+        """One by one; only inertia tells the mass."""
+        return parameters, (1,)
+
     def predict(self, states, parameters, motion):
         """Velocities become those of parameters and half of their own."""
         moved = states.copy()
@@ -235,7 +239,7 @@ def test_parameters_that_a_measurement_does_not_tell_stay_as_they_are():
     for _ in range(50):
         own = mean + unit_points(50, size, rng) @ root.T
         value = 0.1 * rng.normal(size=1)
-        given = learning.Evidence(own, own[:, :1], value, 0.01 * np.eye(1), [])
+        given = learning.Evidence(own, own, own[:, :1], value, 0.01 * np.eye(1), [])
         weighed = learning.learn_by_weights(given)[0][0] - own.mean(axis=0)
         by_weights = max(by_weights, np.abs(weighed[1:]).max())
         (mean, root), _ = learning.learn_by_trend(given)
@@ -297,6 +301,28 @@ def test_of_a_rigid_pair_only_the_whole_mass_and_centre_act_and_the_friction_of_
     assert_allclose(one[1][:2], two[1][:2], rtol=5e-3)  # inertia differs
     assert_allclose(one[0], two[0], rtol=0.04, atol=2e-4)
     assert abs(one[0][2]) > 0.01
+    still = np.tile([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.06, 0.0, 0.0, 0.0, 0.0, 0.0], (2, 1))
+    acting, inertial = process.acting(still, np.stack([OWN, other]))
+    assert_allclose(acting[0], acting[1], atol=1e-12)
+    assert inertial == (5,)
+    assert acting[0, 5] == pytest.approx(np.log(1.4))
+
+
+def test_a_common_centre_tells_how_a_mass_is_shared_out_where_nothing_tells_the_mass():
+    rng, aim = np.random.default_rng(5), np.array([0.7])
+    mean, root = np.zeros(2), 0.5 * np.eye(2)
+    for _ in range(60):
+        own = mean + unit_points(50, 2, rng) @ root.T
+        whole = np.logaddexp(own[:, :1], own[:, 1:])
+        share = np.exp(own[:, 1:] - whole)
+        given = learning.Evidence(own, np.hstack([share, whole]), share, aim, 1e-3 * np.eye(1), [1])
+        (mean, root), _ = learning.learn_by_trend(given)
+    covariance = root @ root.T
+    across, along = np.array([-1.0, 1.0]), np.array([1.0, 1.0])
+    assert across @ mean == pytest.approx(np.log(0.7 / 0.3), abs=0.15)
+    assert across @ covariance @ across < 0.1
+    assert abs(along @ mean) < 0.05
+    assert along @ covariance @ along == pytest.approx(0.5, rel=0.05)
 
 
 @pytest.mark.parametrize("joint_friction", [1e-4, 0.5])
@@ -464,7 +490,7 @@ def test_a_touch_without_the_pusher_is_counted_and_teaches_nothing(recording):
 
 def test_the_printed_step_takes_the_belief_away():
     own = unit_points(50, 3, np.random.default_rng(1))
-    given = learning.Evidence(own, own[:, :1], np.zeros(1), 1e6 * np.eye(1), [])
+    given = learning.Evidence(own, own, own[:, :1], np.zeros(1), 1e6 * np.eye(1), [])
     for name, kept in (("weights", 1.0), ("printed", 0.98 * np.sqrt(1.0 - 0.98**2))):
         (_, root), _ = learning.LEARNINGS[name](given)
         assert_allclose(root @ root.T, kept**2 * np.eye(3), atol=1e-5)

@@ -16,7 +16,6 @@ from tactile_dynamics_ros.core.planar.filter.belief import (
     kalman_step,
     root_of,
     unit_points,
-    unlearnt,
 )
 from tactile_dynamics_ros.core.planar.filter.learning import LEARNINGS, Evidence
 from tactile_dynamics_ros.core.planar.filter.observation import Observation
@@ -84,13 +83,15 @@ class _Ahead:
     """What hypotheses are and expect at the end of a step, each row what moves (n) and is seen (m).
 
     Attributes:
-        own: (C, p) parameters. by_own: (C, n + m) of each, its motion at its likeliest.
+        own: (C, p) parameters. acting: by what they act, as `Process.acting` has it.
+        by_own: (C, n + m) of each, its motion at its likeliest.
         spread: (K, n + m) rows whose product is the covariance of the rest, given the parameters.
         force_std: N, by which the model says that its forces are off.
         seen: m.
     """
 
     own: Array
+    acting: tuple[Array, tuple[int, ...]]
     by_own: Array
     spread: Array
     force_std: float
@@ -138,11 +139,9 @@ class DualFilter:
         mean, covariance = self._prior = process.prior if prior is None else prior
         self._own = len(mean)
         self._moving = 6 * process.links
-        reach = np.sqrt(np.diag(process.prior[1]))
-        self._local = np.concatenate(
-            [self.config.variation * np.array([1.0, *(2.0 * reach[k + 2 : k + 4])])
-             for k in range(0, 4 * process.links, 4)]
-        )  # fmt: skip
+        reach = 2.0 * np.sqrt(np.diag(process.prior[1]))
+        each = [[1.0, *reach[k + 2 : k + 4]] for k in range(0, 4 * process.links, 4)]
+        self._local = self.config.variation * np.concatenate(each)
         state = np.zeros((process.links, 6))
         state[:, :3] = np.reshape(pose, (-1, 3))
         spread = np.tile(np.concatenate([pose_std, _STANDING]), process.links)
@@ -237,8 +236,10 @@ class DualFilter:
         _, by_own, moved = np.split(both, split)
         average = moved.mean(axis=0)
         rows = (moved - average) / np.sqrt(len(moved))
+        here = values[1 : split[1], :own]
         return _Ahead(
-            values[1 : split[1], :own],
+            here,
+            self.process.acting(values[1 : split[1], own : own + self._moving], here),
             by_own + average - by_own.mean(axis=0),
             np.concatenate([rows, self._noise_rows(motion, seen, memory, states)]),
             states.force_std,
@@ -370,7 +371,6 @@ class DualFilter:
     ) -> Belief:
         """Parameter step, then the motion's step given the parameters, then both joined."""
         n, own = self._moving + len(self._local), ahead.own
-        masses = [k for k, name in enumerate(self.process.names) if name == "ln_mass" and coarse]
         certain = np.diag(noise**2)
         spread = certain + ahead.spread[:, n:].T @ ahead.spread[:, n:]
         mean, middle = own.mean(axis=0), ahead.by_own.mean(axis=0)
@@ -379,10 +379,10 @@ class DualFilter:
         rest = deviation / np.sqrt(len(own)) - away @ slope.T
         marginal, self.kept = (mean, root_of(away)), 1.0
         if not resting and len(value):
-            evidence = Evidence(own, ahead.told, value, spread, masses)
+            acting, inertial = ahead.acting
+            blind = list(inertial) if coarse else []
+            evidence = Evidence(own, acting, ahead.told, value, spread, blind)
             marginal, self.kept = LEARNINGS[self.config.learning](evidence)
-        if masses:
-            marginal = unlearnt(marginal, own, masses)
         middle = middle + slope @ (marginal[0] - mean)
         lower = root_of(np.concatenate([ahead.spread, rest]))
         doubt = certain + lower[n:, n:] @ lower[n:, n:].T

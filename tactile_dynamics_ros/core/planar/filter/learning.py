@@ -12,6 +12,7 @@ from scipy.linalg import solve_triangular
 from tactile_dynamics_ros.core.planar.filter.belief import (
     kalman_step,
     root_of,
+    unlearnt,
     weighted_moments,
     without,
 )
@@ -38,12 +39,15 @@ class Evidence:
     """Hypotheses, what each expects, and what was measured.
 
     Attributes:
-        own: (C, p) parameters, of equal weight. told: (C, m) what they expect at their likeliest.
+        own: (C, p) parameters, of equal weight. acting: (C, k) numbers by which they act; where
+            they act one by one, `own` itself.
+        told: (C, m) what they expect at their likeliest.
         value: (m,) measured. spread: (m, m) covariance of the rest, given the parameters.
-        blind: columns of the parameters that this measurement must not tell.
+        blind: columns of `acting` that this measurement must not tell.
     """
 
     own: Array
+    acting: Array
     told: Array
     value: Array
     spread: Array
@@ -56,17 +60,19 @@ measurement that was not left out."""
 
 
 def learn_by_trend(given: Evidence) -> tuple[tuple[Array, Array], float]:
-    """Take expectations to be linear in the parameters; what is not linear counts as noise.
+    """Take expectations to be linear in what acts; what is not linear counts as noise.
 
-    So does what blind columns add to what follows from the others.
+    So does what blind columns add to what follows from the others. What acts is in turn taken to
+    be linear in the parameters: how a load is shared out that acts as a whole stays as it was.
     Weights of a few dozen hypotheses move also those parameters that a measurement does not tell,
     at random and without widening them: over 300 steps by several standard deviations.
     """
     count, mean, middle = len(given.own), given.own.mean(axis=0), given.told.mean(axis=0)
     away, deviation = (given.own - mean) / np.sqrt(count), (given.told - middle) / np.sqrt(count)
-    seen = [k for k in range(given.own.shape[1]) if k not in given.blind]
-    slope = np.zeros((given.told.shape[1], given.own.shape[1]))
-    slope[:, seen] = np.linalg.lstsq(away[:, seen], deviation, rcond=None)[0].T
+    seen = [k for k in range(given.acting.shape[1]) if k not in given.blind]
+    acts = given.acting[:, seen] - given.acting[:, seen].mean(axis=0)
+    linear = acts @ np.linalg.lstsq(acts, deviation, rcond=None)[0]
+    slope = np.linalg.lstsq(away, linear, rcond=None)[0].T
     rest = deviation - away @ slope.T
     noise = (given.spread + rest.T @ rest) / _TRUST
     root = root_of(away)
@@ -79,9 +85,12 @@ def learn_by_weights(given: Evidence) -> tuple[tuple[Array, Array], float]:
 
     Source: paper B, Eq. 30 to 33, in the form of Liu and West 2001.
     """
-    lack = given.value - without(given.own, given.told, given.blind)
+    lack = given.value - without(given.acting, given.told, given.blind)
     weights, kept = tempered_weights(_TRUST * log_likelihood(lack, given.spread))
-    return weighted_moments(given.own, weights), kept
+    marginal = weighted_moments(given.own, weights)
+    if given.blind and given.acting is given.own:
+        marginal = unlearnt(marginal, given.own, given.blind)
+    return marginal, kept
 
 
 def learn_as_printed(given: Evidence) -> tuple[tuple[Array, Array], float]:

@@ -80,6 +80,14 @@ class LinkedPatchProcess:
         each = [part.feasible(self._own(parameters, k)) for k, part in enumerate(self.parts)]
         return np.asarray(np.all(each, axis=0))
 
+    def acting(self, states: Array, parameters: Array) -> tuple[Array, tuple[int, ...]]:
+        """The parameters, or by what those of a rigid pair act together."""
+        if self.links == 2 and self.rigid:
+            numbers = RigidPair.of(self.parts, states).acting(parameters)
+            return numbers, (numbers.shape[1] - 1,)
+        masses = [k for k, name in enumerate(self.names) if name == "ln_mass"]
+        return parameters, tuple(masses)
+
     def predict(self, states: Array, parameters: Array, motion: PusherMotion) -> Prediction:
         """Advance by one step of the pusher.
 
@@ -181,6 +189,22 @@ class RigidPair:
         turn = (after[:, 2] + states[:, 8] - yaw)[:, None]
         both = np.concatenate([after, place, turn, shifted_twist(after[:, 3:], arm)], axis=1)
         return replace(found, states=both)
+
+    def acting(self, parameters: Array) -> Array:
+        """By what parameters (C, p) of both parts act together, (C, p - 3).
+
+        In steady sliding these are the friction of each face under the whole mass, as ln (kg), the
+        common centre, m, and what belongs to no part; ln of the whole mass, which only inertia
+        tells, is last. How mass and centre are shared out acts by the common centre alone.
+        """
+        size = len(LINK_PARAMETERS)
+        one, two = parameters[:, :size], parameters[:, size : 2 * size]
+        whole = np.logaddexp(one[:, 1], two[:, 1])
+        share = np.exp(two[:, 1] - whole)[:, None]
+        other = turned(two[:, 2:4], np.full(len(two), self.offset[2])) + self.offset[:2]
+        faces = [part[:, 0] - part[:, 1] + whole for part in (one, two)]
+        com = (1.0 - share) * one[:, 2:4] + share * other
+        return np.column_stack([*faces, com, parameters[:, 2 * size :], whole])
 
     def merged(self, one: Link, two: Link) -> Link:
         """Return one link of the mass and the centre of both."""

@@ -109,6 +109,10 @@ class PatchProcess:
         inside, _ = nearest_edge(self.hull, edge_normals(self.hull), parameters[:, 2:4])
         return np.asarray(inside > 0.0)
 
+    def acting(self, states: Array, parameters: Array) -> tuple[Array, tuple[int, ...]]:
+        """The parameters; only inertia tells the mass."""
+        return parameters, (self.names.index("ln_mass"),)
+
     def predict(self, states: Array, parameters: Array, motion: PusherMotion) -> Prediction:
         """Advance by one step of the pusher."""
         linkage = Linkage((self.link_of(parameters, motion),))

@@ -89,5 +89,14 @@ class Process(Protocol):
     def feasible(self, parameters: Array) -> Mask:
         """Which (C,) of the parameters (C, p) are physically possible."""
 
+    def acting(self, states: Array, parameters: Array) -> tuple[Array, tuple[int, ...]]:
+        """By which numbers (C, k) the parameters (C, p) act on objects in states (C, 6 L).
+
+        They are the parameters themselves unless some act only together.
+
+        Returns:
+            The numbers, and which of them only inertia tells.
+        """
+
     def predict(self, states: Array, parameters: Array, motion: PusherMotion) -> Prediction:
         """Advance states (C, 6 L) of objects with parameters (C, p) by one step of the pusher."""

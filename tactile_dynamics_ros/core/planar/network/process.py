@@ -95,6 +95,10 @@ class GraphProcess:
         """Whether each centre of mass lies above its link's footprint."""
         return self.base.feasible(parameters)
 
+    def acting(self, states: Array, parameters: Array) -> tuple[Array, tuple[int, ...]]:
+        """By what parameters act: as in the mechanics."""
+        return self.base.acting(states, parameters)
+
     def predict(self, states: Array, parameters: Array, motion: PusherMotion) -> Prediction:
         """Advance by one step; grips, which it never saw, and steps without touch by mechanics."""
         if motion.grip or motion.touching is False:
