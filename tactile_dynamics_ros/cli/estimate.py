@@ -90,7 +90,7 @@ def run(args: Namespace) -> int:
         found = estimate(read_recording(args), read_effects(args), **known, **wrist)
     else:
         found = estimate(read_recording(args), read_effects(args), **known)
-    return _told(args, found)
+    return _told(args, found, _export(args, found) if args.export else None)
 
 
 def _read_wrist(args: Namespace) -> Recording:
@@ -120,8 +120,8 @@ def _estimate_pushed(args: Namespace) -> int:
     return _told(args, estimate(read_pushed(args), pushed_effects(args), prior=args.prior))
 
 
-def _told(args: Namespace, found: Estimate | EstimateOfPushes) -> int:
-    """Print an estimate, write its report, and keep what is known.
+def _told(args: Namespace, found: Estimate | EstimateOfPushes, block: str | None = None) -> int:
+    """Print an estimate, or a block of it, write its report, and keep what is known.
 
     Raises:
         BadInputError: the file to write is that of another object.
@@ -129,10 +129,10 @@ def _told(args: Namespace, found: Estimate | EstimateOfPushes) -> int:
     """
     for note in found.notes:
         print(f"note: {note}", file=sys.stderr)
-    if args.export and isinstance(found, Estimate):
-        print(_export(args, found), end="")
-    else:
+    if block is None:
         print(json.dumps(found.to_json()) if args.json else found)
+    else:
+        print(block, end="")
     if args.out:
         print(f"report: {found.report(Path(args.out))}", file=sys.stderr)
     found.require_answer()
