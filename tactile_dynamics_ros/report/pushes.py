@@ -75,7 +75,7 @@ def write_pushes(
         sections = [
             Section("The numbers", ["A star marks what this recording does not tell."], (),
                     head, body),
-            Section("What was pushed", (), pictures),
+            Section("The pushes", (), pictures),
         ]  # fmt: skip
         return write_page(
             Page("What was pushed", verdict, good, source, command, sentences, sections), folder
