@@ -29,6 +29,9 @@ GOAL = (0.5, 0.1, 0.0)
 """m, m, deg: where the object is pushed, the goal of Dutta et al."""
 BUDGET = 5
 """Pushes that explore at most: with a fit after each the story ends within five minutes."""
+TRIES = 3
+"""Calls of the explorer, each after one that was stopped for safety: a third says that it is not
+chance."""
 START = 120.0
 """Real seconds within which all nodes must be heard: the slowest machines import for a minute."""
 CHECKING: dict[str, object] = {"model": "pushed", "period": 600.0, "diagnosis_window": 60.0}
@@ -164,11 +167,7 @@ def _story(
     _await(node, supervisor, lambda: log.ready)
     seen = _look(node, supervisor, say)
     say("exploring: which pushes tell most? ...")
-    success, message = _call(node, supervisor, EXPLORE)
-    if not success:
-        raise TactileDynamicsError(f"exploring ended: {message[-300:]}")
-    explored = json.loads(message)
-    say(describe(explored))
+    explored = _explore(lambda: _call(node, supervisor, EXPLORE), say)
     say(f"pushing it to {GOAL[0]:g} m, {GOAL[1]:g} m, {GOAL[2]:g} deg ...")
     log.goal_from = len(log.path)
     pushed = ask(node, GOAL)
@@ -198,6 +197,26 @@ def _story(
         "history": [] if parted else log.history,  # property_estimator knows one part only
         "footprint": log.footprint,
     }
+
+
+def _explore(call: Callable[[], tuple[bool, str]], say: Callable[[str], None]) -> dict[str, Any]:
+    """Explore; what stopped for safety is called again, as somebody who watches would.
+
+    Raises:
+        TactileDynamicsError: it was stopped too often, or could not begin.
+    """
+    actions: list[Any] = []
+    for _ in range(TRIES):
+        success, message = call()
+        try:
+            told: dict[str, Any] = json.loads(message)
+        except ValueError:
+            raise TactileDynamicsError(f"exploring did not begin: {message}") from None
+        actions += told["actions"]
+        say(describe(told))
+        if success:
+            return told | {"actions": actions}
+    raise TactileDynamicsError(f"exploring was stopped {TRIES} times: {told['stopped_because']}")
 
 
 def _await(node: Node, supervisor: Supervisor, condition: Callable[[], bool]) -> None:

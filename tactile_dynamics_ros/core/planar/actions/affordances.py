@@ -26,9 +26,6 @@ _CORNER = 0.012
 _GRASPS = 4
 """Places of pulls that are compared: each of them goes two ways, and two are simulated for every
 ten pushes, so that choosing takes half as long again."""
-_RUN_UP = 1.0
-"""m/s^2 with which a push with a hard stop begins: at 4 the tip would strike the object with a
-force that is near the limit, and knock it away; 0.3 m/s take 45 mm."""
 _BESIDE = 0.006
 """m between the tip and other parts where it comes down and draws back: outlines and poses from
 cameras are right to 3 mm together."""
@@ -54,12 +51,12 @@ class ExploreConfig:
     inside_high: tuple[float, ...] = parameter((0.75, 0.3), "opposite corner, world", "m")
     speeds: tuple[float, ...] = parameter((0.08, 0.2), "of pushes that are tried", "m/s")
     length: float = parameter(0.06, "of the way after contact", "m", 0.01, 0.3)
-    acceleration: float = parameter(4.0, "at start and stop of a push", "m/s^2", 0.1, 20.0)
+    acceleration: float = parameter(1.0, "at start and stop", "m/s^2", 0.1, 20.0)
     stop_speed: float = parameter(0.3, "of a push with a hard stop", "m/s", 0.01, 1.0)
     braking: float = parameter(10.0, "of a hard stop", "m/s^2", 0.1, 50.0)
     pull_speed: float = parameter(0.03, "of a pull", "m/s", 0.005, 0.5)
-    sway: float = parameter(0.02, "of a shake from end to end", "m", 0.001, 0.05)
-    sway_hz: float = parameter(3.0, "of a shake", "Hz", 0.2, 10.0)
+    sway: float = parameter(0.03, "of a shake from end to end", "m", 0.001, 0.1)
+    sway_hz: float = parameter(2.0, "of a shake", "Hz", 0.2, 10.0)
     grip_force: float = parameter(12.0, "with which each pad grips", "N", 0.1, 70.0)
     places: int = parameter(10, "round the outline that are tried", "", 3, 60)
     turn_deg: float = parameter(12.0, "of directions to the normal, both ways", "deg", 0.0, 40.0)
@@ -141,7 +138,7 @@ def pushes(outline: Array, config: ExploreConfig) -> list[Candidate]:
             if "push" in config.manners:
                 found += [replace(slow, speed=speed) for speed in config.speeds]
             if "stop" in config.manners and turn == 0.0:
-                hard = replace(slow, manner="stop", acceleration=_RUN_UP, braking=config.braking)
+                hard = replace(slow, manner="stop", braking=config.braking)
                 found.append(replace(hard, speed=config.stop_speed))
     return found
 
