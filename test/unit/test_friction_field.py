@@ -104,6 +104,17 @@ def test_a_slope_is_more_than_a_field_only_where_it_is_steep(line):
     assert table.imitating == 0.0
 
 
+def test_what_a_field_may_be_beyond_the_chosen_one_is_told(line):
+    """Few places leave larger fields likely; that none is allowed does not make them unlikely."""
+    random = np.random.default_rng(7)
+    many = line.told(line.draw(random, 0.01), random)
+    line = Line()
+    line.place = 0.1 * line.place[::6]
+    few = line.told(np.zeros(len(line.place)), random)
+    assert few.unsure > 2.0 * many.unsure
+    assert np.hypot(few.unsure, few.field) > 0.02
+
+
 def test_a_slope_hides_behind_what_else_may_differ():
     random = np.random.default_rng(5)
     columns, noise = random.normal(size=(200, 2)), np.zeros(200)

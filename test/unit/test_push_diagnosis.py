@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from tactile_dynamics_ros.cli.main import main
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
@@ -94,6 +95,17 @@ def test_a_slope_is_as_uncertain_as_the_field_that_may_make_it(model):
     double = alike.on_table(replace(alike.table, imitating=0.1)).parameters()
     added = [np.sqrt(std**2 - told[0] ** 2) for std in (told[1], double[SLOPE]["g_x"]["std"])]
     assert added[1] == pytest.approx(2.0 * added[0], rel=1e-3)
+
+
+def test_effects_are_as_uncertain_as_the_field_that_may_be_there(model):
+    even = model.on_table(Table(model.table.along))
+    assert_allclose(even.covariance, even.on_table(replace(even.table, unsure=0.05)).covariance)
+    biased = even.fitted_from((model.effect_named("force_bias"),), (np.zeros(2),))
+    unsure = biased.on_table(replace(biased.table, unsure=0.05))
+    double = biased.on_table(replace(biased.table, unsure=0.1))
+    added = [one.covariance - biased.covariance for one in (unsure, double)]
+    assert added[0][-1, -1] > 0.0
+    assert_allclose(added[1], 4.0 * added[0], rtol=1e-6, atol=1e-12)
 
 
 def test_beside_a_field_the_slope_is_told_that_looks_the_same(model):

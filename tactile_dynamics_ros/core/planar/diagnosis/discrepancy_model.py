@@ -307,18 +307,20 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
 
     @property
     def covariance(self) -> Array:
-        """(p, p) of all parameters, widened by the field that could be there beside a slope."""
+        """(p, p) of all parameters, widened by the field that could be there beside effects."""
         found = super().covariance
-        if SLOPE not in self.effect_names or not self.table.imitating:
+        size = self.table.imitating if SLOPE in self.effect_names else 0.0
+        size = max(size, self.table.unsure)
+        if not self.effects or not size:
             return found
-        moved = self._moved_by_field
+        moved = size * self._moved_by_field
         return np.asarray(found + moved @ moved.T)
 
     @cached_property
     def _moved_by_field(self) -> Array:
-        """Changes (p, K) of all parameters by spots of that field."""
-        linear, table = self.linear, self.table
-        field = table.imitating * linear.field(table.length)
+        """Changes (p, K) of all parameters by spots of a field with standard deviation 1."""
+        linear = self.linear
+        field = linear.field(self.table.length)
         none = np.zeros((*linear.rows.poses.residual.shape, field.shape[2]))
         white = self.whiten(linear.innovations(field, none))
         jacobian, (rows, _) = self.jacobian, self.prior_rows(self.effects)

@@ -66,6 +66,8 @@ class Table:
         length: m over which the field stays alike.
         imitating: standard deviation of a field that could do what a slope of the friction does
             here, also where no field is presumed; 0 where none could.
+        unsure: standard deviation of what the field may be beyond that, as likely as it is beside
+            the effects of the model.
         regional: what acts in a regime and is clearly likelier than all else; empty where nothing.
     """
 
@@ -73,6 +75,7 @@ class Table:
     field: float = 0.0
     length: float = _LENGTHS[0]
     imitating: float = 0.0
+    unsure: float = 0.0
     regional: str = ""
 
     @property
@@ -218,16 +221,16 @@ def likeliest_table(
         residual, columns, volume = white(along, motion, poses)
         gram = _Gram(columns.T @ columns, columns.T @ residual, float(residual @ residual), volume)
         for table, sizes in _tables(along, common):
-            if most and table.field > most.field:
-                continue
             odds = _SMOOTH * (table.length == max(_LENGTHS))
             left = gram.beside(sizes, slice(0, common[0].start))
             for name, part in tried:
                 value = left.evidence(part) - odds - prices[name]
                 found[name, table] = max(found.get((name, table), -np.inf), value)
-    chosen = _chosen(found)
+    allowed = {key: v for key, v in found.items() if not most or key[1].field <= most.field}
+    chosen = _chosen(allowed)
     if most and not chosen.field:
         chosen = replace(chosen, imitating=most.imitating, length=most.length)
+    chosen = replace(chosen, unsure=_unsure(found, chosen))
     return replace(chosen, regional=most.regional) if most else chosen
 
 
@@ -287,6 +290,19 @@ def _chosen(found: dict[tuple[str, Table], float]) -> Table:
     found_length = table.length if table.field else field.length
     imitating = field.field if imitates else 0.0
     return replace(table, imitating=imitating, length=found_length, regional=_regional(found))
+
+
+def _unsure(found: dict[tuple[str, Table], float], chosen: Table) -> float:
+    """Root of the mean square of all fields of that length by their chances, beyond the chosen."""
+    tables = {
+        table: value
+        for (name, table), value in found.items()
+        if not name and (not table.field or table.length == chosen.length)
+    }
+    value = np.array([*tables.values()])
+    weight = np.exp(value - value.max())
+    mean = float(weight @ np.square([table.field for table in tables]) / weight.sum())
+    return float(np.sqrt(max(mean - chosen.field**2, 0.0)))
 
 
 def _is_by_place(name: str) -> bool:
