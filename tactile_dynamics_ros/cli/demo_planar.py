@@ -166,6 +166,8 @@ def _story(
     log = Log(node)
     _await(node, supervisor, lambda: log.ready)
     seen = _look(node, supervisor, say)
+    if log.parted:  # it knows one part only, and its fits would take time from others
+        supervisor.stop(["property_estimator"])
     say("exploring: which pushes tell most? ...")
     explored = _explore(lambda: _call(node, supervisor, EXPLORE), say)
     say(f"pushing it to {GOAL[0]:g} m, {GOAL[1]:g} m, {GOAL[2]:g} deg ...")
@@ -177,8 +179,7 @@ def _story(
         f"after {pushed['pushes']} pushes ({pushed['stopped_because']})"
     )
     end, changed = len(log.path), None
-    parted = "said" in explored["properties"]
-    if changes and parted:
+    if changes and log.parted:
         say("no last act: changes are watched for on objects of one part only")
     elif changes:
         act = Act(node, lambda name: _call(node, supervisor, name), lambda g: ask(node, g), say)
@@ -194,7 +195,7 @@ def _story(
         "truth": json.loads(revealed),
         "path": log.path,
         "goal_from": log.goal_from,
-        "history": [] if parted else log.history,  # property_estimator knows one part only
+        "history": [] if log.parted else log.history,
         "footprint": log.footprint,
     }
 
@@ -279,6 +280,7 @@ class Log:
     Attributes:
         path: of the object, x, y, yaw, time. footprint: its outline. goal_from: index into the
             path. history: estimates by name, each with time, value and std.
+        parted: whether a second part is tracked.
     """
 
     def __init__(self, node: Node) -> None:
@@ -292,13 +294,15 @@ class Log:
         self.footprint: list[list[float]] = []
         self.history: list[dict[str, Any]] = []
         self.goal_from = 0
-        self._node, self._pusher = node, False
+        self._node, self._pusher, self.parted = node, False, False
         node.create_subscription(
             PoseWithCovarianceStamped, names.OBJECT_POSE, self._on_pose, STREAM
         )
         node.create_subscription(PoseStamped, names.PUSHER_POSE, self._on_pusher, STREAM)
         outline = names.link_topic("link_1", "footprint")
         node.create_subscription(PolygonStamped, outline, self._on_outline, LATCHED)
+        second = names.link_topic("link_2", "footprint")
+        node.create_subscription(PolygonStamped, second, self._on_second, LATCHED)
         node.create_subscription(
             DiagnosticArray, names.PROPERTY_STATUS, self._on_properties, LATCHED
         )
@@ -333,6 +337,9 @@ class Log:
 
     def _on_outline(self, message: Any) -> None:
         self.footprint = [[p.x, p.y] for p in message.polygon.points]
+
+    def _on_second(self, _: Any) -> None:
+        self.parted = True
 
     def _on_properties(self, message: Any) -> None:
         from tactile_dynamics_ros.ros.diagnostics import status_values

@@ -68,7 +68,7 @@ class PushControllerNode(Shell):
         if controller is None or self.scene.stamp == self._answered:
             return
         self._answered = self.scene.stamp
-        if controller.phase == "look" and self.scene.second_outline() is not None:
+        if controller.phase in ("look", "push") and self.scene.second_outline() is not None:
             controller.planner.body = self.scene.body()  # where parts lie now, and whether jointed
         if self.scene.fallen:
             self._halt("the object has fallen over")

@@ -191,6 +191,11 @@ def test_a_second_part_on_a_joint_is_only_in_the_way():
     body = of_two(False)
     np.testing.assert_allclose(body.com, [0.0, 0.0], atol=1e-9)
     assert body.at(np.linspace(0.0, 1.0, 200, endpoint=False))[0][:, 0].max() < 0.0501
+    planner = PushPlanner(body, GOAL, BOUNDS)
+    pose = np.array([0.4, 0.1, 0.5])
+    for x, strikes in ((0.1, True), (-0.06, False)):
+        tip = pose[:2] + turned(np.array([[x, 0.036]]), pose[2:])[0]
+        assert planner.strikes(pose, tip) == strikes
     tips = np.array([[0.051, 0.0], [0.08, 0.037], [-0.06, 0.0]])
     assert np.all(body.struck(tips)[:2] > 0.0)
     assert body.struck(tips)[2] == 0.0

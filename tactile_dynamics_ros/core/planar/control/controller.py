@@ -105,6 +105,9 @@ class Planner(Protocol):
     def contact(self, pose: Array, tip: Array) -> tuple[float, Array]:
         """Gap between tip (2,) and object at a pose (3,), m, and the normal (2,) into it."""
 
+    def strikes(self, pose: Array, tip: Array) -> bool:
+        """Whether a tip (2,) runs into a part that it does not push."""
+
 
 class PushController:
     """Answers each observation with where the tip should be; ends by itself.
@@ -265,6 +268,7 @@ class PushController:
         late = miss(seen, self._target) > _BLOCKED
         self._late = min(self._late, seen.time) if late else np.inf
         blocked = seen.time - self._late > _BLOCKED_FOR
+        blocked = blocked or self.planner.strikes(seen.pose, self._place)
         if self._left <= 1e-4 or gap > self._most_gap() or blocked:
             self._begin_leaving(seen)
         return np.array([*self._place, self._z, seen.tip[3]])

@@ -115,6 +115,10 @@ class PushPlanner:
         _, distance, normal = self.body.nearest(local)
         return float(distance[0]) - self.body.tip_radius, turned(normal, pose[2:])[0]
 
+    def strikes(self, pose: Array, tip: Array) -> bool:
+        """Whether a tip (2,), world, runs into a part that it does not push."""
+        return bool(self.body.struck(_own(tip[None], pose[None]))[0] > 0.0)
+
     def plan(self, pose: Array) -> Push:
         """Return the best next push for an object at a pose (3,), wherever it begins."""
 
