@@ -16,7 +16,9 @@ from tactile_dynamics_ros.ros.diagnostics import status_message, status_values
 from tactile_dynamics_ros.ros.names import (
     EMERGENCY_STOP,
     EXPLORE,
+    EXPLORE_PROGRESS,
     GOAL_POSE,
+    GRIPPER_TARGET,
     GRIPPER_WIDTH,
     OBJECT_POSE,
     PROPERTY_STATUS,
@@ -226,3 +228,47 @@ def test_a_second_part_is_an_obstacle_until_it_proves_to_be_one_body(table):
     for _ in range(30):
         tell(0.1)
     assert not table.node.scene.body().joined
+
+
+class GrippingTable(Table):
+    """A tip with jaws that hold the box while they are closed around it."""
+
+    def __init__(self, bench, *arguments):
+        super().__init__(bench, explorer.ExplorerNode, *arguments)
+        self.jaws = bench.follow(Float64, GRIPPER_TARGET)
+        self.opened = False
+
+    def tell(self):
+        self.time += STEP
+        width = self.jaws[-1].data if self.jaws else 0.0
+        self.opened = width > 0.0 or (self.opened and self.tip[2] < 0.05)
+        if self.targets:
+            pose = cv.pose_to_core(self.targets[-1], PUSHER_TARGET, "world")
+            wanted = np.array([*pose[:3, 3], np.arctan2(pose[1, 0], pose[0, 0])])
+            if self.opened and width == 0.0:
+                self.pose[:2] += wanted[:2] - self.tip[:2]
+            self.tip = wanted
+        place = tip_pose(np.array([*self.pose[:2], 0.0, self.pose[2]]))
+        told = cv.uncertain_pose_to_message(place, 1e-6 * np.eye(6), self.time, "world")
+        self.bench.send(OBJECT_POSE, told)
+        self.bench.send(PUSHER_POSE, cv.pose_to_message(tip_pose(self.tip), self.time, "world"))
+        self.bench.work(0.006)
+
+
+def test_near_the_border_the_explorer_grips_pulls_inwards_and_lets_go(bench):
+    chosen = ("manners:=[push,pull]", "places:=3", "speeds:=[0.2]", "way.opening:=0.095")
+    table = GrippingTable(bench, *(word for p in chosen for word in ("-p", p)))
+    table.pose = np.array([0.46, 0.36, 0.1])
+    told = bench.follow(DiagnosticStatus, EXPLORE_PROGRESS, profile=LATCHED)
+    table.outline()
+    for _ in range(5):
+        table.tell()
+    service = next(s for s in table.node.services if s.srv_name == EXPLORE)
+    service.callback(Trigger.Request(), Trigger.Response()).send(None)
+    table.until(lambda: told and status_values(told[-1])["state"] == "waiting")
+    values = status_values(told[-1])
+    assert values["kind"] == "pull"
+    assert float(values["expected_gain"]) > 0.0
+    assert [message.data for message in table.jaws] == [0.095, 0.0, 0.095, 0.0]
+    assert table.pose[1] == pytest.approx(0.36 - 0.06, abs=0.012)
+    assert table.tip[2] > 0.19  # above it, closed
