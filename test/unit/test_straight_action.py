@@ -62,6 +62,7 @@ def test_a_pull_stands_across_the_way_grips_and_lets_go():
     legs, _, widths, turns = sampled(straight_action(NOW, START, END, SLOW, CONFIG, pull=True))
     assert list(dict.fromkeys(legs))[-5:] == ["grip", "pull", "release", "rise", "close"]
     pulling = np.array([leg in ("grip", "pull") for leg in legs])
+    assert legs.index("descend") - legs.index("open") == round(CONFIG.grip_time / STEP)
     closing = np.array([leg == "close" for leg in legs])
     assert not widths[pulling | closing].any()
     assert_allclose(widths[~pulling & ~closing], CONFIG.opening)

@@ -143,7 +143,7 @@ def straight_action(
         travel: how the way between them is gone.
         config: of everything else.
         support: height of the table, m.
-        pull: grip first, open afterwards and close in the air, where the tip rises.
+        pull: open above the start, grip, let go at the end, and close where the tip has risen.
         turn: rad, of the gripper of a pull, or the same turned by half a turn; without it the pads
             stand to both sides of the way.
 
@@ -162,7 +162,9 @@ def straight_action(
     begin, finish = np.array([*start, low, held]), np.array([*end, low, held])
     legs = way_there(now, begin[:2], config, support, held, opened if pull else closed)
     at_rest = Travel(1.0, 1.0)
-    if pull:
+    if pull:  # a short way leaves the jaws no time: half open they would come down on the object
+        above = legs[-1].start
+        legs.insert(-1, Leg("open", above, above, opened, at_rest, config.grip_time))
         legs.append(Leg("grip", begin, begin, closed, at_rest, config.grip_time))
     legs.append(Leg("pull" if pull else "push", begin, finish, closed, travel, config.hold))
     if pull:
