@@ -35,6 +35,9 @@ stiffness of the tip, height of the centre of mass."""
 _STIFFNESS, _STIFFER = 1e4, 0.2
 """N/m of the tip in these simulations, half of real ones so that steps of 5 ms follow impacts, and
 the step of its logarithm. If it were known, the ringing after contact would tell the mass."""
+_TURNING = 500.0
+"""N m/rad of a grip in these simulations, a hundred times real ones: if it were known how far pads
+give way, turns by 5 mrad would tell the centre of mass."""
 
 _SLIDING = 0.015
 """m/s, speed below which forces are not counted: feet stick and creep there, and estimators leave
@@ -63,7 +66,6 @@ class SensingConfig:
     point_std: float = parameter(5e-4, "of the contact along the outline", "m", 0.0, 0.1)
     stiffness: float = parameter(0.5, "relative std of the tip's stiffness", "", 0.0, 10.0)
     com_height_std: float = parameter(0.003, "of the centre of mass's height", "m", 0.0, 0.1)
-    squeeze: float = parameter(12.0, "with which each pad grips", "N", 0.1, 70.0)
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -128,8 +130,8 @@ def informations(
     beside the centre of mass, its height and its place on the outline, the stiffness of the tip
     and the height of the centre of mass; they are marginalised:
     F = J' W J - J' W K (K' W K + prior)^-1 K' W J.
-    Of a pull the torque about the grip is measured too: its noise is that of the forces at the
-    arm of the pads, and it is off by the squeeze times what is not known of where it acts.
+    Of a pull the torque about the grip is not counted, as a squeeze of 12 N that acts half a
+    millimetre elsewhere turns as much as a centre of mass that lies 3 mm elsewhere.
 
     Args:
         thing: the object.
@@ -143,11 +145,8 @@ def informations(
     own = slopes[..., [0, 2, 3, 4, 5, 6, 7]]
     nuisance = np.concatenate([own, slopes[..., :1] * places], axis=2)
     each = np.full(places.shape[2], sensing.local)
-    place = sensing.point_std
-    if candidates[0].grips:
-        place = float(np.sqrt(2.0)) * sensing.squeeze * sensing.point_std
     beside = sensing.variation * float(np.sqrt(SupportPatch(thing.outline).gyration))
-    lasting = [sensing.variation, beside, beside, sensing.height_std, place]
+    lasting = [sensing.variation, beside, beside, sensing.height_std, sensing.point_std]
     lasting += [sensing.stiffness, sensing.com_height_std]
     unsure = np.array([*lasting, *each])
     prior = np.diag(np.maximum(unsure, 1e-6) ** -2)
@@ -198,17 +197,16 @@ def _slopes(
     k-th part of its way, else 0.
     """
     motion = _simulated(thing, belief, candidates)
-    count, step, grips = len(candidates), float(motion.time[1]), candidates[0].grips
+    count, step = len(candidates), float(motion.time[1])
     forces, poses = (
         slice(None, None, max(1, round(1.0 / (rate * step))))
         for rate in (sensing.force_rate_hz, sensing.pose_rate_hz)
     )
-    felt = 3 if grips else 2
-    force, pose = motion.wrench[:, forces, :felt], motion.pose[:, poses, 0]
+    force, pose = motion.wrench[:, forces, :2], motion.pose[:, poses, 0]
     base = force[::_VARIANTS]
     slides = _slides(motion.twist[::_VARIANTS, forces, 0], thing)
     slides = slides & _resolved(candidates[0], motion.time[forces], sensing)[:, None]
-    noise = np.where(slides, _noises(candidates, sensing)[:, None, :felt], _NO_USE)
+    noise = np.where(slides, sensing.force_std, _NO_USE)
     noise = np.broadcast_to(noise, base.shape).reshape(count, -1)
     std_pose = np.array([sensing.pose_std, sensing.pose_std, sensing.turn_std])
     stds = np.broadcast_to(std_pose, (count, *pose.shape[1:])).reshape(count, -1)
@@ -217,15 +215,12 @@ def _slopes(
     rows = rows.reshape(count, _VARIANTS, -1)
     steps = np.array([*_STEPS, _HEIGHT_STEP, _PLACE_STEP, _STIFFER, _HEIGHT_STEP])
     slopes = (rows[:, 1:] - rows[:, :1]).swapaxes(1, 2) / steps
-    if grips:  # a torque that stays instead of a place along the outline
-        slopes[:, :, 5] = 0.0
-        slopes[:, 2 : felt * force.shape[1] : felt, 5] = 1.0
     weights = np.concatenate([noise, stds], axis=1) ** -2.0
     way = np.linalg.norm(
         motion.point[::_VARIANTS, :, :2] - motion.point[::_VARIANTS, :1, :2], axis=2
     )
     at = np.concatenate(
-        [np.repeat(way[:, forces], felt, axis=1), np.repeat(way[:, poses], 3, axis=1)], 1
+        [np.repeat(way[:, forces], 2, axis=1), np.repeat(way[:, poses], 3, axis=1)], 1
     )
     parts = np.arange(int(np.ceil(way.max() / sensing.place)))
     inside = np.floor(at[..., None] / sensing.place) == parts
@@ -236,13 +231,6 @@ def _resolved(candidate: Candidate, time: Array, sensing: SensingConfig) -> Mask
     """Whether (T,) poses resolve the acceleration at times (T,) s of a push or a pull."""
     begun = time > _UNRESOLVED / sensing.pose_rate_hz
     return np.asarray(begun & (time < candidate.travel.braking_from(candidate.length)))
-
-
-def _noises(candidates: Sequence[Candidate], sensing: SensingConfig) -> Array:
-    """Noise (N, 3) of force, N, and of the torque about a grip, N m."""
-    arm = np.array([0.5 * c.width for c in candidates])
-    even = np.full(len(candidates), sensing.force_std)
-    return np.stack([even, even, np.maximum(arm, 1e-3) * sensing.force_std], axis=1)
 
 
 def _simulated(thing: PredictedObject, belief: Belief, candidates: Sequence[Candidate]) -> Motion:
@@ -272,7 +260,7 @@ def _pusher(thing: PredictedObject, candidates: Sequence[Candidate]) -> Pusher:
     heights, stiffness = np.tile(heights, count), np.tile(stiffness, count)
     if candidates[0].grips:
         points = np.repeat(np.stack([c.point for c in candidates]), _VARIANTS, axis=0)
-        return Grip(points, np.zeros(runs), heights, stiffness=stiffness)
+        return Grip(points, np.zeros(runs), heights, stiffness=stiffness, turning=_TURNING)
     friction = np.full(runs, thing.tip_friction)
     return Tip(thing.outline, heights, friction, stiffness=stiffness)
 
