@@ -14,12 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.planar.actions.exploration import (
-    CHOOSERS,
-    Choice,
-    ExploreConfig,
-    Explorer,
-)
+from tactile_dynamics_ros.core.planar.actions.affordances import CHOOSERS, ExploreConfig
+from tactile_dynamics_ros.core.planar.actions.exploration import Choice, Explorer
 from tactile_dynamics_ros.core.planar.actions.information import (
     Belief,
     PredictedObject,
