@@ -19,7 +19,11 @@ from tactile_dynamics_ros.core.planar.properties.bordered import (
 )
 from tactile_dynamics_ros.core.planar.properties.estimate import estimate
 from tactile_dynamics_ros.core.planar.properties.intervals import cut_intervals
-from tactile_dynamics_ros.core.planar.properties.push_model import Sharpness
+from tactile_dynamics_ros.core.planar.properties.push_model import (
+    USUAL_FRICTION,
+    PushModel,
+    Sharpness,
+)
 from tactile_dynamics_ros.recording.pushed import PushedRecording
 from tactile_dynamics_ros.synthetic import pushed
 from tactile_dynamics_ros.synthetic.pushed.actions import ActionOptions
@@ -128,14 +132,41 @@ def test_numbers_move_with_residuals_as_a_fit_of_changed_residuals_does(model):
         assert_allclose(moved[:, k], after, rtol=1e-6, atol=1e-12)
 
 
+def _stopped(fit, common):
+    """An optimum that is said to be at these numbers."""
+    sharp = fitting.final_sharpness(fit.model, fit.nodes, fit.variation)
+    at = Solution(fit.nodes, common, fit.model.linearise(fit.nodes, common, sharp), True)
+    return Optimum(at, fit.covariance, 0.0, 0.0, fit.variation)
+
+
+def test_a_fit_that_stopped_at_odd_numbers_is_made_again_from_usual_ones(quick):
+    fit = fitting.fit_push(quick.streams)
+    mass, inertia = NAMES.index("ln_mass"), NAMES.index("ln_inertia")
+    odd, usual = fit.common.copy(), fit.model.prior[0].copy()
+    odd[[mass, inertia]] += 1.5, -1.0
+    [other] = fitting._other(fit.model, [_stopped(fit, odd)])
+    assert other.solution.common[mass] == pytest.approx(fit.common[mass], abs=0.3)
+    usual[:2] = fit.common[0], fit.common[0] - np.log(USUAL_FRICTION)
+    assert fitting._other(fit.model, [_stopped(fit, usual)]) == []
+
+
+def test_evidence_of_an_optimum_is_that_of_the_data_at_its_numbers(quick, monkeypatch):
+    """Where the slope of the volume led is no evidence: it moves optima, and evidence by little."""
+    fit = fitting.fit_push(quick.streams)
+    start = _stopped(fit, fit.common).solution
+    led = fitting._optimum(fit.model, start, fit.variation)
+    monkeypatch.setattr(PushModel, "volume_slope", lambda model, *_: np.zeros(len(start.common)))
+    free = fitting._optimum(fit.model, start, fit.variation)
+    assert led.solution.common[1] != free.solution.common[1]
+    assert led.evidence == pytest.approx(free.evidence, abs=10.0)
+
+
 def test_where_a_face_carries_moves_a_fit_as_its_interval_says(quick, monkeypatch):
     """One draw of pressure, and outlines aside: fits that are made beside what is stated."""
     fit = fitting.fit_push(quick.streams)
     model, patch, start = fit.model, fit.model.patch, fit.common
     places = [NAMES.index(name) for name in ("ln_product", "com_x", "com_y")]
-    near = fitting.final_sharpness(model, fit.nodes, fit.variation)
-    at = Solution(fit.nodes, start, model.linearise(fit.nodes, start, near), True)
-    found = Optimum(at, fit.covariance, 0.0, 0.0, fit.variation)
+    found = _stopped(fit, start)
     back = fitting.refit(fit, (), start, fit.variation).common[places]
     draw = 0.1 * np.random.default_rng(3).normal(size=(1, len(patch.share)))
     [[draw]] = patch.balanced(patch.share[None], draw)

@@ -226,13 +226,20 @@ class PushModel:
         return slope
 
     def _log_volume(self, nodes: Array, common: Array, sharp: Sharpness) -> float:
-        loose = np.broadcast_to(
-            np.append(_LOOSE / np.square(self.intervals.poses[0].std), np.zeros(3)), nodes.shape
-        )
         equations = self.equations_of_motion(nodes, common, sharp)
-        caused = equations.log_determinant_of_nodes(loose, 3)
+        caused = equations.log_determinant_of_nodes(self._loose(nodes), 3)
         self._add_seen(equations, nodes, common, sharp)
-        return 0.5 * (caused - equations.log_determinant_of_nodes(loose, 6))
+        return 0.5 * (caused - equations.log_determinant_of_nodes(self._loose(nodes), 6))
+
+    def log_jacobian(self, nodes: Array, common: Array, sharp: Sharpness) -> float:
+        """Logarithm of |det J|, see `volume_slope`: of what the forces cause by the motion."""
+        equations = self.equations_of_motion(nodes, common, sharp)
+        return 0.5 * equations.log_determinant_of_nodes(self._loose(nodes), 3)
+
+    def _loose(self, nodes: Array) -> Array:
+        """(N, 6) information on every node beside the data."""
+        loose = np.append(_LOOSE / np.square(self.intervals.poses[0].std), np.zeros(3))
+        return np.broadcast_to(loose, nodes.shape)
 
     def dynamics(self, nodes: Array, common: Array, sharp: Sharpness) -> tuple[Array, Array, Array]:
         """White residuals (R, 3) of `middle`, derivative by nodes (R, 3, 3, 6) and numbers."""
