@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from benchmarks.pushed import diagnoses, linked, live, live_effect, real, simulated
+from benchmarks.pushed import diagnoses, linked, live, live_effect, manners, real, simulated
 
 Section = tuple[Callable[[argparse.Namespace], dict[str, Any]], Callable[[dict[str, Any]], str]]
 SECTIONS: dict[str, Section] = {
@@ -16,6 +16,7 @@ SECTIONS: dict[str, Section] = {
     "linked": (linked.measure, linked.table),
     "live_effect": (live_effect.measure, live_effect.table),
     "live": (live.measure, live.table),
+    "manners": (manners.measure, manners.table),
     "real": (real.measure, real.table),
     "simulated": (simulated.measure, simulated.table),
 }
@@ -33,6 +34,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         linked.add_arguments,
         live.add_arguments,
         live_effect.add_arguments,
+        manners.add_arguments,
         real.add_arguments,
         simulated.add_arguments,
     ):

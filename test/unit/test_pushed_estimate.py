@@ -21,6 +21,7 @@ from tactile_dynamics_ros.core.planar.properties.estimate import estimate
 from tactile_dynamics_ros.core.planar.properties.intervals import cut_intervals
 from tactile_dynamics_ros.core.planar.properties.push_model import (
     USUAL_FRICTION,
+    USUAL_UNEVENNESS,
     PushModel,
     Sharpness,
 )
@@ -148,6 +149,15 @@ def test_a_fit_that_stopped_at_odd_numbers_is_made_again_from_usual_ones(quick):
     assert other.solution.common[mass] == pytest.approx(fit.common[mass], abs=0.3)
     usual[:2] = fit.common[0], fit.common[0] - np.log(USUAL_FRICTION)
     assert fitting._other(fit.model, [_stopped(fit, usual)]) == []
+
+
+def test_where_variations_are_as_likely_the_product_is_that_of_a_usual_table(quick):
+    fit = fitting.fit_push(quick.streams)
+    near = _stopped(fit, fit.common)
+    other = replace(near, variation=0.1, evidence=-5.0)
+    leads = [fitting._averaged(fit.model, [near, replace(other, evidence=e)]) for e in (-5, -50)]
+    assert [lead.untold for lead in leads] == [True, False]
+    assert leads[0].place_std[0] == USUAL_UNEVENNESS > leads[1].place_std[0]
 
 
 def test_evidence_of_an_optimum_is_that_of_the_data_at_its_numbers(quick, monkeypatch):

@@ -119,6 +119,9 @@ _UNEVEN, _ASIDE = 0.3, 0.03
 over the radius of gyration. Flat faces touch in places: where an object turns about one of them,
 such a place holds it. At 0 and 0 one in eight centres of short pushes was 2.5 std off; twice as
 much widens centres of six pushes by 1.7."""
+_TOLD = 10.0
+"""Log evidence by which a variation of friction must lead to be told: on uneven tables it leads by
+17 and more, by 1.4 where noise hides how friction differs. Larger widens products on even ones."""
 _PENDING = 0.5
 """Step that the optimiser would still take, in std of the common numbers taken together, up to
 which its result is an answer; the step is in the interval."""
@@ -432,6 +435,10 @@ def _averaged(model: PushModel, trials: list[Optimum]) -> PushFit:
         whitened_rms=likeliest.misfit,
         variation=likeliest.variation,
         converged=likeliest.solution.settled or likeliest.pending < _PENDING,
+        untold=any(
+            trial.variation != likeliest.variation and trial.evidence > likeliest.evidence - _TOLD
+            for trial in trials
+        ),
     )
 
 
