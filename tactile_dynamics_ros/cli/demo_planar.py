@@ -29,8 +29,8 @@ GOAL = (0.5, 0.1, 0.0)
 """m, m, deg: where the object is pushed, the goal of Dutta et al."""
 BUDGET = 5
 """Pushes and pulls that explore, known or not: with a fit after each the story ends within five
-minutes, and changes are told by a reference that they make. One of three pushes was replaced by
-fits that already contained the lean, which nobody noticed then."""
+minutes, and changes are told by a reference that they make: one of three pushes is replaced by
+the next fits, which may already contain a change."""
 TRIES = 3
 """Calls of the explorer, each after one that was stopped for safety: a third says that it is not
 chance."""
