@@ -65,10 +65,10 @@ ELSEWHERE = np.array([2.0, 1.2, 1.2])
 """Std of friction and of its centre at the places of a recording about those of the table, over the
 RMS by which those places differ: on ten recordings made for tuning, each over a few lengths of it.
 At 0 products on uneven tables were up to 13 std off; larger widens intervals."""
-USUAL_UNEVENNESS = 0.05
-"""Std of the friction of the places under an object about that of the table where data do not tell
-how it differs: real tables vary by 8 to 13 % from place to place, of which a face of 80 mm averages
-half away. At 0 a product was 8 std off where poses of 1 mm hide the variation."""
+USUAL_UNEVENNESS = 0.07
+"""Std of the friction of a recording's places about that of the table where data do not tell how it
+differs: its RMS on ten recordings made for tuning, on tables that vary by 10 % as real ones do. At
+0 products were 8 and 13 std off where an even table was as likely as one that varies."""
 
 
 @dataclass(frozen=True)
