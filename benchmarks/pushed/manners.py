@@ -12,17 +12,17 @@ from typing import Any
 import numpy as np
 
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
-from tactile_dynamics_ros.core.planar.properties.estimate import estimate
+from tactile_dynamics_ros.core.planar.properties.estimate import PushedEstimate, estimate
 from tactile_dynamics_ros.synthetic import pushed
 
-_SLOW = {"count": 4, "speed": (0.02, 0.025)}
+_SLOW = pushed.ActionOptions(count=4, speed=(0.02, 0.025), hard_stop=False)
 MANNERS = {
-    "push 20 to 25 mm/s": pushed.ActionOptions(**_SLOW, hard_stop=False),
+    "push 20 to 25 mm/s": _SLOW,
     "push 30 to 200 mm/s": pushed.ActionOptions(count=4, speed=(0.03, 0.2), hard_stop=False),
     "push 300 mm/s, hard stop": pushed.ActionOptions(count=4, speed=(0.3, 0.3)),
-    "push 20 to 25 mm/s, known tilt of 5 deg": pushed.ActionOptions(**_SLOW, hard_stop=False),
-    "pull 20 to 25 mm/s": pushed.ActionOptions(**_SLOW, kind="pull"),
-    "pull and shake 10 mm at 2 Hz": pushed.ActionOptions(**_SLOW, kind="shake"),
+    "push 20 to 25 mm/s, known tilt of 5 deg": _SLOW,
+    "pull 20 to 25 mm/s": replace(_SLOW, kind="pull"),
+    "pull and shake 10 mm at 2 Hz": replace(_SLOW, kind="shake"),
 }
 """Four actions each, as in a table of what can be known at all."""
 _TILTED = "push 20 to 25 mm/s, known tilt of 5 deg"
@@ -92,6 +92,7 @@ def _row(made: pushed.HiddenPush) -> dict[str, Any]:
         found = estimate(streams)
     except NotIdentifiableError as error:
         return {"refused": str(error), "cpu_s": time.process_time() - start}
+    assert isinstance(found, PushedEstimate)
     truth = made.truth()["links"][0]
     half = 0.5 * np.ptp(made.scene.thing.links[0].corners, axis=0)
     reach = _COM_SHARE * half
