@@ -363,7 +363,7 @@ class PushFit:
         unit = np.sqrt(self.model.patch.gyration)
         differ = np.sqrt(np.mean(local**2, axis=0)) * np.array([1.0, unit, unit])
         least = np.array([USUAL_UNEVENNESS * self.untold, 0.0, 0.0])
-        return np.maximum(ELSEWHERE * differ, least)
+        return np.asarray(np.maximum(ELSEWHERE * differ, least))
 
     @property
     def effects(self) -> dict[str, dict[str, dict[str, object]]]:
