@@ -14,8 +14,8 @@ from tactile_dynamics_ros.core.errors import TactileDynamicsError
 if TYPE_CHECKING:
     from rclpy.node import Node
 
-GOALS = ((0.42, -0.05, 0.0), (0.55, 0.08, 0.0), (0.45, 0.0, 90.0))
-"""m, m, deg: where the object is pushed until somebody notices the change; three ways to be."""
+GOALS = ((0.42, -0.05, 0.0), (0.55, 0.08, 0.0))
+"""m, m, deg: where the object is pushed until somebody notices the change; two ways to be."""
 NOTICED = 3.0
 """Real seconds that the estimator may be behind the last push."""
 REFITTED = 240.0
@@ -48,7 +48,7 @@ class Act:
 
     def play(self) -> dict[str, Any]:
         """Play it; return what was said."""
-        from tactile_dynamics_ros.ros.names import BEGIN, DIAGNOSE, EXPLORE_CHANGE
+        from tactile_dynamics_ros.ros.names import BEGIN, DIAGNOSE
 
         self._spin(lambda: bool(self._told), NOTICED)
         self._before = self._count
@@ -65,8 +65,7 @@ class Act:
             return told
         told["status"] = self._told["change"]
         self._say(f"property_estimator: {self._text}")
-        done, message = self._call(EXPLORE_CHANGE)
-        told["actions"] = json.loads(message)["actions"] if done else []
+        told["actions"] = self._push_straight()
         self._say(f"explorer: {len(told['actions'])} pushes in different directions")
         self._say("asking /model_check/diagnose what is different ...")
         began = time.monotonic()
@@ -80,13 +79,30 @@ class Act:
         return told | self._take_over(found)
 
     def _notice(self) -> bool:
-        """Push about until the change is noticed; return whether it is."""
+        """Push about until the change is noticed; return whether it is.
+
+        Pushes to a goal are many short ones, of which little may count; what they do not show,
+        straight ones in different directions do.
+        """
         for goal in GOALS:
             if self._changed:
                 return True
             self._push(goal)
             self._spin(lambda: self._changed, NOTICED)
+        if not self._changed:
+            self._say(
+                "explorer: straight pushes in different directions, since short ones say little"
+            )
+            self._push_straight()
+            self._spin(lambda: self._changed, NOTICED)
         return self._changed
+
+    def _push_straight(self) -> list[Any]:
+        """Let the explorer push in different directions; return what it did."""
+        from tactile_dynamics_ros.ros.names import EXPLORE_CHANGE
+
+        done, message = self._call(EXPLORE_CHANGE)
+        return list(json.loads(message)["actions"]) if done else []
 
     def _take_over(self, found: dict[str, Any]) -> dict[str, Any]:
         """Add a named effect to the model of the estimator, and wait for the error with it."""

@@ -72,7 +72,14 @@ def test_only_what_changes_after_the_beginning_counts(monkeypatch):
     unnoticed = Act(node, call, lambda _: None, lambda _: None)
     monkeypatch.setattr(unnoticed, "_spin", lambda *_: None)
     told(1)
+    called.clear()
     assert not unnoticed.play()["noticed"]
+    assert called == ["robot_sim/begin", "explorer/explore_change"]
+    shown_by_straight_ones = Act(node, call, lambda _: None, lambda _: None)
+    monkeypatch.setattr(shown_by_straight_ones, "_spin", lambda *_: None)
+    told(1)
+    monkeypatch.setattr(shown_by_straight_ones, "_push_straight", lambda: told(2) or [])
+    assert shown_by_straight_ones.play()["noticed"]
 
 
 def test_an_effect_that_is_added_tells_how_the_error_falls(monkeypatch):
