@@ -9,6 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from tactile_dynamics_ros.cli.main import main
+from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
 from tactile_dynamics_ros.core.planar.properties import fit as fitting
 from tactile_dynamics_ros.core.planar.properties.balance import NAMES
@@ -235,6 +236,19 @@ def test_command_estimates_pushes_and_says_what_it_does_not_take(quick, tmp_path
     assert capsys.readouterr().err.count("\n") == 1
     assert main(["estimate", bag, "--export", "urdf"]) == 2
     assert "--export" in capsys.readouterr().err
+
+
+def test_pads_that_touch_nothing_are_left_out(quick):
+    """A gripper that was open meanwhile sends forces of zero and no place."""
+    tip = quick.streams.contacts["pusher"]
+    none = np.zeros((0, 3))
+    pad = replace(
+        tip, name="pad_left", force=0.0 * tip.force, pose_time=np.zeros(0), point=none, normal=none
+    )
+    both = replace(quick.streams, contacts={"pusher": tip, "pad_left": pad})
+    np.testing.assert_array_equal(cut_intervals(both).force, cut_intervals(quick.streams).force)
+    with pytest.raises(BadInputError, match="with force and pose"):
+        cut_intervals(replace(quick.streams, contacts={"pad_left": pad}))
 
 
 def test_three_parts_are_refused_in_one_line(quick):

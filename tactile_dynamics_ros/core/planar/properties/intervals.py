@@ -122,13 +122,17 @@ class _Gathered:
 def cut_intervals(streams: PushedStreams) -> Intervals:
     """Return the intervals in which something is touched, or may still slide.
 
+    Contacts without a force or a place are left out: pads that touch nothing have no place.
+
     Raises:
         BadInputError: there is no contact or link, or never a touch while poses are known.
     """
+    kept = {n: c for n, c in streams.contacts.items() if len(c.time) and len(c.pose_time)}
+    streams = replace(streams, contacts=kept)
     if not streams.contacts or not streams.links:
         raise BadInputError(
-            "a pushed object needs /object/pose, /object/footprint and at least one contact, "
-            f"found {len(streams.links)} links and {len(streams.contacts)} contacts"
+            "a pushed object needs /object/pose, /object/footprint and at least one contact "
+            f"with force and pose, found {len(streams.links)} links and {len(kept)} contacts"
         )
     step = _step(streams)
     spans = _spans(streams, step)
@@ -139,7 +143,7 @@ def cut_intervals(streams: PushedStreams) -> Intervals:
     gathered = [_gather(contact, time, step) for contact in streams.contacts.values()]
     poses = tuple(_poses(link, grids, step) for link in streams.links)
     joined = _joined(gathered, step, time, inner, first.astype(np.intp), poses)
-    if streams.pusher_time is None or streams.pusher_yaw is None:
+    if streams.pusher_time is None or streams.pusher_yaw is None or not len(streams.pusher_time):
         return joined
     parts = (np.sin(streams.pusher_yaw), np.cos(streams.pusher_yaw))
     sine, cosine = (np.interp(time, streams.pusher_time, part) for part in parts)
