@@ -51,10 +51,7 @@ def run(args: Namespace) -> int:
 
 
 def _checked(args: Namespace) -> Readiness:
-    if model_of(args) == "pushed":
-        from tactile_dynamics_ros.api.pushed_checks import check_pushes
+    from tactile_dynamics_ros.api.verbs import check
 
-        return check_pushes(read_pushed(args), args.goal / 100.0)
-    from tactile_dynamics_ros.api.checks import check_recording
-
-    return check_recording(read_recording(args), args.goal / 100.0)
+    pushed = model_of(args) == "pushed"
+    return check(read_pushed(args) if pushed else read_recording(args), args.goal / 100.0)

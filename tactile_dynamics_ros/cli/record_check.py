@@ -45,14 +45,13 @@ def check_so_far(path: str, namespace: str | None) -> Said:
 
 
 def _checked(path: str, namespace: str | None) -> Readiness:
-    from tactile_dynamics_ros.api.checks import check_recording
-    from tactile_dynamics_ros.api.pushed_checks import check_pushes
     from tactile_dynamics_ros.api.reading import read_recording
+    from tactile_dynamics_ros.api.verbs import check
     from tactile_dynamics_ros.recording.pushed import PushedRecording, recorded_model
 
     if recorded_model(path) == "pushed":
-        return check_pushes(PushedRecording.from_bag(path, namespace=namespace))
-    return check_recording(read_recording(path, namespace=namespace))
+        return check(PushedRecording.from_bag(path, namespace=namespace))
+    return check(read_recording(path, namespace=namespace))
 
 
 class RecordCheck:

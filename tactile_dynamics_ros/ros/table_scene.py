@@ -187,9 +187,7 @@ class TableScene:
         """Return the outline (V, 2) of a second part in the object's frame, m; None without one."""
         if self._second is None or self._second_outline is None or self._object is None:
             return None
-        pose, outline = self._second[1], self._second_outline
-        placed = pose[:2] + turned(outline, np.full(len(outline), pose[2]))
-        return _in_frame(placed, self._object[1])
+        return _in_frame(_placed(self._second_outline, self._second[1]), self._object[1])
 
     def of_second(self) -> tuple[Seen, Array, Array]:
         """Return what is seen if the second part is the object, its outline, and that of the first.
@@ -201,8 +199,7 @@ class TableScene:
         if self._second is None or self._second_outline is None or self._footprint is None:
             raise NotIdentifiableError("there is no second part")
         time, pose = self._second
-        first = seen.pose[:2] + turned(self._footprint, np.full(len(self._footprint), seen.pose[2]))
-        beside = _in_frame(first, pose)
+        beside = _in_frame(_placed(self._footprint, seen.pose), pose)
         return replace(seen, pose=pose, pose_time=time), self._second_outline, beside
 
     def seen(self) -> Seen:
@@ -291,6 +288,11 @@ def tip_pose(frame: Array) -> Array:
 def _flat(pose: Array) -> Array:
     """x, y, yaw (3,) of a pose (4, 4)."""
     return np.array([*pose[:2, 3], np.arctan2(pose[1, 0], pose[0, 0])])
+
+
+def _placed(points: Array, pose: Array) -> Array:
+    """Points (N, 2) of a part at a pose (3,), in the world."""
+    return np.asarray(pose[:2] + turned(points, np.full(len(points), pose[2])))
 
 
 def _in_frame(points: Array, pose: Array) -> Array:
