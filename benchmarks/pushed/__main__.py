@@ -8,10 +8,20 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from benchmarks.pushed import diagnoses, linked, live, live_effect, manners, real, simulated
+from benchmarks.pushed import (
+    conventions,
+    diagnoses,
+    linked,
+    live,
+    live_effect,
+    manners,
+    real,
+    simulated,
+)
 
 Section = tuple[Callable[[argparse.Namespace], dict[str, Any]], Callable[[dict[str, Any]], str]]
 SECTIONS: dict[str, Section] = {
+    "conventions": (conventions.measure, conventions.table),
     "diagnoses": (diagnoses.measure, diagnoses.table),
     "linked": (linked.measure, linked.table),
     "live_effect": (live_effect.measure, live_effect.table),
@@ -30,6 +40,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--quick", action="store_true", help="few cases of each section")
     parser.add_argument("--json", action="store_true", help="print only JSON on stdout")
     for add in (
+        conventions.add_arguments,
         diagnoses.add_arguments,
         linked.add_arguments,
         live.add_arguments,

@@ -1,12 +1,13 @@
 """Recordings of pushes with other signs, units and axes: named before anything is fitted."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
+from benchmarks.pushed.conventions import MISTAKES, with_contacts
 
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.planar.diagnosis.discrepancy_model import PushDiscrepancy
 from tactile_dynamics_ros.core.planar.misreading import assumed, check_reading, misread
+from tactile_dynamics_ros.core.planar.properties.estimate import estimate
 from tactile_dynamics_ros.synthetic import pushed
 
 
@@ -16,45 +17,37 @@ def recordings():
     return [made.streams for made in pushed.generate([3, 4, 7], {}, pushed.PushOptions())]
 
 
-def _contacts(streams, **change):
-    made = {
-        name: replace(c, **{k: f(getattr(c, k)) for k, f in change.items()})
-        for name, c in streams.contacts.items()
-    }
-    return replace(streams, contacts=made)
-
-
-def _poses(streams, factor):
-    return replace(
-        streams, links=tuple(replace(k, pose=k.pose * np.array(factor)) for k in streams.links)
-    )
-
-
-def _flip(values):
-    return values * np.array([1.0, -1.0, 1.0])
-
-
-WRONG = {
-    "force_sign": lambda s: _contacts(s, force=np.negative),
-    "angle_unit": lambda s: _poses(s, [1.0, 1.0, 180.0 / np.pi]),
-    "position_unit": lambda s: _poses(s, [1e3, 1e3, 1.0]),
-    "mirrored_axes": lambda s: _contacts(s, force=_flip, point=_flip, normal=_flip),
-}
-
-
 def test_right_recordings_are_read_as_they_are(recordings):
     assert [misread(streams) for streams in recordings] == [None] * len(recordings)
 
 
-@pytest.mark.parametrize("name", sorted(WRONG))
-def test_another_reading_is_named_and_undone(recordings, name):
+@pytest.mark.parametrize("mistake", sorted(MISTAKES))
+def test_another_reading_is_named_and_undone(recordings, mistake):
+    name, change = MISTAKES[mistake]
     for streams in recordings:
-        wrong = WRONG[name](streams)
+        wrong = change(streams)
         with pytest.raises(BadInputError, match=f"--assume {name}"):
             check_reading(wrong)
         right, _ = assumed(wrong, name)
         check_reading(right)
         assert np.allclose(right.links[0].pose, streams.links[0].pose, rtol=1e-9)
+
+
+def test_the_right_forces_are_found_of_wrong_units(recordings):
+    for factor, said in ((1e3, "mN"), (1e-3, "kN")):
+        for streams in recordings:
+            wrong = with_contacts(streams, force=lambda force, by=factor: by * force)
+            wrong = with_contacts(wrong, force_std=lambda std, by=factor: by * std)
+            right, reading = assumed(wrong, "force_unit")
+            assert said in reading.change
+            assert np.allclose(right.contacts["pusher"].force, streams.contacts["pusher"].force)
+
+
+def test_every_door_asks_how_numbers_are_read(recordings):
+    wrong = MISTAKES["forces in mN"][1](recordings[0])
+    for door in (estimate, PushDiscrepancy.of_streams):
+        with pytest.raises(BadInputError, match="in mN"):
+            door(wrong)
 
 
 def test_an_unknown_convention_names_the_nearest(recordings):

@@ -1,7 +1,8 @@
 """Recordings of pushes whose signs, units or axes are other than the contracts say.
 
-A tip touches the outline and presses into it. Where it does neither as the numbers are read, but
-does in another reading, that reading is named; nothing has to be fitted for it.
+A tip touches the outline and presses into it, the table is below the object, and what is pushed
+weighs what things weigh. Where that is not so as the numbers are read, but is in another reading,
+that reading is named; nothing has to be fitted for it.
 """
 
 from __future__ import annotations
@@ -29,6 +30,9 @@ _AWAY, _BETTER, _BESIDE = 0.03, 4.0, 0.08
 another reading is looked for, which must bring it down by the second and below the third.
 Synthetic recordings have 0.003 as they are and 0.03 to 900 in other readings; of round objects a
 wrong yaw does not show. A calibration that is off by a few per cent is no other reading."""
+_DENSITIES = (0.5, 3e4)
+"""Friction times density, kg/m^3, of what is pushed: an empty box of paper on ice has 1, tungsten on
+rubber 20000. Other units of force are a thousand times off, usual things at 100 to 3000."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +86,33 @@ def _mirrored(contact: PushContact) -> PushContact:
     )
 
 
+def _turned_over(streams: PushedStreams) -> PushedStreams:
+    """In axes that are turned by half a turn about x."""
+    flip = np.array([1.0, -1.0, -1.0])
+
+    def turned(contact: PushContact) -> PushContact:
+        return replace(
+            contact,
+            force=contact.force * flip,
+            point=contact.point * flip,
+            normal=contact.normal * flip,
+            torque=None if contact.torque is None else contact.torque * flip,
+        )
+
+    streams = _with_contacts(_with_poses(streams, lambda pose: pose * flip), turned)
+    yaw = None if streams.pusher_yaw is None else -streams.pusher_yaw
+    return replace(streams, gravity=streams.gravity * flip, pusher_yaw=yaw)
+
+
+def _scaled_forces(streams: PushedStreams, scale: float) -> PushedStreams:
+    def scaled(contact: PushContact) -> PushContact:
+        std = None if contact.force_std is None else scale * contact.force_std
+        torque = None if contact.torque is None else scale * contact.torque
+        return replace(contact, force=scale * contact.force, force_std=std, torque=torque)
+
+    return _with_contacts(streams, scaled)
+
+
 _DEGREE = np.pi / 180.0
 """Radians of a degree: a change of units, which nobody can choose otherwise."""
 READINGS = (
@@ -117,15 +148,26 @@ READINGS = (
         "y of forces and contact points has the other sign",
         lambda s: _with_contacts(s, _mirrored),
     ),
+    Reading(
+        "gravity_direction",
+        "the support's z, its normal, points down: turn its pose by 180 degrees about its x",
+        _turned_over,
+    ),
+    Reading(
+        "force_unit",
+        "forces are in mN, not N (in grams they would look alike: convert those yourself)",
+        lambda s: _scaled_forces(s, 1e-3),
+    ),
+    Reading("force_unit", "forces are in kN, not N", lambda s: _scaled_forces(s, 1e3)),
 )
 """Readings that are tried, in this order; more would find what no recording was seen to have."""
 
 
 def check_reading(streams: PushedStreams) -> None:
-    """Check that the tip presses into the outline.
+    """Check that the numbers are those of a tip that presses against a thing on a table.
 
     Raises:
-        BadInputError: it does in another reading only, which is named.
+        BadInputError: they are in another reading only, which is named.
     """
     found = misread(streams)
     if found is not None:
@@ -135,19 +177,18 @@ def check_reading(streams: PushedStreams) -> None:
 
 
 def misread(streams: PushedStreams) -> Reading | None:
-    """Another reading in which the tip touches the outline and presses into it, or None."""
-    outward, away = _judged(streams)
-    if not outward and away < _AWAY:
+    """Another reading in which a tip presses against a thing on a table, or None."""
+    now = _judged(streams)
+    if now.is_right:
         return None
     judged = [(_judged(reading.applied(streams)), reading) for reading in READINGS]
-    pressing = [(distance, reading) for (turned, distance), reading in judged if not turned]
-    distance, best = min(pressing, key=lambda pair: pair[0], default=(np.inf, READINGS[0]))
-    better = outward or distance < away / _BETTER
-    return best if better and distance < _BESIDE else None
+    found, best = min(judged, key=lambda pair: pair[0].faults)
+    better = now.faults[0] > found.faults[0] or found.away < now.away / _BETTER
+    return best if better and found.faults[0] == 0 and found.away < _BESIDE else None
 
 
 def assumed(streams: PushedStreams, name: str) -> tuple[PushedStreams, Reading]:
-    """The recording as a convention says, in the form in which the tip touches the outline.
+    """The recording as a convention says, in the form that suits a thing on a table best.
 
     Raises:
         BadInputError: there is no such convention for pushes.
@@ -158,13 +199,39 @@ def assumed(streams: PushedStreams, name: str) -> tuple[PushedStreams, Reading]:
         raise BadInputError(
             f"--assume {name}: expected one of {', '.join(known)} for pushes" + nearest(name, known)
         )
-    best = min(forms, key=lambda form: _judged(form.applied(streams)))
+    best = min(forms, key=lambda form: _judged(form.applied(streams)).faults)
     return best.applied(streams), best
 
 
-def _judged(streams: PushedStreams) -> tuple[bool, float]:
-    """Whether forces point outwards, and the median distance of contacts over the size."""
-    outward, away = [], []
+@dataclass(frozen=True)
+class _Judged:
+    """What is odd about a reading.
+
+    Attributes:
+        hangs: the support is above the object.
+        outward: forces point out of it.
+        odd: it is denser or lighter than any thing.
+        away: median distance of contacts from the outline over its size.
+    """
+
+    hangs: bool
+    outward: bool
+    odd: bool
+    away: float
+
+    @property
+    def faults(self) -> tuple[int, float]:
+        """How many faults there are, and the distance."""
+        return self.hangs + self.outward + self.odd, self.away
+
+    @property
+    def is_right(self) -> bool:
+        """Whether nothing is odd."""
+        return self.faults[0] == 0 and self.away < _AWAY
+
+
+def _judged(streams: PushedStreams) -> _Judged:
+    hangs, outward, away, force, height = bool(streams.gravity[2] > 0.0), [], [], [], []
     for contact in streams.contacts.values():
         if len(contact.time) == 0 or len(contact.pose_time) == 0:
             continue
@@ -172,12 +239,37 @@ def _judged(streams: PushedStreams) -> tuple[bool, float]:
         touching = np.linalg.norm(contact.force[:, :2], axis=1) > _PRESSES * std
         time = contact.time[touching]
         normal = _at(time, contact.pose_time, contact.normal)
+        point = _at(time, contact.pose_time, contact.point)
         outward.append(np.sum(contact.force[touching] * normal, axis=1) < 0.0)
-        away.append(_distance(streams, time, _at(time, contact.pose_time, contact.point)))
+        away.append(_distance(streams, time, point))
+        force.append(np.linalg.norm(contact.force[touching, :2], axis=1))
+        height.append(point[:, 2])
     every = np.concatenate([*outward, np.zeros(0, dtype=bool)])
     if len(every) < _FEWEST:
-        return False, 0.0
-    return bool(np.mean(every) > _OUTWARD), float(np.median(np.concatenate(away)))
+        return _Judged(hangs, False, False, 0.0)
+    density = _density(streams, np.concatenate(force), np.concatenate(height))
+    return _Judged(
+        hangs,
+        bool(np.mean(every) > _OUTWARD),
+        not _DENSITIES[0] < density < _DENSITIES[1],
+        float(np.median(np.concatenate(away))),
+    )
+
+
+def _density(streams: PushedStreams, force: Array, height: Array) -> float:
+    """Friction times density, kg/m^3, by the median force (M,), N, on what stands on the outlines.
+
+    It is twice as high as its centre of mass, or as the contact (M,), m, where that is not known.
+    """
+    tall = 2.0 * (np.array(streams.com_height) if streams.com_height else np.median(height))
+    area = [0.5 * abs(_twice_area(np.asarray(link.footprint))) for link in streams.links]
+    volume = float(np.sum(np.array(area) * np.maximum(tall, 1e-3)))
+    return float(np.median(force)) / (9.81 * max(volume, 1e-12))
+
+
+def _twice_area(outline: Array) -> float:
+    after = np.roll(outline, -1, axis=0)
+    return float(np.sum(outline[:, 0] * after[:, 1] - outline[:, 1] * after[:, 0]))
 
 
 def _at(time: Array, known: Array, values: Array) -> Array:

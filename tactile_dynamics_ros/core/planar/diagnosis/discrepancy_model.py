@@ -45,6 +45,7 @@ from tactile_dynamics_ros.core.planar.effects.effect import PushEffect
 from tactile_dynamics_ros.core.planar.effects.gated import can_be_gated
 from tactile_dynamics_ros.core.planar.effects.regional import plain_name
 from tactile_dynamics_ros.core.planar.effects.registry import PUSHED
+from tactile_dynamics_ros.core.planar.misreading import check_reading
 from tactile_dynamics_ros.core.planar.properties.linked_fit import PairFit
 from tactile_dynamics_ros.core.planar.properties.push_model import USUAL_FRICTION, PushFit
 from tactile_dynamics_ros.core.planar.streams import PushedStreams
@@ -90,11 +91,12 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
         """Fit a model with named effects.
 
         Raises:
-            BadInputError: an effect is unknown or has no law for two parts, or nothing is touched
-                while poses are known.
+            BadInputError: an effect is unknown or has no law for two parts, nothing is touched
+                while poses are known, or signs, units or axes are other ones.
             NotIdentifiableError: nothing slides long enough, there are more than two parts, or
                 what two are to each other is not known.
         """
+        check_reading(streams)
         kind = OnePart if len(streams.links) == 1 else TwoParts
         pushes = kind.of_streams(streams, PUSHED.create_all(names))
         values, theta = _split(pushes)

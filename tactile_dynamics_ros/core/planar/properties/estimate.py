@@ -13,6 +13,7 @@ from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.core.planar.effects.registry import PUSHED
 from tactile_dynamics_ros.core.planar.known import KnownPushed
 from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
+from tactile_dynamics_ros.core.planar.misreading import check_reading
 from tactile_dynamics_ros.core.planar.properties.balance import NAMES
 from tactile_dynamics_ros.core.planar.properties.intervals import COARSE
 from tactile_dynamics_ros.core.planar.properties.push_model import USUAL_FRICTION
@@ -175,11 +176,13 @@ def estimate(
             change; None: nothing.
 
     Raises:
-        BadInputError: an effect is unknown, or nothing is touched while poses are known.
+        BadInputError: an effect is unknown, nothing is touched while poses are known, or signs,
+            units or axes are other ones.
         NotIdentifiableError: the object has more than two parts, slides too little, or the
             optimiser did not come to an end.
     """
     streams = recording if isinstance(recording, PushedStreams) else recording.streams
+    check_reading(streams)
     if len(streams.links) > 1:
         return _of_pair(streams, effects)
     return _of_one(streams, effects, known)
