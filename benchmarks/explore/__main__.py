@@ -8,11 +8,12 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from benchmarks.explore import actions, changes, detection, goals, quiet
+from benchmarks.explore import actions, changes, detection, estimates, goals, quiet
 
 Section = tuple[Callable[[argparse.Namespace], dict[str, Any]], Callable[[dict[str, Any]], str]]
 SECTIONS: dict[str, Section] = {
     "actions": (actions.measure, actions.table),
+    "estimates": (estimates.measure, estimates.table),
     "goals": (goals.measure, goals.table),
     "changes": (changes.measure, changes.table),
     "quiet": (quiet.measure, quiet.table),
@@ -28,6 +29,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--quick", action="store_true", help="few cases of each section")
     parser.add_argument("--json", action="store_true", help="print only JSON on stdout")
     actions.add_arguments(parser)
+    estimates.add_arguments(parser)
     goals.add_arguments(parser)
     changes.add_arguments(parser)
     detection.add_arguments(parser)

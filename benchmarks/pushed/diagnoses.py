@@ -16,6 +16,9 @@ from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
 from tactile_dynamics_ros.core.numerics.regime import split_label
 from tactile_dynamics_ros.core.planar.diagnosis.discrepancy_model import PushDiscrepancy
+from tactile_dynamics_ros.core.planar.streams import PushedStreams
+from tactile_dynamics_ros.sim.planar.pushing import simulate_pushes
+from tactile_dynamics_ros.sim.planar.simulated_table import SimulatedTableConfig
 from tactile_dynamics_ros.synthetic import pushed
 
 CLEAN = "none"
@@ -25,6 +28,8 @@ _PUSHES = 4
 _MAGNITUDE, _IN_REGIME = 1.35, 2.0
 """Multiples of the typical size at which effects are hidden, as for held objects, and inside a
 regime."""
+_ON_TABLE = tuple(range(121, 133))
+"""Objects of one part in config/planar_objects.yaml that are made for tests."""
 _FAR = pushed.ActionOptions(count=8, travel=0.2, duration=3.0, speed=(0.05, 0.2))
 """Pushes that go over a border and back, where something acts beyond it."""
 
@@ -36,7 +41,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--diagnosed", nargs="+", choices=choices, default=list(known))
     parser.add_argument("--diagnosis-seeds", type=int, nargs="+", default=[210, 211, 212])
     parser.add_argument("--variations", type=float, nargs="+", default=[0.0, 0.05])
-    parser.add_argument("--diagnosed-kind", choices=("single", *linked.KINDS), default="single")
+    parser.add_argument(
+        "--diagnosed-kind",
+        choices=("single", "table", *linked.KINDS),
+        default="single",
+        help="one part; one part on the simulated table of the nodes; or two parts",
+    )
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
@@ -59,12 +69,16 @@ def _row(name: str, seed: int, variation: float, kind: str) -> dict[str, Any]:
     if kind == "single":
         far = {"actions": _FAR} if name in pushed.REGIONAL else {}
         made = pushed.generate([seed], hidden, pushed.PushOptions(variation=variation, **far))[0]
+        streams, truth = made.streams, made.truth()["effects"]
+    elif kind == "table":
+        streams, truth = _on_table(name, seed, variation)
     else:
         made = linked.recorded([seed], kind, _PUSHES, True, variation, hidden=hidden)[0][0]
+        streams, truth = made.streams, made.truth()["effects"]
     row: dict[str, Any] = {"hidden": name, "seed": seed, "variation": variation}
     start = time.process_time()
     try:
-        model = PushDiscrepancy.of_streams(made.streams)
+        model = PushDiscrepancy.of_streams(streams)
         row["rms"] = float(np.sqrt(np.mean(model.residual**2)))
         found = diagnose(model)
     except TactileDynamicsError as error:
@@ -80,8 +94,23 @@ def _row(name: str, seed: int, variation: float, kind: str) -> dict[str, Any]:
         "after": found.after.rms,
         "floor": found.floor,
         "parameters": named,
-        "truth": {k: v["parameters"] for k, v in made.truth()["effects"].items()},
+        "truth": {k: v["parameters"] for k, v in truth.items()},
     }
+
+
+def _on_table(name: str, seed: int, variation: float) -> tuple[PushedStreams, dict[str, Any]]:
+    """Six pushes on the table of PyBullet that the nodes are tried on, markers at 100 Hz."""
+    config = SimulatedTableConfig(
+        seed=seed,
+        object_number=_ON_TABLE[seed % len(_ON_TABLE)],
+        friction_spread=variation,
+        hidden_effect="none" if name == CLEAN else name,
+        hidden_magnitude=_MAGNITUDE,
+        hidden_time=0.0,
+    )
+    made = simulate_pushes(config)
+    hidden = {} if name == CLEAN else {name: made.truth["hidden_effect"]}
+    return made.streams, hidden
 
 
 def _is_right(row: dict[str, Any]) -> bool:
