@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.explore.searches import PathIntegral, PlainSearch
 from benchmarks.explore.stage import Stage
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
 from tactile_dynamics_ros.core.planar.control.centring import CentringPusher
@@ -35,6 +36,8 @@ WAYS: dict[str, tuple[bool, Maker]] = {
     "estimated": (True, PushPlanner),
     "prior": (False, PushPlanner),
     "centring": (True, CentringPusher),
+    "cross_entropy": (True, PlainSearch),
+    "mppi": (True, PathIntegral),
 }
 """Whether the centre of mass is estimated (from four pushes) or taken in the middle of the outline,
 and what decides on pushes."""
