@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.report.page import Page, Picture, Section, write_page
-from tactile_dynamics_ros.report.pushes import placed
+from tactile_dynamics_ros.report.pushes import closed
 from tactile_dynamics_ros.report.style import BLUE, ORANGE, house_style, new_figure
 
 Array = NDArray[np.float64]
@@ -194,7 +194,7 @@ def _map(told: dict[str, Any], path: list[list[float]], actions: list[dict[str, 
     axes = figure.add_subplot()
     outline, rows = np.array(told["footprint"]), np.array(path or told["path"][-1:])
     for k in np.linspace(0, len(rows) - 1, 8).astype(int):
-        axes.plot(*placed(outline, rows[k]).T, color=BLUE, alpha=0.4, linewidth=0.8)
+        axes.plot(*closed(outline, rows[k]).T, color=BLUE, alpha=0.4, linewidth=0.8)
     axes.plot(rows[:, 0], rows[:, 1], color=BLUE, linewidth=0.8)
     for k, action in enumerate(actions, 1):
         x, y = action["point"]
@@ -203,7 +203,7 @@ def _map(told: dict[str, Any], path: list[list[float]], actions: list[dict[str, 
         axes.text(x - way[0], y - way[1], str(k), color=ORANGE)
     if not actions:
         goal = np.array(told["goal"]) * [1.0, 1.0, np.pi / 180.0]
-        axes.plot(*placed(outline, goal).T, color=ORANGE)
+        axes.plot(*closed(outline, goal).T, color=ORANGE)
     axes.set_aspect("equal")
     axes.set_xlabel("x, m")
     axes.set_ylabel("y, m")

@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Ellipse
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.planar.mechanics.linkage import placed
 from tactile_dynamics_ros.core.planar.streams import LinkStream, PushContact, PushedStreams
 from tactile_dynamics_ros.report.page import Page, Picture, Section, write_page
 from tactile_dynamics_ros.report.style import (
@@ -118,7 +119,7 @@ def _draw_link(axes: Axes, link: LinkStream, colour: str) -> None:
     chosen = np.linspace(0, len(link.time) - 1, _OUTLINES).astype(int)
     for k in chosen:
         strong = bool(k == chosen[-1])
-        outline = placed(np.asarray(link.footprint), link.pose[k])
+        outline = closed(np.asarray(link.footprint), link.pose[k])
         axes.plot(*outline.T, color=colour, alpha=1.0 if strong else 0.3, linewidth=1.0 + strong)
     axes.plot(link.pose[:, 0], link.pose[:, 1], color=colour, linewidth=0.8, alpha=0.6)
 
@@ -151,8 +152,6 @@ def _draw_centre(axes: Axes, pose: Array, centre: Centre) -> None:
     axes.plot(*place, "+", color=BLUE)
 
 
-def placed(outline: Array, pose: Array) -> Array:
+def closed(outline: Array, pose: Array) -> Array:
     """Corners (V + 1, 2) of an outline on the support, the first once more to close it."""
-    cos, sin = np.cos(pose[2]), np.sin(pose[2])
-    closed = np.vstack([outline, outline[:1]])
-    return np.asarray(closed @ np.array([[cos, sin], [-sin, cos]]) + pose[:2])
+    return placed(np.vstack([outline, outline[:1]]), pose)

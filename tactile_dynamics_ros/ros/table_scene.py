@@ -25,7 +25,7 @@ from tactile_dynamics_ros.core.planar.actions.information import Belief
 from tactile_dynamics_ros.core.planar.control.guard import Seen
 from tactile_dynamics_ros.core.planar.control.plan import Bounds
 from tactile_dynamics_ros.core.planar.control.prediction import PushedBody
-from tactile_dynamics_ros.core.planar.mechanics.linkage import turned
+from tactile_dynamics_ros.core.planar.mechanics.linkage import in_frame, placed
 from tactile_dynamics_ros.core.planar.mechanics.simulation import GRAVITY
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 from tactile_dynamics_ros.ros.conversions import MessageError, pose_to_core, to_seconds
@@ -187,7 +187,7 @@ class TableScene:
         """Return the outline (V, 2) of a second part in the object's frame, m; None without one."""
         if self._second is None or self._second_outline is None or self._object is None:
             return None
-        return _in_frame(_placed(self._second_outline, self._second[1]), self._object[1])
+        return in_frame(placed(self._second_outline, self._second[1]), self._object[1])
 
     def of_second(self) -> tuple[Seen, Array, Array]:
         """Return what is seen if the second part is the object, its outline, and that of the first.
@@ -199,7 +199,7 @@ class TableScene:
         if self._second is None or self._second_outline is None or self._footprint is None:
             raise NotIdentifiableError("there is no second part")
         time, pose = self._second
-        beside = _in_frame(_placed(self._footprint, seen.pose), pose)
+        beside = in_frame(placed(self._footprint, seen.pose), pose)
         return replace(seen, pose=pose, pose_time=time), self._second_outline, beside
 
     def seen(self) -> Seen:
@@ -288,16 +288,6 @@ def tip_pose(frame: Array) -> Array:
 def _flat(pose: Array) -> Array:
     """x, y, yaw (3,) of a pose (4, 4)."""
     return np.array([*pose[:2, 3], np.arctan2(pose[1, 0], pose[0, 0])])
-
-
-def _placed(points: Array, pose: Array) -> Array:
-    """Points (N, 2) of a part at a pose (3,), in the world."""
-    return np.asarray(pose[:2] + turned(points, np.full(len(points), pose[2])))
-
-
-def _in_frame(points: Array, pose: Array) -> Array:
-    """Points (N, 2), world, in the frame of a part at a pose (3,)."""
-    return np.asarray(turned(points - pose[:2], np.full(len(points), -pose[2])))
 
 
 def _corners(message: PolygonStamped) -> Array:

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from benchmarks.pushed.conventions import MISTAKES, with_contacts
 
+from benchmarks.pushed.conventions import MISTAKES, with_contacts
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.planar.diagnosis.discrepancy_model import PushDiscrepancy
 from tactile_dynamics_ros.core.planar.misreading import assumed, check_reading, misread
@@ -53,3 +53,11 @@ def test_every_door_asks_how_numbers_are_read(recordings):
 def test_an_unknown_convention_names_the_nearest(recordings):
     with pytest.raises(BadInputError, match="force_sign"):
         assumed(recordings[0], "force_sing")
+
+
+def test_degrees_show_on_round_objects_by_how_far_they_turn():
+    options = pushed.PushOptions(actions=pushed.ActionOptions(count=2))
+    disc = pushed.generate([1300], {}, options)[0].streams
+    assert misread(disc) is None
+    found = misread(MISTAKES["yaw in degrees"][1](disc))
+    assert found is not None and found.name == "angle_unit"

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import BadInputError, nearest
+from tactile_dynamics_ros.core.planar.mechanics.linkage import in_frame
 from tactile_dynamics_ros.core.planar.streams import LinkStream, PushContact, PushedStreams
 
 Array = NDArray[np.float64]
@@ -25,14 +26,20 @@ _FEWEST = 20
 _OUTWARD = 0.9
 """Share of touching samples whose force points out of the object from which its sign is wrong: of
 right ones hardly any does, at corners a few per cent."""
-_AWAY, _BETTER, _BESIDE = 0.03, 4.0, 0.08
+_AWAY, _BETTER, _BESIDE = 0.01, 4.0, 0.08
 """Median distance of the contacts from the outline over the size of the object: above the first,
 another reading is looked for, which must bring it down by the second and below the third.
 Synthetic recordings have 0.003 as they are and 0.03 to 900 in other readings; of round objects a
-wrong yaw does not show. A calibration that is off by a few per cent is no other reading."""
+yaw that turns the other way does not show. A calibration that is off by a few per cent is no other
+reading: none brings it down."""
+_SPIN = 5.0
+"""Way of the outline by turning over that of the contact, from which no push turned it: pushed
+beside its middle an object turns by as much as the tip goes. Yaw in degrees has 5 to 60."""
+_WINDOW = 0.3
+"""s over which turns and ways are told: the noise of poses is then a fraction of either."""
 _DENSITIES = (0.5, 3e4)
-"""Friction times density, kg/m^3, of what is pushed: an empty box of paper on ice has 1, tungsten on
-rubber 20000. Other units of force are a thousand times off, usual things at 100 to 3000."""
+"""Friction times density, kg/m^3, of what is pushed: an empty box of paper on ice has 1, tungsten
+on rubber 20000. Other units of force are a thousand times off, usual things at 100 to 3000."""
 
 
 @dataclass(frozen=True)
@@ -211,18 +218,20 @@ class _Judged:
         hangs: the support is above the object.
         outward: forces point out of it.
         odd: it is denser or lighter than any thing.
+        spins: it turns further than the contacts go.
         away: median distance of contacts from the outline over its size.
     """
 
     hangs: bool
     outward: bool
     odd: bool
+    spins: bool
     away: float
 
     @property
     def faults(self) -> tuple[int, float]:
         """How many faults there are, and the distance."""
-        return self.hangs + self.outward + self.odd, self.away
+        return self.hangs + self.outward + self.odd + self.spins, self.away
 
     @property
     def is_right(self) -> bool:
@@ -231,7 +240,8 @@ class _Judged:
 
 
 def _judged(streams: PushedStreams) -> _Judged:
-    hangs, outward, away, force, height = bool(streams.gravity[2] > 0.0), [], [], [], []
+    hangs, outward, away, spin = bool(streams.gravity[2] > 0.0), [], [], []
+    force, height = [], []
     for contact in streams.contacts.values():
         if len(contact.time) == 0 or len(contact.pose_time) == 0:
             continue
@@ -242,18 +252,40 @@ def _judged(streams: PushedStreams) -> _Judged:
         point = _at(time, contact.pose_time, contact.point)
         outward.append(np.sum(contact.force[touching] * normal, axis=1) < 0.0)
         away.append(_distance(streams, time, point))
+        spin.append(_spin(streams, contact, time))
         force.append(np.linalg.norm(contact.force[touching, :2], axis=1))
         height.append(point[:, 2])
     every = np.concatenate([*outward, np.zeros(0, dtype=bool)])
     if len(every) < _FEWEST:
-        return _Judged(hangs, False, False, 0.0)
+        return _Judged(hangs, False, False, False, 0.0)
     density = _density(streams, np.concatenate(force), np.concatenate(height))
     return _Judged(
         hangs,
         bool(np.mean(every) > _OUTWARD),
         not _DENSITIES[0] < density < _DENSITIES[1],
+        min(spin) > _SPIN,
         float(np.median(np.concatenate(away))),
     )
+
+
+def _spin(streams: PushedStreams, contact: PushContact, time: Array) -> float:
+    """Median way (m) by which the nearest outline turns while it is touched, over the contact's."""
+    ends = time[time < time[-1] - _WINDOW] if len(time) else time
+    if len(ends) < _FEWEST:
+        return 0.0
+    gone = np.linalg.norm(
+        _at(ends + _WINDOW, contact.pose_time, contact.point)
+        - _at(ends, contact.pose_time, contact.point),
+        axis=1,
+    )
+    least = []
+    for link in streams.links:
+        yaw = np.interp(ends + _WINDOW, link.time, link.pose[:, 2])
+        turn = np.abs(yaw - np.interp(ends, link.time, link.pose[:, 2]))
+        reach = 0.5 * float(np.linalg.norm(np.ptp(link.footprint, axis=0)))
+        moving = gone > 0.02 * reach
+        least.append(reach * float(np.sum(turn[moving])) / max(float(np.sum(gone[moving])), 1e-9))
+    return min(least)
 
 
 def _density(streams: PushedStreams, force: Array, height: Array) -> float:
@@ -281,9 +313,7 @@ def _distance(streams: PushedStreams, time: Array, point: Array) -> Array:
     found = []
     for link in streams.links:
         pose = _at(time, link.time, link.pose)
-        x, y = (point[:, :2] - pose[:, :2]).T
-        cos, sin = np.cos(pose[:, 2]), np.sin(pose[:, 2])
-        local = np.stack([cos * x + sin * y, cos * y - sin * x], axis=1)
+        local = in_frame(point[:, :2], pose)
         size = float(np.linalg.norm(np.ptp(link.footprint, axis=0)))
         found.append(_from_outline(local, np.asarray(link.footprint)) / max(size, 1e-9))
     return np.asarray(np.min(found, axis=0))

@@ -12,7 +12,7 @@ from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.planar.actions.candidate import MANNERS, Candidate
 from tactile_dynamics_ros.core.planar.actions.grips import Grasp, grasps
 from tactile_dynamics_ros.core.planar.linked.outlines import distance_outside
-from tactile_dynamics_ros.core.planar.mechanics.linkage import turned
+from tactile_dynamics_ros.core.planar.mechanics.linkage import placed, turned
 from tactile_dynamics_ros.core.planar.mechanics.outline import convex_hull
 
 Array = NDArray[np.float64]
@@ -112,7 +112,7 @@ class Surroundings:
 
     def placed(self, points: Array) -> Array:
         """Points (N, 2) of the object's frame in the world."""
-        return np.asarray(self.pose[:2] + turned(points, np.full(len(points), self.pose[2])))
+        return placed(points, self.pose)
 
     def holds(self, points: Array) -> bool:
         """Whether all points (N, 2), world, lie in the room."""

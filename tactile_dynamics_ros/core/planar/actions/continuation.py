@@ -13,7 +13,7 @@ from tactile_dynamics_ros.core.planar.actions.information import (
     PredictedObject,
     believed,
 )
-from tactile_dynamics_ros.core.planar.mechanics.linkage import turned
+from tactile_dynamics_ros.core.planar.mechanics.linkage import placed, turned
 from tactile_dynamics_ros.core.planar.mechanics.pusher import Tip
 from tactile_dynamics_ros.core.planar.mechanics.simulation import StepConfig, simulate
 from tactile_dynamics_ros.core.planar.streams import PushContact, PushedStreams
@@ -57,12 +57,8 @@ def continued(
     motion = simulate(body, tip, np.zeros((1, 1, 3)), path_of(push, _STEP)[None], config)
     link, (name, contact) = streams.links[0], next(iter(streams.contacts.items()))
     start, last = float(link.time[-1]) + _PAUSE, link.pose[-1]
-    turn = np.full(len(motion.time), last[2])
-
-    def placed(points: Array) -> Array:
-        return np.asarray(last[:2] + turned(points, turn))
-
-    pose = np.column_stack([placed(motion.pose[0, :, 0, :2]), motion.pose[0, :, 0, 2] + last[2]])
+    place = placed(motion.pose[0, :, 0, :2], last)
+    pose = np.column_stack([place, motion.pose[0, :, 0, 2] + last[2]])
     seen = slice(None, None, _every(link.time))
     pose = pose[seen] + link.presumed_pose_std * random.normal(size=(len(pose[seen]), 3))
     longer = replace(
@@ -70,13 +66,13 @@ def continued(
         time=np.append(link.time, start + motion.time[seen]),
         pose=np.concatenate([link.pose, pose]),
     )
-    force = np.pad(turned(motion.wrench[0, :, :2], turn), ((0, 0), (0, 1)))
+    force = np.pad(turned(motion.wrench[0, :, :2], last[2]), ((0, 0), (0, 1)))
     touched = np.linalg.norm(force, axis=1) > _TOUCH
     felt = np.flatnonzero(touched)[:: _every(contact.time)]
     way = turned(push.normal[None], last[2:])[0]
     more = _felt(contact, start + motion.time[felt], force[felt], random)
     point = np.column_stack(
-        [placed(motion.point[0, :, :2])[felt], np.full(len(felt), thing.push_height)]
+        [placed(motion.point[0, :, :2], last)[felt], np.full(len(felt), thing.push_height)]
     )
     point[:, :2] += contact.presumed_point_std * random.normal(size=(len(felt), 2))
     normal = np.tile(np.append(way, 0.0), (len(felt), 1))

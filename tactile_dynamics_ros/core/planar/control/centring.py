@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.planar.control.plan import Push, PushPlanner
-from tactile_dynamics_ros.core.planar.mechanics.linkage import turned
+from tactile_dynamics_ros.core.planar.mechanics.linkage import placed, turned
 
 Array = NDArray[np.float64]
 
@@ -52,7 +52,7 @@ class CentringPusher(PushPlanner):
 
     def _centre(self, pose: Array) -> Array:
         """Centre of mass (2,) of an object whose frame is to come to the goal's angle last."""
-        return np.asarray(pose[:2] + turned(self.body.com[None], pose[2:])[0]) - self._offset()
+        return np.asarray(placed(self.body.com[None], pose)[0] - self._offset())
 
     def _offset(self) -> Array:
         return np.asarray(turned(self.body.com[None], self.goal[2:])[0])

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.numerics.search import SearchConfig, cross_entropy, evolve
 from tactile_dynamics_ros.core.planar.control.prediction import PushedBody, pushed
-from tactile_dynamics_ros.core.planar.mechanics.linkage import turned
+from tactile_dynamics_ros.core.planar.mechanics.linkage import in_frame, placed, turned
 
 Array = NDArray[np.float64]
 
@@ -111,13 +111,13 @@ class PushPlanner:
 
     def contact(self, pose: Array, tip: Array) -> tuple[float, Array]:
         """Gap between tip (2,) and object at a pose (3,), m, and the normal (2,) into it, world."""
-        local = turned((tip - pose[:2])[None], -pose[2:])
+        local = in_frame(tip[None], pose)
         _, distance, normal = self.body.nearest(local)
         return float(distance[0]) - self.body.tip_radius, turned(normal, pose[2:])[0]
 
     def strikes(self, pose: Array, tip: Array) -> bool:
         """Whether a tip (2,), world, runs into a part that it does not push."""
-        return bool(self.body.struck(_own(tip[None], pose[None]))[0] > 0.0)
+        return bool(self.body.struck(in_frame(tip[None], pose[None]))[0] > 0.0)
 
     def plan(self, pose: Array) -> Push:
         """Return the best next push for an object at a pose (3,), wherever it begins."""
@@ -174,7 +174,7 @@ class PushPlanner:
         point, normal = self.body.at(share)
         inward = turned(normal, pose[:, 2])
         away = self.body.tip_radius + self.config.gap
-        return pose[:, :2] + turned(point, pose[:, 2]) - away * inward, inward
+        return placed(point, pose) - away * inward, inward
 
     def _cost(self, plans: Array, pose: Array, begun: tuple[Array, Array] | None) -> Array:
         """Error (N,) that plans (N, H, 5) leave, early error and effort included, m."""
@@ -192,10 +192,10 @@ class PushPlanner:
                 tip, normal = self._starts(push[:, PLACE], poses)
                 gap = self.config.gap
                 total += moves * (self.config.effort + 10.0 * self.bounds.lacking(tip))
-                total += 10.0 * moves * self.body.crowded(_own(tip, poses))
+                total += 10.0 * moves * self.body.crowded(in_frame(tip, poses))
             poses, tip = self._pushed(push, poses, tip, normal, gap)
             total += 10.0 * moves * self.bounds.lacking(tip)
-            total += 10.0 * moves * self.body.struck(_own(tip, poses))
+            total += 10.0 * moves * self.body.struck(in_frame(tip, poses))
             total += self.config.length_effort * np.maximum(push[:, LENGTH], 0.0)
             weight = 1.0 if k == plans.shape[1] - 1 else self.config.early
             total += weight * self.error(poses)
@@ -227,8 +227,3 @@ class PushPlanner:
         direction = self._directions(plan[:1], normal)[0, 0]
         length = float(self.length(plan[:1], pose[None])[0])
         return Push(start[0], direction, length + self.config.gap, normal[0], cost, plan)
-
-
-def _own(point: Array, pose: Array) -> Array:
-    """Points (N, 2), world, in the frames of objects at poses (N, 3)."""
-    return turned(point - pose[:, :2], -pose[:, 2])

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.planar.linked.outlines import distance_outside
 from tactile_dynamics_ros.core.planar.mechanics.limit_surface import pushed_twist
-from tactile_dynamics_ros.core.planar.mechanics.linkage import turned
+from tactile_dynamics_ros.core.planar.mechanics.linkage import in_frame, placed, turned
 from tactile_dynamics_ros.core.planar.mechanics.outline import area_and_centroid, load_points
 from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
 
@@ -179,7 +179,7 @@ def pushed(body: PushedBody, pose: Array, tip: Array, way: Array) -> tuple[Array
         way: (N, 2) m.
     """
     tip = tip + way
-    local = turned(tip - pose[:, :2], -pose[:, 2])
+    local = in_frame(tip, pose)
     near, distance, normal = body.nearest(local)
     depth = body.tip_radius - distance
     inward = turned(normal, pose[:, 2])
@@ -200,6 +200,6 @@ def pushed(body: PushedBody, pose: Array, tip: Array, way: Array) -> tuple[Array
 def moved(body: PushedBody, pose: Array, twist: Array) -> Array:
     """Poses (N, 3) after displacements (N, 3) of the centre of friction."""
     com = np.broadcast_to(body.com, (len(pose), 2))
-    centre = pose[:, :2] + turned(com, pose[:, 2]) + twist[:, :2]
+    centre = placed(com, pose) + twist[:, :2]
     yaw = pose[:, 2] + twist[:, 2]
     return np.column_stack([centre - turned(com, yaw), yaw])

@@ -28,7 +28,7 @@ from tactile_dynamics_ros.core.planar.linked.pushes import (
     possible_pushes,
 )
 from tactile_dynamics_ros.core.planar.linked.telling_push import TIP_FRICTION
-from tactile_dynamics_ros.core.planar.mechanics.linkage import turned
+from tactile_dynamics_ros.core.planar.mechanics.linkage import in_frame, placed, turned
 from tactile_dynamics_ros.core.planar.properties.intervals import Intervals
 
 Array = NDArray[np.float64]
@@ -143,7 +143,7 @@ class RigidPushes(Steady):
         centre = np.asarray(said["place"]) - turned(self.centroid[None], np.array([turn]))[0]
         where = centre + turned(point[None], np.array([turn]))[0]
         if part == 1:
-            point = turned((point - self.offset[:2])[None], -self.offset[2:])[0]
+            point = in_frame(point[None], self.offset)[0]
         turned_by = said["turn_deg"]
         turning = f", with both parts turned by {turned_by:.0f} deg" if turned_by else ""
         words = described_push(part + 1, point, said["heading_deg"], said["speed"], where)
@@ -158,8 +158,7 @@ class RigidPushes(Steady):
     def _placed(self) -> tuple[Array, Array]:
         """Both outlines in the first one's frame."""
         first, second = self.outlines
-        turn = np.full(len(second), self.offset[2])
-        return first, self.offset[:2] + turned(second, turn)
+        return first, placed(second, self.offset)
 
 
 def last_crossing(outline: Array, start: Array, ray: Array) -> float:

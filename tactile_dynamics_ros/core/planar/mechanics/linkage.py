@@ -124,6 +124,16 @@ def turned(vector: Array, angle: Array) -> Array:
     return np.stack([cos * x - sin * y, sin * x + cos * y], axis=1)
 
 
+def placed(points: Array, pose: Array) -> Array:
+    """Points (B, 2), m, of frames at poses (3,) or (B, 3) in the frame of these poses."""
+    return np.asarray(pose[..., :2] + turned(points, pose[..., 2]))
+
+
+def in_frame(points: Array, pose: Array) -> Array:
+    """Points (B, 2), m, in frames at poses (3,) or (B, 3); undoes `placed`."""
+    return turned(points - pose[..., :2], -pose[..., 2])
+
+
 def cross(arm: Array, force: Array) -> Array:
     """Torque (B,) of forces (B, 2) at arms (B, 2)."""
     return np.asarray(arm[:, 0] * force[:, 1] - arm[:, 1] * force[:, 0])
