@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.core.planar.filter.dual import DualConfig, DualFilter
 from tactile_dynamics_ros.core.planar.filter.observation import Observation
 from tactile_dynamics_ros.core.planar.filter.process import Process, PusherMotion
+from tactile_dynamics_ros.core.planar.filter.revised import filter_of
 from tactile_dynamics_ros.synthetic import pushed
 from tactile_dynamics_ros.synthetic.pushed.objects import GRAVITY, PushedObject, draw_object
 from tactile_dynamics_ros.synthetic.pushed.sensed import (
@@ -139,7 +140,7 @@ def filtered(
     setting: str,
     model: str,
     seed: int,
-    make: Callable[..., DualFilter] = DualFilter,
+    make: Callable[..., DualFilter] = filter_of,
     config: DualConfig | None = None,
     sense: Callable[[DualFilter, SensedStep], Observation] = lambda _, step: step.usual,
 ) -> dict[str, Any]:

@@ -41,6 +41,7 @@ class Linear:
     links: int = 1
     force_std: float = 0.0
     state_std: object = 0.0
+    lasting: float = 1.0
     names: tuple[str, ...] = ("ln_product", "ln_mass", "com_x", "com_y")
     by_own = np.array([[0.3, 0.0, 0.1, 0.0], [0.0, 0.2, 0.0, 0.4], [0.0, 0.0, 0.0, 0.0]])
 
@@ -65,7 +66,7 @@ class Linear:
         moved[:, :3] += motion.step * states[:, 3:]
         moved[:, 3:] = 0.5 * states[:, 3:] + parameters @ self.by_own.T
         felt = (parameters @ self.by_own.T + 0.7 * states[:, 3:])[:, :3]
-        return Prediction(moved, felt, self.force_std, self.state_std)
+        return Prediction(moved, felt, self.force_std, self.state_std, self.lasting)
 
 
 GOING = PusherMotion(np.zeros(3), np.array([1e-4, 0.0, 0.0]), 0.01, touching=True)
@@ -247,6 +248,20 @@ def test_parameters_that_a_measurement_does_not_tell_stay_as_they_are():
     assert_allclose(mean[1:], 0.0, atol=1e-9)
     assert_allclose((root @ root.T)[1:, 1:], np.eye(size - 1), atol=1e-9)
     assert (root @ root.T)[0, 0] == pytest.approx(1.0 / (1.0 + 50 * 0.2 / 0.01), rel=1e-6)
+
+
+@pytest.mark.parametrize("learning_by", ["trend", "weights"])
+def test_steps_of_a_model_whose_errors_last_longer_tell_so_much_less(learning_by):
+    """Information of one step, of few hypotheses that differ by little."""
+    told = []
+    for lasting in (1.0, 4.0):
+        found = linear_filter(Linear(lasting=lasting), learning=learning_by)
+        seen = replace(FELT, wrench=replace(FELT.wrench, std=np.full(2, 10.0)))
+        before = np.linalg.inv(found.parameters[1])
+        found.step(GOING, seen)
+        told.append(np.linalg.inv(found.parameters[1]) - before)
+    rel = 1e-3 if learning_by == "trend" else 0.3
+    assert told[0][0, 0] == pytest.approx(4.0 * told[1][0, 0], rel=rel)
 
 
 def test_an_unknown_way_to_learn_is_refused():

@@ -321,6 +321,19 @@ def test_a_network_states_its_force_noise_once_per_way_over_which_it_lasts():
     np.testing.assert_allclose(stated(STEP / 4.0), 2.0 * stated(STEP))
 
 
+@pytest.mark.parametrize(("count", "lasting"), [(1, 1.0), (2, 6.0)])
+def test_errors_of_a_network_last_longer_for_two_parts(count, lasting):
+    thing = box((0.05, 0.04)) if count == 1 else pair()
+    process = GraphProcess.of(thing, random_weights("graph"))
+    at = np.array([-0.05, 0.0, 0.0])
+    way = np.array([SPEED * STEP, 0.0, 0.0])
+    motion = PusherMotion(at, at + way, STEP, touching=True, normal=np.array([1.0, 0.0]))
+    known = process.prior[0][None]
+    assert process.predict(np.zeros((1, 6 * count)), known, motion).lasting == lasting
+    away = replace(motion, touching=False)  # by the mechanics
+    assert process.predict(np.zeros((1, 6 * count)), known, away).lasting == 1.0
+
+
 def test_the_height_of_the_push_stands_for_an_unknown_centre():
     rng, known = np.random.default_rng(8), pushed_by_mechanics(5, 4)
     unknown = replace(known, thing=Thing(known.thing.patches))

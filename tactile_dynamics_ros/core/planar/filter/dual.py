@@ -43,7 +43,7 @@ _SHAKEN, _RATES = 0.5, np.array([0.0, 0.0, 0.0, 1.0, 1.0, 30.0])
 """Share of the velocity by which a touched point may lag that all rates of the object may differ
 by, and how much of it each gets (1/m for the yaw's rate, of an arm of 3 cm): impacts turn an object
 as they push it. At 0 the filter explains turns of fast impacts by a slippery tip."""
-_FADING, _FADES = ("ln_tip_friction",), 0.5
+FADING, _FADES = ("ln_tip_friction",), 0.5
 """Parameters that return to what is known beforehand, and within which time of touch, s: they
 differ from touch to touch, and a wrong one makes every push slide."""
 _RESTING = (2e-5, 2e-5, 2e-4)
@@ -86,7 +86,7 @@ class _Ahead:
         own: (C, p) parameters. acting: by what they act, as `Process.acting` has it.
         by_own: (C, n + m) of each, its motion at its likeliest.
         spread: (K, n + m) rows whose product is the covariance of the rest, given the parameters.
-        force_std: N, by which the model says that its forces are off.
+        said: states, and how far off the model says it is.
         seen: m.
     """
 
@@ -94,7 +94,7 @@ class _Ahead:
     acting: tuple[Array, tuple[int, ...]]
     by_own: Array
     spread: Array
-    force_std: float
+    said: Prediction
     seen: int
 
     @property
@@ -242,7 +242,7 @@ class DualFilter:
             self.process.acting(values[1 : split[1], own : own + self._moving], here),
             by_own + average - by_own.mean(axis=0),
             np.concatenate([rows, self._noise_rows(motion, seen, memory, states)]),
-            states.force_std,
+            states,
             len(seen.value),
         )
 
@@ -267,7 +267,7 @@ class DualFilter:
         """Let parameters of single touches return to what is known beforehand, with its spread."""
         mean, covariance = self._prior
         keep = float(np.exp(-step / _FADES))
-        for name in _FADING:
+        for name in FADING:
             if name in self.process.names:
                 k = self.process.names.index(name)
                 here, middle = values[:, k], values[:, k].mean()
@@ -356,7 +356,7 @@ class DualFilter:
 
     def _believed_noise(self, seen: Observation, ahead: _Ahead) -> Array:
         """Standard deviations (m,) of the noise, larger where a measurement is a surprise."""
-        std, (told, covariance) = seen.noise(ahead.force_std), ahead.expected
+        std, (told, covariance) = seen.noise(ahead.said.force_std), ahead.expected
         lack = seen.value - told
         for group in seen.groups:
             spread = covariance[group, group] + np.diag(std[group] ** 2)
@@ -381,7 +381,7 @@ class DualFilter:
         if not resting and len(value):
             acting, inertial = ahead.acting
             blind = list(inertial) if coarse else []
-            evidence = Evidence(own, acting, ahead.told, value, spread, blind)
+            evidence = Evidence(own, acting, ahead.told, value, spread, blind, ahead.said.lasting)
             marginal, self.kept = LEARNINGS[self.config.learning](evidence)
         middle = middle + slope @ (marginal[0] - mean)
         lower = root_of(np.concatenate([ahead.spread, rest]))

@@ -44,6 +44,7 @@ class Evidence:
         told: (C, m) what they expect at their likeliest.
         value: (m,) measured. spread: (m, m) covariance of the rest, given the parameters.
         blind: columns of `acting` that this measurement must not tell.
+        lasting: by how many times longer errors last than those of the mechanics, as `Prediction`.
     """
 
     own: Array
@@ -52,6 +53,12 @@ class Evidence:
     value: Array
     spread: Array
     blind: list[int]
+    lasting: float = 1.0
+
+    @property
+    def trust(self) -> float:
+        """Power of the likelihood."""
+        return _TRUST / self.lasting
 
 
 Learning = Callable[[Evidence], tuple[tuple[Array, Array], float]]
@@ -74,7 +81,7 @@ def learn_by_trend(given: Evidence) -> tuple[tuple[Array, Array], float]:
     linear = acts @ np.linalg.lstsq(acts, deviation, rcond=None)[0]
     slope = np.linalg.lstsq(away, linear, rcond=None)[0].T
     rest = deviation - away @ slope.T
-    noise = (given.spread + rest.T @ rest) / _TRUST
+    noise = (given.spread + rest.T @ rest) / given.trust
     root = root_of(away)
     gain, narrower = kalman_step(root, slope @ root, noise)
     return (mean + gain @ (given.value - middle), narrower), 1.0
@@ -86,7 +93,7 @@ def learn_by_weights(given: Evidence) -> tuple[tuple[Array, Array], float]:
     Source: paper B, Eq. 30 to 33, in the form of Liu and West 2001.
     """
     lack = given.value - without(given.acting, given.told, given.blind)
-    weights, kept = tempered_weights(_TRUST * log_likelihood(lack, given.spread))
+    weights, kept = tempered_weights(given.trust * log_likelihood(lack, given.spread))
     marginal = weighted_moments(given.own, weights)
     if given.blind and given.acting is given.own:
         marginal = unlearnt(marginal, given.own, given.blind)

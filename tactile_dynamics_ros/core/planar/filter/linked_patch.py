@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.planar.filter.hold import Grip, Tip
 from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess, advanced
 from tactile_dynamics_ros.core.planar.filter.process import (
     LINK_PARAMETERS,
@@ -18,6 +17,7 @@ from tactile_dynamics_ros.core.planar.filter.process import (
     Prediction,
     PusherMotion,
 )
+from tactile_dynamics_ros.core.planar.mechanics.hold import Grip, Tip
 from tactile_dynamics_ros.core.planar.mechanics.linkage import (
     Joint,
     Link,

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
-from tactile_dynamics_ros.core.planar.filter.hold import Grip, Tip
 from tactile_dynamics_ros.core.planar.filter.process import (
     LINK_PARAMETERS,
     Mask,
     Prediction,
     PusherMotion,
 )
+from tactile_dynamics_ros.core.planar.mechanics.hold import Grip, Tip
 from tactile_dynamics_ros.core.planar.mechanics.linkage import (
     Link,
     Linkage,

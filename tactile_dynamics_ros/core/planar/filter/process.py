@@ -63,12 +63,15 @@ class Prediction:
         force_std: N, by which the model itself says that its forces are off, beside what differs
             from place to place; errors that last count once, not at each step.
         state_std: (6 L,) by which it says that states are off, or 0.
+        lasting: by how many times longer its errors last than those of the mechanics do: so much
+            less do many steps tell of the parameters.
     """
 
     states: Array
     wrench: Array
     force_std: float = 0.0
     state_std: Array | float = 0.0
+    lasting: float = 1.0
 
 
 class Process(Protocol):

@@ -19,6 +19,7 @@ from tactile_dynamics_ros.core.planar.filter.observation import (
     SeenPose,
 )
 from tactile_dynamics_ros.core.planar.filter.process import Process, PusherMotion
+from tactile_dynamics_ros.core.planar.filter.revised import filter_of
 
 Array = NDArray[np.float64]
 
@@ -260,7 +261,7 @@ class PushTracker:
 
     def _start(self, rows: list[Array]) -> None:
         """Make the filter anew, at poses of all links with the std of the first."""
-        self.filter = DualFilter(
+        self.filter = filter_of(
             self.process,
             np.concatenate([row[:3] for row in rows]),
             rows[0][3:],

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.planar.filter.hold import Tip
 from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess
+from tactile_dynamics_ros.core.planar.mechanics.hold import Tip
 from tactile_dynamics_ros.core.planar.mechanics.linkage import Link, Linkage, turned
 from tactile_dynamics_ros.core.planar.mechanics.simulation import PlanarSimulation, StepConfig
 from tactile_dynamics_ros.core.planar.network.graph import centre_motion
