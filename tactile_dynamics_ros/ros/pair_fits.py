@@ -72,6 +72,6 @@ class PairFits:
             if name == "com":
                 for k, axis in enumerate(("com_x", "com_y")):
                     told |= {axis: entry["value"][k], f"{axis}_std": entry["std"][k]}
-            else:
+            elif name != "carried_at":
                 told |= {name: entry["value"], f"{name}_std": entry["std"]}
         return told

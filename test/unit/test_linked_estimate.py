@@ -6,11 +6,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tactile_dynamics_ros.core.planar.linked.description import remedies
 from tactile_dynamics_ros.core.planar.linked.outlines import meeting_points, room_to_turn
 from tactile_dynamics_ros.core.planar.linked.relative import RelativePoses
 from tactile_dynamics_ros.core.planar.linked.rows import PairPatch
 from tactile_dynamics_ros.core.planar.properties.estimate import estimate
-from tactile_dynamics_ros.core.planar.properties.linked_fit import _data, _place_std
+from tactile_dynamics_ros.core.planar.properties.linked_estimate import (
+    _of_jointed,
+    _trusted,
+    _undetermined,
+)
+from tactile_dynamics_ros.core.planar.properties.linked_fit import (
+    _data,
+    _place_std,
+    fit_jointed,
+)
 from tactile_dynamics_ros.core.planar.properties.linked_jointed import JointedModel
 from tactile_dynamics_ros.core.planar.properties.linked_pair import Pair
 from tactile_dynamics_ros.core.planar.properties.linked_rigid import RigidModel
@@ -149,3 +159,20 @@ def test_what_one_body_hides_of_its_parts_is_said(rigid):
     document = json.loads(json.dumps(found.to_document()))
     assert document["joint"]["probability"] < 0.2
     assert document["joint"]["position"] is None
+
+
+def test_a_joint_may_carry_parts_so_that_pushes_tell_no_centre_of_mass(pair, jointed):
+    fit = fit_jointed(pair)
+    found = _of_jointed(pair, fit)
+    undetermined = _undetermined(pair, found)
+    for k, link in enumerate(found.links):
+        assert f"link_{k + 1}.com" in undetermined
+        own = jointed.truth()["links"][k]["com"]
+        for axis, true in zip("xy", own, strict=True):
+            carried, std = link[f"carried_{axis}"]
+            assert abs(carried - true) < 4.0 * std  # here each part rests by itself
+            assert link[f"com_{axis}"][1] > 0.4 * np.sqrt(pair.patches[k].gyration)
+    assert any("lift the parts one by one" in said for said in remedies("jointed", False, ()))
+    astray = _trusted(replace(fit, whitened_rms=2.0))
+    assert {"link_1.mass", "link_2.mass"} <= set(_undetermined(pair, _of_jointed(pair, astray)))
+    assert astray.std("ln_product_1") == fit.std("ln_product_1")

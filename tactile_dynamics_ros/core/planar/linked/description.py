@@ -17,6 +17,8 @@ Effects = dict[str, dict[str, dict[str, Any]]]
 
 _NAMES = {"rigid": "rigidly joined", "jointed": "jointed", "separate": "separate objects"}
 """Words for what two parts are to each other, in the order in which sentences list them."""
+PLACES = ("com_", "carried_")
+"""How the names of coordinates begin: of centres of mass, and of where friction acts."""
 _TELL_STRUCTURE = (
     "push sideways close to where the parts meet, on either part in turn, faster or further"
 )
@@ -36,6 +38,13 @@ _TELL_UNTOUCHED = "push each part"
 """Action that tells a separate part of which only poses are known, since nothing touched it."""
 _TELL_MASS = "push faster, stop hard, or shake while pulling, with forces at 100 Hz"
 """Action that tells masses from products: only acceleration does, as for one part alone."""
+
+
+_TELL_CENTRES = (
+    "lift the parts one by one: where a joint keeps parts from tipping, friction tells where each "
+    "is carried, not where its centre of mass lies"
+)
+"""Action that tells the centres of mass of parts on a joint; pushes tell the common one."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +69,8 @@ class LinkedEstimate:
         samples: intervals in which both slide. duration: s.
         structure: "rigid", "jointed", "separate" or "undecided".
         probability: of the three.
-        links: value and std by name of each part, as of one part.
+        links: value and std by name of each part, as of one part; on a joint also carried_x and
+            carried_y, where its friction acts (m, its frame).
         whole: mass (kg), friction_force_n (N) and, of parts that moved as one body, com_x, com_y
             (m, first part's frame), with std.
         joint: where the structure is "jointed".
@@ -159,11 +169,12 @@ def _pair(value: Value) -> dict[str, float]:
 
 def _described(values: dict[str, Value]) -> dict[str, Any]:
     found: dict[str, Any] = {
-        name: _pair(value) for name, value in values.items() if not name.startswith("com_")
+        name: _pair(value) for name, value in values.items() if not name.startswith(PLACES)
     }
-    if "com_x" in values:
-        (x, dx), (y, dy) = values["com_x"], values["com_y"]
-        found["com"] = {"value": [x, y], "std": [dx, dy]}
+    for stem, told in zip(PLACES, ("com", "carried_at"), strict=True):
+        if f"{stem}x" in values:
+            (x, dx), (y, dy) = values[f"{stem}x"], values[f"{stem}y"]
+            found[told] = {"value": [x, y], "std": [dx, dy]}
     return found
 
 
@@ -184,12 +195,14 @@ def _link_lines(name: str, link: dict[str, Value], undetermined: tuple[str, ...]
         said.append("{}  mass            {:.3f} +- {:.3f} kg".format(name, *link["mass"]))
     if f"{name}.friction" not in undetermined:
         said.append("{}  friction        {:.3f} +- {:.3f}".format(name, *link["friction"]))
-    if f"{name}.com" not in undetermined:
-        (x, dx), (y, dy) = link["com_x"], link["com_y"]
-        said.append(
-            f"{name}  centre of mass  {1e3 * x:.1f} +- {1e3 * dx:.1f}, {1e3 * y:.1f} +- "
-            f"{1e3 * dy:.1f} mm in its frame"
-        )
+    shown = {"com_": f"{name}.com" not in undetermined, "carried_": "carried_x" in link}
+    for stem, title in zip(PLACES, ("centre of mass", "carried at    "), strict=True):
+        if shown[stem]:
+            (x, dx), (y, dy) = link[f"{stem}x"], link[f"{stem}y"]
+            said.append(
+                f"{name}  {title}  {1e3 * x:.1f} +- {1e3 * dx:.1f}, {1e3 * y:.1f} +- "
+                f"{1e3 * dy:.1f} mm in its frame"
+            )
     return said
 
 
@@ -218,6 +231,8 @@ def remedies(
         said.append(_TELL_UNTOUCHED)
     if parts and one_body:
         said.append(_TELL_BY_TURNING + such if structure == "jointed" else _TELL_SHARES)
+    if not one_body and structure == "jointed":
+        said.append(_TELL_CENTRES)
     if not one_body and any(n.endswith("mass") for n in parts):
         said.append(_TELL_MASS)
     return tuple(said)

@@ -16,7 +16,7 @@ from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
 from tactile_dynamics_ros.core.planar.misreading import check_reading
 from tactile_dynamics_ros.core.planar.properties.balance import NAMES
 from tactile_dynamics_ros.core.planar.properties.intervals import COARSE
-from tactile_dynamics_ros.core.planar.properties.push_model import USUAL_FRICTION
+from tactile_dynamics_ros.core.planar.properties.push_model import ASTRAY, USUAL_FRICTION
 from tactile_dynamics_ros.core.planar.sparse import fit_sparse
 from tactile_dynamics_ros.core.planar.sparse.prediction import NAMES as SPARSE_NAMES
 from tactile_dynamics_ros.core.planar.streams import PushedStreams
@@ -31,9 +31,6 @@ Array = NDArray[np.float64]
 _UNKNOWN = 0.2
 """Relative std from which mass, friction and force are undetermined, as every mass of this
 product."""
-_ASTRAY = 1.2
-"""Error over the noise from which the mass of a fit is no answer, as what is missing goes into it:
-of 64 clean recordings 59 had less than 1, the others up to 2.5 and masses up to 70 % too small."""
 _UNKNOWN_COM = 0.25
 """Std of a coordinate of the centre of mass over the footprint's radius of gyration from which it
 is undetermined: half the prior's."""
@@ -243,7 +240,7 @@ def _of_dense(fit: PushFit, streams: PushedStreams, patch: SupportPatch) -> Push
     at, late = NAMES.index("ln_inertia"), NAMES.index("delay")
     covariance = here + elsewhere
     common = fit.common[chosen]
-    lost = fit.mass_is_bound or fit.whitened_rms > _ASTRAY
+    lost = fit.mass_is_bound or fit.whitened_rms > ASTRAY
     if fit.model.intervals.step > COARSE or lost:
         here, covariance = _without_mass(here), _without_mass(covariance)
     if lost:
