@@ -77,7 +77,9 @@ ROOMS = {
         ("core/discrepancy", "core/effects", "core/numerics", "core/rigid_body", "core/robot")
         + ("core/shape", "core/tactile"),
     ),
-    "core/planar": Room("streams of objects that are pushed and pulled on a support"),
+    "core/planar": Room(
+        "streams of objects that are pushed and pulled on a support", ("core/planar/mechanics",)
+    ),
     "core/planar/mechanics": Room(
         "motion of links on a support with Coulomb friction, under a tip or a grip"
     ),
@@ -197,7 +199,8 @@ ROOMS = {
     "report": Room(
         "figures and pages",
         ("core/contact", "core/discrepancy", "core/effects", _INERTIA + "batch")
-        + ("core/planar", "core/planar/effects", "core/rigid_body", "core/streams", "recording"),
+        + ("core/planar", "core/planar/effects", "core/planar/mechanics", "core/rigid_body")
+        + ("core/streams", "recording"),
     ),
     "export": Room(
         "estimates in the formats of simulators and robots",
