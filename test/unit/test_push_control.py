@@ -8,7 +8,7 @@ from tactile_dynamics_ros.core.planar.control.centring import CentringPusher
 from tactile_dynamics_ros.core.planar.control.controller import ControlConfig, PushController
 from tactile_dynamics_ros.core.planar.control.guard import Guard, GuardConfig, Seen
 from tactile_dynamics_ros.core.planar.control.performance import Clock
-from tactile_dynamics_ros.core.planar.control.plan import Bounds, PushPlanner
+from tactile_dynamics_ros.core.planar.control.plan import Bounds, Push, PushPlanner
 from tactile_dynamics_ros.core.planar.control.prediction import PushedBody, pushed
 from tactile_dynamics_ros.core.planar.mechanics.linkage import Link, Linkage, turned
 from tactile_dynamics_ros.core.planar.mechanics.outline import area_and_centroid
@@ -106,6 +106,26 @@ def test_an_object_comes_to_its_goal_though_its_centre_is_not_quite_known():
     assert np.hypot(*away[:2]) < 3e-3
     assert abs(away[2]) < np.deg2rad(2.5)
     assert outcome.pushes <= 10
+
+
+class Deluded(PushPlanner):
+    """Expects that going on always helps, whatever the object does."""
+
+    def go_on(self, plan, pose, tip, normal):
+        return Push(tip, normal, 0.1, normal, 0.0, plan)
+
+
+def test_a_push_ends_where_the_object_moves_otherwise_than_predicted():
+    world = World([0.45, 0.1, 0.0])
+    planner = Deluded(body(), GOAL, BOUNDS)
+    controller = PushController(planner, config=ControlConfig(most_time=15.0))
+    errors = []
+    while controller.outcome is None and controller.pushes < 2:
+        target = controller.advance(world.seen())
+        if controller.phase == "push":
+            errors.append(float(planner.error(world.pose[None])[0]))
+        world.go(target)
+    assert min(errors) + 0.025 < errors[-1] < min(errors) + 0.035
 
 
 def test_corrections_on_the_way_are_what_makes_it_exact():

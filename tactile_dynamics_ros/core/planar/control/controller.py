@@ -36,6 +36,9 @@ _NEVER = 1e-3
 _BLOCKED, _BLOCKED_FOR = 0.01, 0.3
 """m by which a tip that pushes may be from its target, and s for how long, before it lifts off and
 plans anew: pushes lag by 3 mm; where messages come late the target leaps ahead by 1 cm at times."""
+_WORSE = 0.03
+"""m by which the error may exceed the least of a push before it ends: plans go astray by 2 cm;
+where the object moves otherwise than predicted, as on a joint, corrections push it on and on."""
 _MOST_STEP = 0.1
 """s of motion that one target may be ahead of the last; longer gaps between poses slow the push
 down instead of making the tip leap."""
@@ -246,7 +249,7 @@ class PushController:
             self.pushes += 1
             self._left, self._last = self.push.length, seen.time
             self._place, self._turned = self.push.start.copy(), seen.time
-            self._z = target[2]
+            self._z, self._least = target[2], np.inf
         return target
 
     def _advance_push(self, seen: Seen) -> Array:
@@ -269,7 +272,10 @@ class PushController:
         self._late = min(self._late, seen.time) if late else np.inf
         blocked = seen.time - self._late > _BLOCKED_FOR
         blocked = blocked or self.planner.strikes(seen.pose, self._place)
-        if self._left <= 1e-4 or gap > self._most_gap() or blocked:
+        error = float(self.planner.error(seen.pose[None])[0])
+        self._least = min(self._least, error)
+        useless = self._left <= 1e-4 or error > self._least + _WORSE
+        if useless or gap > self._most_gap() or blocked:
             self._begin_leaving(seen)
         return np.array([*self._place, self._z, seen.tip[3]])
 
