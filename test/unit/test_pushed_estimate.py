@@ -134,6 +134,15 @@ def test_numbers_move_with_residuals_as_a_fit_of_changed_residuals_does(model):
         assert_allclose(moved[:, k], after, rtol=1e-6, atol=1e-12)
 
 
+def test_the_error_of_a_fit_counts_squares_alone():
+    equations = NormalEquations(4, 1, 2)
+    equations.count(np.full(12, 2.0))
+    found = Solution(np.zeros((4, 1)), np.zeros(2), equations, True)
+    before = found.misfit
+    equations.add_slope(np.array([100.0, 0.0]), np.array([3.0, 0.0]))
+    assert equations.cost < 0.0 < before == found.misfit
+
+
 def _stopped(fit, common):
     """An optimum that is said to be at these numbers."""
     sharp = fitting.final_sharpness(fit.model, fit.nodes, fit.variation)

@@ -34,9 +34,14 @@ that of one with derivatives. At 1 first stages of objects that turn on the spot
 
 @dataclass(eq=False)
 class Cost:
-    """Sum of squares of rows, whatever their derivatives; takes the same rows as the equations."""
+    """Sum of squares of rows, whatever their derivatives; takes the same rows as the equations.
+
+    Attributes:
+        cost: of rows, and what is `linear` in the numbers. rows: count of them.
+    """
 
     cost: float = field(default=0.0, init=False)
+    linear: float = field(default=0.0, init=False)
     rows: int = field(default=0, init=False)
 
     def count(self, residual: Array) -> None:
@@ -86,7 +91,8 @@ class Cost:
 
     def add_slope(self, slope: Array, common: Array) -> None:
         """Add -2 slope . common to the cost: a part of the log probability that is linear."""
-        self.cost -= 2.0 * float(slope @ common)
+        linear = 2.0 * float(slope @ common)
+        self.cost, self.linear = self.cost - linear, self.linear - linear
 
 
 @dataclass(eq=False)
@@ -296,7 +302,8 @@ class Solution:
     def misfit(self) -> float:
         """Root of the cost over rows less unknowns: error of one-step predictions over its std."""
         unknowns = self.nodes.size + len(self.common)
-        return float(np.sqrt(self.equations.cost / max(self.equations.rows - unknowns, 1)))
+        squares = self.equations.cost - self.equations.linear
+        return float(np.sqrt(squares / max(self.equations.rows - unknowns, 1)))
 
 
 @dataclass(frozen=True, eq=False)
