@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from benchmarks.explore.goals import BOUNDS
 from benchmarks.explore.stage import RATE, planar
+from benchmarks.pushed.simulated import errors
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
 from tactile_dynamics_ros.core.planar.actions.affordances import (
     ExploreConfig,
@@ -96,15 +97,7 @@ def _row(plan: tuple[str, ...], number: int, seed: int) -> dict[str, Any]:
     finally:
         table.world.close()
     assert isinstance(found, PushedEstimate)
-    known = {name: truth[name] for name in ("friction_force_n", "mass")}
-    known |= {"com_x": truth["com"][0], "com_y": truth["com"][1]}
-    values = {name: found.values[name] for name in known}
-    return row | {
-        "undetermined": list(found.undetermined),
-        "relative": {n: values[n][0] / known[n] - 1.0 for n in ("friction_force_n", "mass")},
-        "com_m": float(np.hypot(*(values[n][0] - known[n] for n in ("com_x", "com_y")))),
-        "z": {n: float((values[n][0] - known[n]) / values[n][1]) for n in known},
-    }
+    return row | {"undetermined": list(found.undetermined)} | errors(found, truth)
 
 
 def _act(table: SimulatedTable, log: ReadingLog, manner: str, rng: np.random.Generator) -> bool:

@@ -39,15 +39,14 @@ def with_poses(streams: PushedStreams, factor: Array | list[float]) -> PushedStr
     return replace(streams, links=links)
 
 
+def _flipped(streams: PushedStreams, flip: Array) -> PushedStreams:
+    changed = dict.fromkeys(("force", "point", "normal"), lambda values: values * flip)
+    return with_contacts(streams, **changed)
+
+
 def _over(streams: PushedStreams) -> PushedStreams:
-    turned = dict.fromkeys(("force", "point", "normal"), lambda values: values * _FLIP_YZ)
-    flipped = with_poses(with_contacts(streams, **turned), _FLIP_YZ)
-    return replace(flipped, gravity=-streams.gravity)
-
-
-def _mirrored(streams: PushedStreams) -> PushedStreams:
-    flipped = dict.fromkeys(("force", "point", "normal"), lambda values: values * _FLIP_Y)
-    return with_contacts(streams, **flipped)
+    turned = with_poses(_flipped(streams, _FLIP_YZ), _FLIP_YZ)
+    return replace(turned, gravity=-streams.gravity)
 
 
 def _thousandfold(values: Array) -> Array:
@@ -61,7 +60,7 @@ MISTAKES: dict[str, tuple[str, Mistake]] = {
     "yaw clockwise": ("inverse_rotation", lambda s: with_poses(s, [1.0, 1.0, -1.0])),
     "poses in mm": ("position_unit", lambda s: with_poses(s, [1e3, 1e3, 1.0])),
     "contact points in mm": ("position_unit", lambda s: with_contacts(s, point=_thousandfold)),
-    "y of contacts the other way": ("mirrored_axes", _mirrored),
+    "y of contacts the other way": ("mirrored_axes", lambda s: _flipped(s, _FLIP_Y)),
     "the table's normal downwards": ("gravity_direction", _over),
 }
 """What people write instead of what the contract says, with the convention's name."""
@@ -82,17 +81,14 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     for seed in sorted({*wrong, *right}):
         if seed in wrong:
             made = pushed.generate([seed], {}, pushed.PushOptions(variation=0.05))[0].streams
-            rows += [_row(seed, name, _named(change(made))) for name, (_, change) in _all()]
+            for mistake, (_, change) in MISTAKES.items():
+                rows.append(_row(seed, mistake, _named(change(made))))
         if seed in right:
             hidden = _HIDDEN[seed % len(_HIDDEN)]
             effects = {hidden: _MAGNITUDE} if hidden else {}
             made = pushed.generate([seed], effects, pushed.PushOptions(variation=0.05))[0].streams
             rows.append(_row(seed, "", _named(made)) | {"effect": hidden})
     return {"rows": rows}
-
-
-def _all() -> list[tuple[str, tuple[str, Mistake]]]:
-    return list(MISTAKES.items())
 
 
 def _row(seed: int, mistake: str, named: str) -> dict[str, Any]:
@@ -107,7 +103,7 @@ def _named(streams: PushedStreams) -> str:
 def table(found: dict[str, Any]) -> str:
     """Counts of every mistake as Markdown."""
     lines = ["| written | n | named rightly | otherwise |", "|---|---|---|---|"]
-    for mistake, (name, _) in [*_all(), ("", ("", None))]:
+    for mistake, name in [*((k, name) for k, (name, _) in MISTAKES.items()), ("", "")]:
         said = [row["named"] for row in found["rows"] if row["mistake"] == mistake]
         other = sorted({one or "nothing" for one in said if one != name})
         lines.append(

@@ -66,14 +66,15 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 def _row(name: str, seed: int, variation: float, kind: str) -> dict[str, Any]:
     size = _IN_REGIME if name in pushed.REGIONAL else _MAGNITUDE
     hidden = {} if name == CLEAN else {name: size}
-    if kind == "single":
-        far = {"actions": _FAR} if name in pushed.REGIONAL else {}
-        made = pushed.generate([seed], hidden, pushed.PushOptions(variation=variation, **far))[0]
-        streams, truth = made.streams, made.truth()["effects"]
-    elif kind == "table":
+    if kind == "table":
         streams, truth = _on_table(name, seed, variation)
     else:
-        made = linked.recorded([seed], kind, _PUSHES, True, variation, hidden=hidden)[0][0]
+        if kind == "single":
+            far = {"actions": _FAR} if name in pushed.REGIONAL else {}
+            options = pushed.PushOptions(variation=variation, **far)
+            made = pushed.generate([seed], hidden, options)[0]
+        else:
+            made = linked.recorded([seed], kind, _PUSHES, True, variation, hidden=hidden)[0][0]
         streams, truth = made.streams, made.truth()["effects"]
     row: dict[str, Any] = {"hidden": name, "seed": seed, "variation": variation}
     start = time.process_time()

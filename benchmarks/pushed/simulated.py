@@ -92,10 +92,11 @@ def _row(hidden: pushed.HiddenPush) -> dict[str, Any]:
     row["cpu_s"] = time.process_time() - start
     row["undetermined"] = list(found.undetermined)
     row["rms"] = found.error
-    return row | _errors(found, truth)
+    return row | errors(found, truth)
 
 
-def _errors(found: PushedEstimate, truth: dict[str, Any]) -> dict[str, Any]:
+def errors(found: PushedEstimate, truth: dict[str, Any]) -> dict[str, Any]:
+    """Errors of an estimate: relative, of the centre in m, and over their std (z)."""
     known = {"friction_force_n": truth["friction_force_n"], "mass": truth["mass"]}
     known |= {"com_x": truth["com"][0], "com_y": truth["com"][1]}
     z = {

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import BadInputError, nearest
 from tactile_dynamics_ros.core.planar.mechanics.linkage import in_frame
+from tactile_dynamics_ros.core.planar.mechanics.outline import area_and_centroid
 from tactile_dynamics_ros.core.planar.streams import LinkStream, PushContact, PushedStreams
 
 Array = NDArray[np.float64]
@@ -83,8 +84,7 @@ def _scaled_points(contact: PushContact, scale: float) -> PushContact:
     return replace(contact, point=scale * contact.point)
 
 
-def _mirrored(contact: PushContact) -> PushContact:
-    flip = np.array([1.0, -1.0, 1.0])
+def _flipped(contact: PushContact, flip: Array) -> PushContact:
     return replace(
         contact,
         force=contact.force * flip,
@@ -93,18 +93,17 @@ def _mirrored(contact: PushContact) -> PushContact:
     )
 
 
+def _mirrored(contact: PushContact) -> PushContact:
+    return _flipped(contact, np.array([1.0, -1.0, 1.0]))
+
+
 def _turned_over(streams: PushedStreams) -> PushedStreams:
     """In axes that are turned by half a turn about x."""
     flip = np.array([1.0, -1.0, -1.0])
 
     def turned(contact: PushContact) -> PushContact:
-        return replace(
-            contact,
-            force=contact.force * flip,
-            point=contact.point * flip,
-            normal=contact.normal * flip,
-            torque=None if contact.torque is None else contact.torque * flip,
-        )
+        torque = None if contact.torque is None else contact.torque * flip
+        return replace(_flipped(contact, flip), torque=torque)
 
     streams = _with_contacts(_with_poses(streams, lambda pose: pose * flip), turned)
     yaw = None if streams.pusher_yaw is None else -streams.pusher_yaw
@@ -294,14 +293,9 @@ def _density(streams: PushedStreams, force: Array, height: Array) -> float:
     It is twice as high as its centre of mass, or as the contact (M,), m, where that is not known.
     """
     tall = 2.0 * (np.array(streams.com_height) if streams.com_height else np.median(height))
-    area = [0.5 * abs(_twice_area(np.asarray(link.footprint))) for link in streams.links]
+    area = [abs(area_and_centroid(np.asarray(link.footprint))[0]) for link in streams.links]
     volume = float(np.sum(np.array(area) * np.maximum(tall, 1e-3)))
     return float(np.median(force)) / (9.81 * max(volume, 1e-12))
-
-
-def _twice_area(outline: Array) -> float:
-    after = np.roll(outline, -1, axis=0)
-    return float(np.sum(outline[:, 0] * after[:, 1] - outline[:, 1] * after[:, 0]))
 
 
 def _at(time: Array, known: Array, values: Array) -> Array:

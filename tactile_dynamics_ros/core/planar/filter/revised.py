@@ -39,6 +39,8 @@ class RevisedFilter(DualFilter):
     Source: posterior linearisation (Garcia-Fernandez et al. 2015), over all steps at once.
     """
 
+    _around: Array
+
     def __init__(
         self,
         process: Process,
@@ -48,23 +50,17 @@ class RevisedFilter(DualFilter):
         prior: tuple[Array, Array] | None = None,
     ) -> None:
         super().__init__(process, pose, pose_std, config, prior)
-        self._pushed = self._touched = False
-        self._steps: list[tuple[PusherMotion | None, Observation]] = []
-        self._begun, self._begun_at = self.belief, self._velocity
-        self._known = self.parameters
-        self._around = self._known[0]
+        self._begin_here()
 
     def step(self, motion: PusherMotion | None, seen: Observation) -> None:
         """Advance by a step; where a push has ended, revise what was learnt of it."""
-        ended = motion is None and self._pushed
-        if motion is None and not self._touched:
-            super().step(motion, seen)
+        super().step(motion, seen)
+        if motion is None and not self._steps:
             self._begin_here()
             return
-        self._pushed = motion is not None
-        self._touched = True
-        self._steps.append((motion, seen))
-        super().step(motion, seen)
+        ended = motion is None and self._steps[-1][0] is not None
+        if len(self._steps) <= _LONGEST:
+            self._steps.append((motion, seen))
         if ended:
             self.revise()
 
@@ -95,8 +91,7 @@ class RevisedFilter(DualFilter):
 
     def _begin_here(self) -> None:
         """Take what is believed now for what is known before any step."""
-        self._pushed = self._touched = False
-        self._steps = []
+        self._steps: list[tuple[PusherMotion | None, Observation]] = []
         self._begun, self._begun_at = self.belief, self._velocity
         self._known = self.parameters
         self._around = self._known[0]

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.planar.mechanics.linkage import applied, cross, shifting, turned
 from tactile_dynamics_ros.core.planar.mechanics.outline import edge_normals, nearest_edge
+from tactile_dynamics_ros.core.planar.mechanics.pusher import LinearHold
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -138,26 +139,11 @@ class Grip:
         return GripHold(before[:, :2] - frame[:, :2], (after - before) / step)
 
 
-class GripHold:
+class GripHold(LinearHold):
     """A grip during one step; it needs no settling."""
 
     def __init__(self, arm: Array, velocity: Array) -> None:
         gains = np.array([_GAIN, _GAIN, _TURNING_GAIN])
         motion = shifting(arm)
         back = motion.swapaxes(1, 2)
-        self._push = applied(back, gains * velocity)
-        self._damping = back @ (gains[:, None] * motion)
-
-    def linear(self) -> tuple[Array, Array]:
-        """Damping and push of the grip."""
-        return self._damping, self._push
-
-    def settle(self, twist: Array) -> None:
-        """Nothing to choose."""
-
-    def wrench(self, twist: Array) -> Array:
-        """Wrench of the grip."""
-        return np.asarray(self._push - applied(self._damping, twist))
-
-    def remember(self, twist: Array) -> None:
-        """Nothing to keep."""
+        super().__init__(back @ (gains[:, None] * motion), applied(back, gains * velocity))

@@ -191,7 +191,32 @@ class Grip:
         return GripHold(self, frame, before, after, step)
 
 
-class GripHold:
+class LinearHold:
+    """A hold whose wrench is linear in the twist, push - damping twist; it needs no settling.
+
+    Args:
+        damping: (B, 3, 3). push: (B, 3).
+    """
+
+    def __init__(self, damping: Array, push: Array) -> None:
+        self._damping, self._push = damping, push
+
+    def linear(self) -> tuple[Array, Array]:
+        """Damping and push of the hold."""
+        return self._damping, self._push
+
+    def settle(self, twist: Array) -> None:
+        """Nothing to choose."""
+
+    def wrench(self, twist: Array) -> Array:
+        """Wrench of the hold."""
+        return np.asarray(self._push - applied(self._damping, twist))
+
+    def remember(self, twist: Array) -> None:
+        """Nothing to keep."""
+
+
+class GripHold(LinearHold):
     """Spring of a grip during one step; it needs no settling."""
 
     def __init__(self, grip: Grip, frame: Array, before: Array, after: Array, step: float) -> None:
@@ -203,19 +228,5 @@ class GripHold:
         rate = step + grip.time_constant
         pull = gains * (before - place + rate * (after - before) / step)
         turned_back = motion.swapaxes(1, 2)
-        self._push = applied(turned_back, pull)
-        self._damping = turned_back @ ((gains * rate)[:, :, None] * motion)
-
-    def linear(self) -> tuple[Array, Array]:
-        """Damping and push of the spring."""
-        return self._damping, self._push
-
-    def settle(self, twist: Array) -> None:
-        """Nothing to choose."""
-
-    def wrench(self, twist: Array) -> Array:
-        """Wrench of the spring."""
-        return np.asarray(self._push - applied(self._damping, twist))
-
-    def remember(self, twist: Array) -> None:
-        """Nothing to keep."""
+        damping = turned_back @ ((gains * rate)[:, :, None] * motion)
+        super().__init__(damping, applied(turned_back, pull))
