@@ -75,6 +75,24 @@ def test_a_tool_that_weighs_more_than_what_was_carried_is_refused():
         without_tool(light, KnownBody.exact(TOOL, "gripper.urdf"))
 
 
+def test_a_tool_is_taken_out_while_the_covariance_is_singular_to_rounding():
+    """As in a grasp's first second, when the body is almost flat."""
+    flat = np.zeros((10, 10))
+    flat[0, 0], flat[1:4, 1:4] = STD[0] ** 2, np.diag(STD[1:4] ** 2)
+    lever = np.random.default_rng(5).normal(size=(6, 4))
+    flat[4:, 4:] = STD[4] ** 2 * (lever @ lever.T) - 1e-12 * STD[4] ** 2 * np.eye(6)
+    scale = np.sqrt(np.diag(flat))
+    assert np.linalg.eigvalsh(flat / np.outer(scale, scale))[0] < 0.0
+    impossible = LOAD.dynamic_parameters.copy()
+    impossible[9] = 1.001 * (impossible[4] + impossible[7])
+    rest, distance = nearest_body(impossible, flat)
+    assert is_feasible(rest.dynamic_parameters) and np.isfinite(distance)
+    known = KnownBody(LOAD.dynamic_parameters, flat, "earlier")
+    combined, comparison = with_memory(estimate_of(LOAD.dynamic_parameters, flat), known)
+    assert not comparison.changed
+    assert combined.parameter_std[0] == pytest.approx(STD[0] / np.sqrt(2.0), rel=1e-3)
+
+
 def test_the_nearest_body_is_nearest_in_the_covariance():
     phi = LOAD.dynamic_parameters.copy()
     phi[9] = 3e-2  # I_zz above the sum of the others

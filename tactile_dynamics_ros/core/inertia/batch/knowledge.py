@@ -45,6 +45,10 @@ steps towards it go on for ever while nothing changes. Fewer end before ordinary
 _SETTLED = 1e-4
 """Relative fall of the squared distance below which the search ends: it is a few units, of which a
 ten-thousandth is nothing. Smaller costs steps, larger stops beside the nearest body."""
+_LOST = 1e-10
+"""Smallest eigenvalue of a covariance with unit diagonal, over its largest, that is believed.
+Rounding moves them by 1e-12 (live estimates of a grasp's first second, some below zero); larger
+would widen what is measured well beside what is not."""
 _GROUPS = {"mass": slice(0, 1), "centre of mass": slice(1, 4), "inertia": slice(4, 10)}
 """What is compared with an earlier grasp, each with a test of its own, so that a change of mass is
 not diluted by nine others. Fixed by the order of PARAMETER_NAMES."""
@@ -118,7 +122,7 @@ def with_memory(
     covariances = (estimate.covariance, known.covariance)
     if known.is_exact:
         return estimate, comparison
-    first, second = (np.linalg.inv(c) for c in covariances)
+    first, second = (root.T @ root for root in map(_white, covariances))
     covariance = np.linalg.inv(first + second)
     covariance = 0.5 * (covariance + covariance.T)
     phi = covariance @ (first @ estimate.inertia.dynamic_parameters + second @ known.phi)
@@ -144,8 +148,7 @@ def nearest_body(phi: Array, covariance: Array) -> tuple[InertialParameters, flo
     least = _LEAST * float(np.abs(values).max())
     lifted = vectors * np.maximum(values, least) @ vectors.T
     start = log_cholesky(lifted)
-    scale = np.sqrt(np.diag(covariance))
-    white = np.linalg.inv(np.linalg.cholesky(covariance / np.outer(scale, scale))) / scale
+    white = _white(covariance)
     found = least_squares(
         lambda xi: white @ (dynamic_parameters_from_log_cholesky(xi) - phi),
         start,
@@ -156,6 +159,18 @@ def nearest_body(phi: Array, covariance: Array) -> tuple[InertialParameters, flo
     return InertialParameters.from_log_cholesky(found.x), float(2.0 * found.cost)
 
 
+def _white(covariance: Array) -> Array:
+    """Matrix W (n, n) with W C W^T = I; along directions whose variance is lost, the least one.
+
+    Covariances of a body that is almost flat, as in the first second of a grasp, have eigenvalues
+    that rounding makes zero or negative.
+    """
+    scale = np.sqrt(np.diag(covariance))
+    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+    root = np.sqrt(np.maximum(values, _LOST * values[-1]))
+    return np.asarray(vectors.T / root[:, None] / scale)
+
+
 def _compare(estimate: InertialEstimate, known: KnownBody) -> Comparison:
     """Compare mass, centre of mass and inertia, each with all that widens it."""
     before = InertialParameters.from_dynamic_parameters(known.phi)
@@ -164,9 +179,8 @@ def _compare(estimate: InertialEstimate, known: KnownBody) -> Comparison:
     apart = _ten(estimate.inertia) - _ten(before)
     p_value = {}
     for name, rows in _GROUPS.items():
-        own, difference = covariance[rows, rows], apart[rows]
-        square = float(difference @ np.linalg.solve(own, difference))
-        p_value[name] = float(chdtrc(len(difference), square))
+        white = _white(covariance[rows, rows]) @ apart[rows]
+        p_value[name] = float(chdtrc(len(white), float(white @ white)))
     return Comparison(p_value)
 
 
