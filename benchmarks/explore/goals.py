@@ -22,11 +22,14 @@ from tactile_dynamics_ros.core.planar.control.prediction import PushedBody
 from tactile_dynamics_ros.core.planar.properties.estimate import estimate
 from tactile_dynamics_ros.sim.planar.pushing import PushOptions, simulate_pushes
 from tactile_dynamics_ros.sim.planar.simulated_table import SimulatedTableConfig
+from tactile_dynamics_ros.sim.planar_objects import planar_object
 
 Array = NDArray[np.float64]
 
 OBJECTS = tuple(range(121, 129))
 """Of one part, made for tests: none of them was used to tune the controller (1 to 34 were)."""
+JOINTED = tuple(range(145, 157))
+"""Of two parts on a joint, made for tests: 81 to 120, of the same kind, were looked at instead."""
 PAPERS_GOAL = np.array([0.5, 0.1, 0.0])
 """m, m, rad: the goal of Dutta et al., section IV-B5."""
 BOUNDS = Bounds(np.array([0.2, -0.45]), np.array([0.85, 0.45]))
@@ -35,12 +38,16 @@ Maker = Callable[[PushedBody, Array, Bounds], PushPlanner]
 WAYS: dict[str, tuple[bool, Maker]] = {
     "estimated": (True, PushPlanner),
     "prior": (False, PushPlanner),
+    "jointless": (False, PushPlanner),
     "centring": (True, CentringPusher),
     "cross_entropy": (True, PlainSearch),
     "mppi": (True, PathIntegral),
 }
 """Whether the centre of mass is estimated (from four pushes) or taken in the middle of the outline,
-and what decides on pushes."""
+and what decides on pushes. Of two parts neither centre is known; *jointless* never looks for their
+joint, so that the second part is only in the way once it turns."""
+OF_TWO = ("prior", "jointless")
+"""Ways that push objects of two parts too; the others know one body with one centre."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -62,8 +69,14 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
         numbers, goals = numbers[:2], 1
     found: dict[str, Any] = {way: [] for way in options.ways}
     known = any(WAYS[way][0] for way in options.ways)
-    centres = {number: estimated_centre(number) if known else None for number in numbers}
+    pairs = {number for number in numbers if len(planar_object(number).parts) > 1}
+    centres = {
+        number: estimated_centre(number) if known and number not in pairs else None
+        for number in numbers
+    }
     for k, number, way in product(range(goals), numbers, options.ways):
+        if number in pairs and way not in OF_TWO:
+            continue
         row = _row(number, k, way, centres[number])
         found[way].append(row)
         print(json.dumps({"way": way, **row}), file=sys.stderr, flush=True)
@@ -83,16 +96,15 @@ def estimated_centre(number: int) -> Array | None:
 def _row(number: int, k: int, way: str, centre: Array | None) -> dict[str, Any]:
     seed = 10 * number + k
     estimated, make = WAYS[way]
-    stage = Stage(SimulatedTableConfig(seed=seed, object_number=number))
+    stage = Stage(SimulatedTableConfig(seed=seed, object_number=number), way != "jointless")
     try:
-        body = PushedBody.from_footprint(
-            stage.footprint, centre if estimated else None, 0.006, 0.35
-        )
+        body = stage.body(centre if estimated else None)
         goal = PAPERS_GOAL if k % 2 == 0 else _drawn(seed)
         controller = PushController(make(body, goal, BOUNDS))
         start = stage.truth() - goal
         outcome = stage.run(controller)
         away = stage.truth() - goal
+        taken = stage.body(None).words
     finally:
         stage.close()
     turn = abs((away[2] + np.pi) % (2.0 * np.pi) - np.pi)
@@ -110,6 +122,7 @@ def _row(number: int, k: int, way: str, centre: Array | None) -> dict[str, Any]:
         "duration_s": outcome.duration_s,
         "because": outcome.why,
         "centre_known": centre is not None,
+        "object_taken_for": taken,
     }
 
 

@@ -169,7 +169,7 @@ class ExplorerNode(Shell):
 
     def _explorers(self, kind: type[Explorer]) -> list[Explorer]:
         """One for each part; those of two parts only push, as how they hold together is unknown."""
-        outlines = [self.scene.body().outline]
+        outlines = [self.scene.first_part().outline]
         if self._pair is None:
             return [self._explorer(kind, outlines[0], self.config)]
         if kind is Explorer:

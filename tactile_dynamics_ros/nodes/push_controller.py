@@ -112,8 +112,10 @@ class PushControllerNode(Shell):
 
     def _finish(self) -> None:
         assert self.controller is not None and self.controller.outcome is not None
-        outcome, self.controller = self.controller.outcome, None
-        self._publish(True, outcome.why, {"result": json.dumps(outcome.to_json())})
+        outcome, taken = self.controller.outcome, self.controller.planner.body.words
+        self.controller = None
+        told = outcome.to_json() | {"object": taken}
+        self._publish(True, outcome.why, {"result": json.dumps(told)})
 
     def _tell(self) -> None:
         """Say what is being done."""
@@ -121,6 +123,7 @@ class PushControllerNode(Shell):
             self._halt(f"no {PUSHER_POSE} for {SILENT:g} s")
         if self.controller is not None:
             values = self.controller.progress(self.scene.seen())
+            values["object"] = self.controller.planner.body.words
             self._publish(None, self.controller.phase, values)
 
     def _publish(self, finished: bool | None, text: str, values: dict[str, object]) -> None:

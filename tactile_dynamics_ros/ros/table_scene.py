@@ -23,8 +23,9 @@ from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 from tactile_dynamics_ros.core.planar.actions.information import Belief
 from tactile_dynamics_ros.core.planar.control.guard import Seen
+from tactile_dynamics_ros.core.planar.control.joint_watch import LOW, JointWatch, body_of_two
 from tactile_dynamics_ros.core.planar.control.plan import Bounds
-from tactile_dynamics_ros.core.planar.control.prediction import PushedBody
+from tactile_dynamics_ros.core.planar.control.prediction import Pushable, PushedBody
 from tactile_dynamics_ros.core.planar.mechanics.linkage import in_frame, placed
 from tactile_dynamics_ros.core.planar.mechanics.simulation import GRAVITY
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
@@ -47,12 +48,8 @@ Array = NDArray[np.float64]
 WORLD = "world"
 CONTACTS = ("pusher", "pad_left", "pad_right")
 """Whose forces stop a motion: of the tip and of both pads."""
-_TURNS = np.deg2rad(3.0)
-"""Turn of two parts against each other from which a joint is presumed, rad: markers tell each to
-0.2 deg, and rigid pairs stay within 1 deg; pushes turn joints by 5 deg and more."""
-_AVERAGED, _TOGETHER = 15, 1e-3
-"""Relative angles that are averaged, half a second of 30 Hz, and s within which two poses are of
-one image: of different ones a turning object would seem to have a joint."""
+_REMEMBERED = 50
+"""Poses of the tip that are kept, half a second of 100 Hz: those of parts are 20 to 100 ms late."""
 OPEN = 0.004
 """Width of the jaws from which they are not closed to a single tip, m: twice what closed grippers
 tell of themselves, half of the narrowest that is gripped."""
@@ -99,7 +96,7 @@ class TableScene:
         undetermined: names of what it does not tell. fits: how often it was made anew.
         fallen: whether the object no longer stands. stamp: of the tip's newest pose.
         width: m, of the jaws; 0 where nobody tells.
-        jointed: whether a second part was seen to turn against the first.
+        watch: of a second part that turns against the first.
     """
 
     def __init__(self, node: Shell, config: TableSceneConfig) -> None:
@@ -112,11 +109,11 @@ class TableScene:
         self._tip: Array | None = None
         self._object: tuple[float, Array] | None = None
         self._footprint: Array | None = None
-        self.jointed = False
+        self.watch = JointWatch()
+        self._tips: deque[tuple[float, Array]] = deque(maxlen=_REMEMBERED)
+        self._parts: list[PushedBody] = []
         self._second: tuple[float, Array] | None = None
         self._second_outline: Array | None = None
-        self._turns: deque[float] = deque(maxlen=_AVERAGED)
-        self._turned = (np.inf, -np.inf)
         self._forces = dict.fromkeys(CONTACTS, (-np.inf, 0.0))
         self.width = 0.0
         node.listen(PoseStamped, PUSHER_POSE, self._on_tip, skim=True)
@@ -165,8 +162,20 @@ class TableScene:
         mean, std = np.where(known, mean, unknown.mean), np.where(known, std, unknown.std)
         return Belief(mean, np.diag(np.square(np.maximum(std, 1e-4))))
 
-    def body(self) -> PushedBody:
+    def body(self) -> Pushable:
         """Return the object as it is known.
+
+        Raises:
+            NotIdentifiableError: something is not published.
+        """
+        first = self.first_part()
+        if self._second is None or self._object is None or len(self._parts) < 2:
+            return replace(first, com=self.belief(first.outline).mean[2:])
+        poses = self._object[1], self._second[1]
+        return body_of_two((first, self._parts[1]), poses, self.watch)
+
+    def first_part(self) -> PushedBody:
+        """Return the first part as cameras tell it.
 
         Raises:
             NotIdentifiableError: something is not published.
@@ -174,14 +183,11 @@ class TableScene:
         self.seen()
         if self._footprint is None:
             raise NotIdentifiableError("no object/footprint yet: call /shape_estimator/start")
-        config = self.config
-        seen = PushedBody.from_footprint(
-            self._footprint, None, config.tip_radius, config.tip_friction
-        )
-        second = self.second_outline()
-        if second is None:
-            return replace(seen, com=self.belief(seen.outline).mean[2:])
-        return seen.beside(second, joined=not self.jointed)
+        if not self._parts:
+            tip = self.config.tip_radius, self.config.tip_friction
+            told = [each for each in (self._footprint, self._second_outline) if each is not None]
+            self._parts = [PushedBody.from_footprint(each, None, *tip) for each in told]
+        return self._parts[0]
 
     def second_outline(self) -> Array | None:
         """Return the outline (V, 2) of a second part in the object's frame, m; None without one."""
@@ -223,6 +229,7 @@ class TableScene:
         pose = pose_to_core(message, PUSHER_POSE, WORLD)
         self.stamp = message.stamp
         self._tip = np.array([*pose[:3, 3], np.arctan2(pose[1, 0], pose[0, 0])])
+        self._tips.append((to_seconds(message.stamp), self._tip))
 
     def _on_object(self, message: Stamped) -> None:
         pose = pose_to_core(message, OBJECT_POSE, WORLD)
@@ -236,25 +243,19 @@ class TableScene:
         self._compare()
 
     def _compare(self) -> None:
-        """Note by how much the second part has turned against the first."""
-        if self._object is None or self._second is None:
+        """Note how the second part lies beside the first."""
+        if self._object is None or self._second is None or not self._tips:
             return
-        (time, first), (other, second) = self._object, self._second
-        if abs(time - other) > _TOGETHER:
-            return
-        turn = float(second[2] - first[2])
-        before = self._turns[-1] if self._turns else turn
-        self._turns.append(before + (turn - before + np.pi) % (2.0 * np.pi) - np.pi)
-        if len(self._turns) == _AVERAGED:
-            mean = float(np.mean(self._turns))
-            self._turned = min(self._turned[0], mean), max(self._turned[1], mean)
-            self.jointed = self.jointed or self._turned[1] - self._turned[0] > _TURNS
+        time = self._second[0]
+        tip = min(self._tips, key=lambda one: abs(one[0] - time))[1]
+        low = tip[2] < self.support + LOW
+        self.watch.add(self._object, self._second, tip[:2] if low else None)
 
     def _on_outline(self, message: PolygonStamped) -> None:
-        self._footprint = _corners(message)
+        self._footprint, self._parts = _corners(message), []
 
     def _on_second_outline(self, message: PolygonStamped) -> None:
-        self._second_outline = _corners(message)
+        self._second_outline, self._parts = _corners(message), []
 
     def _on_support(self, message: Stamped) -> None:
         self.support = float(pose_to_core(message, SUPPORT_POSE, WORLD)[2, 3])

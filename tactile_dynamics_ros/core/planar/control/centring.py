@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.planar.control.plan import Push, PushPlanner
+from tactile_dynamics_ros.core.planar.control.prediction import PushedBody
 from tactile_dynamics_ros.core.planar.mechanics.linkage import placed, turned
 
 Array = NDArray[np.float64]
@@ -21,6 +22,8 @@ class CentringPusher(PushPlanner):
     The tip stays behind the centre as seen from the goal; nothing is predicted. Source: the rule
     of Igarashi, Kamio and Inaba 2010 (dipole field) without its circle.
     """
+
+    body: PushedBody
 
     def plan(self, pose: Array) -> Push:
         """Return a push that turns where the angle is the larger part of the error, else a line."""

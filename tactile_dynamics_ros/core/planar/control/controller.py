@@ -21,6 +21,7 @@ from tactile_dynamics_ros.core.planar.actions.straight import (
 from tactile_dynamics_ros.core.planar.control.guard import Guard, GuardConfig, Seen, miss
 from tactile_dynamics_ros.core.planar.control.performance import Clock, WayConfig
 from tactile_dynamics_ros.core.planar.control.plan import Push
+from tactile_dynamics_ros.core.planar.control.prediction import Pushable
 
 Array = NDArray[np.float64]
 
@@ -39,6 +40,9 @@ plans anew: pushes lag by 3 mm; where messages come late the target leaps ahead 
 _WORSE = 0.03
 """m by which the error may exceed the least of a push before it ends: plans go astray by 2 cm;
 where the object moves otherwise than predicted, as on a joint, corrections push it on and on."""
+_RESTS = ("look", "go")
+"""Phases in which the object lies where it was seen last: poses of a pushed one are 20 ms old, and
+a push that is stopped for its force has thrown objects by 5 degrees meanwhile."""
 _MOST_STEP = 0.1
 """s of motion that one target may be ahead of the last; longer gaps between poses slow the push
 down instead of making the tip leap."""
@@ -67,7 +71,8 @@ class Outcome:
     """How it ended.
 
     Attributes:
-        reached: whether the object is within what counts as reached.
+        reached: whether the object is within what counts as reached; never where a push was
+            stopped midway, as nobody looked where the object came to rest.
         error_m, error_rad: of the object's last pose. pushes: made. duration_s: in all.
         why: it ended, in words.
     """
@@ -95,6 +100,7 @@ class Planner(Protocol):
     """What decides where to push."""
 
     goal: Array
+    body: Pushable
 
     def error(self, pose: Array) -> Array:
         """Distance (N,) of poses (N, 3) from the goal, m."""
@@ -107,6 +113,9 @@ class Planner(Protocol):
 
     def contact(self, pose: Array, tip: Array) -> tuple[float, Array]:
         """Gap between tip (2,) and object at a pose (3,), m, and the normal (2,) into it."""
+
+    def retreat(self, pose: Array, tip: Array) -> Array:
+        """Direction (2,) in which a tip (2,) comes free of an object at a pose (3,)."""
 
     def strikes(self, pose: Array, tip: Array) -> bool:
         """Whether a tip (2,) runs into a part that it does not push."""
@@ -184,18 +193,20 @@ class PushController:
 
     def _reason_to_stop(self, seen: Seen) -> str:
         reason = self._guard.reason(seen, self._target)
-        assert self._began is not None
-        late = seen.time - self._began > self.config.most_time
-        if not reason and late and self.phase in ("look", "push"):
+        if not reason and self._is_late(seen) and self.phase == "look":
             return f"not there after {self.config.most_time:g} s"
         return reason
+
+    def _is_late(self, seen: Seen) -> bool:
+        assert self._began is not None
+        return seen.time - self._began > self.config.most_time
 
     def _end(self, seen: Seen, why: str) -> None:
         away, turn = self._away(seen.pose)
         near = away <= self.config.reached
-        inside = bool(near and turn <= np.deg2rad(self.config.reached_deg))
+        inside = near and turn <= np.deg2rad(self.config.reached_deg) and self.phase in _RESTS
         duration = 0.0 if self._began is None else seen.time - self._began
-        self.outcome = Outcome(inside, away, turn, self.pushes, duration, why)
+        self.outcome = Outcome(bool(inside), away, turn, self.pushes, duration, why)
 
     def _away(self, pose: Array) -> tuple[float, float]:
         """Distance (m) and angle (rad) of a pose from the goal."""
@@ -274,7 +285,7 @@ class PushController:
         blocked = blocked or self.planner.strikes(seen.pose, self._place)
         error = float(self.planner.error(seen.pose[None])[0])
         self._least = min(self._least, error)
-        useless = self._left <= 1e-4 or error > self._least + _WORSE
+        useless = self._left <= 1e-4 or error > self._least + _WORSE or self._is_late(seen)
         if useless or gap > self._most_gap() or blocked:
             self._begin_leaving(seen)
         return np.array([*self._place, self._z, seen.tip[3]])
@@ -284,7 +295,7 @@ class PushController:
         return self.config.lost if self._touched else self.config.lost + 0.02
 
     def _begin_leaving(self, seen: Seen) -> None:
-        away = -self.planner.contact(seen.pose, self._place)[1]
+        away = self.planner.retreat(seen.pose, self._place)
         now = seen.tip.copy()
         self.phase = "leave"
         self._walk(seen, way_back(now, away, self.straight, self.support))

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.numerics.search import SearchConfig, cross_entropy, evolve
-from tactile_dynamics_ros.core.planar.control.prediction import PushedBody, pushed
-from tactile_dynamics_ros.core.planar.mechanics.linkage import in_frame, placed, turned
+from tactile_dynamics_ros.core.planar.control.prediction import Pushable
+from tactile_dynamics_ros.core.planar.mechanics.linkage import turned
 
 Array = NDArray[np.float64]
 
@@ -96,28 +96,31 @@ class PushPlanner:
     """
 
     def __init__(
-        self, body: PushedBody, goal: Array, bounds: Bounds, config: PlanConfig | None = None
+        self, body: Pushable, goal: Array, bounds: Bounds, config: PlanConfig | None = None
     ) -> None:
         self.body, self.goal, self.bounds = body, np.asarray(goal, dtype=float), bounds
         self.config = config or PlanConfig()
         self._rng = np.random.default_rng([self.config.seed, 46])
 
     def error(self, pose: Array) -> Array:
-        """Distance of poses (N, 3) from the goal, m: angles count at an arm."""
-        away = pose - self.goal
+        """Distance of states (N, 3 or more) from the goal, m: angles count at an arm."""
+        away = pose[:, :3] - self.goal
         turn = (away[:, 2] + np.pi) % (2.0 * np.pi) - np.pi
         squared = np.sum(np.square(away[:, :2]), axis=1) + np.square(self.config.arm * turn)
         return np.asarray(np.sqrt(squared), dtype=float)
 
     def contact(self, pose: Array, tip: Array) -> tuple[float, Array]:
         """Gap between tip (2,) and object at a pose (3,), m, and the normal (2,) into it, world."""
-        local = in_frame(tip[None], pose)
-        _, distance, normal = self.body.nearest(local)
-        return float(distance[0]) - self.body.tip_radius, turned(normal, pose[2:])[0]
+        distance, normal = self.body.touch(tip[None], self.body.states(pose, 1))
+        return float(distance[0]) - self.body.tip_radius, normal[0]
+
+    def retreat(self, pose: Array, tip: Array) -> Array:
+        """Direction (2,) in which a tip (2,) comes free of an object at a pose (3,)."""
+        return np.asarray(self.body.away(tip[None], self.body.states(pose, 1))[0])
 
     def strikes(self, pose: Array, tip: Array) -> bool:
         """Whether a tip (2,), world, runs into a part that it does not push."""
-        return bool(self.body.struck(in_frame(tip[None], pose[None]))[0] > 0.0)
+        return bool(self.body.struck(tip[None], self.body.states(pose, 1))[0] > 0.0)
 
     def plan(self, pose: Array) -> Push:
         """Return the best next push for an object at a pose (3,), wherever it begins."""
@@ -169,17 +172,16 @@ class PushPlanner:
         flat = turned(np.repeat(normal, 3, axis=0), turn.ravel())
         return np.asarray(flat.reshape(-1, 3, 2))
 
-    def _starts(self, share: Array, pose: Array) -> tuple[Array, Array]:
+    def _starts(self, share: Array, state: Array) -> tuple[Array, Array]:
         """Tips (N, 2) beside the outline and normals (N, 2) there, world."""
-        point, normal = self.body.at(share)
-        inward = turned(normal, pose[:, 2])
+        point, inward = self.body.place(share, state)
         away = self.body.tip_radius + self.config.gap
-        return placed(point, pose) - away * inward, inward
+        return point - away * inward, inward
 
     def _cost(self, plans: Array, pose: Array, begun: tuple[Array, Array] | None) -> Array:
         """Error (N,) that plans (N, H, 5) leave, early error and effort included, m."""
         count = len(plans)
-        poses = np.broadcast_to(pose, (count, 3)).copy()
+        states = self.body.states(pose, count)
         total = np.zeros(count)
         for k in range(plans.shape[1]):
             push = plans[:, k]
@@ -189,33 +191,31 @@ class PushPlanner:
                 normal = np.broadcast_to(begun[1], (count, 2))
                 gap = 0.0
             else:
-                tip, normal = self._starts(push[:, PLACE], poses)
+                tip, normal = self._starts(push[:, PLACE], states)
                 gap = self.config.gap
                 total += moves * (self.config.effort + 10.0 * self.bounds.lacking(tip))
-                total += 10.0 * moves * self.body.crowded(in_frame(tip, poses))
-            poses, tip = self._pushed(push, poses, tip, normal, gap)
+                total += 10.0 * moves * self.body.crowded(tip, states)
+            states, tip = self._pushed(push, states, tip, normal, gap)
             total += 10.0 * moves * self.bounds.lacking(tip)
-            total += 10.0 * moves * self.body.struck(in_frame(tip, poses))
+            total += 10.0 * moves * self.body.struck(tip, states)
             total += self.config.length_effort * np.maximum(push[:, LENGTH], 0.0)
             weight = 1.0 if k == plans.shape[1] - 1 else self.config.early
-            total += weight * self.error(poses)
+            total += weight * self.error(states)
         return total
 
     def _pushed(
-        self, push: Array, pose: Array, tip: Array, normal: Array, gap: float
+        self, push: Array, state: Array, tip: Array, normal: Array, gap: float
     ) -> tuple[Array, Array]:
-        """Poses and tips after one push (N, 5) each."""
-        length = self.length(push, pose)
-        way = np.where(length > 0.0, length + gap, 0.0) / self.config.steps
+        """States and tips after one push (N, 5) each."""
+        length, steps = self.length(push, state), self.config.steps
+        way = np.where(length > 0.0, length + gap, 0.0)[:, None] / steps
         direction = self._directions(push, normal)
-        for k in range(self.config.steps):
-            turn = direction[:, 3 * k // self.config.steps]
-            pose, tip = pushed(self.body, pose, tip, way[:, None] * turn)
-        return pose, tip
+        ways = [way * direction[:, 3 * k // steps] for k in range(steps)]
+        return self.body.pushed_along(state, tip, ways)
 
-    def length(self, push: Array, pose: Array) -> Array:
-        """Length (N,) of pushes (N, 5) of objects at poses (N, 3), m: none is far past the goal."""
-        most = np.minimum(_FAR * self.error(pose) + _SHORT, self.config.most_length)
+    def length(self, push: Array, state: Array) -> Array:
+        """Length (N,) of pushes (N, 5) of objects in states, m: none is far past the goal."""
+        most = np.minimum(_FAR * self.error(state) + _SHORT, self.config.most_length)
         return np.asarray(np.clip(push[:, LENGTH], 0.0, most), dtype=float)
 
     def _push(self, plan: Array, pose: Array, cost: float) -> Push:
@@ -223,7 +223,7 @@ class PushPlanner:
         moving = [k for k in range(len(plan)) if plan[k, LENGTH] > 0.0]
         order = moving + [k for k in range(len(plan)) if k not in moving]
         plan = plan[order]
-        start, normal = self._starts(plan[:1, PLACE], pose[None])
+        start, normal = self._starts(plan[:1, PLACE], self.body.states(pose, 1))
         direction = self._directions(plan[:1], normal)[0, 0]
         length = float(self.length(plan[:1], pose[None])[0])
         return Push(start[0], direction, length + self.config.gap, normal[0], cost, plan)
