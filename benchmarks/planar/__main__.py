@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.planar import ahead, choice, choices, daily, noise, speed
+from benchmarks.planar import ahead, choice, choices, daily, noise, physics, speed
 from benchmarks.planar.ablations import WAYS, Way
 from benchmarks.planar.fit import fitted
 from benchmarks.planar.scores import mean_interval, scored
@@ -154,12 +154,26 @@ def learnt(options: argparse.Namespace) -> dict[str, Any]:
     seeds = range(1, options.seeds + 1)
     kinds = [kind for kind in choices.KINDS if kind in options.families]
     return {
-        f"{kind}{', believed' * believed}": choices.measure(
-            kind, seeds, Kept(options.keep, f"choices_{kind}").of, believed=believed
+        f"{kind}, {how}": choices.measure(
+            kind, seeds, Kept(options.keep, f"choices_{kind}").of, learnt=how
         )
         for kind in kinds
-        for believed in (False, True)
+        for how in choices.SETS
     }
+
+
+def untold(options: argparse.Namespace) -> dict[str, Any]:
+    """What networks lose without the physical parameters, on the test objects of one part."""
+    ones, keep = recorded("single", options)
+    objects = [cut_steps(one.scene, one.motion, SETTINGS["slow"][0]) for one in ones]
+    return physics.measure(objects, Kept(options.keep, f"physics_{keep.name}").of)
+
+
+def untold_table(found: dict[str, Any]) -> str:
+    """Rows of both networks, and how many times as large errors are."""
+    said = {"setting": "slow", "action": "push"} | found
+    rows = table("networks with and without physical parameters", said)
+    return f"{rows}\nerrors without over those with: " + physics.ratios(found) + "\n"
 
 
 def speeds(options: argparse.Namespace) -> dict[str, dict[str, float]]:
@@ -368,6 +382,7 @@ SECTIONS: dict[str, tuple[Callable[..., Any], Callable[..., str]]] = {
     "speed": (speeds, speed.table),
     "daily": (daily_objects, partial(table, "daily objects")),
     "noise": (noises, noise_table),
+    "physics": (untold, untold_table),
     "ablations": (ablated, partial(table, "ablations of the filter on `patch`")),
 }
 """Parts of their own: what measures and what tells them."""

@@ -17,6 +17,8 @@ from tactile_dynamics_ros.core.planar.network.weights import GraphWeights
 
 Array = NDArray[np.float64]
 Model = Callable[[Transitions], tuple[Array, Array]]
+NAMES = ("place_mm", "yaw_deg", "force", "far")
+"""What is told of each object."""
 
 
 def still(steps: Transitions) -> tuple[Array, Array]:
@@ -44,16 +46,21 @@ def errors_of(model: Model, objects: Sequence[Sequence[Transitions]]) -> dict[st
     Forces are over the friction force of the object. Medians, since in some steps a tip slips round
     a corner or stands still under load; `far` is the share of steps off by half that force.
     """
-    rows = []
-    for parts in objects:
-        columns = [
-            np.concatenate(each) for each in zip(*(_steps(model, p) for p in parts), strict=True)
-        ]
-        medians = [float(np.median(column)) for column in columns]
-        rows.append([*medians, float(np.mean(columns[2] > 0.5))])
-    names = ("place_mm", "yaw_deg", "force", "far")
+    return summary([medians_of(model, parts) for parts in objects])
+
+
+def medians_of(model: Model, parts: Sequence[Transitions]) -> list[float]:
+    """Median error of place (mm), yaw (deg) and force, and `far`, of the steps of one object."""
+    columns = [
+        np.concatenate(each) for each in zip(*(_steps(model, p) for p in parts), strict=True)
+    ]
+    return [*(float(np.median(column)) for column in columns), float(np.mean(columns[2] > 0.5))]
+
+
+def summary(rows: Sequence[Sequence[float]]) -> dict[str, Any]:
+    """Means over objects, whose `medians_of` are given, with intervals."""
     columns = np.array(rows).T
-    return {n: mean_interval(c) for n, c in zip(names, columns, strict=True)} | {"n": len(rows)}
+    return {n: mean_interval(c) for n, c in zip(NAMES, columns, strict=True)} | {"n": len(rows)}
 
 
 def _steps(model: Model, steps: Transitions) -> tuple[Array, Array, Array]:

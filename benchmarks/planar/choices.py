@@ -21,10 +21,46 @@ Curves = dict[str, list[dict[str, float]]]
 
 KINDS = ("single", "jointed")
 """Families that paper B's Fig. 10 has."""
-_CHOOSERS, _OTHERS = ("active", "gain"), ("uniform", "random")
-"""Choices by what was learnt, and those beside which they are put."""
-BELIEVED = ("random", "gain")
-"""Choices that are compared where networks learn from what a filter believes."""
+_PAIRS = (
+    ("active", "uniform"),
+    ("active", "random"),
+    ("gain", "uniform"),
+    ("gain", "random"),
+    ("active (feed-forward)", "random (feed-forward)"),
+    ("active", "active (feed-forward)"),
+    ("random", "random (feed-forward)"),
+)
+"""Which way is put beside which, where both were learnt: how many pushes the first saves."""
+
+
+@dataclass(frozen=True)
+class Way:
+    """One way to learn.
+
+    Attributes:
+        choice: of pushes.
+        believed: whether from what a filter believes instead of the simulator's truth.
+        feed_forward: whether with a plain network instead of the graph.
+    """
+
+    choice: str
+    believed: bool = False
+    feed_forward: bool = False
+
+
+TRUE, BELIEVED = "the simulator's truth", "what a filter believes"
+PEERS = "the simulator's truth, by the graph and by a feed-forward network"
+SETS = {
+    TRUE: {choice: Way(choice) for choice in training.CHOICES},
+    BELIEVED: {choice: Way(choice, believed=True) for choice in ("random", "gain")},
+    PEERS: {
+        "active": Way("active"),
+        "random": Way("random"),
+        "active (feed-forward)": Way("active", feed_forward=True),
+        "random (feed-forward)": Way("random", feed_forward=True),
+    },
+}
+"""Ways that are compared, by what is learnt from."""
 
 
 @dataclass(frozen=True)
@@ -50,25 +86,23 @@ def measure(
     seeds: Sequence[int],
     keep: Callable[[str, Callable[[], Any]], Any],
     size: Size | None = None,
-    believed: bool = False,
+    learnt: str = TRUE,
 ) -> dict[str, Any]:
-    """Learning curves of all choices from the same candidates, first round and judges.
+    """Learning curves of all ways of a set from the same candidates and judges.
 
     Args:
         kind: of the objects.
         seeds: of objects, pushes and weights together; at least two.
         keep: gives back what was kept under a name, or makes it.
         size: of each run.
-        believed: whether networks learn from what a filter believes.
+        learnt: which of `SETS`.
     """
     import torch
 
     torch.set_num_threads(1)
     size, setting = size or Size(), SETTINGS["slow"]
     judges = keep("judges", partial(training.judging_steps, kind, size.judges, setting))
-    first = training.Rounds(
-        "random", size.rounds, size.epochs, size.width, 0, setting, believed=believed
-    )
+    first = training.Rounds("random", size.rounds, size.epochs, size.width, 0, setting)
     told: list[Curves] = []
     for seed in seeds:
         parts = training.round_seeds(seed, size.objects, size.rounds)
@@ -77,18 +111,25 @@ def measure(
             for k, part in enumerate(parts)
         ]
         curves: Curves = {}
-        for choice in BELIEVED if believed else training.CHOICES:
-            how = replace(first, choice=choice, seed=seed)
-            make = partial(_curve, how, rounds, judges)
-            curves[choice] = keep(f"curve_{seed}_{choice}{'_believed' * believed}", make)
-            print(f"\r{kind}, seed {seed}, {choice}", end="", file=sys.stderr)
+        for name, way in SETS[learnt].items():
+            how = replace(first, choice=way.choice, believed=way.believed, seed=seed)
+            make = partial(_curve, how, rounds, judges, way.feed_forward)
+            kept = "_believed" * way.believed + "_feed_forward" * way.feed_forward
+            curves[name] = keep(f"curve_{seed}_{way.choice}{kept}", make)
+            print(f"\r{kind}, seed {seed}, {name}", end="", file=sys.stderr)
         told.append(curves)
     print(file=sys.stderr)
-    return {"kind": kind, "believed": believed, **vars(size)} | compared(told)
+    return {"kind": kind, "learnt": learnt, **vars(size)} | compared(told)
 
 
-def _curve(how: training.Rounds, rounds: Any, judges: Any) -> list[dict[str, float]]:
-    return training.learn(how, rounds, judges)[1]
+def _curve(
+    how: training.Rounds, rounds: Any, judges: Any, feed_forward: bool
+) -> list[dict[str, float]]:
+    if not feed_forward:
+        return training.learn(how, rounds, judges)[1]
+    from benchmarks.planar.feed_forward import train
+
+    return training.learn(how, rounds, judges, trainer=train)[1]
 
 
 def compared(told: Sequence[Curves]) -> dict[str, Any]:
@@ -103,7 +144,7 @@ def compared(told: Sequence[Curves]) -> dict[str, Any]:
     found: dict[str, Any] = {"n": len(told), "pushes": pushes, "saved": {}, "error_ratio": {}}
     found["error"] = {choice: [interval(row) for row in rows.T] for choice, rows in errors.items()}
     found["needed"] = {choice: interval(row) for choice, row in needed.items()}
-    pairs = [(one, other) for one in _CHOOSERS for other in _OTHERS if {one, other} <= set(errors)]
+    pairs = [pair for pair in _PAIRS if {*pair} <= set(errors)]
     for one, other in pairs:
         name = f"{one} beside {other}"
         ratio = interval(np.log(needed[one] / needed[other]))
@@ -151,9 +192,9 @@ def interval(values: Array) -> dict[str, float]:
 def table(found: dict[str, Any]) -> str:
     """Rows for people, and whether a difference is to be seen."""
     names = list(found["error"])
-    truth = "what a filter believes" if found["believed"] else "the simulator's truth"
     rows = [
-        f"## {found['kind']}: pushes that are chosen, learnt from {truth}, n = {found['n']} seeds",
+        f"## {found['kind']}: pushes that are chosen, learnt from {found['learnt']}, "
+        f"n = {found['n']} seeds",
         "",
         f"| pushes | {' | '.join(names)} |",
         "|---" * (len(names) + 1) + "|",

@@ -6,10 +6,10 @@ import json
 import sys
 import time
 from argparse import Namespace
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,11 @@ from tactile_dynamics_ros.synthetic import pushed
 from tactile_dynamics_ros.synthetic.pushed.objects import draw_object
 from tactile_dynamics_ros.synthetic.pushed.sensed import SensedStep, giving_way, sensed_steps
 from tactile_dynamics_ros.synthetic.pushed.transitions import cut_steps
+
+if TYPE_CHECKING:
+    from tactile_dynamics_ros.core.planar.network.training import GraphTrainingConfig
+
+    Trainer = Callable[[GraphWeights, Examples, GraphTrainingConfig], GraphWeights]
 
 Array = NDArray[np.float64]
 
@@ -109,6 +114,7 @@ def learn(
     rounds: Iterable[Sequence[list[CandidatePush]]],
     judges: Examples,
     told: TextIO | None = None,
+    trainer: Trainer | None = None,
 ) -> tuple[GraphWeights, list[dict[str, float]]]:
     """Train after each round on all pushes that were chosen, and judge.
 
@@ -117,6 +123,7 @@ def learn(
         rounds: candidate pushes of each object, by round.
         judges: steps of other objects.
         told: where each round is reported.
+        trainer: of another network than the graph, from what the graph would be trained with.
 
     Returns:
         The last weights, and `pushes` and `error` (`relative_error`) after each round.
@@ -129,7 +136,7 @@ def learn(
             chosen = _chosen(how.choice, candidates, weights)
             known = believed_steps(chosen, how.seed) if how.believed else [c.steps for c in chosen]
             buffer += known
-        weights = _trained(how, buffer, round(apart * how.epochs * how.count / k))
+        weights = trained(how, buffer, round(apart * how.epochs * how.count / k), trainer)
         curve.append({"pushes": len(buffer), "error": relative_error(weights, judges)})
         said = f"round {k}: {len(buffer)} pushes, error {curve[-1]['error']:.3f} of a mean's"
         if told is not None:
@@ -228,7 +235,17 @@ def _spread(weights: GraphWeights, push: Transitions) -> float:
     return float(np.log(said.motion_std).mean() + np.log(said.force_std).mean())
 
 
-def _trained(how: Rounds, buffer: Sequence[Transitions], epochs: int) -> GraphWeights:
+def trained(
+    how: Rounds, buffer: Sequence[Transitions], epochs: int, trainer: Trainer | None = None
+) -> GraphWeights:
+    """Return a network that was trained anew on steps of objects with as many links.
+
+    Args:
+        how: width, seed, setting and origin; the rest is not read.
+        buffer: the steps.
+        epochs: passes over them.
+        trainer: of another network than the graph.
+    """
     from tactile_dynamics_ros.core.planar.network.training import GraphTrainingConfig, train_graph
 
     setting = how.setting
@@ -238,6 +255,8 @@ def _trained(how: Rounds, buffer: Sequence[Transitions], epochs: int) -> GraphWe
         epochs=epochs, seed=how.seed, width=how.width, batch=128, learning_rate=6e-3
     )
     examples = _joined(buffer, setting)
+    if trainer is not None:
+        return trainer(about, examples, config)
     return train_graph(about, [examples], [examples], config)
 
 

@@ -137,7 +137,7 @@ def test_a_saving_is_claimed_only_where_its_interval_is_on_one_side():
     mixed = choices.compared([curves_of(0.25, 0.5, 0.5), curves_of(0.6, 0.5, 0.3)])
     saved = mixed["saved"]["active beside uniform"]
     assert saved["low"] < 0.0 < saved["high"]
-    about = {"kind": "single", "believed": False}
+    about = {"kind": "single", "learnt": choices.TRUE}
     said = choices.table(about | mixed)
     assert said.count("no difference to be seen") == 2
     assert "it needs fewer" in choices.table(about | clear)

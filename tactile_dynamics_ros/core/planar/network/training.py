@@ -51,7 +51,19 @@ class GraphTrainingConfig:
         check_ranges(self)
 
 
-class GraphNetwork(nn.Module):
+class StepNetwork(nn.Module):
+    """Perceptrons that together say what becomes of links and what the robot feels.
+
+    Args:
+        sizes: inputs, hidden units and outputs of each perceptron, by name.
+    """
+
+    def __init__(self, sizes: dict[str, tuple[int, ...]]) -> None:
+        super().__init__()
+        self.nets = nn.ModuleDict({name: _perceptron(each) for name, each in sizes.items()})
+
+
+class GraphNetwork(StepNetwork):
     """`weights.propagate` in torch: same nets, same order.
 
     Args:
@@ -60,10 +72,7 @@ class GraphNetwork(nn.Module):
     """
 
     def __init__(self, kind: str, width: int) -> None:
-        super().__init__()
-        self.nets = nn.ModuleDict(
-            {name: _perceptron(sizes) for name, sizes in net_sizes(kind, width).items()}
-        )
+        super().__init__(net_sizes(kind, width))
         self.fixed = node_features(kind)
 
     def forward(self, nodes: Tensor, edges: Tensor) -> tuple[Tensor, Tensor]:
@@ -146,7 +155,7 @@ def _root_mean_square(values: Array) -> Array:
 class _Run:
     """A training that goes on: network, optimiser, where it is."""
 
-    network: GraphNetwork
+    network: StepNetwork
     optimiser: torch.optim.Optimizer
     schedule: torch.optim.lr_scheduler.LRScheduler
     epoch: int = 0
@@ -159,23 +168,27 @@ def train_graph(
     config: GraphTrainingConfig | None = None,
     report: Report | None = None,
     checkpoint: str | None = None,
+    make: Callable[[str, int], StepNetwork] = GraphNetwork,
 ) -> GraphWeights:
     """Train on examples, each item of another number of links.
 
     Args:
-        about: kind, step, speed and origin of the network to be; its nets are not read.
+        about: kind, step, speed and origin of the network to be; its nets are not read. The result
+            is of its class, whose `outputs` has to agree with what `make` makes.
         examples: to train on.
         held_out: of other objects; their loss is only reported.
         config: size and length.
         report: called with the epoch, the loss, and that of the held-out steps.
         checkpoint: file from which an interrupted training goes on, and where it is kept.
+        make: untrained network of a kind and width.
     """
     config = config or GraphTrainingConfig()
     units = output_units(examples)
     parts = [_tensors(part, units) for part in examples]
     others = [_tensors(part, units) for part in held_out]
     steps = sum(-(-len(part[0]) // config.batch) for part in parts)
-    run = _begin(about.kind, config, steps, checkpoint)
+    torch.manual_seed(config.seed)
+    run = _begin(make(about.kind, config.width), config, steps, checkpoint)
     while run.epoch < config.epochs:
         loss = _epoch(run, parts, config)
         if report is not None:
@@ -186,9 +199,9 @@ def train_graph(
     return replace(about, nets=nets, motion_scale=units[0], force_scale=units[1])
 
 
-def _begin(kind: str, config: GraphTrainingConfig, steps: int, checkpoint: str | None) -> _Run:
-    torch.manual_seed(config.seed)
-    network = GraphNetwork(kind, config.width)
+def _begin(
+    network: StepNetwork, config: GraphTrainingConfig, steps: int, checkpoint: str | None
+) -> _Run:
     optimiser = torch.optim.Adam(network.parameters(), lr=config.learning_rate)
     schedule = torch.optim.lr_scheduler.OneCycleLR(
         optimiser, config.learning_rate, config.epochs * steps, pct_start=_WARM_UP,
@@ -259,7 +272,7 @@ def _epoch(run: _Run, parts: list[tuple[Tensor, ...]], config: GraphTrainingConf
     return float(np.mean(losses))
 
 
-def _held_out_loss(network: GraphNetwork, parts: list[tuple[Tensor, ...]]) -> float:
+def _held_out_loss(network: StepNetwork, parts: list[tuple[Tensor, ...]]) -> float:
     losses = []
     with torch.no_grad():
         for nodes, edges, motion, motion_std, force, force_std in parts:
@@ -269,7 +282,7 @@ def _held_out_loss(network: GraphNetwork, parts: list[tuple[Tensor, ...]]) -> fl
     return float(np.mean(losses))
 
 
-def _plain(network: GraphNetwork) -> dict[str, tuple[tuple[Array, Array], ...]]:
+def _plain(network: StepNetwork) -> dict[str, tuple[tuple[Array, Array], ...]]:
     """Layers of the nets as a file of single precision gives them back."""
     return {
         name: tuple(

@@ -74,7 +74,7 @@ class GraphWeights:
 
     def evaluate(self, graph: Graph) -> Expected:
         """What becomes of links and what the robot feels."""
-        process, touch = propagate(self.nets, graph)
+        process, touch = self.outputs(graph)
         low, high = _LOG_STD
         spread = np.exp(np.clip(process[..., MOTION:], low, high))
         felt = np.exp(np.clip(touch[..., 2:], low, high))
@@ -84,6 +84,10 @@ class GraphWeights:
             touch[..., :2] * self.force_scale,
             felt * self.force_scale,
         )
+
+    def outputs(self, graph: Graph) -> tuple[Array, Array]:
+        """Means and ln std of links (C, L, 12) and robot (C, 4), in units of the outputs."""
+        return propagate(self.nets, graph)
 
     def save(self, path: Path) -> None:
         """Write as a compressed npz file."""
