@@ -15,6 +15,7 @@ SECTIONS = (
     "table_one",
     "four_fingers",
     "coverage",
+    "early",
     "feasibility",
     "live",
     "batch_time",
@@ -42,6 +43,7 @@ def run(
         "coverage": lambda: honesty.run_coverage(
             *((12, 2, 4, 6.0) if quick else (240, 240, 120, 10.0)), say
         ),
+        "early": lambda: honesty.run_early(3 if quick else 40, say),
         "feasibility": lambda: honesty.run_feasibility(1 if quick else 5, say),
         "live": lambda: cost.run_live(*((2000, 300) if quick else (60000, 1700)), say),
         "batch_time": lambda: cost.run_batch_time(2 if quick else 10, say),

@@ -30,6 +30,8 @@ Graded = tuple[InertialEstimate, InertialParameters]
 
 _TWENTY_PERCENT = 2.0
 _FIRST_SEED = 1000
+_SPANS = ((0.15, 0.3), (0.3, 0.5), (0.5, 0.8), (0.8, 1.2), (1.2, 2.0))
+"""Seconds since the first sample within which all published estimates are graded together."""
 
 
 def run_coverage(
@@ -72,6 +74,29 @@ def run_coverage(
             "error_in_deviations_median": _named(np.median(np.abs(scores), axis=0)),
         },
     }
+
+
+def run_early(runs: int, say: Callable[[str], None]) -> dict[str, Any]:
+    """Every live estimate of the first two seconds: how far those are off that count as told."""
+    say(f"early: {runs} live runs of {_SPANS[-1][1]} s")
+    told: dict[tuple[float, float], list[np.ndarray]] = {span: [] for span in _SPANS}
+    for k in range(runs):
+        case = four_fingers(_FIRST_SEED + k, _SPANS[-1][1] + 0.2)
+        first = float(case.streams.pose.time[0])
+        for found in replay_streams(case.streams):
+            known = [name not in found.not_excited for name in PARAMETER_NAMES]
+            for low, high in _SPANS:
+                if low <= found.time - first < high:
+                    told[low, high].append(np.abs(deviations(found, case.truth))[known])
+    rows = []
+    for (low, high), parts in told.items():
+        errors = np.concatenate(parts)
+        held = float(np.mean(errors <= NORMAL_90)) if len(errors) else None
+        largest = float(errors.max()) if len(errors) else None
+        rows.append(
+            {"from_s": low, "to_s": high, "told": len(errors), "held": held, "largest": largest}
+        )
+    return {"runs": runs, "spans": rows}
 
 
 def _wrong_fingers(recording: HiddenRecording) -> int:

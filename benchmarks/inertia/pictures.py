@@ -32,6 +32,8 @@ from tactile_dynamics_ros.report.style import (
     to_png,
 )
 
+_DRAWN = {"mass_percent": "mass, %", "com_mm": "centre of mass, mm"}
+"""Errors that are drawn, by their key in the results."""
 _SHOWN_S = 12.0
 """Seconds that are shown: single motions are seen, and breaks of contact."""
 
@@ -80,40 +82,45 @@ def _shade_breaks(axes: Axes, contacts: Sequence[ContactStream]) -> None:
 
 
 def draw_boxes(results: dict[str, Any]) -> Figure:
-    """Errors per box beside paper A's rows, on a wrist sensor and in the hand.
+    """Errors per box beside paper A's rows: on a wrist sensor, and in the hand by either pose.
 
-    Ours as box plots (quartiles, 5 and 95 %) where every run was kept, else as medians.
+    Ours as box plots (quartiles, 5 and 95 %) of all runs.
     """
-    figure = new_figure(3.4)
-    panels = figure.subplots(1, 2)
-    kinds = [
-        ("wrist_ft", "ours", "wrist: ours", BLUE),
-        ("wrist_ft", "paper", "wrist: paper A", GREY),
-        ("in_hand", "ours", "hand: ours", GREEN),
-        ("in_hand", "paper's method here", "hand: its method here", ORANGE),
-        ("in_hand", "paper", "hand: paper A", RED),
+    figure = new_figure(4.6)
+    panels = figure.subplots(2, 3, sharex=True, sharey="row")
+    columns = [
+        ("wrist sensor (Table II)", results["wrist_ft"]["rows"]),
+        ("in the hand, poses of vision (Table III)", results["in_hand"]["vision_rows"]),
+        ("in the hand, published poses (Table IV)", results["in_hand"]["rows"]),
     ]
-    for axes, (key, label) in zip(
-        panels, (("mass_percent", "mass, %"), ("com_mm", "centre of mass, mm")), strict=True
-    ):
-        for k, (table, row, name, colour) in enumerate(kinds):
-            rows = results[table]["rows"]
-            places = np.arange(len(rows)) + 0.16 * (k - 2)
-            if row == "ours" and all("each" in r for r in rows):
-                _draw_runs(axes, places, [r["each"][key] for r in rows], colour)
-                axes.bar([], [], color=colour, label=f"{name}, n = {rows[0]['runs']}")
-            else:
-                axes.bar(places, [r[row][key] for r in rows], 0.15, color=colour, label=name)
-        axes.set(yscale="log", ylabel=f"error of {label}")
-        axes.set_xticks(range(len(rows)), [r["object"] for r in rows])
-    named = panels[0].get_legend_handles_labels()
-    figure.legend(*named, loc="outside upper center", ncols=len(kinds), fontsize=7)
+    for column, (title, rows) in enumerate(columns):
+        for axes, key in zip(panels[:, column], _DRAWN, strict=True):
+            _draw_rows(axes, rows, key)
+        panels[0, column].set_title(f"{title}, n = {rows[0]['runs']}", fontsize=8)
+    for axes, name in zip(panels[:, 0], _DRAWN.values(), strict=True):
+        axes.set(yscale="log", ylabel=f"error of {name}")
+    named = panels[0, -1].get_legend_handles_labels()
+    figure.legend(*named, loc="outside upper center", ncols=3, fontsize=7)
     return figure
 
 
-def _draw_runs(axes: Axes, places: np.ndarray, runs: list[list[float]], colour: str) -> None:
+def _draw_rows(axes: Axes, rows: Sequence[dict[str, Any]], key: str) -> None:
+    """Ours of every run, beside what the paper has and what its method finds here."""
+    places = np.arange(len(rows))
+    _draw_runs(axes, places, [r["each"][key] for r in rows], BLUE)
+    axes.bar([], [], color=BLUE, label="ours, every run")
+    for kind, mark, colour in (("paper", "s", RED), ("paper's method here", "D", ORANGE)):
+        errors = [r[kind].get(key, np.nan) for r in rows]
+        name = {"paper": "paper A", "paper's method here": "its method on one of our recordings"}
+        axes.plot(places, errors, mark, color=colour, markersize=4, label=name[kind])
+    axes.set_xticks(places, [r["object"] for r in rows])
+
+
+def _draw_runs(
+    axes: Axes, places: np.ndarray, runs: Sequence[Sequence[float]], colour: str
+) -> None:
     axes.boxplot(
-        runs, positions=places, widths=0.14, whis=(5, 95), showfliers=False, patch_artist=True,
+        runs, positions=places, widths=0.5, whis=(5, 95), showfliers=False, patch_artist=True,
         manage_ticks=False, boxprops={"facecolor": colour, "linewidth": 0.6},
         medianprops={"color": "white"}, whiskerprops={"linewidth": 0.6},
         capprops={"linewidth": 0.6},

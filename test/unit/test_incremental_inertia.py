@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
+from synthetic_recording import COM, MASS, held_box
 
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.batch.batch import fit_recording
@@ -230,6 +231,18 @@ def test_kept_samples_are_processed_again_after_the_estimate_moved_away(recordin
     assert affine_invariant_distance(at_first, present) > 0.3
     assert affine_invariant_distance(at_last, present) < 0.3
     assert estimator._model.start == 0 and estimator._model.samples > 0.95 * count
+
+
+def test_intervals_hold_while_samples_are_few():
+    """What the first samples were whitened with, the prior, must not stay in the estimate."""
+    errors = []
+    for seed in (12, 18, 20):
+        for found in replay_streams(held_box(seconds=1.0, seed=seed).streams):
+            if found.time >= 0.25:
+                off = np.array([found.inertia.mass - MASS, *(found.inertia.com - COM)])
+                errors.append(np.abs(off) / found.parameter_std[:4])
+    assert np.mean(np.concatenate(errors) < 1.645) > 0.8
+    assert np.max(errors) < 4.5
 
 
 def test_a_contact_that_first_speaks_later_and_transmits_nothing_changes_nothing(recording):
