@@ -205,29 +205,48 @@ def test_jaws_that_are_open_are_not_taken_for_a_tip(table):
     assert not table.targets
 
 
-def test_a_second_part_is_an_obstacle_until_it_proves_to_be_one_body(table):
+def tell_second(table, turn, about):
+    """Tell a second part that turned about a place (2,) of its frame that lies at x = 55 mm."""
+    table.tell()
+    yaw = table.pose[2]
+    joint = table.pose[:2] + 0.055 * np.array([np.cos(yaw), np.sin(yaw)])
+    (x, y), (c, s) = about, (np.cos(yaw + turn), np.sin(yaw + turn))
+    second = tip_pose(np.array([*(joint - [c * x - s * y, s * x + c * y]), 0.0, yaw + turn]))
+    told = cv.uncertain_pose_to_message(second, 1e-6 * np.eye(6), table.time, "world")
+    table.bench.send(link_topic("link_2", "pose"), told)
+    table.bench.work(0.006)
+
+
+@pytest.fixture
+def pair(table):
     table.outline()
     beside = np.array([[-0.03, -0.03], [0.03, -0.03], [0.03, 0.03], [-0.03, 0.03]])
     message = outline_message(beside, "object/link_2")
     table.bench.send(link_topic("link_2", "footprint"), message, profile=LATCHED)
+    return table
 
-    def tell(turn):
-        table.tell()
-        c, s = np.cos(table.pose[2]), np.sin(table.pose[2])
-        place = table.pose[:2] + 0.085 * np.array([c, s])
-        second = tip_pose(np.array([*place, 0.0, table.pose[2] + turn]))
-        told = cv.uncertain_pose_to_message(second, 1e-6 * np.eye(6), table.time, "world")
-        table.bench.send(link_topic("link_2", "pose"), told)
-        table.bench.work(0.006)
 
+def test_two_parts_are_one_body_until_they_turn_without_a_joint_and_the_second_is_in_the_way(pair):
     for _ in range(30):
-        tell(0.0)
-    body = table.node.scene.body()
+        tell_second(pair, 0.0, (-0.03, 0.0))
+    body = pair.node.scene.body()
     assert body.joined
     np.testing.assert_allclose(body.second[0], [0.055, -0.03], atol=1e-6)
-    for _ in range(30):
-        tell(0.1)
-    assert not table.node.scene.body().joined
+    for _ in range(30):  # about the far end of the second: where nothing holds it
+        tell_second(pair, 0.1, (-0.06, 0.0))
+    assert not pair.node.scene.body().joined
+
+
+def test_two_parts_that_turn_about_where_they_meet_are_pushed_as_on_a_joint(pair):
+    for turn in np.linspace(0.0, 0.3, 100):
+        tell_second(pair, turn, (-0.03, 0.0))
+    body = pair.node.scene.body()
+    np.testing.assert_allclose(body.hinge.first, [0.055, 0.0], atol=1e-3)
+    np.testing.assert_allclose(body.hinge.second, [-0.03, 0.0], atol=1e-3)
+    assert body.bend == pytest.approx(0.3, abs=1e-3)
+    pair.ask()
+    pair.until(lambda: pair.said("pushing"), 400)
+    assert "two parts on a joint" in status_values(pair.said("pushing")[-1])["object"]
 
 
 class GrippingTable(Table):

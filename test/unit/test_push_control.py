@@ -1,5 +1,7 @@
 """Pushing to a pose: prediction against the mechanics, search, closed loop, what stops it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -181,6 +183,19 @@ def test_what_has_ended_moves_nothing_any_more():
     assert controller.outcome.why == "it was told to stop"
     assert not controller.outcome.reached
     assert controller.outcome.pushes == 0
+
+
+def test_a_push_that_is_stopped_midway_has_not_reached_its_goal_wherever_it_was_seen():
+    world = World((0.47, 0.1, 0.0))
+    controller = PushController(PushPlanner(body(), GOAL, BOUNDS))
+    while controller.phase != "push":
+        controller.skip_way()
+        world.go(controller.advance(world.seen()))
+    near = replace(world.seen(), pose=GOAL, force=60.0)
+    controller.advance(near)
+    assert "bears 60.0 N" in controller.outcome.why
+    assert controller.outcome.error_m < 1e-6
+    assert not controller.outcome.reached
 
 
 def test_a_clock_of_motion_waits_where_poses_come_late():

@@ -161,6 +161,8 @@ def body_of_two(
     first, second = parts
     hinge = watch.hinge(first.outline, second.outline)
     if hinge is not None:
-        return JointedBody(parts, hinge, float(poses[1][2]), watch.rubbing(parts, hinge))
+        return JointedBody(
+            parts, hinge, float(poses[1][2] - poses[0][2]), watch.rubbing(parts, hinge)
+        )
     beside = in_frame(placed(second.outline, poses[1]), poses[0])
     return first.beside(beside, joined=not watch.turned)

@@ -197,7 +197,7 @@ class PushPlanner:
                 total += 10.0 * moves * self.body.crowded(tip, states)
             states, tip = self._pushed(push, states, tip, normal, gap)
             total += 10.0 * moves * self.bounds.lacking(tip)
-            total += 10.0 * moves * self.body.struck(tip, states)
+            total += 10.0 * moves * (self.body.struck(tip, states) + self.body.folded(states))
             total += self.config.length_effort * np.maximum(push[:, LENGTH], 0.0)
             weight = 1.0 if k == plans.shape[1] - 1 else self.config.early
             total += weight * self.error(states)

@@ -60,6 +60,9 @@ class Pushable(Protocol):
     def struck(self, tip: Array, state: Array) -> Array:
         """By how much (N,) m tips (N, 2) run into what they do not push."""
 
+    def folded(self, state: Array) -> Array:
+        """By how much (N,) m parts reach into each other in states (N, D)."""
+
     def pushed_along(self, state: Array, tip: Array, ways: Sequence[Array]) -> tuple[Array, Array]:
         """States and tips after a push along short ways (N, 2) each."""
 
@@ -162,6 +165,10 @@ class PushedBody:
         if self.second is None or self.joined:
             return np.zeros(len(tip))
         return self.lacking(distance_outside(self.second, in_frame(tip, state)))
+
+    def folded(self, state: Array) -> Array:
+        """Return nothing (N,): one body does not fold."""
+        return np.zeros(len(state))
 
     def lacking(self, distance: Array) -> Array:
         """By how much (N,) m tips at distances (N,) m from an outline are too near to it."""
