@@ -14,6 +14,7 @@ from benchmarks.inertia.page import BEGIN, END, keep_results, write_page
 from benchmarks.inertia.peers import PEERS, SmoothedData, plain_isam2
 from benchmarks.inertia.published import (
     RELAXED_RIGIDITY,
+    WRIST,
     published_score,
     published_truth,
 )
