@@ -51,7 +51,7 @@ _TORQUE_STD = np.array([1.7e-3, 1.7e-3, 3.5e-4])
 _POSITION_STD, _ROTATION_STD = 1e-4, 3.5e-4
 
 
-def wrist_recording(box: str, seed: int) -> Recordings:
+def wrist_recording(box: str, seed: int) -> tuple[Streams, InertialParameters]:
     """A box bolted to a HEX-E on an arm: 30 s, 100 Hz, its noise, poses from encoders."""
     truth = published_truth(box)
     body = HeldObject("box", np.full(3, 0.2), truth.mass, truth.com, truth.inertia_com)
@@ -84,7 +84,7 @@ def wrist_recording(box: str, seed: int) -> Recordings:
         motion.rotation,
         carries_torque=True,
     )
-    return {WRIST: Streams(pose, {"wrist": wrist})}, truth
+    return Streams(pose, {"wrist": wrist}), truth
 
 
 Recordings = tuple[dict[int, Streams], InertialParameters]
@@ -110,7 +110,12 @@ class BoxRun:
 
 def run_wrist(seeds: int, say: Callable[[str], None]) -> dict[str, Any]:
     """Errors per box on the wrist sensor, beside the paper's Table II."""
-    return {"seeds": seeds, "rows": _box_rows(wrist_recording, seeds, 0, say)[WRIST]}
+    return {"seeds": seeds, "rows": _box_rows(_on_wrist, seeds, 0, say)[WRIST]}
+
+
+def _on_wrist(box: str, seed: int) -> Recordings:
+    streams, truth = wrist_recording(box, seed)
+    return {WRIST: streams}, truth
 
 
 def run_in_hand(seeds: int, live_seeds: int, say: Callable[[str], None]) -> dict[str, Any]:

@@ -93,8 +93,8 @@ def test_published_rows_score_as_the_errata_say():
 
 
 def test_box_on_the_wrist_sensor_is_found():
-    recorded, truth = wrist_recording("box_1", 0)
-    estimate = estimate_body(recorded[WRIST]).to_estimate()
+    streams, truth = wrist_recording("box_1", 0)
+    estimate = estimate_body(streams).to_estimate()
     score = Score.of(truth, estimate.inertia.dynamic_parameters, 0.0)
     assert score.mass_percent < 0.3 and score.com_mm < 0.5 and score.distance < 0.3
 
