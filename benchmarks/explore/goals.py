@@ -58,7 +58,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=3,
         help="of each object, each from another start; every other one is the paper's",
     )
-    parser.add_argument("--objects", type=int, nargs="+", default=OBJECTS, help="numbers")
+    pairs = f"numbers; {JOINTED[0]} to {JOINTED[-1]} are of two parts on a joint"
+    parser.add_argument("--objects", type=int, nargs="+", default=OBJECTS, help=pairs)
     parser.add_argument("--ways", nargs="+", choices=sorted(WAYS), default=list(WAYS))
 
 

@@ -55,11 +55,6 @@ class Stage:
         while not self._poses:
             self._take(self.table.advance(looking=False))
 
-    @property
-    def footprint(self) -> Array:
-        """Outline (V, 2) of the first part in its frame, m."""
-        return self.table.outlines[0].corners
-
     def body(self, centre: Array | None) -> Pushable:
         """Return the object as it is known now; of two parts neither centre is.
 
