@@ -76,7 +76,9 @@ class PointFriction:
             for p, f in zip(body.parts, body.rubbing.forces[:, 0], strict=True)
         ]
         torque = body.rubbing.joint * GRAVITY  # the parts' friction force is that of 1 kg
-        linkage = Linkage(tuple(links), Joint(HINGE.first[None], HINGE.second[None], torque))
+        hinge = body.hinge
+        joint = Joint(hinge.first[None], hinge.second[None], torque, hinge.locked)
+        linkage = Linkage(tuple(links), joint)
         start = np.stack([each[0] for each in body.poses(body.states(pose, 1))])[None]
         config = StepConfig(quasi_static=True)
         self.tables = [
@@ -129,6 +131,23 @@ def test_a_jointed_pair_goes_where_friction_of_every_point_takes_it(push, joint)
     np.testing.assert_allclose(after[0, :2], first[:2], atol=4e-3)
     np.testing.assert_allclose(after[0, 2:], [first[2], second[2]], atol=0.15)
     assert max(abs(first[2] - pose[2]), abs(second[2] - state[0, 3])) > 0.09  # it turned at all
+
+
+def test_two_parts_as_one_body_go_where_friction_of_every_point_takes_it():
+    """Forces of both parts differ, so that the centre lies far from the middle of the areas."""
+    hinge = Hinge(np.array([0.02, 0.0]), np.array([-0.074, 0.0]), locked=True)
+    presumed = Rubbing.presumed(parts(), hinge)
+    body = JointedBody(parts(), hinge, 0.0, replace(presumed, forces=np.array([[0.2], [0.8]])))
+    table, pose = PointFriction(body, np.zeros(3)), np.zeros(3)
+    state = body.states(pose, 1)
+    tip, way, steps = np.array([0.03, -0.046]), np.array([0.0, 0.04]), 80
+    for k in range(steps):
+        table.move(tip + k / steps * way, way / steps)
+    after, _ = body.pushed_along(state, tip[None], [way[None] / 9] * 9)
+    np.testing.assert_allclose(after[0, :2], table.poses[0][:2], atol=3e-3)
+    np.testing.assert_allclose(after[0, 2], table.poses[0][2], atol=0.08)
+    assert abs(after[0, 2]) > 0.3  # it turned at all
+    assert abs(after[0, 3] - after[0, 2]) < 0.02  # and not the joint
 
 
 def random_tips(count=200, seed=3):
@@ -286,11 +305,11 @@ def test_two_parts_are_taken_for_what_was_seen_of_them():
     slide = np.outer(np.arange(5), [0.003, 0.01])
     apart = watched(np.linspace(0.0, 0.3, 5), play=slide)
     one, two, beside = (body_of_two(parts(), poses, watch) for watch in (still, turning, apart))
-    assert one.joined
+    assert one.hinge.locked
     assert "hardly turned" in one.words
-    assert isinstance(two, JointedBody)
+    assert not two.hinge.locked
     assert "joint at 52, 0 mm" in two.words
-    assert not beside.joined
+    assert beside.second is not None
     assert "in the way" in beside.words
 
 
@@ -367,7 +386,7 @@ def test_a_jointed_pair_comes_to_its_goal_though_nothing_is_known_of_its_joint()
     assert np.hypot(*away[:2]) < 3e-3
     assert abs(away[2]) < np.deg2rad(2.5)
     found = controller.planner.body
-    assert isinstance(found, JointedBody)  # the joint was found on the way
+    assert not found.hinge.locked  # the joint was found on the way
     assert found.rubbing.forces[0, 0] < 0.5  # and that the smaller part rubs more, which is 0.65
 
 

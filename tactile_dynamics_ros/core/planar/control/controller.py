@@ -235,9 +235,12 @@ class PushController:
             return
         self._idle = 0 if error < self._best - _NEVER else self._idle + 1
         self._best = min(self._best, error)
+        if self._idle > config.tries:
+            self._end(seen, f"{config.tries} tries brought it no nearer")
+            return
         push = self.planner.plan(pose)
-        if self._idle > config.tries or push.length <= 0.0:
-            self._end(seen, f"{config.tries} pushes brought it no nearer")
+        if push.length <= 0.0:  # none helps where it seems to lie: look again
+            self._looks.clear()
             return
         self.push, self.phase, self._touched = push, "go", False
         self._walk(seen, way_there(seen.tip, push.start, self.straight, self.support, seen.tip[3]))

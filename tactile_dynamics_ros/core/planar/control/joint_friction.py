@@ -153,5 +153,5 @@ def _varied(presumed: Rubbing, numbers: Array) -> Rubbing:
         presumed.arms + presumed.radii * shift,
         presumed.radii,
         np.stack([share, 1.0 - share]),
-        _JOINT * np.exp(numbers[:, 1]),
+        np.where(presumed.joint > 0.0, presumed.joint, _JOINT * np.exp(numbers[:, 1])),
     )

@@ -63,7 +63,7 @@ class JointWatch:
 
     def __init__(self) -> None:
         self.turned, self.pushes = False, PushRecord()
-        self._numbers, self._fitted, self._pushing = PRESUMED, 0, False
+        self._numbers, self._fitted, self._pushing = PRESUMED, (0, True), False
         self._newest: list[Array] = []
         self._seen: list[_Seen] = []
         self._hinge: Hinge | None = None
@@ -114,9 +114,9 @@ class JointWatch:
 
     def rubbing(self, parts: tuple[PushedBody, PushedBody], hinge: Hinge) -> Rubbing:
         """Return friction under the parts, fitted anew after each push."""
-        if self.pushes.count > self._fitted and not self._pushing:
-            self._numbers = self.pushes.fitted(parts, hinge)
-            self._fitted = self.pushes.count
+        known = self.pushes.count, hinge.locked
+        if known != self._fitted and not self._pushing:
+            self._numbers, self._fitted = self.pushes.fitted(parts, hinge), known
         return rubbing(parts, hinge, self._numbers)
 
     def _found(self, first: Array, second: Array) -> Hinge | None:
@@ -160,9 +160,12 @@ def body_of_two(
     """
     first, second = parts
     hinge = watch.hinge(first.outline, second.outline)
+    if not watch.turned:
+        middle = 0.5 * (placed(first.com[None], poses[0]) + placed(second.com[None], poses[1]))
+        one, two = (in_frame(middle, pose)[0] for pose in poses)
+        hinge = Hinge(one, two, locked=True)
     if hinge is not None:
         return JointedBody(
             parts, hinge, float(poses[1][2] - poses[0][2]), watch.rubbing(parts, hinge)
         )
-    beside = in_frame(placed(second.outline, poses[1]), poses[0])
-    return first.beside(beside, joined=not watch.turned)
+    return first.beside(in_frame(placed(second.outline, poses[1]), poses[0]))

@@ -27,6 +27,8 @@ _ROUNDS, _FIRST_ROUNDS = 2, 4
 _REST = 0.02
 """Share of the tip's speed below which a part counts as resting: friction that resists a standing
 part is unbounded per speed. Lower needs more rounds, higher lets parts creep that stand."""
+_LOCKED = 1.0
+"""Torque of a joint that does not turn over the parts' friction force, m: ten times their reach."""
 _BENDS = 60
 """Bends at which it is found how deep parts reach into each other: each 6 degrees, 5 mm of motion
 at a corner; they cost 3 ms together."""
@@ -38,14 +40,16 @@ _SLOW = 1e-9
 
 @dataclass(frozen=True)
 class Hinge:
-    """Where two parts turn against each other.
+    """What holds two parts together.
 
     Attributes:
         first: (2,) m, its place in the first part's frame. second: (2,) m, in the second's.
+        locked: whether they do not turn about it: both are one body, and any place will do.
     """
 
     first: Array
     second: Array
+    locked: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,14 +70,14 @@ class Rubbing:
 
     @classmethod
     def presumed(cls, parts: tuple[PushedBody, PushedBody], hinge: Hinge) -> Rubbing:
-        """Presume forces as the areas are, and a joint that turns freely."""
+        """Presume forces as the areas are, and a joint that turns freely unless it is locked."""
         areas = np.array([area_and_centroid(part.outline)[0] for part in parts])
         coms = np.stack([part.com for part in parts])
         return cls(
             _plane(coms - np.stack([hinge.first, hinge.second]))[:, None],
             np.array([[part.radius] for part in parts]),
             areas[:, None] / areas.sum(),
-            np.zeros(1),
+            np.array([_LOCKED if hinge.locked else 0.0]),
         )
 
 
@@ -192,7 +196,9 @@ def _under(mobility: _Mobility, tips: Tips) -> tuple[Plane, Array]:
 
 @dataclass(frozen=True, eq=False)
 class JointedBody:
-    """Two parts on a joint, either of which may be pushed; states are x, y, yaw, second yaw.
+    """Two parts on a joint, perhaps a locked one, either of which may be pushed.
+
+    States are x, y, yaw, second yaw.
 
     Attributes:
         parts: each in its own frame.
@@ -214,6 +220,8 @@ class JointedBody:
     @property
     def words(self) -> str:
         """What the object is taken for."""
+        if self.hinge.locked:
+            return "two parts as one body: they hardly turned against each other so far"
         x, y = 1e3 * self.hinge.first
         return f"two parts on a joint at {x:.0f}, {y:.0f} mm in the first one's frame"
 
@@ -265,6 +273,8 @@ class JointedBody:
 
     def struck(self, tip: Array, state: Array) -> Array:
         """By how much (N,) m tips (N, 2) are too near to the part that they do not push."""
+        if self.hinge.locked:
+            return np.zeros(len(tip))
         return self.parts[0].lacking(self._outside(tip, state).max(axis=0))
 
     def folded(self, state: Array) -> Array:

@@ -72,7 +72,8 @@ class Push:
     """One push, as the arm takes it.
 
     Attributes:
-        start: (2,) m, of the tip's middle, world. direction: (2,) unit, at first. length: m.
+        start: (2,) m, of the tip's middle, world. direction: (2,) unit, at first. length: m,
+            zero where no push helps.
         normal: (2,) into the object where it begins. error: m, expected after all pushes planned.
         plan: (H, 5) it and those that should follow.
     """
@@ -219,11 +220,11 @@ class PushPlanner:
         return np.asarray(np.clip(push[:, LENGTH], 0.0, most), dtype=float)
 
     def _push(self, plan: Array, pose: Array, cost: float) -> Push:
-        """Return the first push of a plan that moves anything."""
+        """Return the first push of a plan that moves anything; one of no length where none does."""
         moving = [k for k in range(len(plan)) if plan[k, LENGTH] > 0.0]
         order = moving + [k for k in range(len(plan)) if k not in moving]
         plan = plan[order]
         start, normal = self._starts(plan[:1, PLACE], self.body.states(pose, 1))
         direction = self._directions(plan[:1], normal)[0, 0]
-        length = float(self.length(plan[:1], pose[None])[0])
-        return Push(start[0], direction, length + self.config.gap, normal[0], cost, plan)
+        length = float(self.length(plan[:1], pose[None])[0]) + self.config.gap if moving else 0.0
+        return Push(start[0], direction, length, normal[0], cost, plan)

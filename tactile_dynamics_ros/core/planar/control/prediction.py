@@ -14,7 +14,7 @@ from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.planar.linked.outlines import distance_outside
 from tactile_dynamics_ros.core.planar.mechanics.limit_surface import pushed_twist
 from tactile_dynamics_ros.core.planar.mechanics.linkage import in_frame, placed, turned
-from tactile_dynamics_ros.core.planar.mechanics.outline import area_and_centroid, load_points
+from tactile_dynamics_ros.core.planar.mechanics.outline import area_and_centroid
 from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
 
 Array = NDArray[np.float64]
@@ -27,8 +27,6 @@ _FEW_CORNERS = 24
 by anyway; with twice as many the search takes 0.8 s instead of 0.4."""
 _CLEAR = 0.003
 """Least gap between tip and what it does not push, m: outlines and poses are right to 3 mm."""
-_CARRYING = 100
-"""Points of both footprints by which the friction radius of two parts is summed: 1 % of it."""
 
 
 class Pushable(Protocol):
@@ -78,9 +76,8 @@ class PushedBody:
         com: (2,) m, object frame; the centre of friction lies below it.
         tip_radius: m, of the pusher.
         tip_friction: coefficient between tip and object.
-        second: (V, 2) m, outline of another part where it lies now, object frame; None: one part.
-        joined: whether both parts are one body, which may be pushed at either; else the second is
-            only in the way.
+        second: (V, 2) m, outline of another part where it lies now, object frame, which is only in
+            the way; None: one part.
     """
 
     outline: Array
@@ -88,7 +85,6 @@ class PushedBody:
     tip_radius: float = 0.006
     tip_friction: float = 0.35
     second: Array | None = None
-    joined: bool = False
 
     @classmethod
     def from_footprint(
@@ -107,28 +103,16 @@ class PushedBody:
         outline = _simplified(outline)
         return cls(outline, middle if com is None else com, tip_radius, tip_friction)
 
-    def beside(self, second: Array, joined: bool) -> PushedBody:
-        """Return it with another part (V, 2) m, object frame; joined, both have one centre."""
+    def beside(self, second: Array) -> PushedBody:
+        """Return it with another part (V, 2) m, object frame, in the way."""
         second = second if area_and_centroid(second)[0] > 0.0 else second[::-1]
-        parts = [area_and_centroid(each) for each in (self.outline, second)]
-        area = sum(part[0] for part in parts)
-        middle = sum(part[0] * part[1] for part in parts) / area
-        com = np.asarray(middle) if joined else self.com
-        return replace(self, second=_simplified(second), joined=joined, com=com)
-
-    @cached_property
-    def _pushable(self) -> tuple[Array, ...]:
-        """Outlines that the tip may push."""
-        both = self.joined and self.second is not None
-        return (self.outline, self.second) if both else (self.outline,)  # type: ignore[return-value]
+        return replace(self, second=_simplified(second))
 
     @property
     def words(self) -> str:
         """What the object is taken for."""
         if self.second is None:
             return "one part"
-        if self.joined:
-            return "two parts as one body: they hardly turned against each other so far"
         return "the first of two parts; the second, moved by no joint that is known, is in the way"
 
     def states(self, pose: Array, count: int) -> Array:
@@ -162,7 +146,7 @@ class PushedBody:
 
     def struck(self, tip: Array, state: Array) -> Array:
         """By how much (N,) m tips (N, 2) run into what is not to be pushed."""
-        if self.second is None or self.joined:
+        if self.second is None:
             return np.zeros(len(tip))
         return self.lacking(distance_outside(self.second, in_frame(tip, state)))
 
@@ -183,22 +167,9 @@ class PushedBody:
     @cached_property
     def radius(self) -> float:
         """Friction radius, m: largest friction torque over largest force."""
-        if len(self._pushable) > 1:
-            return self._radius_of_both()
         patch = SupportPatch(self.outline)
         centre = (self.com - patch.centroid)[None]
         return float(patch.friction_radius(centre, np.ones(1))[0])
-
-    def _radius_of_both(self) -> float:
-        """Mean distance of both footprints' points from the centre, m: under even pressure."""
-        places, shares = [], []
-        for outline in self._pushable:
-            points, share = load_points(outline, _CARRYING // 2)
-            places.append(points)
-            shares.append(share * abs(area_and_centroid(outline)[0]))
-        share = np.concatenate(shares)
-        away = np.linalg.norm(np.concatenate(places) - self.com, axis=1)
-        return float(share @ away / share.sum())
 
     @cached_property
     def coarse(self) -> Array:
@@ -207,10 +178,9 @@ class PushedBody:
 
     @cached_property
     def edges(self) -> tuple[Array, Array, Array]:
-        """Start (V, 2), way (V, 2) and length (V,) of each edge that may be pushed."""
-        start = np.concatenate(self._pushable)
-        way = np.concatenate([np.roll(each, -1, axis=0) - each for each in self._pushable])
-        return start, way, np.linalg.norm(way, axis=1)
+        """Start (V, 2), way (V, 2) and length (V,) of each edge."""
+        way = np.roll(self.outline, -1, axis=0) - self.outline
+        return self.outline, way, np.linalg.norm(way, axis=1)
 
     def at(self, share: Array) -> tuple[Array, Array]:
         """Point (N, 2) and inward normal (N, 2) at shares (N,) of the perimeter, object frame."""
