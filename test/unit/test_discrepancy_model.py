@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import gc
+import weakref
+
 import numpy as np
 import pytest
 
@@ -38,6 +41,22 @@ def test_an_effect_that_moves_the_present_ones_far_is_fitted_jointly(tethered):
     both = tethered.with_effect(score.family, score.coefficients)
     assert white_rms(tethered) > 1.15
     assert white_rms(both) < 1.05
+
+
+def test_a_model_is_gone_with_its_last_name():
+    """Each holds a hundred megabytes, and the collector of cycles may not come for long."""
+    recording = generate(328, {"tether_spring": 0.36}, ScenarioOptions(duration=4.0))
+    gc.collect()
+    gc.disable()
+    try:
+        model = HeldObjectModel.from_fit(fit_body(recording.streams))
+        scores = screen(model, model.families(["tether_spring"]))
+        added = try_effect(model, scores, "tether_spring", 1.0).model
+        left = [weakref.ref(each.fitted.stretches[0]) for each in (model, added)]
+        del model, scores, added
+        assert [each() for each in left] == [None, None]
+    finally:
+        gc.enable()
 
 
 def test_an_effect_is_taken_away_again(tethered):

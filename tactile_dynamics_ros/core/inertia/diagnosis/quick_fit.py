@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Protocol
 
 import numpy as np
@@ -50,7 +50,8 @@ class Whitening:
     @cached_property
     def repeated(self) -> RepeatedWhitening:
         """White columns that fits at this whitening have in common."""
-        return RepeatedWhitening(self.whiten)
+        # not of self.whiten: in a cycle a hundred megabytes stay until the collector finds them
+        return RepeatedWhitening(partial(whiten_stretches, self.model.stretches))
 
     def whiten(self, values: Sequence[Array]) -> Array:
         """White form of values (N, 6, ...) per stretch."""
