@@ -102,8 +102,8 @@ class Planner(Protocol):
     goal: Array
     body: Pushable
 
-    def error(self, pose: Array) -> Array:
-        """Distance (N,) of poses (N, 3) from the goal, m."""
+    def left(self, pose: Array) -> float:
+        """What is left to do for an object at a pose (3,), m."""
 
     def plan(self, pose: Array) -> Push:
         """Return the next push of an object at a pose (3,)."""
@@ -229,12 +229,12 @@ class PushController:
         """Stop, or begin the way to the next push."""
         config = self.config
         away, turn = self._away(pose)
-        error = float(self.planner.error(pose[None])[0])
+        left = self.planner.left(pose)
         if away <= config.near and turn <= np.deg2rad(config.near_deg):
             self._end(seen, "near enough")
             return
-        self._idle = 0 if error < self._best - _NEVER else self._idle + 1
-        self._best = min(self._best, error)
+        self._idle = 0 if left < self._best - _NEVER else self._idle + 1
+        self._best = min(self._best, left)
         if self._idle > config.tries:
             self._end(seen, f"{config.tries} tries brought it no nearer")
             return
@@ -286,9 +286,9 @@ class PushController:
         self._late = min(self._late, seen.time) if late else np.inf
         blocked = seen.time - self._late > _BLOCKED_FOR
         blocked = blocked or self.planner.strikes(seen.pose, self._place)
-        error = float(self.planner.error(seen.pose[None])[0])
-        self._least = min(self._least, error)
-        useless = self._left <= 1e-4 or error > self._least + _WORSE or self._is_late(seen)
+        still = self.planner.left(seen.pose)
+        self._least = min(self._least, still)
+        useless = self._left <= 1e-4 or still > self._least + _WORSE or self._is_late(seen)
         if useless or gap > self._most_gap() or blocked:
             self._begin_leaving(seen)
         return np.array([*self._place, self._z, seen.tip[3]])

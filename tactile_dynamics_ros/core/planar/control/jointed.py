@@ -30,8 +30,8 @@ part is unbounded per speed. Lower needs more rounds, higher lets parts creep th
 _LOCKED = 1.0
 """Torque of a joint that does not turn over the parts' friction force, m: ten times their reach."""
 _BENDS = 60
-"""Bends at which it is found how deep parts reach into each other: each 6 degrees, 5 mm of motion
-at a corner; they cost 3 ms together."""
+"""Bends at which it is found whether parts reach into each other: each 6 degrees, 5 mm of motion at
+a corner; they cost 3 ms together."""
 _REACHES = 0.003
 """m by which parts may seem to reach into each other: outlines and poses are right to 3 mm."""
 _SLOW = 1e-9
@@ -272,20 +272,25 @@ class JointedBody:
         return self.parts[0].lacking(self._outside(tip, state).min(axis=0))
 
     def struck(self, tip: Array, state: Array) -> Array:
-        """By how much (N,) m tips (N, 2) are too near to the part that they do not push."""
+        """By how much (N,) m tips (N, 2) are too near to the part that they do not push.
+
+        Where parts reach into each other, their edges are one, and a tip pushes what it meets.
+        """
         if self.hinge.locked:
             return np.zeros(len(tip))
-        return self.parts[0].lacking(self._outside(tip, state).max(axis=0))
+        near = self.parts[0].lacking(self._outside(tip, state).max(axis=0))
+        return np.where(self.folded(state) > 0.0, 0.0, near)
 
     def folded(self, state: Array) -> Array:
-        """By how much (N,) m both parts reach into each other further than they do now.
+        """How far (N,) m parts have to turn back, at the larger radius, to lie side by side.
 
         Joints end where parts meet: what is predicted beyond does not come.
         """
-        bends, depths = self._depths
-        bent = np.append(state[:, 3] - state[:, 2], self.bend)
-        depth = np.interp(bent, bends, depths, period=2.0 * np.pi)
-        return np.asarray(np.maximum(depth[:-1] - max(depth[-1], _REACHES), 0.0))
+        if self.hinge.locked:
+            return np.zeros(len(state))
+        bends, turns = self._turns_back
+        turn = np.interp(state[:, 3] - state[:, 2], bends, turns, period=2.0 * np.pi)
+        return np.asarray(float(self.rubbing.radii.max()) * turn)
 
     def pushed_along(self, state: Array, tip: Array, ways: Sequence[Array]) -> tuple[Array, Array]:
         """States and tips after a push along short ways (N, 2) each; it stays on one part."""
@@ -326,8 +331,8 @@ class JointedBody:
         return joint + moved, yaws + touching * slip.turns, slip
 
     @cached_property
-    def _depths(self) -> tuple[Array, Array]:
-        """Bends (B,) rad and how deep (B,) m a corner of one part then lies in the other."""
+    def _turns_back(self) -> tuple[Array, Array]:
+        """Bends (B,) rad and the turn (B,) from each to the nearest at which parts are apart."""
         bends = np.linspace(-np.pi, np.pi, _BENDS, endpoint=False)
         depth = np.zeros(_BENDS)
         hinges = self.hinge.first, self.hinge.second
@@ -337,7 +342,11 @@ class JointedBody:
             moved = turned(np.tile(corners, (_BENDS, 1)), angles) + hinges[1 - k]
             inside = -distance_outside(self.parts[1 - k].coarse, moved)
             depth = np.maximum(depth, inside.reshape(_BENDS, -1).max(axis=1))
-        return bends, depth
+        free = bends[depth < _REACHES]
+        if len(free) == 0:
+            return bends, np.zeros(_BENDS)
+        away = np.abs(bends[:, None] - free)
+        return bends, np.minimum(away, 2.0 * np.pi - away).min(axis=1)
 
     @cached_property
     def _edges(self) -> tuple[Plane, Plane, Array]:

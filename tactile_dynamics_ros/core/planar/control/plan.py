@@ -31,6 +31,11 @@ _FAR, _SHORT = 1.5, 0.003
 along an edge went astray by 10 cm from 3 mm off the goal. Below 1.2 turns take more pushes."""
 
 
+_UNFOLD = 2.0
+"""Error that counts as much as parts that reach into each other, m per m of turning back: motion is
+not predicted there, and parts above each other can hardly be pushed. Below 1 plans would fold."""
+
+
 @dataclass(frozen=True)
 class PlanConfig:
     """What pushes may be like, and what counts as near."""
@@ -109,6 +114,13 @@ class PushPlanner:
         turn = (away[:, 2] + np.pi) % (2.0 * np.pi) - np.pi
         squared = np.sum(np.square(away[:, :2]), axis=1) + np.square(self.config.arm * turn)
         return np.asarray(np.sqrt(squared), dtype=float)
+
+    def left(self, pose: Array) -> float:
+        """What is left to do for an object at a pose (3,), m: its error, and parts to unfold."""
+        return float(self._left(self.body.states(pose, 1))[0])
+
+    def _left(self, state: Array) -> Array:
+        return self.error(state) + _UNFOLD * self.body.folded(state)
 
     def contact(self, pose: Array, tip: Array) -> tuple[float, Array]:
         """Gap between tip (2,) and object at a pose (3,), m, and the normal (2,) into it, world."""
@@ -198,10 +210,10 @@ class PushPlanner:
                 total += 10.0 * moves * self.body.crowded(tip, states)
             states, tip = self._pushed(push, states, tip, normal, gap)
             total += 10.0 * moves * self.bounds.lacking(tip)
-            total += 10.0 * moves * (self.body.struck(tip, states) + self.body.folded(states))
+            total += 10.0 * moves * self.body.struck(tip, states)
             total += self.config.length_effort * np.maximum(push[:, LENGTH], 0.0)
             weight = 1.0 if k == plans.shape[1] - 1 else self.config.early
-            total += weight * self.error(states)
+            total += weight * self._left(states)
         return total
 
     def _pushed(

@@ -59,7 +59,7 @@ class Pushable(Protocol):
         """By how much (N,) m tips (N, 2) run into what they do not push."""
 
     def folded(self, state: Array) -> Array:
-        """By how much (N,) m parts reach into each other in states (N, D)."""
+        """How far (N,) m parts have to turn back to lie side by side in states (N, D)."""
 
     def pushed_along(self, state: Array, tip: Array, ways: Sequence[Array]) -> tuple[Array, Array]:
         """States and tips after a push along short ways (N, 2) each."""
