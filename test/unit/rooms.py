@@ -107,7 +107,13 @@ ROOMS = {
     ),
     "core/planar/properties": Room(
         "the door to estimates of pushed objects; mass, friction and centre on a latent motion",
-        ("core/planar", "core/planar/effects", "core/planar/linked", "core/planar/mechanics")
+        (
+            "core/numerics",
+            "core/planar",
+            "core/planar/effects",
+            "core/planar/linked",
+            "core/planar/mechanics",
+        )
         + ("core/planar/sparse",),
     ),
     "core/planar/memory": Room(

@@ -10,16 +10,13 @@ from numpy.testing import assert_allclose
 
 from tactile_dynamics_ros.cli.main import main
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.numerics.bordered import NormalEquations, Solution
 from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
 from tactile_dynamics_ros.core.planar.properties import fit as fitting
 from tactile_dynamics_ros.core.planar.properties.balance import NAMES
-from tactile_dynamics_ros.core.planar.properties.bordered import (
-    NormalEquations,
-    Optimum,
-    Solution,
-)
 from tactile_dynamics_ros.core.planar.properties.estimate import estimate
 from tactile_dynamics_ros.core.planar.properties.intervals import cut_intervals
+from tactile_dynamics_ros.core.planar.properties.optimum import Optimum
 from tactile_dynamics_ros.core.planar.properties.push_model import (
     USUAL_FRICTION,
     USUAL_UNEVENNESS,

@@ -10,6 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
+from tactile_dynamics_ros.core.numerics.bordered import (
+    Factor,
+    NormalEquations,
+    Solution,
+    minimise,
+)
 from tactile_dynamics_ros.core.planar.effects.effect import PushEffect
 from tactile_dynamics_ros.core.planar.known import KnownPushed
 from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
@@ -20,15 +26,22 @@ from tactile_dynamics_ros.core.planar.properties.balance import (
     foot_speeds,
     sliding,
 )
-from tactile_dynamics_ros.core.planar.properties.bordered import (
-    Factor,
-    NormalEquations,
-    Optimum,
-    Solution,
-    average,
-    minimise,
-)
 from tactile_dynamics_ros.core.planar.properties.intervals import COARSE, Intervals, cut_intervals
+from tactile_dynamics_ros.core.planar.properties.optimum import (
+    AROUND,
+    FIRST_VARIATION,
+    FREE,
+    HOPELESS,
+    LEAST_INTERVALS,
+    PENDING,
+    SINGULAR,
+    STAGES,
+    TOLERANCE,
+    VARIATIONS,
+    WIDTH,
+    Optimum,
+    average,
+)
 from tactile_dynamics_ros.core.planar.properties.push_model import (
     FRICTION_SPREAD,
     USUAL_FRICTION,
@@ -51,37 +64,19 @@ _MOTION_ROUNDS = 8
 _LEAST_SPREAD = (0.5, 0.5, 10.0)
 """Accelerations allowed where nothing is modelled and nothing touches, m/s^2 and rad/s^2: what
 turns out during a slide to a stop. A tenth holds the object back while it still slides."""
-_FREE = 5.0
-"""Accelerations allowed around touches whose friction is not modelled, m/s^2: a coefficient of 0.5.
-Without a limit the motion takes paths there that no object takes; at 2 masses come out too low."""
-_AROUND = 3
-"""Intervals around touches in which that is so: an arm that stops within 20 ms."""
 _START = 0.3
 """Friction coefficient at which the fit begins; from 0.15 and 0.8 the stages lead to the same
 place."""
-_STAGES = ((2e-2, 30.0), (5e-3, 10.0), (2e-3, 3.0), (5e-4, 1.0))
-"""Slip speed, m/s, and floor over its final value of each stage; slip is for 50 mm/s and slower in
-proportion below. Straight at the last one the fit sticks at signs that noise decides."""
 _FITTED = 1.5
 """Misfit from which the next plan is tried: clean recordings have 0.8 to 1, optima that are missed
 2 to 50. At 1 noise would double the time."""
-_VARIATIONS = (0.003, 0.03, 0.1)
-"""Relative variation of friction from place to place that is tried; real tables have 0.08 to
-0.13. The least is not tried where forces are coarse: one even table in eight was none there, its
-product 15 std off."""
-_HOPELESS = 60.0
-"""Log evidence by which a variation may promise less than the best and still be refitted: refits of
-four recordings turned differences of up to 31 round, none of more than 50. Smaller passes over the
-right one, larger costs refits that have no weight."""
-_PLANS = (((8, 8, 8, 40), (3, 4), 0.0), ((30, 30, 30, 40), (1, 2), _HOPELESS))
+_PLANS = (((8, 8, 8, 40), (3, 4), 0.0), ((30, 30, 30, 40), (1, 2), HOPELESS))
 """Iterations of each stage, stages before which it is judged anew, by the forces too, what slides,
 where 4 is after the last, and log evidence that is asked of an even table. The first suffices where
 the tip stays in touch. One that bounces stops and starts objects between two poses: there the first
 stages need 30, with one mask fits miss the optimum, and an even table wins by chance (by 47 on one
 recording, whose product was then 2.6 std off). The second plan alone misses one recording in four
 of the others."""
-_FIRST_VARIATION = 0.03
-"""The one with which fits begin, the middle."""
 _VOLUME_ROUNDS = 2
 """Refits with a new slope of the volume of motions; the second moves masses by a tenth of the
 first."""
@@ -94,23 +89,9 @@ usual, as it may have stopped short: of two that were, with masses 2 and 4 std o
 std off. Where the data say so both come to the same place; 1 would double the time of most fits."""
 _SAME = 0.5
 """Change of the common numbers, in std, up to which two optima are one."""
-_LEAST_INTERVALS = 10
-"""Intervals of sliding below which nothing is said: a tenth of a second at 100 Hz."""
 _LOOSE = 1e-6
 """Information on every node beside the data, in units of one pose: the delay may leave the
 outermost node of a segment without any. A millionth changes no interval."""
-_SINGULAR = (
-    "the motion that was found is singular: the model may lack something, or footprint, units or "
-    "clocks are wrong"
-)
-"""What is said where no fit exists; words for people, no number."""
-_TOLERANCE = 3e-2
-"""Fall of the cost (twice the log probability) that is immaterial: 0.03 of a std squared; at a
-third of it fits take twice as long and move by less than 0.1 std."""
-_WIDTH = 2.0
-"""By how much std of mass and inertia are widened: on twelve recordings made for tuning their
-errors were up to twice as large as the curvature of the optimum says, as noise of accelerations is
-no Gaussian of small width. At 1 one in five intervals of 90 % misses."""
 _WITHOUT = ((1, 8), (2, 8), (3, 60))
 """Stages and iterations of a fit from which effects are taken out: straight at the last it needs
 90; on one of seven recordings 30 in the last left the error a tenth too large."""
@@ -122,9 +103,6 @@ much widens centres of six pushes by 1.7."""
 _TOLD = 10.0
 """Log evidence by which a variation of friction must lead to be told: on uneven tables it leads by
 17 and more, by 1.4 where noise hides how friction differs. Larger widens products on even ones."""
-_PENDING = 0.5
-"""Step that the optimiser would still take, in std of the common numbers taken together, up to
-which its result is an answer; the step is in the interval."""
 
 
 def fit_push(
@@ -180,12 +158,12 @@ def _extended(fit: PushFit, effect: PushEffect) -> PushFit:
 
 def _optima(model: PushModel, start: Solution, doubt: float) -> list[Optimum]:
     """Refits with each variation of friction, but for those that are hopeless beforehand."""
-    tried = _VARIATIONS[model.intervals.step > COARSE :]
+    tried = VARIATIONS[model.intervals.step > COARSE :]
     hopes = [_hope(model, (start.nodes, start.common), v) for v in tried]
-    limit = _HOPELESS if model.known is None else 0.0  # what is known is near the optimum already
+    limit = HOPELESS if model.known is None else 0.0  # what is known is near the optimum already
     chosen = [v for v, hope in zip(tried, hopes, strict=True) if hope >= max(hopes) - limit]
     found = [_optimum(model, start, variation) for variation in chosen]
-    if doubt and found[0].variation == _VARIATIONS[0]:
+    if doubt and found[0].variation == VARIATIONS[0]:
         found[0] = replace(found[0], evidence=found[0].evidence - doubt)
     return found if model.known is not None else found + _other(model, found)
 
@@ -263,10 +241,10 @@ def _prepared(
     streams: PushedStreams, cut: Intervals, patch: SupportPatch, nodes: Array, spread: Array
 ) -> PushModel:
     mask = sliding(cut, patch, nodes)
-    if int(mask.sum()) < _LEAST_INTERVALS:
+    if int(mask.sum()) < LEAST_INTERVALS:
         raise NotIdentifiableError(
             f"the object slides in {int(mask.sum())} intervals of {cut.step:g} s only, expected "
-            f"{_LEAST_INTERVALS} at least; push it further"
+            f"{LEAST_INTERVALS} at least; push it further"
         )
     height = float(np.median(cut.point[cut.touching, 2]))
     known = streams.com_height is not None and streams.com_height_std is not None
@@ -274,8 +252,8 @@ def _prepared(
     std = streams.com_height_std[0] if known and streams.com_height_std else 0.3 * height + 1e-3
     plate = float(np.sqrt(patch.gyration))
     moved = np.linalg.norm(np.diff(nodes[:, :2], axis=0), axis=1)
-    free = np.array([_FREE, _FREE, _FREE / plate])
-    near = around(cut.touching, _AROUND)[:, None]
+    free = np.array([FREE, FREE, FREE / plate])
+    near = around(cut.touching, AROUND)[:, None]
     return PushModel(
         intervals=cut,
         patch=patch,
@@ -295,7 +273,7 @@ def _scales(model: PushModel) -> tuple[Array, Array]:
 def _sharpness(model: PushModel, nodes: Array, stage: int, variation: float) -> Sharpness:
     speed = foot_speeds(model.intervals, model.patch, nodes)
     share = min(1.0, float(np.median(speed[model.mask])) / 0.05)
-    slip, floor = _STAGES[stage]
+    slip, floor = STAGES[stage]
     return Sharpness(slip * share, floor, variation)
 
 
@@ -312,7 +290,7 @@ def _best_planned(model: PushModel, nodes: Array) -> PushFit:
         if found[-1].converged and found[-1].whitened_rms < _FITTED:
             return found[-1]
     if not found:
-        raise NotIdentifiableError(_SINGULAR) from error
+        raise NotIdentifiableError(SINGULAR) from error
     return min(found, key=lambda fit: (not fit.converged, fit.whitened_rms))
 
 
@@ -333,7 +311,7 @@ def _staged(
     for stage, most in enumerate(iterations):
         if stage in masked:
             model = judged(nodes)
-        sharp = _sharpness(model, start, stage, _FIRST_VARIATION)
+        sharp = _sharpness(model, start, stage, FIRST_VARIATION)
         found = _minimised(model, nodes, common, sharp, most)
         nodes, common = found.nodes, found.common
     assert found is not None
@@ -342,7 +320,7 @@ def _staged(
 
 def final_sharpness(model: PushModel, nodes: Array, variation: float) -> Sharpness:
     """How strictly the last stage takes a model."""
-    return _sharpness(model, nodes, len(_STAGES) - 1, variation)
+    return _sharpness(model, nodes, len(STAGES) - 1, variation)
 
 
 def with_expected_force(fit: PushFit) -> PushFit:
@@ -376,7 +354,7 @@ def refit(
         start = _minimised(model, fit.nodes, common, sharp, _REFIT)
         return _averaged(model, [_optimum(model, start, variation)])
     except np.linalg.LinAlgError as error:
-        raise NotIdentifiableError(_SINGULAR) from error
+        raise NotIdentifiableError(SINGULAR) from error
 
 
 def error_without_effects(fit: PushFit) -> float:
@@ -403,7 +381,7 @@ def _minimised(
 ) -> Solution:
     linearise = partial(model.linearise, sharp=sharp, slope=slope)
     cost = partial(model.cost, sharp=sharp, slope=slope)
-    return minimise(linearise, nodes, common, *_scales(model), iterations, _TOLERANCE, cost)
+    return minimise(linearise, nodes, common, *_scales(model), iterations, TOLERANCE, cost)
 
 
 def _optimum(model: PushModel, start: Solution, variation: float) -> Optimum:
@@ -424,7 +402,7 @@ def _averaged(model: PushModel, trials: list[Optimum]) -> PushFit:
     """Mean over variations by their evidence."""
     likeliest, common, covariance = average(trials)
     width = np.ones(len(common))
-    width[[NAMES.index("ln_mass"), NAMES.index("ln_inertia")]] = _WIDTH
+    width[[NAMES.index("ln_mass"), NAMES.index("ln_inertia")]] = WIDTH
     covariance *= np.outer(width, width)
     covariance += _by_face(model, likeliest)
     return PushFit(
@@ -434,7 +412,7 @@ def _averaged(model: PushModel, trials: list[Optimum]) -> PushFit:
         covariance=covariance,
         whitened_rms=likeliest.misfit,
         variation=likeliest.variation,
-        converged=likeliest.solution.settled or likeliest.pending < _PENDING,
+        converged=likeliest.solution.settled or likeliest.pending < PENDING,
         untold=any(
             trial.variation != likeliest.variation and trial.evidence > likeliest.evidence - _TOLD
             for trial in trials

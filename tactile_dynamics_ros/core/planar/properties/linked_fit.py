@@ -11,37 +11,37 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
+from tactile_dynamics_ros.core.numerics.bordered import Solution, minimise
 from tactile_dynamics_ros.core.planar.effects.acting import described
 from tactile_dynamics_ros.core.planar.effects.effect import PushEffect
 from tactile_dynamics_ros.core.planar.effects.part import instances
 from tactile_dynamics_ros.core.planar.linked.rows import PairPatch
 from tactile_dynamics_ros.core.planar.mechanics.linkage import turned
-from tactile_dynamics_ros.core.planar.properties.bordered import (
-    Optimum,
-    Solution,
-    average,
-    minimise,
-)
 from tactile_dynamics_ros.core.planar.properties.linked_jointed import JointedModel
 from tactile_dynamics_ros.core.planar.properties.linked_model import PairModel
 from tactile_dynamics_ros.core.planar.properties.linked_motion import Motion, PairData
 from tactile_dynamics_ros.core.planar.properties.linked_pair import Pair
 from tactile_dynamics_ros.core.planar.properties.linked_rigid import RigidModel
+from tactile_dynamics_ros.core.planar.properties.optimum import (
+    AROUND,
+    FIRST_VARIATION,
+    FREE,
+    HOPELESS,
+    LEAST_INTERVALS,
+    PENDING,
+    SINGULAR,
+    STAGES,
+    TOLERANCE,
+    VARIATIONS,
+    WIDTH,
+    Optimum,
+    average,
+)
 from tactile_dynamics_ros.core.planar.properties.push_model import ELSEWHERE, Sharpness
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_STAGES = ((2e-2, 30.0, 8), (5e-3, 10.0, 8), (2e-3, 3.0, 8), (5e-4, 1.0, 30))
-"""Slip speed, m/s, floor over its final value, and iterations of each stage, as for one part."""
-_VARIATIONS = (0.003, 0.03, 0.1)
-"""Relative variation of friction from place to place that is tried, as for one part."""
-_FIRST_VARIATION = 0.03
-"""The one with which fits begin, the middle."""
-_HOPELESS = 60.0
-"""Log evidence by which a variation may promise less than the best and still be refitted, as for
-one part. At 8 the right one was passed over on a simulated joint, by 25 after its refit, and the
-joint's friction was 2.8 std off instead of 1.1."""
 _REFIT = 60
 """Iterations of a refit with another variation or effect, at most: after 15 eight of nine jointed
 recordings made for tuning had 0.6 to 7 std still to go."""
@@ -50,25 +50,11 @@ _SLIDING_SPEED, _SLIDING_SHARE = 0.02, 0.4
 that is less. Slower intervals may stick in part."""
 _TURNING = 0.06
 """Relative rate from which a joint turns, rad/s: three times what noise makes of a held one."""
-_LEAST_INTERVALS = 10
-"""Intervals of sliding below which nothing is said: a tenth of a second at 100 Hz."""
-_FREE, _LEAST_SPREAD = 5.0, (0.5, 10.0)
-"""Accelerations allowed where nothing is modelled: near touches, m/s^2, and elsewhere, m/s^2 and
-rad/s^2; as for one part."""
-_AROUND = 3
-"""Intervals around touches in which the former holds: an arm that stops within 20 ms."""
-_TOLERANCE = 3e-2
-"""Fall of the cost that is immaterial, as for one part."""
-_WIDTH = 2.0
-"""By how much std of masses and inertias are widened, as for one part."""
-_SINGULAR = (
-    "the motion that was found is singular: the model may lack something, or footprints, units or "
-    "clocks are wrong"
-)
-"""What is said where no fit exists; words for people, no number."""
-_PENDING = 0.5
-"""Step that the optimiser would still take, in std of all numbers together, up to which its result
-is an answer; the step is in the interval."""
+_ITERATIONS = (8, 8, 8, 30)
+"""Iterations of each stage, at most; of a single part the last has 40."""
+_LEAST_SPREAD = (0.5, 10.0)
+"""Accelerations allowed where nothing is modelled and nothing touches, m/s^2 and rad/s^2, as for
+one part."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,22 +193,22 @@ def refit_pair(
         slope = model.volume_slope(start.nodes, start.common, sharp)
         return _averaged(model, [_optimum(model, start, variation, slope)])
     except np.linalg.LinAlgError as error:
-        raise NotIdentifiableError(_SINGULAR) from error
+        raise NotIdentifiableError(SINGULAR) from error
 
 
 def final_sharpness(variation: float) -> Sharpness:
     """How strictly the last stage takes a model."""
-    return _sharpness(len(_STAGES) - 1, variation)
+    return _sharpness(len(STAGES) - 1, variation)
 
 
 def _data(pair: Pair, spread: Array) -> PairData:
     cut, streams = pair.intervals, pair.streams
     speeds = [_speeds(pair, k) for k in (0, 1)]
     mask = _sliding(pair, speeds)
-    if int(mask.sum()) < _LEAST_INTERVALS:
+    if int(mask.sum()) < LEAST_INTERVALS:
         raise NotIdentifiableError(
             f"both parts slide at the same time in {int(mask.sum())} intervals of {cut.step:g} s "
-            f"only, expected {_LEAST_INTERVALS} at least; push further"
+            f"only, expected {LEAST_INTERVALS} at least; push further"
         )
     height = float(np.median(cut.point[cut.touching, 2]))
     known, std = streams.com_height, streams.com_height_std
@@ -230,9 +216,9 @@ def _data(pair: Pair, spread: Array) -> PairData:
     rate = pair.nodes[1][:, 2] - pair.nodes[0][:, 2]
     turning = np.zeros(len(cut), dtype=bool)
     turning[1:-1] = np.abs(rate[2:] - rate[:-2]) / (2.0 * cut.step) > _TURNING
-    near = _near(cut.touching, _AROUND)[:, None]
+    near = _near(cut.touching, AROUND)[:, None]
     size = float(np.sqrt(np.mean([patch.gyration for patch in pair.patches])))
-    free = np.array([_FREE, _FREE] + [_FREE / size] * (spread.shape[1] - 2))
+    free = np.array([FREE, FREE] + [FREE / size] * (spread.shape[1] - 2))
     least = np.array([_LEAST_SPREAD[0]] * 2 + [_LEAST_SPREAD[1]] * (spread.shape[1] - 2))
     return PairData(
         intervals=cut,
@@ -280,8 +266,8 @@ def _fitted(model: PairModel, coordinates: Array) -> PairFit:
     nodes = np.column_stack([coordinates, np.zeros((len(coordinates), model.locals))])
     common = model.prior[0].copy()
     found: Solution | None = None
-    for stage, (_, _, iterations) in enumerate(_STAGES):
-        sharp = _sharpness(stage, _FIRST_VARIATION)
+    for stage, iterations in enumerate(_ITERATIONS):
+        sharp = _sharpness(stage, FIRST_VARIATION)
         found = _minimised(model, nodes, common, sharp, iterations)
         nodes, common = found.nodes, found.common
     assert found is not None
@@ -290,23 +276,23 @@ def _fitted(model: PairModel, coordinates: Array) -> PairFit:
 
 def _refitted(model: PairModel, start: Solution) -> list[Optimum]:
     """Optima of the variations of friction that promise about as much evidence as the best."""
-    sharp = final_sharpness(_FIRST_VARIATION)
+    sharp = final_sharpness(FIRST_VARIATION)
     slope = model.volume_slope(start.nodes, start.common, sharp)
     begun = []
-    for variation in _VARIATIONS:
+    for variation in VARIATIONS:
         sharp = final_sharpness(variation)
         equations = model.linearise(start.nodes, start.common, sharp, slope)
         begun.append(_weighed(model, replace(start, equations=equations), variation))
     best = max(trial.evidence for trial in begun)
     return [
         _optimum(model, start, variation, slope)
-        for variation, trial in zip(_VARIATIONS, begun, strict=True)
-        if trial.evidence > best - _HOPELESS
+        for variation, trial in zip(VARIATIONS, begun, strict=True)
+        if trial.evidence > best - HOPELESS
     ]
 
 
 def _sharpness(stage: int, variation: float) -> Sharpness:
-    slip, floor, _ = _STAGES[stage]
+    slip, floor = STAGES[stage]
     return Sharpness(slip, floor, variation)
 
 
@@ -321,7 +307,7 @@ def _minimised(
     linearise = partial(model.linearise, sharp=sharp, slope=slope)
     cost = partial(model.cost, sharp=sharp, slope=slope)
     scales = model.node_scale, model.prior[1]
-    return minimise(linearise, nodes, common, *scales, iterations, _TOLERANCE, cost)
+    return minimise(linearise, nodes, common, *scales, iterations, TOLERANCE, cost)
 
 
 def _optimum(model: PairModel, start: Solution, variation: float, slope: Array) -> Optimum:
@@ -346,7 +332,7 @@ def _averaged(model: PairModel, trials: list[Optimum]) -> PairFit:
     likeliest, common, covariance = average(trials)
     wide = ("ln_mass", "ln_inertia")
     width = np.ones(len(common))
-    width[[k for k, name in enumerate(model.names) if name.startswith(wide)]] = _WIDTH
+    width[[k for k, name in enumerate(model.names) if name.startswith(wide)]] = WIDTH
     covariance *= np.outer(width, width)
     return PairFit(
         model=model,
@@ -355,7 +341,7 @@ def _averaged(model: PairModel, trials: list[Optimum]) -> PairFit:
         covariance=covariance + np.diag(np.square(_place_std(model, likeliest.solution.nodes))),
         variation=likeliest.variation,
         whitened_rms=likeliest.misfit,
-        converged=likeliest.solution.settled or likeliest.pending < _PENDING,
+        converged=likeliest.solution.settled or likeliest.pending < PENDING,
     )
 
 

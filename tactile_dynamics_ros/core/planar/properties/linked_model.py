@@ -15,6 +15,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.numerics.bordered import Cost, NormalEquations
 from tactile_dynamics_ros.core.planar.effects.acting import Acting, ends
 from tactile_dynamics_ros.core.planar.effects.effect import PushEffect
 from tactile_dynamics_ros.core.planar.effects.situation import PlanarMotion, Situation
@@ -22,7 +23,6 @@ from tactile_dynamics_ros.core.planar.linked.rows import PairFriction, PartMotio
 from tactile_dynamics_ros.core.planar.mechanics.linkage import turned
 from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
 from tactile_dynamics_ros.core.planar.properties.balance import measured_situation
-from tactile_dynamics_ros.core.planar.properties.bordered import Cost, NormalEquations
 from tactile_dynamics_ros.core.planar.properties.intervals import Intervals
 from tactile_dynamics_ros.core.planar.properties.linked_motion import (
     STEPS,

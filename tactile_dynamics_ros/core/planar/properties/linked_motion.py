@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.numerics.bordered import NormalEquations
 from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
-from tactile_dynamics_ros.core.planar.properties.bordered import NormalEquations
 from tactile_dynamics_ros.core.planar.properties.intervals import Intervals, Poses
 from tactile_dynamics_ros.core.planar.properties.push_model import add_smoothness
 

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from tactile_dynamics_ros.core.numerics.bordered import NormalEquations, minimise
 from tactile_dynamics_ros.core.planar.linked.chances import Chances
 from tactile_dynamics_ros.core.planar.linked.relative import RelativePoses
 from tactile_dynamics_ros.core.planar.mechanics.linkage import turned
-from tactile_dynamics_ros.core.planar.properties.bordered import NormalEquations, minimise
 
 Array = NDArray[np.float64]
 

@@ -14,11 +14,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.numerics.bordered import Cost, NormalEquations
 from tactile_dynamics_ros.core.planar.effects.effect import PushEffect
 from tactile_dynamics_ros.core.planar.mechanics.linkage import turned
 from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
 from tactile_dynamics_ros.core.planar.properties.balance import NAMES, Balance, Kinematics
-from tactile_dynamics_ros.core.planar.properties.bordered import Cost, NormalEquations
 from tactile_dynamics_ros.core.planar.properties.intervals import Intervals
 
 Array = NDArray[np.float64]

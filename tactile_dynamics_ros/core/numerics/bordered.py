@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
 
@@ -304,52 +304,6 @@ class Solution:
         unknowns = self.nodes.size + len(self.common)
         squares = self.equations.cost - self.equations.linear
         return float(np.sqrt(squares / max(self.equations.rows - unknowns, 1)))
-
-
-@dataclass(frozen=True, eq=False)
-class Optimum:
-    """Best nodes and numbers at one variation of friction.
-
-    Attributes:
-        solution: of the fit. covariance: (p, p) of the common numbers, with the step still to go.
-        evidence: log probability of the data. pending: that step, in standard deviations.
-        variation: relative, of friction from place to place.
-    """
-
-    solution: Solution
-    covariance: Array
-    evidence: float
-    pending: float
-    variation: float
-
-    @classmethod
-    def of(cls, found: Solution, factor: Factor, evidence: float, variation: float) -> Optimum:
-        """Take the covariance from a factor of the solution's equations."""
-        covariance = factor.covariance
-        _, step = factor.step()
-        pending = float(np.sqrt(step @ np.linalg.solve(covariance, step)))
-        return cls(found, covariance + np.outer(step, step), evidence, pending, variation)
-
-    @property
-    def misfit(self) -> float:
-        """Error of one-step predictions over its std, of the solution."""
-        return self.solution.misfit
-
-
-def average(trials: Sequence[Optimum]) -> tuple[Optimum, Array, Array]:
-    """Mean over variations by their evidence: the likeliest, numbers (p,) and covariance (p, p).
-
-    Covariances are widened by the misfit, and by how the optima differ.
-    """
-    evidence = np.array([trial.evidence for trial in trials])
-    weight = np.exp(evidence - evidence.max())
-    weight /= weight.sum()
-    common = np.sum([w * t.solution.common for w, t in zip(weight, trials, strict=True)], axis=0)
-    covariance = np.zeros((len(common), len(common)))
-    for w, trial in zip(weight, trials, strict=True):
-        away = trial.solution.common - common
-        covariance += w * (max(1.0, trial.misfit**2) * trial.covariance + np.outer(away, away))
-    return trials[int(np.argmax(weight))], np.asarray(common), covariance
 
 
 def minimise(
