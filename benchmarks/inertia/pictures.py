@@ -84,15 +84,16 @@ def _shade_breaks(axes: Axes, contacts: Sequence[ContactStream]) -> None:
 def draw_boxes(results: dict[str, Any]) -> Figure:
     """Errors per box beside paper A's rows: on a wrist sensor, and in the hand by either pose.
 
-    Ours as box plots (quartiles, 5 and 95 %) of all runs.
+    Ours as box plots (quartiles, 5 and 95 %) where every run was kept, else as medians.
     """
     figure = new_figure(4.6)
-    panels = figure.subplots(2, 3, sharex=True, sharey="row")
-    columns = [
+    tables = [
         ("wrist sensor (Table II)", results["wrist_ft"]["rows"]),
-        ("in the hand, poses of vision (Table III)", results["in_hand"]["vision_rows"]),
+        ("in the hand, poses of vision (Table III)", results["in_hand"].get("vision_rows")),
         ("in the hand, published poses (Table IV)", results["in_hand"]["rows"]),
     ]
+    columns = [(title, rows) for title, rows in tables if rows]
+    panels = figure.subplots(2, len(columns), sharex=True, sharey="row")
     for column, (title, rows) in enumerate(columns):
         for axes, key in zip(panels[:, column], _DRAWN, strict=True):
             _draw_rows(axes, rows, key)
@@ -107,8 +108,11 @@ def draw_boxes(results: dict[str, Any]) -> Figure:
 def _draw_rows(axes: Axes, rows: Sequence[dict[str, Any]], key: str) -> None:
     """Ours of every run, beside what the paper has and what its method finds here."""
     places = np.arange(len(rows))
-    _draw_runs(axes, places, [r["each"][key] for r in rows], BLUE)
-    axes.bar([], [], color=BLUE, label="ours, every run")
+    if all("each" in r for r in rows):
+        _draw_runs(axes, places, [r["each"][key] for r in rows], BLUE)
+    else:
+        axes.plot(places, [r["ours"][key] for r in rows], "o", color=BLUE, markersize=4)
+    axes.bar([], [], color=BLUE, label="ours")
     for kind, mark, colour in (("paper", "s", RED), ("paper's method here", "D", ORANGE)):
         errors = [r[kind].get(key, np.nan) for r in rows]
         name = {"paper": "paper A", "paper's method here": "its method on one of our recordings"}
