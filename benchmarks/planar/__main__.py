@@ -206,7 +206,7 @@ def properties(
     """NRMSE of estimates after all pushes, beside what is known without and from the product."""
     population = Population.of(family)
     truths = [truth_of(one.scene) for one in ones]
-    ranges = _ranges(family)
+    ranges = ranges_of(family)
     links = len(ones[0].scene.thing.links)
     known = [
         population.given_product(np.array([t[f"q{k + 1}"] for k in range(links)])) for t in truths
@@ -267,7 +267,7 @@ def ablated(options: argparse.Namespace) -> dict[str, Any]:
     """The filter on the mechanics of one part, with single decisions undone."""
     ones, keep = recorded("single", options)
     population, truths = Population.of("single"), [truth_of(one.scene) for one in ones]
-    ranges, rows = _ranges("single"), {}
+    ranges, rows = ranges_of("single"), {}
     for name, way in WAYS.items():
 
         def tell(k: int, way: Way = way) -> dict[str, Any]:
@@ -286,7 +286,7 @@ def noises(options: argparse.Namespace) -> dict[str, Any]:
     seeds = range(options.first, options.first + options.objects)
     keep = Kept(options.keep, f"noise_{seeds.start}_{seeds.stop}")
     ones = [keep.of(f"case_{seed}", partial(noise.case_of, seed)) for seed in seeds]
-    truths, ranges = [truth_of(one.one.scene) for one in ones], _ranges("single")
+    truths, ranges = [truth_of(one.one.scene) for one in ones], ranges_of("single")
     found: dict[str, Any] = {"n": len(ones), "setting": "slow", "action": "push", "filter": {}}
     found |= {"poses": noise.looks(ones), "forces": noise.touches(ones)}
     for name, way in noise.WAYS.items():
@@ -328,7 +328,7 @@ def calibration(told: list[dict[str, Any]]) -> dict[str, Any]:
     }
 
 
-def _ranges(family: str) -> dict[str, float]:
+def ranges_of(family: str) -> dict[str, float]:
     all_ = [truth_of(SimpleNamespace(thing=draw_object(seed, family))) for seed in SET]
     return {n: float(np.ptp([each[n] for each in all_])) for n in all_[0]}
 

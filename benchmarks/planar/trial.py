@@ -189,6 +189,7 @@ def follow(
     steps: Sequence[SensedStep],
     model: str,
     sense: Callable[[DualFilter, SensedStep], Observation] = lambda _, step: step.usual,
+    watch: Callable[[SensedStep], None] = lambda _: None,
 ) -> list[After]:
     """Let a filter take all steps.
 
@@ -197,6 +198,7 @@ def follow(
         steps: of a recording.
         model: its name.
         sense: what the filter is shown of a step.
+        watch: is called after each step.
     """
     found = []
     for k, step in enumerate(steps):
@@ -212,6 +214,7 @@ def follow(
             error = (belief.state[0] - step.truth).reshape(-1, 6)[:, :3].ravel()
             spent = time.process_time() - began
             found.append(After(k, _nees(belief, step.truth), error, spent))
+        watch(step)
     return found
 
 

@@ -1,5 +1,6 @@
 """The benchmark of models of pushing: what it counts of intervals, and what pads feel of a pull."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,12 +10,15 @@ from benchmarks.planar import choices
 from benchmarks.planar.__main__ import Kept, calibration, table
 from benchmarks.planar.ablations import Clipped
 from benchmarks.planar.daily import daily_things
+from benchmarks.planar.pictures import draw_beliefs, draw_errors, traced
 from benchmarks.planar.scores import nrmse, scored
-from benchmarks.planar.trial import _distance
+from benchmarks.planar.trial import SETTINGS, _distance
 from tactile_dynamics_ros.cli import train_pushing_rounds
 from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess
-from tactile_dynamics_ros.synthetic.pushed.recordings import PushOptions, draw_scene
+from tactile_dynamics_ros.synthetic.pushed.objects import GRAVITY
+from tactile_dynamics_ros.synthetic.pushed.recordings import PushOptions, draw_scene, generate
 from tactile_dynamics_ros.synthetic.pushed.sensed import arrived, felt_by_pads, pulled
+from tactile_dynamics_ros.synthetic.pushed.sensors import SensorOptions
 
 
 def told(z, **more):
@@ -180,3 +184,20 @@ def test_candidates_and_judges_of_a_jointed_pair_are_pushes_of_its_first_link(mo
     judges = train_pushing_rounds.judging_steps("jointed", 1, setting)
     assert judges.motion.shape[1] == 2
     assert len(judges) < 60
+
+
+def test_pictures_show_what_is_believed_after_each_interaction():
+    actions = replace(SETTINGS["slow"][1], count=2, duration=1.0, travel=0.025)
+    sensors = SensorOptions(rate_hz=15.0, force_rate_hz=15.0)
+    options = PushOptions(actions=actions, sensors=sensors)
+    trace = traced(generate([335], None, options)[0], "single", 0)
+    assert len(trace.ends) == len(trace.values) == 2
+    assert trace.ends[-1] == len(trace.mean) == len(trace.error)
+    assert np.all(trace.std[-1] < trace.std[0])
+    panels = draw_beliefs({("single", "push"): trace}).axes
+    line = panels[0].lines[0].get_ydata()
+    np.testing.assert_allclose(line, GRAVITY * np.exp(trace.mean[:, 0]))
+    rows = [{"q1": {"mean": 0.2}, "com1": {"mean": 0.3}}, {"q1": {"mean": 0.1}}]
+    drawn = [axes.lines for axes in draw_errors({("single", "push"): rows}).axes]
+    assert [list(lines[0].get_ydata()) for lines in drawn[:2]] == [[0.2, 0.1], [0.3]]
+    assert not drawn[2]
