@@ -8,12 +8,14 @@ import sys
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from itertools import product
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 
 from benchmarks.page_section import replace_section
-from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
+from tactile_dynamics_ros.core.discrepancy import diagnosis
 from tactile_dynamics_ros.core.effects.registry import create_effect
 from tactile_dynamics_ros.core.inertia.diagnosis.discrepancy_model import HeldObjectModel
 from tactile_dynamics_ros.core.inertia.diagnosis.readings import fit_with_readings
@@ -82,7 +84,7 @@ def ask(case: str, seed: int) -> Outcome:
     made = generate_in_regime(seed, case)
     model = model_of(made)
     start = time.process_time()
-    answer = diagnose(model)
+    answer = diagnosis.diagnose(model)
     seconds = time.process_time() - start
     effect = made.effects[0]
     assert isinstance(effect, Gated)
@@ -139,10 +141,48 @@ def falsely_gated(seeds: Sequence[int], names: Sequence[str]) -> list[dict[str, 
     for seed in seeds:
         for name in names:
             made = generate_at_whitened_rms(seed, {name: 2.0} if name else {})
-            answer = diagnose(model_of(made))
+            answer = diagnosis.diagnose(model_of(made))
             found.append({"seed": seed, "effect": name, "named": answer.effect or answer.verdict})
             print(found[-1], file=sys.stderr, flush=True)
     return found
+
+
+def costs(seeds: Sequence[int]) -> list[dict[str, object]]:
+    """CPU seconds of diagnoses that look for regimes, and of those that do not, by what acts."""
+    found: list[dict[str, object]] = []
+    for kind, seed in product(("nothing", "everywhere", "in a regime"), seeds):
+        if kind == "in a regime":
+            made = generate_in_regime(seed, list(CASES)[seed % len(CASES)])
+        else:
+            name = list(CATALOGUE)[seed % len(CATALOGUE)]
+            made = generate_at_whitened_rms(seed, {name: 2.0} if kind == "everywhere" else {})
+        with patch(f"{diagnosis.__name__}.add_regional_effects", return_value=()):
+            plain = _seconds(made)
+        found.append({"acts": kind, "seed": seed, "with": _seconds(made), "without": plain})
+        print(found[-1], file=sys.stderr, flush=True)
+    return found
+
+
+def _seconds(made: HiddenRecording) -> float:
+    model = model_of(made)
+    start = time.process_time()
+    diagnosis.diagnose(model)
+    return time.process_time() - start
+
+
+def cost_table(found: Sequence[dict[str, object]]) -> list[str]:
+    """Rows by what acts: seconds with and without regimes, medians, and their ratio."""
+    lines = ["| acts | n | with regimes, s | without, s | ratio: median, largest |"]
+    lines.append("|---|---|---|---|---|")
+    for kind in dict.fromkeys(str(row["acts"]) for row in found):
+        own = [row for row in found if row["acts"] == kind]
+        both = np.array([[row["with"], row["without"]] for row in own], dtype=float)
+        ratio, (took, plain) = both[:, 0] / both[:, 1], np.median(both, axis=0)
+        lines.append(
+            f"| {kind} | {len(own)} | {took:.1f} | {plain:.1f} | "
+            f"{np.median(ratio):.2f}, {ratio.max():.2f} |"
+        )
+    return lines
 
 
 def table(outcomes: Sequence[Outcome]) -> list[str]:
@@ -209,6 +249,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--each", type=int, default=5, help="recordings of each case")
     parser.add_argument("--clean", type=int, default=60, help="clean recordings")
     parser.add_argument("--always", type=int, default=4, help="of each effect everywhere")
+    parser.add_argument("--cost", type=int, default=0, help="of each kind, with and without")
     parser.add_argument("--cases", default=",".join(CASES))
     parser.add_argument("--write", type=Path, metavar="PAGE")
     parser.add_argument("--json", action="store_true")
@@ -221,10 +262,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     first = options.start + 1000
     false = falsely_gated(range(first, first + options.clean), [""])
     false += falsely_gated(range(first, first + options.always), CATALOGUE)
+    cost = costs(range(first + 1000, first + 1000 + options.cost))
     if options.json:
-        print(json.dumps({"regimes": [asdict(o) for o in outcomes], "others": false}))
+        rows = [asdict(o) for o in outcomes]
+        print(json.dumps({"regimes": rows, "others": false, "cost": cost}))
     else:
-        print("\n".join(table(outcomes)))
+        print("\n".join([*(table(outcomes) if outcomes else ()), *cost_table(cost)]))
     if options.write:
         command = f"./dev bench regimes --start {options.start} --each {options.each}"
         page = options.write.read_text()
