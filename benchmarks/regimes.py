@@ -17,6 +17,7 @@ import numpy as np
 from benchmarks.page_section import replace_section
 from tactile_dynamics_ros.core.discrepancy import diagnosis
 from tactile_dynamics_ros.core.effects.registry import create_effect
+from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
 from tactile_dynamics_ros.core.inertia.diagnosis.discrepancy_model import HeldObjectModel
 from tactile_dynamics_ros.core.inertia.diagnosis.readings import fit_with_readings
 from tactile_dynamics_ros.core.numerics.regime import split_label
@@ -108,17 +109,23 @@ def ask(case: str, seed: int) -> Outcome:
     bounds_text = f"{effect.bounds.low:.4g}<{effect.bounds.quantity}<{effect.bounds.high:.4g}"
     return Outcome(
         case, seed, f"{effect.name}[{bounds_text}]", answer.verdict, answer.effect, answer.group,
-        f1, border, border_stds, _moved(made, answer.effect), seconds,
+        f1, border, border_stds, _moved(made, model.fitted, answer.effect), seconds,
     )  # fmt: skip
 
 
-def _moved(made: HiddenRecording, named: str | None) -> dict[str, list[float]]:
-    """Errors of mass and centre over the std of a fit to clean data, and over their own."""
+def _moved(made: HiddenRecording, plain: FittedModel, named: str | None) -> dict[str, list[float]]:
+    """Errors of mass and centre over the std of a fit to clean data, and over their own.
+
+    Args:
+        made: the recording.
+        plain: fit to it without any effect.
+        named: effect that the verdict names.
+    """
     body = made.scenario.body
     true = np.array([body.mass, *body.com])
     models = {
         "clean": fit_with_readings(generate(made.scenario.seed).streams),
-        "none": fit_with_readings(made.streams),
+        "none": plain,
     }
     for kind, name in (("named", named), ("everywhere", made.effects[0].name)):
         if name:
@@ -267,7 +274,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         rows = [asdict(o) for o in outcomes]
         print(json.dumps({"regimes": rows, "others": false, "cost": cost}))
     else:
-        print("\n".join([*(table(outcomes) if outcomes else ()), *cost_table(cost)]))
+        print(
+            "\n".join([*(table(outcomes) if outcomes else ()), *(cost_table(cost) if cost else ())])
+        )
     if options.write:
         command = f"./dev bench regimes --start {options.start} --each {options.each}"
         page = options.write.read_text()

@@ -113,10 +113,12 @@ def _draw_rows(axes: Axes, rows: Sequence[dict[str, Any]], key: str) -> None:
     else:
         axes.plot(places, [r["ours"][key] for r in rows], "o", color=BLUE, markersize=4)
     axes.bar([], [], color=BLUE, label="ours")
-    for kind, mark, colour in (("paper", "s", RED), ("paper's method here", "D", ORANGE)):
+    for kind, name, mark, colour in (
+        ("paper", "paper A", "s", RED),
+        ("paper's method here", "its method on one of our recordings", "D", ORANGE),
+    ):
         errors = [r[kind].get(key, np.nan) for r in rows]
-        name = {"paper": "paper A", "paper's method here": "its method on one of our recordings"}
-        axes.plot(places, errors, mark, color=colour, markersize=4, label=name[kind])
+        axes.plot(places, errors, mark, color=colour, markersize=4, label=name)
     axes.set_xticks(places, [r["object"] for r in rows])
 
 

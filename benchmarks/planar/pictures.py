@@ -25,8 +25,8 @@ from benchmarks.planar.trial import (
     GRAVITY,
     INSIDE,
     Population,
+    begun,
     described,
-    filter_of,
     follow,
     simulated,
     truth_of,
@@ -41,7 +41,7 @@ from tactile_dynamics_ros.report.style import (
     new_figure,
     to_png,
 )
-from tactile_dynamics_ros.synthetic.pushed.sensed import POSE_STD, SensedStep, sensed_steps
+from tactile_dynamics_ros.synthetic.pushed.sensed import SensedStep, sensed_steps
 from tactile_dynamics_ros.synthetic.pushed.transitions import true_parameters
 
 Array = NDArray[np.float64]
@@ -82,12 +82,10 @@ class Trace:
     values: list[dict[str, float]]
 
 
-def traced(one: Any, family: str, seed: int) -> Trace:
+def traced(one: Any, population: Population, seed: int) -> Trace:
     """Let the filter on the mechanics follow one recording at 15 Hz."""
     process, steps = process_of("patch", one, "slow"), sensed_steps(one, _STEP, seed)
-    start = np.concatenate([pose.value for pose in steps[0].seen.poses])
-    prior = Population.of(family).prior(process)
-    belief = filter_of(process, start, POSE_STD, DualConfig(seed=seed), prior)
+    belief = begun(process, population.prior(process), steps, DualConfig(seed=seed))
     size, count = 4 * process.links, 0
     rows: list[tuple[Array, Array, Array]] = []
     values: list[dict[str, float]] = []
@@ -183,10 +181,12 @@ def draw_errors(errors: dict[tuple[str, str], list[dict[str, float]]]) -> Figure
     return figure
 
 
-def errors_of(family: str, ones: Sequence[Any], traces: Sequence[Trace]) -> list[dict[str, Any]]:
+def errors_of(
+    family: str, population: Population, ones: Sequence[Any], traces: Sequence[Trace]
+) -> list[dict[str, Any]]:
     """NRMSE of each quantity before any push and after each that all recordings have."""
     truths, ranges = [truth_of(one.scene) for one in ones], ranges_of(family)
-    first = [Population.of(family).means()] * len(ones)
+    first = [population.means()] * len(ones)
     told = [first, *zip(*[trace.values for trace in traces], strict=False)]
     return [scored(list(values), truths, ranges) for values in told]
 
@@ -205,10 +205,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         seeds = range(options.first, options.first + options.objects)
         keep = Kept(options.keep, f"{family}_slow_{action}_{seeds.start}_{seeds.stop}")
         ones = keep.of("pushes", partial(simulated, seeds, family, "slow", action))
+        population = Population.of(family)
         traces = [
-            keep.of(f"trace_{k}", partial(traced, one, family, k)) for k, one in enumerate(ones)
+            keep.of(f"trace_{k}", partial(traced, one, population, k)) for k, one in enumerate(ones)
         ]
-        shown[family, action], errors[family, action] = traces[0], errors_of(family, ones, traces)
+        shown[family, action] = traces[0]
+        errors[family, action] = errors_of(family, population, ones, traces)
         for key in _SHOWN:
             said = [f"{row[key]['mean']:.3f}" for row in errors[family, action] if key in row]
             print(f"{family}, {action}, {key}: {' '.join(said)}", flush=True)

@@ -158,14 +158,25 @@ def filtered(
         sense: what the filter is shown of a step.
     """
     steps = sensed_steps(one, SETTINGS[setting][0], seed)
-    start = np.concatenate([pose.value for pose in steps[0].seen.poses])
-    belief = make(process, start, POSE_STD, replace(config or DualConfig(), seed=seed), prior)
+    belief = begun(process, prior, steps, replace(config or DualConfig(), seed=seed), make)
     after = follow(belief, steps, model, sense)
     found = described(*belief.parameters, process, one.scene)
     times = 1e3 * np.array([each.seconds for each in after])
     return found | {"nees": float(np.mean([each.nees for each in after])),
                     "step_ms": float(np.mean(times)),
                     "step_ms_p99": float(np.quantile(times, 0.99))}  # fmt: skip
+
+
+def begun(
+    process: Process,
+    prior: tuple[Array, Array],
+    steps: Sequence[SensedStep],
+    config: DualConfig,
+    make: Callable[..., DualFilter] = filter_of,
+) -> DualFilter:
+    """Return a filter that begins where parts are first seen."""
+    start = np.concatenate([pose.value for pose in steps[0].seen.poses])
+    return make(process, start, POSE_STD, config, prior)
 
 
 @dataclass(frozen=True, eq=False)

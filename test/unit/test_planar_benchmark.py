@@ -12,7 +12,7 @@ from benchmarks.planar.ablations import Clipped
 from benchmarks.planar.daily import daily_things
 from benchmarks.planar.pictures import draw_beliefs, draw_errors, traced
 from benchmarks.planar.scores import nrmse, scored
-from benchmarks.planar.trial import SETTINGS, _distance
+from benchmarks.planar.trial import SETTINGS, Population, _distance
 from tactile_dynamics_ros.cli import train_pushing_rounds
 from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess
 from tactile_dynamics_ros.synthetic.pushed.objects import GRAVITY
@@ -190,7 +190,7 @@ def test_pictures_show_what_is_believed_after_each_interaction():
     actions = replace(SETTINGS["slow"][1], count=2, duration=1.0, travel=0.025)
     sensors = SensorOptions(rate_hz=15.0, force_rate_hz=15.0)
     options = PushOptions(actions=actions, sensors=sensors)
-    trace = traced(generate([335], None, options)[0], "single", 0)
+    trace = traced(generate([335], None, options)[0], Population.of("single"), 0)
     assert len(trace.ends) == len(trace.values) == 2
     assert trace.ends[-1] == len(trace.mean) == len(trace.error)
     assert np.all(trace.std[-1] < trace.std[0])

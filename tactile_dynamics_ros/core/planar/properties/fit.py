@@ -33,12 +33,10 @@ from tactile_dynamics_ros.core.planar.properties.optimum import (
     FREE,
     HOPELESS,
     LEAST_INTERVALS,
-    PENDING,
     SINGULAR,
     STAGES,
     TOLERANCE,
     VARIATIONS,
-    WIDTH,
     Optimum,
     average,
 )
@@ -400,10 +398,8 @@ def _optimum(model: PushModel, start: Solution, variation: float) -> Optimum:
 
 def _averaged(model: PushModel, trials: list[Optimum]) -> PushFit:
     """Mean over variations by their evidence."""
-    likeliest, common, covariance = average(trials)
-    width = np.ones(len(common))
-    width[[NAMES.index("ln_mass"), NAMES.index("ln_inertia")]] = WIDTH
-    covariance *= np.outer(width, width)
+    wide = [NAMES.index("ln_mass"), NAMES.index("ln_inertia")]
+    likeliest, common, covariance = average(trials, wide)
     covariance += _by_face(model, likeliest)
     return PushFit(
         model=model,
@@ -412,7 +408,7 @@ def _averaged(model: PushModel, trials: list[Optimum]) -> PushFit:
         covariance=covariance,
         whitened_rms=likeliest.misfit,
         variation=likeliest.variation,
-        converged=likeliest.solution.settled or likeliest.pending < PENDING,
+        converged=likeliest.is_answer,
         untold=any(
             trial.variation != likeliest.variation and trial.evidence > likeliest.evidence - _TOLD
             for trial in trials

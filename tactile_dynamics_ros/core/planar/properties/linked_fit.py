@@ -28,12 +28,10 @@ from tactile_dynamics_ros.core.planar.properties.optimum import (
     FREE,
     HOPELESS,
     LEAST_INTERVALS,
-    PENDING,
     SINGULAR,
     STAGES,
     TOLERANCE,
     VARIATIONS,
-    WIDTH,
     Optimum,
     average,
 )
@@ -329,11 +327,8 @@ def _weighed(model: PairModel, found: Solution, variation: float) -> Optimum:
 
 def _averaged(model: PairModel, trials: list[Optimum]) -> PairFit:
     """Mean over variations by their evidence."""
-    likeliest, common, covariance = average(trials)
-    wide = ("ln_mass", "ln_inertia")
-    width = np.ones(len(common))
-    width[[k for k, name in enumerate(model.names) if name.startswith(wide)]] = WIDTH
-    covariance *= np.outer(width, width)
+    wide = [k for k, n in enumerate(model.names) if n.startswith(("ln_mass", "ln_inertia"))]
+    likeliest, common, covariance = average(trials, wide)
     return PairFit(
         model=model,
         nodes=likeliest.solution.nodes,
@@ -341,7 +336,7 @@ def _averaged(model: PairModel, trials: list[Optimum]) -> PairFit:
         covariance=covariance + np.diag(np.square(_place_std(model, likeliest.solution.nodes))),
         variation=likeliest.variation,
         whitened_rms=likeliest.misfit,
-        converged=likeliest.solution.settled or likeliest.pending < PENDING,
+        converged=likeliest.is_answer,
     )
 
 

@@ -26,7 +26,7 @@ HOPELESS = 60.0
 four recordings turned differences of up to 31 round, none of more than 50. Smaller passes over the
 right one (at 25 the friction of a joint was 2.8 std off instead of 1.1), larger costs refits that
 have no weight."""
-WIDTH = 2.0
+_WIDTH = 2.0
 """By how much std of mass and inertia are widened: on twelve recordings made for tuning their
 errors were up to twice as large as the curvature of the optimum says, as noise of accelerations is
 no Gaussian of small width. At 1 one in five intervals of 90 % misses."""
@@ -40,7 +40,7 @@ LEAST_INTERVALS = 10
 TOLERANCE = 3e-2
 """Fall of the cost (twice the log probability) that is immaterial: 0.03 of a std squared; at a
 third of it fits take twice as long and move by less than 0.1 std."""
-PENDING = 0.5
+_PENDING = 0.5
 """Step that the optimiser would still take, in std of the common numbers taken together, up to
 which its result is an answer; the step is in the interval."""
 SINGULAR = (
@@ -75,15 +75,24 @@ class Optimum:
         return cls(found, covariance + np.outer(step, step), evidence, pending, variation)
 
     @property
+    def is_answer(self) -> bool:
+        """Whether the iteration ended itself, or next to where it would."""
+        return self.solution.settled or self.pending < _PENDING
+
+    @property
     def misfit(self) -> float:
         """Error of one-step predictions over its std, of the solution."""
         return self.solution.misfit
 
 
-def average(trials: Sequence[Optimum]) -> tuple[Optimum, Array, Array]:
+def average(trials: Sequence[Optimum], wide: Sequence[int]) -> tuple[Optimum, Array, Array]:
     """Mean over variations by their evidence: the likeliest, numbers (p,) and covariance (p, p).
 
-    Covariances are widened by the misfit, and by how the optima differ.
+    Covariances are widened by the misfit, by how the optima differ, and by `_WIDTH`.
+
+    Args:
+        trials: optima of one model.
+        wide: places of ln masses and inertias among the numbers.
     """
     evidence = np.array([trial.evidence for trial in trials])
     weight = np.exp(evidence - evidence.max())
@@ -93,4 +102,6 @@ def average(trials: Sequence[Optimum]) -> tuple[Optimum, Array, Array]:
     for w, trial in zip(weight, trials, strict=True):
         away = trial.solution.common - common
         covariance += w * (max(1.0, trial.misfit**2) * trial.covariance + np.outer(away, away))
-    return trials[int(np.argmax(weight))], np.asarray(common), covariance
+    width = np.ones(len(common))
+    width[list(wide)] = _WIDTH
+    return trials[int(np.argmax(weight))], np.asarray(common), covariance * np.outer(width, width)
