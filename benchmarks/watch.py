@@ -141,8 +141,6 @@ def table(found: Sequence[Outcome]) -> list[str]:
 def section(found: Sequence[Outcome], command: str) -> str:
     """The section of the page."""
     text = [
-        "## A watch over what is held",
-        "",
         f"An effect that raises the error to {LEVEL:g} starts after two minutes. Every",
         f"{PERIOD:g} s the last 10 s are compared as `model_check` does; threshold 1.5,",
         "`watch.hold` 5 s. Wanted: a report within 20 s, the right name, and no report in an",

@@ -31,7 +31,7 @@ class PlainSearch(PushPlanner):
         """Return the best next push for an object at a pose (3,), wherever it begins."""
 
         def cost(plans: Array) -> Array:
-            return self._cost(plans, pose, None)
+            return self._cost(plans, pose, None, self.body)
 
         found = []
         for place in (np.arange(_PLACES) + 0.5) / _PLACES:
@@ -44,7 +44,7 @@ class PlainSearch(PushPlanner):
         """Return the best way on from a tip (2,) that touches; the old plan counts for nothing."""
 
         def cost(plans: Array) -> Array:
-            return self._cost(plans, pose, (tip, normal))
+            return self._cost(plans, pose, (tip, normal), self.body)
 
         best, error = self._searched(cost, self._anywhere(0.5), 2.0 * self._std(), _NEAR)
         direction = self._directions(best[:1], normal[None])[0, 0]

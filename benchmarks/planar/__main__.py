@@ -33,7 +33,11 @@ from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess
 from tactile_dynamics_ros.core.planar.filter.process import Process
 from tactile_dynamics_ros.core.planar.network.mechanics import expected_steps
 from tactile_dynamics_ros.core.planar.network.process import GraphProcess
-from tactile_dynamics_ros.core.planar.network.weights import shipped_file, shipped_graph
+from tactile_dynamics_ros.core.planar.network.weights import (
+    shipped_file,
+    shipped_graph,
+    shipped_networks,
+)
 from tactile_dynamics_ros.synthetic.pushed.objects import draw_object
 from tactile_dynamics_ros.synthetic.pushed.transitions import cut_steps, describe
 
@@ -112,12 +116,11 @@ def models_of(family: str, options: argparse.Namespace) -> list[str]:
 
 def measure(family: str, options: argparse.Namespace) -> dict[str, Any]:
     """All figures of a family."""
-    pulls = options.action == "pull"
     ones, keep = recorded(family, options)
     names = models_of(family, options)
     found: dict[str, Any] = {"n": len(ones), "setting": options.setting, "action": options.action}
-    if options.only != "filter" and not pulls:
-        found["ahead"] = one_step(names, ones, options.setting)
+    if options.only != "filter":
+        found["ahead"] = one_step(names, ones, options.setting, options.action)
     if options.only != "ahead":
         found["filter"] = properties(names, family, ones, options.setting, keep)
     return found
@@ -132,15 +135,18 @@ def recorded(family: str, options: argparse.Namespace) -> tuple[list[Any], Kept]
     return keep.of("pushes", make), keep
 
 
-def one_step(names: list[str], ones: list[Any], setting: str) -> dict[str, Any]:
+def one_step(names: list[str], ones: list[Any], setting: str, action: str) -> dict[str, Any]:
     """Errors of one step from exact states with true parameters."""
     objects = [cut_steps(one.scene, one.motion, SETTINGS[setting][0]) for one in ones]
     found = {"goes on": ahead.errors_of(ahead.still, objects)}
     for name in names:
         if name == "estimate" or (name == "patch" and objects[0][0].thing.links > 1):
             continue  # steps of many pushers at once are predicted for one link
-        model = expected_steps if name == "patch" else ahead.network(shipped_graph(name, setting))
-        found[name] = ahead.errors_of(model, objects)
+        if name == "patch":
+            found[name] = ahead.errors_of(expected_steps, objects)
+        elif shipped_file(name, setting, action).exists():
+            weights = shipped_graph(name, setting, action)
+            found[name] = ahead.errors_of(ahead.network(weights), objects)
     return found
 
 
@@ -197,7 +203,7 @@ def process_of(name: str, one: Any, setting: str) -> Process:
             for patch, link in zip(thing.patches, one.scene.thing.links, strict=True)
         )
         return LinkedPatchProcess(parts, thing.joint, thing.rigid)
-    return GraphProcess.of(thing, shipped_graph(name, setting))
+    return GraphProcess.of(thing, *shipped_networks(name, setting))
 
 
 def properties(

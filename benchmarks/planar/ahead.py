@@ -26,7 +26,7 @@ def still(steps: Transitions) -> tuple[Array, Array]:
     after = steps.states.copy()
     links = after.reshape(len(after), -1, 6)
     links[:, :, :3] += steps.push.step * links[:, :, 3:]
-    return after, np.zeros((len(after), 2))
+    return after, np.zeros_like(steps.force)
 
 
 def network(weights: GraphWeights) -> Model:
@@ -72,5 +72,5 @@ def _steps(model: Model, steps: Transitions) -> tuple[Array, Array, Array]:
     return (
         1e3 * np.linalg.norm(off[:, :, :2], axis=2).max(axis=1),
         np.degrees(np.abs(off[:, :, 2]).max(axis=1)),
-        np.linalg.norm((felt - steps.force)[touched], axis=1) / (GRAVITY * product),
+        np.linalg.norm((felt - steps.force)[touched, :2], axis=1) / (GRAVITY * product),
     )

@@ -48,12 +48,13 @@ class FeedForward(StepNetwork):
 
     Args:
         links: L.
-        kind: one of `weights.KINDS`; without the features by which mechanics help, "graph".
+        about: of the network to be; its kind is "graph", without features from mechanics.
         width: hidden units of the graph that has about as many parameters.
     """
 
-    def __init__(self, links: int, kind: str, width: int) -> None:
-        super().__init__({_NET: layer_sizes(links, parameter_count(net_sizes(kind, width)))})
+    def __init__(self, links: int, about: GraphWeights, width: int) -> None:
+        most = parameter_count(net_sizes(about.kind, width))
+        super().__init__({_NET: layer_sizes(links, most)})
 
     def forward(self, nodes: Tensor, edges: Tensor) -> tuple[Tensor, Tensor]:
         """Return (N, L, 2 MOTION) of the links and (N, 4) of the robot."""

@@ -31,6 +31,9 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
     parser.add_argument("--out", metavar="FILE", help="where to write (the shipped file)")
     pushing = parser.add_argument_group("pushing")
     pushing.add_argument("--kind", choices=["graph", "graph_residual"], default="graph")
+    pushing.add_argument(
+        "--action", choices=["push", "pull"], default="push", help="what to learn (push)"
+    )
     pushing.add_argument("--setting", choices=["slow", "fast"], default="slow", help="15 Hz (slow)")
     pushing.add_argument(
         "--objects", type=int, help="simulated single objects (640; 48 with --noise)"

@@ -1,4 +1,4 @@
-"""`tactile-dynamics train pushing`: simulate pushes and train the graph network on them."""
+"""`tactile-dynamics train pushing`: simulate pushes or pulls and train the graph network on them."""
 
 from __future__ import annotations
 
@@ -75,7 +75,9 @@ SETTINGS = {
 }
 """Paper B's 15 Hz and 25 mm/s, and 100 Hz with pushes of 30 to 200 mm/s that stop hard."""
 KINDS = {"single": 1.0, "rigid_pair": 0.1, "jointed": 0.1}
-"""Shares of `--objects`; each link of a linked object is pushed once."""
+"""Shares of `--objects`; each link of a linked object is pushed once, the first is pulled twice."""
+_FELT = {"push": 2, "pull": 3}
+"""Numbers that the robot feels: a tip no torque."""
 
 
 def run(args: Namespace) -> int:
@@ -91,25 +93,26 @@ def run(args: Namespace) -> int:
     kinds = ["single"] if residual else list(KINDS)
     train, held_out = (
         [
-            _examples(_simulated(kind, first, count, args.setting, kept), setting, residual)
+            _examples(_simulated(args, kind, first, count, kept), setting, residual)
             for kind, count in ((k, _count(args.objects * share * KINDS[k])) for k in kinds)
         ]
         for first, share in ((_FIRST + 1000 * args.seed, 1.0), (_HELD_OUT_FROM, 0.1))
     )
     command = (
-        f"tactile-dynamics train pushing --kind {args.kind} --setting {args.setting} --seed "
-        f"{args.seed} --objects {args.objects} --epochs {args.epochs}"
+        f"tactile-dynamics train pushing --kind {args.kind} --action {args.action} --setting "
+        f"{args.setting} --seed {args.seed} --objects {args.objects} --epochs {args.epochs}"
     )
     about = GraphWeights(
-        args.kind, setting.period, setting.speed, *help_units(setting.speed), {}, command
-    )
+        args.kind, setting.period, setting.speed, *help_units(setting.speed, _FELT[args.action]), {},
+        command,
+    )  # fmt: skip
     config = GraphTrainingConfig(epochs=args.epochs, seed=args.seed, width=args.width)
     checkpoint = None
     if kept is not None:
         checkpoint = str(kept / f"training_{hashlib.sha256(command.encode()).hexdigest()[:12]}.pt")
     weights = train_graph(about, train, held_out, config, _report(args.epochs), checkpoint)
     print(file=sys.stderr)
-    path = Path(args.out) if args.out else shipped_file(args.kind, args.setting)
+    path = Path(args.out or shipped_file(args.kind, args.setting, args.action))
     weights.save(path)
     return _say(args, path, weights.origin, time.monotonic() - start)
 
@@ -135,15 +138,15 @@ def _report(epochs: int) -> Callable[[int, float, float], None]:
 
 
 def _simulated(
-    kind: str, first: int, count: int, name: str, kept: Path | None
+    args: Namespace, kind: str, first: int, count: int, kept: Path | None
 ) -> list[Transitions]:
     """Steps of `count` objects from a seed on; parts that are kept are not simulated again."""
     return made_in_parts(
-        lambda seeds: simulate_steps(kind, seeds, SETTINGS[name]),
+        lambda seeds: simulate_steps(kind, seeds, SETTINGS[args.setting], args.action),
         range(first, first + count),
         _PART,
-        f"pushing {kind} objects",
-        None if kept is None else kept / f"{kind}_{name}",
+        f"{args.action}ing {kind} objects",
+        None if kept is None else kept / f"{kind}_{args.action}_{args.setting}",
     )
 
 
@@ -177,9 +180,11 @@ def made_in_parts(
     return found
 
 
-def simulate_steps(kind: str, seeds: Sequence[int], setting: Setting) -> list[Transitions]:
-    """Steps of pushed objects on tables whose friction varies, on faces that are not quite even."""
-    actions = setting.actions if kind == "single" else replace(setting.actions, count=2)
+def simulate_steps(
+    kind: str, seeds: Sequence[int], setting: Setting, action: str = "push"
+) -> list[Transitions]:
+    """Steps of moved objects on tables whose friction varies, on faces that are not quite even."""
+    actions = replace(setting.actions, kind=action, count=1 if kind == "single" else 2)
     options = pushed.PushOptions(
         kind=kind, actions=actions, variation=0.08, stiction=0.1, uneven=0.1
     )
@@ -189,7 +194,8 @@ def simulate_steps(kind: str, seeds: Sequence[int], setting: Setting) -> list[Tr
 
 def _examples(steps: Sequence[Transitions], setting: Setting, residual: bool) -> Examples:
     """Examples of all steps; those of every second object start from disturbed states."""
-    units, mechanics = help_units(setting.speed), expected_steps if residual else None
+    units = help_units(setting.speed, steps[0].force.shape[1])
+    mechanics = expected_steps if residual else None
     parts = []
     for k, one in enumerate(steps):
         seen = one.disturbed(setting.velocity_std, setting.point_std, k) if k % 2 else one

@@ -84,9 +84,9 @@ def run(args: Namespace) -> int:
     """Simulate and train in rounds; write weights and tell the error after each round."""
     import torch
 
-    if args.kind != "graph" or not args.out:
+    if (args.kind, args.action) != ("graph", "push") or not args.out:
         raise BadInputError(
-            "--choice: expected --kind graph and --out FILE, beside the shipped one"
+            "--choice: expected --kind graph, --action push and --out FILE, beside the shipped one"
         )
     torch.set_num_threads(1)
     start, setting = time.monotonic(), SETTINGS[args.setting]

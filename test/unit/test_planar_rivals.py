@@ -44,7 +44,7 @@ def test_the_perceptron_in_numpy_is_that_in_torch(links):
     rng = np.random.default_rng(links)
     nodes, edges = rng.normal(size=(7, 2 + links, NODE)), rng.normal(size=(7, 2 * links, EDGE))
     torch.manual_seed(0)
-    network = feed_forward.FeedForward(links, "graph", 16).double()
+    network = feed_forward.FeedForward(links, about(), 16).double()
     linear = [one for one in network.nets["whole"] if isinstance(one, torch.nn.Linear)]
     layers = tuple((one.weight.detach().numpy().T, one.bias.detach().numpy()) for one in linear)
     weights = feed_forward.FeedForwardWeights(
@@ -61,7 +61,7 @@ def test_the_perceptron_in_numpy_is_that_in_torch(links):
 @pytest.mark.parametrize("width", [8, 32])
 def test_the_perceptron_has_as_many_parameters_as_the_graph_and_no_more(width):
     most = feed_forward.parameter_count(net_sizes("graph", width))
-    network = feed_forward.FeedForward(1, "graph", width)
+    network = feed_forward.FeedForward(1, about(), width)
     count = sum(each.numel() for each in network.parameters())
     assert 0.96 * most < count <= most
     graph = train_graph(about(), [toy(8, 0)], [toy(8, 0)], GraphTrainingConfig(width, epochs=1))

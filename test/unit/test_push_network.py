@@ -111,7 +111,7 @@ def test_numpy_and_torch_agree(kind, links):
     weights, rng = random_weights(kind), np.random.default_rng(links)
     nodes = rng.normal(size=(7, 2 + links, node_features(kind)))
     edges = rng.normal(size=(7, 2 * links, EDGE))
-    network = GraphNetwork(kind, 16).double()
+    network = GraphNetwork(about(kind), 16).double()
     for name in NETS:
         linear = [layer for layer in network.nets[name] if isinstance(layer, torch.nn.Linear)]
         for layer, (matrix, bias) in zip(linear, weights.nets[name], strict=True):
@@ -378,7 +378,7 @@ def test_the_command_simulates_trains_and_writes(tmp_path, capsys):
     arguments += ["--epochs", "1", "--out", str(out), "--keep", str(kept)]
     assert main(arguments) == 0
     assert GraphWeights.load(out).residual
-    assert len(list(kept.glob("single_slow_*.pkl"))) == 2
+    assert len(list(kept.glob("single_push_slow_*.pkl"))) == 2
 
 
 def test_a_network_that_chooses_its_pushes_beats_the_mean_and_learns_from_the_widest_spread(

@@ -1,4 +1,4 @@
-"""Steps of simulated pushes, free of noise: what a network that predicts pushes learns from."""
+"""Steps of simulated pushes and pulls, free of noise: what networks that predict them learn from."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
-from tactile_dynamics_ros.core.planar.network.graph import Push, Thing
+from tactile_dynamics_ros.core.planar.network.graph import Push, Thing, grip_axis
 from tactile_dynamics_ros.core.planar.network.transitions import Transitions
 from tactile_dynamics_ros.synthetic.pushed.bodies import rotation
 from tactile_dynamics_ros.synthetic.pushed.objects import PushedObject
@@ -66,6 +66,8 @@ def cut_steps(
 ) -> list[Transitions]:
     """Return the steps of a simulated recording, those of each touched link together.
 
+    It has pushes or pulls, not both.
+
     Args:
         scene: what was simulated.
         motion: what happened.
@@ -77,7 +79,9 @@ def cut_steps(
     stride = span if every is None else max(1, round(every / STEP))
     start = np.arange(3, len(states) - span - 1, stride)
     start = start[steady(motion, start, span)]
-    touched = np.array([motion.contact[k + 1 : k + span + 1, 0].mean() for k in start])
+    pulls = bool(motion.contact[:, 1:].any())
+    holds = motion.contact[:, 1:].all(axis=1) if pulls else motion.contact[:, 0]
+    touched = np.array([holds[k + 1 : k + span + 1].mean() for k in start])
     kept = (touched > 0.99) | ((touched == 0.0) & (np.arange(len(start)) % _UNTOUCHED_EVERY == 0))
     start, touched = start[kept], touched[kept]
     thing, truth = describe(scene.thing), true_parameters(scene)
@@ -85,8 +89,8 @@ def cut_steps(
     for link in range(len(scene.thing.links)):
         rows = start[motion.touched[start + 1] == link]
         if len(rows):
-            push = _push(scene, motion, rows, span, link)
-            force = np.stack([motion.force[k + 1 : k + span + 1, 0].mean(axis=0) for k in rows])
+            push = _push(scene, motion, rows, span, link, pulls)
+            force = np.stack([_felt(motion, k, span, pulls) for k in rows])
             parameters = np.broadcast_to(truth, (len(rows), len(truth)))
             after = states[rows + span]
             found.append(Transitions(thing, parameters, states[rows], after, push, force))
@@ -100,18 +104,33 @@ def steady(motion: Motion, start: np.ndarray, span: int) -> np.ndarray:
     return np.asarray(jumps[start + span] == jumps[start])
 
 
-def _push(scene: Scene, motion: Motion, rows: np.ndarray, span: int, link: int) -> Push:
-    normal = motion.normal[rows + 1, 0]
-    tip = motion.pusher[:, :2]
+def _push(
+    scene: Scene, motion: Motion, rows: np.ndarray, span: int, link: int, pulls: bool
+) -> Push:
+    place = motion.pusher[rows]
+    rate = (motion.pusher[rows + span] - place) / (span * STEP)
+    velocity, contact = rate[:, :2], motion.contact[rows + 1]
+    normal = grip_axis(velocity, place[:, 2]) if pulls else motion.normal[rows + 1, 0]
     return Push(
-        point=tip[rows] + scene.tip.radius * normal,
-        velocity=(tip[rows + span] - tip[rows]) / (span * STEP),
+        point=place[:, :2] if pulls else place[:, :2] + scene.tip.radius * normal,
+        velocity=velocity,
         normal=normal,
-        touching=motion.contact[rows + 1, 0].astype(float),
+        touching=(contact[:, 1:].all(axis=1) if pulls else contact[:, 0]).astype(float),
         height=np.full(len(rows), scene.tip.height),
         step=span * STEP,
         link=link,
+        turning=rate[:, 2] if pulls else None,
     )
+
+
+def _felt(motion: Motion, k: int, span: int, pulls: bool) -> np.ndarray:
+    """Mean force (2,) of a tip, or wrench (3,) of both pads about where the gripper begins."""
+    window = slice(k + 1, k + span + 1)
+    if not pulls:
+        return np.asarray(motion.force[window, 0].mean(axis=0))
+    force, arm = motion.force[window, 1:], motion.point[window, 1:] - motion.pusher[k, :2]
+    torque = arm[..., 0] * force[..., 1] - arm[..., 1] * force[..., 0]
+    return np.append(force.sum(axis=1).mean(axis=0), torque.sum(axis=1).mean())
 
 
 def cut_all(

@@ -122,13 +122,12 @@ class PatchProcess:
     def link_of(self, parameters: Array, motion: PusherMotion) -> Link:
         """Properties of the hypotheses; a lift takes load and its friction off the support."""
         product, mass = np.exp(parameters[:, :2].T)
-        borne = np.maximum(1.0 - motion.lift / (mass * GRAVITY), 0.1)
         same = np.ones(len(mass))
         height = motion.height if self.com_height is None else self.com_height
         return Link(
             patch=self.patch,
             mass=mass,
-            friction=product / mass * borne,
+            friction=product / mass * load_left(mass, motion.lift),
             com=parameters[:, 2:4],
             com_height=height * same,
             inertia=mass * self.patch.gyration,
@@ -142,6 +141,11 @@ class PatchProcess:
             return Grip(height, motion.link)
         friction = np.exp(parameters[:, 4])
         return Tip(self.hull, height, friction, motion.touching, motion.normal, motion.link)
+
+
+def load_left(mass: Array, lift: float) -> Array:
+    """Share (C,) of the weight that a lift (N) leaves on the support, at least a tenth."""
+    return np.maximum(1.0 - lift / (mass * GRAVITY), 0.1)
 
 
 def advanced(

@@ -1,7 +1,8 @@
-"""The graph of a push: robot, links and support as nodes, what joins them as directed edges.
+"""The graph of a push or pull: robot, links and support as nodes, what joins them as directed edges.
 
 Vectors are those of the contact: origin where the pusher touches, x along the normal into the
-object. A network that sees them so need not learn that the table looks alike from every side.
+object, or along the way of a gripper. A network that sees them so need not learn that the table
+looks alike from every side.
 """
 
 from __future__ import annotations
@@ -38,6 +39,8 @@ _FRICTION, _FRICTION_SPREAD = 0.3, 0.4
 """Usual friction of supports and spread of its logarithm, to standardise inputs."""
 _MASS, _MASS_SPREAD = 0.7, 0.5
 """Usual mass of a link, kg, and spread of its logarithm, to standardise inputs."""
+_STANDS = 1e-4
+"""Speed, m/s, below which a gripper has no direction of motion: 0.4 % of a slow pull."""
 _TIP_FRICTION, _JOINT_FRICTION = 0.35, 0.03
 """Usual friction of a tip, and of a joint in N m, to standardise inputs."""
 
@@ -69,9 +72,11 @@ class Push:
     """What the pusher does in one step to each of C hypotheses.
 
     Attributes:
-        point: (C, 2) m, where it touches when the step begins. velocity: (C, 2) m/s.
-        normal: (C, 2) into the object. touching: (C,) 1 or 0. height: (C,) m.
+        point: (C, 2) m, where it touches when the step begins, or between the pads.
+        velocity: (C, 2) m/s.
+        normal: (C, 2) into the object, or `grip_axis`. touching: (C,) 1 or 0. height: (C,) m.
         step: s. link: index of the touched link.
+        turning: (C,) rad/s of a gripper that the link turns with; None for a tip.
     """
 
     point: Array
@@ -81,6 +86,7 @@ class Push:
     height: Array
     step: float
     link: int = 0
+    turning: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,15 +108,22 @@ def touched_first(links: int, link: int) -> list[int]:
     return [link, *(k for k in range(links) if k != link)]
 
 
+def grip_axis(velocity: Array, yaw: Array) -> Array:
+    """Direction (C, 2) in which grippers move, those that stand by their yaw (C,)."""
+    speed = np.linalg.norm(velocity, axis=1, keepdims=True)
+    own = np.stack([np.cos(yaw), np.sin(yaw)], axis=1)
+    return np.where(speed > _STANDS, velocity / np.maximum(speed, _STANDS), own)
+
+
 def to_contact(vector: Array, normal: Array) -> Array:
-    """Vectors (C, 2) in axes of the contact."""
+    """Vectors (C, 2) in axes of the contact; a third number is about the vertical and stays."""
     x, y = normal[:, 0], normal[:, 1]
     a, b = vector[:, 0], vector[:, 1]
-    return np.stack([x * a + y * b, x * b - y * a], axis=1)
+    return np.column_stack([x * a + y * b, x * b - y * a, vector[:, 2:]])
 
 
 def from_contact(vector: Array, normal: Array) -> Array:
-    """Vectors (C, 2) in axes of the support."""
+    """The inverse of `to_contact`: axes of the support."""
     return to_contact(vector, normal * np.array([1.0, -1.0]))
 
 
@@ -144,6 +157,8 @@ def build_graph(
     units = np.array([speed, speed, speed / _LENGTH])
     robot = np.zeros((count, 13))
     robot[:, 4:6] = to_contact(push.velocity, push.normal) / speed * push.touching[:, None]
+    if push.turning is not None:
+        robot[:, 6] = push.turning / units[2] * push.touching
     robot[:, 8], robot[:, 12] = push.height / _HEIGHT - 1.0, push.touching
     own = [_link_features(thing, states, parameters, push, units, k) for k in order]
     parts = [robot, np.zeros((count, 13)), *own]
@@ -199,7 +214,8 @@ def _edges(thing: Thing, states: Array, parameters: Array, push: Push, order: li
     count, links = len(states), thing.links
     edges = np.zeros((count, 2 * links, EDGE))
     edges[:, 0, 0] = 1.0
-    edges[:, 0, 9] = (parameters[:, 4 * links] - np.log(_TIP_FRICTION)) / _FRICTION_SPREAD
+    if push.turning is None:
+        edges[:, 0, 9] = (parameters[:, 4 * links] - np.log(_TIP_FRICTION)) / _FRICTION_SPREAD
     for k in range(1, links):
         assert thing.joint is not None
         place = states[:, :2] + turned(np.broadcast_to(thing.joint, (count, 2)), states[:, 2])

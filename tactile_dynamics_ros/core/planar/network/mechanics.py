@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess
-from tactile_dynamics_ros.core.planar.mechanics.hold import Tip
-from tactile_dynamics_ros.core.planar.mechanics.linkage import Link, Linkage, turned
+from tactile_dynamics_ros.core.planar.mechanics.hold import Grip, Tip
+from tactile_dynamics_ros.core.planar.mechanics.linkage import Link, Linkage, cross, turned
 from tactile_dynamics_ros.core.planar.mechanics.simulation import PlanarSimulation, StepConfig
 from tactile_dynamics_ros.core.planar.network.graph import centre_motion
 from tactile_dynamics_ros.core.planar.network.transitions import Transitions
@@ -16,13 +16,13 @@ Array = NDArray[np.float64]
 
 
 def expected_steps(steps: Transitions) -> tuple[Array, Array]:
-    """States (N, 6) and mean forces (N, 2): what `PatchProcess` predicts of each step alone.
+    """States (N, 6) and mean forces (N, 2 or 3): what `PatchProcess` predicts of each step alone.
 
     It takes one motion of the pusher for all hypotheses; here every step has its own.
     """
     known = steps.thing.com_height
     base = PatchProcess(steps.thing.patches[0].outline, None if known is None else float(known[0]))
-    states, forces = steps.states.copy(), np.zeros((len(steps), 2))
+    states, forces = steps.states.copy(), np.zeros_like(steps.force)
     for touching in (True, False):
         rows = np.flatnonzero((steps.push.touching > 0.5) == touching)
         if len(rows):
@@ -36,25 +36,37 @@ def _part(
     push, parameters = steps.push, steps.parameters[rows]
     height = push.height[rows] if base.com_height is None else np.full(len(rows), base.com_height)
     linkage = Linkage((_link(base, height, parameters),))
-    tip = Tip(
-        base.outline, push.height[rows], np.exp(parameters[:, 4]), touching, push.normal[rows]
-    )
+    pusher = _pusher(base, steps, rows, touching)
     _, twist = centre_motion(steps.states[rows], parameters, 0)
     count = max(1, int(np.ceil(push.step / base.step - 1e-9)))
     pose = steps.states[rows, None, :3]
     config = StepConfig(push.step / count, base.rounds)
-    simulation = PlanarSimulation(linkage, tip, pose, config, twist[:, None])
+    simulation = PlanarSimulation(linkage, pusher, pose, config, twist[:, None])
     point = np.pad(push.point[rows], ((0, 0), (0, 1)))
-    moving = np.pad(push.velocity[rows], ((0, 0), (0, 1))) * config.step
-    force = np.zeros((len(rows), 2))
+    turning = np.zeros(len(rows)) if push.turning is None else push.turning[rows]
+    moving = np.column_stack([push.velocity[rows], turning]) * config.step
+    wrench = np.zeros((len(rows), 3))
     for k in range(count):
         simulation.step(point + k * moving, point + (k + 1) * moving)
-        force += simulation.wrench[:, :2] / count
+        part = simulation.wrench.copy()
+        part[:, 2] += cross(k * moving[:, :2], part[:, :2])
+        wrench += part / count
     frame = linkage.frames(simulation.coordinates)[:, 0]
     arm, final = turned(parameters[:, 2:4], frame[:, 2]), simulation.twist[:, 0]
     across = np.stack([-arm[:, 1], arm[:, 0]], axis=1)
     velocity = final[:, :2] - final[:, 2:] * across
-    return np.concatenate([frame, velocity, final[:, 2:]], axis=1), force
+    felt = wrench[:, : steps.force.shape[1]]
+    return np.concatenate([frame, velocity, final[:, 2:]], axis=1), felt
+
+
+def _pusher(
+    base: PatchProcess, steps: Transitions, rows: NDArray[np.intp], touching: bool
+) -> Tip | Grip:
+    push = steps.push
+    if push.turning is not None and touching:
+        return Grip(push.height[rows])
+    friction = np.exp(steps.parameters[rows, 4])
+    return Tip(base.outline, push.height[rows], friction, touching, push.normal[rows])
 
 
 def _link(base: PatchProcess, com_height: Array, parameters: Array) -> Link:

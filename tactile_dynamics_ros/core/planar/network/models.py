@@ -10,7 +10,7 @@ from tactile_dynamics_ros.core.planar.filter.live import MODELS, PATCH, PushingM
 from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
 from tactile_dynamics_ros.core.planar.network.graph import Thing
 from tactile_dynamics_ros.core.planar.network.process import GraphProcess
-from tactile_dynamics_ros.core.planar.network.weights import shipped_graph
+from tactile_dynamics_ros.core.planar.network.weights import shipped_networks
 
 Array = NDArray[np.float64]
 
@@ -35,9 +35,9 @@ def pushing_model(name: str) -> PushingModel:
         raise BadInputError(f"model '{name}': expected {', '.join(MODELS)}")
     if name == PATCH.name:
         return PATCH
-    weights = shipped_graph(name)
+    weights, *pull = shipped_networks(name)
 
     def create(outline: Array) -> GraphProcess:
-        return GraphProcess.of(Thing((SupportPatch(outline, _POINTS),)), weights)
+        return GraphProcess.of(Thing((SupportPatch(outline, _POINTS),)), weights, *pull)
 
     return PushingModel(name, create, weights.step, _FASTER * _FASTEST * weights.speed)

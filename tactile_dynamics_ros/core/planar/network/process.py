@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.planar.filter.linked_patch import LinkedPatchProcess
-from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess
+from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess, load_left
 from tactile_dynamics_ros.core.planar.filter.process import (
     Mask,
     Prediction,
@@ -23,6 +23,7 @@ from tactile_dynamics_ros.core.planar.network.graph import (
     Thing,
     build_graph,
     from_contact,
+    grip_axis,
     to_contact,
     touched_first,
 )
@@ -41,32 +42,36 @@ error over a push of 0.12 m has 4.4 to 5.2 times the variance that errors alike 
 leave (objects 401 to 412), and up to half of it comes again in the next push of the part. Stated as
 noise of states instead, it makes products too large: forces follow from velocities that were never
 had. For one part intervals hold without it."""
-_UNITS = np.array([1.0, 1.0, 20.0]), np.ones(2)
-"""Units of the features by which mechanics help, over the unit of velocities, and N: those that the
-shipped networks are trained with."""
+_UNITS = np.array([1.0, 1.0, 20.0]), np.array([1.0, 1.0, 0.05])
+"""Units of the features by which mechanics help, over the unit of velocities, N and N m: those that
+the shipped networks are trained with."""
 
 
-def help_units(speed: float) -> tuple[Array, Array]:
-    """Units (MOTION,) of velocities and (2,) of forces among a residual network's inputs."""
-    return speed * np.tile(_UNITS[0], MOTION // 3), _UNITS[1]
+def help_units(speed: float, felt: int = 2) -> tuple[Array, Array]:
+    """Units (MOTION,) of velocities and (felt,) of forces among a residual network's inputs."""
+    return speed * np.tile(_UNITS[0], MOTION // 3), _UNITS[1][:felt]
 
 
 @dataclass(frozen=True, eq=False)
 class GraphProcess:
-    """The network of `weights` for one object.
+    """Networks for one object.
 
     Attributes:
-        thing: geometry. weights: of the network; a residual one needs an object of one link.
+        thing: geometry. weights: of pushes; a residual network needs an object of one link.
         base: mechanics of the links, for what is known beforehand, for what a residual network
             starts from and for what networks never saw.
+        pull: weights of pulls; without them the mechanics predict those.
     """
 
     thing: Thing
     weights: GraphWeights
     base: LinkedPatchProcess
+    pull: GraphWeights | None = None
 
     @classmethod
-    def of(cls, thing: Thing, weights: GraphWeights) -> GraphProcess:
+    def of(
+        cls, thing: Thing, weights: GraphWeights, pull: GraphWeights | None = None
+    ) -> GraphProcess:
         """The process of an object.
 
         Raises:
@@ -80,7 +85,7 @@ class GraphProcess:
             PatchProcess(patch.outline, height)
             for patch, height in zip(thing.patches, heights, strict=True)
         )
-        return cls(thing, weights, LinkedPatchProcess(parts, thing.joint, thing.rigid))
+        return cls(thing, weights, LinkedPatchProcess(parts, thing.joint, thing.rigid), pull)
 
     @property
     def links(self) -> int:
@@ -106,19 +111,21 @@ class GraphProcess:
         return self.base.acting(states, parameters)
 
     def predict(self, states: Array, parameters: Array, motion: PusherMotion) -> Prediction:
-        """Advance by one step; grips, which it never saw, and steps without touch by mechanics."""
-        if motion.grip or motion.touching is False:
+        """Advance by one step; what no network was trained on, such as no touch, by mechanics."""
+        weights = self.pull if motion.grip else self.weights
+        if weights is None or motion.touching is False:
             return self.base.predict(states, parameters, motion)
         push = self.push_of(states, motion)
         base = None
-        if self.weights.residual:
+        if weights.residual:
             found = self.base.predict(states, parameters, motion)
-            base = found.states, found.wrench[:, :2]
-        after, force, said = step_on(self.weights, self.thing, states, parameters, push, base)
-        wrench = np.concatenate([force, np.zeros((len(force), 1))], axis=1)
+            base = found.states, found.wrench[:, : weights.felt]
+        loaded = self._loaded(parameters, motion)
+        after, force, said = step_on(weights, self.thing, states, loaded, push, base)
+        wrench = np.pad(force, ((0, 0), (0, 3 - weights.felt)))
         way = max(float(np.linalg.norm((motion.after - motion.before)[:2])), 1e-4)
         lasting = np.sqrt(max(_ALIKE / way, 1.0))
-        force_std = lasting * float(np.median(said.force_std.max(axis=1)))
+        force_std = lasting * float(np.median(said.force_std[:, :2].max(axis=1)))
         state_std = lasting * self._state_std(said, motion)
         return Prediction(after, wrench, force_std, state_std, _LASTING if self.links > 1 else 1.0)
 
@@ -132,12 +139,22 @@ class GraphProcess:
             found[link] = [*across, final[:2].max(), final[:2].max(), final[2]]
         return found.ravel()
 
+    def _loaded(self, parameters: Array, motion: PusherMotion) -> Array:
+        """The parameters with the friction that a lift leaves of the touched link's."""
+        first, loaded = 4 * motion.link, parameters.copy()
+        loaded[:, first] += np.log(load_left(np.exp(parameters[:, first + 1]), motion.lift))
+        return loaded
+
     def push_of(self, states: Array, motion: PusherMotion) -> Push:
-        """What the pusher does, in the outline's or the felt normal."""
+        """What the pusher does, in the outline's or the felt normal, or the gripper's way."""
         count = len(states)
         point = np.broadcast_to(motion.before[:2], (count, 2))
         velocity = np.broadcast_to((motion.after - motion.before)[:2] / motion.step, (count, 2))
-        if motion.normal is not None and motion.touching is not None:
+        turning = None
+        if motion.grip:
+            turning = np.full(count, (motion.after - motion.before)[2] / motion.step)
+            normal, touching = grip_axis(velocity, np.full(count, motion.before[2])), np.ones(count)
+        elif motion.normal is not None and motion.touching is not None:
             normal = np.broadcast_to(motion.normal, (count, 2))
             touching = np.full(count, float(motion.touching))
         else:
@@ -145,7 +162,7 @@ class GraphProcess:
             closing = np.maximum(np.sum(velocity * normal, axis=1), 0.0)
             touching = (depth + motion.step * closing > 0.0).astype(float)
         height = np.full(count, motion.height)
-        return Push(point, velocity, normal, touching, height, motion.step, motion.link)
+        return Push(point, velocity, normal, touching, height, motion.step, motion.link, turning)
 
     def _outline_at(self, states: Array, point: Array, link: int) -> tuple[Array, Array]:
         own = states[:, 6 * link : 6 * link + 3]
@@ -163,7 +180,7 @@ def step_on(
     push: Push,
     base: tuple[Array, Array] | None = None,
 ) -> tuple[Array, Array, Expected]:
-    """States (C, 6 L), forces (C, 2) in axes of the support, and what the network said.
+    """States (C, 6 L), forces (C, felt) in axes of the support, and what the network said.
 
     Args:
         weights: of the network.
@@ -171,14 +188,15 @@ def step_on(
         states: (C, 6 L) when the step begins.
         parameters: (C, p).
         push: of the robot.
-        base: states (C, 6) and forces (C, 2) that mechanics expect; a residual network needs them.
+        base: states (C, 6) and forces (C, felt) that mechanics expect; a residual network needs
+            them.
     """
-    force = np.zeros((len(states), 2))
+    force = np.zeros((len(states), weights.felt))
     velocity, help_ = np.zeros((len(states), thing.links, MOTION)), None
     if base is not None:
         steps = Transitions(thing, parameters, states, base[0], push, base[1])
         velocity, force = outcome(steps, base[0]), to_contact(base[1], push.normal)
-        help_ = helping(velocity, force, help_units(weights.speed))
+        help_ = helping(velocity, force, help_units(weights.speed, weights.felt))
     graph = build_graph(thing, states, parameters, push, weights.speed, help_)
     expected = weights.evaluate(graph)
     after = advanced(thing, states, parameters, push, velocity + expected.motion)

@@ -34,7 +34,7 @@ first epochs diverge; a tenth slows all."""
 _WARM_UP = 0.1
 """Share of the steps in which the step size rises before it falls as a cosine. Not tuned."""
 _SPREAD_FLOOR = 1e-4
-"""Least unit of an output, m/s, rad/s or N: one that never changes would divide by nothing."""
+"""Least unit of an output, m/s, rad/s, N or N m: one that never changes would divide by nothing."""
 
 
 @dataclass(frozen=True)
@@ -67,16 +67,16 @@ class GraphNetwork(StepNetwork):
     """`weights.propagate` in torch: same nets, same order.
 
     Args:
-        kind: one of `weights.KINDS`.
+        about: of the network to be; its nets are not read.
         width: hidden units.
     """
 
-    def __init__(self, kind: str, width: int) -> None:
-        super().__init__(net_sizes(kind, width))
-        self.fixed = node_features(kind)
+    def __init__(self, about: GraphWeights, width: int) -> None:
+        super().__init__(net_sizes(about.kind, width, about.felt))
+        self.fixed = node_features(about.kind)
 
     def forward(self, nodes: Tensor, edges: Tensor) -> tuple[Tensor, Tensor]:
-        """Return (N, L, 2 MOTION) of the links and (N, 4) of the robot."""
+        """Return (N, L, 2 MOTION) of the links and (N, 2 felt) of the robot."""
         links = nodes.shape[1] - 2
         blank = nodes.new_zeros((len(nodes), LATENT))
         node = [torch.cat([nodes[:, k], blank], dim=1) for k in range(links + 2)]
@@ -120,14 +120,15 @@ def step_loss(process: Tensor, touch: Tensor, motion: Told, force: Told) -> Tens
 
     Args:
         process: (N, L, 2 MOTION) and
-        touch: (N, 4) that the network says, mean and ln std.
+        touch: (N, 2 felt) that the network says, mean and ln std.
         motion: (N, L, MOTION) and its std.
-        force: (N, 2) and its std.
+        force: (N, felt) and its std.
 
     Source: paper B, IV-B2; Seitzer et al. 2022.
     """
     total = _likelihood(process[..., :MOTION], process[..., MOTION:], motion)
-    felt: Tensor = total + _likelihood(touch[..., :2], touch[..., 2:], force)
+    mean, log_std = torch.chunk(touch, 2, dim=-1)
+    felt: Tensor = total + _likelihood(mean, log_std, force)
     return felt
 
 
@@ -141,7 +142,7 @@ def _likelihood(mean: Tensor, log_std: Tensor, told: Told) -> Tensor:
 
 
 def output_units(examples: Sequence[Examples]) -> tuple[Array, Array]:
-    """Units (MOTION,) of velocities and (2,) of forces: their root mean squares."""
+    """Units (MOTION,) of velocities and (felt,) of forces: their root mean squares."""
     motion = np.concatenate([e.motion.reshape(-1, MOTION) for e in examples])
     force = np.concatenate([e.force for e in examples])
     return _root_mean_square(motion), _root_mean_square(force)
@@ -168,19 +169,20 @@ def train_graph(
     config: GraphTrainingConfig | None = None,
     report: Report | None = None,
     checkpoint: str | None = None,
-    make: Callable[[str, int], StepNetwork] = GraphNetwork,
+    make: Callable[[GraphWeights, int], StepNetwork] = GraphNetwork,
 ) -> GraphWeights:
     """Train on examples, each item of another number of links.
 
     Args:
-        about: kind, step, speed and origin of the network to be; its nets are not read. The result
-            is of its class, whose `outputs` has to agree with what `make` makes.
+        about: kind, step, speed, origin and, by the length of `force_scale`, what the robot feels
+            of the network to be; its nets are not read. The result is of its class, whose `outputs`
+            has to agree with what `make` makes.
         examples: to train on.
         held_out: of other objects; their loss is only reported.
         config: size and length.
         report: called with the epoch, the loss, and that of the held-out steps.
         checkpoint: file from which an interrupted training goes on, and where it is kept.
-        make: untrained network of a kind and width.
+        make: untrained network, from `about` and a width.
     """
     config = config or GraphTrainingConfig()
     units = output_units(examples)
@@ -188,7 +190,7 @@ def train_graph(
     others = [_tensors(part, units) for part in held_out]
     steps = sum(-(-len(part[0]) // config.batch) for part in parts)
     torch.manual_seed(config.seed)
-    run = _begin(make(about.kind, config.width), config, steps, checkpoint)
+    run = _begin(make(about, config.width), config, steps, checkpoint)
     while run.epoch < config.epochs:
         loss = _epoch(run, parts, config)
         if report is not None:

@@ -21,7 +21,7 @@ from tactile_dynamics_ros.core.planar.network.graph import (
 Array = NDArray[np.float64]
 
 Mechanics = Callable[["Transitions"], tuple[Array, Array]]
-"""States (N, 6 L) and forces (N, 2), axes of the support, that mechanics expect of steps."""
+"""States (N, 6 L) and forces (N, 2 or 3), axes of the support, that mechanics expect of steps."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +29,7 @@ class Noise:
     """How well the outcome of N steps is known.
 
     Attributes:
-        motion: (N, L, MOTION) std, m/s and rad/s. force: (N, 2) std, N.
+        motion: (N, L, MOTION) std, m/s and rad/s. force: (N, 2 or 3) std, N and N m.
     """
 
     motion: Array
@@ -44,7 +44,8 @@ class Transitions:
         thing: geometry. parameters: (N, p) as `GraphProcess.names`.
         states, after: (N, 6 L) when a step begins and ends, as `filter.process.LINK_STATE`.
         push: (N) of the robot.
-        force: (N, 2) N on the object, mean over the step, axes of the support.
+        force: (N, 2) N on the object, mean over the step, axes of the support; of grippers (N, 3),
+            with the torque (N m) about where they began.
         noise: of motion and force where they were measured; None where they are known exactly.
     """
 
@@ -81,8 +82,8 @@ class Examples:
 
     Attributes:
         nodes: (N, 2 + L, F). edges: (N, 2 L, EDGE).
-        motion: (N, L, MOTION) and force: (N, 2) beside the mechanics where those help, m/s, rad/s,
-            N, axes of the contact.
+        motion: (N, L, MOTION) and force: (N, 2 or 3) beside the mechanics where those help, m/s, rad/s,
+            N, N m, axes of the contact.
         noise: of both.
     """
 
@@ -115,11 +116,11 @@ def helping(motion: Array, force: Array, units: tuple[Array, Array]) -> Array:
 
     Args:
         motion: (N, L, MOTION), axes of the contact.
-        force: (N, 2), axes of the contact.
-        units: (MOTION,) and (2,).
+        force: (N, 2 or 3), axes of the contact.
+        units: (MOTION,) and (2,) or (3,).
     """
     robot = np.zeros((len(motion), 1, HELP))
-    robot[:, 0, :2] = force / units[1]
+    robot[:, 0, : force.shape[1]] = force / units[1]
     return np.concatenate([robot, motion / units[0]], axis=1)
 
 

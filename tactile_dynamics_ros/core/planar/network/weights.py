@@ -19,6 +19,8 @@ Layers = tuple[tuple[Array, Array], ...]
 NETS = ("edge", "node", "process", "touch")
 """Perceptrons of the graph network: f_e, f_n, what becomes of a link, what the robot feels. Fixed
 by `propagate`; files have their layers under these names."""
+ACTIONS = ("push", "pull")
+"""What a robot does: a network each, as in the paper. A tip feels a force, a gripper a torque too."""
 KINDS = ("graph", "graph_residual")
 """The paper's network, and the one that learns what mechanics leave. Fixed names of the product."""
 LATENT = 32
@@ -38,7 +40,8 @@ class Expected:
     Attributes:
         motion: (C, L, MOTION) in axes of the contact, m/s and rad/s; a residual network's is beside
             the mechanics. motion_std: the same.
-        force: (C, 2) N of the pusher on the object, axes of the contact. force_std: (C, 2).
+        force: (C, 2) N of a tip on the object, axes of the contact, or (C, 3) of a gripper, with
+            the torque about where it began (N m). force_std: the same.
     """
 
     motion: Array
@@ -54,7 +57,8 @@ class GraphWeights:
     Attributes:
         kind: one of KINDS.
         step: s, of the steps that it was trained on. speed: m/s, unit of velocities.
-        motion_scale: (MOTION,) and force_scale: (2,) units of the outputs.
+        motion_scale: (MOTION,) and force_scale: (2,) of a tip, (3,) of a gripper, units of the
+            outputs.
         nets: layers, matrix (n_in, n_out) and bias (n_out,), of each of NETS; SiLU between them.
         origin: what it was trained on.
     """
@@ -68,6 +72,11 @@ class GraphWeights:
     origin: str
 
     @property
+    def felt(self) -> int:
+        """How many numbers the robot feels: 2 where a tip pushes, 3 where a gripper pulls."""
+        return len(self.force_scale)
+
+    @property
     def residual(self) -> bool:
         """Whether it states what mechanics leave."""
         return self.kind == "graph_residual"
@@ -77,16 +86,16 @@ class GraphWeights:
         process, touch = self.outputs(graph)
         low, high = _LOG_STD
         spread = np.exp(np.clip(process[..., MOTION:], low, high))
-        felt = np.exp(np.clip(touch[..., 2:], low, high))
+        felt = np.exp(np.clip(touch[..., self.felt :], low, high))
         return Expected(
             process[..., :MOTION] * self.motion_scale,
             spread * self.motion_scale,
-            touch[..., :2] * self.force_scale,
+            touch[..., : self.felt] * self.force_scale,
             felt * self.force_scale,
         )
 
     def outputs(self, graph: Graph) -> tuple[Array, Array]:
-        """Means and ln std of links (C, L, 12) and robot (C, 4), in units of the outputs."""
+        """Means and ln std of links (C, L, 12) and robot (C, 2 felt), in units of the outputs."""
         return propagate(self.nets, graph)
 
     def save(self, path: Path) -> None:
@@ -147,19 +156,25 @@ def node_features(kind: str) -> int:
     return NODE + (HELP if kind == "graph_residual" else 0)
 
 
-def net_sizes(kind: str, width: int) -> dict[str, tuple[int, ...]]:
-    """Inputs, hidden units and outputs of each of NETS: three layers each."""
+def net_sizes(kind: str, width: int, felt: int = 2) -> dict[str, tuple[int, ...]]:
+    """Inputs, hidden units and outputs of each of NETS: three layers each.
+
+    Args:
+        kind: one of `KINDS`.
+        width: hidden units.
+        felt: numbers that the robot feels.
+    """
     node = node_features(kind) + LATENT
     return {
         "edge": (2 * node + EDGE, width, width, LATENT),
         "node": (node + LATENT, width, width, LATENT),
         "process": (node, width, width, 2 * MOTION),
-        "touch": (LATENT, width, width, 4),
+        "touch": (LATENT, width, width, 2 * felt),
     }
 
 
 def propagate(nets: dict[str, Layers], graph: Graph) -> tuple[Array, Array]:
-    """Propagate cause from the robot outwards and effect back; return (C, L, 12) and (C, 4).
+    """Propagate cause from the robot outwards and effect back; return (C, L, 12) and (C, 2 felt).
 
     Cause: each link is updated by the edge from where the cause comes, and by its support's.
     Effect: from the last link back, each sender's edge updates the receiver; the edge to the robot
@@ -208,12 +223,19 @@ def perceptron(layers: Layers, value: Array) -> Array:
     return np.asarray(value @ matrix + bias)
 
 
-def shipped_file(kind: str, setting: str = "slow") -> Path:
-    """File of the weights that come with the package."""
-    return _FOLDER / f"{kind}_{setting}.npz"
+def shipped_file(kind: str, setting: str = "slow", action: str = "push") -> Path:
+    """File of the weights that come with the package, of one of `ACTIONS`."""
+    name = kind if action == "push" else f"{kind}_{action}"
+    return _FOLDER / f"{name}_{setting}.npz"
 
 
 @lru_cache(maxsize=4)
-def shipped_graph(kind: str, setting: str = "slow") -> GraphWeights:
+def shipped_graph(kind: str, setting: str = "slow", action: str = "push") -> GraphWeights:
     """Return a network that comes with the package."""
-    return GraphWeights.load(shipped_file(kind, setting))
+    return GraphWeights.load(shipped_file(kind, setting, action))
+
+
+def shipped_networks(kind: str, setting: str = "slow") -> tuple[GraphWeights, ...]:
+    """The network of pushes and, where there is one, that of pulls."""
+    there = [action for action in ACTIONS if shipped_file(kind, setting, action).exists()]
+    return tuple(shipped_graph(kind, setting, action) for action in there)
