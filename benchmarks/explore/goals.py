@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.explore.searches import PathIntegral, PlainSearch
+from benchmarks.explore.searches import Averaged, PathIntegral, PlainSearch
 from benchmarks.explore.stage import Stage
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
 from tactile_dynamics_ros.core.planar.control.centring import CentringPusher
@@ -38,14 +38,16 @@ Maker = Callable[[PushedBody, Array, Bounds], PushPlanner]
 WAYS: dict[str, tuple[bool, Maker]] = {
     "estimated": (True, PushPlanner),
     "prior": (False, PushPlanner),
+    "averaged": (False, Averaged),
     "jointless": (False, PushPlanner),
     "centring": (True, CentringPusher),
     "cross_entropy": (True, PlainSearch),
     "mppi": (True, PathIntegral),
 }
 """Whether the centre of mass is estimated (from four pushes) or taken in the middle of the outline,
-and what decides on pushes. Of two parts neither centre is known; *jointless* never looks for their
-joint, so that the second part is only in the way once it turns."""
+and what decides on pushes; *averaged* counts with centres all about the middle. Of two parts
+neither centre is known; *jointless* never looks for their joint, so that the second part is only
+in the way once it turns."""
 OF_TWO = ("prior", "jointless")
 """Ways that push objects of two parts too; the others know one body with one centre."""
 

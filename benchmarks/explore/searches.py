@@ -1,14 +1,19 @@
-"""Plainer searches for pushes to a goal, as peers: cross-entropy with white noise, and MPPI."""
+"""Other searches for pushes to a goal, as peers: white noise, MPPI, a mean over likely centres."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.numerics.search import SearchConfig, cross_entropy
+from tactile_dynamics_ros.core.planar.actions.information import Belief
 from tactile_dynamics_ros.core.planar.control.plan import LENGTH, Push, PushPlanner
+from tactile_dynamics_ros.core.planar.control.prediction import PushedBody
+from tactile_dynamics_ros.core.planar.linked.outlines import distance_outside
 
 Array = NDArray[np.float64]
 Cost = Callable[[Array], Array]
@@ -31,7 +36,7 @@ class PlainSearch(PushPlanner):
         """Return the best next push for an object at a pose (3,), wherever it begins."""
 
         def cost(plans: Array) -> Array:
-            return self._cost(plans, pose, None, self.body)
+            return self._cost(plans, pose, None)
 
         found = []
         for place in (np.arange(_PLACES) + 0.5) / _PLACES:
@@ -44,7 +49,7 @@ class PlainSearch(PushPlanner):
         """Return the best way on from a tip (2,) that touches; the old plan counts for nothing."""
 
         def cost(plans: Array) -> Array:
-            return self._cost(plans, pose, (tip, normal), self.body)
+            return self._cost(plans, pose, (tip, normal))
 
         best, error = self._searched(cost, self._anywhere(0.5), 2.0 * self._std(), _NEAR)
         direction = self._directions(best[:1], normal[None])[0, 0]
@@ -79,3 +84,33 @@ class PathIntegral(PlainSearch):
             weight = np.exp(-(costs - costs.min()) / (_TEMPERATURE * spread))
             mean = np.tensordot(weight / weight.sum(), tried, axes=1)
         return mean, float(cost(mean[None])[0])
+
+
+class Averaged(PushPlanner):
+    """The product's search by the mean over what is not known: four likely centres of mass.
+
+    They lie at sqrt(2) of the standard deviation of an object that was only seen, along both axes
+    and within the outline (cubature points of two numbers, Arasaratnam and Haykin 2009).
+    """
+
+    body: PushedBody
+
+    @cached_property
+    def bodies(self) -> list[PushedBody]:
+        """Equally likely objects."""
+        com, found = self.body.com, []
+        shares = np.linspace(1.0, 0.0, 11)[:, None]
+        for way in np.sqrt(2.0) * np.diag(Belief.unknown(self.body.outline).std[2:]):
+            for places in (com + shares * way, com - shares * way):
+                inside = distance_outside(self.body.outline, places) <= 0.0
+                found.append(replace(self.body, com=places[np.argmax(inside)]))
+        return found
+
+    def _cost(self, plans: Array, pose: Array, begun: tuple[Array, Array] | None) -> Array:
+        """Mean over the centres before a push begins; while it touches, what is seen corrects."""
+        likeliest, each = self.body, []
+        for body in self.bodies if begun is None else [likeliest]:
+            self.body = body
+            each.append(super()._cost(plans, pose, begun))
+        self.body = likeliest
+        return np.asarray(np.mean(each, axis=0))

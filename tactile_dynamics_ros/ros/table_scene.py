@@ -173,8 +173,7 @@ class TableScene:
         """
         first = self.first_part()
         if self._second is None or self._object is None or len(self._parts) < 2:
-            known = self.belief(first.outline)
-            return replace(first, com=known.mean[2:], com_std=known.std[2:])
+            return replace(first, com=self.belief(first.outline).mean[2:])
         poses = self._object[1], self._second[1]
         return body_of_two((first, self._parts[1]), poses, self.watch)
 

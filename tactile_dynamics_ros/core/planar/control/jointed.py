@@ -225,11 +225,6 @@ class JointedBody:
         x, y = 1e3 * self.hinge.first
         return f"two parts on a joint at {x:.0f}, {y:.0f} mm in the first one's frame"
 
-    @property
-    def hypotheses(self) -> Sequence[JointedBody]:
-        """Itself: where its centres of friction lie is learnt from its motion."""
-        return (self,)
-
     def states(self, pose: Array, count: int) -> Array:
         """States (N, 4) of an object with its first part at a pose (3,), bent as it is now."""
         return np.tile([*pose, pose[2] + self.bend], (count, 1))

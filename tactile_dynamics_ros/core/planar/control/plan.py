@@ -134,14 +134,10 @@ class PushPlanner:
         return bool(self.body.struck(tip[None], self.body.states(pose, 1))[0] > 0.0)
 
     def plan(self, pose: Array) -> Push:
-        """Return the best next push for an object at a pose (3,), wherever it begins.
-
-        What it brings is the mean over the object's hypotheses.
-        """
+        """Return the best next push for an object at a pose (3,), wherever it begins."""
 
         def cost(plans: Array) -> Array:
-            each = [self._cost(plans, pose, None, body) for body in self.body.hypotheses]
-            return np.asarray(np.mean(each, axis=0))
+            return self._cost(plans, pose, None)
 
         found = evolve(cost, self._parents(), self._std(), self._rng, _WIDE)
         return self._push(found.best, pose, found.cost)
@@ -157,7 +153,7 @@ class PushPlanner:
         """
 
         def cost(plans: Array) -> Array:
-            return self._cost(plans, pose, (tip, normal), self.body)
+            return self._cost(plans, pose, (tip, normal))
 
         std = 0.9 * self._std()
         std[:, PLACE] = 0.5 * _STD[PLACE]
@@ -193,12 +189,10 @@ class PushPlanner:
         away = self.body.tip_radius + self.config.gap
         return point - away * inward, inward
 
-    def _cost(
-        self, plans: Array, pose: Array, begun: tuple[Array, Array] | None, body: Pushable
-    ) -> Array:
-        """Error (N,) that plans (N, H, 5) leave of a body, early error and effort included, m."""
+    def _cost(self, plans: Array, pose: Array, begun: tuple[Array, Array] | None) -> Array:
+        """Error (N,) that plans (N, H, 5) leave, early error and effort included, m."""
         count = len(plans)
-        states = body.states(pose, count)
+        states = self.body.states(pose, count)
         total = np.zeros(count)
         for k in range(plans.shape[1]):
             push = plans[:, k]
@@ -211,24 +205,24 @@ class PushPlanner:
                 tip, normal = self._starts(push[:, PLACE], states)
                 gap = self.config.gap
                 total += moves * (self.config.effort + 10.0 * self.bounds.lacking(tip))
-                total += 10.0 * moves * body.crowded(tip, states)
-            states, tip = self._pushed(push, states, tip, normal, gap, body)
+                total += 10.0 * moves * self.body.crowded(tip, states)
+            states, tip = self._pushed(push, states, tip, normal, gap)
             total += 10.0 * moves * self.bounds.lacking(tip)
-            total += 10.0 * moves * body.struck(tip, states)
+            total += 10.0 * moves * self.body.struck(tip, states)
             total += self.config.length_effort * np.maximum(push[:, LENGTH], 0.0)
             weight = 1.0 if k == plans.shape[1] - 1 else self.config.early
             total += weight * self._left(states)
         return total
 
     def _pushed(
-        self, push: Array, state: Array, tip: Array, normal: Array, gap: float, body: Pushable
+        self, push: Array, state: Array, tip: Array, normal: Array, gap: float
     ) -> tuple[Array, Array]:
         """States and tips after one push (N, 5) each."""
         length, steps = self.length(push, state), self.config.steps
         way = np.where(length > 0.0, length + gap, 0.0)[:, None] / steps
         direction = self._directions(push, normal)
         ways = [way * direction[:, 3 * k // steps] for k in range(steps)]
-        return body.pushed_along(state, tip, ways)
+        return self.body.pushed_along(state, tip, ways)
 
     def length(self, push: Array, state: Array) -> Array:
         """Length (N,) of pushes (N, 5) of objects in states, m: none is far past the goal."""

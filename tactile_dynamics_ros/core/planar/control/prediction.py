@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Protocol
 
@@ -25,9 +25,6 @@ each distance costs a comparison per vertex. Fewer would make round objects angu
 _FEW_CORNERS = 24
 """Vertices of each of two parts on a joint: a circle of 6 cm is met 0.5 mm inside, as poses are off
 by anyway; with twice as many the search takes 0.8 s instead of 0.4."""
-_CENTRED = 0.002
-"""Std of the centre of mass, m, below which it counts as known: poses are that good, and a search
-over several centres takes four times as long."""
 _CLEAR = 0.003
 """Least gap between tip and what it does not push, m: outlines and poses are right to 3 mm."""
 
@@ -42,10 +39,6 @@ class Pushable(Protocol):
     @property
     def words(self) -> str:
         """What the object is taken for."""
-
-    @property
-    def hypotheses(self) -> Sequence[Pushable]:
-        """Equally likely objects that differ in what is not known: all that is predicted counts."""
 
     def states(self, pose: Array, count: int) -> Array:
         """States (N, D) of an object whose first part is at a pose (3,)."""
@@ -81,7 +74,6 @@ class PushedBody:
     Attributes:
         outline: (V, 2) m, object frame, anticlockwise.
         com: (2,) m, object frame; the centre of friction lies below it.
-        com_std: (2,) m, of it.
         tip_radius: m, of the pusher.
         tip_friction: coefficient between tip and object.
         second: (V, 2) m, outline of another part where it lies now, object frame, which is only in
@@ -93,7 +85,6 @@ class PushedBody:
     tip_radius: float = 0.006
     tip_friction: float = 0.35
     second: Array | None = None
-    com_std: Array = field(default_factory=lambda: np.zeros(2))
 
     @classmethod
     def from_footprint(
@@ -123,22 +114,6 @@ class PushedBody:
         if self.second is None:
             return "one part"
         return "the first of two parts; the second, moved by no joint that is known, is in the way"
-
-    @cached_property
-    def hypotheses(self) -> Sequence[PushedBody]:
-        """Four centres of mass at sqrt(2) of the std along both axes, within the outline.
-
-        Source: cubature points of two numbers (Arasaratnam and Haykin 2009).
-        """
-        if self.com_std.max() < _CENTRED:
-            return (self,)
-        shares = np.linspace(1.0, 0.0, 11)[:, None]
-        centres = []
-        for way in np.sqrt(2.0) * np.diag(self.com_std):
-            for places in (self.com + shares * way, self.com - shares * way):
-                inside = distance_outside(self.outline, places) <= 0.0
-                centres.append(places[np.argmax(inside)] if inside.any() else self.com)
-        return tuple(replace(self, com=com, com_std=np.zeros(2)) for com in centres)
 
     def states(self, pose: Array, count: int) -> Array:
         """Poses (N, 3), all alike, of an object at a pose (3,)."""
