@@ -84,12 +84,15 @@ class Addition:
         heading = np.degrees(np.arctan2(*candidate.direction[::-1]))
         return (
             f"at ({x:.0f}, {y:.0f}) mm of its outline towards {heading:.0f} deg in its own frame, "
-            f"{candidate.speed:g} m/s over {1e3 * candidate.length:.0f} mm, and stop hard"
+            f"over {1e3 * candidate.length:.0f} mm from rest to rest at {candidate.acceleration:g} "
+            f"m/s^2 and at most {candidate.speed:g} m/s"
         )
 
     def to_json(self, pose: Array) -> dict[str, Any]:
         """Plain numbers, with point and direction in the world."""
-        return {**self.choice.to_json(pose), "count": self.count}
+        travel = self.choice.candidate.travel
+        ramps = {"acceleration": travel.acceleration, "braking": travel.stopping}
+        return {**self.choice.to_json(pose), **ramps, "count": self.count}
 
 
 @dataclass(frozen=True)
@@ -262,7 +265,6 @@ def _clock_faults(found: PushedEstimate) -> list[str]:
 def _addition(recording: PushedRecording, found: PushedEstimate, goal: float) -> Addition | None:
     """Return the push that tells most of what is lacking; None if nothing lacks or tells."""
     streams, reach = recording.streams, _reach(recording, 0)
-    size = np.array([1.0, 1.0, reach, reach])
     masses = found.covariance[1, 1] > goal**2
     config = ExploreConfig(
         speeds=(_FAST if masses else _SLOW,),
@@ -286,14 +288,41 @@ def _addition(recording: PushedRecording, found: PushedEstimate, goal: float) ->
     except TactileDynamicsError:
         return None
     assert isinstance(after, PushedEstimate)
-    now, then = (np.sqrt(np.diag(e.covariance)) / size for e in (found, after))
-    gained = np.maximum(then**-2.0 - now**-2.0, 0.0)
-    lacking = now > goal
+    return _promise(choice, found, after, np.array([1.0, 1.0, reach, reach]), goal)
+
+
+def _promise(
+    choice: Choice, found: PushedEstimate, after: PushedEstimate, size: Array, goal: float
+) -> Addition:
+    """Return how many pushes to make and what they bring, from an estimate with one of them.
+
+    What the pushes tell of the places that they meet adds up, 1 / s^2 = 1 / s_now^2 + n gained. By
+    how much friction differs elsewhere they do not tell: the larger of both estimates stays.
+
+    Args:
+        choice: the push.
+        found: estimate from the recording.
+        after: estimate with one push more, simulated on an even table.
+        size: (4,) of the parameters.
+        goal: standard deviation over size that is wanted.
+    """
+    (now, far), (then, farther) = (_variances(each, size) for each in (found, after))
+    elsewhere = np.maximum(far, farther)
+    gained = np.maximum(1.0 / then - 1.0 / now, 0.0)
+    within = goal**2 - elsewhere
+    reachable = (now > within) & (within > 0.0)
     with np.errstate(divide="ignore"):
-        wanted = np.ceil((goal**-2.0 - now**-2.0) / gained)[lacking]
+        wanted = np.ceil((1.0 / within - 1.0 / now)[reachable] / gained[reachable])
     count = int(min(np.max(wanted, initial=1.0), _MOST))
-    std = (now**-2.0 + count * gained) ** -0.5
+    std = np.sqrt(1.0 / (1.0 / now + count * gained) + elsewhere)
     return Addition(choice, count, tuple(float(s) for s in std))
+
+
+def _variances(found: PushedEstimate, size: Array) -> tuple[Array, Array]:
+    """Variances (4,) over size^2 at the places that were pushed, and of others about those."""
+    here = found.covariance if found.here is None else found.here
+    own, whole = (np.diag(matrix) / size**2 for matrix in (here, found.covariance))
+    return own, whole - own
 
 
 def _thing(recording: PushedRecording) -> PredictedObject:

@@ -12,6 +12,8 @@ BEFORE, AFTER = 0.15, 0.35
 """s at rest before an action, and after it while the pusher withdraws."""
 _RAMP = 0.1
 """s in which a pusher reaches its speed; a real arm takes about that."""
+_HOLD = 0.15
+"""s for which the tip stays where a leg of its way ends: what slides on comes to rest meanwhile."""
 _RETREAT = 0.12
 """m/s."""
 
@@ -74,6 +76,26 @@ class ActionOptions:
     curved: bool = False
 
 
+@dataclass(frozen=True)
+class PlannedPush:
+    """A straight push that somebody asked for, in the frame of the part that is touched.
+
+    Attributes:
+        point: (2,) m, near the outline.
+        direction: (2,).
+        speed: m/s at most.
+        length: m of the tip's way.
+        acceleration: m/s^2 at the start. braking: m/s^2 at the end.
+    """
+
+    point: np.ndarray
+    direction: np.ndarray
+    speed: float
+    length: float
+    acceleration: float
+    braking: float
+
+
 def draw_actions(
     thing: PushedObject, options: ActionOptions, rng: np.random.Generator, step: float
 ) -> list[Action]:
@@ -108,6 +130,43 @@ def _push(
     return Action("push", link, point, heading, normal, 0.0, options.gap, path, speed)
 
 
+def straight_push(thing: PushedObject, planned: PlannedPush, step: float) -> Action:
+    """Return a push of link_1 that somebody asked for, without a pause on its way.
+
+    Args:
+        thing: the object.
+        planned: how it is pushed.
+        step: s of the physical clock.
+    """
+    point, normal = _nearest_edge(thing.links[0].corners, planned.point)
+    back = -_leg(_RETREAT, AFTER, _RAMP, step)
+    rests = [np.zeros(round(rest / step)) for rest in (BEFORE, _HOLD)]
+    pace = np.concatenate([rests[0], _trapezoid(planned, step), rests[1], back])
+    x = np.cumsum(pace) * step
+    path = np.stack([x, np.zeros_like(x), np.zeros_like(x)], axis=1)
+    heading = float(np.arctan2(planned.direction[1], planned.direction[0]))
+    return Action("push", 0, point, heading, normal, 0.0, 0.0, path, float(pace.max()))
+
+
+def _trapezoid(planned: PlannedPush, step: float) -> np.ndarray:
+    """Return the speeds of a way from rest to rest, lower at most where it is too short."""
+    ramps = 1.0 / planned.acceleration + 1.0 / planned.braking
+    top = min(planned.speed, float(np.sqrt(2.0 * planned.length / ramps)))
+    duration = planned.length / top + 0.5 * top * ramps
+    time = (np.arange(round(duration / step)) + 0.5) * step
+    up, down = planned.acceleration * time, planned.braking * np.maximum(duration - time, 0.0)
+    return np.minimum(np.minimum(up, down), top)
+
+
+def _nearest_edge(corners: np.ndarray, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the point of an outline that is nearest to a point, and the normal inwards there."""
+    edge = np.roll(corners, -1, axis=0) - corners
+    share = np.sum((point - corners) * edge, axis=1) / np.sum(edge * edge, axis=1)
+    near = corners + np.clip(share, 0.0, 1.0)[:, None] * edge
+    k = int(np.argmin(np.linalg.norm(near - point, axis=1)))
+    return near[k], np.array([-edge[k, 1], edge[k, 0]]) / np.linalg.norm(edge[k])
+
+
 def _point_at(corners: np.ndarray, angle: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the point of an outline in a direction, off its corners, and the normal inwards."""
     ray = np.array([np.cos(angle), np.sin(angle)])
@@ -133,7 +192,7 @@ def _pushing_path(
     pieces = [np.zeros(round(BEFORE / step))]
     for _ in range(legs):
         pieces += [_leg(speed, max(moving / legs, _RAMP + brake), brake, step)]
-        pieces += [np.zeros(round(0.15 / step))]
+        pieces += [np.zeros(round(_HOLD / step))]
     forward = np.concatenate(pieces)
     turn = rng.uniform(-1.0, 1.0) * np.pi / 3.0 if options.curved else 0.0
     bearing = turn * np.cumsum(forward) / max(forward.sum(), 1e-12)

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
 
 from tactile_dynamics_ros.core.planar.streams import PushedStreams
 from tactile_dynamics_ros.synthetic import randomness
-from tactile_dynamics_ros.synthetic.pushed.actions import ActionOptions, draw_actions
+from tactile_dynamics_ros.synthetic.pushed.actions import (
+    ActionOptions,
+    PlannedPush,
+    draw_actions,
+    straight_push,
+)
 from tactile_dynamics_ros.synthetic.pushed.effects import Faults, Hidden, hide
 from tactile_dynamics_ros.synthetic.pushed.friction_field import FrictionField
 from tactile_dynamics_ros.synthetic.pushed.objects import (
@@ -58,12 +63,14 @@ class HiddenPush:
         scene: what was simulated.
         effects: magnitude and parameters of what is hidden, by name.
         motion: what happened.
+        faults: of the force sensor.
     """
 
     streams: PushedStreams
     scene: Scene
     effects: Mapping[str, dict[str, Any]]
     motion: Motion
+    faults: Faults = field(default_factory=Faults)
 
     def truth(self) -> dict[str, Any]:
         """Links, joint and effects as plain numbers, ready for JSON."""
@@ -119,6 +126,37 @@ def generate(
     ]
 
 
+def record_pushes(
+    first: HiddenPush, planned: PlannedPush, count: int, sensors: SensorOptions
+) -> HiddenPush:
+    """Push an object on from where a recording left it, each time alike in its own frame.
+
+    Noise is new; lasting errors of the sensors, and what is hidden, stay as they were. Its clock
+    begins anew.
+
+    Args:
+        first: the recording.
+        planned: each of the pushes, of link_1.
+        count: how many.
+        sensors: as of the first recording.
+    """
+    scene = first.scene
+    push = straight_push(scene.thing, planned, STEP)
+    longer = replace(scene, actions=(*scene.actions, *[push] * count))
+    motion = _since(simulate([longer])[0], scene.steps)
+    streams = read_sensors(
+        motion, longer, first.faults, sensors, _noise(scene.seed, "second"), _noise(scene.seed)
+    )
+    return replace(first, streams=streams, scene=longer, motion=motion)
+
+
+def _since(motion: Motion, step: int) -> Motion:
+    """Return what happened after a step, on a clock that begins there."""
+    columns = {one.name: getattr(motion, one.name)[step:] for one in fields(motion)}
+    columns["time"] = motion.time[: len(motion.time) - step]
+    return Motion(**columns)
+
+
 def draw_scene(seed: int, options: PushOptions) -> Scene:
     """Return the scene of a seed without anything hidden."""
     rng = randomness.stream(seed, "pushed", "scene")
@@ -154,6 +192,16 @@ def _recorded(
     motion: Motion,
     options: PushOptions,
 ) -> HiddenPush:
-    rng = randomness.stream(seed, "noise")
-    streams = read_sensors(motion, hidden.scene, hidden.faults or Faults(), options.sensors, rng)
-    return HiddenPush(streams, hidden.scene, found, motion)
+    faults = hidden.faults or Faults()
+    streams = read_sensors(motion, hidden.scene, faults, options.sensors, _noise(seed))
+    return HiddenPush(streams, hidden.scene, found, motion, faults)
+
+
+def _noise(seed: int, *recording: str) -> np.random.Generator:
+    """Return the generator of the sensors' noise, of lasting errors first.
+
+    Args:
+        seed: of the recording.
+        recording: name of another one of the same object.
+    """
+    return randomness.stream(seed, "noise", *recording)

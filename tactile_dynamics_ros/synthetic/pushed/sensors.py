@@ -50,11 +50,22 @@ def read_sensors(
     faults: Faults,
     options: SensorOptions,
     rng: np.random.Generator,
+    lasting: np.random.Generator | None = None,
 ) -> PushedStreams:
-    """Return what is recorded."""
-    height_error = 0.002 * options.systematic * rng.normal()
-    point_error = 0.0005 * options.systematic * rng.normal(size=2)
-    com_error = COM_HEIGHT_STD * options.systematic * rng.normal(size=len(scene.thing.links))
+    """Return what is recorded.
+
+    Args:
+        motion: what happened.
+        scene: what was simulated.
+        faults: of the force sensor.
+        options: rates, noise and defects.
+        rng: of the noise.
+        lasting: of lasting errors, which recordings share if it is alike; None: `rng`.
+    """
+    lasting = rng if lasting is None else lasting
+    height_error = 0.002 * options.systematic * lasting.normal()
+    point_error = 0.0005 * options.systematic * lasting.normal(size=2)
+    com_error = COM_HEIGHT_STD * options.systematic * lasting.normal(size=len(scene.thing.links))
     errors = np.array([*point_error, height_error])
     links = tuple(_link(motion, scene, k, options, rng) for k in range(len(scene.thing.links)))
     contacts = {}
