@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks import pushed_check
-from tactile_dynamics_ros.api.pushed_checks import _promise, check_pushes
+from tactile_dynamics_ros.api.pushed_checks import _evenness_is_untold, _promise, check_pushes
 from tactile_dynamics_ros.core.planar.properties.estimate import estimate
 from tactile_dynamics_ros.recording.pushed import PushedRecording
 from tactile_dynamics_ros.synthetic import pushed
@@ -80,8 +80,8 @@ def test_no_push_at_one_place_promises_that_the_table_is_even(slow, checked):
     lying = np.diag([share, 0.0, 0.0, 0.0]) ** 2
     found = replace(checked.found, here=here, covariance=here + lying)
     after = replace(found, here=here / 4.0, covariance=here / 4.0)
-    for one, other in ((found, after), (replace(found, covariance=here), replace(after))):
-        promise = _promise(choice, one, other, size, goal=0.1)
+    for one in (found, replace(found, covariance=here)):
+        promise = _promise(choice, one, after, size, goal=0.1)
         elsewhere = one.covariance[0, 0] - here[0, 0]
         # 0.3 to 0.1 takes (9 - 1) / (4 - 1) pushes: three, with 1 + 3 * 3 times the information
         assert promise.count == 3
@@ -90,3 +90,14 @@ def test_no_push_at_one_place_promises_that_the_table_is_even(slow, checked):
     told_less = replace(after, covariance=after.covariance + lying)
     promise = _promise(choice, replace(found, covariance=here), told_less, size, goal=0.1)
     assert promise.relative[0] > share
+
+
+def test_where_an_even_table_is_likeliest_but_not_told_a_promise_says_so(checked):
+    here = np.diag([0.02, 0.3, 0.01, 0.01]) ** 2
+    wide = here + np.diag([0.07, 0.0, 0.0, 0.0]) ** 2
+    untold = replace(checked.found, here=here, covariance=wide, unevenness=0.003)
+    assert _evenness_is_untold(untold)
+    assert not _evenness_is_untold(replace(untold, covariance=here))
+    assert not _evenness_is_untold(replace(untold, unevenness=0.03))
+    said = any("from place to place" in remark for remark in checked.remarks)
+    assert said == _evenness_is_untold(checked.found)
