@@ -18,8 +18,8 @@ from tactile_dynamics_ros.core.planar.streams import PushedStreams
 from tactile_dynamics_ros.recording.pushed import PushedRecording
 from tactile_dynamics_ros.synthetic import pushed
 
-FIRST_SEED = 26000
-"""Seeds from here on were not used for tuning (25900 to 25911 were)."""
+FIRST_SEED = 26024
+"""Seeds from here on were not used for tuning (25900 to 26023 were, or were looked into)."""
 WANTED = 1.5
 """Factor within which what came is wanted to be of what was promised, as of held objects: by its
 square too few or too many pushes are proposed."""
@@ -155,7 +155,7 @@ def table(found: Sequence[Outcome]) -> list[str]:
     ]
     lacking = [one for one in found if one.lacking]
     rows += [("all that was lacking", lacking)]
-    rows += [(f"the same, {kind}", [o for o in lacking if o.kind == kind]) for kind in KINDS]
+    rows += [(f"lacking, {kind}", [o for o in lacking if o.kind == kind]) for kind in KINDS]
     rows += [("all", list(found))]
     head = [
         "| parameters | recordings | n | std now, promised, got (median over size) | got over "

@@ -7,6 +7,9 @@ import pytest
 
 from benchmarks import pushed_check
 from tactile_dynamics_ros.api.pushed_checks import _evenness_is_untold, _promise, check_pushes
+from tactile_dynamics_ros.core.planar.actions.affordances import ExploreConfig, pushes
+from tactile_dynamics_ros.core.planar.actions.continuation import continued
+from tactile_dynamics_ros.core.planar.actions.information import Belief, PredictedObject
 from tactile_dynamics_ros.core.planar.properties.estimate import estimate
 from tactile_dynamics_ros.recording.pushed import PushedRecording
 from tactile_dynamics_ros.synthetic import pushed
@@ -72,6 +75,29 @@ def test_what_is_proposed_is_what_was_simulated(checked):
     told = checked.to_json()["addition"]
     assert (told["acceleration"], told["braking"]) == (1.0, 1.0)
     assert "from rest to rest at 1 m/s^2" in checked.addition.words
+
+
+class _Silent:
+    """Noise of no size."""
+
+    def normal(self, size):
+        return np.zeros(size)
+
+
+def test_simulated_forces_are_means_between_samples(slow):
+    """At single instants the ringing of the tip is aliased."""
+    thing = PredictedObject(slow.scene.thing.links[0].corners)
+    belief, push = Belief.unknown(thing.outline), pushes(thing.outline, ExploreConfig())[0]
+    contact, forces = slow.streams.contacts["pusher"], []
+    for period in (0.002, 0.02):
+        timed = replace(contact, time=period * np.arange(len(contact.time)))
+        streams = replace(slow.streams, contacts={"pusher": timed})
+        longer = continued(streams, thing, belief, push, _Silent())
+        forces.append(longer.contacts["pusher"].force[len(contact.time) :])
+    fine, coarse = forces
+    for k in range(1, 6):
+        np.testing.assert_allclose(coarse[k], fine[10 * k - 5 : 10 * k + 5].mean(0), rtol=1e-9)
+    assert np.abs(fine[10:60:10] - coarse[1:6]).max() > 0.05
 
 
 def test_no_push_at_one_place_promises_that_the_table_is_even(slow, checked):

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
 
 from tactile_dynamics_ros.core.planar.actions.candidate import Candidate, path_of
 from tactile_dynamics_ros.core.planar.actions.information import (
@@ -39,6 +40,8 @@ def continued(
 ) -> PushedStreams:
     """Append a push of the believed object, at the rates and with the noise of the recording.
 
+    Forces are means over the time between samples, as sensors send them.
+
     Args:
         streams: of one part.
         thing: the object.
@@ -68,7 +71,9 @@ def continued(
     )
     force = np.pad(turned(motion.wrench[0, :, :2], last[2]), ((0, 0), (0, 1)))
     touched = np.linalg.norm(force, axis=1) > _TOUCH
-    felt = np.flatnonzero(touched)[:: _every(contact.time)]
+    every = _every(contact.time)
+    felt = np.flatnonzero(touched)[::every]
+    force = uniform_filter1d(force, every, axis=0)  # at instants the tip's ringing is aliased
     way = turned(push.normal[None], last[2:])[0]
     more = _felt(contact, start + motion.time[felt], force[felt], random)
     point = np.column_stack(
