@@ -1,4 +1,4 @@
-"""`tactile-dynamics train pushing`: simulate pushes or pulls and train the graph network on them."""
+"""`tactile-dynamics train pushing`: simulate pushes or pulls, train the graph network on them."""
 
 from __future__ import annotations
 
@@ -107,10 +107,8 @@ def run(args: Namespace) -> int:
         f"tactile-dynamics train pushing --kind {args.kind} --action {args.action} --setting "
         f"{args.setting} --seed {args.seed} --objects {args.objects} --epochs {args.epochs}"
     )
-    about = GraphWeights(
-        args.kind, setting.period, setting.speed, *help_units(setting.speed, _FELT[args.action]), {},
-        command,
-    )  # fmt: skip
+    units = help_units(setting.speed, _FELT[args.action])
+    about = GraphWeights(args.kind, setting.period, setting.speed, *units, {}, command)
     config = GraphTrainingConfig(epochs=args.epochs, seed=args.seed, width=args.width)
     checkpoint = None
     if kept is not None:

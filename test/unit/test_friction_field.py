@@ -163,3 +163,15 @@ def test_a_field_is_told_beside_an_adequate_model():
     assert Table(0.003).remark == ""
     assert "by 4 % or so, over distances of 30 mm" in Table(0.003, 0.04, 0.03).remark
     assert Table(0.03, 0.04).total == pytest.approx(0.05)
+
+
+def test_of_each_effect_in_a_regime_the_likeliest_is_a_suspect(line):
+    """What acts for a while is another kind than what acts beyond a border."""
+    x = line.place[:, 0]
+    others = {f"{STEP}[x>{border:g}]": 1.0 * (x > border) for border in (-0.05, 0.0, 0.05)}
+    others |= {f"constant_pull[{gate}]": 0.3 * np.sign(line.place[:, 1]) for gate in ("x>0", "t>3")}
+    random = np.random.default_rng(3)
+    table = line.told(0.3 * (x > 0.0), random, others)
+    assert table.suspects[0] == f"{STEP}[x>0]"
+    assert set(table.suspects[1:]) == {"constant_pull[x>0]", "constant_pull[t>3]"}
+    assert line.told(0.0 * x, random).suspects == ()

@@ -1,4 +1,4 @@
-"""The graph network of pulls: it says the gripper's torque too, from the simulator to the filter."""
+"""The graph network of pulls says the gripper's torque too, from simulator to filter."""
 
 from __future__ import annotations
 
@@ -98,9 +98,7 @@ def test_pulls_look_alike_from_every_side_of_the_table(pulled, trained):
     )
     known = steps.parameters
     after, wrench, _ = step_on(trained, steps.thing, steps.states, known, push)
-    after_there, wrench_there, _ = step_on(
-        trained, steps.thing, moved(steps.states), known, there
-    )
+    after_there, wrench_there, _ = step_on(trained, steps.thing, moved(steps.states), known, there)
     np.testing.assert_allclose(after_there, moved(after), atol=1e-9)
     np.testing.assert_allclose(wrench_there[:, :2], turned(wrench[:, :2], angle), atol=1e-9)
     np.testing.assert_allclose(wrench_there[:, 2], wrench[:, 2], atol=1e-9)

@@ -171,6 +171,39 @@ def names_of(effects):
     return tuple(effect.name for effect in effects)
 
 
+FILM, PULL = "viscous_support[y>0.2]", "constant_pull[t>3]"
+
+
+@pytest.mark.parametrize(
+    ("inertia", "film", "kept"),
+    [(-1.2, 0.03, FILM), (-1.2, 0.14, ""), (0.1, 0.03, "")],
+)
+def test_a_fit_where_no_object_is_is_tried_with_what_may_act_in_a_regime(
+    model, monkeypatch, inertia, film, kept
+):
+    common = np.zeros(11)
+    common[:2], common[4] = (-1.0, -1.0 - np.log(0.3)), inertia
+    plain = replace(model.fit, common=common, whitened_rms=0.94, variation=0.1)
+    fits = {
+        PULL: replace(plain, whitened_rms=0.95),
+        FILM: replace(plain, whitened_rms=0.96, variation=film),
+    }
+    monkeypatch.setattr(one_part, "with_expected_force", lambda fit: fit)
+    monkeypatch.setattr(one_part, "fit_push", lambda _, effects: fits[effects[0].name])
+    found = one_part.OnePart(plain).suspecting(None, (PULL, FILM)).fit
+    assert found is fits.get(kept, plain)
+
+
+def test_an_effect_that_helped_to_find_the_motion_is_missing_again(tilted):
+    """Else its residual is judged as if the effect were there, and nothing explains what it did."""
+    names = ("support_tilt",)
+    leaning = one_part.OnePart.of_streams(tilted.streams, PUSHED.create_all(names))
+    models = [PushDiscrepancy._of_pushes(leaning, kept) for kept in ((), names)]
+    assert [model.effect_names for model in models] == [(), names]
+    without, beside = (m._whitened(0.01, *m.linear.lasting_rows)[0] for m in models)
+    assert np.mean(without**2) > 1.3 * np.mean(beside**2)
+
+
 @pytest.mark.parametrize("name", PUSHED.names())
 def test_effects_are_absent_at_zero_and_lie_in_their_families(model, name):
     effect = PUSHED.create(name)

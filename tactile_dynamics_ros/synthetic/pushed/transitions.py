@@ -1,4 +1,4 @@
-"""Steps of simulated pushes and pulls, free of noise: what networks that predict them learn from."""
+"""Steps of simulated pushes and pulls, free of noise: what networks learn from."""
 
 from __future__ import annotations
 

@@ -98,13 +98,10 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
         """
         check_reading(streams)
         kind = OnePart if len(streams.links) == 1 else TwoParts
-        pushes = kind.of_streams(streams, PUSHED.create_all(names))
-        values, theta = _split(pushes)
-        linear = Linearisation(pushes, Table(pushes.variation))
-        model = cls(linear, values, pushes.effects, theta, pushes.catalogue)
-        for name in set(model.effect_names) - set(names):
-            model = model.without_effect(name)
-        model = model.on_table(model._likeliest_table()).settled()
+        first = kind.of_streams(streams, PUSHED.create_all(names))
+        model = cls._of_pushes(first, names)
+        pushes = first.suspecting(streams, model.table.suspects)
+        model = model if pushes is first else cls._of_pushes(pushes, names)
         judged = len(model.linear.times)
         if judged < _LEAST_JUDGED:
             raise NotIdentifiableError(
@@ -112,6 +109,16 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
                 "push it further, or send poses more often"
             )
         return model
+
+    @classmethod
+    def _of_pushes(cls, pushes: FittedPushes, names: Sequence[str]) -> PushDiscrepancy:
+        """The model with named effects at the motion that a fit found, perhaps with others."""
+        values, theta = _split(pushes)
+        linear = Linearisation(pushes, Table(pushes.variation))
+        model = cls(linear, values, pushes.effects, theta, pushes.catalogue)
+        for name in set(model.effect_names) - set(names):
+            model = model.without_effect(name)
+        return model.on_table(model._likeliest_table()).settled()
 
     @property
     def pushes(self) -> FittedPushes:
@@ -414,9 +421,14 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
         return likeliest_table(self._whitened, (motion, poses), effects, self.linear.field, most)
 
     def _whitened(self, along: float, motion: Array, poses: Array) -> tuple[Array, Array, float]:
-        """Residual, innovations of rows and log volume at a variation along the way."""
+        """Residual, innovations of rows and log volume at a variation along the way.
+
+        An effect that helped to find the motion and is not in the model is not in the residual.
+        """
         there = Linearisation(self.pushes, Table(along))
-        return there.innovated, there.innovations(motion, poses), there.filter.log_volume
+        moved, shifted = (part[..., None] for part in self._changed(self.x, self.effects))
+        residual = there.innovated + there.innovations(moved, shifted)[:, 0]
+        return residual, there.innovations(motion, poses), there.filter.log_volume
 
 
 def _split(pushes: FittedPushes) -> tuple[Array, tuple[Array, ...]]:

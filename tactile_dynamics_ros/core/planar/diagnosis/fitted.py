@@ -16,6 +16,7 @@ from tactile_dynamics_ros.core.planar.effects.registry import PUSHED
 from tactile_dynamics_ros.core.planar.effects.situation import PlanarMotion
 from tactile_dynamics_ros.core.planar.properties.intervals import Intervals
 from tactile_dynamics_ros.core.planar.properties.push_model import USUAL_FRICTION, Sharpness
+from tactile_dynamics_ros.core.planar.streams import PushedStreams
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -140,6 +141,15 @@ class FittedPushes(ABC):
         Raises:
             NotIdentifiableError: the equations are singular.
         """
+
+    def suspecting(self, streams: PushedStreams, suspects: Sequence[str]) -> Self:
+        """The fit made again with an effect from the first stage on, where it went astray without.
+
+        Args:
+            streams: as they were fitted.
+            suspects: effects to try, likeliest first.
+        """
+        return self
 
     @abstractmethod
     def steady(self) -> Foretold | None:

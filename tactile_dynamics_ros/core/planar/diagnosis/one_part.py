@@ -50,6 +50,11 @@ _ODD_ERROR = 1.3
 fits where small effects are missing."""
 
 
+_SUSPECTS = 3
+"""Effects in a regime that are tried, 15 to 40 s each: there are four kinds, and the true one was
+among the first two of them in all that was tuned on."""
+
+
 @dataclass(frozen=True, eq=False)
 class OnePart(FittedPushes):
     """A fit of one part."""
@@ -132,6 +137,23 @@ class OnePart(FittedPushes):
     def refitted(self, effects: tuple[PushEffect, ...], common: Array, variation: float) -> OnePart:
         """The same pushes fitted with effects."""
         return OnePart(refit(self.fit, effects, common, variation))
+
+    def suspecting(self, streams: PushedStreams, suspects: Sequence[str]) -> OnePart:
+        """The fit, or where that is odd the one of least variation with a suspect, if it is less.
+
+        Less variation first, since the error is over it.
+        """
+        best = self.fit
+        if not _is_odd(best):
+            return self
+        for name in suspects[:_SUSPECTS]:
+            try:
+                fit = fit_push(streams, (*self.effects, PUSHED.create(name)))
+            except NotIdentifiableError:
+                continue
+            less = (fit.variation, fit.whitened_rms) < (best.variation, best.whitened_rms)
+            best = fit if fit.converged and less else best
+        return self if best is self.fit else OnePart(with_expected_force(best))
 
     def steady(self) -> Steady:
         """The object in pushes that were not made."""

@@ -15,7 +15,12 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from tactile_dynamics_ros.core.planar.diagnosis.fitted import FittedPushes
-from tactile_dynamics_ros.core.planar.effects.regional import STEP, is_regional, plain_name
+from tactile_dynamics_ros.core.planar.effects.regional import (
+    STEP,
+    acts_for_a_while,
+    is_regional,
+    plain_name,
+)
 from tactile_dynamics_ros.core.planar.properties.push_model import Sharpness
 
 Array = NDArray[np.float64]
@@ -69,6 +74,7 @@ class Table:
         unsure: standard deviation of what the field may be beyond that, as likely as it is beside
             the effects of the model.
         regional: what acts in a regime and is clearly likelier than all else; empty where nothing.
+        suspects: of each effect in a regime the likeliest on an even table, likeliest first.
     """
 
     along: float
@@ -77,6 +83,7 @@ class Table:
     imitating: float = 0.0
     unsure: float = 0.0
     regional: str = ""
+    suspects: tuple[str, ...] = ()
 
     @property
     def total(self) -> float:
@@ -227,7 +234,7 @@ def likeliest_table(
                 value = left.evidence(part) - odds - prices[name]
                 found[name, table] = max(found.get((name, table), -np.inf), value)
     allowed = {key: v for key, v in found.items() if not most or key[1].field <= most.field}
-    chosen = _chosen(allowed)
+    chosen = replace(_chosen(allowed), suspects=_suspects(found))
     if most and not chosen.field:
         chosen = replace(chosen, imitating=most.imitating, length=most.length)
     chosen = replace(chosen, unsure=_unsure(found, chosen))
@@ -317,6 +324,14 @@ def _regional(found: dict[tuple[str, Table], float]) -> str:
         return ""
     everywhere = max(v for (name, _), v in found.items() if not is_regional(name))
     return best if max(found.values()) > everywhere + _CLEAR else ""
+
+
+def _suspects(found: dict[tuple[str, Table], float]) -> tuple[str, ...]:
+    """Of each effect, on a part of the table or for a while, the likeliest on an even table."""
+    even = {key: v for key, v in found.items() if is_regional(key[0]) and not key[1].field}
+    ranked = sorted(even, key=even.__getitem__, reverse=True)
+    kinds = {(plain_name(name), acts_for_a_while(name)): name for name, _ in reversed(ranked)}
+    return tuple(dict.fromkeys(name for name, _ in ranked if name in kinds.values()))
 
 
 def hidden_slope(columns: Array, basis: Array, residual: Array) -> float:

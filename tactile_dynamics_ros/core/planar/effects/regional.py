@@ -55,6 +55,12 @@ def plain_name(name: str) -> str:
     return split_label(name)[0]
 
 
+def acts_for_a_while(name: str) -> bool:
+    """Whether an effect of that name acts in a stretch of time only."""
+    regime = split_label(name)[1]
+    return regime is not None and any(gate.symbol == "t" for gate in regime.gates)
+
+
 def is_regional(name: str) -> bool:
     """Whether an effect of that name acts in a regime only."""
     return split_label(name)[1] is not None

@@ -147,7 +147,7 @@ def words(values: dict[str, tuple[float, float]], undetermined: tuple[str, ...] 
     if "mass" in undetermined or "friction" in undetermined:
         said = (
             f"mass and friction are known only as a product ({force:.2f} +- {std:.2f} N): push "
-            "faster, stop hard, or shake while pulling"
+            "faster and brake over 0.3 s, or shake while pulling"
         )
     if "com" in undetermined:
         said += "; centre of mass undetermined: push from another side, off its middle"

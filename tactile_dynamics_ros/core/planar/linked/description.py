@@ -36,7 +36,7 @@ _TELL_PLAY = "estimate --effects loose_joint: the parts move as on a joint with 
 """Action where a joint with play is far likelier than all that the model has."""
 _TELL_UNTOUCHED = "push each part"
 """Action that tells a separate part of which only poses are known, since nothing touched it."""
-_TELL_MASS = "push faster, stop hard, or shake while pulling, with forces at 100 Hz"
+_TELL_MASS = "push faster and brake over 0.3 s, or shake while pulling, with forces at 100 Hz"
 """Action that tells masses from products: only acceleration does, as for one part alone."""
 
 

@@ -1,4 +1,4 @@
-"""The graph of a push or pull: robot, links and support as nodes, what joins them as directed edges.
+"""The graph of a push or pull: robot, links and support as nodes, what joins them as edges.
 
 Vectors are those of the contact: origin where the pusher touches, x along the normal into the
 object, or along the way of a gripper. A network that sees them so need not learn that the table

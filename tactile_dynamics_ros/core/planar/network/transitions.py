@@ -82,8 +82,8 @@ class Examples:
 
     Attributes:
         nodes: (N, 2 + L, F). edges: (N, 2 L, EDGE).
-        motion: (N, L, MOTION) and force: (N, 2 or 3) beside the mechanics where those help, m/s, rad/s,
-            N, N m, axes of the contact.
+        motion: (N, L, MOTION) and force: (N, 2 or 3) beside the mechanics where those help, m/s,
+            rad/s, N, N m, axes of the contact.
         noise: of both.
     """
 

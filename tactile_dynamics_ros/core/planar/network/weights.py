@@ -20,7 +20,7 @@ NETS = ("edge", "node", "process", "touch")
 """Perceptrons of the graph network: f_e, f_n, what becomes of a link, what the robot feels. Fixed
 by `propagate`; files have their layers under these names."""
 ACTIONS = ("push", "pull")
-"""What a robot does: a network each, as in the paper. A tip feels a force, a gripper a torque too."""
+"""What a robot does, a network each, as in the paper: a gripper feels a torque too."""
 KINDS = ("graph", "graph_residual")
 """The paper's network, and the one that learns what mechanics leave. Fixed names of the product."""
 LATENT = 32

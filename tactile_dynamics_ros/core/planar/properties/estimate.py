@@ -127,7 +127,7 @@ class PushedEstimate:
         if "mass" in self.undetermined:
             said.append(
                 f"mass and friction are known only as a product ({force:.2f} +- {std:.2f} N): push "
-                "faster, stop hard, or shake while pulling, with forces at 100 Hz"
+                "faster and brake over 0.3 s, or shake while pulling, with forces at 100 Hz"
             )
         else:
             said.append("mass              {:.3f} +- {:.3f} kg".format(*v["mass"]))
