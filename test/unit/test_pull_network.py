@@ -163,7 +163,8 @@ def test_a_filter_learns_product_and_centre_from_a_pull_by_the_shipped_network(k
 def test_pulls_are_learnt_by_a_command_of_their_own_and_not_in_rounds(tmp_path, capsys):
     out = tmp_path / "network.npz"
     arguments = ["train", "pushing", "--action", "pull", "--out", str(out)]
-    assert main([*arguments, "--objects", "2", "--epochs", "1"]) == 0
+    one_part = ["--kind", "graph_residual", "--objects", "2", "--epochs", "1"]
+    assert main([*arguments, *one_part]) == 0
     assert GraphWeights.load(out).felt == 3
     assert main([*arguments, "--choice", "active"]) != 0
     assert "--action push" in capsys.readouterr().err
