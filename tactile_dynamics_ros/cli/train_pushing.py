@@ -21,7 +21,7 @@ from tactile_dynamics_ros.core.planar.network.transitions import (
     joined,
     make_examples,
 )
-from tactile_dynamics_ros.core.planar.network.weights import GraphWeights, shipped_file
+from tactile_dynamics_ros.core.planar.network.weights import ACTIONS, GraphWeights, shipped_file
 from tactile_dynamics_ros.synthetic import pushed
 from tactile_dynamics_ros.synthetic.pushed.transitions import cut_all
 
@@ -81,8 +81,6 @@ KINDS = {
 """Shares of `--objects`; each link of a linked object is pushed once, the first is pulled twice. A
 part that trails behind a joint takes more examples: with a tenth the centre of the pulled part came
 out worse than known beforehand."""
-_FELT = {"push": 2, "pull": 3}
-"""Numbers that the robot feels: a tip no torque."""
 
 
 def run(args: Namespace) -> int:
@@ -107,7 +105,7 @@ def run(args: Namespace) -> int:
         f"tactile-dynamics train pushing --kind {args.kind} --action {args.action} --setting "
         f"{args.setting} --seed {args.seed} --objects {args.objects} --epochs {args.epochs}"
     )
-    units = help_units(setting.speed, _FELT[args.action])
+    units = help_units(setting.speed, ACTIONS[args.action])
     about = GraphWeights(args.kind, setting.period, setting.speed, *units, {}, command)
     config = GraphTrainingConfig(epochs=args.epochs, seed=args.seed, width=args.width)
     checkpoint = None

@@ -420,14 +420,19 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
             effects.append((effect.name, (by_motion * size, by_poses * size)))
         return likeliest_table(self._whitened, (motion, poses), effects, self.linear.field, most)
 
+    @cached_property
+    def _present(self) -> tuple[Array, Array]:
+        """Changes (N, D, 1) and (P, 3, 1) of the rows from where they are linear to the model."""
+        motion, poses = self._changed(self.x, self.effects)
+        return motion[..., None], poses[..., None]
+
     def _whitened(self, along: float, motion: Array, poses: Array) -> tuple[Array, Array, float]:
         """Residual, innovations of rows and log volume at a variation along the way.
 
         An effect that helped to find the motion and is not in the model is not in the residual.
         """
         there = Linearisation(self.pushes, Table(along))
-        moved, shifted = (part[..., None] for part in self._changed(self.x, self.effects))
-        residual = there.innovated + there.innovations(moved, shifted)[:, 0]
+        residual = there.innovated + there.innovations(*self._present)[:, 0]
         return residual, there.innovations(motion, poses), there.filter.log_volume
 
 

@@ -19,8 +19,9 @@ Layers = tuple[tuple[Array, Array], ...]
 NETS = ("edge", "node", "process", "touch")
 """Perceptrons of the graph network: f_e, f_n, what becomes of a link, what the robot feels. Fixed
 by `propagate`; files have their layers under these names."""
-ACTIONS = ("push", "pull")
-"""What a robot does, a network each, as in the paper: a gripper feels a torque too."""
+ACTIONS = {"push": 2, "pull": 3}
+"""What a robot does, a network each, as in the paper, and how many numbers it feels then: a gripper
+feels a torque too."""
 KINDS = ("graph", "graph_residual")
 """The paper's network, and the one that learns what mechanics leave. Fixed names of the product."""
 LATENT = 32
