@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import faulthandler
 import os
 import signal
 import struct
@@ -43,6 +44,9 @@ BURST = 1000
 """Messages of one subscription taken at a time: more than may wait, so that none is left over."""
 REQUEST_BURST = 50
 """Callbacks of services and timers served in a row before streams are looked at again."""
+LETTING_GO = 10.0
+"""Real time from a request to stop until a node has to have ended, s: fourteen at once on two busy
+cores take 3. DDS may wait for ever for a lock of shared memory that a killed process held."""
 ANSWERS = 5
 """Callbacks served where no request has come: answers whose work was done in the background."""
 RIVAL_STEPS, RIVAL_SPAN = 2, 1.0
@@ -357,6 +361,8 @@ def finish_bursts() -> None:
 def run_node(factory: Callable[[], Shell], arguments: list[str] | None = None) -> int:
     """Run one node until Ctrl-C or SIGTERM; return the exit code.
 
+    One that has not ended `LETTING_GO` later prints where it hangs and ends with 1.
+
     Args:
         factory: makes the node.
         arguments: command line with ROS arguments, `sys.argv` if None.
@@ -378,6 +384,7 @@ def run_node(factory: Callable[[], Shell], arguments: list[str] | None = None) -
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()
+        faulthandler.cancel_dump_traceback_later()
     return 0
 
 
@@ -390,4 +397,6 @@ class _StopRequest:
             signal.signal(number, self._remember)
 
     def _remember(self, _: int, __: FrameType | None) -> None:
+        if not self.requested:
+            faulthandler.dump_traceback_later(LETTING_GO, exit=True)
         self.requested = True

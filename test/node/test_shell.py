@@ -2,6 +2,8 @@
 
 import multiprocessing
 import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -63,3 +65,25 @@ def test_a_count_that_begins_anew_is_counted_on(bench):
     for total in (3, 5, 5, 2, 4):  # the one who counts was reset after 5
         faults.count("late", total)
     assert faults.counts["late"] == 9
+
+
+HANGING = """
+import signal, sys, threading, time
+from tactile_dynamics_ros.ros import shell
+
+class Hanging(shell.Shell):
+    def destroy_node(self):
+        time.sleep(60.0)
+
+shell.LETTING_GO = 0.3
+threading.Timer(2.0, signal.raise_signal, [signal.SIGTERM]).start()
+sys.exit(shell.run_node(lambda: Hanging("hanging")))
+"""
+
+
+def test_a_node_that_hangs_while_it_ends_says_where_and_ends():
+    done = subprocess.run(
+        [sys.executable, "-c", HANGING], capture_output=True, text=True, timeout=50.0
+    )
+    assert done.returncode == 1
+    assert "in destroy_node" in done.stderr

@@ -19,7 +19,7 @@ def listener():
 
 @pytest.fixture
 def over_udp(monkeypatch):
-    """Messages go by UDP alone, for tests that kill processes and need no large images.
+    """Messages go by UDP alone, for tests that kill processes.
 
     One that dies while it holds the lock of a shared memory port leaves its readers deaf, those of
     the test too (Fast DDS issue 5469); seldom, but it happened.

@@ -277,7 +277,9 @@ def stop(processes):
     return [process.wait(timeout=30) for process in processes]
 
 
-def test_every_executable_starts_stays_and_stops(installed, graph, tmp_path):
+def test_every_executable_starts_stays_and_stops(installed, graph, tmp_path, monkeypatch):
+    # shared memory of ports that other processes left may hang a process that stops (shell.py)
+    monkeypatch.setitem(installed.variables, "FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
     names = [n for n in node_names() if n != "robot_sim" or installed.name == "machine"]
     logs = {name: tmp_path / f"{name}.log" for name in names}
     processes = []
@@ -290,7 +292,8 @@ def test_every_executable_starts_stays_and_stops(installed, graph, tmp_path):
     finally:
         codes = stop(processes)
     text = {name: log.read_text() for name, log in logs.items()}
-    assert dict(zip(names, codes, strict=True)) == dict.fromkeys(names, 0), text
+    failed = [f"{n}: {code}\n{text[n]}" for n, code in zip(names, codes, strict=True) if code]
+    assert not failed, "\n".join(failed)  # a text is shown whole, where the process hangs too
     assert [name for name in names if "Traceback" in text[name]] == []
 
 

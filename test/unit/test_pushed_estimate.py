@@ -16,7 +16,7 @@ from tactile_dynamics_ros.core.planar.properties import fit as fitting
 from tactile_dynamics_ros.core.planar.properties.balance import NAMES
 from tactile_dynamics_ros.core.planar.properties.estimate import estimate
 from tactile_dynamics_ros.core.planar.properties.intervals import cut_intervals
-from tactile_dynamics_ros.core.planar.properties.optimum import Optimum
+from tactile_dynamics_ros.core.planar.properties.optimum import VARIATIONS, Optimum
 from tactile_dynamics_ros.core.planar.properties.push_model import (
     USUAL_FRICTION,
     USUAL_UNEVENNESS,
@@ -158,13 +158,28 @@ def test_a_fit_that_stopped_at_odd_numbers_is_made_again_from_usual_ones(quick):
     assert fitting._other(fit.model, [_stopped(fit, usual)]) == []
 
 
-def test_where_variations_are_as_likely_the_product_is_that_of_a_usual_table(quick):
+def test_where_a_table_is_not_told_even_the_product_is_that_of_a_usual_one(quick):
     fit = fitting.fit_push(quick.streams)
-    near = _stopped(fit, fit.common)
-    other = replace(near, variation=0.1, evidence=-5.0)
-    leads = [fitting._averaged(fit.model, [near, replace(other, evidence=e)]) for e in (-5, -50)]
-    assert [lead.untold for lead in leads] == [True, False]
-    assert leads[0].place_std[0] == USUAL_UNEVENNESS > leads[1].place_std[0]
+    mass = NAMES.index("ln_mass")
+    known, vague = np.array(fit.covariance), np.array(fit.covariance)
+    known[mass, mass], vague[mass, mass] = 0.05**2, 0.14**2  # averages double these std
+    near = replace(_stopped(fit, fit.common), variation=VARIATIONS[0], covariance=known)
+
+    def told(near, other, evidence):
+        return fitting._averaged(
+            fit.model, [near, replace(near, variation=other, evidence=evidence)]
+        )
+
+    even = told(near, 0.1, -50.0)
+    assert even.told_even
+    assert even.place_std[0] < USUAL_UNEVENNESS
+    for other in (
+        told(near, 0.1, -5.0),
+        told(near, 0.1, 50.0),
+        told(replace(near, covariance=vague), 0.1, -50.0),
+    ):
+        assert not other.told_even
+        assert other.place_std[0] >= USUAL_UNEVENNESS
 
 
 def test_evidence_of_an_optimum_is_that_of_the_data_at_its_numbers(quick, monkeypatch):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -14,7 +14,7 @@ from tactile_dynamics_ros.core.planar.diagnosis.fitted import FittedPushes
 from tactile_dynamics_ros.core.planar.diagnosis.rows import PushRows, rows_of_one
 from tactile_dynamics_ros.core.planar.diagnosis.separating_push import SLIP, Steady
 from tactile_dynamics_ros.core.planar.effects.effect import PushEffect
-from tactile_dynamics_ros.core.planar.effects.regional import regional_hypotheses
+from tactile_dynamics_ros.core.planar.effects.regional import is_regional, regional_hypotheses
 from tactile_dynamics_ros.core.planar.effects.registry import PUSHED
 from tactile_dynamics_ros.core.planar.effects.situation import PlanarMotion
 from tactile_dynamics_ros.core.planar.properties.balance import (
@@ -57,9 +57,16 @@ among the first two of them in all that was tuned on."""
 
 @dataclass(frozen=True, eq=False)
 class OnePart(FittedPushes):
-    """A fit of one part."""
+    """A fit of one part.
+
+    Attributes:
+        fit: with all effects of the model.
+        astray: streams, where the fit went astray without an effect that is not in the model; what
+            acts in a regime is then fitted from the first stage on.
+    """
 
     fit: PushFit
+    astray: PushedStreams | None = None
 
     @classmethod
     def of_streams(cls, streams: PushedStreams, effects: Sequence[PushEffect]) -> OnePart:
@@ -136,7 +143,11 @@ class OnePart(FittedPushes):
 
     def refitted(self, effects: tuple[PushEffect, ...], common: Array, variation: float) -> OnePart:
         """The same pushes fitted with effects."""
-        return OnePart(refit(self.fit, effects, common, variation))
+        if self.astray is not None and any(is_regional(effect.name) for effect in effects):
+            whole = fit_push(self.astray, effects)
+            if whole.converged:
+                return replace(self, fit=with_expected_force(whole))
+        return replace(self, fit=refit(self.fit, effects, common, variation))
 
     def suspecting(self, streams: PushedStreams, suspects: Sequence[str]) -> OnePart:
         """The fit, or where that is odd the one of least variation with a suspect, if it is less.
@@ -153,7 +164,7 @@ class OnePart(FittedPushes):
                 continue
             less = (fit.variation, fit.whitened_rms) < (best.variation, best.whitened_rms)
             best = fit if fit.converged and less else best
-        return self if best is self.fit else OnePart(with_expected_force(best))
+        return self if best is self.fit else OnePart(with_expected_force(best), streams)
 
     def steady(self) -> Steady:
         """The object in pushes that were not made."""

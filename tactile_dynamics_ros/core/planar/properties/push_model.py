@@ -336,7 +336,7 @@ class PushFit:
         whitened_rms: error over the noise, 1 where only noise remains.
         variation: relative, of friction from place to place.
         converged: whether the optimiser had next to nothing left to do.
-        untold: whether another variation is about as likely.
+        told_even: whether the data tell that friction is the same at all places of the table.
     """
 
     model: PushModel
@@ -346,7 +346,7 @@ class PushFit:
     whitened_rms: float
     variation: float
     converged: bool
-    untold: bool = False
+    told_even: bool = False
 
     @property
     def mass_is_bound(self) -> bool:
@@ -365,7 +365,7 @@ class PushFit:
         local = self.nodes[self.model.middle, 3:]
         unit = np.sqrt(self.model.patch.gyration)
         differ = np.sqrt(np.mean(local**2, axis=0)) * np.array([1.0, unit, unit])
-        least = np.array([USUAL_UNEVENNESS * self.untold, 0.0, 0.0])
+        least = np.array([0.0 if self.told_even else USUAL_UNEVENNESS, 0.0, 0.0])
         return np.asarray(np.maximum(ELSEWHERE * differ, least))
 
     @property
