@@ -348,6 +348,16 @@ def test_what_moves_an_estimate_is_missing_however_little_it_explains() -> None:
     assert (diagnosis.verdict, diagnosis.effect) == ("missing_effect", "zero_error")
 
 
+def test_what_foretells_no_other_samples_is_a_trace_however_much_it_moves() -> None:
+    block = slide(13)
+    every_second = np.floor(block.time / 1.5) % 2 == 0  # the blocks that validation fits or tests
+    diagnosis = diagnose(SlidingBlock(replace(block, force=block.force + 0.016 * every_second)))
+    assert diagnosis.verdict == "adequate"
+    assert diagnosis.trace is not None
+    assert not diagnosis.trace.in_place
+    assert "foretells nothing of the samples" in diagnosis_document(diagnosis)["sentence"]
+
+
 def test_a_hum_is_reported_with_its_frequency() -> None:
     diagnosis = diagnose(SlidingBlock(slide(5, hum=0.1)))
     assert diagnosis.verdict == "unexplained"

@@ -203,16 +203,18 @@ def _fitted_together(diagnosis: Diagnosis) -> ParameterTable:
 
 
 def _trace_sentence(trace: Trace) -> str:
+    why = "moves no estimate by half its standard deviation"
+    if not trace.in_place:
+        why = "foretells nothing of the samples that it was not fitted to"
     text = (
         f"Nothing that matters is missing: the error is {trace.error:.3f} times the noise floor, "
-        f"and what is significant (p = {trace.p_value:.2g}) moves no estimate by half its standard "
-        "deviation"
+        f"and what is significant (p = {trace.p_value:.2g}) {why}"
     )
     if trace.name is None:
         return text + "."
     return (
         f"{text}. It looks most like {trace.name} ({write_parameters(trace.parameters)}) and moves "
-        f"estimates by at most {trace.moved:.2g} of theirs."
+        f"estimates by at most {trace.moved:.2g} of their standard deviation."
     )
 
 

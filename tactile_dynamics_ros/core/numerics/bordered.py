@@ -341,11 +341,12 @@ def minimise(
             continue
         ahead = nodes + step, common + common_step
         trial = None
-        if cost:
-            there = cost(*ahead)
-        else:
-            trial = linearise(*ahead)
-            there = trial.cost
+        with np.errstate(all="ignore"):  # what a step too far makes is no number, and refused
+            if cost:
+                there = cost(*ahead)
+            else:
+                trial = linearise(*ahead)
+                there = trial.cost
         if np.isfinite(there) and there <= best.cost:
             idle = idle + 1 if best.cost - there <= tolerance else 0
             settled = idle > 0 and (damping <= 1e-2 or idle >= _IDLE)

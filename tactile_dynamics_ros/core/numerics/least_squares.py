@@ -44,8 +44,9 @@ def levenberg_marquardt(
         hessian, gradient = jacobian.T @ jacobian, jacobian.T @ residual
         scale = np.maximum(np.diag(hessian), 1e-12)
         step = -np.linalg.solve(hessian + damping * np.diag(scale), gradient)
-        trial, trial_jacobian = evaluate(x + step)
-        trial_cost = float(trial @ trial)
+        with np.errstate(all="ignore"):  # what a step too far makes is no number, and refused
+            trial, trial_jacobian = evaluate(x + step)
+            trial_cost = float(trial @ trial)
         predicted = float(-step @ gradient)
         if np.isfinite(trial_cost) and trial_cost <= cost:
             fall, x = cost - trial_cost, x + step

@@ -1,7 +1,8 @@
 """What is significant and yet does not matter: traces that move neither the error nor an estimate.
 
 Long or precise recordings show effects that nobody need model. A finding is a trace if the error
-is next to the noise floor and every effect that could be its cause leaves all estimates in place.
+is next to the noise floor and every effect that could be its cause leaves all estimates in place,
+or does not foretell data that it was not fitted to.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from tactile_dynamics_ros.core.discrepancy.model.residual_model import Misfit
 from tactile_dynamics_ros.core.discrepancy.screening import best_by_effect
 from tactile_dynamics_ros.core.discrepancy.search import DiagnosisConfig
 from tactile_dynamics_ros.core.discrepancy.trials import Trial, evidence, try_effects
+from tactile_dynamics_ros.core.discrepancy.validation import fits_equally, held_out
 from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import Assessment
 
 NEAR_FLOOR = 1.02
@@ -48,6 +50,11 @@ class Trace:
     error: float
     moved: float
 
+    @property
+    def in_place(self) -> bool:
+        """Whether it moves no estimate; one that does foretells no data that it has not seen."""
+        return self.moved <= _MOVED
+
     def to_json(self) -> dict[str, Any]:
         """Part `trace` of the documents of `compare` and `diagnose`."""
         return {
@@ -71,12 +78,13 @@ def find_trace(assessment: Assessment) -> Trace | None:
         return None
     without = evidence(model, floor)
     trials = [t for t in _suspects(assessment) if t.criterion < without]
-    moved = max((model.moved_by(trial.model) for trial in trials), default=0.0)
-    if moved > _MOVED:
+    moved, before = [model.moved_by(trial.model) for trial in trials], held_out(model)
+    causes = [t for t, much in zip(trials, moved, strict=True) if much > _MOVED]
+    if any(not fits_equally(cause.held_out, before) for cause in causes):
         return None
     name = trials[0].name if trials else None
     found = trials[0].model.parameters().get(trials[0].name, {}) if trials else {}
-    return Trace(name, found, assessment.p_value, error, moved)
+    return Trace(name, found, assessment.p_value, error, max(moved, default=0.0))
 
 
 def _suspects(assessment: Assessment) -> list[Trial]:
