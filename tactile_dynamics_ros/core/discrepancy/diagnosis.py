@@ -28,6 +28,7 @@ from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import Assessment, a
 from tactile_dynamics_ros.core.discrepancy.verdict.materiality import (
     NEAR_FLOOR,
     Trace,
+    find_idle,
     find_trace,
 )
 from tactile_dynamics_ros.core.discrepancy.verdict.partial import explain_most
@@ -163,6 +164,9 @@ def diagnose(
     if first.within_stated and any(r.source.family.lasting for r in step.choice.named(group)):
         return unnamed("adequate", steps, floor)
     after = held_out(step.choice.model)
+    idle = find_idle(first, step.choice, before, after)
+    if idle is not None:
+        return replace(unnamed("adequate", steps, floor), trace=idle)
     remains = steps[-1].after
     settled = is_noise(first, steps, config) or remains.rms <= NEAR_FLOOR * floor
     return Diagnosis(

@@ -204,7 +204,7 @@ def _fitted_together(diagnosis: Diagnosis) -> ParameterTable:
 
 def _trace_sentence(trace: Trace) -> str:
     why = "moves no estimate by half its standard deviation"
-    if not trace.in_place:
+    if trace.idle:
         why = "foretells nothing of the samples that it was not fitted to"
     text = (
         f"Nothing that matters is missing: the error is {trace.error:.3f} times the noise floor, "

@@ -13,8 +13,9 @@ from typing import Any
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import Misfit
 from tactile_dynamics_ros.core.discrepancy.screening import best_by_effect
 from tactile_dynamics_ros.core.discrepancy.search import DiagnosisConfig
+from tactile_dynamics_ros.core.discrepancy.selection import Choice
 from tactile_dynamics_ros.core.discrepancy.trials import Trial, evidence, try_effects
-from tactile_dynamics_ros.core.discrepancy.validation import fits_equally, held_out
+from tactile_dynamics_ros.core.discrepancy.validation import HeldOut, fits_equally
 from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import Assessment
 
 NEAR_FLOOR = 1.02
@@ -42,6 +43,7 @@ class Trace:
         p_value: of the finding.
         error: white RMS over the noise floor.
         moved: largest change of an estimate, in standard deviations, if an effect is added.
+        idle: whether it explains nothing that it was not fitted to.
     """
 
     name: str | None
@@ -49,11 +51,7 @@ class Trace:
     p_value: float
     error: float
     moved: float
-
-    @property
-    def in_place(self) -> bool:
-        """Whether it moves no estimate; one that does foretells no data that it has not seen."""
-        return self.moved <= _MOVED
+    idle: bool = False
 
     def to_json(self) -> dict[str, Any]:
         """Part `trace` of the documents of `compare` and `diagnose`."""
@@ -78,13 +76,34 @@ def find_trace(assessment: Assessment) -> Trace | None:
         return None
     without = evidence(model, floor)
     trials = [t for t in _suspects(assessment) if t.criterion < without]
-    moved, before = [model.moved_by(trial.model) for trial in trials], held_out(model)
-    causes = [t for t, much in zip(trials, moved, strict=True) if much > _MOVED]
-    if any(not fits_equally(cause.held_out, before) for cause in causes):
+    moved = max((model.moved_by(trial.model) for trial in trials), default=0.0)
+    if moved > _MOVED:
         return None
     name = trials[0].name if trials else None
     found = trials[0].model.parameters().get(trials[0].name, {}) if trials else {}
-    return Trace(name, found, assessment.p_value, error, max(moved, default=0.0))
+    return Trace(name, found, assessment.p_value, error, moved)
+
+
+def find_idle(
+    assessment: Assessment, choice: Choice, before: HeldOut, after: HeldOut
+) -> Trace | None:
+    """The effect that was chosen, if the error is next to the floor and stays where it is.
+
+    Held-out blocks then cost as much with it as without: it explains what it was fitted to alone.
+
+    Args:
+        assessment: of a model that is not white.
+        choice: the effect, refitted with all numbers.
+        before: held-out error without it.
+        after: the same with it.
+    """
+    model, best = assessment.model, choice.best
+    error = Misfit.of(model).rms / assessment.structure.floor
+    if error > NEAR_FLOOR or not fits_equally(after, before, tolerance=0.0):
+        return None
+    found = choice.model.parameters().get(best.name, {})
+    moved = model.moved_by(best.model)
+    return Trace(best.name, found, assessment.p_value, error, moved, idle=True)
 
 
 def _suspects(assessment: Assessment) -> list[Trial]:
