@@ -78,11 +78,18 @@ def test_an_effect_in_a_regime_goes_to_other_processes():
     assert np.array_equal(again.wrench(motion, theta), effect.wrench(motion, theta))
 
 
+THREE = pushed.PushOptions(actions=pushed.ActionOptions(count=3, travel=0.12))
+
+
+@pytest.fixture(scope="module")
+def clean():
+    """The motion of three pushes."""
+    return pushed.generate([7], {}, THREE)[0].motion
+
+
 @pytest.mark.parametrize("case", pushed.REGIONAL)
-def test_what_is_hidden_acts_inside_its_bounds_only(case):
-    options = pushed.PushOptions(actions=pushed.ActionOptions(count=3, travel=0.12))
-    clean = pushed.generate([7], {}, options)[0].motion
-    made = pushed.generate([7], {case: 2.0}, options)[0]
+def test_what_is_hidden_acts_inside_its_bounds_only(case, clean):
+    made = pushed.generate([7], {case: 2.0}, THREE)[0]
     bounds = bounds_in(made.scene, made.effects[case]["parameters"]["regime"])
     inside = (bounds.values(clean) > bounds.low) & (bounds.values(clean) < bounds.high)
     first = int(np.argmax(inside))
