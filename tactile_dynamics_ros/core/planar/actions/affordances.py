@@ -63,7 +63,9 @@ class ExploreConfig:
     budget: int = parameter(8, "pushes and pulls at most", "", 1, 100)
     least: int = parameter(2, "pushes at least: one alone does not tell variation", "", 1, 100)
     gain: float = parameter(0.2, "expected, below which no push is worth it", "nats", 0.0, 100.0)
-    product: float = parameter(0.05, "wanted relative std of mass times friction", "", 1e-3, 10.0)
+    product: float = parameter(
+        0.08, "wanted relative std of mass times friction; tables differ by 0.07", "", 1e-3, 10.0
+    )
     mass: float = parameter(0.1, "wanted relative std of the mass", "", 1e-3, 10.0)
     com: float = parameter(0.002, "wanted std of the centre of mass", "m", 1e-4, 0.1)
     seed: int = parameter(0, "of chance", "", 0)
