@@ -45,8 +45,7 @@ BURST = 1000
 REQUEST_BURST = 50
 """Callbacks of services and timers served in a row before streams are looked at again."""
 LETTING_GO = 10.0
-"""Real time from a request to stop until a node has to have ended, s: fourteen at once on two busy
-cores take 3. DDS may wait for ever for a lock of shared memory that a killed process held."""
+"""Real time from a request to stop until a node has to have ended, s: of fourteen at once 3."""
 ANSWERS = 5
 """Callbacks served where no request has come: answers whose work was done in the background."""
 RIVAL_STEPS, RIVAL_SPAN = 2, 1.0
@@ -359,9 +358,7 @@ def finish_bursts() -> None:
 
 
 def run_node(factory: Callable[[], Shell], arguments: list[str] | None = None) -> int:
-    """Run one node until Ctrl-C or SIGTERM; return the exit code.
-
-    One that has not ended `LETTING_GO` later prints where it hangs and ends with 1.
+    """Run one node until Ctrl-C or SIGTERM; return the exit code, 1 if it hangs while it ends.
 
     Args:
         factory: makes the node.

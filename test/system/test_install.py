@@ -277,9 +277,7 @@ def stop(processes):
     return [process.wait(timeout=30) for process in processes]
 
 
-def test_every_executable_starts_stays_and_stops(installed, graph, tmp_path, monkeypatch):
-    # shared memory of ports that other processes left may hang a process that stops (shell.py)
-    monkeypatch.setitem(installed.variables, "FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
+def test_every_executable_starts_stays_and_stops(installed, graph, tmp_path):
     names = [n for n in node_names() if n != "robot_sim" or installed.name == "machine"]
     logs = {name: tmp_path / f"{name}.log" for name in names}
     processes = []

@@ -54,9 +54,6 @@ def test_a_push_by_command_moves_the_object_and_the_friction_is_told(table, list
     table.start("property_estimator", node_command("property_estimator", None, {}))
     listener.follow(DiagnosticArray, "/property_estimator/status", latched=True)
     listener.wait(lambda: told(listener), 60.0, "a status")
-    listener.wait(lambda: "friction_force_n" in told(listener).get("link_1", {}), 60.0, "a guess")
-    guess = told(listener)["link_1"]
-    vague = float(guess["friction_force_n_std"]) / float(guess["friction_force_n"])
     record = table.start_verb("record", "record", str(tmp_path / "bag"))
     listener.wait(lambda: (tmp_path / "bag").exists(), 30.0, "a recording")
     before = listener.wait_for_new("/object/pose").pose.pose.position.x
@@ -82,7 +79,7 @@ def test_a_push_by_command_moves_the_object_and_the_friction_is_told(table, list
     link = told(listener)["link_1"]
     force, std = float(link["friction_force_n"]), float(link["friction_force_n_std"])
     assert abs(force - 9.81 * truth["mass"] * truth["friction"]) < 3.0 * std
-    assert std / force < 0.75 * vague  # a filter's; one push is not always enough for a fit
+    assert std < 0.25 * force  # a filter's; one push is not always enough for a fit
 
 
 def test_an_emergency_stop_ends_a_push_and_forbids_another(table, listener):

@@ -103,8 +103,8 @@ _TOLD = 10.0
 tables that vary by 10 % none led by more than 3 where the mass was known. Larger is wider."""
 _MASS_KNOWN = 0.2
 """Std of ln mass from which no table is told even: one that varies by 10 % led by 16 with a mass
-that was 44 % off at 0.28, its product then 5.7 std off. Even ones have 0.13 to 0.2 after two
-pushes; less widens more of their products."""
+that was 44 % off at 0.28, its product then 5.7 std off. After two pushes nine
+of 13 even ones have 0.13 to 0.2; less widens more of their products."""
 
 
 def fit_push(
