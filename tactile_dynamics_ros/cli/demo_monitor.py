@@ -28,6 +28,7 @@ from tactile_dynamics_ros.core.errors import TactileDynamicsError
 from tactile_dynamics_ros.report.history import EstimateHistory
 from tactile_dynamics_ros.ros.conversions import to_seconds
 from tactile_dynamics_ros.ros.diagnostics import status_values
+from tactile_dynamics_ros.ros.inertia_status import InertiaStatus, read_inertia_status
 from tactile_dynamics_ros.ros.names import DIAGNOSTICS, ESTIMATOR_STATUS, GRASP_PHASE, REVEAL
 from tactile_dynamics_ros.ros.shell import LATCHED
 
@@ -66,10 +67,9 @@ class Monitor:
         self._executor.add_node(self.node)
         self.phase, self.failure = "starting", ""
         self._estimates: list[tuple[float, Array, Array]] = []
+        self._measured: tuple[float, float] | None = None
         self._pace: list[float] = []
         self._advanced = time.monotonic()
-        self._error = 1.0
-        self._samples = "0"
         self._last_line = 0.0
         self._live: Live | None = None
         self._start = GraspStart(self.node, nodes_of(config), say)
@@ -90,8 +90,8 @@ class Monitor:
 
     @property
     def seconds_of_data(self) -> float:
-        """Span of the live estimates so far, s."""
-        return self._estimates[-1][0] - self._estimates[0][0] if self._estimates else 0.0
+        """Span of the measurements so far, s, whether their estimate is withheld or not."""
+        return self._measured[1] - self._measured[0] if self._measured else 0.0
 
     @property
     def standing_still(self) -> float:
@@ -145,45 +145,52 @@ class Monitor:
                 self._pace.append(float(pace))
 
     def _on_status(self, message: DiagnosticArray) -> None:
-        found = {status.name: status_values(status) for status in message.status}
-        parameters = found["parameters"]
-        value = np.array([float(parameters[name]) for name, *_ in NAMES])
-        std = np.array([float(parameters[f"{name}_std"]) for name, *_ in NAMES])
-        self._samples = found["solver"]["samples"]
-        if int(self._samples) == 0:
-            return
-        self._error = float(found["solver"]["whitened_rms"])
-        self._estimates.append((to_seconds(message.header.stamp), value, std))
-        self._show(value, std)
+        said, time_ = read_inertia_status(message.status), to_seconds(message.header.stamp)
+        if said.samples:
+            self._measured = (self._measured or (time_,))[0], time_
+        if said.samples and said.known:
+            self._estimates.append((time_, said.value, said.std))
+        self._show(said)
 
-    def _show(self, value: Array, std: Array) -> None:
+    def _show(self, said: InertiaStatus) -> None:
+        """Show an estimate, or why there is none, at most every LINE_EVERY seconds as a line."""
         if getattr(self._say, "quiet", False):
             return
         if sys.stdout.isatty():
             if self._live is None:
                 self._live = Live(console=Console(), refresh_per_second=4)
                 self._live.start()
-            self._live.update(self._table(value, std))
+            self._live.update(self._table(said))
         elif time.monotonic() - self._last_line > LINE_EVERY:
             self._last_line = time.monotonic()
-            parts = [
-                f"{label} {scale * v:.1f} ± {scale * s:.1f} {unit}"
-                for (_, label, scale, unit), v, s in list(zip(NAMES, value, std, strict=True))[:4]
-            ]
-            self._say(f"  {self._samples:>5} samples: {', '.join(parts)}")
+            self._say(f"  {said.samples:>5} samples: {_line(said)}")
 
-    def _table(self, value: Array, std: Array) -> Table:
+    def _table(self, said: InertiaStatus) -> Table:
         pace = f"{self._pace[-1]:.2f} x real time" if self._pace else ""
-        table = Table(title=f"hand: {self.phase}   {self._samples} samples   {pace}")
+        table = Table(title=f"hand: {self.phase}   {said.samples} samples   {pace}")
         for heading, justify in (("", "left"), ("estimate", "right"), ("± std", "right")):
             table.add_column(heading, justify=justify)  # type: ignore[arg-type]
         table.add_column("unit")
-        for (_, label, scale, unit), v, s in zip(NAMES, value, std, strict=True):
+        if not said.known:
+            table.caption = said.text
+            return table
+        for (_, label, scale, unit), v, s in zip(NAMES, said.value, said.std, strict=True):
             table.add_row(label, f"{scale * v:.2f}", f"{scale * s:.2f}", unit)
-        table.add_row("error", f"{self._error:.2f}", "", "x sensor noise")
+        table.add_row("error", f"{said.error:.2f}", "", "x sensor noise")
         return table
 
     def _stop_table(self) -> None:
         if self._live is not None:
             self._live.stop()
             self._live = None
+
+
+def _line(said: InertiaStatus) -> str:
+    """Return mass and centre of mass, or why they are not known."""
+    if not said.known:
+        return f"no estimate: {said.text or 'nothing is measured yet'}"
+    shown = list(zip(NAMES, said.value, said.std, strict=True))[:4]
+    return ", ".join(
+        f"{label} {scale * value:.1f} ± {scale * std:.1f} {unit}"
+        for (_, label, scale, unit), value, std in shown
+    )

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
 
+import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
+from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import (
     PARAMETER_NAMES,
@@ -13,6 +17,9 @@ from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import (
 from tactile_dynamics_ros.core.inertia.live import LiveEstimate
 from tactile_dynamics_ros.core.inertia.live.live_estimate import Level, Verdict
 from tactile_dynamics_ros.ros.diagnostics import status_message
+from tactile_dynamics_ros.ros.status_reader import OK, Statuses
+
+Array = NDArray[np.float64]
 
 LEVELS = {
     Level.OK: DiagnosticStatus.OK,
@@ -87,3 +94,50 @@ def waiting_status(effects: Sequence[str], text: str) -> Sequence[DiagnosticStat
         status_message("parameters", {}, DiagnosticStatus.WARN, text),
         status_message("solver", solver),
     ]
+
+
+@dataclass(frozen=True)
+class InertiaStatus:
+    """What the statuses of inertial_estimator say.
+
+    Attributes:
+        text: what the estimate is worth, or why there is none.
+        good: whether it is to be believed.
+        effects: of the model.
+        samples: that were used; 0 before the first fit of a model.
+        error: over the noise; NaN where there is no fit.
+        value: (10,) in the order of PARAMETER_NAMES; NaN where the estimate is withheld.
+        std: (10,) their standard deviations.
+    """
+
+    text: str
+    good: bool
+    effects: tuple[str, ...]
+    samples: int
+    error: float
+    value: Array
+    std: Array
+
+    @property
+    def known(self) -> bool:
+        """Whether there is an estimate: values with standard deviations."""
+        return bool(np.isfinite(self.value).all() and not np.isnan(self.std).any())
+
+
+def read_inertia_status(statuses: Sequence[Any]) -> InertiaStatus:
+    """Return what the statuses say; entries that are missing make no error.
+
+    Args:
+        statuses: of a message of inertial_estimator, live or recorded.
+    """
+    read = Statuses(statuses)
+    samples = read.number("solver", "samples")
+    return InertiaStatus(
+        text=read.text("parameters"),
+        good=read.level("parameters") == OK,
+        effects=read.words("solver", "effects"),
+        samples=int(samples) if np.isfinite(samples) else 0,
+        error=read.number("solver", "whitened_rms"),
+        value=read.numbers("parameters", PARAMETER_NAMES),
+        std=read.numbers("parameters", [f"{name}_std" for name in PARAMETER_NAMES]),
+    )
