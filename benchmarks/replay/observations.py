@@ -11,8 +11,8 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import PARAMETER_NAMES
-from tactile_dynamics_ros.ros.diagnostics import status_values
+from tactile_dynamics_ros.ros.inertia_status import read_inertia_status
+from tactile_dynamics_ros.ros.status_reader import Statuses, status_values, to_number
 
 Array = NDArray[np.float64]
 
@@ -98,19 +98,16 @@ class Observations:
 
 def read_status(message: DiagnosticArray, at: float) -> Status:
     """Return a message of /inertial_estimator/status heard at a time of the replay, s."""
-    found = {status.name: status for status in message.status}
-    entries = {name: status_values(status) for name, status in found.items()}
-    parameters = entries.get("parameters", {})
-    said = found.get("parameters")
+    said, read = read_inertia_status(message.status), Statuses(message.status)
     stamp = message.header.stamp
     return Status(
         at=at,
         stamp=stamp.sec + 1e-9 * stamp.nanosec,
-        level=said.level[0] if said else ERROR,
-        text=said.message if said else "",
-        value=_numbers(parameters, PARAMETER_NAMES),
-        std=_numbers(parameters, [f"{name}_std" for name in PARAMETER_NAMES]),
-        entries=entries,
+        level=read.level("parameters") if "parameters" in read else ERROR,
+        text=said.text,
+        value=said.value,
+        std=said.std,
+        entries={status.name: status_values(status) for status in message.status},
     )
 
 
@@ -119,7 +116,7 @@ def read_reports(message: DiagnosticArray, at: float) -> Iterator[Report]:
     for status in message.status:
         counts = {}
         for key, text in status_values(status).items():
-            number = _number(text)
+            number = to_number(text)
             if key not in _MEASURED and math.isfinite(number):
                 counts[key] = number
         yield Report(at, status.name.strip("/"), status.level[0], status.message, counts)
@@ -166,14 +163,3 @@ def said_text(statuses: Iterable[Status]) -> set[str]:
 def _wordless(text: str) -> str:
     """Return a text with digits replaced, so that it is the same sentence at every update."""
     return "".join("#" if c.isdigit() else c for c in text)
-
-
-def _numbers(entries: dict[str, str], keys: Iterable[str]) -> Array:
-    return np.array([_number(entries.get(key, "nan")) for key in keys])
-
-
-def _number(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        return math.nan

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
+from tactile_dynamics_ros.ros.status_reader import Statuses
 
 if TYPE_CHECKING:
     from rclpy.node import Node
@@ -42,7 +43,7 @@ class Act:
         from tactile_dynamics_ros.ros.shell import LATCHED
 
         self._node, self._call, self._push, self._say = node, call, push, say
-        self._told: dict[str, dict[str, str]] = {}
+        self._told = Statuses()
         self._text, self._before = "", 0
         node.create_subscription(DiagnosticArray, PROPERTY_STATUS, self._on_status, LATCHED)
 
@@ -50,7 +51,7 @@ class Act:
         """Play it; return what was said."""
         from tactile_dynamics_ros.ros.names import BEGIN, DIAGNOSE
 
-        self._spin(lambda: bool(self._told), NOTICED)
+        self._spin(lambda: "solver" in self._told, NOTICED)
         self._before = self._count
         if self._before:
             self._say(f"property_estimator told {self._before} changes though nothing had changed")
@@ -63,7 +64,7 @@ class Act:
         if not told["noticed"]:
             self._say("nobody noticed a change: the pushes are what chance makes of a clean table")
             return told
-        told["status"] = self._told["change"]
+        told["status"] = self._told.values("change")
         self._say(f"property_estimator: {self._text}")
         told["actions"] = self._push_straight()
         self._say(f"explorer: {len(told['actions'])} pushes in different directions")
@@ -126,7 +127,7 @@ class Act:
         self._say(f"adding {effect} to the live model")
         shown = f"effect {effect}"
         self._spin(lambda: shown in self._told or self._refuses(effect), REFITTED)
-        errors = self._told.get("solver", {}) if shown in self._told else {}
+        errors = self._told.values("solver") if shown in self._told else {}
         before, after = (_number(errors.get(key)) for key in ("without_effects", "whitened_rms"))
         told |= {"added": effect, "live_before": before, "live_after": after}
         told["fall"] = fall(before, after, self._refuses(effect))
@@ -137,7 +138,7 @@ class Act:
 
     @property
     def _count(self) -> int:
-        return int(self._told.get("change", {}).get("changes", 0))
+        return int(self._told.values("change").get("changes", 0))
 
     @property
     def _changed(self) -> bool:
@@ -145,11 +146,11 @@ class Act:
 
     def _refuses(self, effect: str) -> bool:
         """Whether the last fit was with the effect and came to no end."""
-        return self._refused and effect in self._told["solver"].get("effects", "").split(",")
+        return self._refused and effect in self._told.words("solver", "effects")
 
     @property
     def _refused(self) -> bool:
-        return bool(self._told.get("solver", {}).get("refused"))
+        return bool(self._told.values("solver").get("refused"))
 
     def _spin(self, condition: Callable[[], bool], seconds: float) -> None:
         from tactile_dynamics_ros.cli.topics import spin_until
@@ -157,12 +158,9 @@ class Act:
         spin_until(self._node, condition, seconds)
 
     def _on_status(self, message: Any) -> None:
-        from tactile_dynamics_ros.ros.diagnostics import status_values
-
-        self._told = {status.name: status_values(status) for status in message.status}
-        for status in message.status:
-            if status.name == "change" and "since" in status_values(status):
-                self._text = status.message
+        self._told = Statuses(message.status)
+        if "since" in self._told.values("change"):
+            self._text = self._told.text("change")
 
 
 def _number(told: str | None) -> float | None:

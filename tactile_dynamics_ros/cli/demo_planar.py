@@ -18,6 +18,7 @@ from tactile_dynamics_ros.cli.supervisor import Supervisor, node_command, verb_c
 from tactile_dynamics_ros.cli.topics import short_lived_node, spin_until
 from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError
 from tactile_dynamics_ros.core.planar.actions.candidate import MANNERS
+from tactile_dynamics_ros.ros.status_reader import Statuses, to_number
 from tactile_dynamics_ros.share import share_file
 
 if TYPE_CHECKING:
@@ -345,11 +346,8 @@ class Log:
         self.parted = True
 
     def _on_properties(self, message: Any) -> None:
-        from tactile_dynamics_ros.ros.diagnostics import status_values
-
         stamp = message.header.stamp
-        for status in message.status:
-            values = status_values(status)
-            if "com_x" in values:
-                row = {k: float(v) for k, v in values.items() if k != "undetermined"}
-                self.history.append({"time": stamp.sec + 1e-9 * stamp.nanosec, **row})
+        link = Statuses(message.status).values("link_1")
+        if "com_x" in link:
+            row = {key: to_number(text) for key, text in link.items() if key != "undetermined"}
+            self.history.append({"time": stamp.sec + 1e-9 * stamp.nanosec, **row})

@@ -23,7 +23,7 @@ from tactile_dynamics_ros.core.errors import TactileDynamicsError
 from tactile_dynamics_ros.ros.background import Background
 from tactile_dynamics_ros.ros.checked_model import MODELS, checked_model
 from tactile_dynamics_ros.ros.conversions import header, wrench_to_message
-from tactile_dynamics_ros.ros.diagnostics import status_message, status_values
+from tactile_dynamics_ros.ros.diagnostics import status_message
 from tactile_dynamics_ros.ros.kept_recordings import keep_and_diagnose
 from tactile_dynamics_ros.ros.names import (
     DIAGNOSE,
@@ -33,6 +33,7 @@ from tactile_dynamics_ros.ros.names import (
 )
 from tactile_dynamics_ros.ros.parameters import declare_config
 from tactile_dynamics_ros.ros.shell import LATCHED, REQUESTS, Shell, run_node
+from tactile_dynamics_ros.ros.status_reader import Statuses
 from tactile_dynamics_ros.ros.watch import Event, Watch, WatchConfig
 
 REST = 3.0
@@ -98,11 +99,11 @@ class ModelCheckNode(Shell):
         self._streams.release()
 
     def _on_model(self, message: DiagnosticArray) -> None:
-        found = {status.name: status_values(status) for status in message.status}
-        names = found.get("solver", {}).get("effects", "").split(",")
-        self.check.effects = tuple(name for name in names if name)
+        read = Statuses(message.status)
+        self.check.effects = read.words("solver", "effects")
         if self._model.change is not None:
-            self._model.change.since = float(found.get("change", {}).get("since", -np.inf))
+            since = read.number("change", "since")
+            self._model.change.since = since if np.isfinite(since) else -np.inf
 
     def _compare(self) -> None:
         """Start a comparison if something new has come, nothing runs, and there is time for it."""

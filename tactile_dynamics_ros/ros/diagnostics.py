@@ -9,6 +9,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
 from tactile_dynamics_ros.ros.names import DIAGNOSTICS
+from tactile_dynamics_ros.ros.status_reader import status_values as status_values
 
 
 class Faults:
@@ -83,11 +84,6 @@ def status_message(
     """Return a status whose key-value pairs are `values`; floats with 9 significant digits."""
     pairs = [KeyValue(key=key, value=_text(value)) for key, value in values.items()]
     return DiagnosticStatus(level=level, name=name, message=message, values=pairs)
-
-
-def status_values(status: DiagnosticStatus) -> dict[str, str]:
-    """Return the key-value pairs of a status."""
-    return {pair.key: pair.value for pair in status.values}
 
 
 def _text(value: object) -> str:

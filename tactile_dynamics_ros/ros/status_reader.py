@@ -35,7 +35,7 @@ class Statuses:
         if name not in self._found:
             return STALE
         level = self._found[name].level
-        return int(level[0]) if isinstance(level, bytes) else int(level)
+        return level[0] if isinstance(level, bytes) else int(level)
 
     def text(self, name: str) -> str:
         """Return the sentence of a status."""
@@ -43,7 +43,7 @@ class Statuses:
 
     def values(self, name: str) -> dict[str, str]:
         """Return all entries of a status."""
-        return {pair.key: pair.value for pair in self._found[name].values} if name in self else {}
+        return status_values(self._found[name]) if name in self._found else {}
 
     def number(self, name: str, key: str) -> float:
         """Return an entry as a number."""
@@ -57,6 +57,11 @@ class Statuses:
     def words(self, name: str, key: str) -> tuple[str, ...]:
         """Return the parts of an entry that commas separate."""
         return tuple(filter(None, self.values(name).get(key, "").split(",")))
+
+
+def status_values(status: Any) -> dict[str, str]:
+    """Return the entries of a status."""
+    return {pair.key: pair.value for pair in status.values}
 
 
 def to_number(text: str | None) -> float:

@@ -30,7 +30,6 @@ from tactile_dynamics_ros.core.planar.mechanics.linkage import in_frame, placed
 from tactile_dynamics_ros.core.planar.mechanics.simulation import GRAVITY
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 from tactile_dynamics_ros.ros.conversions import MessageError, pose_to_core, to_seconds
-from tactile_dynamics_ros.ros.diagnostics import status_values
 from tactile_dynamics_ros.ros.names import (
     GRIPPER_WIDTH,
     OBJECT_POSE,
@@ -41,6 +40,7 @@ from tactile_dynamics_ros.ros.names import (
     link_topic,
 )
 from tactile_dynamics_ros.ros.shell import LATCHED, Shell
+from tactile_dynamics_ros.ros.status_reader import Statuses, to_number
 from tactile_dynamics_ros.ros.wire import Stamp, Stamped
 
 Array = NDArray[np.float64]
@@ -278,14 +278,14 @@ class TableScene:
         self.width = float(message.data)
 
     def _on_properties(self, message: DiagnosticArray) -> None:
-        for status in message.status:
-            values = status_values(status)
-            told = values.get("fits"), values.get("refused")
-            if told[0] is not None and told != self._fit:
-                self._fit, self.fits = told, self.fits + 1
-            if "com_x" in values:
-                self.properties = {k: _number(v) for k, v in values.items()}
-                self.undetermined = [*filter(None, values.get("undetermined", "").split(","))]
+        read = Statuses(message.status)
+        solver, link = read.values("solver"), read.values("link_1")
+        told = solver.get("fits"), solver.get("refused")
+        if told[0] is not None and told != self._fit:
+            self._fit, self.fits = told, self.fits + 1
+        if "com_x" in link:
+            self.properties = {key: to_number(text) for key, text in link.items()}
+            self.undetermined = [*read.words("link_1", "undetermined")]
 
 
 def tip_pose(frame: Array) -> Array:
@@ -306,10 +306,3 @@ def _corners(message: PolygonStamped) -> Array:
     if len(points) < 3 or not np.all(np.isfinite(points)):
         raise MessageError("bad_footprint", f"object/footprint: {len(points)} usable vertices")
     return points
-
-
-def _number(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        return float("nan")

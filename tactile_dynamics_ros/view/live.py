@@ -25,7 +25,7 @@ from visualization_msgs.msg import MarkerArray
 
 from tactile_dynamics_ros.core.rigid_body.rotation import quaternion_to_matrix
 from tactile_dynamics_ros.ros.conversions import to_seconds
-from tactile_dynamics_ros.ros.diagnostics import status_values
+from tactile_dynamics_ros.ros.inertia_status import read_inertia_status
 from tactile_dynamics_ros.ros.names import (
     CAMERA_TARGET,
     ESTIMATOR_STATUS,
@@ -42,6 +42,7 @@ from tactile_dynamics_ros.ros.names import (
     ROBOT_DESCRIPTION,
 )
 from tactile_dynamics_ros.ros.shell import LATCHED, Polled, take_messages
+from tactile_dynamics_ros.ros.status_reader import Statuses
 from tactile_dynamics_ros.view.state import Body, Force, Quantity, State
 from tactile_dynamics_ros.view.told import (
     take_diagnosis,
@@ -167,19 +168,14 @@ class LiveSource:
 
     def _on_estimate(self, message: DiagnosticArray) -> None:
         state, time = self.state, to_seconds(message.header.stamp)
-        found = {status.name: status for status in message.status}
-        if "parameters" not in found:
+        said = read_inertia_status(message.status)
+        state.remark, state.good, state.body = said.text, said.good, None
+        if not said.known:
             return
-        state.remark = found["parameters"].message
-        state.good = found["parameters"].level == DiagnosticStatus.OK
-        values = {key: float(text) for key, text in status_values(found["parameters"]).items()}
-        if "mass_std" not in values:
-            state.body = None
-            return
-        com, std = (_three(values, "com_{}"), _three(values, "com_{}_std"))
-        state.body = Body(Quantity(values["mass"], values["mass_std"]), com, std)
-        state.note("mass", time, 1e3 * values["mass"], 1e3 * values["mass_std"])
-        state.note("com", time, 1e3 * com[0], 1e3 * std[0])
+        mass, std = said.value[0], said.std[0]
+        state.body = Body(Quantity(mass, std), said.value[1:4], said.std[1:4])
+        state.note("mass", time, 1e3 * mass, 1e3 * std)
+        state.note("com", time, 1e3 * said.value[1], 1e3 * said.std[1])
 
     def _on_error(self, message: Float64) -> None:
         self.state.error = message.data
@@ -189,9 +185,10 @@ class LiveSource:
         take_diagnosis(self.state, message.status)
 
     def _on_friction(self, message: DiagnosticStatus) -> None:
-        values = status_values(message)
-        for region in filter(None, values.get("regions", "").split(",")):
-            found = Quantity(float(values[f"{region}.static"]), float(values[f"{region}.std"]))
+        read = Statuses([message])
+        for region in read.words(message.name, "regions"):
+            keys = f"{region}.static", f"{region}.std"
+            found = Quantity(*read.numbers(message.name, keys))
             if math.isfinite(found.value):
                 self.state.friction = found
                 self.state.note("friction", self._newest, found.value, found.std)
@@ -211,10 +208,6 @@ class LiveSource:
 
 def _named(handle: Callable[[str, Any], None], name: str) -> Callable[[Any], None]:
     return lambda message: handle(name, message)
-
-
-def _three(values: dict[str, float], form: str) -> Array:
-    return np.array([values[form.format(axis)] for axis in "xyz"])
 
 
 def _vector(vector: Any) -> Array:

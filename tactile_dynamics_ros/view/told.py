@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from tactile_dynamics_ros.ros.status_reader import OK, Statuses, status_values
 from tactile_dynamics_ros.view.state import Push, State
 
 _TRIANGLE_LIST, _ADD = 11, 0
@@ -48,33 +49,30 @@ def take_properties(
         state.numbers[title] = f"undetermined ({said})" if lacking else said
         state.note(name, time, value, std)
     state.centre = None
-    if "com_x" in values and "com" not in unknown:
+    if {"com_x", "com_y"} <= values.keys() and "com" not in unknown:
         (x, x_std), (y, y_std) = values["com_x"], values["com_y"]
         state.centre = (np.array([x, y, 0.0]), np.array([x_std, y_std, 0.0]))
 
 
 def take_property_status(state: State, time: float, statuses: Any) -> None:
     """Take the statuses of `property_estimator`."""
-    found = {status.name: status for status in statuses}
-    if "link_1" not in found:
+    read = Statuses(statuses)
+    if "link_1" not in read:
         return
-    link = _values(found["link_1"])
-    values = {
-        name: (float(link[name]), float(link[f"{name}_std"]))
-        for name in _KINDS
-        if f"{name}_std" in link
-    }
-    take_properties(state, time, values, tuple(link.get("undetermined", "").split(",")))
-    state.remark, state.good = found["link_1"].message, _level(found["link_1"]) == 0
-    solver = _values(found["solver"]) if "solver" in found else {}
-    if "whitened_rms" in solver:
-        state.error = float(solver["whitened_rms"])
-        state.note("error", time, state.error)
+    pairs = {name: read.numbers("link_1", [name, f"{name}_std"]) for name in _KINDS}
+    values = {name: tuple(pair) for name, pair in pairs.items() if np.isfinite(pair).all()}
+    take_properties(state, time, values, read.words("link_1", "undetermined"))
+    state.remark, state.good = read.text("link_1"), read.level("link_1") == OK
+    error = read.number("solver", "whitened_rms")
+    if np.isfinite(error):
+        state.error = error
+        state.note("error", time, error)
 
 
 def take_diagnosis(state: State, statuses: Any) -> None:
     """Take the verdict of `model_check`."""
-    state.verdict, state.fits = statuses[0].message, _level(statuses[0]) == 0
+    read = Statuses(statuses)
+    state.verdict, state.fits = read.text("diagnosis"), read.level("diagnosis") == OK
 
 
 def take_markers(state: State, markers: Any) -> bool:
@@ -92,7 +90,7 @@ def take_markers(state: State, markers: Any) -> bool:
 
 def take_progress(state: State, status: Any) -> None:
     """Take what `explorer` or `push_controller` says that it does."""
-    values = _values(status)
+    values = status_values(status)
     state.plan = f"{values.get('state', status.name)}: {status.message}"
     if "direction" not in values or values.get("state") not in ("pushing", "waiting"):
         state.pushes = ()
@@ -110,12 +108,3 @@ def _push(values: Mapping[str, Any], chosen: bool) -> Push:
     gain = values.get("expected_gain")
     length = float(values.get("length", 0.06))
     return Push(point, direction, length, None if gain is None else float(gain), chosen)
-
-
-def _values(status: Any) -> dict[str, str]:
-    return {pair.key: pair.value for pair in status.values}
-
-
-def _level(status: Any) -> int:
-    """Level as a number; messages of running nodes have it as a byte."""
-    return status.level[0] if isinstance(status.level, bytes) else int(status.level)

@@ -68,11 +68,11 @@ def test_a_verdict_that_something_is_missing_is_no_good_news():
     page = LivePage("127.0.0.1", 0)
     try:
         state = State()
-        take_diagnosis(state, [status("model_check", "the table leans", b"\1")])
+        take_diagnosis(state, [status("diagnosis", "the table leans", b"\1")])
         page.show(state)
         assert "the table leans" in page._verdict.content
         told = page._verdict.content
-        take_diagnosis(state, [status("model_check", "nothing is missing", b"\0")])
+        take_diagnosis(state, [status("diagnosis", "nothing is missing", b"\0")])
         page.show(state)
         assert told.split(";")[0] != page._verdict.content.split(";")[0]
     finally:
