@@ -69,7 +69,7 @@ class Monitor:
         self._estimates: list[tuple[float, Array, Array]] = []
         self._measured: tuple[float, float] | None = None
         self._pace: list[float] = []
-        self._advanced = time.monotonic()
+        self._advanced: float | None = None
         self._last_line = 0.0
         self._live: Live | None = None
         self._start = GraspStart(self.node, nodes_of(config), say)
@@ -94,9 +94,9 @@ class Monitor:
         return self._measured[1] - self._measured[0] if self._measured else 0.0
 
     @property
-    def standing_still(self) -> float:
-        """Seconds for which simulated time has not advanced."""
-        return time.monotonic() - self._advanced
+    def standing_still(self) -> float | None:
+        """Seconds for which simulated time has not advanced; None until it first does."""
+        return None if self._advanced is None else time.monotonic() - self._advanced
 
     def spin_once(self) -> None:
         """Handle what has come, or wait a moment; let the hand move as soon as it may."""

@@ -6,9 +6,15 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from tactile_dynamics_ros.cli.demo import add_parser, run  # noqa: E402
+from tactile_dynamics_ros.cli.demo import (  # noqa: E402
+    STARTING,
+    STILL,
+    _require_progress,
+    add_parser,
+    run,
+)
 from tactile_dynamics_ros.cli.demo_story import _worth_trying  # noqa: E402
-from tactile_dynamics_ros.core.errors import BadInputError  # noqa: E402
+from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError  # noqa: E402
 
 
 def document(verdict, expected):
@@ -30,3 +36,22 @@ def test_a_recording_that_exists_is_refused_before_anything_starts(tmp_path):
     with pytest.raises(BadInputError, match="exists already"):
         run(parser.parse_args(["demo", "--out", str(tmp_path)]))
     assert not (tmp_path / "logs").exists()
+
+
+@pytest.mark.parametrize(
+    ("standing_still", "waited", "complaint"),
+    [
+        (None, STILL + 1.0, None),
+        (None, STARTING + 1.0, "no simulated time within 401 s"),
+        (1.0, STARTING + 1.0, None),
+        (STILL + 1.0, STILL + 1.0, "stands still for 91 s"),
+        (1.0, 5000.0, "not finished after 4500 s"),
+    ],
+)
+def test_a_slow_start_is_no_fault_and_a_simulation_that_stops_is(standing_still, waited, complaint):
+    monitor = argparse.Namespace(standing_still=standing_still, not_started="")
+    if complaint is None:
+        _require_progress(monitor, waited, limit=4500.0)
+        return
+    with pytest.raises(TactileDynamicsError, match=complaint):
+        _require_progress(monitor, waited, limit=4500.0)
