@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tactile_dynamics_ros.cli.bringup import read_configuration, require_simulator, write_parameters
+from tactile_dynamics_ros.cli.demo_findings import Findings, doubts
 from tactile_dynamics_ros.cli.domain import private_domain
 from tactile_dynamics_ros.cli.live import (
     DEFAULT_CONFIG,
@@ -96,7 +97,8 @@ def run(args: Namespace) -> int:
         say(f"  ROS_DOMAIN_ID={domain} tactile-dynamics echo /inertial_estimator/status")
         with Supervisor(out / "logs", respawn=False) as supervisor:
             monitor = Monitor(say, share_file(args.config))
-            story = Story(monitor.node, say) if args.hidden != "none" else None
+            hides = args.hidden != "none"
+            story = Story(monitor.node, say, args.duration) if hides else None
             try:
                 start_processes(supervisor, args, out, say)
                 _play(supervisor, monitor, stop, args, story)
@@ -108,16 +110,23 @@ def run(args: Namespace) -> int:
     say(f"recorded {out / 'recording'}; all processes are stopped; estimating from the recording")
     from tactile_dynamics_ros.cli.demo_result import summarise_demo
 
-    explanation = None if story is None else _explain(out, say)
-    found = explanation["effects"] if explanation else []
-    result = summarise_demo(out, monitor.history(), truth, args.hidden, say, found)
-    if story is not None:
-        result |= story.document() | {"explanation": explanation}
+    found = story and Findings(story.diagnosis, story.seconds, _explain(out, say))
+    result = summarise_demo(out, monitor.history(), truth, _command(args), say, found)
+    if story and found:
+        result |= story.document() | {"explanation": found.offline}
     result["wall_time_s"] = round(time.monotonic() - started, 1)
     if args.json:
         print(json.dumps(result))
     say(f"done in {result['wall_time_s']:.0f} s; open {result['report']}")
     return 0
+
+
+def _command(args: Namespace) -> str:
+    """Return the command that plays the same story again."""
+    words = f"tactile-dynamics demo --object {args.object} --seed {args.seed}"
+    if args.hidden != "none":
+        words += f" --hidden {args.hidden} --magnitude {args.magnitude:g}"
+    return f"{words} --duration {args.duration:g}"
 
 
 def _new_folder(args: Namespace) -> Path:
@@ -141,17 +150,26 @@ def _run_planar(args: Namespace) -> int:
 
 def _explain(out: Path, say: Callable[[str], None]) -> dict[str, Any] | None:
     """Explain the recording as a user would; the page goes to OUT/explain."""
-    say("explaining the recording: which effects are missing? ...")
+    say("explaining the whole recording: which effects are missing? ...")
     words = ["explain", str(out / "recording"), "--out", str(out / "explain"), "--json"]
     done = subprocess.run(verb_command(*words), capture_output=True, text=True, check=False)
     if done.returncode != 0:
-        say(f"no explanation: {done.stderr.strip().splitlines()[-1]}")
+        say(f"no explanation: {last_line(done.stderr)}")
         return None
     document: dict[str, Any] = json.loads(done.stdout)
     for step in document["steps"]:
         say(f"  {step['added'] or 'rigid body alone'}: error {step['error']:.2f}")
-    say(f"{document['sentence']} See {out / 'explain' / 'report.html'}")
+    say(document["sentence"])
+    for sentence in doubts(document):
+        say(sentence)
+    say(f"see {out / 'explain' / 'report.html'}")
     return document
+
+
+def last_line(text: str) -> str:
+    """Return the last line of what a process wrote, which says why it ended."""
+    lines = text.strip().splitlines()
+    return lines[-1] if lines else "it ended without a word"
 
 
 class _Speaker:
@@ -182,7 +200,7 @@ def _design_motion(args: Namespace, out: Path, say: Callable[[str], None]) -> Pa
     words += ["--seed", str(args.seed), "--out", str(path), "--json"]
     done = subprocess.run(verb_command(*words), capture_output=True, text=True, check=False)
     if done.returncode != 0:
-        say(f"no designed motion, sums of sines instead: {done.stderr.strip().splitlines()[-1]}")
+        say(f"no designed motion, sums of sines instead: {last_line(done.stderr)}")
         return None
     plan: dict[str, Any] = json.loads(done.stdout)
     say(

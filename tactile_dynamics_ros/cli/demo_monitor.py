@@ -148,7 +148,7 @@ class Monitor:
         said, time_ = read_inertia_status(message.status), to_seconds(message.header.stamp)
         if said.samples:
             self._measured = (self._measured or (time_,))[0], time_
-        if said.samples and said.known:
+        if said.known:
             self._estimates.append((time_, said.value, said.std))
         self._show(said)
 

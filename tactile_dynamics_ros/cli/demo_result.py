@@ -14,8 +14,11 @@ from matplotlib.image import imread
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.api.text_table import align_rows
+from tactile_dynamics_ros.cli.demo_findings import Findings
 from tactile_dynamics_ros.cli.demo_monitor import NAMES
 from tactile_dynamics_ros.core.effects import create_effects
+from tactile_dynamics_ros.core.errors import TactileDynamicsError
+from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
 from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import InertialEstimate
 from tactile_dynamics_ros.core.inertia.estimate import estimate
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
@@ -38,9 +41,9 @@ def summarise_demo(
     out: Path,
     history: EstimateHistory,
     truth: dict[str, Any],
-    hidden: str,
+    command: str,
     say: Callable[[str], None],
-    effects: Sequence[str] = (),
+    found: Findings | None = None,
 ) -> dict[str, Any]:
     """Estimate from the recording, print live, offline and truth, write the report.
 
@@ -48,31 +51,29 @@ def summarise_demo(
         out: directory with `recording`.
         history: live estimates.
         truth: what /robot_sim/reveal said.
-        hidden: the hidden effect that was asked for, or "none".
+        command: that plays the same story again.
         say: prints a line for people.
-        effects: found to be missing; the estimate from the recording includes them.
+        found: what was said to be missing from the model; None where nothing was hidden. The
+            estimate from the recording includes the effects of its explanation.
 
     Returns:
         A document for --json.
     """
     recording = Recording.from_bag(out / "recording")
-    model = estimate(recording, create_effects(effects))
+    model, effects = _estimate(recording, found.effects if found else (), say)
     offline = model.to_estimate()
     body = InertialParameters(truth["mass"], np.array(truth["com"]), np.array(truth["inertia_com"]))
     say(_comparison(history, offline, body))
     if effects:
         say(f"offline: with {', '.join(effects)}")
-    effect = truth["hidden_effect"]
-    if hidden != "none":
-        say(f"hidden effect: {effect['name']}, {effect['parameters']}")
+    introduction = _introduce(out, history, body, truth["robot"], truth["object"], say)
+    if found:
+        told = offline.duration, truth["hidden_effect"]
+        introduction.append(Section("What the model misses", found.sentences(*told)))
+        for sentence in found.summary(*told):
+            say(sentence)
     report = write_estimate_report(
-        recording,
-        model,
-        out,
-        history,
-        body,
-        command=f"tactile-dynamics demo --object {truth['object']}",
-        introduction=_introduce(out, history, body, truth["robot"], truth["object"], say),
+        recording, model, out, history, body, command=command, introduction=introduction
     )
     live = history.value[-1].tolist() if len(history.time) else None
     return {
@@ -83,6 +84,19 @@ def summarise_demo(
         "truth": truth,
         "error": _errors(offline, body),
     }
+
+
+def _estimate(
+    recording: Recording, effects: Sequence[str], say: Callable[[str], None]
+) -> tuple[FittedModel, Sequence[str]]:
+    """Return the fit with effects, or of the body alone where that has none, and its effects."""
+    try:
+        return estimate(recording, create_effects(effects)), effects
+    except TactileDynamicsError as error:
+        if not effects:
+            raise
+        say(f"no estimate with {', '.join(effects)} ({error}); of the rigid body alone instead")
+        return estimate(recording), ()
 
 
 def _introduce(
@@ -144,6 +158,10 @@ def _values(body: InertialParameters) -> Array:
     return np.array([body.mass, *body.com, *tensor[rows, columns]])
 
 
+def _shown(number: float) -> str:
+    return f"{number:.2f}" if np.isfinite(number) else "-"
+
+
 def _errors(estimate: InertialEstimate, truth: InertialParameters) -> dict[str, float]:
     mass = abs(estimate.inertia.mass - truth.mass) / truth.mass
     return {
@@ -163,5 +181,5 @@ def _comparison(
     )
     columns = (live, live_std, _values(offline.inertia), offline.parameter_std, _values(truth))
     for k, (_, label, scale, unit) in enumerate(NAMES):
-        rows.append((label, *(f"{scale * column[k]:.2f}" for column in columns), unit))
+        rows.append((label, *(_shown(scale * column[k]) for column in columns), unit))
     return align_rows(rows)

@@ -13,13 +13,21 @@ from rclpy.parameter_client import AsyncParameterClient
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
+from tactile_dynamics_ros.core.discrepancy.verdict.wording import join_names
 from tactile_dynamics_ros.ros.names import DIAGNOSE, MODEL_ERROR
 from tactile_dynamics_ros.ros.shell import LATCHED
 
 ENOUGH_DATA = 25.0
+"""Span of measurements that is asked about, s: long enough to tell most effects apart, and half of
+the motion is left in which the error falls. Of a shorter motion, ENOUGH_SHARE of it."""
+ENOUGH_SHARE = 0.5
+"""Share of a short motion after which it is asked; later leaves no motion for the new model."""
 PATIENCE = 120.0
+"""Time for an answer after the motion has ended, real s: a diagnosis takes 10 to 80."""
 PROMISING = 0.6
 """Share of the error that a candidate must be expected to leave, at most, to be tried."""
+_SHOWN = 3
+"""Candidates that are listed: the best, and what competes with it."""
 
 
 class Story:
@@ -30,16 +38,23 @@ class Story:
     Args:
         node: to talk with.
         say: prints a line for people.
+        motion: duration of the motion, s.
+
+    Attributes:
+        diagnosis: what was answered; None before.
+        seconds: span of the measurements that were asked about, s.
     """
 
-    def __init__(self, node: Node, say: Callable[[str], None]) -> None:
+    def __init__(self, node: Node, say: Callable[[str], None], motion: float) -> None:
         self.diagnosis: dict[str, Any] | None = None
+        self.seconds = 0.0
         self.errors: list[tuple[bool, float]] = []
-        self._say = say
+        self._say, self._enough = say, min(ENOUGH_DATA, ENOUGH_SHARE * motion)
         self._check = node.create_client(Trigger, DIAGNOSE)
         self._estimator = AsyncParameterClient(node, "inertial_estimator")
         self._question: Any = None
         self._change: Any = None
+        self._changed = False
         node.create_subscription(Float64, MODEL_ERROR, self._on_error, LATCHED)
 
     @property
@@ -52,12 +67,17 @@ class Story:
     def advance(self, seconds_of_data: float) -> None:
         """Take the next step if it is time."""
         if self._question is None:
-            if seconds_of_data > ENOUGH_DATA and self._check.service_is_ready():
-                self._say("asking /model_check/diagnose what the model lacks ...")
-                self._asked = time.monotonic()
+            if seconds_of_data > self._enough and self._check.service_is_ready():
+                self._say("asking /model_check/diagnose what the model misses ...")
+                self._asked, self.seconds = time.monotonic(), seconds_of_data
                 self._question = self._check.call_async(Trigger.Request())
         elif self.diagnosis is None and self._question.done():
             self._hear(self._question.result())
+        elif self._change is not None and self._change.done() and not self._changed:
+            self._changed = True
+            for result in self._change.result().results:
+                if not result.successful:
+                    self._say(f"inertial_estimator refuses: {result.reason}")
 
     def _hear(self, answer: Trigger.Response) -> None:
         took = time.monotonic() - self._asked
@@ -66,15 +86,19 @@ class Story:
         else:
             self.diagnosis = json.loads(answer.message)
         found = self.diagnosis
-        self._say(f"diagnosis after {took:.0f} s: {found['verdict']}: {found['sentence']}")
-        for candidate in found.get("candidates", [])[:3]:
+        self._say(
+            f"diagnosis of the first {self.seconds:.0f} s, after {took:.0f} s: "
+            f"{found['verdict']}: {found['sentence']}"
+        )
+        proposed = proposal(found)
+        if proposed is None:
+            return
+        for candidate in found.get("candidates", [])[:_SHOWN]:
             expected = candidate["predicted_whitened_rms"]
             self._say(f"  candidate {candidate['name']}: error expected with it {expected:.2f}")
-        effect = found["effect"] or _worth_trying(found)
-        if effect:
-            self._say(f"adding {effect} to the live model")
-            value = Parameter("effects", value=[effect])
-            self._change = self._estimator.set_parameters([value])
+        effect, meaning = proposed
+        self._say(f"adding {effect} to the live model{meaning}")
+        self._change = self._estimator.set_parameters([Parameter("effects", value=[effect])])
 
     def _on_error(self, message: Float64) -> None:
         self.errors.append((self._change is not None, message.data))
@@ -86,9 +110,33 @@ class Story:
         after = [error for added, error in self.errors if added]
         return {
             "diagnosis": self.diagnosis,
+            "diagnosed_s": self.seconds,
             "live_error_before": before[-1] if before else None,
             "live_error_after": after[-1] if after else None,
         }
+
+
+def proposal(document: dict[str, Any]) -> tuple[str, str] | None:
+    """Return the effect that the live model gets, and what adding it means; None for no effect.
+
+    Args:
+        document: of a diagnosis.
+    """
+    effect, others = document["effect"], [*document.get("group", ())][1:]
+    if effect and document["verdict"] == "ambiguous":
+        return effect, (
+            f", the first of {join_names([effect, *others], 'and')}: the error falls with any of "
+            "them, but which one it is these measurements do not tell, and mass, centre of mass "
+            "and inertia hold only if it is this one"
+        )
+    if effect:
+        return effect, ""
+    tried = _worth_trying(document)
+    return tried and (
+        tried,
+        ": it is not the whole cause, but explains most of the error; it may stand for something "
+        "that is not in the catalogue, and the estimates with it are not to be trusted",
+    )
 
 
 def _worth_trying(document: dict[str, Any]) -> str | None:

@@ -120,8 +120,9 @@ class InertiaStatus:
 
     @property
     def known(self) -> bool:
-        """Whether there is an estimate: values with standard deviations."""
-        return bool(np.isfinite(self.value).all() and not np.isnan(self.std).any())
+        """Whether there is an estimate from samples: values with standard deviations."""
+        told = np.isfinite(self.value).all() and not np.isnan(self.std).any()
+        return bool(told and self.samples)
 
 
 def read_inertia_status(statuses: Sequence[Any]) -> InertiaStatus:
