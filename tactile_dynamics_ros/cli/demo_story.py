@@ -43,11 +43,13 @@ class Story:
     Attributes:
         diagnosis: what was answered; None before.
         seconds: span of the measurements that were asked about, s.
+        added: effect that was added to the live model; None before, or if none was.
     """
 
     def __init__(self, node: Node, say: Callable[[str], None], motion: float) -> None:
         self.diagnosis: dict[str, Any] | None = None
         self.seconds = 0.0
+        self.added: str | None = None
         self.errors: list[tuple[bool, float]] = []
         self._say, self._enough = say, min(ENOUGH_DATA, ENOUGH_SHARE * motion)
         self._check = node.create_client(Trigger, DIAGNOSE)
@@ -96,9 +98,9 @@ class Story:
         for candidate in found.get("candidates", [])[:_SHOWN]:
             expected = candidate["predicted_whitened_rms"]
             self._say(f"  candidate {candidate['name']}: error expected with it {expected:.2f}")
-        effect, meaning = proposed
-        self._say(f"adding {effect} to the live model{meaning}")
-        self._change = self._estimator.set_parameters([Parameter("effects", value=[effect])])
+        self.added, meaning = proposed
+        self._say(f"adding {self.added} to the live model{meaning}")
+        self._change = self._estimator.set_parameters([Parameter("effects", value=[self.added])])
 
     def _on_error(self, message: Float64) -> None:
         self.errors.append((self._change is not None, message.data))
@@ -111,6 +113,7 @@ class Story:
         return {
             "diagnosis": self.diagnosis,
             "diagnosed_s": self.seconds,
+            "added": self.added,
             "live_error_before": before[-1] if before else None,
             "live_error_after": after[-1] if after else None,
         }

@@ -1,4 +1,4 @@
-"""The demo as a user runs it, shortened."""
+"""The demo as a user runs it, shortened, to its last line."""
 
 import json
 import subprocess
@@ -8,17 +8,36 @@ import pytest
 
 from tactile_dynamics_ros.cli.supervisor import verb_command
 from tactile_dynamics_ros.recording import Recording
+from tactile_dynamics_ros.sim.hidden_effects import CATALOGUED
+
+VERDICTS = {"adequate", "missing_effect", "ambiguous", "convention", "unexplained"}
+
+
+def play(out, *words, timeout=500.0):
+    """Play the demo to its end and return its document and what it said."""
+    command = verb_command("demo", "--object", "box_0", "--out", str(out), *words, "--json")
+    done = subprocess.run(command, capture_output=True, text=True, timeout=timeout)
+    assert done.returncode == 0, done.stderr
+    left = [p for p in psutil.process_iter(["cmdline"]) if str(out) in str(p.info["cmdline"])]
+    assert left == []
+    return json.loads(done.stdout)
+
+
+def check_revealed(result, out, hidden):
+    """Check that what was hidden is revealed, explained and reported, whatever was found."""
+    page = (out / "report.html").read_text()
+    assert result["truth"]["hidden_effect"]["name"] == hidden
+    assert f"Hidden effect: {hidden}" in page
+    assert f"--hidden {hidden}" in page
+    assert result["diagnosis"]["verdict"] in VERDICTS
+    assert result["explanation"]["sentence"] in page.replace("&#39;", "'")
+    assert (out / "explain" / "report.html").stat().st_size > 10_000
 
 
 @pytest.mark.timeout(560)
 def test_demo_leaves_recording_report_and_no_process(tmp_path):
     out = tmp_path / "demo"
-    words = ["demo", "--object", "box_0", "--seed", "1", "--duration", "6", "--out", str(out)]
-    done = subprocess.run(
-        verb_command(*words, "--json"), capture_output=True, text=True, timeout=500
-    )
-    assert done.returncode == 0, done.stderr
-    result = json.loads(done.stdout)
+    result = play(out, "--seed", "1", "--duration", "6")
     assert result["truth"]["object"] == "box_0"
     assert result["offline"]["samples"] > 500
     assert abs(result["offline"]["mass"]["value"] / result["truth"]["mass"] - 1) < 0.25
@@ -30,5 +49,21 @@ def test_demo_leaves_recording_report_and_no_process(tmp_path):
         "ring",
         "thumb",
     }
-    left = [p for p in psutil.process_iter(["cmdline"]) if str(out) in str(p.info["cmdline"])]
-    assert left == []
+
+
+@pytest.mark.timeout(560)
+def test_a_hidden_effect_is_diagnosed_added_explained_and_revealed(tmp_path):
+    out, hidden = tmp_path / "demo", "viscous_drag"
+    words = ["--hidden", hidden, "--magnitude", "4", "--seed", "3", "--duration", "12"]
+    result = play(out, *words)
+    check_revealed(result, out, hidden)
+    assert result["added"] is not None, result["diagnosis"]["sentence"]
+    assert result["explanation"]["error"]["after"] < result["explanation"]["error"]["before"]
+
+
+@pytest.mark.long
+@pytest.mark.timeout(1300)
+@pytest.mark.parametrize("hidden", CATALOGUED)
+def test_every_hidden_effect_is_played_to_its_end(hidden, tmp_path):
+    out = tmp_path / "demo"
+    check_revealed(play(out, "--hidden", hidden, "--seed", "1", timeout=1200.0), out, hidden)
