@@ -102,6 +102,8 @@ def run(args: Namespace) -> int:
             try:
                 start_processes(supervisor, args, out, say)
                 _play(supervisor, monitor, stop, args, story)
+                if story is not None:
+                    story.close()
                 truth = monitor.reveal()
             finally:
                 monitor.close()
@@ -261,7 +263,7 @@ def _play(
     while not monitor.finished or (story is not None and story.waiting):
         monitor.spin_once()
         if story is not None:
-            story.advance(monitor.seconds_of_data)
+            story.advance(monitor.seconds_of_data, held=not monitor.finished)
         if stop.requested:
             raise KeyboardInterrupt
         for member in supervisor.watch():

@@ -22,8 +22,9 @@ ENOUGH_DATA = 25.0
 the motion is left in which the error falls. Of a shorter motion, ENOUGH_SHARE of it."""
 ENOUGH_SHARE = 0.5
 """Share of a short motion after which it is asked; later leaves no motion for the new model."""
-PATIENCE = 120.0
-"""Time for an answer after the motion has ended, real s: a diagnosis takes 10 to 80."""
+PATIENCE = 600.0
+"""Time for an answer, real s: a diagnosis takes 10 on an idle core, 80 beside four other programs.
+Less ends the story without a diagnosis on a busy machine."""
 PROMISING = 0.6
 """Share of the error that a candidate must be expected to leave, at most, to be tried."""
 _SHOWN = 3
@@ -66,8 +67,13 @@ class Story:
             return False
         return time.monotonic() - self._asked < PATIENCE
 
-    def advance(self, seconds_of_data: float) -> None:
-        """Take the next step if it is time."""
+    def advance(self, seconds_of_data: float, held: bool = True) -> None:
+        """Take the next step if it is time.
+
+        Args:
+            seconds_of_data: span of the measurements so far, s.
+            held: whether the hand still has the object.
+        """
         if self._question is None:
             if seconds_of_data > self._enough and self._check.service_is_ready():
                 self._say("asking /model_check/diagnose what the model misses ...")
@@ -75,6 +81,10 @@ class Story:
                 self._question = self._check.call_async(Trigger.Request())
         elif self.diagnosis is None and self._question.done():
             self._hear(self._question.result())
+            if held:
+                self._add()
+            elif proposal(self.diagnosis or {}):
+                self._say("the hand has put the object down meanwhile: nothing is added live")
         elif self._change is not None and self._change.done() and not self._changed:
             self._changed = True
             for result in self._change.result().results:
@@ -92,12 +102,16 @@ class Story:
             f"diagnosis of the first {self.seconds:.0f} s, after {took:.0f} s: "
             f"{found['verdict']}: {found['sentence']}"
         )
-        proposed = proposal(found)
-        if proposed is None:
-            return
-        for candidate in found.get("candidates", [])[:_SHOWN]:
+        shown = found["candidates"][:_SHOWN] if proposal(found) else []
+        for candidate in shown:
             expected = candidate["predicted_whitened_rms"]
             self._say(f"  candidate {candidate['name']}: error expected with it {expected:.2f}")
+
+    def _add(self) -> None:
+        """Add what the diagnosis proposes to the live model."""
+        proposed = proposal(self.diagnosis or {})
+        if proposed is None:
+            return
         self.added, meaning = proposed
         self._say(f"adding {self.added} to the live model{meaning}")
         self._change = self._estimator.set_parameters([Parameter("effects", value=[self.added])])
@@ -105,6 +119,20 @@ class Story:
     def _on_error(self, message: Float64) -> None:
         self.errors.append((self._change is not None, message.data))
         self._say(f"error of the live model: {message.data:.2f} times the sensor noise")
+
+    def close(self) -> None:
+        """Say what adding an effect did to the error of the live model."""
+        if self.added is None:
+            return
+        found = self.document()
+        before, after = found["live_error_before"], found["live_error_after"]
+        if before is None or after is None:
+            self._say(f"the motion ended before the live model had an error with {self.added}")
+        else:
+            self._say(
+                f"error of the live model: {before:.2f} times the sensor noise without "
+                f"{self.added}, {after:.2f} with it"
+            )
 
     def document(self) -> dict[str, Any]:
         """Return what was found, for --json."""
@@ -125,7 +153,7 @@ def proposal(document: dict[str, Any]) -> tuple[str, str] | None:
     Args:
         document: of a diagnosis.
     """
-    effect, others = document["effect"], [*document.get("group", ())][1:]
+    effect, others = document.get("effect"), [*document.get("group", ())][1:]
     if effect and document["verdict"] == "ambiguous":
         return effect, (
             f", the first of {join_names([effect, *others], 'and')}: the error falls with any of "
@@ -145,7 +173,7 @@ def proposal(document: dict[str, Any]) -> tuple[str, str] | None:
 def _worth_trying(document: dict[str, Any]) -> str | None:
     """Return the best candidate if it promises much, though it does not explain everything."""
     candidates = document.get("candidates", [])
-    if document["verdict"] != "unexplained" or not candidates:
+    if document.get("verdict") != "unexplained" or not candidates:
         return None
     best = candidates[0]
     promising = best["predicted_whitened_rms"] < PROMISING * document["error"]["before"]

@@ -124,6 +124,31 @@ def test_nothing_is_proposed_where_nothing_is_missing_and_a_refusal_is_said(monk
     ]
 
 
+def test_what_comes_after_the_object_was_put_down_is_not_added(monkeypatch):
+    nodes = Nodes(diagnosed("missing_effect", "viscous_drag"))
+    story, said = tell_story(monkeypatch, nodes, 60.0, [26.0])
+    story.advance(26.0, held=False)
+    assert story.diagnosis["effect"] == "viscous_drag"
+    assert (nodes.added, story.added) == ([], None)
+    assert "nothing is added" in said[-1]
+
+
+def test_the_story_ends_with_how_the_error_fell(monkeypatch):
+    nodes = Nodes(diagnosed("missing_effect", "viscous_drag"))
+    story, said = tell_story(monkeypatch, nodes, 60.0, [])
+    story._on_error(SimpleNamespace(data=2.5))
+    for _ in range(3):
+        story.advance(26.0)
+    story.close()
+    assert said[-1] == "the motion ended before the live model had an error with viscous_drag"
+    story._on_error(SimpleNamespace(data=0.9))
+    story.close()
+    words = (
+        "error of the live model: 2.50 times the sensor noise without viscous_drag, 0.90 with it"
+    )
+    assert said[-1] == words
+
+
 @pytest.mark.parametrize(
     ("live", "offline", "words"),
     [
