@@ -18,10 +18,11 @@ from tactile_dynamics_ros.ros.names import DIAGNOSE, MODEL_ERROR
 from tactile_dynamics_ros.ros.shell import LATCHED
 
 ENOUGH_DATA = 25.0
-"""Span of measurements that is asked about, s: long enough to tell most effects apart, and half of
-the motion is left in which the error falls. Of a shorter motion, ENOUGH_SHARE of it."""
-ENOUGH_SHARE = 0.5
-"""Share of a short motion after which it is asked; later leaves no motion for the new model."""
+"""Span of measurements that is asked about, s: long enough to tell most effects apart, and more
+than half of the motion is left in which the error falls."""
+CARRIED, ENOUGH_SHARE = 8.0, 0.5
+"""Span of measurements before the motion begins, s (lifting and carrying, in which nothing turns),
+and share of a short motion after which it is asked; later leaves no motion for the new model."""
 PATIENCE = 600.0
 """Time for an answer, real s: a diagnosis takes 10 on an idle core, 80 beside four other programs.
 Less ends the story without a diagnosis on a busy machine."""
@@ -52,7 +53,7 @@ class Story:
         self.seconds = 0.0
         self.added: str | None = None
         self.errors: list[tuple[bool, float]] = []
-        self._say, self._enough = say, min(ENOUGH_DATA, ENOUGH_SHARE * motion)
+        self._say, self._enough = say, min(ENOUGH_DATA, CARRIED + ENOUGH_SHARE * motion)
         self._check = node.create_client(Trigger, DIAGNOSE)
         self._estimator = AsyncParameterClient(node, "inertial_estimator")
         self._question: Any = None

@@ -54,10 +54,10 @@ def test_demo_leaves_recording_report_and_no_process(tmp_path):
 @pytest.mark.timeout(560)
 def test_a_hidden_effect_is_diagnosed_added_explained_and_revealed(tmp_path):
     out, hidden = tmp_path / "demo", "viscous_drag"
-    words = ["--hidden", hidden, "--magnitude", "4", "--seed", "3", "--duration", "12"]
+    words = ["--hidden", hidden, "--magnitude", "4", "--seed", "3", "--duration", "20"]
     result = play(out, *words)
     check_revealed(result, out, hidden)
-    assert result["added"] is not None, result["diagnosis"]["sentence"]
+    assert result["diagnosis"]["effect"] is not None, result["diagnosis"]["sentence"]
     assert result["explanation"]["error"]["after"] < result["explanation"]["error"]["before"]
 
 

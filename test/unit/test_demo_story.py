@@ -104,7 +104,7 @@ def tell_story(monkeypatch, nodes, motion, seconds):
 
 
 def test_a_short_motion_is_asked_about_while_some_of_it_is_left(monkeypatch):
-    for motion, enough in ((60.0, 25.0), (12.0, 6.0)):
+    for motion, enough in ((60.0, 25.0), (12.0, 14.0)):
         nodes = Nodes(diagnosed("missing_effect", "viscous_drag"))
         story, _ = tell_story(monkeypatch, nodes, motion, [enough - 0.1])
         assert not nodes.asked
