@@ -52,7 +52,7 @@ def test_demo_leaves_recording_report_and_no_process(tmp_path):
 
 
 @pytest.mark.timeout(560)
-def test_a_hidden_effect_is_diagnosed_added_explained_and_revealed(tmp_path):
+def test_a_hidden_effect_is_diagnosed_explained_and_revealed(tmp_path):
     out, hidden = tmp_path / "demo", "viscous_drag"
     words = ["--hidden", hidden, "--magnitude", "4", "--seed", "3", "--duration", "20"]
     result = play(out, *words)
