@@ -55,7 +55,7 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
         const="true",
         default="false",
         metavar="true|false",
-        help="with the simulated robot, and what CONFIG.simulated.yaml adds (default: a real robot)",
+        help="with the simulated robot, and what CONFIG.simulated.yaml adds (a real one)",
     )
     up.add_argument("--without", default="", metavar="A,B", help="nodes that are not started")
     up.add_argument("--namespace", default="", metavar="NS", help="of all nodes: one per hand")

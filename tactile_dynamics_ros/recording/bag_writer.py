@@ -1,4 +1,4 @@
-"""Writes streams as a rosbag2 recording in MCAP: a directory, or one file if the name ends in .mcap."""
+"""Writes streams as rosbag2 in MCAP: a directory, or a file if the name ends in .mcap."""
 
 from __future__ import annotations
 

@@ -8,8 +8,8 @@ from tactile_dynamics_ros.core.streams.streams import Streams
 from tactile_dynamics_ros.recording import bag_writer
 
 EPOCH_NS = 1_700_000_000_000_000_000
-"""Stamp of time zero in ns (November 2023): no stamp may be negative, and streams whose clocks differ begin
-before their time zero."""
+"""Stamp of time zero in ns (November 2023): no stamp may be negative, and streams whose clocks
+differ begin before their time zero."""
 
 
 def write_bag(streams: Streams, path: Path) -> Path:

@@ -348,7 +348,7 @@ def test_the_command_alone_is_in_path_after_sourcing(robot):
     assert [name for name in node_names() if which(name)] == []
     done = robot.run("env", f"PATH={robot.path}", "tactile-dynamics", "effects", "viscous_drag")
     assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith("viscous_drag")
+    assert "viscous_drag" in done.stdout
 
 
 def test_a_wheel_brings_one_command_of_its_own_environment(machine):
