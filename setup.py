@@ -40,6 +40,7 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
+        ("bin", ["bin/tactile-dynamics"]),
         shared("config", "*.yaml"),
         shared("config/layouts", "*"),
         shared("config/objects", "*.yaml"),

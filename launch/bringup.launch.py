@@ -1,7 +1,7 @@
 """Start all nodes of a robot with the parameters of one yaml file.
 
-ros2 launch tactile_dynamics_ros bringup.launch.py
-ros2 launch tactile_dynamics_ros bringup.launch.py simulate:=false config:=/path/to/robot.yaml
+ros2 launch tactile_dynamics_ros bringup.launch.py config:=/path/to/robot.yaml
+ros2 launch tactile_dynamics_ros bringup.launch.py simulate:=true
 ros2 launch tactile_dynamics_ros bringup.launch.py without:="[friction_probe,vision_tracker]"
 ros2 launch tactile_dynamics_ros bringup.launch.py namespace:=left
 """
@@ -72,7 +72,7 @@ def generate_launch_description():
     default = str(Path(get_package_share_directory(PACKAGE)) / "config" / "allegro_iiwa.yaml")
     arguments = (
         ("config", default, "nodes, parameters"),
-        ("simulate", "true", "run robot_sim, and read what config.simulated.yaml adds"),
+        ("simulate", "false", "run robot_sim, and read what config.simulated.yaml adds"),
         ("without", "[]", "nodes that are not started"),
         ("namespace", "", "of all nodes, so that several hands can live in one system"),
     )

@@ -11,7 +11,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     ),
     "run": ("run inertial_estimator --ros-args -r __ns:=/left",),
     "sim": ("sim --object box_0 --hidden viscous_drag",),
-    "up": ("up", "up --simulate false --without friction_probe,vision_tracker"),
+    "up": ("up --simulate", "up --without friction_probe,vision_tracker"),
     "echo": ("echo /inertial_estimator/status --count 1",),
     "call": ("call /model_check/diagnose",),
     "set": ("set inertial_estimator effects [viscous_drag]",),

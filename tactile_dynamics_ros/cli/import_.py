@@ -10,6 +10,7 @@ from collections.abc import Container, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tactile_dynamics_ros.cli.recordings import NEW_RECORDING
 from tactile_dynamics_ros.core.errors import BadInputError, refuse_existing
 from tactile_dynamics_ros.recording.importers import IMPORTERS, Importer
 
@@ -67,7 +68,7 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
     for importer in IMPORTERS:
         form = forms.add_parser(importer.name, help=importer.summary, description=importer.summary)
         form.add_argument("source", metavar="SOURCE", help=importer.source_help)
-        form.add_argument("out", metavar="OUT", help="new .mcap file or rosbag2 directory")
+        form.add_argument("out", metavar="OUT", help=NEW_RECORDING)
         _add_json(form)
         importer.add_arguments(form)
         form.set_defaults(run=run, importer=importer)

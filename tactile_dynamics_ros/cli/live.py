@@ -51,9 +51,11 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
     up.add_argument("--config", default=DEFAULT_CONFIG, metavar="YAML", help="nodes, parameters")
     up.add_argument(
         "--simulate",
-        default="true",
+        nargs="?",
+        const="true",
+        default="false",
         metavar="true|false",
-        help="with the simulated robot, and what CONFIG.simulated.yaml adds (true)",
+        help="with the simulated robot, and what CONFIG.simulated.yaml adds (a real one)",
     )
     up.add_argument("--without", default="", metavar="A,B", help="nodes that are not started")
     up.add_argument("--namespace", default="", metavar="NS", help="of all nodes: one per hand")

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from tactile_dynamics_ros.cli.bringup import read_namespace
 from tactile_dynamics_ros.cli.domain import stay_on_this_host
 from tactile_dynamics_ros.cli.live import StopRequest
+from tactile_dynamics_ros.cli.recordings import NEW_RECORDING
 from tactile_dynamics_ros.core.errors import BadInputError
 
 if TYPE_CHECKING:
@@ -22,8 +23,8 @@ if TYPE_CHECKING:
 
 def add_parser(verbs: _SubParsersAction[Any]) -> None:
     """Add the verb."""
-    parser = verbs.add_parser("record", help="record live topics to a rosbag2 directory (MCAP)")
-    parser.add_argument("out", metavar="OUT", help="new directory of the recording")
+    parser = verbs.add_parser("record", help="record live topics as rosbag2 (MCAP)")
+    parser.add_argument("out", metavar="OUT", help=NEW_RECORDING)
     parser.add_argument("topics", nargs="*", metavar="TOPIC", help="all but images if none")
     parser.add_argument(
         "--namespace", default="", metavar="NS", help="only this hand's topics, and global ones"
@@ -50,7 +51,7 @@ def _checked(args: Namespace, recorder: Recorder) -> Iterator[RecordCheck | None
     from tactile_dynamics_ros.cli.record_check import RecordCheck
 
     namespace = args.namespace or None
-    check = RecordCheck(recorder, args.out, namespace, args.check, args.json)
+    check = RecordCheck(recorder, str(recorder.folder), namespace, args.check, args.json)
     try:
         yield check
     finally:

@@ -21,6 +21,10 @@ _QUESTIONS = ("diagnose", "explain")
 """Verbs that find out units for themselves, so that a recording is not refused for them."""
 
 
+NEW_RECORDING = "new rosbag2 directory, or a single new file if the name ends in .mcap"
+"""Help of every argument that names a recording to be written."""
+
+
 class JoinNames(Action):
     """Names with commas between them; an option that is given again adds to those before."""
 

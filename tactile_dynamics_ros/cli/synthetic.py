@@ -7,7 +7,7 @@ from argparse import SUPPRESS, ArgumentParser, Namespace, _SubParsersAction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tactile_dynamics_ros.cli.recordings import JoinNames
+from tactile_dynamics_ros.cli.recordings import NEW_RECORDING, JoinNames
 from tactile_dynamics_ros.core.errors import BadInputError, refuse_existing
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
     held = forms.add_parser(
         "held", help="an object held and moved by four fingers, with effects that no model is told"
     )
-    held.add_argument("out", metavar="OUT", help="directory of the recording to create")
+    held.add_argument("out", metavar="OUT", help=NEW_RECORDING)
     held.add_argument(
         "--effect",
         action=JoinNames,
@@ -50,7 +50,7 @@ def _add_pushed(forms: _SubParsersAction[Any]) -> None:
     pushed = forms.add_parser(
         "pushed", help="an object that is pushed or pulled over a table, with hidden effects"
     )
-    pushed.add_argument("out", metavar="OUT", help="directory of the recording to create")
+    pushed.add_argument("out", metavar="OUT", help=NEW_RECORDING)
     pushed.add_argument(
         "--effect",
         action=JoinNames,
@@ -93,9 +93,9 @@ def _add_circumstances(held: ArgumentParser) -> None:
 
 
 def run(args: Namespace) -> int:
-    """Write the recording and, beside it, the truth as `OUT.truth.json`."""
+    """Write the recording and, beside it, the truth: `run.truth.json` of `run` or `run.mcap`."""
     out = Path(args.out)
-    truth = out.with_name(out.name + ".truth.json")
+    truth = out.with_name(out.name.removesuffix(".mcap") + ".truth.json")
     refuse_existing(out)
     refuse_existing(truth)
     make = _write_pushed if args.form == "pushed" else _write_held

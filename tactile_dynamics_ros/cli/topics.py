@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import array
+import itertools
 import json
 import math
 import signal
@@ -82,7 +83,7 @@ def spin_until(node: Node, condition: Callable[[], bool], timeout: float) -> boo
 
 
 def run_echo(args: Namespace) -> int:
-    """Print messages as JSON, one per line with --json."""
+    """Print messages as JSON, one per line with --json; without a count until Ctrl-C."""
     from tactile_dynamics_ros.ros.recorder import message_type
     from tactile_dynamics_ros.ros.shell import LATCHED, STREAM
 
@@ -102,11 +103,14 @@ def run_echo(args: Namespace) -> int:
         node.create_subscription(message_type(kinds()[0]), topic, seen.append, profile)
         if not spin_until(node, lambda: bool(seen), args.timeout):
             raise BadInputError(f"topic '{topic}': no message within {args.timeout} s")
-        printed = 0
-        while args.count is None or printed < args.count:
-            spin_until(node, lambda: bool(seen), math.inf)
-            print(json.dumps(to_plain(seen.pop(0)), indent=None if args.json else 1), flush=True)
-            printed += 1
+        try:
+            for _ in range(args.count) if args.count is not None else itertools.count():
+                spin_until(node, lambda: bool(seen), math.inf)
+                message = to_plain(seen.pop(0))
+                print(json.dumps(message, indent=None if args.json else 1), flush=True)
+        except KeyboardInterrupt:
+            if args.count is not None:
+                raise
     return 0
 
 

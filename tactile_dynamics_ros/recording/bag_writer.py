@@ -1,4 +1,4 @@
-"""Writes streams as a rosbag2 recording in MCAP."""
+"""Writes streams as rosbag2 in MCAP: a directory, or a file if the name ends in .mcap."""
 
 from __future__ import annotations
 
@@ -48,16 +48,33 @@ def write_tables(tables: list[Table], path: Path) -> Path:
     refuse_existing(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        if path.suffix != ".mcap":
+        if not is_single_file(path):
             _write_directory(path, tables)
             return path
         with tempfile.TemporaryDirectory(dir=path.parent) as scratch:
             directory = Path(scratch) / "recording"
             _write_directory(directory, tables)
-            shutil.move(str(next(directory.glob("*.mcap"))), path)
+            keep_single_file(directory, path)
     except OSError as error:
         raise BadInputError(f"{path} cannot be written: {error.strerror or error}") from error
     return path
+
+
+def is_single_file(path: Path) -> bool:
+    """Whether a recording of this name is one file, and not a rosbag2 directory."""
+    return path.suffix == ".mcap"
+
+
+def keep_single_file(directory: Path, path: Path) -> None:
+    """Replace a finished rosbag2 directory by the one MCAP file in it.
+
+    Args:
+        directory: with metadata and one MCAP file; is removed.
+        path: of the file.
+    """
+    (file,) = directory.glob("*.mcap")
+    shutil.move(str(file), path)
+    shutil.rmtree(directory)
 
 
 def _write_directory(directory: Path, tables: list[Table]) -> None:

@@ -7,13 +7,15 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-from rosbags.rosbag2 import Reader, StoragePlugin, Writer
+import numpy as np
+from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
-from tactile_dynamics_ros.core.errors import BadInputError, refuse_existing
+from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.friction.estimate import SlipEvent
 from tactile_dynamics_ros.core.friction.slip_table import event_from_values
 from tactile_dynamics_ros.recording.bag_files import DAMAGE
+from tactile_dynamics_ros.recording.bag_writer import write_tables
 from tactile_dynamics_ros.recording.namespaces import (
     ROOT,
     absolute_namespace,
@@ -66,20 +68,22 @@ def read_slips(path: Path, namespace: str | None = None) -> list[SlipEvent]:
 
 
 def write_slips(events: Sequence[SlipEvent], path: Path) -> Path:
-    """Write slips as a new rosbag2 directory, as recording the node's topic would.
+    """Write slips as a new recording, as recording the node's topic would.
+
+    Args:
+        events: slips; their times are the stamps.
+        path: a new directory, or a new file that ends in .mcap.
 
     Raises:
-        BadInputError: the path exists already.
+        BadInputError: the path exists already or cannot be written.
     """
-    refuse_existing(path)
     store = get_typestore(Stores.ROS2_JAZZY)
     pair = store.types["diagnostic_msgs/msg/KeyValue"]
     status = store.types[KIND]
-    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        connection = writer.add_connection(SLIP, KIND, typestore=store)
-        for event in events:
-            pairs = [pair(key=key, value=str(value)) for key, value in asdict(event).items()]
-            message = status(level=0, name="slip", message="", hardware_id="", values=pairs)
-            stamp = round(1e9 * event.time)
-            writer.write(connection, stamp, store.serialize_cdr(message, KIND))
-    return path
+    messages = []
+    for event in events:
+        pairs = [pair(key=key, value=str(value)) for key, value in asdict(event).items()]
+        message = status(level=0, name="slip", message="", hardware_id="", values=pairs)
+        messages.append(bytes(store.serialize_cdr(message, KIND)))
+    stamps = np.array([round(1e9 * event.time) for event in events], dtype=np.int64)
+    return write_tables([(SLIP, KIND, stamps, messages)], path)

@@ -106,7 +106,7 @@ known; afterwards it is estimated, ranked and explained like those above.
 
 **A formula in yaml.** Units are checked, derivatives are made from the formula.
 
-```yaml
+```yaml wind.yaml
 effects:
   wind:
     sentence: the object moves through wind          # for the verdict
@@ -122,7 +122,7 @@ effects:
 
 ```bash
 tactile-dynamics effects wind --effect-file wind.yaml
-tactile-dynamics estimate BAG --effect-file wind.yaml --effects wind
+tactile-dynamics estimate run.mcap --effect-file wind.yaml --effects wind
 ```
 
 - `parameters`: `unit` and `prior_std` (a weak scale of plausible values) are needed; `typical` is

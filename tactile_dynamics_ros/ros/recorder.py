@@ -15,6 +15,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
 from rosbags.typesys import Stores, get_typestore
 
 from tactile_dynamics_ros.core.errors import refuse_existing
+from tactile_dynamics_ros.recording.bag_writer import is_single_file, keep_single_file
 from tactile_dynamics_ros.ros.names import CLOCK, DEPTH_IMAGE, DIAGNOSTICS, EMERGENCY_STOP, TF
 from tactile_dynamics_ros.ros.shell import Shell
 
@@ -31,7 +32,8 @@ class Recorder(Shell):
     life of every other process.
 
     Args:
-        path: new directory of the recording.
+        path: new directory of the recording, or a new file that ends in .mcap. A file is written in
+            the directory `<path>.part`, which stays readable if the recorder is killed.
         topics: to record; all but large images if empty.
         namespace: with its leading slash; if given, only topics inside it and global ones.
     """
@@ -40,21 +42,26 @@ class Recorder(Shell):
 
     def __init__(self, path: Path, topics: Sequence[str] = (), namespace: str = "") -> None:
         super().__init__("recorder")
-        refuse_existing(path)
+        self.path = path
+        self.folder = path.with_name(f"{path.name}.part") if is_single_file(path) else path
+        for new in (self.path, self.folder):
+            refuse_existing(new)
         path.parent.mkdir(parents=True, exist_ok=True)
         self.counts: Counter[str] = Counter()
         self.refused: dict[str, str] = {}
         self._topics, self._inside = tuple(topics), namespace
         self._types = get_typestore(Stores.ROS2_JAZZY)
-        self._writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
+        self._writer = Writer(self.folder, version=9, storage_plugin=StoragePlugin.MCAP)
         self._writer.open()
         self._connections: dict[str, Connection] = {}
         self._discover()
         self.every(0.2, self._discover)
 
     def close(self) -> None:
-        """Finish the file."""
+        """Finish the recording."""
         self._writer.close()
+        if self.folder != self.path:
+            keep_single_file(self.folder, self.path)
 
     def _discover(self) -> None:
         for topic, kinds in self.get_topic_names_and_types():

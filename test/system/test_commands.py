@@ -65,7 +65,15 @@ def test_nodes_stop_cleanly_on_signals(system, listener, number):
 def test_up_starts_what_the_file_lists_and_stops_all(tmp_path, listener):
     from sensor_msgs.msg import JointState
 
-    words = ["up", "--without", "grasp_controller", "--logs", str(tmp_path / "logs"), "--json"]
+    words = [
+        "up",
+        "--simulate",
+        "--without",
+        "grasp_controller",
+        "--logs",
+        str(tmp_path / "logs"),
+        "--json",
+    ]
     process = subprocess.Popen(verb_command(*words), stdout=subprocess.PIPE, text=True)
     try:
         nodes = json.loads(process.stdout.readline())["nodes"]

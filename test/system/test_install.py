@@ -45,7 +45,7 @@ STAND_INS = {
     "colcon": 'PYTHONPATH={libraries} exec {python} {colcon} "$@"',
     "ros2": """case "$1 $2" in
         "run {package}") exec "$(echo $AMENT_PREFIX_PATH | cut -d: -f1)/lib/$2/$3" "${{@:4}}" ;;
-        "launch {package}") exec tactile-dynamics up --simulate "${{4#simulate:=}}" --json ;;
+        "launch {package}") exec tactile-dynamics up --json ;;
         "topic echo") exec tactile-dynamics echo "$3" --count 1 --json ;;
         "service call") exec tactile-dynamics call "$3" --json ;;
         "param set") exec tactile-dynamics set "${{3#/}}" "$4" "$5" ;;
@@ -142,6 +142,7 @@ def robot(source, tmp_path_factory):
     sourced = Environment(environment.root, dict(pair.split("=", 1) for pair in pairs))
     prefix = home / "ws" / "install" / PACKAGE
     assert sourced.variables["AMENT_PREFIX_PATH"].split(":")[0] == str(prefix)
+    sourced.path = sourced.variables["PATH"]
     sourced.variables["PATH"] = f"{prefix / 'lib' / PACKAGE}:{sourced.variables['PATH']}"
     sourced.prefix = prefix
     return sourced
@@ -337,6 +338,22 @@ def test_readme_block_on_a_robot(robot, graph, bag, tmp_path):
         codes = stop(processes)
     assert codes == [0] * len(processes)
     assert "ended with" not in (tmp_path / "launch.log").read_text()
+
+
+def test_the_command_alone_is_in_path_after_sourcing(robot):
+    def which(name):
+        return shutil.which(name, path=robot.path)
+
+    assert which("tactile-dynamics") == str(robot.prefix / "bin" / "tactile-dynamics")
+    assert [name for name in node_names() if which(name)] == []
+    done = robot.run("env", f"PATH={robot.path}", "tactile-dynamics", "effects", "viscous_drag")
+    assert done.returncode == 0, done.stderr
+    assert "viscous_drag" in done.stdout
+
+
+def test_a_wheel_brings_one_command_of_its_own_environment(machine):
+    first = (machine.root / "bin" / "tactile-dynamics").read_text().splitlines()[0]
+    assert first == f"#!{machine.python}"
 
 
 def test_all_that_ros2_looks_for_is_where_it_looks(robot):

@@ -193,7 +193,7 @@ ROOMS = {
     "synthetic": Room(
         "recordings with known truth from closed forms; knows no effect of the catalogue",
         ("core/planar", "core/planar/filter", "core/planar/mechanics", "core/planar/network")
-        + ("core/streams",),
+        + ("core/streams", "recording"),
     ),
     "sim": Room(
         "the PyBullet stand-in for hand, arm, sensors and object, with hidden effects",

@@ -21,6 +21,7 @@ from tactile_dynamics_ros.cli.bringup import (
     read_switch,
     write_parameters,
 )
+from tactile_dynamics_ros.cli.main import build_parser, load_modules
 from tactile_dynamics_ros.core.errors import BadInputError
 
 ROOT = Path(bringup.__file__).parents[2]
@@ -193,8 +194,17 @@ def launch(module, **given):
     return {node.fields["name"]: node for node in nodes}, context
 
 
-def test_launch_starts_what_is_listed(launch_file):
+def test_launch_is_of_a_real_robot_unless_a_simulation_is_asked_for(launch_file):
     nodes, _ = launch(launch_file)
+    config = ROOT / "config" / "allegro_iiwa.yaml"
+    assert list(nodes) == nodes_of(config, simulate=False)
+    assert "robot_sim" not in nodes
+    given = build_parser(load_modules()).parse_args(["up"])
+    assert read_switch("--simulate", given.simulate) is False
+
+
+def test_launch_starts_what_is_listed(launch_file):
+    nodes, _ = launch(launch_file, simulate="true")
     assert list(nodes) == nodes_of(ROOT / "config" / "allegro_iiwa.yaml")
     assert {node.fields["namespace"] for node in nodes.values()} == {None}
 
@@ -204,7 +214,6 @@ def test_launch_on_a_robot(launch_file, tmp_path):
     nodes, _ = launch(
         launch_file,
         config=str(file),
-        simulate="false",
         without="[contact_state]",
         namespace="left",
     )

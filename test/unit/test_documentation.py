@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from argparse import Namespace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from benchmarks.docs.pages import blocks
 from tactile_dynamics_ros.recording import topics
 from tactile_dynamics_ros.recording.importers import IMPORTERS
 from tactile_dynamics_ros.recording.importers.fields import FIELDS, UNITS
@@ -18,9 +18,9 @@ PAGE = (ROOT / "docs" / "recordings.md").read_text()
 
 
 def test_the_mapping_on_the_page_imports(tmp_path):
-    text, pushed = re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)
-    (tmp_path / "mapping.yaml").write_text(text)
-    (tmp_path / "pushed.yaml").write_text(pushed)
+    for block in blocks(ROOT / "docs" / "recordings.md"):
+        if block.language == "yaml":
+            (tmp_path / block.name).write_text(block.text)
     rows = "\n".join(f"{10 * k},0,0,500,0,0,0,1" for k in range(50))
     (tmp_path / "tracker.csv").write_text(f"t_ms,x,y,z,qx,qy,qz,qw\n{rows}\n")
     rows = "\n".join(f"{0.01 * k + 0.008:.3f},-1,-2,-3,0.1,0,0.5,-1,0,0" for k in range(50))

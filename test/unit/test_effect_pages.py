@@ -32,7 +32,7 @@ def test_the_formula_on_the_page_is_read(tmp_path, monkeypatch):
     from tactile_dynamics_ros.core.effects import registry
 
     monkeypatch.setattr(registry.HELD, "_known", dict(registry.HELD._known))
-    (text,) = re.findall(r"```yaml\n(.*?)```", make_effect_page(), re.DOTALL)
+    (text,) = re.findall(r"```yaml wind.yaml\n(.*?)```", make_effect_page(), re.DOTALL)
     (tmp_path / "wind.yaml").write_text(text)
     (effect,) = load_effects(tmp_path / "wind.yaml")
     assert effect.sentence == "the object moves through wind"

@@ -7,10 +7,12 @@ import re
 
 import numpy as np
 import pytest
+from rosbags.highlevel import AnyReader
 from synthetic_recording import COM, INERTIA_COM, MASS, held_box
 
 from tactile_dynamics_ros.cli.main import main
 from tactile_dynamics_ros.recording import Recording
+from tactile_dynamics_ros.recording.pushed import recorded_model
 from tactile_dynamics_ros.report.numbers import with_uncertainty
 
 
@@ -165,3 +167,18 @@ def test_import_writes_a_recording_and_tells_what_is_in_it(tmp_path, capsys):
 )
 def test_values_are_rounded_to_their_uncertainty(value, std, text):
     assert with_uncertainty(value, std) == text
+
+
+@pytest.mark.parametrize(
+    "words", [("held", "--duration", "3"), ("pushed", "--count", "1")], ids=lambda words: words[0]
+)
+def test_a_name_that_ends_in_mcap_is_one_file_with_its_truth_beside_it(words, tmp_path):
+    form, *options = words
+    assert main(["synthetic", form, str(tmp_path / "run.mcap"), *options]) == 0
+    assert main(["synthetic", form, str(tmp_path / "other"), *options]) == 0
+    names = sorted(path.name for path in tmp_path.iterdir())
+    assert names == ["other", "other.truth.json", "run.mcap", "run.truth.json"]
+    with AnyReader([tmp_path / "run.mcap"]) as file, AnyReader([tmp_path / "other"]) as folder:
+        assert file.message_count == folder.message_count > 0
+        assert {c.topic for c in file.connections} == {c.topic for c in folder.connections}
+    assert recorded_model(tmp_path / "run.mcap") == form

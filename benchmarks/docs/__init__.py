@@ -1,0 +1,1 @@
+"""Do all commands and snippets of README and docs run as they stand?"""

@@ -1,0 +1,41 @@
+"""What the recorder of live topics leaves: a directory, or one file if that is its name."""
+
+import pytest
+from std_msgs.msg import Float64
+
+from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.recording.bag_files import read_messages
+from tactile_dynamics_ros.ros.recorder import Recorder
+
+TOPIC = "/model_check/error"
+
+
+def record(bench, path):
+    """Record a few numbers; return the recorder before it is closed."""
+    recorder = bench.start(lambda: Recorder(path, [TOPIC]))
+    publisher = recorder.create_publisher(Float64, TOPIC, 10)
+
+    def heard():
+        publisher.publish(Float64(data=1.5))
+        return recorder.counts[TOPIC] > 2
+
+    bench.until(heard)
+    return recorder
+
+
+def test_a_recording_whose_name_ends_in_mcap_is_one_file(bench, tmp_path):
+    path = tmp_path / "run.mcap"
+    recorder = record(bench, path)
+    assert recorder.folder.is_dir() and not path.exists(), "readable if the recorder is killed"
+    recorder.close()
+    assert [p.name for p in tmp_path.iterdir()] == ["run.mcap"]
+    assert path.is_file()
+    assert len(list(read_messages(path, TOPIC))) == recorder.counts[TOPIC]
+
+
+def test_a_recording_of_another_name_is_a_rosbag2_directory(bench, tmp_path):
+    recorder = record(bench, tmp_path / "run")
+    recorder.close()
+    assert sorted(p.name for p in (tmp_path / "run").iterdir()) == ["metadata.yaml", "run.mcap"]
+    with pytest.raises(BadInputError, match="run exists already"):
+        Recorder(tmp_path / "run")
