@@ -100,7 +100,7 @@ setup(
     entry_points={
         "console_scripts": [
             "tactile-dynamics = tactile_dynamics_ros.cli.main:main",
-            *(f"{node} = {NAME}.nodes.{node}:main" for node in NODES),
+            *(f"{node} = {NAME}.ros.executable:{node}" for node in NODES),
         ],
     },
     zip_safe=False,

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import importlib
 import json
-import signal
 import sys
 import tempfile
 import time
 from argparse import Namespace, _SubParsersAction
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from tactile_dynamics_ros.cli.bringup import (
     node_names,
@@ -24,7 +22,9 @@ from tactile_dynamics_ros.cli.bringup import (
 from tactile_dynamics_ros.cli.domain import stay_on_this_host
 from tactile_dynamics_ros.cli.supervisor import Supervisor, node_command
 from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError, nearest
+from tactile_dynamics_ros.ros.executable import start
 from tactile_dynamics_ros.share import share_file
+from tactile_dynamics_ros.stopping import StopRequest
 
 DEFAULT_CONFIG = "config/allegro_iiwa.yaml"
 DEFAULT_OBJECT, DEFAULT_NUMBER = "box_0", 121
@@ -104,8 +104,8 @@ def _object_parameters(args: Namespace) -> dict[str, object]:
     return {"scene": scene, "object_number": int(number), "vision_rate_hz": 100.0}
 
 
-def run_node(args: Namespace) -> int:
-    """Run one node in this process."""
+def run_node(args: Namespace) -> NoReturn:
+    """Run one node in this process, which ends with it."""
     if args.node not in node_names():
         known = node_names()
         raise BadInputError(
@@ -113,15 +113,14 @@ def run_node(args: Namespace) -> int:
         )
     stay_on_this_host()
     sys.argv = [args.node, *args.arguments]
-    module = importlib.import_module(f"tactile_dynamics_ros.nodes.{args.node}")
-    return int(module.main())
+    start(args.node)
 
 
-def run_simulation(args: Namespace) -> int:
+def run_simulation(args: Namespace) -> NoReturn:
     """Run robot_sim with the given object, seed and hidden effect."""
     words = node_command("robot_sim", None, simulation_parameters(args))
     ros_arguments = words[words.index("--ros-args") :]
-    return run_node(Namespace(node="robot_sim", arguments=ros_arguments))
+    run_node(Namespace(node="robot_sim", arguments=ros_arguments))
 
 
 def run_all(args: Namespace) -> int:
@@ -130,6 +129,7 @@ def run_all(args: Namespace) -> int:
     simulate, namespace = read_switch("--simulate", args.simulate), read_namespace(args.namespace)
     without = read_names(args.without)
     with (
+        StopRequest() as stop,
         tempfile.TemporaryDirectory() as scratch,
         Supervisor(Path(args.logs) if args.logs else None) as supervisor,
     ):
@@ -140,31 +140,10 @@ def run_all(args: Namespace) -> int:
             supervisor.start(name, node_command(name, file, namespace=namespace))
         print(json.dumps({"nodes": list(files)}) if args.json else f"started {', '.join(files)}")
         sys.stdout.flush()
-        with StopRequest() as stop:
-            while not stop.requested and not supervisor.abandoned:
-                for member in supervisor.watch():
-                    print(member.epitaph, file=sys.stderr)
-                time.sleep(0.1)
+        while not stop.requested and not supervisor.abandoned:
+            for member in supervisor.watch():
+                print(member.epitaph, file=sys.stderr)
+            time.sleep(0.1)
         if not stop.requested:
             raise TactileDynamicsError("no node is left")
     return 0
-
-
-class StopRequest:
-    """Context in which SIGINT and SIGTERM only set `requested`."""
-
-    requested = False
-
-    def __enter__(self) -> StopRequest:
-        self._before = {
-            number: signal.signal(number, self._remember)
-            for number in (signal.SIGINT, signal.SIGTERM)
-        }
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        for number, handler in self._before.items():
-            signal.signal(number, handler)
-
-    def _remember(self, *_: object) -> None:
-        self.requested = True

@@ -184,4 +184,4 @@ def node_command(
     for name, value in (parameters or {}).items():
         text = str(value).lower() if isinstance(value, bool) else str(value)
         arguments += ["-p", f"{name}:={text}"]
-    return verb_command("run", node, *arguments)
+    return [sys.executable, "-m", "tactile_dynamics_ros.ros.executable", node, *arguments]

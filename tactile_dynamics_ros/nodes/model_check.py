@@ -183,9 +183,13 @@ class ModelCheckNode(Shell):
     def _diagnose_by(self, work: Callable[[], Document]) -> RosFuture:
         """Diagnose in the background and publish the document."""
         done = RosFuture()
-        future = self._background.submit(work)
-        future.add_done_callback(done.set_result)
         done.add_done_callback(self._publish)
+
+        def hand_over(finished: Future[Document]) -> None:
+            if not self._background.closed:  # nothing can be published any longer
+                done.set_result(finished)
+
+        self._background.submit(work).add_done_callback(hand_over)
         return done
 
     def _publish(self, done: RosFuture) -> None:

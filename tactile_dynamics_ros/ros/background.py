@@ -9,6 +9,7 @@ import sys
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
+from threading import Lock
 from typing import Any, TypeVar
 
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
@@ -23,12 +24,16 @@ class Background:
     """Computes one function at a time; messages go on being taken meanwhile.
 
     The functions belong to modules of the core; they and their arguments and results are pickled.
+
+    Attributes:
+        closed: whether nothing is computed any longer, and nobody is interested in results.
     """
 
     def __init__(self) -> None:
         self._pool = ThreadPoolExecutor(1)
         self._pending = 0
-        self._closed = False
+        self._starting = Lock()
+        self.closed = False
         self._start()
 
     @property
@@ -46,22 +51,38 @@ class Background:
     def drop(self) -> None:
         """End what runs, whose result nobody wants any longer, so that the next need not wait."""
         if self.busy:
-            with suppress(ProcessLookupError):
-                os.killpg(self._process.pid, signal.SIGKILL)
+            self._kill()
 
     def close(self) -> None:
-        """Drop what waits, and end what runs."""
-        self._closed = True
+        """Drop what waits, and end what runs; do not wait until it has ended.
+
+        That may take seconds: what was killed still has to be given processor time to end, of which
+        it gets a fortieth where eight others compute on two cores.
+        """
+        with self._starting:
+            self.closed = True
+            self._kill()
+        self._pool.shutdown(wait=False, cancel_futures=True)
+
+    def _kill(self) -> None:
         with suppress(ProcessLookupError):
             os.killpg(self._process.pid, signal.SIGKILL)
-        self._process.wait()
-        self._pool.shutdown(wait=True, cancel_futures=True)
 
     def _start(self) -> None:
         """Start the process in a group of its own: Ctrl-C of a terminal is the node's affair."""
         self._process = subprocess.Popen(
-            WORKER, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
+            [*WORKER, str(os.getpid())],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            start_new_session=True,
         )
+
+    def _start_again(self) -> None:
+        """Replace a process that ended, unless nothing is wanted any longer."""
+        self._process.wait()
+        with self._starting:
+            if not self.closed:
+                self._start()
 
     def _compute(self, work: Callable[..., Result], arguments: tuple[Any, ...]) -> Result:
         assert self._process.stdin is not None and self._process.stdout is not None
@@ -69,9 +90,8 @@ class Background:
             send(self._process.stdin, (work, arguments))
             answer = receive(self._process.stdout)
         except (EOFError, OSError) as error:
-            if not self._closed:
-                self._process.wait()
-                self._start()
+            if not self.closed:
+                self._start_again()
             raise TactileDynamicsError("the process that computes for this node ended") from error
         if isinstance(answer, TactileDynamicsError):
             raise answer

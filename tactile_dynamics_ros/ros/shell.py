@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import faulthandler
+import math
 import os
-import signal
 import struct
 import sys
 import time
@@ -13,7 +12,6 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from operator import itemgetter
-from types import FrameType
 from typing import Any, NamedTuple
 
 import rclpy
@@ -32,6 +30,7 @@ from tactile_dynamics_ros.ros.diagnostics import Faults
 from tactile_dynamics_ros.ros.parameters import refuse_unknown
 from tactile_dynamics_ros.ros.waiting import Waiter
 from tactile_dynamics_ros.ros.wire import decoder_of
+from tactile_dynamics_ros.stopping import TIME_TO_END, Stopped, StopRequest
 
 STREAM = QoSProfile(depth=500, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Sensor data: best effort, five seconds deep at 100 Hz, since links deliver in batches too."""
@@ -44,8 +43,9 @@ BURST = 1000
 """Messages of one subscription taken at a time: more than may wait, so that none is left over."""
 REQUEST_BURST = 50
 """Callbacks of services and timers served in a row before streams are looked at again."""
-LETTING_GO = 10.0
-"""Real time from a request to stop until a node has to have ended, s: of fourteen at once 3."""
+LONGEST_CALLBACK = 1.0
+"""Real time from a request to stop until a callback that still runs is left, s: callbacks take
+milliseconds, a plan of pushes more; 1.5 s remain to write files and to end."""
 ANSWERS = 5
 """Callbacks served where no request has come: answers whose work was done in the background."""
 RIVAL_STEPS, RIVAL_SPAN = 2, 1.0
@@ -358,42 +358,32 @@ def finish_bursts() -> None:
 
 
 def run_node(factory: Callable[[], Shell], arguments: list[str] | None = None) -> int:
-    """Run one node until Ctrl-C or SIGTERM; return the exit code, 1 if it hangs while it ends.
+    """Run one node until Ctrl-C or SIGTERM; return the exit code.
+
+    While it starts, it is left at once; later the callback that runs is finished, unless that takes
+    long. Then the node writes its files and ends its background work.
 
     Args:
         factory: makes the node.
         arguments: command line with ROS arguments, `sys.argv` if None.
     """
     finish_bursts()
-    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
-    stop = _StopRequest()
     node: Shell | None = None
-    try:
-        node = factory()
-        refuse_unknown(node)
-        spin(node, lambda: stop.requested)
-    except ExternalShutdownException:
-        pass
-    except TactileDynamicsError as error:
-        print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
-        return error.exit_code
-    finally:
-        if node is not None:
-            node.destroy_node()
-        rclpy.try_shutdown()
-        faulthandler.cancel_dump_traceback_later()
+    with StopRequest(patience=0.0, limit=TIME_TO_END) as stop:
+        try:
+            rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+            node = factory()
+            refuse_unknown(node)
+            stop.patience = LONGEST_CALLBACK
+            spin(node, lambda: stop.requested)
+        except (ExternalShutdownException, Stopped):
+            pass
+        except TactileDynamicsError as error:
+            print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
+            return error.exit_code
+        finally:
+            stop.patience = math.inf
+            if node is not None:
+                node.destroy_node()
+            rclpy.try_shutdown()
     return 0
-
-
-class _StopRequest:
-    """Remembers SIGINT and SIGTERM, so that no callback is cut short."""
-
-    def __init__(self) -> None:
-        self.requested = False
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._remember)
-
-    def _remember(self, _: int, __: FrameType | None) -> None:
-        if not self.requested:
-            faulthandler.dump_traceback_later(LETTING_GO, exit=True)
-        self.requested = True

@@ -52,8 +52,13 @@ def _read(stream: BinaryIO, count: int) -> bytes:
 
 
 def main() -> int:
-    """Answer jobs until standard input ends."""
+    """Answer jobs until standard input ends.
+
+    The argument of the command line is the process that gives them.
+    """
     _end_with_parent()
+    if os.getppid() != int(sys.argv[1]):  # it ended before this one could ask to be told
+        return 0
     with suppress(OSError):  # a sandbox may forbid it
         os.nice(NICENESS)
     jobs, answers = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")

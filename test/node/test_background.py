@@ -2,13 +2,15 @@
 
 import os
 import signal
+import subprocess
 import time
 
+import psutil
 import pytest
 
 from tactile_dynamics_ros.core.effects import create_effects
 from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError
-from tactile_dynamics_ros.ros.background import Background
+from tactile_dynamics_ros.ros.background import WORKER, Background
 
 
 @pytest.fixture
@@ -73,3 +75,31 @@ def test_closing_ends_what_runs():
     assert time.monotonic() - started < 20.0
     with pytest.raises(TactileDynamicsError):
         running.result(1)
+
+
+def test_closing_does_not_wait_for_what_it_ended(monkeypatch):
+    """A process that was killed may need seconds to end where others compute."""
+    background, kill = Background(), os.killpg
+    background.submit(divmod, 7, 2).result(30)
+    background.submit(time.sleep, 60)
+    while not psutil.Process(background._process.pid).children():
+        time.sleep(0.01)
+    monkeypatch.setattr(os, "killpg", lambda *_: None)  # as if it took long to end
+    background.close()
+    assert background._process.poll() is None
+    kill(background._process.pid, signal.SIGKILL)
+    background._process.wait(30)
+
+
+def test_nothing_is_started_again_once_it_is_closed():
+    """The thread may find the process dead just when the node ends."""
+    background = Background()
+    background.close()
+    ended = background._process
+    background._start_again()
+    assert background._process is ended
+
+
+def test_a_worker_whose_node_is_gone_before_it_looks_ends():
+    orphan = subprocess.Popen([*WORKER, "0"], stdin=subprocess.PIPE)
+    assert orphan.wait(30) == 0

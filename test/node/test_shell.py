@@ -67,23 +67,62 @@ def test_a_count_that_begins_anew_is_counted_on(bench):
     assert faults.counts["late"] == 9
 
 
-HANGING = """
-import signal, sys, threading, time
+ENDING = """
+import os, signal, sys, threading, time
 from tactile_dynamics_ros.ros import shell
 
-class Hanging(shell.Shell):
-    def destroy_node(self):
-        time.sleep(60.0)
+class Ending(shell.Shell):
+    def __init__(self):
+        {construct}
+        super().__init__("ending")
+        threading.Timer(0.5, os.kill, [os.getpid(), signal.SIGTERM]).start()
 
-shell.LETTING_GO = 0.3
-threading.Timer(2.0, signal.raise_signal, [signal.SIGTERM]).start()
-sys.exit(shell.run_node(lambda: Hanging("hanging")))
+    def process(self):
+        {work}
+
+    def destroy_node(self):
+        {end}
+        print("written")
+        super().destroy_node()
+
+shell.LONGEST_CALLBACK, shell.TIME_TO_END = 0.3, {limit}
+sys.exit(shell.run_node(Ending))
 """
+LONG = "time.sleep(60.0)"
+STOPPED = "signal.raise_signal(signal.SIGINT)"
+
+
+def end(limit=30.0, **parts):
+    """Run a node that is asked to stop, with these lines in its methods."""
+    lines = dict.fromkeys(("construct", "work", "end"), "pass") | parts
+    program = ENDING.format(limit=limit, **lines)
+    return subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=50.0
+    )
+
+
+def test_a_node_that_is_asked_to_stop_finishes_its_callback():
+    done = end(work="time.sleep(0.1); print('finished')")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.splitlines()[-2:] == ["finished", "written"]
+
+
+def test_a_callback_that_takes_long_is_left_and_the_file_is_written():
+    done = end(work=LONG)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "written\n", "")
+
+
+def test_a_node_that_still_starts_is_left_at_once():
+    done = end(construct=f"{STOPPED}; {LONG}")
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+def test_a_second_request_does_not_keep_a_node_from_writing_its_file():
+    done = end(end=STOPPED)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "written\n", "")
 
 
 def test_a_node_that_hangs_while_it_ends_says_where_and_ends():
-    done = subprocess.run(
-        [sys.executable, "-c", HANGING], capture_output=True, text=True, timeout=50.0
-    )
+    done = end(end=LONG, limit=0.3)
     assert done.returncode == 1
     assert "in destroy_node" in done.stderr

@@ -20,7 +20,7 @@ class Room:
 
     Attributes:
         about: in a few words.
-        imports: other rooms; errors, configuration and share are for all.
+        imports: other rooms; errors, configuration, share and stopping are for all.
         libraries: heavy ones that only some rooms may use.
     """
 
@@ -29,7 +29,7 @@ class Room:
     libraries: tuple[str, ...] = ()
 
 
-COMMON = ("", "core", "share")
+COMMON = ("", "core", "share", "stopping")
 HEAVY = ("torch", "gtsam", "pybullet", "pybullet_data", "rclpy", "viser")
 _INERTIA = "core/inertia/"
 

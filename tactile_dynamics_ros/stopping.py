@@ -1,0 +1,83 @@
+"""How a process ends on Ctrl-C (SIGINT) or SIGTERM: soon, with its files written, and with 0."""
+
+from __future__ import annotations
+
+import faulthandler
+import math
+import os
+import signal
+import sys
+from contextlib import suppress
+from typing import NoReturn
+
+TIME_TO_END = 2.5
+"""Real time from the request until a process that still runs is ended, s: half a second before the
+3 s that are promised. A node needs 0.03 to 0.15 s, also while eight others compute on two cores."""
+
+
+class Stopped(BaseException):
+    """Leaves what runs because the process was asked to stop; no `except Exception` catches it."""
+
+
+class StopRequest:
+    """Context in which the first SIGINT or SIGTERM sets `requested`; later ones do nothing.
+
+    Args:
+        patience: real time from the request until `Stopped` is raised in the main thread, whatever
+            runs there, s; 0: at once; infinite: never. May be changed before the request.
+        limit: real time from the request until a process that hangs prints where and is ended with
+            exit code 1, s; None: it is not ended.
+
+    Attributes:
+        requested: whether the process was asked to stop.
+    """
+
+    def __init__(self, patience: float = math.inf, limit: float | None = None) -> None:
+        self.requested = False
+        self.patience, self._limit = patience, limit
+
+    def __enter__(self) -> StopRequest:
+        handlers = dict.fromkeys((signal.SIGINT, signal.SIGTERM), self._on_request)
+        if self.patience < math.inf:
+            handlers[signal.SIGALRM] = self._on_alarm
+        self._before = {n: signal.signal(n, handler) for n, handler in handlers.items()}
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.requested and self._limit is not None:
+            faulthandler.cancel_dump_traceback_later()
+        if signal.SIGALRM in self._before:
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+
+    def _on_request(self, *_: object) -> None:
+        if self.requested:
+            return
+        self.requested = True
+        if self._limit is not None:
+            faulthandler.dump_traceback_later(self._limit, exit=True)
+        if self.patience == 0.0:
+            raise Stopped
+        if self.patience < math.inf:
+            signal.setitimer(signal.ITIMER_REAL, self.patience)
+
+    def _on_alarm(self, *_: object) -> None:
+        if self.patience < math.inf:
+            raise Stopped
+
+
+def leave(code: int) -> NoReturn:
+    """End this process here, without taking its interpreter down.
+
+    That takes longer than all the rest: 1.0 of 1.1 s from Ctrl-C to the end of a node while eight
+    others compute on two cores. It unloads scipy and gtsam and joins threads, which may hang.
+    Whoever calls this has written its files and left DDS.
+
+    Args:
+        code: exit code.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError, ValueError):  # nobody reads any longer
+            stream.flush()
+    os._exit(code)

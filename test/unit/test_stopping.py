@@ -1,0 +1,77 @@
+"""One request to stop: what it interrupts, what it leaves alone, and how a process ends."""
+
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from tactile_dynamics_ros.stopping import Stopped, StopRequest
+
+
+def test_the_first_request_is_remembered_and_others_do_nothing():
+    before = signal.getsignal(signal.SIGTERM)
+    with StopRequest() as stop:
+        assert not stop.requested
+        signal.raise_signal(signal.SIGTERM)
+        signal.raise_signal(signal.SIGINT)
+        assert stop.requested
+    assert signal.getsignal(signal.SIGTERM) is before
+
+
+def test_what_starts_is_left_at_once_through_every_handler_of_errors():
+    with pytest.raises(Stopped), StopRequest(patience=0.0):
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except Exception:
+            pytest.fail("a handler of errors caught the request")
+
+
+def test_what_runs_is_left_after_the_patience_alone():
+    with StopRequest(patience=0.2) as stop:
+        signal.raise_signal(signal.SIGINT)
+        assert stop.requested
+        with pytest.raises(Stopped):
+            time.sleep(30.0)
+
+
+def test_what_ends_is_not_interrupted_any_longer():
+    with StopRequest(patience=0.05) as stop:
+        signal.raise_signal(signal.SIGINT)
+        stop.patience = float("inf")
+        time.sleep(0.2)
+    assert signal.getitimer(signal.ITIMER_REAL)[0] == 0.0
+
+
+LEAVING = """
+import sys, threading, time
+from tactile_dynamics_ros.stopping import leave
+threading.Thread(target=time.sleep, args=[60.0]).start()  # an interpreter would wait for it
+print("said")
+leave(3)
+"""
+
+
+def test_leaving_waits_for_no_thread_and_loses_no_word():
+    done = subprocess.run([sys.executable, "-c", LEAVING], capture_output=True, timeout=30.0)
+    assert (done.returncode, done.stdout, done.stderr) == (3, b"said\n", b"")
+
+
+@pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGTERM])
+def test_a_node_is_stopped_while_it_loads_its_libraries(by):
+    """Without a node's modules: the first of them asks to stop, and would never be loaded."""
+    program = (
+        "import signal, sys, time\n"
+        "from importlib.abc import MetaPathFinder\n"
+        "class Slow(MetaPathFinder):\n"
+        "    def find_spec(self, name, *_):\n"
+        "        if name == 'tactile_dynamics_ros.nodes':\n"
+        f"            signal.raise_signal({int(by)})\n"
+        "            time.sleep(60.0)\n"
+        "sys.meta_path.insert(0, Slow())\n"
+        "from tactile_dynamics_ros.ros.executable import explorer\n"
+        "explorer()\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, timeout=30.0)
+    assert (done.returncode, done.stdout, done.stderr) == (0, b"", b"")
