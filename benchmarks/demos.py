@@ -1,4 +1,4 @@
-"""Whole demos, each hidden effect and tables: exit, time, verdict, truth, and the error that falls."""
+"""Whole demos, each hidden effect and tables: exit, time, verdict, truth, how the error falls."""
 
 from __future__ import annotations
 
