@@ -181,8 +181,12 @@ def found_live(status: Status) -> Found:
     for title, entries in status.entries.items():
         if title.startswith("effect "):
             keys = [key for key in entries if f"{key}_std" in entries]
-            effects[title.removeprefix("effect ")] = {
-                key: {"value": float(entries[key]), "std": float(entries[f"{key}_std"])}
+            name = title.removeprefix("effect ")
+            effects[name] = {
+                key.removeprefix(f"{name}."): {
+                    "value": float(entries[key]),
+                    "std": float(entries[f"{key}_std"]),
+                }
                 for key in keys
             }
     error = float(status.entries.get("solver", {}).get("whitened_rms", "nan"))

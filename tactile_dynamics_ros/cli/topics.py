@@ -170,8 +170,8 @@ def full_names(node: Node) -> set[str]:
     return {f"{space.rstrip('/')}/{name}" for name, space in found if name != node.get_name()}
 
 
-def set_parameter(node: Node, target: str, name: str, value: Any, timeout: float) -> None:
-    """Change a parameter of a running node.
+def set_parameter(node: Node, target: str, name: str, value: Any, timeout: float) -> str:
+    """Change a parameter of a running node; return what the node says that this does, if anything.
 
     Args:
         node: that asks.
@@ -196,6 +196,7 @@ def set_parameter(node: Node, target: str, name: str, value: Any, timeout: float
     result = future.result().results[0]
     if not result.successful:
         raise BadInputError(f"{target} {name} = {value}: {result.reason}")
+    return str(result.reason)
 
 
 def run_set(args: Namespace) -> int:
@@ -204,6 +205,7 @@ def run_set(args: Namespace) -> int:
 
     value = yaml.safe_load(args.value)
     with short_lived_node() as node:
-        set_parameter(node, args.node, args.parameter, value, args.timeout)
-    print(json.dumps({args.parameter: value}) if args.json else f"{args.parameter} = {value}")
+        told = set_parameter(node, args.node, args.parameter, value, args.timeout)
+    plain = f"{args.parameter} = {value}" + (f" ({told})" if told else "")
+    print(json.dumps({args.parameter: value}) if args.json else plain)
     return 0

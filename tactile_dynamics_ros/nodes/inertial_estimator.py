@@ -17,7 +17,7 @@ from tactile_dynamics_ros.core.inertia.live import (
     IncrementalInertialEstimator,
     LiveEstimate,
 )
-from tactile_dynamics_ros.core.inertia.live.live_estimate import judge_estimate
+from tactile_dynamics_ros.core.inertia.live.live_estimate import Verdict, judge_estimate
 from tactile_dynamics_ros.core.inertia.live.refit import RefitConfig
 from tactile_dynamics_ros.core.streams.streams import ContactSample
 from tactile_dynamics_ros.ros.carried_tool import CarriedTool
@@ -36,6 +36,7 @@ from tactile_dynamics_ros.ros.names import (
     PROBE_ESTIMATE,
 )
 from tactile_dynamics_ros.ros.object_memory import ObjectMemory
+from tactile_dynamics_ros.ros.object_state import REPEAT, ObjectState
 from tactile_dynamics_ros.ros.parameters import declare_config
 from tactile_dynamics_ros.ros.refitter import Refitter
 from tactile_dynamics_ros.ros.shell import LATCHED, Shell, run_node
@@ -73,13 +74,12 @@ class InertialEstimatorNode(Shell):
         super().__init__("inertial_estimator")
         self.estimator = IncrementalInertialEstimator(declare_config(self, IncrementalConfig))
         self.refitter = Refitter(self.faults, declare_config(self, RefitConfig))
-        self._told = -np.inf
         config = declare_config(
             self, InertialEstimatorConfig, live=["effects"], on_change=self._change_model
         )
-        self._change_model(config)
+        self.refitter.set_effects(config.effects)
         self._tool, self._memory = CarriedTool(self), ObjectMemory(self)
-        self._last_time = -np.inf
+        self._forget_estimate()
         self._friction: tuple[float, float] | None = None
         self._grip: dict[str, object] = {}
         self.listen(DiagnosticStatus, PROBE_ESTIMATE, self._on_friction, LATCHED)
@@ -111,11 +111,19 @@ class InertialEstimatorNode(Shell):
         self._memory.end_grasp()
         self.estimator.reset()
         self.refitter.model.clear()
-        self._last_time = -np.inf
+        self._forget_estimate()
 
-    def _change_model(self, config: InertialEstimatorConfig) -> None:
+    def _forget_estimate(self) -> None:
+        """Say anew what is known; there is no estimate of the model yet."""
+        self._newest: LiveEstimate | None = None
+        self._last_time = self._renewed = self._told = -np.inf
+        self._said = ""
+
+    def _change_model(self, config: InertialEstimatorConfig) -> str:
+        """Take other effects; return what they are fitted to."""
         self.refitter.set_effects(config.effects)
-        self._told = self._last_time = -np.inf
+        self._forget_estimate()
+        return f"{self.refitter.outlook}; now: {self._streams.state.text}"
 
     def _on_pose(self, time: float, pose: Array, covariance: Array | None) -> None:
         self._markers.add_pose(pose)
@@ -150,12 +158,14 @@ class InertialEstimatorNode(Shell):
             self.faults.count(kind, count)
         if self.refitter.model.effects:
             estimate = self.refitter.advance()
-            if estimate is None:
-                self._tell_progress()
-        if estimate is None or estimate.time == self._last_time and not self._obstacles:
-            return
-        self._last_time = estimate.time
-        self._publish(estimate)
+        fresh = estimate is not None and estimate.time != self._last_time
+        if estimate is not None and (fresh or self._obstacles):
+            self._take(estimate)
+        now, state = time.monotonic(), self._streams.state
+        self._renewed = now if fresh else self._renewed
+        if fresh or self._obstacles or state.name != self._said or now - self._told >= REPEAT:
+            self._told, self._said = now, state.name
+            self._tell(state, now - self._renewed)
 
     @property
     def _obstacles(self) -> list[str]:
@@ -163,35 +173,38 @@ class InertialEstimatorNode(Shell):
         conflict = self._streams.conflict
         return [*([conflict] if conflict else []), *self.estimator.obstacles]
 
-    def _tell_progress(self) -> None:
-        """Say once a second that the first fit of a changed model is on its way."""
-        now = time.monotonic()
-        if now - self._told < 1.0:
-            return
-        self._told = now
-        newest = self.refitter.model.window.newest
-        message = DiagnosticArray(header=header(max(newest, 0.0), "object"))
-        message.status = [*waiting_status(self.refitter.model.effects, self.refitter.progress)]
-        self._status.publish(message)
-
-    def _publish(self, carried: LiveEstimate) -> None:
+    def _take(self, carried: LiveEstimate) -> None:
+        """Keep and publish an estimate."""
+        self._last_time = carried.time
         alone = self._tool.take_out(carried)
         if alone is None:
             return
         estimate = self._memory.combine(alone, alone.time)
-        verdict = judge_estimate(estimate, self._obstacles, self.resolve_service_name(DIAGNOSE))
-        verdict = self._memory.judged(verdict, estimate)
+        verdict = self._judge(estimate)
         self._memory.keep(estimate, verdict, estimate.time)
         if not verdict.withheld:
             self._inertia.publish(inertia_to_message(estimate.inertia, estimate.time, "object"))
         com = None if verdict.withheld else estimate.inertia.com
         self._markers.publish(estimate.time, com, estimate.parameter_std[1:4])
-        message = DiagnosticArray(header=header(estimate.time, "object"))
-        message.status = [
-            *status_of(estimate, self.refitter.model.effects, verdict),
-            *self._memory.statuses(estimate.time),
-            status_message("grip", self._grip),
-        ]
+        self._newest = estimate
+
+    def _judge(self, estimate: LiveEstimate) -> Verdict:
+        """Say what an estimate is worth now."""
+        check = self.resolve_service_name(DIAGNOSE)
+        return self._memory.judged(judge_estimate(estimate, self._obstacles, check), estimate)
+
+    def _tell(self, state: ObjectState, age: float) -> None:
+        """Publish the status: of the newest estimate, or of what is awaited."""
+        effects, stamp = self.refitter.model.effects, max(self.refitter.model.window.newest, 0.0)
+        if self._newest is None:
+            text = f"{state.text}; {self.refitter.progress}" if effects else state.text
+            statuses = [*waiting_status(effects, text)]
+        else:
+            stamp = self._newest.time
+            statuses = [*status_of(self._newest, effects, self._judge(self._newest), state)]
+            statuses += [*self._memory.statuses(stamp), status_message("grip", self._grip)]
+        message = DiagnosticArray(header=header(stamp, "object"))
+        message.status = [state.status(age), *statuses]
         self._status.publish(message)
 
 

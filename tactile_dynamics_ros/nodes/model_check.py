@@ -19,9 +19,17 @@ from std_srvs.srv import Trigger
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.discrepancy.documents import Document
 from tactile_dynamics_ros.core.discrepancy.live_check import LiveCheckConfig, LiveComparison
-from tactile_dynamics_ros.core.errors import TactileDynamicsError
+from tactile_dynamics_ros.core.errors import (
+    BadInputError,
+    NotIdentifiableError,
+    TactileDynamicsError,
+)
 from tactile_dynamics_ros.ros.background import Background
-from tactile_dynamics_ros.ros.checked_model import MODELS, checked_model
+from tactile_dynamics_ros.ros.checked_model import (
+    MODELS,
+    checked_model,
+    diagnose_measured,
+)
 from tactile_dynamics_ros.ros.conversions import header, wrench_to_message
 from tactile_dynamics_ros.ros.diagnostics import status_message
 from tactile_dynamics_ros.ros.kept_recordings import keep_and_diagnose
@@ -123,7 +131,8 @@ class ModelCheckNode(Shell):
         self._comparison = self._background.submit(comparison)
 
     def _report(self) -> None:
-        """Publish a comparison that is finished."""
+        """Publish a comparison that is finished, and what is heard of the object."""
+        self.faults.show("object", self._streams.state.text)
         if self._comparison is None or not self._comparison.done():
             return
         future, self._comparison = self._comparison, None
@@ -171,12 +180,21 @@ class ModelCheckNode(Shell):
         return response
 
     def _begin_diagnosis(self) -> RosFuture:
-        """Start a diagnosis, or join one of the same model that is not finished yet."""
+        """Start a diagnosis, or join one of the same model that is not finished yet.
+
+        Raises:
+            NotIdentifiableError: there are no measurements to diagnose.
+        """
         if self._diagnosing is not None:
             effects, running = self._diagnosing
             if effects == self.check.effects and not running.done():
                 return running
-        done = self._diagnose_by(self.check.diagnosis())
+        state = self._streams.state
+        try:
+            work = self.check.diagnosis()
+        except BadInputError as error:
+            raise NotIdentifiableError(f"{error}; now: {state.text}") from error
+        done = self._diagnose_by(partial(diagnose_measured, work, state))
         self._diagnosing = self.check.effects, done
         return done
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from concurrent.futures import Future
 from dataclasses import dataclass
 
@@ -19,6 +20,7 @@ from tactile_dynamics_ros.ros.background import Background
 from tactile_dynamics_ros.ros.conversions import header
 from tactile_dynamics_ros.ros.estimate_markers import EstimateMarkers
 from tactile_dynamics_ros.ros.names import PROPERTY_RESET, PROPERTY_STATUS
+from tactile_dynamics_ros.ros.object_state import REPEAT
 from tactile_dynamics_ros.ros.parameters import declare_config
 from tactile_dynamics_ros.ros.property_status import property_status
 from tactile_dynamics_ros.ros.pushed_memory import PushMemory
@@ -59,11 +61,11 @@ class PropertyEstimatorNode(Shell):
         self._background = Background()
         self._memory = PushMemory(self)
         self._fitting: Future[PushedEstimate] | None = None
-        self._told = -np.inf
         config = declare_config(
             self, PropertyEstimatorConfig, live=["effects"], on_change=self._change_model
         )
         self._change_model(config)
+        self._said, self._said_at, self._renewed = "", -np.inf, -np.inf
         self._streams = PushingStreams(self, config.contacts, self.live, self._forget)
         self._status = self.create_publisher(DiagnosticArray, PROPERTY_STATUS, LATCHED)
         self._markers = EstimateMarkers(self)
@@ -96,9 +98,14 @@ class PropertyEstimatorNode(Shell):
             live = self.live
             self._fitting = self._background.submit(estimate, streams, live.effects, live.known)
 
-    def _change_model(self, config: PropertyEstimatorConfig) -> None:
+    def _change_model(self, config: PropertyEstimatorConfig) -> str:
+        """Take other effects; return what they are fitted to."""
         self.live.set_effects([name for name in config.effects if name])
         self._drop_fit()
+        pushes = self.live.record.pushes
+        if not pushes:
+            return "applies from the next push on: nothing was pushed yet"
+        return f"will be fitted to the {pushes} pushes that are kept"
 
     def _forget(self) -> None:
         self.live.reset()
@@ -124,24 +131,28 @@ class PropertyEstimatorNode(Shell):
 
     def _tell(self) -> None:
         """Publish what is known, with the stamp of the newest measurement in it."""
-        known = self.live.properties()
-        tracker = self.live.tracker
-        if known is None or tracker is None or tracker.time == self._told:
+        known, tracker = self.live.properties(), self.live.tracker
+        until = -np.inf if known is None or tracker is None else tracker.time
+        now, state, fresh = time.monotonic(), self._streams.state, until > self._told
+        self._renewed = now if fresh else self._renewed
+        if not fresh and state.name == self._said and now - self._said_at < REPEAT:
             return
-        self._told = tracker.time
-        message = DiagnosticArray(header=header(tracker.time, "object"))
-        message.status = [*property_status(known, self.live), *self._memory.statuses()]
+        self._told, self._said, self._said_at = until, state.name, now
+        message = DiagnosticArray(header=header(max(until, 0.0), "object"))
+        statuses = property_status(known, self.live, state)
+        message.status = [state.status(now - self._renewed), *statuses, *self._memory.statuses()]
         self._status.publish(message)
-        self._mark(known, tracker.time)
+        if known is not None and fresh:
+            self._mark(known, until)
 
-    def _mark(self, known: Properties, time: float) -> None:
+    def _mark(self, known: Properties, stamp: float) -> None:
         """Show the centre of mass, at the height of the object's frame, where it is known."""
         if self._streams.pose is None:
             return
         self._markers.add_pose(self._streams.pose)
         (x, x_std), (y, y_std) = (known.values[name] for name in ("com_x", "com_y"))
         com = None if "com" in known.undetermined else np.array([x, y, 0.0])
-        self._markers.publish(time, com, np.array([x_std, y_std, 0.0]))
+        self._markers.publish(stamp, com, np.array([x_std, y_std, 0.0]))
 
 
 def main() -> int:

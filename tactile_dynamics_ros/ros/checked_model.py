@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+from tactile_dynamics_ros.core.discrepancy.documents import Document
 from tactile_dynamics_ros.core.discrepancy.live_check import (
     LiveCheckConfig,
     LiveComparison,
@@ -21,6 +22,7 @@ from tactile_dynamics_ros.recording.bag_writer import write_bag
 from tactile_dynamics_ros.recording.pushed import PushedRecording
 from tactile_dynamics_ros.ros.held_streams import HeldStreams
 from tactile_dynamics_ros.ros.names import CONTACTS, ESTIMATOR_STATUS, PROPERTY_STATUS
+from tactile_dynamics_ros.ros.object_state import ObjectState
 from tactile_dynamics_ros.ros.pusher_streams import PADS, PUSHER
 from tactile_dynamics_ros.ros.pushing_streams import PushingStreams
 from tactile_dynamics_ros.ros.shell import Shell
@@ -35,7 +37,8 @@ class CheckedModel:
     Attributes:
         window: of measurements.
         check: what is to be computed on it.
-        streams: subscriptions that fill the window; `release` hands on what need not wait.
+        streams: subscriptions that fill the window; `release` hands on what need not wait, `state`
+            says what is heard of the object.
         status: topic that tells the effects of the model.
         diagnose: of streams with effects.
         write: streams to a recording.
@@ -93,6 +96,20 @@ def checked_model(
         write_pushes,
         change,
     )
+
+
+def diagnose_measured(work: Callable[[], Document], state: ObjectState) -> Document:
+    """Diagnose, and say in the sentence where the measurements are not of now.
+
+    Args:
+        work: diagnoses the last measurements.
+        state: of the object when the diagnosis was asked for.
+    """
+    document = work()
+    if state.current:
+        return document
+    said = f"Diagnosed from the last measurements that were kept; now: {state.text}."
+    return document | {"sentence": f"{document['sentence']} {said}"}
 
 
 def write_pushes(streams: Any, path: Any) -> None:

@@ -86,5 +86,23 @@ def status_message(
     return DiagnosticStatus(level=level, name=name, message=message, values=pairs)
 
 
+def effect_status(effect: str, parameters: Mapping[str, Mapping[str, object]]) -> DiagnosticStatus:
+    """Return the status of an effect in the model: "<effect>.<parameter>", with _std and _unit.
+
+    The effect's name is in each key because two effects may have a parameter of one name, and keys
+    are unique over all statuses of a message.
+
+    Args:
+        effect: its name.
+        parameters: value, std and unit by parameter.
+    """
+    values = {
+        f"{effect}.{name}" if kind == "value" else f"{effect}.{name}_{kind}": value
+        for name, entry in parameters.items()
+        for kind, value in entry.items()
+    }
+    return status_message(f"effect {effect}", values)
+
+
 def _text(value: object) -> str:
     return f"{value:.9g}" if isinstance(value, float) else str(value)

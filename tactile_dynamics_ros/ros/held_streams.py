@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from time import monotonic
 
 import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped
@@ -14,6 +15,7 @@ from tactile_dynamics_ros.ros.contact_assembly import ContactAssembly
 from tactile_dynamics_ros.ros.conversions import MessageError, uncertain_pose_to_core
 from tactile_dynamics_ros.ros.hand_error import HandError
 from tactile_dynamics_ros.ros.names import OBJECT_POSE
+from tactile_dynamics_ros.ros.object_state import Holding, ObjectState
 from tactile_dynamics_ros.ros.shell import Shell
 from tactile_dynamics_ros.ros.stream_clock import StreamClock
 from tactile_dynamics_ros.ros.wire import Stamped
@@ -44,16 +46,22 @@ class HeldStreams:
         on_contact: Callable[[ContactSample], None],
         on_restart: Callable[[], None],
     ) -> None:
-        self._node, self._on_pose = node, on_pose
+        self._node, self._on_pose, self._on_contact = node, on_pose, on_contact
         self.clock = StreamClock(node)
+        self._holding = Holding(contacts, monotonic())
         self._poses = Reordered[tuple[Array, Array | None]]()
         self._hand = HandError(node)
-        self.clock.on_restart += [self._poses.clear, on_restart]
+        self.clock.on_restart += [self._poses.clear, self._begin_anew, on_restart]
         node.listen(PoseWithCovarianceStamped, OBJECT_POSE, self._on_message, sole=True)
         self._contacts = [
-            ContactAssembly(node, name, on_contact, self.clock, self._hand, held=True)
+            ContactAssembly(node, name, self._take_contact, self.clock, self._hand, held=True)
             for name in contacts
         ]
+
+    @property
+    def state(self) -> ObjectState:
+        """Whether the object is held now, and since when."""
+        return self._holding.state(monotonic())
 
     @property
     def conflict(self) -> str:
@@ -69,11 +77,19 @@ class HeldStreams:
         until = np.inf if self.clock.is_idle else self.clock.newest - HOLD
         for time, (pose, covariance) in self._poses.take(until):
             self._hand.add_fused(time, pose)
+            self._holding.hear_pose(monotonic())
             self._on_pose(time, pose, covariance)
         for contact in self._contacts:
             contact.release(until)
         late = self._poses.late + sum(contact.late for contact in self._contacts)
         self._node.faults.count("out_of_order", late)
+
+    def _take_contact(self, contact: ContactSample) -> None:
+        self._holding.hear_contact(contact.name, contact.touches, monotonic())
+        self._on_contact(contact)
+
+    def _begin_anew(self) -> None:
+        self._holding.clear(monotonic())
 
     def _on_message(self, message: Stamped) -> None:
         pose, covariance = uncertain_pose_to_core(message, OBJECT_POSE, "world")

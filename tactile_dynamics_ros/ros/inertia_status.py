@@ -10,13 +10,11 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import (
-    PARAMETER_NAMES,
-    EffectEstimate,
-)
+from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import PARAMETER_NAMES
 from tactile_dynamics_ros.core.inertia.live import LiveEstimate
 from tactile_dynamics_ros.core.inertia.live.live_estimate import Level, Verdict
-from tactile_dynamics_ros.ros.diagnostics import status_message
+from tactile_dynamics_ros.ros.diagnostics import effect_status, status_message
+from tactile_dynamics_ros.ros.object_state import ObjectState
 from tactile_dynamics_ros.ros.status_reader import OK, Statuses
 
 Array = NDArray[np.float64]
@@ -29,18 +27,23 @@ LEVELS = {
 
 
 def status_of(
-    estimate: LiveEstimate, effects: Sequence[str], verdict: Verdict
+    estimate: LiveEstimate, effects: Sequence[str], verdict: Verdict, state: ObjectState
 ) -> Sequence[DiagnosticStatus]:
     """Return the statuses: parameters with standard deviations, directions, solver, effects.
 
-    Where the estimate is withheld, parameters, directions and effects have no values.
+    Where the estimate is withheld, parameters, directions and effects have no values. While nothing
+    is held they are of the last grasp, and not OK.
 
     Args:
         estimate: the newest.
         effects: names of those in the model.
         verdict: what it is worth.
+        state: whether the object is held now.
     """
-    level = LEVELS[verdict.level]
+    level, text = LEVELS[verdict.level], verdict.text
+    if not state.current:
+        level = max(level, DiagnosticStatus.WARN)
+        text = f"{state.text}; last grasp: {text}"
     solver: dict[str, object] = {
         "effects": ",".join(effects),
         "samples": estimate.samples,
@@ -52,13 +55,13 @@ def status_of(
         **estimate.error.to_json(),
     }
     parameters = {} if verdict.withheld else _parameters(estimate)
-    directions = {} if verdict.withheld else {d.name: d.gain for d in estimate.directions}
+    directions = {} if verdict.withheld else {f"{d.name}_gain": d.gain for d in estimate.directions}
     found = {} if verdict.withheld else estimate.effects
     return [
-        status_message("parameters", parameters, level, verdict.text),
-        status_message("directions", directions, level, verdict.text),
+        status_message("parameters", parameters, level, text),
+        status_message("directions", directions, level, text),
         status_message("solver", solver),
-        *(status_message(f"effect {name}", _numbers(effect)) for name, effect in found.items()),
+        *(effect_status(name, effect.to_json()) for name, effect in found.items()),
     ]
 
 
@@ -71,15 +74,6 @@ def _parameters(estimate: LiveEstimate) -> dict[str, object]:
     for name, value, std in zip(PARAMETER_NAMES, values, estimate.parameter_std, strict=True):
         parameters[name], parameters[f"{name}_std"] = float(value), float(std)
     return parameters
-
-
-def _numbers(effect: EffectEstimate) -> dict[str, object]:
-    """Return value, standard deviation and unit of each parameter of an effect."""
-    entries: dict[str, object] = {}
-    for key, entry in effect.to_json().items():
-        entries[key], entries[f"{key}_std"] = entry["value"], entry["std"]
-        entries[f"{key}_unit"] = entry["unit"]
-    return entries
 
 
 def waiting_status(effects: Sequence[str], text: str) -> Sequence[DiagnosticStatus]:

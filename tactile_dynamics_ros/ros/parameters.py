@@ -34,7 +34,7 @@ def declare_config(
     config_class: type[Config],
     prefix: str = "",
     live: Sequence[str] = (),
-    on_change: Callable[[Config], None] | None = None,
+    on_change: Callable[[Config], str | None] | None = None,
 ) -> Config:
     """Declare every field of a configuration dataclass as a ROS parameter and return the values.
 
@@ -45,7 +45,8 @@ def declare_config(
         config_class: frozen dataclass whose fields carry description, unit and range.
         prefix: put before each name, for example "sensor.".
         live: fields that may change while the node runs.
-        on_change: receives the new configuration; raising an error refuses the change.
+        on_change: receives the new configuration and may return what the change does, which
+            whoever set the parameter is told; raising an error refuses it.
 
     Raises:
         BadInputError: a given value has the wrong type or lies outside its range.
@@ -202,7 +203,7 @@ class _LiveConfig:
     """Set-parameters callback that rebuilds a configuration and offers it to the node."""
 
     def __init__(
-        self, config: Any, prefix: str, live: Sequence[str], on_change: Callable[[Any], None]
+        self, config: Any, prefix: str, live: Sequence[str], on_change: Callable[[Any], str | None]
     ) -> None:
         self._config = config
         self._names = {prefix + name: name for name in live}
@@ -229,8 +230,8 @@ class _LiveConfig:
                 mine[name] = tuple(item for item in mine[name] if item != "")
         try:
             config = dataclasses.replace(self._config, **mine)
-            self._on_change(config)
+            effect = self._on_change(config)
         except (TactileDynamicsError, TypeError, ValueError) as error:
             return SetParametersResult(successful=False, reason=str(error))
         self._config = config
-        return SetParametersResult(successful=True)
+        return SetParametersResult(successful=True, reason=effect or "")

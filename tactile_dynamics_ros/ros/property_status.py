@@ -9,41 +9,48 @@ from diagnostic_msgs.msg import DiagnosticStatus
 
 from tactile_dynamics_ros.core.planar.filter.live import LiveProperties
 from tactile_dynamics_ros.core.planar.filter.summary import Properties, vague_effects
-from tactile_dynamics_ros.ros.diagnostics import status_message
+from tactile_dynamics_ros.ros.diagnostics import effect_status, status_message
+from tactile_dynamics_ros.ros.object_state import ObjectState
 
 
-def property_status(known: Properties, live: LiveProperties) -> Sequence[DiagnosticStatus]:
+def property_status(
+    known: Properties | None, live: LiveProperties, state: ObjectState
+) -> Sequence[DiagnosticStatus]:
     """Return the statuses: properties with their std, what predicts poses, how they came about.
 
+    Before the object was seen, properties have no values. While it is not followed they are of
+    earlier measurements, and not OK.
+
     Args:
-        known: of link_1.
+        known: of link_1; None before the object was seen.
         live: whose counts are told.
+        state: whether the object is followed now.
     """
-    level = DiagnosticStatus.WARN if known.doubtful else DiagnosticStatus.OK
+    solver: dict[str, object] = {
+        "model": live.config.model,
+        "effects": ",".join(live.effects),
+        "source": "nothing" if known is None else known.source,
+        "fits": live.fits,
+        "refused": live.refused,
+    }
+    if known is None:
+        nothing = status_message("link_1", {}, DiagnosticStatus.WARN, state.text)
+        return [nothing, status_message("solver", solver)]
+    level, text = DiagnosticStatus.WARN if known.doubtful else DiagnosticStatus.OK, known.text
+    if not state.current:
+        level, text = DiagnosticStatus.WARN, f"{state.text}; before: {text}"
     link: dict[str, object] = {}
     for name, (value, std) in known.values.items():
         link[name], link[f"{name}_std"] = value, std
     link["undetermined"] = ",".join(known.undetermined)
-    solver: dict[str, object] = {
-        "model": live.config.model,
-        "effects": ",".join(live.effects),
-        "source": known.source,
-        "fits": live.fits,
-        "refused": live.refused,
-    }
     if live.fit is not None:
         solver |= {"samples": live.fit.samples, "whitened_rms": live.fit.error}
         if live.fit.error_without is not None:
             solver["without_effects"] = live.fit.error_without
             solver["vague"] = ",".join(vague_effects(live.fit))
-    statuses = [status_message("link_1", link, level, known.text)]
-    for name, found in (live.fit.effects if live.fit is not None else {}).items():
-        entries = {
-            key if kind == "value" else f"{key}_{kind}": told
-            for key, entry in found.items()
-            for kind, told in entry.items()
-        }
-        statuses.append(status_message(f"effect {name}", entries))
+    statuses = [status_message("link_1", link, level, text)]
+    found = live.fit.effects if live.fit is not None else {}
+    statuses += [effect_status(name, parameters) for name, parameters in found.items()]
     if live.tracker is not None and live.tracker.filter is not None:
         solver |= {"steps": live.tracker.steps, "touched": live.tracker.touched}
         solver |= {"latency": live.newest - live.tracker.time, **live.tracker.problems}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Sequence
+from time import monotonic
 from typing import Any, Protocol
 
 import numpy as np
@@ -16,7 +17,7 @@ from geometry_msgs.msg import (
 )
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.planar.filter.tracker import Felt
+from tactile_dynamics_ros.core.planar.filter.tracker import Felt, touches
 from tactile_dynamics_ros.core.streams.stamps import Reordered
 from tactile_dynamics_ros.ros.conversions import (
     MessageError,
@@ -25,7 +26,14 @@ from tactile_dynamics_ros.ros.conversions import (
     uncertain_pose_to_core,
     wrench_to_core,
 )
-from tactile_dynamics_ros.ros.names import PUSHER_POSE, SUPPORT_POSE, contact_topic, link_topic
+from tactile_dynamics_ros.ros.names import (
+    OBJECT_POSE,
+    PUSHER_POSE,
+    SUPPORT_POSE,
+    contact_topic,
+    link_topic,
+)
+from tactile_dynamics_ros.ros.object_state import Following, ObjectState
 from tactile_dynamics_ros.ros.shell import LATCHED, Shell
 from tactile_dynamics_ros.ros.stream_clock import StreamClock
 from tactile_dynamics_ros.ros.wire import Stamped
@@ -87,12 +95,18 @@ class PushingStreams:
         self._X_SW, self._yaw = np.eye(4), 0.0
         self.clock = StreamClock(node)
         self._pusher = Reordered[Array]()
-        self.clock.on_restart += [self._pusher.clear, forget]
+        self._following = Following(monotonic())
+        self.clock.on_restart += [self._pusher.clear, self._begin_anew, forget]
         parts = [thing] if second is None else [thing, second]
         self._links = [_Link(node, k, part, self.clock) for k, part in enumerate(parts)]
         node.listen(PoseStamped, PUSHER_POSE, self._on_pusher, sole=True)
         node.listen(PoseStamped, SUPPORT_POSE, self._on_support, LATCHED)
         self._contacts = [_Contact(node, name, self.clock) for name in contacts]
+
+    @property
+    def state(self) -> ObjectState:
+        """Whether the object is followed now, and since when."""
+        return self._following.state(monotonic(), self._links[0].outlined)
 
     @property
     def pose(self) -> Array | None:
@@ -107,12 +121,21 @@ class PushingStreams:
             turn = np.arctan2(placed[1, 0], placed[0, 0]) - self._yaw
             self._yaw += (turn + np.pi) % (2.0 * np.pi) - np.pi
             self._thing.add_pusher(time, np.append(placed[:3, 3], self._yaw))
+            self._following.hear(PUSHER_POSE, monotonic())
+        before = self.pose
         for link in self._links:
             link.release(until, self._X_SW)
+        if self.pose is not before:
+            self._following.hear(OBJECT_POSE, monotonic())
         for contact in self._contacts:
             for felt in contact.take(until, self._X_SW):
                 self._thing.add_contact(felt)
+                if touches(felt):
+                    self._following.hear_touch(monotonic())
         return until
+
+    def _begin_anew(self) -> None:
+        self._following.clear(monotonic())
 
     def _on_pusher(self, message: Stamped) -> None:
         pose = pose_to_core(message, PUSHER_POSE, WORLD)
@@ -134,11 +157,13 @@ class _Link:
 
     Attributes:
         pose: (4, 4) in the world, the newest; None before the first.
+        outlined: whether the footprint has come.
     """
 
     def __init__(self, node: Shell, index: int, part: PushedLink, clock: StreamClock) -> None:
         self._node, self._part, self._clock = node, part, clock
         self.pose: Array | None = None
+        self.outlined = False
         self._poses = Reordered[tuple[Array, Array | None]]()
         clock.on_restart.append(self._poses.clear)
         link = f"link_{index + 1}"
@@ -162,6 +187,7 @@ class _Link:
         corners = np.array([[p.x, p.y] for p in message.polygon.points], dtype=float)
         if len(corners) < 3 or not np.isfinite(corners).all():
             raise MessageError("bad_outline", f"{self._outline}: {len(corners)} corners, not 3")
+        self.outlined = True
         after = np.roll(corners, -1, axis=0)
         area = float(np.sum(corners[:, 0] * after[:, 1] - corners[:, 1] * after[:, 0]))
         if self._part.set_outline(corners if area > 0.0 else corners[::-1].copy()):

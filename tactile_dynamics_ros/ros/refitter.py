@@ -46,6 +46,16 @@ class Refitter:
         since = time.monotonic() - self._started
         return f"fitting {', '.join(effects)} to the last {span:.0f} s, since {since:.0f} s"
 
+    @property
+    def outlook(self) -> str:
+        """Sentence that says what the present effects are fitted to."""
+        if not self.model.effects:
+            return "rigid body alone"
+        names, span = ", ".join(self.model.effects), self.model.window.span
+        if span < LEAST_SPAN:
+            return f"{names} will be fitted once {LEAST_SPAN:g} s of a grasp were measured"
+        return f"{names} will be fitted to the last {span:.0f} s in which the object was held"
+
     def set_effects(self, effects: Sequence[str]) -> None:
         """Change the model; its first fit starts at once.
 

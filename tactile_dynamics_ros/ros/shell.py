@@ -27,6 +27,7 @@ from std_srvs.srv import Trigger
 from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError
 from tactile_dynamics_ros.ros.conversions import MessageError
 from tactile_dynamics_ros.ros.diagnostics import Faults
+from tactile_dynamics_ros.ros.introduction import introduce
 from tactile_dynamics_ros.ros.parameters import refuse_unknown
 from tactile_dynamics_ros.ros.waiting import Waiter
 from tactile_dynamics_ros.ros.wire import decoder_of
@@ -36,7 +37,6 @@ STREAM = QoSProfile(depth=500, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Sensor data: best effort, five seconds deep at 100 Hz, since links deliver in batches too."""
 REQUESTS = QoSProfile(depth=200, reliability=ReliabilityPolicy.RELIABLE)
 """Services: requests that may wait; a script sends a hundred at once."""
-
 SERVICE_PERIOD = 0.3
 """Real time after which the executor is asked even if no request has come, s."""
 BURST = 1000
@@ -51,7 +51,6 @@ ANSWERS = 5
 RIVAL_STEPS, RIVAL_SPAN = 2, 1.0
 """How often in how long (s) the numbers that a publisher gives its messages must go back until two
 publish at once: those of two mix with every message, those of a restarted one go back once."""
-
 LATCHED = QoSProfile(
     depth=1,
     reliability=ReliabilityPolicy.RELIABLE,
@@ -374,6 +373,7 @@ def run_node(factory: Callable[[], Shell], arguments: list[str] | None = None) -
             rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
             node = factory()
             refuse_unknown(node)
+            node.get_logger().info(introduce(node))
             stop.patience = LONGEST_CALLBACK
             spin(node, lambda: stop.requested)
         except (ExternalShutdownException, Stopped):

@@ -3,6 +3,8 @@
 import json
 import pickle
 from dataclasses import dataclass, field, replace
+from functools import partial
+from operator import itemgetter
 
 import numpy as np
 import pytest
@@ -37,18 +39,21 @@ def streams():
 def fed_with(streams: Streams) -> LiveModelCheck:
     """A check that has got all measurements, in the order of their stamps."""
     window, pose = MeasurementWindow(40.0), streams.pose
+    readings = []
     for k, time in enumerate(pose.time):
         matrix = np.eye(4)
         matrix[:3, :3], matrix[:3, 3] = pose.rotation[k], pose.position[k]
-        window.add_pose(time, matrix, None if pose.covariance is None else pose.covariance[k])
+        covariance = None if pose.covariance is None else pose.covariance[k]
+        readings.append((time, partial(window.add_pose, time, matrix, covariance)))
     for name, contact in streams.contacts.items():
         for k, time in enumerate(contact.time):
             std = None if contact.force_std is None else contact.force_std[k]
             place = np.searchsorted(contact.pose_time, time).clip(0, len(contact.pose_time) - 1)
             where = contact.position[place], contact.rotation[place]
-            window.add_contact(
-                ContactSample(time, name, *where, contact.force[k], contact.torque[k], std)
-            )
+            sample = ContactSample(time, name, *where, contact.force[k], contact.torque[k], std)
+            readings.append((time, partial(window.add_contact, sample)))
+    for _, add in sorted(readings, key=itemgetter(0)):
+        add()
     return LiveModelCheck(window, compare_streams, diagnose_streams)
 
 

@@ -25,30 +25,63 @@ come late by far less. As `stamps._TOLERANCE`; less would forget a window for a 
 would keep samples of a clock that was set back by less, out of order."""
 
 
+_AROUND = 5.0
+"""Time, s, that is kept after the object was let go, and of what comes while nothing is held: a
+batch of one stream may come before that of the other, and queues of streams are five seconds deep.
+Less would lose readings whose counterpart comes in the next batch, more keeps what belongs to no
+grasp."""
+
+
 @dataclass
 class _Entries:
-    """Readings in the order of their stamps, each a tuple that begins with its time."""
+    """Readings in the order of their stamps, each a tuple that begins with its time.
+
+    Attributes:
+        kept: until shortly after the object was let go. coming: the latest after that.
+    """
 
     kept: deque[tuple[Any, ...]] = field(default_factory=deque)
+    coming: deque[tuple[Any, ...]] = field(default_factory=deque)
 
-    def append(self, entry: tuple[Any, ...], duration: float) -> None:
-        """Add an entry that is newer than all, and drop those older by more than `duration`, s."""
+    @property
+    def newest(self) -> float:
+        """Stamp of the newest entry, s; minus infinity where there is none."""
+        entries = self.coming or self.kept
+        return float(entries[-1][0]) if entries else -np.inf
+
+    def append(self, entry: tuple[Any, ...]) -> bool:
+        """Add an entry that is newer than all; return False (and do not) if it is not."""
         time = entry[0]
-        if self.kept and time < self.kept[-1][0] - _RESTARTED:
+        if time < self.newest - _RESTARTED:
             self.kept.clear()
-        if self.kept and time <= self.kept[-1][0]:
-            return
-        self.kept.append(entry)
-        while self.kept[0][0] < time - duration:
-            self.kept.popleft()
+            self.coming.clear()
+        if time <= self.newest:
+            return False
+        self.coming.append(entry)
+        return True
+
+    def settle(self, held: float, duration: float) -> None:
+        """Keep what is of the last `duration` s in which the object was held, until `held`, s."""
+        while self.coming and self.coming[0][0] <= held + _AROUND:
+            self.kept.append(self.coming.popleft())
+        _drop_before(self.coming, self.newest - _AROUND)
+        _drop_before(self.kept, held - duration)
 
     def since(self, first: float) -> list[tuple[Any, ...]]:
-        """Entries from a time (s) on."""
+        """Entries kept from a time (s) on."""
         return [entry for entry in self.kept if entry[0] >= first]
 
 
+def _drop_before(entries: deque[tuple[Any, ...]], first: float) -> None:
+    while entries and entries[0][0] < first:
+        entries.popleft()
+
+
 class MeasurementWindow:
-    """Poses and contacts of the last `duration` seconds.
+    """Poses and contacts of the last `duration` seconds in which the object was held.
+
+    Held means that its pose comes and something touches it. What comes while nothing is held, poses
+    or forces of zero, does not push the last grasp out of the window.
 
     Args:
         duration: s.
@@ -60,29 +93,34 @@ class MeasurementWindow:
 
     @property
     def newest(self) -> float:
-        """Stamp of the newest pose, s; minus infinity where there is none."""
-        return float(self._poses.kept[-1][0]) if self._poses.kept else -np.inf
+        """Stamp until which the object was held, s; minus infinity where it was not."""
+        return min(self._poses.newest, self._touched)
 
     @property
     def span(self) -> float:
-        """Time from the oldest to the newest pose, s."""
+        """Time from the oldest pose until the object was let go, s."""
         kept = self._poses.kept
-        return float(kept[-1][0] - kept[0][0]) if kept else 0.0
+        return max(self.newest - float(kept[0][0]), 0.0) if kept else 0.0
 
     def clear(self) -> None:
         """Forget everything."""
         self._poses = _Entries()
         self._contacts: dict[str, _Entries] = {}
+        self._touched = -np.inf
 
     def add_pose(self, t: float, X_WO: Array, covariance: Array | None) -> None:
         """Add a pose (4, 4) with covariance (6, 6) [rotation, position], None if not stated."""
-        self._poses.append((t, X_WO, covariance), self._duration)
+        if self._poses.append((t, X_WO, covariance)):
+            self._poses.settle(self.newest, self._duration)
 
     def add_contact(self, contact: ContactSample) -> None:
         """Add what one contact applies on the object."""
-        self._contacts.setdefault(contact.name, _Entries()).append(
-            (contact.time, contact), self._duration
-        )
+        entries = self._contacts.setdefault(contact.name, _Entries())
+        if not entries.append((contact.time, contact)):
+            return
+        if contact.touches:
+            self._touched = contact.time
+        entries.settle(self.newest, self._duration)
 
     def streams(self, window: float = np.inf) -> Streams:
         """The last `window` seconds of measurements.
@@ -90,6 +128,8 @@ class MeasurementWindow:
         Raises:
             BadInputError: there are none.
         """
+        for entries in (self._poses, *self._contacts.values()):
+            entries.settle(self.newest, self._duration)
         if len(self._poses.kept) < 2 or not self._contacts:
             raise BadInputError("nothing held yet: no object pose or no contact has arrived")
         first = self.newest - window

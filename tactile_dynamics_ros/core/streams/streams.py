@@ -54,6 +54,11 @@ class ContactSample:
     torque: Array = field(default_factory=lambda: np.zeros(3))
     std: Array | None = None
 
+    @property
+    def touches(self) -> bool:
+        """Whether it applies anything."""
+        return bool(self.force.any() or self.torque.any())
+
     def moved(self, motion: Array) -> ContactSample:
         """Return the contact after a motion (4, 4) of the world."""
         turn = motion[:3, :3]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,18 +51,38 @@ class PushRecord:
 
     def add_pose(self, time: float, pose: Array, std: Array, link: int = 0) -> None:
         """Take a pose (3,) of a link with its std (3,)."""
-        self._poses.setdefault(link, deque(maxlen=_MOST)).append((time, pose, std))
+        poses = self._poses.setdefault(link, deque(maxlen=_MOST))
+        self._drop_rest(poses, time)
+        poses.append((time, pose, std))
 
     def add_pusher(self, time: float, yaw: float) -> None:
         """Take how the pusher is turned, rad: the axes of its sensor."""
+        self._drop_rest(self._turns, time)
         self._turns.append((time, yaw))
 
     def add_contact(self, felt: Felt) -> None:
-        """Take a force."""
-        self._felt.setdefault(felt.name, deque(maxlen=_MOST)).append(felt)
+        """Take a force; long after a touch, silence tells nothing and is left out."""
         if touches(felt):
             self._touched.append(felt.time)
             self._new = True
+        if self._touched and felt.time - self._touched[-1] <= _AROUND:
+            self._felt.setdefault(felt.name, deque(maxlen=_MOST)).append(felt)
+
+    def _drop_rest(self, rows: deque[Any], now: float) -> None:
+        """Drop rows far from touches where a deque is full, so that a rest pushes no push out.
+
+        Args:
+            rows: that begin with their time, s.
+            now: s.
+        """
+        resting = not self._touched or now - self._touched[-1] > _AROUND
+        if len(rows) < (rows.maxlen or 0) or not resting:
+            return
+        times = np.array([row[0] for row in rows])
+        keep = _near(times, np.sort(np.asarray(self._touched))) | (times > now - _AROUND)
+        kept = [row for row, near in zip(rows, keep, strict=True) if near]
+        rows.clear()
+        rows.extend(kept)
 
     def has_ended(self, now: float) -> bool:
         """Whether there was a push that is not in a fit yet, and has ended."""
