@@ -12,7 +12,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3Stamped
 from numpy.typing import NDArray
 from sensor_msgs.msg import Image, JointState
-from std_msgs.msg import Bool
+from std_msgs.msg import Bool, String
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
@@ -21,6 +21,7 @@ from tactile_dynamics_ros.core.friction.probe import FrictionProbe
 from tactile_dynamics_ros.core.friction.probe_config import FrictionProbeConfig
 from tactile_dynamics_ros.core.friction.probe_input import ProbeContact, ProbeInput
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
+from tactile_dynamics_ros.core.robot.standstill import Standstill
 from tactile_dynamics_ros.core.shape.friction_regions import ObjectSurface
 from tactile_dynamics_ros.core.streams.streams import ContactSample
 from tactile_dynamics_ros.core.tracking.pose_average import average_poses
@@ -39,6 +40,7 @@ from tactile_dynamics_ros.ros.emergency import EmergencyStop
 from tactile_dynamics_ros.ros.friction_messages import estimate_status
 from tactile_dynamics_ros.ros.names import (
     BIOTAC_RAW,
+    GRASP_PHASE,
     JOINT_COMMAND,
     JOINT_STATES,
     PROBE,
@@ -51,7 +53,7 @@ from tactile_dynamics_ros.ros.names import (
 )
 from tactile_dynamics_ros.ros.parameters import declare_config
 from tactile_dynamics_ros.ros.robot import declare_robot
-from tactile_dynamics_ros.ros.shell import Shell, run_node
+from tactile_dynamics_ros.ros.shell import LATCHED, Shell, run_node
 from tactile_dynamics_ros.ros.stream_clock import StreamClock
 from tactile_dynamics_ros.ros.wire import Joints, Picture, Stamped
 from tactile_dynamics_ros.share import object_file
@@ -62,6 +64,10 @@ POSES = 20
 REST_FRAMES = 30
 IDLE = 0.1
 RELIABLE = 10
+REST = 0.3
+"""Time of the stamps for which the hand must have stood still before a probe, s: three looks at
+the joints while nothing is probed, and more than a command takes to arrive. A probe that begins
+while the object moves is ended by that motion; less would take the turn of a motion for rest."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +107,8 @@ class FrictionProbeNode(Shell):
         self._reader = JointReader(self.kinematics.joint_names)
         self._gate = StampGate(JOINT_STATES)
         self._contacts: dict[str, ContactSample] = {}
-        self._poses: deque[Array] = deque(maxlen=POSES)
+        self._poses: deque[tuple[float, Array]] = deque(maxlen=POSES)
+        self._still, self._phase = Standstill(), ""
         self._positions: tuple[float, Array] | None = None
         self._targets: dict[str, float] = {}
         self._vibration: float | None = None
@@ -119,6 +126,7 @@ class FrictionProbeNode(Shell):
         self.listen(PoseWithCovarianceStamped, self.config.pose_topic, self._on_pose)
         self.listen(Vector3Stamped, self._slip_topic, self._on_slip)
         self.listen(Image, BIOTAC_RAW, self._on_raw)
+        self.listen(String, GRASP_PHASE, self._on_phase, LATCHED)
         self._emergency = EmergencyStop(self, self._stop)
         clock = StreamClock(self)
         self._assemblies = [
@@ -131,6 +139,7 @@ class FrictionProbeNode(Shell):
         self._emergency.require_released()
         if self.probe.running:
             raise NotIdentifiableError(f"friction probe: already runs ({self.probe.phase.value})")
+        self._require_rest()
         seen = self._see()
         if seen is None:
             raise NotIdentifiableError(f"friction probe: {self._missing()}")
@@ -140,6 +149,24 @@ class FrictionProbeNode(Shell):
         self._told = ("", -1)
         self._tell()
         return f"probing with the {self.probe.config.finger} finger; watch {PROBE_PROGRESS}"
+
+    def _require_rest(self) -> None:
+        """Check that the hand stands still, and forget where the object was before it did.
+
+        Raises:
+            NotIdentifiableError: it moves.
+        """
+        if self._positions is None:
+            return
+        rested = self._positions[0] - self._still.since
+        if rested < REST:
+            phase = f" (grasp_controller: {self._phase})" if self._phase else ""
+            raise NotIdentifiableError(
+                f"friction probe: the hand moves{phase}; call again when it has stood still for "
+                f"{REST:g} s with the object in it"
+            )
+        while self._poses and self._poses[0][0] < self._still.since:
+            self._poses.popleft()
 
     @property
     def gather(self) -> float:
@@ -163,7 +190,11 @@ class FrictionProbeNode(Shell):
         return take
 
     def _on_pose(self, message: Stamped) -> None:
-        self._poses.append(uncertain_pose_to_core(message, self.config.pose_topic, "world")[0])
+        pose = uncertain_pose_to_core(message, self.config.pose_topic, "world")[0]
+        self._poses.append((to_seconds(message.stamp), pose))
+
+    def _on_phase(self, message: String) -> None:
+        self._phase = message.data
 
     def _on_slip(self, message: Stamped) -> None:
         self._vibration = float(std_to_core(message, self._slip_topic)[1])
@@ -201,8 +232,11 @@ class FrictionProbeNode(Shell):
             self.faults.add("clock_restarted")
             self.probe.halt("the clock restarted")
             self._contacts.clear()
+            self._poses.clear()
+            self._still.clear()
             self._acted = -np.inf
         self._positions = (to_seconds(message.stamp), positions)
+        self._still.update(*self._positions)
 
     def process(self) -> None:
         """Act once on the newest joint states, as soon as touch is as new, or surely stale."""
@@ -232,7 +266,7 @@ class FrictionProbeNode(Shell):
             if time - c.time < self.config.contact_timeout and c.force.any()
         }
         newest = max(contact.time for contact in self._contacts.values())
-        pose = np.asarray(average_poses(np.stack(self._poses))[0])
+        pose = np.asarray(average_poses(np.stack([pose for _, pose in self._poses]))[0])
         return ProbeInput(
             time, newest, positions, touching, pose, self._vibration, self._electrodes
         )
@@ -240,7 +274,9 @@ class FrictionProbeNode(Shell):
     def _missing(self) -> str:
         if self._positions is None:
             return f"no {JOINT_STATES} yet"
-        return "the object is not held" if self._poses else f"no {self.config.pose_topic} yet"
+        if len(self._poses) < 2:
+            return f"no {self.config.pose_topic} yet since the hand stands still"
+        return "the object is not held"
 
     def _tell(self) -> None:
         """Publish progress, slips and estimate when they change."""

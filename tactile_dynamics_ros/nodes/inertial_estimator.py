@@ -160,7 +160,7 @@ class InertialEstimatorNode(Shell):
             estimate = self.refitter.advance()
         fresh = estimate is not None and estimate.time != self._last_time
         if estimate is not None and (fresh or self._obstacles):
-            self._take(estimate)
+            self._publish(estimate)
         now, state = time.monotonic(), self._streams.state
         self._renewed = now if fresh else self._renewed
         if fresh or self._obstacles or state.name != self._said or now - self._told >= REPEAT:
@@ -173,7 +173,7 @@ class InertialEstimatorNode(Shell):
         conflict = self._streams.conflict
         return [*([conflict] if conflict else []), *self.estimator.obstacles]
 
-    def _take(self, carried: LiveEstimate) -> None:
+    def _publish(self, carried: LiveEstimate) -> None:
         """Keep and publish an estimate."""
         self._last_time = carried.time
         alone = self._tool.take_out(carried)

@@ -46,7 +46,7 @@ class ObjectState:
         """Return the status "state"; WARN unless current.
 
         Args:
-            age: s, since the newest measurement that changed the estimate; infinity without any.
+            age: s, since the estimate was renewed last; infinity before the first.
         """
         level = DiagnosticStatus.OK if self.current else DiagnosticStatus.WARN
         values: dict[str, object] = {"state": self.name, "lasts": round(self.lasts, 3)}

@@ -29,6 +29,26 @@ Config = TypeVar("Config")
 FOREIGN = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 
 
+class AnsweringNode(Node):
+    """A node whose answer to a change of parameters says what the change does.
+
+    rclpy leaves the reason of a change that succeeds out; `ros2 param set` shows it.
+
+    Attributes:
+        answer: what the newest change does; empty if nobody says.
+    """
+
+    answer = ""
+
+    def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
+        """Set parameters as rclpy does, and give the reason."""
+        self.answer = ""
+        result = super().set_parameters_atomically(parameter_list)
+        if result.successful:
+            result.reason = self.answer
+        return result
+
+
 def declare_config(
     node: Node,
     config_class: type[Config],
@@ -46,7 +66,7 @@ def declare_config(
         prefix: put before each name, for example "sensor.".
         live: fields that may change while the node runs.
         on_change: receives the new configuration and may return what the change does, which
-            whoever set the parameter is told; raising an error refuses it.
+            whoever sets a parameter of an `AnsweringNode` is told; raising an error refuses it.
 
     Raises:
         BadInputError: a given value has the wrong type or lies outside its range.
@@ -54,7 +74,7 @@ def declare_config(
     given = {name: entry.value for name, entry in node.get_parameters_by_prefix("").items()}
     config = _declare_fields(node, config_class(), prefix, live, given)
     if live and on_change is not None:
-        changes = _LiveConfig(config, prefix, live, on_change)
+        changes = _LiveConfig(node, config, prefix, live, on_change)
         node.add_pre_set_parameters_callback(changes.give_type)
         node.add_on_set_parameters_callback(changes)
     return config
@@ -203,9 +223,14 @@ class _LiveConfig:
     """Set-parameters callback that rebuilds a configuration and offers it to the node."""
 
     def __init__(
-        self, config: Any, prefix: str, live: Sequence[str], on_change: Callable[[Any], str | None]
+        self,
+        node: Node,
+        config: Any,
+        prefix: str,
+        live: Sequence[str],
+        on_change: Callable[[Any], str | None],
     ) -> None:
-        self._config = config
+        self._node, self._config = node, config
         self._names = {prefix + name: name for name in live}
         self._on_change = on_change
 
@@ -230,8 +255,10 @@ class _LiveConfig:
                 mine[name] = tuple(item for item in mine[name] if item != "")
         try:
             config = dataclasses.replace(self._config, **mine)
-            effect = self._on_change(config)
+            answer = self._on_change(config)
         except (TactileDynamicsError, TypeError, ValueError) as error:
             return SetParametersResult(successful=False, reason=str(error))
         self._config = config
-        return SetParametersResult(successful=True, reason=effect or "")
+        if isinstance(self._node, AnsweringNode):
+            self._node.answer = answer or ""
+        return SetParametersResult(successful=True)

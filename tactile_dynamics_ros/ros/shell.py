@@ -17,7 +17,6 @@ from typing import Any, NamedTuple
 import rclpy
 from rclpy.callback_groups import CallbackGroup
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
-from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
@@ -28,7 +27,7 @@ from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError
 from tactile_dynamics_ros.ros.conversions import MessageError
 from tactile_dynamics_ros.ros.diagnostics import Faults
 from tactile_dynamics_ros.ros.introduction import introduce
-from tactile_dynamics_ros.ros.parameters import refuse_unknown
+from tactile_dynamics_ros.ros.parameters import AnsweringNode, refuse_unknown
 from tactile_dynamics_ros.ros.waiting import Waiter
 from tactile_dynamics_ros.ros.wire import decoder_of
 from tactile_dynamics_ros.stopping import TIME_TO_END, Stopped, StopRequest
@@ -83,7 +82,7 @@ class _Periodic:
     due: float = 0.0
 
 
-class Shell(Node):
+class Shell(AnsweringNode):
     """A node that counts bad messages instead of failing on them.
 
     Messages are taken several at a time: at 1000 small messages per second an executor would spend

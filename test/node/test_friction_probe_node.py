@@ -8,12 +8,12 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool
+from std_msgs.msg import Bool, String
 from std_srvs.srv import Trigger
 
 from tactile_dynamics_ros.core.contact.contact_state import ContactState
 from tactile_dynamics_ros.core.robot.robot_file import load_robot
-from tactile_dynamics_ros.nodes.friction_probe import FrictionProbeNode
+from tactile_dynamics_ros.nodes.friction_probe import REST, FrictionProbeNode
 from tactile_dynamics_ros.ros import conversions as cv
 from tactile_dynamics_ros.ros.diagnostics import status_values
 from tactile_dynamics_ros.ros.shell import LATCHED
@@ -32,11 +32,19 @@ class Hand:
         self.contacts = ContactState(self.node.kinematics)
         self.time = 1.0
 
-    def send(self, presses):
-        """Publish one instant; ``presses``: newton by finger."""
+    def send(self, presses, turned=0.0, shift=0.0):
+        """Publish one instant.
+
+        Args:
+            presses: newton by finger.
+            turned: rad, of the first joint.
+            shift: m, of the object.
+        """
         self.time += 0.01
         send, stamp = self.bench.send, self.time
-        pose = cv.uncertain_pose_to_message(np.eye(4), 1e-8 * np.eye(6), stamp, "world")
+        place = np.eye(4)
+        place[0, 3] = shift
+        pose = cv.uncertain_pose_to_message(place, 1e-8 * np.eye(6), stamp, "world")
         send("/object/pose/vision", pose)
         for finger in ROBOT.fingers:
             force = presses.get(finger, 0.0) * np.array([0.3, 0.0, -0.95])
@@ -47,8 +55,14 @@ class Hand:
             send(f"/contact/{finger}/pose", cv.pose_to_message(matrix, stamp, "world"))
             send(f"/contact/{finger}/force", cv.wrench_to_message(wrench, stamp, "world"))
         names = self.node.kinematics.joint_names
-        send("/joint_states", cv.joints_to_message(names, stamp, POSITIONS))
+        joints = POSITIONS + turned * np.eye(len(POSITIONS))[0]
+        send("/joint_states", cv.joints_to_message(names, stamp, joints))
         self.bench.work()
+
+    def rest(self, presses, turned=0.0):
+        """Publish until the hand has stood still for long enough."""
+        for _ in range(round(REST / 0.01) + 2):
+            self.send(presses, turned)
 
     def ask(self):
         """Call the service as a client in this process would be answered."""
@@ -73,19 +87,35 @@ def test_it_refuses_until_the_object_is_held(hand):
     answer, _ = hand.ask()
     assert not answer.success
     assert "no joint_states" in answer.message
-    for _ in range(4):
-        hand.send({**HOLDING, "ring": 0.0})
+    hand.rest({**HOLDING, "ring": 0.0})
     answer, spent = hand.ask()
     assert not answer.success
     assert "not held, ring" in answer.message
     assert spent < 0.1
 
 
+def test_it_refuses_while_the_hand_moves_and_begins_where_the_object_has_come_to_rest(hand):
+    hand.bench.send("/grasp_controller/phase", String(data="excite"), profile=LATCHED)
+    active = hand.bench.follow(Bool, "/friction_probe/active", profile=LATCHED)
+    hand.bench.until(lambda: hand.node._phase)
+    begun, start = [], hand.node.probe.start
+    hand.node.probe.start = lambda seen, targets: (begun.append(seen), start(seen, targets))
+    for k in range(60):
+        hand.send(HOLDING, turned=0.002 * k, shift=0.002 * k)
+    answer, _ = hand.ask()
+    assert not answer.success
+    assert "the hand moves (grasp_controller: excite)" in answer.message
+    assert not active
+    hand.rest(HOLDING, turned=0.002 * 60)
+    answer, _ = hand.ask()
+    assert answer.success, answer.message
+    np.testing.assert_allclose(begun[0].object_pose, np.eye(4), atol=1e-9)
+
+
 def test_it_commands_the_hand_and_an_emergency_stop_ends_that(hand):
     commands = hand.bench.follow(JointState, "/joint_command")
     active = hand.bench.follow(Bool, "/friction_probe/active", profile=LATCHED)
-    for _ in range(4):
-        hand.send(HOLDING)
+    hand.rest(HOLDING)
     answer, spent = hand.ask()
     assert answer.success, answer.message
     assert spent < 0.1
@@ -120,8 +150,7 @@ def test_it_refuses_while_a_stop_from_before_its_life_is_on(bench):
     panel.create_publisher(Bool, "/emergency_stop", LATCHED).publish(Bool(data=True))
     hand = Hand(bench)
     bench.until(lambda: hand.node._emergency.active)
-    for _ in range(4):
-        hand.send(HOLDING)
+    hand.rest(HOLDING)
     assert "emergency stop" in hand.ask()[0].message
     panel.destroy_node()
 
@@ -138,7 +167,7 @@ def test_the_probe_feels_the_electrodes_move(hand):
 
     for _ in range(70):
         frame({**HOLDING, "index": 0.0})
-    for _ in range(6):
+    for _ in range(round(REST / 0.01)):
         frame(HOLDING)
     assert hand.ask()[0].success
     for _ in range(10):
@@ -151,8 +180,7 @@ def test_the_probe_feels_the_electrodes_move(hand):
 
 def test_a_probe_without_slips_ends_with_a_reason(hand):
     estimates = hand.bench.follow(DiagnosticStatus, "/friction_probe/estimate", profile=LATCHED)
-    for _ in range(4):
-        hand.send(HOLDING)
+    hand.rest(HOLDING)
     assert hand.ask()[0].success
     for _ in range(200):
         hand.send({"thumb": 1.0})

@@ -1,10 +1,11 @@
 """The estimator node on a box with known inertia: signs, frames and units from end to end."""
 
 import math
+from time import monotonic
 
 import numpy as np
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import InertiaStamped
 from rclpy.parameter import Parameter
 from synthetic_recording import COM, FORCE_STD, INERTIA_COM, MASS, held_box
@@ -19,6 +20,7 @@ from tactile_dynamics_ros.ros import conversions as cv
 from tactile_dynamics_ros.ros.diagnostics import status_values
 from tactile_dynamics_ros.ros.estimate_markers import METRES_PER_NEWTON
 from tactile_dynamics_ros.ros.friction_messages import estimate_status
+from tactile_dynamics_ros.ros.object_state import REPEAT
 from tactile_dynamics_ros.ros.shell import LATCHED
 
 INERTIA = "/inertial_estimator/inertia"
@@ -145,8 +147,76 @@ def test_model_changes_live_and_unknown_effects_are_refused(estimator):
     estimator.until(
         lambda: any(s.name == "effect viscous_drag" for s in estimator.seen[STATUS][-1].status)
     )
-    assert "c" in " ".join(status(estimator, "effect viscous_drag"))
+    assert "viscous_drag.c" in status(estimator, "effect viscous_drag")
     assert not node.set_parameters([Parameter("effects", value=["magic"])])[0].successful
+
+
+def put_down(bench, streams, seconds):
+    """Publish forces of zero, without poses, for some seconds of the stamps after a recording."""
+    end = float(streams.pose.time[-1])
+    for time in end + 0.01 * np.arange(1, round(100 * seconds)):
+        bench.send("/contact/index/pose", cv.pose_to_message(np.eye(4), time, "world"))
+        bench.send("/contact/index/force", cv.wrench_to_message(np.zeros(6), time, "world"))
+        if round(100 * time) % 100 == 0:
+            bench.work()
+
+
+def test_the_status_never_stands_ok_while_nothing_is_held(estimator):
+    node, statuses = estimator.nodes[0], estimator.seen[STATUS]
+    estimator.until(lambda: bool(statuses))
+    first = statuses[-1].status[0]
+    assert (first.name, first.level) == ("state", DiagnosticStatus.WARN)
+    assert first.message.startswith("waiting for object/pose, contact/index")
+    assert all(s.level != DiagnosticStatus.OK for s in statuses[-1].status if s.message)
+    play(estimator, held_box(seconds=6.0).streams)
+    estimator.until(lambda: settled(estimator, 500))
+    assert status(estimator, "state")["state"] == "held"
+    ended = monotonic()
+    estimator.until(lambda: status(estimator, "state")["state"] == "nothing held")
+    assert monotonic() - ended < 2.0
+    found = {s.name: s for s in statuses[-1].status}
+    assert found["state"].message.startswith("nothing held since 2 s")
+    assert found["parameters"].level == DiagnosticStatus.WARN
+    assert "nothing held since 2 s" in found["parameters"].message
+    assert float(status(estimator, "parameters")["mass"]) == pytest.approx(MASS, rel=0.02)
+    statuses.clear()
+    estimator.until(lambda: len(statuses) >= 2, timeout=2.5 * REPEAT)
+    lasts = [float(status_values(message.status[0])["lasts"]) for message in statuses]
+    assert np.diff(lasts)[0] == pytest.approx(REPEAT, abs=0.3)
+    assert float(status(estimator, "state")["age"]) == pytest.approx(lasts[-1], abs=0.3)
+    node.reset()
+    statuses.clear()
+    estimator.until(lambda: bool(statuses))
+    assert status(estimator, "parameters") == {}
+
+
+def set_effects(node, names):
+    """Change the parameter as its service does."""
+    kind = Parameter.Type.STRING_ARRAY
+    return node.set_parameters_atomically([Parameter("effects", kind, names)])
+
+
+def test_effects_set_after_the_grasp_are_fitted_to_it_and_the_answer_says_so(bench):
+    bench.start(InertialEstimatorNode, "-p", "history:=5.0")
+    bench.follow(DiagnosticArray, STATUS, profile=LATCHED)
+    node, streams = bench.nodes[0], held_box(seconds=4.0).streams
+    early = set_effects(node, ["viscous_drag"])
+    assert early.successful
+    assert "once 2 s of a grasp were measured; now: waiting for object/pose" in early.reason
+    assert "rigid body alone" in set_effects(node, []).reason
+    play(bench, streams)
+    put_down(bench, streams, 12.0)
+    bench.until(lambda: status(bench, "state")["state"] == "nothing held")
+    answer = set_effects(node, ["viscous_drag"])
+    assert "viscous_drag will be fitted to the last 4 s in which the object" in answer.reason
+    assert "now: nothing held since" in answer.reason
+    bench.until(lambda: any(s.name == "effect viscous_drag" for s in bench.seen[STATUS][-1].status))
+    found = {s.name: s for s in bench.seen[STATUS][-1].status}
+    assert found["parameters"].level == DiagnosticStatus.WARN
+    assert "last grasp:" in found["parameters"].message
+    assert float(status(bench, "parameters")["mass"]) == pytest.approx(MASS, rel=0.03)
+    keys = [pair.key for s in bench.seen[STATUS][-1].status for pair in s.values]
+    assert len(keys) == len(set(keys))
 
 
 def test_reset_and_restarted_clock_forget_the_measurements(estimator):

@@ -8,7 +8,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
 from std_msgs.msg import Float64
 from synthetic_recording import held_box
-from test_inertial_estimator import play
+from test_inertial_estimator import play, put_down
 
 from tactile_dynamics_ros.core.streams.cutting import cut_streams
 from tactile_dynamics_ros.nodes.model_check import ModelCheckNode
@@ -46,14 +46,27 @@ def test_effects_of_the_estimator_are_taken_over(checker):
     checker.until(lambda: check.effects == ("viscous_drag", "force_bias"))
 
 
-def test_diagnosis_answers_while_messages_go_on(checker):
+def test_without_measurements_a_diagnosis_says_what_is_missing(checker):
+    answer = checker.trigger(checker.nodes[0], "/model_check/diagnose", timeout=20.0)
+    assert not answer.success
+    assert answer.message.startswith("nothing held yet: ")
+    assert "; now: waiting for object/pose, contact/index" in answer.message
+
+
+def test_diagnosis_is_of_the_last_grasp_and_answers_while_messages_go_on(checker):
     streams = held_box(seconds=6.0).streams
     play(checker, streams)
+    put_down(checker, streams, 50.0)
     node = checker.nodes[0]
+    checker.until(lambda: node._streams.state.name == "nothing held")
     answer = checker.trigger(node, "/model_check/diagnose", timeout=120.0)
     document = json.loads(answer.message)
     assert document["verdict"] == "adequate"
     assert document["effect"] is None
+    assert (
+        "Diagnosed from the last measurements that were kept; now: nothing held since"
+        in (document["sentence"])
+    )
     assert np.isfinite(document["error"]["before"])
     checker.until(lambda: checker.seen["/model_check/diagnosis"])
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
+from rclpy.parameter import Parameter
 
 from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess
 from tactile_dynamics_ros.core.planar.filter.process import PusherMotion
@@ -135,7 +136,7 @@ def tell(bench, start, count, force=0.0):
 
 def test_before_a_push_the_pose_is_followed_on_the_table_and_nothing_is_known(bench, node):
     tell(bench, 5.0, 60)
-    bench.until(lambda: len(bench.seen_status) > 0)
+    bench.until(lambda: any(s.name == "motion" for m in bench.seen_status[-1:] for s in m.status))
     newest = {s.name: s for s in bench.seen_status[-1].status}
     assert "nothing was pushed yet" in newest["link_1"].message
     values = status_values(newest["link_1"])
@@ -146,6 +147,30 @@ def test_before_a_push_the_pose_is_followed_on_the_table_and_nothing_is_known(be
     assert float(moved["yaw"]) == pytest.approx(1.0 - 0.5 * np.pi, abs=1e-3)
     assert not [kind for kind in node.faults.counts if kind.startswith("force_without")]
     assert status_values(newest["solver"])["source"] == "nothing"
+
+
+def test_the_status_says_what_is_awaited_and_when_the_pose_falls_silent(bench):
+    node = bench.start(PropertyEstimatorNode)
+    statuses = bench.follow(DiagnosticArray, PROPERTY_STATUS, profile=LATCHED)
+
+    def newest(name):
+        return next(status for status in statuses[-1].status if status.name == name)
+
+    bench.until(lambda: bool(statuses))
+    assert newest("state").message == "waiting for object/footprint, object/pose, pusher/pose"
+    assert newest("link_1").level == DiagnosticStatus.WARN
+    answer = node.set_parameters_atomically([Parameter("effects", value=["support_tilt"])])
+    assert answer.reason == "applies from the next push on: nothing was pushed yet"
+    hear_table(bench, node)
+    tell(bench, 5.0, 40)
+    bench.until(lambda: newest("state").message == "followed, not touched")
+    bench.until(lambda: newest("state").level == DiagnosticStatus.WARN, timeout=3.0)
+    silent = "waiting for object/pose, pusher/pose, silent since 2 s"
+    assert newest("state").message == silent
+    assert newest("link_1").message.startswith(silent)
+    assert "mass" in status_values(newest("link_1"))
+    statuses.clear()
+    bench.until(lambda: len(statuses) >= 2, timeout=3.0)
 
 
 def test_a_force_without_its_place_is_counted_and_not_used(bench, node):

@@ -7,6 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.planar.filter import record as record_module
 from tactile_dynamics_ros.core.planar.filter.change import Change
 from tactile_dynamics_ros.core.planar.filter.live import LiveProperties, PropertyConfig
 from tactile_dynamics_ros.core.planar.filter.record import PushRecord
@@ -75,6 +76,22 @@ def test_a_record_keeps_what_lies_around_the_latest_touches():
     assert not np.any((link.time > 5.0) & (link.time < 8.99))
     assert len(contact.pose_time) == 100  # what is felt before a touch tells nothing
     assert_allclose(contact.force_std, 0.03)
+
+
+def test_a_long_rest_does_not_push_the_pushes_out(monkeypatch):
+    for name in ("_MOST", "_MOST_TURNS"):
+        monkeypatch.setattr(record_module, name, 1000)
+    record = PushRecord(longest=5.0)
+    for k in range(6000):
+        time = 0.01 * k
+        record.add_pose(time, np.zeros(3), STD)
+        record.add_pusher(time, 0.1)
+        record.add_contact(felt(time, 3.0 if 2.0 <= time < 4.0 else 0.0))
+    streams = record.streams(BLOCK, gravity=np.array([0.0, 0.0, -9.81]))
+    assert len(streams.contacts["pusher"].pose_time) == 200
+    times = streams.links[0].time
+    assert np.count_nonzero((times > 1.5) & (times < 4.5)) == pytest.approx(300, abs=1)
+    assert np.count_nonzero((streams.pusher_time > 1.5) & (streams.pusher_time < 4.5)) > 298
 
 
 def test_fits_know_how_the_sensor_was_turned():
