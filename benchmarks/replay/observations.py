@@ -59,6 +59,11 @@ class Status:
         return float(np.max(np.abs(self.value - truth) / self.std))
 
     @property
+    def renewed(self) -> bool:
+        """Whether it is of a new estimate; others repeat one, or say what is awaited."""
+        return float(self.entries.get("state", {}).get("age", math.nan)) == 0.0
+
+    @property
     def samples(self) -> int:
         """Samples that the estimator has used."""
         return int(self.entries.get("solver", {}).get("samples", 0))

@@ -223,7 +223,7 @@ class Player:
     def lag(self) -> float:
         """How far the newest estimate is behind what was sent, s."""
         statuses = self.heard.statuses
-        return self._sent - (statuses[-1].stamp if statuses else self._first)
+        return self._sent - (statuses and statuses[-1].stamp or self._first)
 
     def listen_until(self, moment: float) -> None:
         """Hear what comes until a moment of the monotonic clock; once at least."""
@@ -315,7 +315,9 @@ class Player:
         self.node.create_subscription(kind, topic, callback, profile)
 
     def _on_status(self, message: DiagnosticArray) -> None:
-        status, self._last_status = read_status(message, self.position), time.monotonic()
+        status = read_status(message, self.position)
+        if status.renewed:
+            self._last_status = time.monotonic()
         if not self.heard.statuses or status.stamp != self.heard.statuses[-1].stamp:
             self._last_word = time.monotonic()
         self.heard.statuses.append(status)

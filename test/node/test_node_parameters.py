@@ -1,6 +1,7 @@
 """Every node comes up with the shipped configuration and refuses parameters that nobody reads."""
 
 import importlib
+import re
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,7 @@ import tactile_dynamics_ros
 from tactile_dynamics_ros.cli.bringup import configuration_files, nodes_of, read_configuration
 from tactile_dynamics_ros.cli.live import node_names
 from tactile_dynamics_ros.ros import shell
+from tactile_dynamics_ros.ros.introduction import introduce
 from tactile_dynamics_ros.ros.parameters import refuse_unknown
 
 CONFIG = Path(tactile_dynamics_ros.__file__).parents[1] / "config"
@@ -52,6 +54,9 @@ def test_node_starts_with_shipped_configuration_and_describes_parameters(start, 
     files = configuration_files(config, simulate=True)
     node = start(name, *(word for file in files for word in ("--params-file", str(file))))
     assert node.get_name() == name
+    said = introduce(node)
+    assert re.fullmatch(r"started; (listens to|publishes|offers) [^\n]+", said)
+    assert "parameters" not in said
     for key, value in read_configuration(config)[name].items():
         found = node.get_parameter(key).value
         assert (list(found) if isinstance(value, list) else found) == value

@@ -2,14 +2,16 @@
 
 import multiprocessing
 import os
+import re
 import subprocess
 import sys
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import Vector3Stamped
+from geometry_msgs.msg import PoseStamped, Vector3Stamped
 
 from tactile_dynamics_ros.ros import shell, wire
+from tactile_dynamics_ros.ros.introduction import introduce
 
 
 def test_a_node_that_skims_reads_only_the_newest_where_that_is_allowed(bench, monkeypatch):
@@ -67,6 +69,21 @@ def test_a_count_that_begins_anew_is_counted_on(bench):
     assert faults.counts["late"] == 9
 
 
+def test_a_node_introduces_itself_in_one_line(bench):
+    node = bench.start(lambda: shell.Shell("speaker"), "-r", "__ns:=/left")
+    for finger in ("index", "thumb"):
+        for kind in ("pose", "force"):
+            node.listen(PoseStamped, f"contact/{finger}/{kind}", lambda _: None)
+    node.listen(PoseStamped, "object/pose", lambda _: None)
+    node.latched(PoseStamped, "/camera/target")
+    node.serve("speaker/reset", lambda: "")
+    assert introduce(node) == (
+        "started; listens to contact/* (4), object/pose; publishes /camera/target; "
+        "offers speaker/reset"
+    )
+    assert introduce(bench.start(lambda: shell.Shell("silent"))) == "started"
+
+
 ENDING = """
 import os, signal, sys, threading, time
 from tactile_dynamics_ros.ros import shell
@@ -93,12 +110,19 @@ STOPPED = "signal.raise_signal(signal.SIGINT)"
 
 
 def end(limit=30.0, **parts):
-    """Run a node that is asked to stop, with these lines in its methods."""
+    """Run a node that is asked to stop, with these lines in its methods.
+
+    Its introduction, one line on standard error, is left out of what it says.
+    """
     lines = dict.fromkeys(("construct", "work", "end"), "pass") | parts
     program = ENDING.format(limit=limit, **lines)
-    return subprocess.run(
+    done = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, timeout=50.0
     )
+    introduced = re.findall(r".*\[ending\]: started\n", done.stderr)
+    assert len(introduced) == ("construct" not in parts)
+    done.stderr = done.stderr.replace("".join(introduced), "")
+    return done
 
 
 def test_a_node_that_is_asked_to_stop_finishes_its_callback():

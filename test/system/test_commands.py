@@ -30,6 +30,7 @@ def test_echo_call_set_and_record_against_running_nodes(system, tmp_path):
 
     change = run_verb("set", "inertial_estimator", "effects", "[viscous_drag]")
     assert change.returncode == 0, change.stderr
+    assert "now: waiting for object/pose" in change.stdout
     refused = run_verb("set", "inertial_estimator", "effects", "[magic]")
     assert refused.returncode == 2
     assert "magic" in refused.stderr
