@@ -221,9 +221,10 @@ class Player:
 
     @property
     def lag(self) -> float:
-        """How far the newest estimate is behind what was sent, s."""
+        """How far the newest estimate is behind what was sent, s; none was made at stamp 0."""
         statuses = self.heard.statuses
-        return self._sent - (statuses and statuses[-1].stamp or self._first)
+        newest = statuses[-1].stamp if statuses else 0.0
+        return self._sent - (newest or self._first)
 
     def listen_until(self, moment: float) -> None:
         """Hear what comes until a moment of the monotonic clock; once at least."""

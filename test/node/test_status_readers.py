@@ -25,6 +25,7 @@ from tactile_dynamics_ros.ros.inertia_status import (
     waiting_status,
 )
 from tactile_dynamics_ros.ros.names import PROPERTY_STATUS
+from tactile_dynamics_ros.ros.object_state import ObjectState
 from tactile_dynamics_ros.ros.property_status import property_status
 from tactile_dynamics_ros.ros.table_scene import TableScene, TableSceneConfig
 from tactile_dynamics_ros.share import share_file
@@ -34,6 +35,7 @@ from tactile_dynamics_ros.view.told import take_property_status
 
 BLOCK = np.array([[-0.05, -0.03], [0.05, -0.03], [0.05, 0.03], [-0.05, 0.03]])
 EFFECTS = ("viscous_drag",)
+HELD, FOLLOWED = ObjectState("held", 1.0, "held"), ObjectState("followed", 1.0, "followed")
 
 
 @pytest.fixture(scope="module")
@@ -47,8 +49,8 @@ def held(fit):
     return {
         "none": [],
         "waiting": waiting_status(EFFECTS, "fitting viscous_drag to the last 40 s"),
-        "withheld": status_of(fit, EFFECTS, Verdict(Level.ERROR, "the model does not fit")),
-        "known": status_of(fit, EFFECTS, Verdict(Level.OK, "10 of 10 directions identified")),
+        "withheld": status_of(fit, EFFECTS, Verdict(Level.ERROR, "the model does not fit"), HELD),
+        "known": status_of(fit, EFFECTS, Verdict(Level.OK, "10 of 10 directions identified"), HELD),
     }
 
 
@@ -134,7 +136,7 @@ def pushed(touched=False):
             force, std, point = np.array([1.0, 0, 0]), np.full(3, 0.03), np.array([-0.05, 0, 0.02])
             live.add_contact(Felt("pusher", 0.01 * k, force, std, point, np.array([1.0, 0, 0])))
     live.advance(0.18)
-    return property_status(live.properties(), live)
+    return property_status(live.properties(), live, FOLLOWED)
 
 
 @pytest.mark.parametrize("reader", ["view", "scene", "act", "log"])
