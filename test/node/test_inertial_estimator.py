@@ -145,7 +145,8 @@ def test_model_changes_live_and_unknown_effects_are_refused(estimator):
     node = estimator.nodes[0]
     assert node.set_parameters([Parameter("effects", value=["viscous_drag"])])[0].successful
     estimator.until(
-        lambda: any(s.name == "effect viscous_drag" for s in estimator.seen[STATUS][-1].status)
+        lambda: any(s.name == "effect viscous_drag" for s in estimator.seen[STATUS][-1].status),
+        timeout=60.0,
     )
     assert "viscous_drag.c" in status(estimator, "effect viscous_drag")
     assert not node.set_parameters([Parameter("effects", value=["magic"])])[0].successful
@@ -210,7 +211,10 @@ def test_effects_set_after_the_grasp_are_fitted_to_it_and_the_answer_says_so(ben
     answer = set_effects(node, ["viscous_drag"])
     assert "viscous_drag will be fitted to the last 4 s in which the object" in answer.reason
     assert "now: nothing held since" in answer.reason
-    bench.until(lambda: any(s.name == "effect viscous_drag" for s in bench.seen[STATUS][-1].status))
+    bench.until(
+        lambda: any(s.name == "effect viscous_drag" for s in bench.seen[STATUS][-1].status),
+        timeout=60.0,
+    )
     found = {s.name: s for s in bench.seen[STATUS][-1].status}
     assert found["parameters"].level == DiagnosticStatus.WARN
     assert "last grasp:" in found["parameters"].message
