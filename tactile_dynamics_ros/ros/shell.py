@@ -36,6 +36,7 @@ STREAM = QoSProfile(depth=500, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Sensor data: best effort, five seconds deep at 100 Hz, since links deliver in batches too."""
 REQUESTS = QoSProfile(depth=200, reliability=ReliabilityPolicy.RELIABLE)
 """Services: requests that may wait; a script sends a hundred at once."""
+
 SERVICE_PERIOD = 0.3
 """Real time after which the executor is asked even if no request has come, s."""
 BURST = 1000
@@ -50,6 +51,7 @@ ANSWERS = 5
 RIVAL_STEPS, RIVAL_SPAN = 2, 1.0
 """How often in how long (s) the numbers that a publisher gives its messages must go back until two
 publish at once: those of two mix with every message, those of a restarted one go back once."""
+
 LATCHED = QoSProfile(
     depth=1,
     reliability=ReliabilityPolicy.RELIABLE,
