@@ -1,6 +1,7 @@
 """The estimator node on a box with known inertia: signs, frames and units from end to end."""
 
 import math
+import re
 from time import monotonic
 
 import numpy as np
@@ -176,15 +177,16 @@ def test_the_status_never_stands_ok_while_nothing_is_held(estimator):
     estimator.until(lambda: status(estimator, "state")["state"] == "nothing held")
     assert monotonic() - ended < 2.0
     found = {s.name: s for s in statuses[-1].status}
-    assert found["state"].message.startswith("nothing held since 2 s")
+    said = found["state"].message
+    assert re.match(r"nothing held since \d s", said)
     assert found["parameters"].level == DiagnosticStatus.WARN
-    assert "nothing held since 2 s" in found["parameters"].message
+    assert found["parameters"].message.startswith(f"{said}; last grasp: ")
     assert float(status(estimator, "parameters")["mass"]) == pytest.approx(MASS, rel=0.02)
     statuses.clear()
-    estimator.until(lambda: len(statuses) >= 2, timeout=2.5 * REPEAT)
+    estimator.until(lambda: len(statuses) >= 2, timeout=5.0 * REPEAT)
     lasts = [float(status_values(message.status[0])["lasts"]) for message in statuses]
-    assert np.diff(lasts)[0] == pytest.approx(REPEAT, abs=0.3)
-    assert float(status(estimator, "state")["age"]) == pytest.approx(lasts[-1], abs=0.3)
+    assert 0.9 * REPEAT < np.diff(lasts)[0] < 2.0
+    assert float(status(estimator, "state")["age"]) == pytest.approx(lasts[-1], abs=1.0)
     node.reset()
     statuses.clear()
     estimator.until(lambda: bool(statuses))

@@ -164,13 +164,13 @@ def test_the_status_says_what_is_awaited_and_when_the_pose_falls_silent(bench):
     hear_table(bench, node)
     tell(bench, 5.0, 40)
     bench.until(lambda: newest("state").message == "followed, not touched")
-    bench.until(lambda: newest("state").level == DiagnosticStatus.WARN, timeout=3.0)
-    silent = "waiting for object/pose, pusher/pose, silent since 2 s"
-    assert newest("state").message == silent
-    assert newest("link_1").message.startswith(silent)
+    bench.until(lambda: newest("state").level == DiagnosticStatus.WARN, timeout=5.0)
+    silent = newest("state").message
+    assert silent.startswith("waiting for object/pose, pusher/pose, silent since ")
+    assert newest("link_1").message.startswith(f"{silent}; before: ")
     assert "mass" in status_values(newest("link_1"))
     statuses.clear()
-    bench.until(lambda: len(statuses) >= 2, timeout=3.0)
+    bench.until(lambda: len(statuses) >= 2, timeout=5.0)
 
 
 def test_a_force_without_its_place_is_counted_and_not_used(bench, node):
