@@ -149,7 +149,7 @@ class Session:
         self._running: list[Running] = []
         self._brought: dict[str, list[str]] = {}
         self._imports: list[str] = []
-        self._said = ""
+        self._printed = ""
         self._count = 0
 
     def follow(self) -> list[Outcome]:
@@ -167,7 +167,7 @@ class Session:
         if block.language == "text":
             self._compare(block)
             return
-        self._said = ""
+        self._printed = ""
         self._bring(block.text)
         if block.language == "python":
             self._run_python(block)
@@ -214,10 +214,10 @@ class Session:
     def _compare(self, block: Block) -> None:
         """Hold what a page shows against what was printed last, numbers aside."""
         for line in block.text.splitlines():
-            if _without_numbers(line) not in _without_numbers(self._said):
+            if _without_numbers(line) not in _without_numbers(self._printed):
                 last = self.outcomes[-1]
                 last.note = f"does not print what line {block.line} shows: {line}"
-                last.output = last.output or self._said
+                last.output = last.output or self._printed
 
     def _run_shell(self, block: Block) -> None:
         every = list(commands(block))
@@ -278,7 +278,7 @@ class Session:
         else:
             running.stop()
             outcome.note, outcome.output = f"still ran after {limit:.0f} s", running.printed()
-        self._said += running.printed()
+        self._printed += running.printed()
 
     def _run_long(self, outcome: Outcome) -> None:
         """Run a command for so long; one that still runs then has begun well."""
@@ -328,7 +328,7 @@ class Session:
                 break
             outcome.output, outcome.note = "", "asked again until there was an answer"
             time.sleep(2.0)
-        self._said += running.printed()
+        self._printed += running.printed()
 
     def _need_robot(self, outcome: Outcome) -> None:
         """Start the robot that the reader of a command has, unless one runs."""
