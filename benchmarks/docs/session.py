@@ -27,9 +27,10 @@ WAIT_S = 240.0
 """Time in which running nodes can answer, s: a simulated hand grasps and lifts in one to two
 minutes where twelve nodes share two cores."""
 SERVES_S = 60.0
-"""Time in which an endless command prints its first line, s; `record` and nodes print none."""
-QUIET_S = 5.0
-"""Time after which an endless command that prints nothing is taken to serve, s."""
+"""Time in which an endless command prints its first line, s."""
+QUIET_S = 20.0
+"""Time after which a node that prints nothing is taken to serve, s: start of Python on a loaded
+machine."""
 STOP_S = 60.0
 """Time in which a command ends after Ctrl-C, s: the stop of all nodes on a loaded machine."""
 ROBOTS = {
@@ -106,7 +107,7 @@ class Running:
     def serves(self) -> bool:
         """Wait until it has printed something, or lives quietly; return whether it lives."""
         deadline = time.monotonic() + SERVES_S
-        prints = rules.verb(self.outcome.command) not in ("record", "run")
+        prints = rules.verb(self.outcome.command) != "run"
         while self.process.poll() is None and time.monotonic() < deadline:
             if self.printed() or (not prints and time.monotonic() - self.since > QUIET_S):
                 return True
