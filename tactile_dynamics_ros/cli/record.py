@@ -74,9 +74,9 @@ def run(args: Namespace) -> int:
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     try:
         recorder = Recorder(Path(args.out), args.topics, read_namespace(args.namespace))
-        print(f"recording to {args.out}; Ctrl-C ends it", file=sys.stderr, flush=True)
         end = time.monotonic() + (args.duration or float("inf"))
         with StopRequest() as stop, _checked(args, recorder) as check:
+            print(f"recording to {args.out}; Ctrl-C ends it", file=sys.stderr, flush=True)
 
             def is_over() -> bool:
                 if check is not None:
