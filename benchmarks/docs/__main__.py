@@ -49,7 +49,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def follow(chosen: Sequence[Path], long_s: float) -> Iterator[Outcome]:
-    """Follow pages one after the other, in a ROS domain of their own."""
+    """Follow pages one after the other, in a ROS domain of their own.
+
+    Args:
+        chosen: pages.
+        long_s: s that a long command may run; 0 lists it only.
+    """
     with private_domain():
         path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
         environment = os.environ | {"PATH": path, "MPLBACKEND": "Agg"}

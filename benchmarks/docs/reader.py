@@ -27,14 +27,14 @@ OF_AN_ARM = {"/object/pose": "/tcp_pose", "/contact/wrist/force": "/ft/wrench"}
 _REMAP = re.compile(r"--remap (\S+):=(\S+)")
 
 
-def held(path: Path, text: str, regrasp: bool = False) -> None:
+def _held(path: Path, text: str, regrasp: bool = False) -> None:
     """Write an object in a hand that drags through something viscous; below 0.6 m, if asked so."""
     effect = "viscous_drag[z<0.6]" if "z<0.6" in text else "viscous_drag"
     options = ScenarioOptions(duration=SECONDS, regrasp=regrasp)
     write_bag(generate_at_whitened_rms(3, {effect: 2.0}, options).streams, path)
 
 
-def wrist(
+def _wrist(
     path: Path, loads: list[tuple[float, np.ndarray]], torque_unit: float = 1.0, sign: float = 1.0
 ) -> None:
     """Write what a wrist sensor feels of loads.
@@ -53,24 +53,24 @@ def wrist(
     Recording.from_arrays({"wrist": contact}, pose, contact_frame="object").to_bag(path)
 
 
-def run(path: Path, text: str) -> None:
+def _run(path: Path, text: str) -> None:
     """Write the recording of most pages: in a hand; on a wrist where torques are the matter."""
     if "torque_unit" in text:
-        wrist(path, [LOAD], torque_unit=1e3)
+        _wrist(path, [LOAD], torque_unit=1e3)
     else:
-        held(path, text)
+        _held(path, text)
 
 
-def my_run(path: Path, text: str) -> None:
+def _my_run(path: Path, text: str) -> None:
     """Write a directory with the topics that a command names."""
     named = dict(reversed(found) for found in _REMAP.findall(text))
     if "--guess" in text:
         named = OF_AN_ARM
     straight = path.with_name("straight")
     if "wrist" in text or "--guess" in text:
-        wrist(straight, [LOAD], sign=-1.0 if "force_sign" in text else 1.0)
+        _wrist(straight, [LOAD], sign=-1.0 if "force_sign" in text else 1.0)
     else:
-        held(straight, text)
+        _held(straight, text)
     inside = re.search(r"--namespace (\w+)", text)
     _rename(straight, path, named, f"/{inside[1]}" if inside else "")
     shutil.rmtree(straight)
@@ -100,7 +100,7 @@ def _rename(source: Path, target: Path, named: Mapping[str, str], before: str) -
                 writer.write(lines[own.topic], stamp, raw)
 
 
-def cloud(path: Path, text: str) -> None:
+def _cloud(path: Path, text: str) -> None:
     """Write a box of 80 x 50 x 40 mm on a table, or a can alone, with 0.5 mm of noise."""
     random = np.random.default_rng(0)
     if path.suffix == ".pcd":
@@ -133,7 +133,7 @@ def _pcd_head(count: int) -> list[str]:
     return [*lines, "DATA ascii"]
 
 
-def log(path: Path, text: str) -> None:
+def _log(path: Path, text: str) -> None:
     """Write a wrist with 1.2 kg and a bias, as a controller logs it."""
     random = np.random.default_rng(1)
     time = np.arange(0.0, 10.0, 0.02)
@@ -147,7 +147,7 @@ def log(path: Path, text: str) -> None:
     np.savetxt(path, rows, delimiter=",", header=names, comments="", fmt="%.6f")
 
 
-def table_of(layout: Callable[[WristLog, Path], list[Path]], made: str) -> Callable[..., None]:
+def _table_of(layout: Callable[[WristLog, Path], list[Path]], made: str) -> Callable[..., None]:
     """Return what writes one of the files of a layout."""
 
     def write(path: Path, text: str) -> None:
@@ -160,35 +160,35 @@ def table_of(layout: Callable[[WristLog, Path], list[Path]], made: str) -> Calla
     return write
 
 
-def poses(path: Path, text: str) -> None:
+def _poses(path: Path, text: str) -> None:
     """Write poses over time, or static poses with their wrenches."""
     if "static-poses" not in text:
-        table_of(laboratory.ati_and_pose, "poses.csv")(path, text)
+        _table_of(laboratory.ati_and_pose, "poses.csv")(path, text)
         return
     laboratory.static_angles(WristLog.draw_static(400), path.parent)
     shutil.move(path.with_name("static.csv"), path)
 
 
-def tracker(path: Path, text: str) -> None:
+def _tracker(path: Path, text: str) -> None:
     """Write half a second of an object's poses, for the mapping of docs/recordings.md."""
     rows = "\n".join(f"{10 * k},0,0,500,0,0,0,1" for k in range(50))
     path.write_text(f"t_ms,x,y,z,qx,qy,qz,qw\n{rows}\n")
 
 
-def index(path: Path, text: str) -> None:
+def _index(path: Path, text: str) -> None:
     """Write the forces of a finger on that object."""
     rows = "\n".join(f"{0.01 * k + 0.008:.3f},-1,-2,-3,0.1,0,0.5,-1,0,0" for k in range(50))
     path.write_text(f"t,fx,fy,fz,px,py,pz,nx,ny,nz\n{rows}\n")
 
 
-def runs(path: Path, text: str) -> None:
+def _runs(path: Path, text: str) -> None:
     """Write a folder of two recordings."""
     path.mkdir()
     for name in "ab":
-        held(path / f"{name}.mcap", text)
+        _held(path / f"{name}.mcap", text)
 
 
-def pushes(path: Path, text: str) -> None:
+def _pushes(path: Path, text: str) -> None:
     """Write pushes of a block."""
     from tactile_dynamics_ros.recording.pushed import PushedRecording
     from tactile_dynamics_ros.synthetic import pushed
@@ -198,23 +198,23 @@ def pushes(path: Path, text: str) -> None:
 
 
 FILES: dict[str, Callable[[Path, str], None]] = {
-    "run.mcap": run,
-    "first.mcap": run,
-    "second.mcap": lambda path, text: held(path, text, regrasp=True),
-    "empty.mcap": lambda path, text: wrist(path, [GRIPPER]),
-    "loaded.mcap": lambda path, text: wrist(path, [GRIPPER, LOAD]),
-    "pushes.mcap": pushes,
-    "my_run": my_run,
-    "runs": runs,
-    "cloud.ply": cloud,
-    "can.pcd": cloud,
-    "log.csv": log,
-    "trace.csv": table_of(arms.kuka, "trace.csv"),
-    "hand.csv": table_of(arms.fingers, "hand.csv"),
-    "wrench.csv": table_of(laboratory.ati_and_pose, "netft.csv"),
-    "poses.csv": poses,
-    "tracker.csv": tracker,
-    "index.csv": index,
+    "run.mcap": _run,
+    "first.mcap": _run,
+    "second.mcap": lambda path, text: _held(path, text, regrasp=True),
+    "empty.mcap": lambda path, text: _wrist(path, [GRIPPER]),
+    "loaded.mcap": lambda path, text: _wrist(path, [GRIPPER, LOAD]),
+    "pushes.mcap": _pushes,
+    "my_run": _my_run,
+    "runs": _runs,
+    "cloud.ply": _cloud,
+    "can.pcd": _cloud,
+    "log.csv": _log,
+    "trace.csv": _table_of(arms.kuka, "trace.csv"),
+    "hand.csv": _table_of(arms.fingers, "hand.csv"),
+    "wrench.csv": _table_of(laboratory.ati_and_pose, "netft.csv"),
+    "poses.csv": _poses,
+    "tracker.csv": _tracker,
+    "index.csv": _index,
     "my_robot.yaml": lambda path, text: shutil.copy(ROOT / "config" / "panda_gripper.yaml", path),
 }
 """What writes a reader's file, given its path and the text that names it."""

@@ -27,9 +27,10 @@ WAIT_S = 240.0
 """Time in which running nodes can answer, s: a simulated hand grasps and lifts in one to two
 minutes where twelve nodes share two cores."""
 SERVES_S = 60.0
-"""Time in which an endless command prints its first line, s; `record` and nodes print none."""
-QUIET_S = 5.0
-"""Time after which an endless command that prints nothing is taken to serve, s."""
+"""Time in which an endless command prints its first line, s."""
+QUIET_S = 20.0
+"""Time after which a node that prints nothing is taken to serve, s: start of Python on a loaded
+machine."""
 STOP_S = 60.0
 """Time in which a command ends after Ctrl-C, s: the stop of all nodes on a loaded machine."""
 ROBOTS = {
@@ -106,7 +107,7 @@ class Running:
     def serves(self) -> bool:
         """Wait until it has printed something, or lives quietly; return whether it lives."""
         deadline = time.monotonic() + SERVES_S
-        prints = rules.verb(self.outcome.command) not in ("record", "run")
+        prints = rules.verb(self.outcome.command) != "run"
         while self.process.poll() is None and time.monotonic() < deadline:
             if self.printed() or (not prints and time.monotonic() - self.since > QUIET_S):
                 return True
@@ -149,7 +150,7 @@ class Session:
         self._running: list[Running] = []
         self._brought: dict[str, list[str]] = {}
         self._imports: list[str] = []
-        self._said = ""
+        self._printed = ""
         self._count = 0
 
     def follow(self) -> list[Outcome]:
@@ -167,7 +168,7 @@ class Session:
         if block.language == "text":
             self._compare(block)
             return
-        self._said = ""
+        self._printed = ""
         self._bring(block.text)
         if block.language == "python":
             self._run_python(block)
@@ -214,10 +215,10 @@ class Session:
     def _compare(self, block: Block) -> None:
         """Hold what a page shows against what was printed last, numbers aside."""
         for line in block.text.splitlines():
-            if _without_numbers(line) not in _without_numbers(self._said):
+            if _without_numbers(line) not in _without_numbers(self._printed):
                 last = self.outcomes[-1]
                 last.note = f"does not print what line {block.line} shows: {line}"
-                last.output = last.output or self._said
+                last.output = last.output or self._printed
 
     def _run_shell(self, block: Block) -> None:
         every = list(commands(block))
@@ -278,7 +279,7 @@ class Session:
         else:
             running.stop()
             outcome.note, outcome.output = f"still ran after {limit:.0f} s", running.printed()
-        self._said += running.printed()
+        self._printed += running.printed()
 
     def _run_long(self, outcome: Outcome) -> None:
         """Run a command for so long; one that still runs then has begun well."""
@@ -328,7 +329,7 @@ class Session:
                 break
             outcome.output, outcome.note = "", "asked again until there was an answer"
             time.sleep(2.0)
-        self._said += running.printed()
+        self._printed += running.printed()
 
     def _need_robot(self, outcome: Outcome) -> None:
         """Start the robot that the reader of a command has, unless one runs."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 import time
 from argparse import Namespace, _SubParsersAction
 from collections.abc import Iterator
@@ -75,6 +76,7 @@ def run(args: Namespace) -> int:
         recorder = Recorder(Path(args.out), args.topics, read_namespace(args.namespace))
         end = time.monotonic() + (args.duration or float("inf"))
         with StopRequest() as stop, _checked(args, recorder) as check:
+            print(f"recording to {args.out}; Ctrl-C ends it", file=sys.stderr, flush=True)
 
             def is_over() -> bool:
                 if check is not None:
