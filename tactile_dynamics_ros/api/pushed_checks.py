@@ -103,7 +103,7 @@ class Addition:
         return {**self.choice.to_json(pose), **ramps, "count": self.count}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class PushedCheck(Readiness):
     """What a recording of pushes tells, what is wrong with it, and which pushes to add.
 
@@ -205,13 +205,13 @@ class PushedCheck(Readiness):
         return figure
 
     def _known(self, name: str) -> str:
-        now = f"{name} is known to +- {100.0 * self.relative[name]:.2g} %"
+        now = f"{name} is known to ± {100.0 * self.relative[name]:.2g} %"
         if self.addition is None:
             return now
         if not self._helps(name):
             return f"{now}; no push helps"
         after = 100.0 * self.promised[name]
-        return f"{now}; {self.addition.many} would bring it to +- {after:.2g} %"
+        return f"{now}; {self.addition.many} would bring it to ± {after:.2g} %"
 
     def _helps(self, name: str) -> bool:
         """Whether what is proposed tells a parameter clearly better."""
@@ -267,7 +267,7 @@ def _clock_faults(found: PushedEstimate) -> list[str]:
         return []
     other = ", or something else is missing" if found.is_uneven else ""
     return [
-        f"the stamps of forces and poses seem to differ by {1e3 * late:.1f} +- {1e3 * std:.1f} ms "
+        f"the stamps of forces and poses seem to differ by {1e3 * late:.1f} ± {1e3 * std:.1f} ms "
         f"(effect time_offset){other}; `diagnose` tells whether it is the clocks"
     ]
 

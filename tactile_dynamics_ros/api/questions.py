@@ -9,9 +9,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from tactile_dynamics_ros.api.properties import (
+    Properties,
+    properties_friction,
+    properties_held,
+    properties_pushed,
+)
 from tactile_dynamics_ros.core.progress import tell
 
 if TYPE_CHECKING:
+    from tactile_dynamics_ros.core.discrepancy.model.residual_model import Convention
     from tactile_dynamics_ros.core.effects.effect import Effect
     from tactile_dynamics_ros.core.friction.discrepancy_model import FrictionModel
     from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
@@ -28,6 +35,7 @@ class Question:
         model: fitted.
         source: the recording, as reports name it.
         error: gives the field ``error`` of the document of `compare`.
+        properties: gives what the object is by a model, the recording read as some conventions.
         otherwise: gives the model with other noise, or None; asked where this one explains nothing.
         notes: gives sentences on what a model does not take as it is recorded.
     """
@@ -35,6 +43,7 @@ class Question:
     model: Any
     source: str
     error: Callable[[], dict[str, Any]]
+    properties: Callable[[Any, Sequence[Convention]], Properties]
     otherwise: Callable[[], Any] = lambda: None
     notes: Callable[[Any], list[str]] = lambda model: []
 
@@ -66,6 +75,7 @@ def question_held(recording: Recording, effects: Sequence[Effect] = ()) -> Quest
         model,
         recording.source,
         lambda: dict(fitted.to_estimate().error.to_json()),
+        lambda asked, read: properties_held(recording, asked, read),
         lambda: model_with_seen_noise(model, recording.streams, effects),
         lambda asked: _notes(asked.fitted),
     )
@@ -81,7 +91,12 @@ def question_friction(
 
     slips = tabulate_slips(read_slips(probe, namespace))
     model = FrictionModel.fit(slips, list(names))
-    return Question(model, str(probe), lambda: _friction_error(model))
+    return Question(
+        model,
+        str(probe),
+        lambda: _friction_error(model),
+        lambda asked, read: properties_friction(asked),
+    )
 
 
 def question_pushed(recording: PushedRecording, names: Sequence[str] = ()) -> Question:
@@ -90,7 +105,12 @@ def question_pushed(recording: PushedRecording, names: Sequence[str] = ()) -> Qu
     from tactile_dynamics_ros.core.planar.diagnosis.discrepancy_model import PushDiscrepancy
 
     model = PushDiscrepancy.of_streams(recording.streams, names)
-    return Question(model, recording.source, lambda: _push_error(model))
+    return Question(
+        model,
+        recording.source,
+        lambda: _push_error(model),
+        lambda asked, read: properties_pushed(recording, asked),
+    )
 
 
 def _push_error(model: PushDiscrepancy) -> dict[str, Any]:
