@@ -187,8 +187,9 @@ class Diagnosis(Discrepancy):
         from tactile_dynamics_ros.report import discrepancies
 
         found, error = self.findings, self.document["error"]
-        if not self.document["candidates"] or found.white is None:
-            return discrepancies.draw_error_over_time(found.time, found.white, found.groups)
+        if not self.document["candidates"]:
+            white = self.answer.model.residuals().white
+            return discrepancies.draw_error_over_time(found.time, white, found.groups)
         named = [self.effect or "", *self.document["group"]]
         return discrepancies.draw_candidates(
             self.document["candidates"], error["before"], error["noise_floor"], named

@@ -13,7 +13,8 @@ from tactile_dynamics_ros.api.result import Rows
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
 from tactile_dynamics_ros.core.inertia.excitation.addition import WORTH
 from tactile_dynamics_ros.core.planar.actions.continuation import continued
-from tactile_dynamics_ros.core.planar.actions.exploration import Choice, ExploreConfig, Explorer
+from tactile_dynamics_ros.core.planar.actions.affordances import ExploreConfig
+from tactile_dynamics_ros.core.planar.actions.exploration import Choice, Explorer
 from tactile_dynamics_ros.core.planar.actions.information import (
     Belief,
     PredictedObject,
@@ -59,8 +60,8 @@ class Found(Protocol):
         """Names of what the recording does not tell."""
 
     @property
-    def error(self) -> float:
-        """Whitened RMS, 1 where only noise remains."""
+    def error(self) -> float | None:
+        """Whitened RMS, 1 where only noise remains; None without a fit."""
 
     def to_document(self) -> dict[str, Any]:
         """JSON of the estimate."""
@@ -232,7 +233,7 @@ def check_pushes(recording: PushedRecording, goal: float = GOAL) -> PushedCheck:
     addition = None
     if isinstance(found, PushedEstimate):
         (remarks if found.is_uneven else faults).extend(_clock_faults(found))
-    if found.error > ADEQUATE:
+    if found.error is not None and found.error > ADEQUATE:
         remarks.append(
             f"the error is {found.error:.1f} times the noise: something acts that the model has "
             "not, or the stated noise is too small; `diagnose` tells"

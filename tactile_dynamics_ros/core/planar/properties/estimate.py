@@ -78,7 +78,7 @@ class PushedEstimate:
     undetermined: tuple[str, ...]
     covariance: Array
     error: float
-    effects: dict[str, dict[str, dict[str, object]]] = field(default_factory=dict)
+    effects: dict[str, dict[str, dict[str, Any]]] = field(default_factory=dict)
     here: Array | None = None
     delay: tuple[float, float] | None = None
     error_without: float | None = None
