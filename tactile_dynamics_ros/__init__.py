@@ -7,6 +7,8 @@ are imported when they are first asked for.
 
 from typing import TYPE_CHECKING, Any
 
+from tactile_dynamics_ros.version import __version__
+
 if TYPE_CHECKING:
     from tactile_dynamics_ros.api import (
         Check,
@@ -29,7 +31,6 @@ if TYPE_CHECKING:
         shape,
     )
 
-__version__ = "0.1.0"
 
 __all__ = [
     "Check",

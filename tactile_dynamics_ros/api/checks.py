@@ -121,7 +121,7 @@ class Check(Readiness):
     def _known(self, name: str) -> str:
         if name in self.estimate.undetermined:
             return "is not excited"
-        return f"is known to ± {100 * self.relative[name]:.2g} %"
+        return f"is known to {100 * self.relative[name]:.2g} %"
 
     def _help(self, name: str) -> str:
         """Return what a further motion would bring."""
@@ -131,11 +131,11 @@ class Check(Readiness):
         own = own or [a for a in self.additions if a.tells(name)]
         best = min(own, key=lambda a: self._promised(a, name), default=None)
         if best is None or self._promised(best, name) > WORTH * self.relative[name]:
-            return f"; no simple motion of {DURATION:.0f} s helps"
+            return f"; no simple motion of {DURATION:.0f} s that was tried in simulation narrows it"
         after = 100.0 * self._promised(best, name)
         more = f"{best.offsets.duration:.0f} s more {best.words}"
         comma = "," if best.squeeze != 1.0 else ""
-        return f": {more}{comma} would bring it to ± {after:.2g} %"
+        return f": {more}{comma} would bring it to {after:.2g} %"
 
     @property
     def promises(self) -> bool:

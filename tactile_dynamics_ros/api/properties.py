@@ -59,12 +59,11 @@ def properties_held(
         NotIdentifiableError: the iteration diverged.
     """
     from tactile_dynamics_ros.api.estimates import Estimate
-    from tactile_dynamics_ros.core.inertia.conventions.finder import assumed
+    from tactile_dynamics_ros.core.inertia.diagnosis.misreading import read_as
     from tactile_dynamics_ros.core.inertia.estimate import estimate
 
-    for convention in read:
-        recording = replace(recording, streams=assumed(recording.streams, convention.name)[0])
-    found = Estimate(recording, estimate(recording, model.effects))
+    streams = read_as(recording.streams, [convention.name for convention in read])
+    found = Estimate(replace(recording, streams=streams), estimate(streams, model.effects))
     return Properties(found.to_json(), found.body_rows())
 
 

@@ -12,8 +12,8 @@ from tactile_dynamics_ros.api.readiness import ADEQUATE, GOAL, Readiness, lost_f
 from tactile_dynamics_ros.api.result import Rows
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
 from tactile_dynamics_ros.core.inertia.excitation.addition import WORTH
-from tactile_dynamics_ros.core.planar.actions.continuation import continued
 from tactile_dynamics_ros.core.planar.actions.affordances import ExploreConfig
+from tactile_dynamics_ros.core.planar.actions.continuation import continued
 from tactile_dynamics_ros.core.planar.actions.exploration import Choice, Explorer
 from tactile_dynamics_ros.core.planar.actions.information import (
     Belief,
@@ -206,13 +206,13 @@ class PushedCheck(Readiness):
         return figure
 
     def _known(self, name: str) -> str:
-        now = f"{name} is known to ± {100.0 * self.relative[name]:.2g} %"
+        now = f"{name} is known to {100.0 * self.relative[name]:.2g} %"
         if self.addition is None:
             return now
         if not self._helps(name):
-            return f"{now}; no push helps"
+            return f"{now}; no push that was tried in simulation narrows it"
         after = 100.0 * self.promised[name]
-        return f"{now}; {self.addition.many} would bring it to ± {after:.2g} %"
+        return f"{now}; {self.addition.many} would bring it to {after:.2g} %"
 
     def _helps(self, name: str) -> bool:
         """Whether what is proposed tells a parameter clearly better."""

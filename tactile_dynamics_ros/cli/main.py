@@ -9,10 +9,10 @@ from collections.abc import Sequence
 from types import ModuleType
 from typing import Any
 
-from tactile_dynamics_ros import __version__
 from tactile_dynamics_ros.cli.encoding import write_plain_where_needed
 from tactile_dynamics_ros.cli.examples import epilog
 from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError, nearest
+from tactile_dynamics_ros.version import __version__
 
 VERB_MODULES: tuple[str, ...] = (
     "tactile_dynamics_ros.cli.demo",

@@ -122,7 +122,9 @@ class LivePage:
                 continue
             columns = tuple(history.columns())
             if name not in self._charts:
-                self._charts[name] = self._add_chart(columns, title)
+                banded = np.any(columns[2] != columns[3])
+                said = f"{title} (band: ± one std)" if banded else title
+                self._charts[name] = self._add_chart(columns, said)
             else:
                 self._charts[name].data = columns
 
@@ -167,7 +169,7 @@ class LivePage:
             bands=(uplot.Band(series=(3, 2), fill="rgba(37, 99, 235, 0.18)", dir=-1),),
             scales={"x": uplot.Scale(time=False, auto=True), "y": uplot.Scale(auto=True)},
             legend=uplot.Legend(show=False),
-            title=f"{title} (band: ± one std)",
+            title=title,
             height=150,
         )
 
