@@ -12,9 +12,17 @@ import numpy as np
 import pytest
 from synthetic_recording import held_box
 
+import tactile_dynamics_ros as td
+from benchmarks.friction.generator import draw_surface, generate_events
 from tactile_dynamics_ros.api.discrepancies import Comparison, Explanation
 from tactile_dynamics_ros.api.estimates import Estimate
-from tactile_dynamics_ros.api.properties import Properties, before_and_after, sentence_of
+from tactile_dynamics_ros.api.properties import (
+    Properties,
+    before_and_after,
+    properties_friction,
+    properties_pushed,
+    sentence_of,
+)
 from tactile_dynamics_ros.api.questions import Question
 from tactile_dynamics_ros.cli.main import main
 from tactile_dynamics_ros.core.discrepancy import documents
@@ -22,13 +30,18 @@ from tactile_dynamics_ros.core.discrepancy.comparison import Comparison as CoreC
 from tactile_dynamics_ros.core.discrepancy.comparison import _places
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import Condition, Residuals
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
+from tactile_dynamics_ros.core.friction.discrepancy_model import FrictionModel
+from tactile_dynamics_ros.core.friction.slip_table import tabulate_slips
 from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import InertialEstimate, ModelError
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
+from tactile_dynamics_ros.recording.pushed import PushedRecording
 from tactile_dynamics_ros.report.discrepancy_report import (
     DiscrepancyFindings,
     write_discrepancy_report,
 )
+from tactile_dynamics_ros.synthetic import pushed
 from tactile_dynamics_ros.synthetic.bag import write_bag
+from tactile_dynamics_ros.synthetic.pushed.actions import ActionOptions
 from tactile_dynamics_ros.synthetic.recordings import generate_at_whitened_rms
 from tactile_dynamics_ros.synthetic.scenario import ScenarioOptions
 
@@ -252,3 +265,24 @@ def test_explain_prints_and_reports_the_object_before_and_after(tmp_path, capsys
     assert "With viscous_drag the mass is " in page
     for name in ("mass", "com_z", "inertia_xy"):
         assert f"<td>{name}</td>" in page or f">{name}<" in page
+
+
+def test_a_probed_surface_is_told_by_its_coefficients():
+    model = FrictionModel.fit(tabulate_slips(generate_events(draw_surface("none", 501), 501)))
+    known = properties_friction(model)
+    (static, std) = (known.document["coulomb"]["mu_static"][key] for key in ("value", "std"))
+    cell = known.cells["mu_static"].split(" ± ")
+    assert float(cell[0]) == pytest.approx(static, abs=0.1 * std)
+    assert float(cell[1]) == pytest.approx(std, rel=0.05)
+    assert known.units == {"mu_static": "", "mu_kinetic": ""}
+
+
+def test_a_pushed_object_is_told_as_its_estimate_tells_it():
+    actions = ActionOptions(count=2, speed=(0.08, 0.15), travel=0.05)
+    [made] = pushed.generate([7], {}, pushed.PushOptions(actions=actions))
+    recording = PushedRecording(made.streams, "made")
+    known = properties_pushed(recording, SimpleNamespace(effect_names=()))
+    assert known.document == td.estimate(recording).to_json()
+    assert {"friction force", "mass", "friction", "com_x", "inertia_zz"} <= set(known.cells)
+    link = known.document["links"][0]["friction_force_n"]
+    assert known.cells["friction force"].startswith(f"{link['value']:.2f}"[:3])
