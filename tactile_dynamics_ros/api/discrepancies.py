@@ -7,7 +7,12 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tactile_dynamics_ros.api.properties import Properties, before_and_after, sentence_of
+from tactile_dynamics_ros.api.properties import (
+    Properties,
+    before_and_after,
+    properties_of,
+    sentence_of,
+)
 from tactile_dynamics_ros.api.questions import Question
 from tactile_dynamics_ros.api.result import ReportedResult, Rows
 from tactile_dynamics_ros.api.text_table import align_rows
@@ -315,7 +320,7 @@ def _properties(
     for model in models:
         tell("estimating the object" + " with the effects" * len(known))
         try:
-            known.append(question.properties(model, answer.conventions))
+            known.append(properties_of(question, model, answer.conventions))
         except TactileDynamicsError as error:
             return tuple(known), [f"what the object is cannot be estimated: {error}"]
     return tuple(known), []

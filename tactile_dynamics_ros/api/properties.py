@@ -8,15 +8,16 @@ from typing import TYPE_CHECKING, Any
 
 from tactile_dynamics_ros.api.result import Rows
 from tactile_dynamics_ros.core.discrepancy.verdict.wording import capitalise, join_names
+from tactile_dynamics_ros.recording.pushed import PushedRecording
 from tactile_dynamics_ros.report.numbers import with_uncertainty
 
 if TYPE_CHECKING:
+    from tactile_dynamics_ros.api.questions import Question
     from tactile_dynamics_ros.core.discrepancy.model.residual_model import Convention
     from tactile_dynamics_ros.core.friction.discrepancy_model import FrictionModel
     from tactile_dynamics_ros.core.inertia.diagnosis.discrepancy_model import HeldObjectModel
     from tactile_dynamics_ros.core.planar.diagnosis.discrepancy_model import PushDiscrepancy
     from tactile_dynamics_ros.recording import Recording
-    from tactile_dynamics_ros.recording.pushed import PushedRecording
 
 
 @dataclass(frozen=True)
@@ -45,19 +46,28 @@ class Properties:
         return {row[0].removesuffix(" *"): row[3] for row in self.rows}
 
 
-def properties_held(
-    recording: Recording, model: HeldObjectModel, read: Sequence[Convention] = ()
-) -> Properties:
-    """Estimate a held object with the effects of a model.
+def properties_of(question: Question, model: Any, read: Sequence[Convention] = ()) -> Properties:
+    """Tell what was recorded by a model of it.
 
     Args:
-        recording: as it was recorded.
-        model: whose effects count, with the readings that the data chose.
+        question: that the model answers.
+        model: with the effects that count.
         read: conventions as which the recording is read.
 
     Raises:
-        NotIdentifiableError: the iteration diverged.
+        NotIdentifiableError: the iteration diverged, or a pushed object slides too little.
     """
+    if question.recording is None:
+        return _of_surface(model)
+    if isinstance(question.recording, PushedRecording):
+        return _of_pushed(question.recording, model)
+    return _of_held(question.recording, model, read)
+
+
+def _of_held(
+    recording: Recording, model: HeldObjectModel, read: Sequence[Convention]
+) -> Properties:
+    """Estimate a held object with the effects of a model, in the readings that the data chose."""
     from tactile_dynamics_ros.api.estimates import Estimate
     from tactile_dynamics_ros.core.inertia.diagnosis.misreading import read_as
     from tactile_dynamics_ros.core.inertia.estimate import estimate
@@ -67,19 +77,15 @@ def properties_held(
     return Properties(found.to_json(), found.body_rows())
 
 
-def properties_pushed(recording: PushedRecording, model: PushDiscrepancy) -> Properties:
-    """Estimate a pushed object with the effects of a model.
-
-    Raises:
-        NotIdentifiableError: it slides too little, or the fit does not come to an end.
-    """
+def _of_pushed(recording: PushedRecording, model: PushDiscrepancy) -> Properties:
+    """Estimate a pushed object with the effects of a model."""
     from tactile_dynamics_ros.api.pushed_estimates import EstimateOfPushes
 
     found = EstimateOfPushes.of(recording, model.effect_names)
     return Properties(found.to_json(), found.body_rows())
 
 
-def properties_friction(model: FrictionModel) -> Properties:
+def _of_surface(model: FrictionModel) -> Properties:
     """Return the coefficients of a probed surface."""
     table = model.parameters()["coulomb"]
     rows = [(n, *with_uncertainty(e["value"], e["std"]), e["unit"]) for n, e in table.items()]

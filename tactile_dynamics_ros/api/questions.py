@@ -9,16 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tactile_dynamics_ros.api.properties import (
-    Properties,
-    properties_friction,
-    properties_held,
-    properties_pushed,
-)
 from tactile_dynamics_ros.core.progress import tell
 
 if TYPE_CHECKING:
-    from tactile_dynamics_ros.core.discrepancy.model.residual_model import Convention
     from tactile_dynamics_ros.core.effects.effect import Effect
     from tactile_dynamics_ros.core.friction.discrepancy_model import FrictionModel
     from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
@@ -35,17 +28,17 @@ class Question:
         model: fitted.
         source: the recording, as reports name it.
         error: gives the field ``error`` of the document of `compare`.
-        properties: gives what the object is by a model, the recording read as some conventions.
         otherwise: gives the model with other noise, or None; asked where this one explains nothing.
         notes: gives sentences on what a model does not take as it is recorded.
+        recording: of the object; None for a probed surface, whose slips are in the model.
     """
 
     model: Any
     source: str
     error: Callable[[], dict[str, Any]]
-    properties: Callable[[Any, Sequence[Convention]], Properties]
     otherwise: Callable[[], Any] = lambda: None
     notes: Callable[[Any], list[str]] = lambda model: []
+    recording: Recording | PushedRecording | None = None
 
     def answer(self, ask: Callable[[Any], Any]) -> tuple[Any, tuple[str, ...]]:
         """Diagnose or explain; where that fails, once more with the noise that samples show.
@@ -75,9 +68,9 @@ def question_held(recording: Recording, effects: Sequence[Effect] = ()) -> Quest
         model,
         recording.source,
         lambda: dict(fitted.to_estimate().error.to_json()),
-        lambda asked, read: properties_held(recording, asked, read),
         lambda: model_with_seen_noise(model, recording.streams, effects),
         lambda asked: _notes(asked.fitted),
+        recording,
     )
 
 
@@ -91,12 +84,7 @@ def question_friction(
 
     slips = tabulate_slips(read_slips(probe, namespace))
     model = FrictionModel.fit(slips, list(names))
-    return Question(
-        model,
-        str(probe),
-        lambda: _friction_error(model),
-        lambda asked, read: properties_friction(asked),
-    )
+    return Question(model, str(probe), lambda: _friction_error(model))
 
 
 def question_pushed(recording: PushedRecording, names: Sequence[str] = ()) -> Question:
@@ -105,12 +93,7 @@ def question_pushed(recording: PushedRecording, names: Sequence[str] = ()) -> Qu
     from tactile_dynamics_ros.core.planar.diagnosis.discrepancy_model import PushDiscrepancy
 
     model = PushDiscrepancy.of_streams(recording.streams, names)
-    return Question(
-        model,
-        recording.source,
-        lambda: _push_error(model),
-        lambda asked, read: properties_pushed(recording, asked),
-    )
+    return Question(model, recording.source, lambda: _push_error(model), recording=recording)
 
 
 def _push_error(model: PushDiscrepancy) -> dict[str, Any]:

@@ -14,13 +14,13 @@ from synthetic_recording import held_box
 
 import tactile_dynamics_ros as td
 from benchmarks.friction.generator import draw_surface, generate_events
+from tactile_dynamics_ros.api import discrepancies
 from tactile_dynamics_ros.api.discrepancies import Comparison, Explanation
 from tactile_dynamics_ros.api.estimates import Estimate
 from tactile_dynamics_ros.api.properties import (
     Properties,
     before_and_after,
-    properties_friction,
-    properties_pushed,
+    properties_of,
     sentence_of,
 )
 from tactile_dynamics_ros.api.questions import Question
@@ -92,9 +92,8 @@ def compared(scale):
     return Comparison(question(), answer, document)
 
 
-def question(know=None):
-    model = SimpleNamespace(residuals=lambda: residuals(SPEED))
-    return Question(model, "run.mcap", dict, know)
+def question():
+    return Question(SimpleNamespace(residuals=lambda: residuals(SPEED)), "run.mcap", dict)
 
 
 def test_compare_says_on_what_the_error_depends_or_that_it_does_not():
@@ -128,7 +127,7 @@ def explained(monkeypatch, effects=("viscous_drag",), in_turn=False, know=None):
     """An explanation by a core that is not asked here."""
     asked = []
 
-    def estimated(model, read):
+    def estimated(asked_question, model, read):
         asked.append((model, read))
         return properties("0.40", f"0.0{len(asked)}")
 
@@ -142,7 +141,8 @@ def explained(monkeypatch, effects=("viscous_drag",), in_turn=False, know=None):
     steps = [{"added": None, "error": 3.0}]
     document = {"steps": steps, "effects": list(effects), "error": {"noise_floor": 1.0}}
     monkeypatch.setattr(documents, "explanation_document", lambda _: document | {"sentence": "S."})
-    return Explanation.of(question(know or estimated)), asked
+    monkeypatch.setattr(discrepancies, "properties_of", know or estimated)
+    return Explanation.of(question()), asked
 
 
 def test_an_explanation_estimates_the_object_by_both_models_as_the_recording_is_read(monkeypatch):
@@ -168,7 +168,7 @@ def test_readings_that_fit_in_turn_leave_the_object_unknown(monkeypatch):
 
 
 def test_an_estimate_that_fails_is_a_note_and_no_end(monkeypatch):
-    def fails(model, read):
+    def fails(asked_question, model, read):
         raise NotIdentifiableError("it slides too little")
 
     found, _ = explained(monkeypatch, know=fails)
@@ -269,7 +269,7 @@ def test_explain_prints_and_reports_the_object_before_and_after(tmp_path, capsys
 
 def test_a_probed_surface_is_told_by_its_coefficients():
     model = FrictionModel.fit(tabulate_slips(generate_events(draw_surface("none", 501), 501)))
-    known = properties_friction(model)
+    known = properties_of(Question(model, "probe", dict), model)
     (static, std) = (known.document["coulomb"]["mu_static"][key] for key in ("value", "std"))
     cell = known.cells["mu_static"].split(" ± ")
     assert float(cell[0]) == pytest.approx(static, abs=0.1 * std)
@@ -281,7 +281,8 @@ def test_a_pushed_object_is_told_as_its_estimate_tells_it():
     actions = ActionOptions(count=2, speed=(0.08, 0.15), travel=0.05)
     [made] = pushed.generate([7], {}, pushed.PushOptions(actions=actions))
     recording = PushedRecording(made.streams, "made")
-    known = properties_pushed(recording, SimpleNamespace(effect_names=()))
+    model = SimpleNamespace(effect_names=())
+    known = properties_of(Question(model, "made", dict, recording=recording), model)
     assert known.document == td.estimate(recording).to_json()
     assert {"friction force", "mass", "friction", "com_x", "inertia_zz"} <= set(known.cells)
     link = known.document["links"][0]["friction_force_n"]
