@@ -208,7 +208,7 @@ def _fitted_together(diagnosis: Diagnosis) -> ParameterTable:
 def _trace_sentence(trace: Trace) -> str:
     why = "moves no estimate by half its standard deviation"
     if trace.idle:
-        why = "predicts nothing of the samples that it was not fitted to"
+        why = "foretells nothing of the samples that it was not fitted to"
     text = (
         f"Nothing that matters is missing: the error is {trace.error:.3f} times the noise floor, "
         f"and what is significant ({write_p_value(trace.p_value)}) {why}"

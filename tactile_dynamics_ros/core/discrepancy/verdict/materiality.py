@@ -2,7 +2,7 @@
 
 Long or precise recordings show effects that nobody need model. A finding is a trace if the error
 is next to the noise floor and every effect that could be its cause leaves all estimates in place,
-or does not predict data that it was not fitted to.
+or does not foretell data that it was not fitted to.
 """
 
 from __future__ import annotations
