@@ -225,17 +225,20 @@ def test_an_export_of_a_model_that_does_not_fit_begins_with_a_warning(form):
         estimate(12.0).export(form)
 
 
-def test_the_command_warns_of_what_it_exports(tmp_path, capsys):
-    bag = loud(tmp_path)
-    assert main(["estimate", str(bag), "--export", "urdf"]) == 0
+@pytest.fixture(scope="module")
+def drag(tmp_path_factory):
+    """A recording with a drag that raises the error to 2.5, and its truth."""
+    made = generate_at_whitened_rms(31, {"viscous_drag": 2.5}, ScenarioOptions(duration=8.0))
+    folder = tmp_path_factory.mktemp("bags") / "drag"
+    write_bag(made.streams, folder)
+    return folder, made.truth()
+
+
+def test_the_command_warns_of_what_it_exports(drag, capsys):
+    assert main(["estimate", str(drag[0]), "--export", "urdf"]) == 0
     captured = capsys.readouterr()
     assert "warning: the model does not fit" in captured.err
     assert "WARNING" in captured.out
-
-
-def loud(folder):
-    """A recording with three times the noise that it states."""
-    return held_box(seconds=4.0, noise=3.0).to_bag(folder / "loud.mcap")
 
 
 def test_a_terminal_without_the_sign_gets_ascii(tmp_path):
@@ -247,19 +250,18 @@ def test_a_terminal_without_the_sign_gets_ascii(tmp_path):
     assert b"+- std" in done.stdout and b"kg mm^2" in done.stdout
 
 
-def test_explain_prints_and_reports_the_object_before_and_after(tmp_path, capsys):
-    made = generate_at_whitened_rms(31, {"viscous_drag": 2.5}, ScenarioOptions(duration=8.0))
-    write_bag(made.streams, tmp_path / "drag")
-    arguments = ["explain", str(tmp_path / "drag"), "--out", str(tmp_path / "out")]
+def test_explain_prints_and_reports_the_object_before_and_after(drag, tmp_path, capsys):
+    bag, whole = str(drag[0]), drag[1]
+    arguments = ["explain", bag, "--out", str(tmp_path / "out")]
     assert main([*arguments, "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["effects"] == ["viscous_drag"]
     known = document["estimate"]
-    truth = made.truth()["mass"]
+    truth = whole["mass"]
     assert known["after"]["mass"]["std"] < 0.5 * known["before"]["mass"]["std"]
     assert abs(known["after"]["mass"]["value"] - truth) < 4.0 * known["after"]["mass"]["std"]
     assert set(known["after"]["effects"]) == {"viscous_drag"}
-    main(["estimate", str(tmp_path / "drag"), "--effects", "viscous_drag", "--json"])
+    main(["estimate", bag, "--effects", "viscous_drag", "--json"])
     assert json.loads(capsys.readouterr().out)["mass"] == pytest.approx(known["after"]["mass"])
     page = (tmp_path / "out" / "report.html").read_text()
     assert "With viscous_drag the mass is " in page
