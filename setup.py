@@ -36,7 +36,9 @@ setup(
     maintainer="tactile_dynamics_ros maintainers",
     maintainer_email="maintainers@tactile-dynamics.invalid",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={NAME: ["**/*.npz", "**/*.json", "**/*.yaml", "**/*.html", "**/*.css", "**/*.js"]},
+    package_data={
+        NAME: ["py.typed", "**/*.npz", "**/*.json", "**/*.yaml", "**/*.html", "**/*.css", "**/*.js"]
+    },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),

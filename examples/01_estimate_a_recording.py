@@ -43,9 +43,9 @@ def main(arguments: list[str] | None = None) -> None:
     found = model.to_estimate()
     body, std = found.inertia, found.parameter_std
 
-    print(f"\nmass            {body.mass:.4f} +- {std[0]:.4f} kg")
+    print(f"\nmass            {body.mass:.4f} ± {std[0]:.4f} kg")
     for k, axis in enumerate("xyz"):
-        print(f"centre of mass  {axis} {1e3 * body.com[k]:7.3f} +- {1e3 * std[1 + k]:.3f} mm")
+        print(f"centre of mass  {axis} {1e3 * body.com[k]:7.3f} ± {1e3 * std[1 + k]:.3f} mm")
     print("inertia about the centre of mass, kg mm^2")
     print(np.array2string(1e6 * body.inertia_com, precision=1, suppress_small=True))
 

@@ -28,9 +28,9 @@ def describe(title: str, found: InertialEstimate) -> None:
     """Print mass, centre of mass and error of one model."""
     std = found.parameter_std
     com, com_std = 1e3 * found.inertia.com, 1e3 * std[1:4]
-    places = ", ".join(f"{c:.1f} +- {s:.1f}" for c, s in zip(com, com_std, strict=True))
+    places = ", ".join(f"{c:.1f} ± {s:.1f}" for c, s in zip(com, com_std, strict=True))
     print(f"{title}")
-    print(f"  mass            {found.inertia.mass:.4f} +- {std[0]:.4f} kg")
+    print(f"  mass            {found.inertia.mass:.4f} ± {std[0]:.4f} kg")
     print(f"  centre of mass  {places} mm")
     print(f"  error           {found.error.whitened_rms:.2f} times the stated noise")
 
@@ -61,7 +61,7 @@ def main(arguments: list[str] | None = None) -> None:
     print("\nthe bias, in the object's axes, as a wrench on the object")
     bias = with_bias.effects["force_bias"]
     for name, value in bias.value.items():
-        print(f"  {name:14s} {value:8.3f} +- {bias.std[name]:.3f} {bias.unit[name]}")
+        print(f"  {name:14s} {value:8.3f} ± {bias.std[name]:.3f} {bias.unit[name]}")
     if with_bias.not_excited:
         print(f"\nnot determined by this motion: {', '.join(with_bias.not_excited)}")
         print("(a wrist that only turns slowly shows mass and centre of mass, not the inertia)")

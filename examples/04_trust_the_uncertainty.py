@@ -27,7 +27,7 @@ def estimate_parts(recording: Recording, parts: int) -> tuple[np.ndarray, np.nda
         values.append([found.inertia.mass, *found.inertia.com])
         stds.append(found.parameter_std[:4])
         print(
-            f"  {start:5.1f} to {stop:5.1f} s   mass {values[-1][0]:.4f} +- {stds[-1][0]:.4f} kg   "
+            f"  {start:5.1f} to {stop:5.1f} s   mass {values[-1][0]:.4f} ± {stds[-1][0]:.4f} kg   "
             f"error {found.error.whitened_rms:.2f}"
         )
     return np.array(values), np.array(stds)
@@ -51,7 +51,7 @@ def main(arguments: list[str] | None = None) -> None:
     whole = estimate(recording).to_estimate()
     all_values = np.array([whole.inertia.mass, *whole.inertia.com])
 
-    print("\nparameter   mean of parts   whole recording   stated +-   normalised scatter")
+    print("\nparameter   mean of parts   whole recording   stated ±   normalised scatter")
     units = [(1.0, "kg"), *[(1e3, "mm")] * 3]
     for k, (scale, unit) in enumerate(units):
         print(
@@ -59,7 +59,7 @@ def main(arguments: list[str] | None = None) -> None:
             f"{scale * whole.parameter_std[k]:9.4f}   {scatter[k]:10.2f}   ({unit})"
         )
     total = float(np.sqrt(np.mean(scatter**2)))
-    expected = f"1 +- {1 / np.sqrt(2 * 4 * (options.parts - 1)):.2f}"
+    expected = f"1 ± {1 / np.sqrt(2 * 4 * (options.parts - 1)):.2f}"
     print(f"\noverall normalised scatter: {total:.2f} (honest: {expected})")
 
 

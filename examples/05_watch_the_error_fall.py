@@ -57,10 +57,10 @@ def main(arguments: list[str] | None = None) -> None:
     if added:
         effects = [create_effect(name) for name in added]
         found = estimate(recording, effects).to_estimate()
-        print(f"\nmass {found.inertia.mass:.4f} +- {found.parameter_std[0]:.4f} kg, and")
+        print(f"\nmass {found.inertia.mass:.4f} ± {found.parameter_std[0]:.4f} kg, and")
         for name, effect in found.effects.items():
             for key, value in effect.value.items():
-                print(f"  {name} {key} = {value:.4g} +- {effect.std[key]:.2g} {effect.unit[key]}")
+                print(f"  {name} {key} = {value:.4g} ± {effect.std[key]:.2g} {effect.unit[key]}")
     if options.out:
         options.out.mkdir(parents=True, exist_ok=True)
         with house_style():

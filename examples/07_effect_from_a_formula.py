@@ -72,8 +72,8 @@ def main(arguments: list[str] | None = None) -> None:
 
     friction = found.effects["dry_friction"]
     value, std = friction.value["F"], friction.std["F"]
-    print(f"\nfriction {value:.3f} +- {std:.3f} {friction.unit['F']}")
-    print(f"mass {found.inertia.mass:.4f} +- {found.parameter_std[0]:.4f} kg")
+    print(f"\nfriction {value:.3f} ± {std:.3f} {friction.unit['F']}")
+    print(f"mass {found.inertia.mass:.4f} ± {found.parameter_std[0]:.4f} kg")
 
 
 if __name__ == "__main__":

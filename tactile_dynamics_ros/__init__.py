@@ -1,14 +1,48 @@
 """Live estimation of what a dexterous hand is holding.
 
 The verbs of the command from Python: `read`, `read_wrist`, `check`, `estimate`, `compare`,
-`diagnose`, `explain`, `shape` (`docs/python.md`). They are imported when they are first asked for.
+`diagnose`, `explain`, `shape` (`docs/python.md`), and the types of what they take and return. They
+are imported when they are first asked for.
 """
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-__version__ = "0.1.0"
+from tactile_dynamics_ros.version import __version__
+
+if TYPE_CHECKING:
+    from tactile_dynamics_ros.api import (
+        Check,
+        Comparison,
+        Diagnosis,
+        Estimate,
+        EstimateOfPushes,
+        Explanation,
+        PushedCheck,
+        PushedRecording,
+        Recording,
+        Shape,
+        check,
+        compare,
+        diagnose,
+        estimate,
+        explain,
+        read,
+        read_wrist,
+        shape,
+    )
+
 
 __all__ = [
+    "Check",
+    "Comparison",
+    "Diagnosis",
+    "Estimate",
+    "EstimateOfPushes",
+    "Explanation",
+    "PushedCheck",
+    "PushedRecording",
+    "Recording",
+    "Shape",
     "__version__",
     "check",
     "compare",

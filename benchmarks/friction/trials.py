@@ -53,7 +53,7 @@ class Case:
     def key(self) -> str:
         """Name that tells cases apart."""
         place = "air" if self.in_air else "table"
-        gain = f"{self.gain:.4f}+-{self.gain_std:.4f}"
+        gain = f"{self.gain:.4f}±{self.gain_std:.4f}"
         return f"{self.subject.name}/{self.hand}/{self.trial}/{self.variant}/{place}/{gain}"
 
 
@@ -164,7 +164,7 @@ def _line(row: dict[str, Any]) -> str:
     if found is None:
         return f"{row['key']}: {row['outcome']}"
     return (
-        f"{row['key']}: {found['static']:.3f} +- {found['std']:.3f}, "
+        f"{row['key']}: {found['static']:.3f} ± {found['std']:.3f}, "
         f"true {row['true_static']:.3f}, "
         f"{len(row['events'])} slips in {row['duration']:.1f} s {row['outcome']}"
     )

@@ -32,7 +32,7 @@ SLOW = pushed.ActionOptions(
 )
 FAST = pushed.ActionOptions(count=4, speed=(0.03, 0.2), tilt_deg=5)
 SETTINGS = {"slow": (1.0 / 15.0, SLOW), "fast": (0.01, FAST)}
-"""Paper B: 15 Hz, 25 mm/s, 5 s per push, normal +-5 deg; and 100 Hz, 30 to 200 mm/s, hard stops."""
+"""Paper B: 15 Hz, 25 mm/s, 5 s per push, normal ±5 deg; and 100 Hz, 30 to 200 mm/s, hard stops."""
 STANDS = 1.5e-3
 """m/s below which an object that nothing touches has stopped, as `PushTracker` has it."""
 INSIDE = 1.645

@@ -111,4 +111,4 @@ def table(found: dict[str, Any]) -> str:
 
 def _tilt(answer: dict[str, Any]) -> str:
     told = answer.get("parameters") or [{}]
-    return ", ".join(f"{v['value']:.4f} +- {v['std']:.4f}" for v in told[0].values())
+    return ", ".join(f"{v['value']:.4f} ± {v['std']:.4f}" for v in told[0].values())

@@ -194,7 +194,7 @@ def table(found: dict[str, Any]) -> str:
     for name, one in found["slow_sets"].items():
         for d in one["deviations"]:
             rows.append(
-                f"{name}: {d['residual']} {d['mean']:+.3g} +- {d['std_error']:.2g} where "
+                f"{name}: {d['residual']} {d['mean']:+.3g} ± {d['std_error']:.2g} where "
                 f"{d['grouped_by']} is {d['group']} (n = {d['pushes']})"
             )
     return "\n".join([*rows, *_fast_rows(found)])
@@ -210,7 +210,7 @@ def _row(name: str, one: dict[str, Any]) -> str:
         f"{blind['product_error']:+.1%}, {1e3 * blind['com_error_m']:.1f}"
     )  # fmt: skip
     return (
-        f"| {name} | {mean:.3f} +- {std:.3f} | {authors:.3f} | {product:.1%} | {com:.1f} "
+        f"| {name} | {mean:.3f} ± {std:.3f} | {authors:.3f} | {product:.1%} | {com:.1f} "
         f"| {1e3 * whole['com_error_m']:.1f} | {unknown} | {whole['seconds']:.0f} s |"
     )
 

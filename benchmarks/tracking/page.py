@@ -138,5 +138,5 @@ def _paired(found: list[dict[str, Any]], other: str) -> str:
     ):
         excess = [run["fused"][key] - run[other][key] for run in runs]
         spread = stdev(excess) / len(excess) ** 0.5
-        terms.append(f"{name} {fmean(excess):+.2f} +- {spread:.2f}")
+        terms.append(f"{name} {fmean(excess):+.2f} ± {spread:.2f}")
     return f"Fused over {LABELS[other]}, mean of {len(runs)} runs: " + ", ".join(terms) + "."

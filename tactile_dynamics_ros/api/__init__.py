@@ -1,6 +1,72 @@
 """The product from Python: `import tactile_dynamics_ros as td`, then the verbs of the command."""
 
-from tactile_dynamics_ros.api.verbs import check, compare, diagnose, estimate, explain, read, shape
-from tactile_dynamics_ros.api.wrist import read_wrist
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
-__all__ = ["check", "compare", "diagnose", "estimate", "explain", "read", "read_wrist", "shape"]
+if TYPE_CHECKING:
+    from tactile_dynamics_ros.api.checks import Check
+    from tactile_dynamics_ros.api.discrepancies import Comparison, Diagnosis, Explanation
+    from tactile_dynamics_ros.api.estimates import Estimate
+    from tactile_dynamics_ros.api.pushed_checks import PushedCheck
+    from tactile_dynamics_ros.api.pushed_estimates import EstimateOfPushes
+    from tactile_dynamics_ros.api.shapes import Shape
+    from tactile_dynamics_ros.api.verbs import (
+        check,
+        compare,
+        diagnose,
+        estimate,
+        explain,
+        read,
+        shape,
+    )
+    from tactile_dynamics_ros.api.wrist import read_wrist
+    from tactile_dynamics_ros.recording import Recording
+    from tactile_dynamics_ros.recording.pushed import PushedRecording
+
+_MODULES = {
+    "Check": "api.checks",
+    "Comparison": "api.discrepancies",
+    "Diagnosis": "api.discrepancies",
+    "Estimate": "api.estimates",
+    "EstimateOfPushes": "api.pushed_estimates",
+    "Explanation": "api.discrepancies",
+    "PushedCheck": "api.pushed_checks",
+    "PushedRecording": "recording.pushed",
+    "Recording": "recording",
+    "Shape": "api.shapes",
+    "read_wrist": "api.wrist",
+}
+"""Where what is not a verb comes from: imported on demand, as each costs a second."""
+
+__all__ = [
+    "Check",
+    "Comparison",
+    "Diagnosis",
+    "Estimate",
+    "EstimateOfPushes",
+    "Explanation",
+    "PushedCheck",
+    "PushedRecording",
+    "Recording",
+    "Shape",
+    "check",
+    "compare",
+    "diagnose",
+    "estimate",
+    "explain",
+    "read",
+    "read_wrist",
+    "shape",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Return a verb, or the type of what a verb takes or returns.
+
+    Raises:
+        AttributeError: there is none of this name.
+    """
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    module = _MODULES.get(name, "api.verbs")
+    return getattr(import_module(f"{__name__.rpartition('.')[0]}.{module}"), name)

@@ -39,7 +39,7 @@ _EXPLAINED = 0.9
 effect of a diagnosis. Lower blames a drag, which looks a little like a delay, on the clocks."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Check(Readiness):
     """What a recording of a held object tells, what is wrong with it, and what to record as well.
 
@@ -121,7 +121,7 @@ class Check(Readiness):
     def _known(self, name: str) -> str:
         if name in self.estimate.undetermined:
             return "is not excited"
-        return f"is known to +- {100 * self.relative[name]:.2g} %"
+        return f"is known to {100 * self.relative[name]:.2g} %"
 
     def _help(self, name: str) -> str:
         """Return what a further motion would bring."""
@@ -131,11 +131,11 @@ class Check(Readiness):
         own = own or [a for a in self.additions if a.tells(name)]
         best = min(own, key=lambda a: self._promised(a, name), default=None)
         if best is None or self._promised(best, name) > WORTH * self.relative[name]:
-            return f"; no simple motion of {DURATION:.0f} s helps"
+            return f"; no simple motion of {DURATION:.0f} s that was tried in simulation narrows it"
         after = 100.0 * self._promised(best, name)
         more = f"{best.offsets.duration:.0f} s more {best.words}"
         comma = "," if best.squeeze != 1.0 else ""
-        return f": {more}{comma} would bring it to +- {after:.2g} %"
+        return f": {more}{comma} would bring it to {after:.2g} %"
 
     @property
     def promises(self) -> bool:
@@ -188,7 +188,7 @@ def _clock_faults(found: Estimate) -> list[str]:
     if not explained or abs(offset) < max(_LATE, _CERTAIN * std):
         return []
     return [
-        f"the stamps of forces and motion seem to differ by {1e3 * offset:.1f} +- {1e3 * std:.1f} "
+        f"the stamps of forces and motion seem to differ by {1e3 * offset:.1f} ± {1e3 * std:.1f} "
         "ms (effect time_offset); `diagnose` tells whether it is the clocks"
     ]
 

@@ -2,25 +2,39 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tactile_dynamics_ros.api.properties import (
+    Properties,
+    before_and_after,
+    properties_of,
+    sentence_of,
+)
 from tactile_dynamics_ros.api.questions import Question
 from tactile_dynamics_ros.api.result import ReportedResult, Rows
+from tactile_dynamics_ros.api.text_table import align_rows
+from tactile_dynamics_ros.core.discrepancy.verdict.wording import join_names, write_p_value
+from tactile_dynamics_ros.core.errors import TactileDynamicsError
+from tactile_dynamics_ros.core.progress import tell
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from tactile_dynamics_ros.core.discrepancy.explanation import Explanation as CoreExplanation
     from tactile_dynamics_ros.report.discrepancy_report import DiscrepancyFindings
+    from tactile_dynamics_ros.report.page import Section
 
 _SHOWN = 5
 """Candidates in the lines of a diagnosis; the document has all. What ranks lower has never been the
 hidden effect of a benchmark."""
+_STARRED = "* undetermined by this recording; value and std are those presumed beforehand"
+"""What a star in the table of the object means."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Discrepancy(ReportedResult):
     """An answer on how a model and a recording differ.
 
@@ -88,10 +102,17 @@ class Comparison(Discrepancy):
             f"the model is {said} ({_why(self.document)})",
             *(
                 f"  {place['channel']}: {100.0 * place['share_of_error']:.0f} % of its error "
-                f"{place['condition']}"
+                f"occurs {place['condition']}"
                 for place in self.document["fails_where"]
             ),
+            *self._independent_lines(),
         ]
+
+    def _independent_lines(self) -> list[str]:
+        """Return a line where the error depends on nothing that was going on."""
+        if self.adequate or self.document["fails_where"] or not self.answer.compared:
+            return []
+        return [f"  the error does not depend on {join_names(self.answer.compared)}"]
 
     def rows(self) -> Rows:
         """Return the error of every channel in units of the noise."""
@@ -148,7 +169,8 @@ class Diagnosis(Discrepancy):
             *lines,
             "candidates, best first (error expected before refitting):",
             *(
-                f"  {c['name']:<18} {c['predicted_whitened_rms']:.3f}  p = {c['p_value']:.2g}"
+                f"  {c['name']:<18} {c['predicted_whitened_rms']:.3f}  "
+                f"{write_p_value(c['p_value'])}"
                 for c in self.document["candidates"][:_SHOWN]
             ),
         ]
@@ -156,7 +178,11 @@ class Diagnosis(Discrepancy):
     def rows(self) -> Rows:
         """Return the best candidates with the error that is expected with each of them."""
         body = [
-            (c["name"], f"{c['predicted_whitened_rms']:.3f}", f"{c['p_value']:.2g}")
+            (
+                c["name"],
+                f"{c['predicted_whitened_rms']:.3f}",
+                write_p_value(c["p_value"]).removeprefix("p = "),
+            )
             for c in self.document["candidates"][:_SHOWN]
         ]
         return [("candidate", "error / noise", "p"), *body]
@@ -166,8 +192,9 @@ class Diagnosis(Discrepancy):
         from tactile_dynamics_ros.report import discrepancies
 
         found, error = self.findings, self.document["error"]
-        if not self.document["candidates"] or found.white is None:
-            return discrepancies.draw_error_over_time(found.time, found.white, found.groups)
+        if not self.document["candidates"]:
+            white = self.answer.model.residuals().white
+            return discrepancies.draw_error_over_time(found.time, white, found.groups)
         named = [self.effect or "", *self.document["group"]]
         return discrepancies.draw_candidates(
             self.document["candidates"], error["before"], error["noise_floor"], named
@@ -179,8 +206,16 @@ class Diagnosis(Discrepancy):
         return findings_of_diagnosis(self.question.source, self.document, self.answer)
 
 
+@dataclass(frozen=True, repr=False)
 class Explanation(Discrepancy):
-    """Missing effects added one by one, and how the error falls."""
+    """Missing effects added one by one, and how the error falls.
+
+    Attributes:
+        known: what the object is before and, if effects were added, after; empty where the
+            recording cannot be read in one way, or the numbers cannot be estimated.
+    """
+
+    known: tuple[Properties, ...] = ()
 
     @classmethod
     def of(cls, question: Question) -> Explanation:
@@ -189,7 +224,24 @@ class Explanation(Discrepancy):
         from tactile_dynamics_ros.core.discrepancy.explanation import explain
 
         answer, notes = question.answer(explain)
-        return cls(question, answer, explanation_document(answer), notes)
+        known, doubts = _properties(question, answer)
+        document = explanation_document(answer) | {
+            "estimate": {
+                "before": known[0].document if known else None,
+                "after": known[1].document if len(known) > 1 else None,
+            }
+        }
+        return cls(question, answer, document, (*notes, *doubts), known)
+
+    def properties(self) -> Rows:
+        """Return each number of the object before and after the effects; empty if none is known."""
+        if not self.known:
+            return []
+        return before_and_after(self._alone, self.effects, self.known)
+
+    @cached_property
+    def _alone(self) -> str:
+        return str(self.question.model.residuals().alone)
 
     @property
     def verdict(self) -> str:
@@ -202,23 +254,34 @@ class Explanation(Discrepancy):
         return tuple(self.document["effects"])
 
     def lines(self) -> list[str]:
-        """Return the steps, the noise floor and the finding."""
-        alone = self.question.model.residuals().alone
+        """Return the steps, the noise floor, the finding, and what the object is."""
         floor = self.document["error"]["noise_floor"]
         return [
             *(
-                f"  {step['added'] or alone:<22} error {step['error']:.3f}"
+                f"  {step['added'] or self._alone:<22} error {step['error']:.3f}"
                 for step in self.document["steps"]
             ),
             f"  {'noise floor':<22} error {floor:.3f}",
             self.document["sentence"],
+            *self._property_lines(),
+        ]
+
+    def _property_lines(self) -> list[str]:
+        """Return what the object is, before and after."""
+        rows = self.properties()
+        if not rows:
+            return []
+        starred = any(cell.endswith(" *") for row in rows for cell in row)
+        return [
+            *filter(None, [sentence_of(rows)]),
+            *align_rows(rows).splitlines(),
+            *[_STARRED] * starred,
         ]
 
     def rows(self) -> Rows:
         """Return what was added and the error with it."""
         steps = self.document["steps"]
-        alone = self.question.model.residuals().alone
-        body = [(step["added"] or alone, f"{step['error']:.3f}") for step in steps]
+        body = [(step["added"] or self._alone, f"{step['error']:.3f}") for step in steps]
         return [("added", "error / noise"), *body]
 
     def draw(self) -> Figure:
@@ -231,11 +294,40 @@ class Explanation(Discrepancy):
     def _find(self) -> DiscrepancyFindings:
         from tactile_dynamics_ros.report.discrepancy_findings import findings_of_explanation
 
-        return findings_of_explanation(self.question.source, self.document, self.answer)
+        findings = findings_of_explanation(self.question.source, self.document, self.answer)
+        return replace(findings, extra=self._section())
+
+    def _section(self) -> list[Section]:
+        """Return what the object is, before and after, for the report."""
+        from tactile_dynamics_ros.report.page import Section
+
+        rows = self.properties()
+        if not rows:
+            return []
+        told = f"Values ± one standard deviation, as `estimate` gives them. {_STARRED}."
+        sentences = [*filter(None, [sentence_of(rows)]), told]
+        return [Section("What the object is", sentences, (), rows[0], rows[1:])]
+
+
+def _properties(
+    question: Question, answer: CoreExplanation
+) -> tuple[tuple[Properties, ...], list[str]]:
+    """Return what the object is before and after, and a sentence on what cannot be estimated."""
+    if answer.in_turn:
+        return (), []
+    models = [answer.first.model, *([answer.model] if answer.effects else [])]
+    known: list[Properties] = []
+    for model in models:
+        tell("estimating the object" + " with the effects" * len(known))
+        try:
+            known.append(properties_of(question, model, answer.conventions))
+        except TactileDynamicsError as error:
+            return tuple(known), [f"what the object is cannot be estimated: {error}"]
+    return tuple(known), []
 
 
 def _why(document: dict[str, Any]) -> str:
-    p_value = f"p = {document['p_value']:.2g}"
+    p_value = write_p_value(document["p_value"])
     if document.get("trace"):
         return f"{p_value}, but it moves no estimate by half its standard deviation"
     if document["adequate"] and not document["white"]:

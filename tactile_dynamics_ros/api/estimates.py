@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from tactile_dynamics_ros.api.readiness import ADEQUATE
 from tactile_dynamics_ros.api.result import ReportedResult, Rows
 from tactile_dynamics_ros.api.text_table import align_rows
 from tactile_dynamics_ros.core.discrepancy.verdict.wording import write_interval
@@ -32,7 +33,7 @@ most in recordings with known truth, and widened intervals still held at 5 there
 units, signs or axes raise it to 15 and more."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Estimate(ReportedResult):
     """Mass, centre of mass and inertia of a held object, and the parameters of effects.
 
@@ -206,7 +207,11 @@ class Estimate(ReportedResult):
 
     def rows(self) -> Rows:
         """Return name, value, standard deviation and unit of every parameter."""
-        return [("", "value", "std", "unit"), *parameter_rows(self.found)]
+        return [("", "value", "± std", "unit"), *parameter_rows(self.found)]
+
+    def body_rows(self) -> Rows:
+        """Return the rows of mass, centre of mass and inertia alone, without a head."""
+        return [*parameter_rows(replace(self.found, effects={}))]
 
     def draw(self) -> Figure:
         """Draw how the estimate settles; with a tool or prior, what remains unexplained."""
@@ -242,7 +247,21 @@ class Estimate(ReportedResult):
         from tactile_dynamics_ros.export import export
 
         self.require_answer()
-        return export(self.found, form, self.recording.source, name)
+        return export(self.found, form, self.recording.source, name, self._doubts())
+
+    @property
+    def fits(self) -> bool:
+        """Whether the error is about as large as the noise, so that the model lacks nothing."""
+        return self.found.error.whitened_rms <= ADEQUATE
+
+    def _doubts(self) -> list[str]:
+        """Return what speaks against using the numbers."""
+        if self.fits:
+            return []
+        return [
+            f"the model does not fit: the error is {self.found.error.whitened_rms:.2f} times the "
+            "noise; ask `tactile-dynamics diagnose` what is missing before you use these numbers"
+        ]
 
     def require_answer(self) -> None:
         """Check that the numbers are an answer.
@@ -278,11 +297,15 @@ class Estimate(ReportedResult):
         ]
 
     def _correction_lines(self) -> list[str]:
-        """Return a line on the wrench that sensors are taken to read too much, if there is any."""
+        """Return a line on the offset of the sensors that the fit estimated, if it counts.
+
+        A model that does not fit puts what it misses down to the sensors: an effect explains that
+        better, and nothing is said of an offset.
+        """
         wrench = self.model.corrected_wrench
-        if not wrench.any():
+        if not wrench.any() or not self.fits:
             return []
         stds = self.model.corrected_wrench_std
         numbers = [write_interval(*pair) for pair in zip(wrench, stds, strict=True)]
         torque, force = ", ".join(numbers[:3]), ", ".join(numbers[3:])
-        return [f"corrected by ({force}) N, ({torque}) N m that the sensors seem to read too much"]
+        return [f"estimated sensor offset, subtracted: ({force}) N, ({torque}) N m"]

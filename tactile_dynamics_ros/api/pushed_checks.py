@@ -12,8 +12,9 @@ from tactile_dynamics_ros.api.readiness import ADEQUATE, GOAL, Readiness, lost_f
 from tactile_dynamics_ros.api.result import Rows
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
 from tactile_dynamics_ros.core.inertia.excitation.addition import WORTH
+from tactile_dynamics_ros.core.planar.actions.affordances import ExploreConfig
 from tactile_dynamics_ros.core.planar.actions.continuation import continued
-from tactile_dynamics_ros.core.planar.actions.exploration import Choice, ExploreConfig, Explorer
+from tactile_dynamics_ros.core.planar.actions.exploration import Choice, Explorer
 from tactile_dynamics_ros.core.planar.actions.information import (
     Belief,
     PredictedObject,
@@ -59,8 +60,8 @@ class Found(Protocol):
         """Names of what the recording does not tell."""
 
     @property
-    def error(self) -> float:
-        """Whitened RMS, 1 where only noise remains."""
+    def error(self) -> float | None:
+        """Whitened RMS, 1 where only noise remains; None without a fit."""
 
     def to_document(self) -> dict[str, Any]:
         """JSON of the estimate."""
@@ -103,7 +104,7 @@ class Addition:
         return {**self.choice.to_json(pose), **ramps, "count": self.count}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class PushedCheck(Readiness):
     """What a recording of pushes tells, what is wrong with it, and which pushes to add.
 
@@ -205,13 +206,13 @@ class PushedCheck(Readiness):
         return figure
 
     def _known(self, name: str) -> str:
-        now = f"{name} is known to +- {100.0 * self.relative[name]:.2g} %"
+        now = f"{name} is known to {100.0 * self.relative[name]:.2g} %"
         if self.addition is None:
             return now
         if not self._helps(name):
-            return f"{now}; no push helps"
+            return f"{now}; no push that was tried in simulation narrows it"
         after = 100.0 * self.promised[name]
-        return f"{now}; {self.addition.many} would bring it to +- {after:.2g} %"
+        return f"{now}; {self.addition.many} would bring it to {after:.2g} %"
 
     def _helps(self, name: str) -> bool:
         """Whether what is proposed tells a parameter clearly better."""
@@ -232,7 +233,7 @@ def check_pushes(recording: PushedRecording, goal: float = GOAL) -> PushedCheck:
     addition = None
     if isinstance(found, PushedEstimate):
         (remarks if found.is_uneven else faults).extend(_clock_faults(found))
-    if found.error > ADEQUATE:
+    if found.error is not None and found.error > ADEQUATE:
         remarks.append(
             f"the error is {found.error:.1f} times the noise: something acts that the model has "
             "not, or the stated noise is too small; `diagnose` tells"
@@ -267,7 +268,7 @@ def _clock_faults(found: PushedEstimate) -> list[str]:
         return []
     other = ", or something else is missing" if found.is_uneven else ""
     return [
-        f"the stamps of forces and poses seem to differ by {1e3 * late:.1f} +- {1e3 * std:.1f} ms "
+        f"the stamps of forces and poses seem to differ by {1e3 * late:.1f} ± {1e3 * std:.1f} ms "
         f"(effect time_offset){other}; `diagnose` tells whether it is the clocks"
     ]
 

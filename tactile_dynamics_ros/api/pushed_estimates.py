@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from tactile_dynamics_ros.core.planar.known import KnownPushed
-    from tactile_dynamics_ros.core.planar.linked.description import LinkedEstimate
+    from tactile_dynamics_ros.core.planar.linked.description import LinkedEstimate, PlacedJoint
     from tactile_dynamics_ros.recording.pushed import PushedRecording
 
 _SHOWN = {
@@ -32,7 +32,7 @@ _SHOWN = {
 """Words, factor and unit of each number of a part in tables; fixed by what an estimate has."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class EstimateOfPushes(ReportedResult):
     """Friction, mass and centre of mass of a pushed object of one or two parts.
 
@@ -112,16 +112,19 @@ class EstimateOfPushes(ReportedResult):
 
     def rows(self) -> Rows:
         """Return name, value, standard deviation and unit of every number of each part."""
-        head = ("", "value", "std", "unit")
+        return [("", "value", "± std", "unit"), *self.body_rows(), *self._effect_rows()]
+
+    def body_rows(self) -> Rows:
+        """Return the rows of each part and of a joint, without a head and without effects."""
         if isinstance(self.found, PushedEstimate):
-            return [head, *self._part_rows(self.found.values, ""), *self._effect_rows()]
+            return self._part_rows(self.found.values, "")
         parts = [
             self._part_rows(link, f"link_{k}.") for k, link in enumerate(self.found.links, start=1)
         ]
-        return [head, *(row for part in parts for row in part), *self._effect_rows()]
+        return [row for part in parts for row in part] + _joint_rows(self.found.joint)
 
     def _part_rows(self, values: Mapping[str, tuple[float, float]], of: str) -> Rows:
-        rows = []
+        rows: Rows = []
         for name, (words, factor, unit) in _SHOWN.items():
             told = of + ("com" if name.startswith("com_") else name)
             star = " *" if told in self.undetermined else ""
@@ -189,6 +192,19 @@ class EstimateOfPushes(ReportedResult):
         alone = self.prior is None or self.changed
         count = 1 if alone or self.prior is None else self.prior.recordings + 1
         return write_known(known_of(_of_one_part(self.found), self.recording.source, count), path)
+
+
+def _joint_rows(joint: PlacedJoint | None) -> Rows:
+    """Return the rows of a joint: where it lies in the first part's frame, and its friction."""
+    if joint is None:
+        return []
+    rows: Rows = [
+        (f"joint {axis}", *with_uncertainty(1e3 * float(value), 1e3 * float(std)), "mm")
+        for axis, value, std in zip("xy", joint.position, joint.std, strict=True)
+    ]
+    if joint.friction_torque is not None:
+        rows.append(("joint friction", *with_uncertainty(*joint.friction_torque), "N m"))
+    return rows
 
 
 def _of_one_part(found: PushedEstimate | LinkedEstimate) -> PushedEstimate:

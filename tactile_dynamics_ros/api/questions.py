@@ -30,6 +30,7 @@ class Question:
         error: gives the field ``error`` of the document of `compare`.
         otherwise: gives the model with other noise, or None; asked where this one explains nothing.
         notes: gives sentences on what a model does not take as it is recorded.
+        recording: of the object; None for a probed surface, whose slips are in the model.
     """
 
     model: Any
@@ -37,6 +38,7 @@ class Question:
     error: Callable[[], dict[str, Any]]
     otherwise: Callable[[], Any] = lambda: None
     notes: Callable[[Any], list[str]] = lambda model: []
+    recording: Recording | PushedRecording | None = None
 
     def answer(self, ask: Callable[[Any], Any]) -> tuple[Any, tuple[str, ...]]:
         """Diagnose or explain; where that fails, once more with the noise that samples show.
@@ -68,6 +70,7 @@ def question_held(recording: Recording, effects: Sequence[Effect] = ()) -> Quest
         lambda: dict(fitted.to_estimate().error.to_json()),
         lambda: model_with_seen_noise(model, recording.streams, effects),
         lambda asked: _notes(asked.fitted),
+        recording,
     )
 
 
@@ -90,7 +93,7 @@ def question_pushed(recording: PushedRecording, names: Sequence[str] = ()) -> Qu
     from tactile_dynamics_ros.core.planar.diagnosis.discrepancy_model import PushDiscrepancy
 
     model = PushDiscrepancy.of_streams(recording.streams, names)
-    return Question(model, recording.source, lambda: _push_error(model))
+    return Question(model, recording.source, lambda: _push_error(model), recording=recording)
 
 
 def _push_error(model: PushDiscrepancy) -> dict[str, Any]:

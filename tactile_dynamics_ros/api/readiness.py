@@ -22,7 +22,7 @@ _LOST = 0.05
 that motion is lost with it; a twentieth costs as much of the recording."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Readiness(Result):
     """What is wrong with a recording, and what it does not tell.
 

@@ -12,6 +12,9 @@ if TYPE_CHECKING:
 
 Rows = list[tuple[str, ...]]
 """A table; the first row has the names of its columns."""
+_MOST_LINES = 14
+"""Lines that a Python shell shows of a result: they fit beside the call on a small terminal, and no
+estimate of a body without effects is longer. More is left to `print`."""
 
 
 class Result(ABC):
@@ -52,6 +55,14 @@ class Result(ABC):
 
     def __str__(self) -> str:
         return "\n".join(self.lines())
+
+    def __repr__(self) -> str:
+        """Return what `print` shows, cut to what fits a screen."""
+        lines = str(self).splitlines()
+        if len(lines) <= _MOST_LINES:
+            return "\n".join(lines)
+        shown = [self.headline(), *lines[: _MOST_LINES - 2]]
+        return "\n".join([*shown, f"... {len(lines)} lines: print(result) shows all"])
 
     def _repr_html_(self) -> str:
         """Return the headline, the notes and the table for a notebook."""

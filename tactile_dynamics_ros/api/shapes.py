@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from tactile_dynamics_ros.core.shape.superquadric.scene import Scene
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Shape(Result):
     """Parts, size and pose of one object of a scene.
 
@@ -52,7 +52,7 @@ class Shape(Result):
             f"{100 * said['entropy']:.0f} % of the surface unseen",
         ]
         for part in said["parts"]:
-            x, y = (f"{1e3 * part[k]:.1f} +- {1e3 * part['std'][k]:.1f}" for k in "xy")
+            x, y = (f"{1e3 * part[k]:.1f} ± {1e3 * part['std'][k]:.1f}" for k in "xy")
             lines.append(f"{part['words'].split(',')[0]}: at x {x}, y {y} mm")
         lines.append(_next_view(said["next_view"]))
         return [*lines, *said["remarks"]]
@@ -62,7 +62,7 @@ class Shape(Result):
         body = []
         for part in self.to_json()["parts"]:
             size = " x ".join(f"{1e3 * length:.1f}" for length in part["extents_m"])
-            place = ", ".join(f"{1e3 * part[k]:.1f} +- {1e3 * part['std'][k]:.1f}" for k in "xy")
+            place = ", ".join(f"{1e3 * part[k]:.1f} ± {1e3 * part['std'][k]:.1f}" for k in "xy")
             body.append((part["words"].split(",")[0], size, place))
         return [("part", "size, mm", "x, y, mm"), *body]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Literal, TypeAlias, overload
 
 from tactile_dynamics_ros.api.discrepancies import Comparison, Diagnosis, Explanation
 from tactile_dynamics_ros.api.estimates import Estimate
@@ -17,6 +17,7 @@ from tactile_dynamics_ros.api.reading import (
 )
 from tactile_dynamics_ros.api.shapes import Shape
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.recording import Recording
 from tactile_dynamics_ros.recording.pushed import PushedRecording, recorded_model
 
 if TYPE_CHECKING:
@@ -24,9 +25,42 @@ if TYPE_CHECKING:
     from tactile_dynamics_ros.api.pushed_checks import PushedCheck
     from tactile_dynamics_ros.api.pushed_estimates import EstimateOfPushes
     from tactile_dynamics_ros.core.effects.effect import Effect
-    from tactile_dynamics_ros.recording import Recording
 
-    Effects = str | Sequence[str | Effect]
+    Effects: TypeAlias = str | Sequence[str | Effect]
+    Source: TypeAlias = Recording | PushedRecording | str | Path
+
+
+@overload
+def read(
+    *paths: str | Path,
+    remap: Mapping[str, str | Sequence[str]] | None = None,
+    namespace: str | None = None,
+    world_frame: str | None = None,
+    any_unit: bool = False,
+    model: Literal["held"],
+) -> Recording: ...
+
+
+@overload
+def read(
+    *paths: str | Path,
+    remap: Mapping[str, str | Sequence[str]] | None = None,
+    namespace: str | None = None,
+    world_frame: str | None = None,
+    any_unit: bool = False,
+    model: Literal["pushed"],
+) -> PushedRecording: ...
+
+
+@overload
+def read(
+    *paths: str | Path,
+    remap: Mapping[str, str | Sequence[str]] | None = None,
+    namespace: str | None = None,
+    world_frame: str | None = None,
+    any_unit: bool = False,
+    model: str = "auto",
+) -> Recording | PushedRecording: ...
 
 
 def read(
@@ -36,7 +70,7 @@ def read(
     world_frame: str | None = None,
     any_unit: bool = False,
     model: str = "auto",
-) -> Any:
+) -> Recording | PushedRecording:
     """Read a recording, or several of one object as one.
 
     Args:
@@ -55,15 +89,16 @@ def read(
         BadInputError: one cannot be read, no contact pushes, several are not of one object, or a
             tip presses into the outline only if read another way.
     """
-    from tactile_dynamics_ros.recording import Recording
-
     if not paths:
         raise BadInputError("read: expected the path of a recording")
     if model not in ("auto", "held", "pushed"):
         raise BadInputError(f"read: model {model!r}; expected auto, held or pushed")
     if (recorded_model(paths[0], remap) if model == "auto" else model) == "pushed":
-        where = {"remap": remap, "namespace": namespace, "world_frame": world_frame}
-        return PushedRecording.join([read_pushed_recording(path, **where)[0] for path in paths])
+        pushed = [
+            read_pushed_recording(path, remap=remap, namespace=namespace, world_frame=world_frame)
+            for path in paths
+        ]
+        return PushedRecording.join([recording for recording, _ in pushed])
     return Recording.join(
         [
             read_recording(
@@ -78,68 +113,134 @@ def read(
     )
 
 
-def check(recording: Recording | PushedRecording, goal: float = 0.1) -> Check | PushedCheck:
+def _recorded(source: Source, any_unit: bool = False) -> Recording | PushedRecording:
+    """Return a recording, read if it is given by its path.
+
+    Args:
+        source: recording or path of one.
+        any_unit: see `read`.
+
+    Raises:
+        BadInputError: it cannot be read, or is neither.
+    """
+    if isinstance(source, Recording | PushedRecording):
+        return source
+    if isinstance(source, str | Path):
+        return read(source, any_unit=any_unit)
+    raise BadInputError(
+        f"recording: {type(source).__name__}; expected a path, or what `read` returns (it takes "
+        "several paths)"
+    )
+
+
+@overload
+def check(recording: Recording, goal: float = 0.1) -> Check: ...
+
+
+@overload
+def check(recording: PushedRecording, goal: float = 0.1) -> PushedCheck: ...
+
+
+@overload
+def check(recording: Source, goal: float = 0.1) -> Check | PushedCheck: ...
+
+
+def check(recording: Source, goal: float = 0.1) -> Check | PushedCheck:
     """Tell whether a recording is fit for an estimate, and what to record as well.
 
     Args:
-        recording: what was measured so far.
+        recording: what was measured so far, or the path of the recording.
         goal: wanted standard deviation over the size of a parameter.
 
     Raises:
-        BadInputError: contacts and motion do not overlap.
+        BadInputError: the path cannot be read, or contacts and motion do not overlap.
         NotIdentifiableError: the iteration diverged, or a pushed object slides too little.
     """
-    if isinstance(recording, PushedRecording):
+    recorded = _recorded(recording)
+    if isinstance(recorded, PushedRecording):
         from tactile_dynamics_ros.api.pushed_checks import check_pushes
 
-        return check_pushes(recording, goal)
+        return check_pushes(recorded, goal)
     from tactile_dynamics_ros.api.checks import check_recording
 
-    return check_recording(recording, goal)
+    return check_recording(recorded, goal)
 
 
+@overload
 def estimate(
-    recording: Recording | PushedRecording,
+    recording: Recording,
     effects: Effects = (),
     *,
     tool: str | Path | None = None,
     prior: str | Path | None = None,
-    wrist: Recording | None = None,
+    wrist: Recording | str | Path | None = None,
+    hand: str | Path | None = None,
+) -> Estimate: ...
+
+
+@overload
+def estimate(
+    recording: PushedRecording, effects: Effects = (), *, prior: str | Path | None = None
+) -> EstimateOfPushes: ...
+
+
+@overload
+def estimate(
+    recording: Source,
+    effects: Effects = (),
+    *,
+    tool: str | Path | None = None,
+    prior: str | Path | None = None,
+    wrist: Recording | str | Path | None = None,
+    hand: str | Path | None = None,
+) -> Estimate | EstimateOfPushes: ...
+
+
+def estimate(
+    recording: Source,
+    effects: Effects = (),
+    *,
+    tool: str | Path | None = None,
+    prior: str | Path | None = None,
+    wrist: Recording | str | Path | None = None,
     hand: str | Path | None = None,
 ) -> Estimate | EstimateOfPushes:
     """Estimate mass, centre of mass and inertia of a held object, or friction of a pushed one.
 
     Args:
-        recording: what was measured.
+        recording: what was measured, or the path of the recording.
         effects: of the model: "a,b", names, or, of held objects, `Effect`s.
         tool: file of what was carried as well, such as a gripper: a URDF, or one of
             `Estimate.save`.
         prior: file of `Estimate.save` of the same object, from earlier recordings.
-        wrist: of `read_wrist`, from the same bag: what the wrist carried meanwhile.
+        wrist: of `read_wrist`, from the same bag: what the wrist carried meanwhile; or the path of
+            the bag, with the default robot.
         hand: file of `Estimate.save` of the hand alone, from such a recording without an object.
 
     Raises:
-        BadInputError: contacts and motion do not overlap, an effect is unknown, a file is no
-            body's, one of wrist and hand is missing, or any of them or a tool is given for a pushed
-            object.
+        BadInputError: a path cannot be read, contacts and motion do not overlap, an effect is
+            unknown, a file is no body's, one of wrist and hand is missing, or any of them or a tool
+            is given for a pushed object.
         NotIdentifiableError: the iteration diverged, or a pushed object slides too little.
     """
-    if isinstance(recording, PushedRecording):
+    recorded = _recorded(recording)
+    if isinstance(recorded, PushedRecording):
         if tool or wrist or hand:
             raise BadInputError("tool, wrist, hand: not for an object on a support; leave them out")
-        return _estimate_pushed(recording, effects, prior)
+        return _estimate_pushed(recorded, effects, prior)
     from tactile_dynamics_ros.core.inertia.estimate import estimate as fit
     from tactile_dynamics_ros.recording.body_files import read_body
 
     if (wrist is None) != (hand is None):
         raise BadInputError("wrist: expected the recording of the wrist and the file of the hand")
-    known = [None if path is None else read_body(path) for path in (tool, prior)]
+    carried, known = (None if path is None else read_body(path) for path in (tool, prior))
     share = None
     if wrist is not None and hand is not None:
-        from tactile_dynamics_ros.api.wrist import WristShare
+        from tactile_dynamics_ros.api.wrist import WristShare, read_wrist
 
-        share = WristShare(recording, wrist, read_body(hand))
-    return Estimate(recording, fit(recording, effects_of(effects)), *known, share)
+        felt = read_wrist(wrist) if isinstance(wrist, str | Path) else wrist
+        share = WristShare(recorded, felt, read_body(hand))
+    return Estimate(recorded, fit(recorded, effects_of(effects)), carried, known, share)
 
 
 def _estimate_pushed(
@@ -158,31 +259,46 @@ def _question(recording: Recording | PushedRecording, effects: Effects) -> Quest
     return question_held(recording, effects_of(effects))
 
 
-def compare(recording: Recording | PushedRecording, effects: Effects = ()) -> Comparison:
+def compare(recording: Source, effects: Effects = ()) -> Comparison:
     """Tell how far the model is from a recording, and where it fails.
 
+    Args:
+        recording: what was measured, or the path of the recording.
+        effects: of the model: "a,b", names, or, of held objects, `Effect`s.
+
     Raises:
-        BadInputError: contacts and motion do not overlap, or an effect is unknown.
+        BadInputError: the path cannot be read, contacts and motion do not overlap, or an effect is
+            unknown.
     """
-    return Comparison.of(_question(recording, effects))
+    return Comparison.of(_question(_recorded(recording), effects))
 
 
-def diagnose(recording: Recording | PushedRecording, effects: Effects = ()) -> Diagnosis:
+def diagnose(recording: Source, effects: Effects = ()) -> Diagnosis:
     """Tell which effect is missing from the model of a recording.
 
+    Args:
+        recording: what was measured, or the path of the recording.
+        effects: of the model: "a,b", names, or, of held objects, `Effect`s.
+
     Raises:
-        BadInputError: contacts and motion do not overlap, or an effect is unknown.
+        BadInputError: the path cannot be read, contacts and motion do not overlap, or an effect is
+            unknown.
     """
-    return Diagnosis.of(_question(recording, effects))
+    return Diagnosis.of(_question(_recorded(recording, any_unit=True), effects))
 
 
-def explain(recording: Recording | PushedRecording, effects: Effects = ()) -> Explanation:
+def explain(recording: Source, effects: Effects = ()) -> Explanation:
     """Add missing effects one by one until the model is adequate or nothing helps.
 
+    Args:
+        recording: what was measured, or the path of the recording.
+        effects: of the model: "a,b", names, or, of held objects, `Effect`s.
+
     Raises:
-        BadInputError: contacts and motion do not overlap, or an effect is unknown.
+        BadInputError: the path cannot be read, contacts and motion do not overlap, or an effect is
+            unknown.
     """
-    return Explanation.of(_question(recording, effects))
+    return Explanation.of(_question(_recorded(recording, any_unit=True), effects))
 
 
 def shape(

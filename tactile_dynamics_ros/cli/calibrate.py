@@ -90,7 +90,7 @@ def _print_drift(args: Namespace) -> int:
         return 0
     for finger, drift in drifts.items():
         print(
-            f"{finger}: counts per kelvin of E1 to E19, +- {drift.std.mean():.2f} "
+            f"{finger}: counts per kelvin of E1 to E19, ± {drift.std.mean():.2f} "
             f"({drift.span:.1f} K, {drift.frames} frames)"
         )
         print("  " + ", ".join(f"{value:.2f}" for value in drift.slope))
@@ -128,7 +128,7 @@ def _print_gain(args: Namespace) -> int:
     if args.json:
         print(json.dumps(result))
         return 0
-    print(f"gain of {args.finger}: {gain.scale:.3f} +- {gain.std:.3f} ({gain.samples} frames)")
+    print(f"gain of {args.finger}: {gain.scale:.3f} ± {gain.std:.3f} ({gain.samples} frames)")
     print("its matrix, which turns the force too:")
     print("\n".join("  ".join(f"{value:8.4f}" for value in row) for row in gain.matrix))
     print(

@@ -195,7 +195,7 @@ def sentence(found: dict[str, Any]) -> str:
         return said
     alone = found["effect"] == "support_tilt" and found["verdict"] == "missing_effect"
     sure = "the table leans" if alone else "as if the table leant"
-    return f"{sure} by {tilt[0]:.1f} +- {tilt[1]:.1f} deg. {said}"
+    return f"{sure} by {tilt[0]:.1f} ± {tilt[1]:.1f} deg. {said}"
 
 
 def leaning(found: dict[str, Any]) -> tuple[float, float] | None:

@@ -74,7 +74,7 @@ def play(args: Namespace, out: Path, say: Callable[[str], None]) -> dict[str, An
     told["compared"] = compare_properties(told["explored"]["properties"], told["truth"])
     for row in told["compared"]:
         name = f"{row['part']} {row['name']}".strip()
-        say(f"  {name}: {row['value']:.4g} +- {row['std']:.2g}, truth {row['truth']:.4g}")
+        say(f"  {name}: {row['value']:.4g} ± {row['std']:.2g}, truth {row['truth']:.4g}")
     told["report"] = str(write_exploration(told, out))
     told["wall_time_s"] = round(time.monotonic() - started, 1)
     say(f"done in {told['wall_time_s']:.0f} s; open {told['report']}")

@@ -151,6 +151,8 @@ def _export(args: Namespace, found: Estimate) -> str:
     if args.json:
         raise BadInputError("--export prints the block alone; leave out --json")
     block = found.export(args.export)
+    for line in block.doubts:
+        print(f"warning: {line}", file=sys.stderr)
     for line in block.left_out:
         print(f"note: left out: {line}", file=sys.stderr)
     return block.text

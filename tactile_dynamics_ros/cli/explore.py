@@ -60,7 +60,7 @@ def describe(told: dict[str, Any]) -> str:
         for name, entry in link.items():
             value, std = entry["value"], entry["std"]
             pairs = zip(value, std, strict=True) if isinstance(value, list) else [(value, std)]
-            words = ", ".join(f"{v:.4g} +- {s:.2g}" for v, s in pairs)
+            words = ", ".join(f"{v:.4g} ± {s:.2g}" for v, s in pairs)
             lines.append(f"{name}: {words}{' (undetermined)' if name in unknown else ''}")
     return "\n".join([*lines, f"stopped: {told['stopped_because']}"])
 

@@ -9,9 +9,10 @@ from collections.abc import Sequence
 from types import ModuleType
 from typing import Any
 
-from tactile_dynamics_ros import __version__
+from tactile_dynamics_ros.cli.encoding import write_plain_where_needed
 from tactile_dynamics_ros.cli.examples import epilog
 from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError, nearest
+from tactile_dynamics_ros.version import __version__
 
 VERB_MODULES: tuple[str, ...] = (
     "tactile_dynamics_ros.cli.demo",
@@ -105,6 +106,7 @@ def load_modules(names: Sequence[str] = VERB_MODULES) -> list[ModuleType]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one verb and return its exit code (0 done, 2 bad input, 3 not identifiable)."""
+    write_plain_where_needed()
     try:
         args = build_parser(load_modules()).parse_args(arguments)
         return int(args.run(args) or 0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
@@ -29,13 +30,21 @@ class Export:
     Attributes:
         text: the block.
         left_out: what the estimate has and the block has not, one sentence each.
+        doubts: what speaks against using the numbers, one sentence each; the block has them too.
     """
 
     text: str
     left_out: tuple[str, ...]
+    doubts: tuple[str, ...] = ()
 
 
-def export(estimate: InertialEstimate, form: str, source: str = "", name: str = "object") -> Export:
+def export(
+    estimate: InertialEstimate,
+    form: str,
+    source: str = "",
+    name: str = "object",
+    doubts: Sequence[str] = (),
+) -> Export:
     """Write an estimate as a block of a simulator or robot.
 
     Args:
@@ -43,6 +52,7 @@ def export(estimate: InertialEstimate, form: str, source: str = "", name: str = 
         form: of FORMATS.
         source: the recording, for the comment.
         name: of the link or model.
+        doubts: sentences on why the numbers should not be used; they begin the comment.
 
     Raises:
         BadInputError: there is no such format.
@@ -53,9 +63,10 @@ def export(estimate: InertialEstimate, form: str, source: str = "", name: str = 
     open_inertia = any(one.startswith("inertia") for one in estimate.not_excited)
     _require_known(estimate, form)
     left_out = _left_out(estimate, open_inertia)
-    remarks = _remarks(estimate, source, form) + [f"left out: {line}" for line in left_out]
+    remarks = [f"WARNING: {doubt}" for doubt in doubts] + _remarks(estimate, source, form)
+    remarks += [f"left out: {line}" for line in left_out]
     text = FORMATS[form](estimate.inertia, name, remarks, not open_inertia)
-    return Export(text + "\n", tuple(left_out))
+    return Export(text + "\n", tuple(left_out), tuple(doubts))
 
 
 def _require_known(estimate: InertialEstimate, form: str) -> None:

@@ -27,7 +27,7 @@ from tactile_dynamics_ros.recording.namespaces import RecordedNames
 from tactile_dynamics_ros.recording.static_poses import held_poses
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Recording:
     """Measurements of one held object, cleaned, with what had to be cleaned.
 
@@ -42,6 +42,11 @@ class Recording:
     source: str
     problems: dict[str, int] = field(default_factory=dict)
     epoch_ns: int = 0
+
+    def __repr__(self) -> str:
+        """Return source, length and contacts in one line; the arrays are in `streams`."""
+        names = ", ".join(self.streams.contacts)
+        return f"{type(self).__name__}({self.source}: {self.duration:.1f} s, contacts {names})"
 
     @classmethod
     def from_bag(

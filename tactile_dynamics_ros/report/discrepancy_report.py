@@ -11,7 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.discrepancy.documents import group_clause
-from tactile_dynamics_ros.core.discrepancy.verdict.wording import capitalise
+from tactile_dynamics_ros.core.discrepancy.verdict.wording import (
+    capitalise,
+    write_fall,
+    write_p_value,
+)
 from tactile_dynamics_ros.report.discrepancies import (
     Channels,
     draw_before_after,
@@ -62,7 +66,7 @@ class DiscrepancyFindings:
         regimes: starts and ends in s of spans in which an added effect acts that does not always.
         frequency: (K,) Hz of `power`.
         power: (K,) spectral density of the unexplained part by channel.
-        extra: further sections.
+        extra: further sections, after how the error falls.
     """
 
     source: str
@@ -110,12 +114,12 @@ def write_discrepancy_report(
     with house_style():
         sections = [
             *_steps(findings),
+            *findings.extra,
             _residual(findings),
             *_candidates(findings),
             *_places(findings),
             *_unexplained(findings),
             *_effects(findings),
-            *findings.extra,
         ]
         page = Page(
             title="Where the model fails, and what it lacks",
@@ -134,7 +138,7 @@ def write_discrepancy_report(
 
 
 def _steps(findings: DiscrepancyFindings) -> list[Section]:
-    """Return how the error falls, step by step."""
+    """Return how the error changes, step by step."""
     steps = list(findings.explanation.get("steps", ()))
     if not steps:
         return []
@@ -144,12 +148,13 @@ def _steps(findings: DiscrepancyFindings) -> list[Section]:
     picture = Picture(
         "steps",
         draw_error_steps(steps, floor, findings.alone),
-        f"error falling from {before:.2f} to {after:.2f} in {len(steps) - 1} steps",
+        f"error that {write_fall(before, after)} in {len(steps) - 1} steps",
         "Each bar adds one effect to the model and fits everything anew. Errors are on parts of "
         "the recording that were not used for fitting.",
     )
-    sentence = f"The error falls from {before:.2f} to {after:.2f}; noise alone leaves {floor:.2f}."
-    return [Section("The error falls", [sentence], [picture])]
+    error_does = write_fall(before, after) if len(steps) > 1 else f"is {before:.2f}"
+    sentence = f"The error {error_does}; noise alone leaves {floor:.2f}."
+    return [Section("The error, step by step", [sentence], [picture])]
 
 
 def _residual(findings: DiscrepancyFindings) -> Section:
@@ -213,7 +218,7 @@ def _candidates(findings: DiscrepancyFindings) -> list[Section]:
         "Orange: what the verdict names.",
     )
     rows = [_candidate_row(c) for c in candidates[:_MOST_ROWS]]
-    header = ["effect", "expected error", "p-value", "expected parameters"]
+    header = ["effect", "expected error", "p", "expected parameters"]
     sentences = _group_sentence(findings.diagnosis)
     return [Section("Which effect would explain it", sentences, [picture], header, rows)]
 
@@ -225,7 +230,7 @@ def _candidate_row(candidate: Mapping[str, Any]) -> tuple[str, ...]:
     return (
         str(candidate["name"]),
         f"{float(candidate['predicted_whitened_rms']):.3f}",
-        f"{float(candidate['p_value']):.1e}" if candidate.get("p_value") is not None else "",
+        write_p_value(float(candidate["p_value"])).removeprefix("p = "),
         candidate.get("remark") or ", ".join(texts[:4]) + (", ..." if len(texts) > 4 else ""),
     )
 
@@ -256,14 +261,14 @@ def _places(findings: DiscrepancyFindings) -> list[Section]:
         worst = places[0]
         sentences.append(
             f"{100 * float(worst['share_of_error']):.0f} % of the error of {worst['channel']} "
-            f"comes with this condition: {worst['condition']}."
+            f"occurs {worst['condition']}."
         )
         pictures.append(
             Picture(
                 "fails_where",
                 draw_fails_where(places),
                 "conditions with the largest share of the error",
-                "Share of a channel's error that comes with a condition.",
+                "Share of a channel's error that occurs then.",
             )
         )
     if findings.white is not None:

@@ -139,7 +139,7 @@ def _convergence(
     """Return how the estimate settles."""
     live = history is not None and len(history.time) >= _FEWEST_LIVE_ESTIMATES
     history = history if history is not None and live else settle(model)
-    caption = "Bands are two standard deviations."
+    caption = "Bands are ± one standard deviation."
     pictures = [
         Picture(
             "convergence",

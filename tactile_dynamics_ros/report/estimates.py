@@ -44,7 +44,7 @@ def draw_convergence(
     truth: InertialParameters | None = None,
     not_excited: Collection[str] = (),
 ) -> Figure:
-    """Draw estimates with bands of two standard deviations; dashed lines are the truth.
+    """Draw estimates with bands of ± one standard deviation; dashed lines are the truth.
 
     Args:
         history: estimates after more and more data.
@@ -90,7 +90,7 @@ def _draw_band(axes: Axes, history: EstimateHistory, row: int, scale: float, col
     """Draw one parameter with its band."""
     value, std = scale * history.value[:, row], scale * history.std[:, row]
     seconds = history.time - history.time[0]
-    low, high = value - 2 * std, value + 2 * std
+    low, high = value - std, value + std
     axes.fill_between(seconds, low, high, color=colour, alpha=0.16, linewidth=0)
     axes.plot(seconds, value, color=colour, label=LABELS[row], linewidth=1.5)
 

@@ -25,8 +25,6 @@ TITLES = {
     "com_y": "centre of mass y",
 }
 """Quantities as charts and tables name them."""
-INTERVAL = 1.645
-"""Standard deviations of half a 90 % interval."""
 
 
 def compare_properties(properties: dict[str, Any], truth: dict[str, Any]) -> list[dict[str, Any]]:
@@ -60,7 +58,7 @@ def _compared(
                 "value": value,
                 "std": std,
                 "truth": known[name],
-                "inside_90": bool(abs(value - known[name]) <= INTERVAL * std),
+                "off_by_std": abs(value - known[name]) / std,
                 "undetermined": bool({name, stem, f"{part}.{stem}"} & set(unknown)),
             }
         )
@@ -132,7 +130,7 @@ def _estimates(told: dict[str, Any]) -> Section:
             f"{row.get('part', '')} {TITLES[row['name']]}".strip(),
             f"{row['value']:.4g} ± {row['std']:.2g} {UNITS[row['name']]}",
             f"{row['truth']:.4g}",
-            "undetermined" if row["undetermined"] else "yes" if row["inside_90"] else "no",
+            "undetermined" if row["undetermined"] else f"{row['off_by_std']:.1f}",
         ]
         for row in told["compared"]
     ]
@@ -140,12 +138,13 @@ def _estimates(told: dict[str, Any]) -> Section:
     pictures = []
     if told["history"]:
         figure = _history(told)
-        pictures = [Picture("estimates", figure, "estimates over time", "Band: 90 %; line: truth.")]
+        caption = "Bands are ± one standard deviation, lines the truth."
+        pictures = [Picture("estimates", figure, "estimates over time", caption)]
     return Section(
         "What was found",
         [f"Hidden effect of this run, revealed at the end: {hidden}."] * (not told.get("changed")),
         pictures,
-        ["quantity", "estimate", "truth", "truth inside 90 %"],
+        ["quantity", "estimate", "truth", "error, std"],
         rows,
     )
 
@@ -220,7 +219,7 @@ def _history(told: dict[str, Any]) -> Figure:
         value = np.array([row.get(name, np.nan) for row in told["history"]])
         std = np.array([row.get(f"{name}_std", np.nan) for row in told["history"]])
         axes.plot(time, value, color=BLUE)
-        low, high = value - INTERVAL * std, value + INTERVAL * std
+        low, high = value - std, value + std
         axes.fill_between(time, low, high, color=BLUE, alpha=0.2)
         axes.axhline(truth[name], color=ORANGE)
         axes.set_ylabel(f"{TITLES[name]}, {UNITS[name]}".rstrip(", "), fontsize=7)

@@ -10,9 +10,9 @@ from pathlib import Path
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.figure import Figure
 
-from tactile_dynamics_ros import __version__
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.report.style import WIDTH, to_png
+from tactile_dynamics_ros.version import __version__
 
 PAGE_NAME = "report.html"
 

@@ -38,8 +38,6 @@ _ARROWS = 16
 """Forces that are drawn of each contact, for the same reason."""
 _LONGEST = 0.05
 """Length of the largest force in the picture, m: about half an object, so that all are seen."""
-_HALF_90 = 1.645
-"""Standard deviations of half a 90 % interval."""
 
 
 def write_pushes(
@@ -68,7 +66,7 @@ def write_pushes(
                 draw_pushes(streams, centre),
                 "outlines along the way, forces of the contacts, centre of mass",
                 "Outlines from the first to the last (strong); arrows are forces on the object. "
-                "The ellipse is the centre of mass at the end, 90 % of each axis.",
+                "The ellipse is the centre of mass at the end, ± one standard deviation.",
             ),
             Picture("forces", draw_push_forces(streams), "force of each contact over time"),
         ]
@@ -146,7 +144,7 @@ def _draw_centre(axes: Axes, pose: Array, centre: Centre) -> None:
     """Draw the centre of mass with its uncertainty."""
     (x, x_std), (y, y_std) = centre
     place = placed(np.array([[x, y]]), pose)[0]
-    width, height = (2.0 * _HALF_90 * std for std in (x_std, y_std))
+    width, height = 2.0 * x_std, 2.0 * y_std
     turn = float(np.degrees(pose[2]))
     axes.add_patch(Ellipse((place[0], place[1]), width, height, angle=turn, color=GREEN, alpha=0.4))
     axes.plot(*place, "+", color=BLUE)

@@ -50,11 +50,11 @@ def draw_summary(
 def _draw(
     axes: Axes, history: EstimateHistory, row: int, colour: str, truth: float, label: str
 ) -> None:
-    """Draw one parameter with a band of two standard deviations, without its wild beginning."""
+    """Draw one parameter with a band of ± one standard deviation, without its wild beginning."""
     late = history.time >= history.time[0] + SETTLED_SHARE * np.ptp(history.time)
     time = history.time[late] - history.time[0]
     value, std = MILLI * history.value[late, row], MILLI * history.std[late, row]
-    axes.fill_between(time, value - 2 * std, value + 2 * std, color=colour, alpha=0.16, lw=0)
+    axes.fill_between(time, value - std, value + std, color=colour, alpha=0.16, lw=0)
     axes.plot(time, value, color=colour, label=label, linewidth=1.5)
     axes.axhline(MILLI * truth, color=colour, linestyle=(0, (4, 3)))
     axes.margins(x=0.01)

@@ -19,8 +19,6 @@ Array = NDArray[np.float64]
 
 METRES_PER_NEWTON = 0.02
 """Length of a force's arrow: fingertips press with 1 to 5 N, which is as long as an object."""
-_STDS = 2.0
-"""Standard deviations that semi-axes of the ellipsoid show: 95 % of one coordinate."""
 _LIFETIME = 0.5
 """Time for which a marker is shown, s: an arrow of a contact that fell silent disappears. Shorter
 than the pause between two updates it would flicker."""
@@ -84,7 +82,7 @@ def _ellipsoid(pose: Array, com: Array, std: Array) -> Marker:
     marker.pose.position = Point(x=x, y=y, z=z)
     x, y, z, w = matrix_to_quaternion(pose[:3, :3]).tolist()
     marker.pose.orientation = Quaternion(x=x, y=y, z=z, w=w)
-    x, y, z = np.maximum(2.0 * _STDS * std, _SMALLEST).tolist()
+    x, y, z = np.maximum(2.0 * std, _SMALLEST).tolist()
     marker.scale = Vector3(x=x, y=y, z=z)
     marker.color = ColorRGBA(r=0.92, g=0.47, b=0.12, a=0.6)
     return marker

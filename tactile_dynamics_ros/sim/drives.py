@@ -21,7 +21,7 @@ class JointDrives:
     Targets come at any rate; a critically damped second-order filter makes the reference smooth:
     ddq_r = (q_d - q_r) / T^2 - 2 dq_r / T, with dq_r limited to the joints' speeds.
     Arm: velocity servo to dq_r + (q_r - q) / T_servo, limited in torque, gravity compensated.
-    Hand: tau = clip(kp (q_r - q) - kd dq, +-cap), the driver's law (no gravity compensation).
+    Hand: tau = clip(kp (q_r - q) - kd dq, ±cap), the driver's law (no gravity compensation).
 
     Args:
         client, body: Bullet ids.

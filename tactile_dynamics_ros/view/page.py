@@ -21,8 +21,6 @@ Array = NDArray[np.float64]
 
 METRES_PER_NEWTON = 0.02
 """Length of a force's arrow: fingertips press with 1 to 5 N, which is as long as an object."""
-_BAND = 2.0
-"""Standard deviations that ellipsoids and bands show: 95 % of one coordinate."""
 _SMALLEST = 5e-4
 """Least semi-axis of an ellipsoid, m, below which nothing could be seen of it."""
 _BLUE, _ORANGE, _GREEN, _GREY = (37, 99, 235), (234, 120, 30), (46, 158, 119), (170, 180, 190)
@@ -124,7 +122,9 @@ class LivePage:
                 continue
             columns = tuple(history.columns())
             if name not in self._charts:
-                self._charts[name] = self._add_chart(columns, title)
+                banded = np.any(columns[2] != columns[3])
+                said = f"{title} (band: ± one std)" if banded else title
+                self._charts[name] = self._add_chart(columns, said)
             else:
                 self._charts[name].data = columns
 
@@ -219,11 +219,11 @@ class LivePage:
             client.camera.position, client.camera.look_at = point + eye, point
 
     def _show_centre(self, com: Array, std: Array) -> None:
-        """The centre of mass as the ellipsoid of two standard deviations, in the object's frame."""
+        """The centre of mass as the ellipsoid of one standard deviation, in the object's frame."""
         name = "/object/centre_of_mass"
         ball = self._once(name, self.server.scene.add_icosphere, 1.0, _ORANGE, opacity=0.6)
         ball.position = com
-        ball.scale = tuple(np.maximum(_BAND * std, _SMALLEST).tolist())
+        ball.scale = tuple(np.maximum(std, _SMALLEST).tolist())
 
     def _show_footprint(self, outline: Array) -> None:
         """The outline of a pushed object on its support, in the object's frame."""
@@ -263,7 +263,7 @@ class LivePage:
             label.text, label.position = f"{push.gain:.1f} nats", back
 
     def _show_force(self, name: str, force: Force) -> None:
-        """An arrow whose head ends in the ellipsoid of two standard deviations of the force."""
+        """An arrow whose head ends in the ellipsoid of one standard deviation of the force."""
         scene = self.server.scene
         tip = force.point + METRES_PER_NEWTON * force.force
         line = np.array([[force.point, tip]], dtype=np.float32)
@@ -283,7 +283,7 @@ class LivePage:
             f"/contacts/{name}/uncertainty", scene.add_icosphere, 1.0, _GREEN, opacity=0.35
         )
         ball.position = tip
-        size = _BAND * METRES_PER_NEWTON * force.std
+        size = METRES_PER_NEWTON * force.std
         ball.scale = tuple(np.maximum(size, _SMALLEST).tolist())
 
     def _once(self, name: str, add: Callable[..., Any], *args: Any, **options: Any) -> Any:

@@ -89,7 +89,7 @@ class History:
             self._rows.append((time, value, std))
 
     def columns(self) -> Array:
-        """Time from the first, value, and both ends of two standard deviations, (4, N).
+        """Time from the first, value, and both ends of ± one standard deviation, (4, N).
 
         What lies far from the newest value, as the first bands do, is cut off: later ones could not
         be seen beside it.
@@ -99,7 +99,7 @@ class History:
             return np.zeros((4, 0))
         lately = value[len(value) // 2 :]
         reach = _REACH * max(np.ptp(lately), 2.0 * std[-1], 0.02 * abs(value[-1]))
-        rows = np.array([value, value - 2.0 * std, value + 2.0 * std])
+        rows = np.array([value, value - std, value + std])
         return np.vstack([time - time[0], np.clip(rows, value[-1] - reach, value[-1] + reach)])
 
 

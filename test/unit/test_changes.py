@@ -48,7 +48,7 @@ def test_what_begins_at_one_time_is_told_with_its_time(seed, alter):
     assert regime.condition.symbol == "t"
     assert regime.gate.low == pytest.approx(0.55 * DURATION, abs=0.2)
     assert np.isinf(regime.gate.high)
-    assert f"Above t = {regime.gate.low:.3f} +- " in diagnosis_sentence(diagnosis)
+    assert f"Above t = {regime.gate.low:.3f} ± " in diagnosis_sentence(diagnosis)
     if alter is jump_of_contact_point:
         assert diagnosis.steps[0].choice.best.label == f"contact_offset[{regime.gate}]:index"
 

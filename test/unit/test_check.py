@@ -51,7 +51,7 @@ def test_the_worst_parameter_is_helped_first_and_lines_say_how(checked):
     line = next(line for line in checked.lines() if line.startswith("inertia about z"))
     promised = 100 * checked.to_json()["additions"][0]["expected_relative"]
     assert "10 s more turning about z by" in line
-    assert line.endswith(f"would bring it to +- {promised:.2g} %")
+    assert line.endswith(f"would bring it to {promised:.2g} %")
 
 
 def test_what_is_printed_is_what_estimate_gives(calm, checked):

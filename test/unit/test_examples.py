@@ -93,7 +93,7 @@ def test_03_tells_a_sensors_bias_from_the_load(tmp_path, capsys):
         tmp_path / "load.mcap"
     )
     alone, with_bias = _run("03", [str(path)], capsys).split("force_bias", 1)
-    mass, error = r"mass +([\d.]+) \+- ([\d.]+)", r"error +([\d.]+)"
+    mass, error = r"mass +([\d.]+) ± ([\d.]+)", r"error +([\d.]+)"
     assert _number(error, alone) > 50.0 and _number(error, with_bias) < 3.0
     assert _number(mass, with_bias) == pytest.approx(0.9, rel=0.01)
     assert _number(mass, alone, 2) > 10.0 * _number(mass, with_bias, 2)

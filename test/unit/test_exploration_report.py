@@ -8,7 +8,11 @@ import pytest
 from tactile_dynamics_ros.cli.demo_planar import table_parameters
 from tactile_dynamics_ros.cli.explore import describe
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.report.exploration import compare_properties, write_exploration
+from tactile_dynamics_ros.report.exploration import (
+    _history,
+    compare_properties,
+    write_exploration,
+)
 
 
 @pytest.fixture
@@ -55,8 +59,9 @@ def told():
 def test_estimates_stand_beside_the_truth_with_what_is_undetermined(told):
     rows = {row["name"]: row for row in told["compared"]}
     assert set(rows) == {"friction_force_n", "mass", "com_x", "com_y"}
-    assert rows["friction_force_n"]["inside_90"]
-    assert not rows["mass"]["inside_90"]
+    for name in ("friction_force_n", "mass"):
+        row = rows[name]
+        assert row["off_by_std"] == pytest.approx(abs(row["value"] - row["truth"]) / row["std"])
     assert rows["mass"]["undetermined"]
     assert rows["com_x"]["truth"] == 0.002
 
@@ -68,6 +73,12 @@ def test_the_page_tells_pushes_estimates_and_the_way(told, tmp_path):
     assert {file.stem for file in tmp_path.glob("*.png")} == {"actions", "estimates", "goal"}
 
 
+def test_the_band_over_time_is_one_standard_deviation_and_the_page_says_so(told, tmp_path):
+    band = _history(told).axes[1].collections[0].get_paths()[0].vertices[:, 1]
+    assert (band.min(), band.max()) == (pytest.approx(0.7), pytest.approx(0.9))
+    assert "Bands are ± one standard deviation" in write_exploration(told, tmp_path).read_text()
+
+
 def test_a_run_without_estimates_has_a_page_too(told, tmp_path):
     told["explored"]["properties"] = {"links": [], "undetermined": []}
     told |= {"compared": [], "history": []}
@@ -77,7 +88,7 @@ def test_a_run_without_estimates_has_a_page_too(told, tmp_path):
 def test_what_was_explored_is_told_in_lines(told):
     lines = describe(told["explored"]).splitlines()
     assert lines[0].startswith("1. push at (0.450, 0.000) m")
-    assert "mass: 0.7 +- 0.05 (undetermined)" in lines
+    assert "mass: 0.7 ± 0.05 (undetermined)" in lines
     assert lines[-1] == "stopped: all parameters are known to the wanted width"
 
 

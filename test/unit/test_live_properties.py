@@ -128,7 +128,7 @@ def test_a_filter_never_calls_a_mass_determined():
     assert force == pytest.approx(0.3 * 9.81)
     assert std == pytest.approx(0.01 * force)
     assert known.values["mass"][1] == pytest.approx(0.25, rel=1e-3)
-    assert "known only as a product (2.94 +- 0.03 N)" in known.text
+    assert "known only as a product (2.94 ± 0.03 N)" in known.text
 
 
 @pytest.mark.parametrize("name", ["graph", "graph_residual"])

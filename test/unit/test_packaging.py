@@ -49,6 +49,11 @@ def test_every_folder_with_modules_is_installed(setup):
     assert dotted == set(setup["packages"])
 
 
+def test_type_checkers_find_the_types_of_what_is_installed(setup):
+    assert (ROOT / PACKAGE / "py.typed").exists()
+    assert "py.typed" in setup["package_data"][PACKAGE]
+
+
 def test_every_node_is_an_executable(setup):
     scripts = {line.split(" = ")[0] for line in setup["entry_points"]["console_scripts"]}
     assert scripts == {*node_names(), "tactile-dynamics"}

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import ast
+import inspect
 import json
 import subprocess
 import sys
+import typing
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +16,8 @@ import pytest
 from synthetic_recording import held_box
 
 import tactile_dynamics_ros as td
+from tactile_dynamics_ros.api import verbs
+from tactile_dynamics_ros.api.result import Result
 from tactile_dynamics_ros.cli.main import main
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 from tactile_dynamics_ros.recording.pushed import PushedRecording
@@ -66,6 +71,114 @@ def test_a_verb_returns_the_document_of_the_command(verb, bag, recording, capsys
     assert str(result) == capsys.readouterr().out.rstrip("\n")
     assert result.plot()._repr_png_().startswith(PNG)
     assert result.headline().split("<")[0][:20] in result._repr_html_()
+
+
+@pytest.mark.parametrize("verb", ["check", "estimate", "compare", "diagnose", "explain"])
+def test_a_verb_takes_a_path_as_it_takes_what_was_read_from_it(verb, bag, monkeypatch):
+    for kind in ("Comparison", "Diagnosis", "Explanation", "Estimate"):
+        monkeypatch.setattr(verbs, kind, FromRecording)
+    monkeypatch.setattr("tactile_dynamics_ros.api.checks.check_recording", FromRecording)
+    monkeypatch.setattr("tactile_dynamics_ros.core.inertia.estimate.estimate", FromRecording)
+    monkeypatch.setattr(verbs, "question_held", lambda recording, effects: recording)
+    for path in (str(bag), Path(bag)):
+        found = getattr(td, verb)(path).recording
+        np.testing.assert_array_equal(found.streams.pose.time, td.read(bag).streams.pose.time)
+
+
+class FromRecording:
+    """Stands for what is computed from a recording, and keeps that."""
+
+    def __init__(self, recording, *others):
+        self.recording = recording
+
+    @classmethod
+    def of(cls, recording):
+        return cls(recording)
+
+
+def test_units_are_found_out_by_diagnose_and_explain_alone_as_in_the_shell(monkeypatch):
+    asked = {}
+    monkeypatch.setattr(verbs, "read", lambda path, any_unit: asked.setdefault(verb, any_unit))
+    monkeypatch.setattr(verbs, "_question", lambda recording, effects: recording)
+    for kind in ("Comparison", "Diagnosis", "Explanation"):
+        monkeypatch.setattr(verbs, kind, FromRecording)
+    for verb in ("compare", "diagnose", "explain"):
+        getattr(td, verb)("run.mcap")
+    assert asked == {"compare": False, "diagnose": True, "explain": True}
+
+
+def test_what_is_neither_a_path_nor_a_recording_is_refused():
+    with pytest.raises(BadInputError, match="list; expected a path"):
+        td.estimate(["a.mcap", "b.mcap"])
+
+
+def test_every_result_and_recording_shows_lines_instead_of_its_arrays(recording, pushes):
+    kinds = [getattr(td, name) for name in td.__all__ if name[0].isupper()]
+    results = [kind for kind in kinds if issubclass(kind, Result)]
+    assert len(results) == len(kinds) - 2, "all but recordings"
+    assert {kind.__repr__ for kind in results} == {Result.__repr__}
+    assert repr(recording).startswith("Recording(") and len(repr(recording)) < 200
+    assert repr(td.read(pushes)).startswith("PushedRecording(")
+
+
+class Lines(Result):
+    """A result of so many lines."""
+
+    def __init__(self, number):
+        self.number = number
+
+    def lines(self):
+        return [f"line {k}" for k in range(self.number)]
+
+    def headline(self):
+        return "all in one"
+
+    def to_json(self):
+        return {}
+
+    def rows(self):
+        return []
+
+    def draw(self):
+        raise NotImplementedError
+
+
+def test_a_long_result_is_cut_after_its_headline_and_says_how_to_see_all():
+    assert repr(Lines(14)) == str(Lines(14))
+    shown = repr(Lines(40)).splitlines()
+    assert len(shown) == 14
+    assert shown[:2] == ["all in one", "line 0"]
+    assert shown[-1] == "... 40 lines: print(result) shows all"
+
+
+@pytest.mark.parametrize("verb", ["check", "estimate", "compare", "diagnose"])
+def test_a_result_shows_less_than_15_lines(verb, recording):
+    assert len(repr(getattr(td, verb)(recording)).splitlines()) < 15
+
+
+@pytest.mark.parametrize("name", [name for name in td.__all__ if name != "__version__"])
+def test_exports_are_typed_to_the_last_argument(name):
+    exported = getattr(td, name)
+    members = [exported]
+    if isinstance(exported, type):
+        members = [member for key, member in vars(exported).items() if key[0] != "_"]
+    for member in members:
+        function = getattr(member, "__func__", getattr(member, "fget", member))
+        function = getattr(member, "func", function)
+        if inspect.isfunction(function):
+            hints = typing.get_type_hints(function, named_in(function))
+            arguments = {*inspect.signature(function).parameters} - {"self", "cls"}
+            assert {*arguments, "return"} <= {*hints}, function.__qualname__
+
+
+def named_in(function):
+    """Names of a function's module, those included that only a type checker imports."""
+    module = sys.modules[function.__module__]
+    names = dict(vars(module))
+    for node in ast.parse(inspect.getsource(module)).body:
+        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
+            exec(compile(ast.Module(node.body, []), module.__name__, "exec"), names)
+    return names
 
 
 def test_a_table_has_a_row_per_parameter_and_escapes_what_is_markup(recording):
@@ -153,7 +266,7 @@ def test_what_is_known_of_a_pushed_object_goes_into_its_next_recording(pushes, t
 def test_the_page_of_pushes_tells_numbers_and_shows_forces(pushes, tmp_path):
     found = td.estimate(td.read(pushes))
     page = found.report(tmp_path).read_text()
-    assert found.lines()[0].split("+-")[0].split()[-1] in page
+    assert found.lines()[0].split("±")[0].split()[-1] in page
     assert (tmp_path / "pushes.png").exists() and (tmp_path / "forces.png").exists()
     rows = {row[0].removesuffix(" *"): row[1:] for row in found.rows()}
     force, std = found.found.values["friction_force_n"]
@@ -189,8 +302,6 @@ def test_a_notebook_runs_and_shows_what_its_cells_end_with(path):
 
 def run_cell(source, names):
     """Run a cell and return the value of its last line, if it is an expression."""
-    import ast
-
     *body, last = ast.parse(source).body
     exec(compile(ast.Module(body, []), "cell", "exec"), names)
     if isinstance(last, ast.Expr):

@@ -79,7 +79,7 @@ def test_inertial_estimates_are_shown_as_medians_of_the_runs_that_gave_one():
         for mass in (1.0, 2.0, 3.0)
     ]
     last = render({"inertia": pairs}).splitlines()[-1]
-    assert last.startswith("Fused over kinematic only, mean of 3 runs: mass, % +1.00 +- 0.58,")
+    assert last.startswith("Fused over kinematic only, mean of 3 runs: mass, % +1.00 ± 0.58,")
     fused = {"position_rms_mm": 0.5, "rotation_rms_deg": 0.12, "nees": 6.2}
     told = render({"inertia": pairs, "inertia_fused": fused | {"nees_band_95": [4.7, 7.5]}})
     assert told.endswith(

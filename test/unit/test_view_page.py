@@ -47,7 +47,7 @@ def test_the_scene_has_object_arrows_and_ellipsoid_where_they_are(page):
     np.testing.assert_allclose(tip - start, METRES_PER_NEWTON * index.force, atol=1e-6)
     ellipsoid = page.drawn("/object/centre_of_mass")
     np.testing.assert_allclose(ellipsoid.position, state.body.com)
-    np.testing.assert_allclose(ellipsoid.scale[:2], [4e-3, 2e-3])
+    np.testing.assert_allclose(ellipsoid.scale[:2], [2e-3, 1e-3])
     del state.forces["thumb"]
     page.show(state)
     assert "/contacts/thumb/force" not in page.nodes
@@ -70,7 +70,7 @@ def test_a_history_keeps_a_minute_and_forgets_a_time_that_is_set_back():
         history.add(0.1 * k, k, 1.0)
     time, value, low, high = history.columns()
     assert len(time) == KEPT and value[-1] == KEPT + 49
-    np.testing.assert_array_equal(high - low, 4.0)
+    np.testing.assert_array_equal(high - low, 2.0)
     history.add(1.0, 5.0)
     assert history.columns().shape == (4, 1)
 
@@ -80,7 +80,7 @@ def test_the_wide_bands_of_the_beginning_do_not_hide_the_later_ones():
     for k in range(100):
         history.add(0.1 * k, 0.4, 5.0 if k < 10 else 0.01)
     _, _, low, high = history.columns()
-    assert high[0] - low[0] < 0.2 and high[-1] - low[-1] == pytest.approx(0.04)
+    assert high[0] - low[0] < 0.2 and high[-1] - low[-1] == pytest.approx(0.02)
 
 
 def test_a_recording_plays_with_its_estimate():

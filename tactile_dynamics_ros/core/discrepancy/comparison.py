@@ -48,8 +48,8 @@ class Place:
 
     Attributes:
         channel: of the residual.
-        condition: in words.
-        share_of_error: of the channel's excess error that comes with the condition.
+        condition: in words that follow "its error occurs".
+        share_of_error: of the channel's excess error that occurs then.
     """
 
     channel: str
@@ -65,7 +65,8 @@ class Comparison:
         assessment: is it adequate.
         residuals: of the model.
         channel_rms: white RMS by channel.
-        places: where it fails, worst first; empty if it is adequate.
+        places: where it fails, worst first; empty if it is adequate, or if the error of no channel
+            depends on what was going on.
         intervals: stretches (start, end) in s in which the error is far above its median.
         trace: what is significant and does not matter, or None.
         regime: in which the error is larger than elsewhere, whatever causes it; or None.
@@ -94,6 +95,11 @@ class Comparison:
                 "p_value": self.regime.p_value,
             }
         ]
+
+    @property
+    def compared(self) -> tuple[str, ...]:
+        """Names of the conditions on which the error may depend."""
+        return tuple(dict.fromkeys(c.cosine_of or c.name for c in self.residuals.conditions))
 
     @property
     def adequate(self) -> bool:
@@ -139,7 +145,7 @@ def compare(model: ResidualModel, significance: float = 0.01) -> Comparison:
 
 
 def _places(residuals: Residuals, floor: float) -> tuple[Place, ...]:
-    """The condition with which most of the error of every failing channel comes."""
+    """The conditions under which most of the error of a failing channel occurs, if any are."""
     excess = residuals.white**2 - floor**2
     found = []
     for index, channel in enumerate(residuals.channels):
@@ -158,7 +164,7 @@ def _places_of_channel(channel: str, share: Array, residuals: Residuals) -> list
         for words, inside in _subsets(condition)
     ]
     notable = sorted((p for p in options if p.share_of_error > _NOTABLE_SHARE), key=_by_share)
-    return notable[-2:] if notable else [Place(channel, "at all times", 1.0)]
+    return notable[-2:]
 
 
 def _by_share(place: Place) -> float:
@@ -180,9 +186,14 @@ def _subsets(condition: Condition) -> list[tuple[str, NDArray[np.bool_]]]:
             (f"from {low:.1f} s to {high:.1f} s", middle),
             (f"after {high:.1f} s", values > high),
         ]
+    below, above = f"below {low:.3g}{unit}", f"above {high:.3g}{unit}"
+    if condition.cosine_of:
+        far, near = np.degrees(np.arccos(np.clip([low, high], -1.0, 1.0)))
+        below, above = f"more than {far:.0f} deg", f"less than {near:.0f} deg"
+    name = condition.cosine_of or condition.name
     return [
-        (f"{condition.name} below {low:.3g}{unit}", values < low),
-        (f"{condition.name} above {high:.3g}{unit}", values > high),
+        (f"while {name} is {below}", values < low),
+        (f"while {name} is {above}", values > high),
     ]
 
 

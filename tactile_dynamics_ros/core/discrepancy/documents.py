@@ -24,6 +24,8 @@ from tactile_dynamics_ros.core.discrepancy.verdict.materiality import Trace
 from tactile_dynamics_ros.core.discrepancy.verdict.wording import (
     capitalise,
     join_names,
+    write_fall,
+    write_p_value,
     write_parameters,
     write_percent,
 )
@@ -175,7 +177,8 @@ def _verdict_sentence(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "adequate":
         return (
             "Nothing is missing: the model explains the recording to within the stated noise "
-            f"(whitened error {diagnosis.before.rms:.2f}, p = {diagnosis.assessment.p_value:.2g})."
+            f"(whitened error {diagnosis.before.rms:.2f}, "
+            f"{write_p_value(diagnosis.assessment.p_value)})."
         )
     if diagnosis.effect is None:
         return _unexplained_sentence(diagnosis)
@@ -208,7 +211,7 @@ def _trace_sentence(trace: Trace) -> str:
         why = "foretells nothing of the samples that it was not fitted to"
     text = (
         f"Nothing that matters is missing: the error is {trace.error:.3f} times the noise floor, "
-        f"and what is significant (p = {trace.p_value:.2g}) {why}"
+        f"and what is significant ({write_p_value(trace.p_value)}) {why}"
     )
     if trace.name is None:
         return text + "."
@@ -243,8 +246,8 @@ def _convention_sentence(diagnosis: Diagnosis, convention: Convention) -> str:
             f"(--assume {convention.name} reads it so)."
         )
     return (
-        f"{text}falls from {before:.2f} to {after:.2f}{unlike}. Correct the recording, or read it "
-        f"so with --assume {convention.name}."
+        f"{text}{write_fall(before, after)}{unlike}. Correct the recording, or read it so with "
+        f"--assume {convention.name}."
     )
 
 
@@ -269,7 +272,7 @@ def _significant(diagnosis: Diagnosis) -> str:
     if not entries or not entries[0]["remark"]:
         return ""
     best = entries[0]
-    return f"; {best['name']} (p = {best['p_value']:.2g}) {best['remark']}"
+    return f"; {best['name']} ({write_p_value(best['p_value'])}) {best['remark']}"
 
 
 def _lead(diagnosis: Diagnosis) -> str:
@@ -340,7 +343,7 @@ def _outcome(explanation: Explanation) -> str:
     if explanation.signature is not None:
         end = f"; something else remains: {_facts(explanation.signature)}"
         end += _lead(explanation.last)
-    return f"{'. '.join(clauses)}. The error falls from {before:.2f} to {after:.2f}{end}."
+    return f"{'. '.join(clauses)}. The error {write_fall(before, after)}{end}."
 
 
 def group_clause(verdict: str, group: Sequence[str], motion: Mapping[str, Any] | None) -> str:

@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 _WINDOW = 0.5
 """Length of the windows whose sums give the variance of a score, s: residuals are correlated over
-the +-70 ms from which motion is read, and 30 s have 60 such windows, which give a variance to 18 %.
+the ±70 ms from which motion is read, and 30 s have 60 such windows, which give a variance to 18 %.
 0.25 and 1 changed no verdict of 16 examples (7 synthetic probes, 9 slides of a block)."""
 _DEPENDENT = 1e-7
 """Share of the largest eigenvalue, of columns scaled to length 1, below which one depends on the

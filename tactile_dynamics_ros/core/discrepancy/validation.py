@@ -13,7 +13,7 @@ from tactile_dynamics_ros.core.discrepancy.structure import window_index
 Array = NDArray[np.float64]
 
 _BLOCK = 1.5
-"""Length of held-out blocks, s: longer than the windows of the motion (+-70 ms), so that a block
+"""Length of held-out blocks, s: longer than the windows of the motion (±70 ms), so that a block
 has not been seen through its neighbours, and twenty of them in 30 s. 0.75 and 3 changed no verdict
 of 16 examples (7 synthetic probes, 9 slides of a block), and errors by their third digit."""
 _FEWEST_BLOCKS = 6

@@ -228,8 +228,8 @@ class FrictionModel(LeastSquaresModel[FrictionEffect]):
             conditions=(
                 Condition("normal force", "N", slips.normal[:, 0]),
                 Condition("sliding speed", "m/s", slips.speed),
-                Condition("direction cosine", "", direction[0]),
-                Condition("direction sine", "", direction[1]),
+                Condition("direction cosine", "", direction[0], cosine_of="the direction from x"),
+                Condition("direction sine", "", direction[1], cosine_of="the direction from y"),
                 Condition("time", "s", slips.time - slips.time[0]),
             ),
             drivers=np.column_stack([*direction, *twice, slips.normal[:, 0], slips.speed]),

@@ -36,7 +36,7 @@ from tactile_dynamics_ros.recording.pushed.writer import write_pushed
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class PushedRecording:
     """Measurements of one object on a support, cleaned, with what had to be cleaned.
 
@@ -55,6 +55,11 @@ class PushedRecording:
     epoch_ns: int = 0
     file: Path | None = None
     namespace: str = ""
+
+    def __repr__(self) -> str:
+        """Return source, length and contacts in one line; the arrays are in `streams`."""
+        names = ", ".join(self.streams.contacts)
+        return f"{type(self).__name__}({self.source}: {self.duration:.1f} s, contacts {names})"
 
     @classmethod
     def from_bag(

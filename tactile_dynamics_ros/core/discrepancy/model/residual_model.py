@@ -74,6 +74,7 @@ class Condition:
         below_most: what it means that the value is below its largest, where nothing else is worth
             saying of it; empty for a quantity that is divided into thirds.
         symbol: that regimes name it by; empty where none can.
+        cosine_of: angle whose cosine the values are, as people name it; empty for other quantities.
     """
 
     name: str
@@ -81,6 +82,7 @@ class Condition:
     values: Array
     below_most: str = ""
     symbol: str = ""
+    cosine_of: str = ""
 
 
 @dataclass(frozen=True)

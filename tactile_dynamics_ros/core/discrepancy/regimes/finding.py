@@ -62,7 +62,7 @@ class RegimeFinding:
 
     @property
     def words(self) -> str:
-        """``below z = 0.420 +- 0.010 m``."""
+        """``below z = 0.420 ± 0.010 m``."""
         symbol, unit = self.gate.symbol, f" {self.condition.unit}".rstrip()
         low, high = (self._written(end) for end in (self.gate.low, self.gate.high))
         if math.isinf(self.gate.low):

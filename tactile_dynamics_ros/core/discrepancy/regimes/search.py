@@ -24,7 +24,7 @@ _MOST_OF_ALL = 20
 """Columns of any other family: a spring has 19. More would fit a regime whatever happens there."""
 _BLOCK = 0.5
 """Length of the blocks that are fitted and predicted in turn, s: far longer than the windows of the
-motion (+-70 ms), and so short that a regime of three seconds has six of them."""
+motion (±70 ms), and so short that a regime of three seconds has six of them."""
 _LEAST_LOSS = 1e-2
 """Squared residual of a block, in those of one white number, below which ratios do not count: only
 exact data have less."""

@@ -19,9 +19,13 @@ _UNDETERMINED = 3.0
 then say nine times more of the sum than of the share. At 1.5 shares of two fingers that are known
 apart are not told, at 6 shares that are nothing but the prior's may be."""
 
+_LEAST_P_VALUE = 1e-16
+"""Probability below which only this bound is written: tails of distributions are computed to double
+precision, 1e-16, and no noise is known to be normal that far out."""
+
 
 def write_parameters(parameters: Table) -> str:
-    """``c = 0.41 +- 0.03 N s/m``; the three components of a vector together; a few at most.
+    """``c = 0.41 ± 0.03 N s/m``; the three components of a vector together; a few at most.
 
     Where only the sum of several is known (entries that say `sum_of`), it stands for them.
     """
@@ -76,15 +80,30 @@ def _interval_of(entry: Mapping[str, Any]) -> str:
 
 
 def write_interval(value: float, std: float) -> str:
-    """``0.41 +- 0.03``: two digits of the standard deviation."""
+    """``0.41 ± 0.03``: two digits of the standard deviation."""
     if not math.isfinite(std):
-        return f"{value:.3g} +- any"
+        return f"{value:.3g} ± any"
     if not std > 0.0:
         return f"{value:.3g}"
     digits = max(0, 1 - math.floor(math.log10(std)))
     if digits > 6 or abs(value) >= 1e5:
-        return f"{value:.3g} +- {std:.1g}"
-    return f"{value:.{digits}f} +- {std:.{digits}f}"
+        return f"{value:.3g} ± {std:.1g}"
+    return f"{value:.{digits}f} ± {std:.{digits}f}"
+
+
+def write_p_value(p_value: float) -> str:
+    """``p = 0.012``; what is smaller than anybody can know is bounded, ``p < 1e-16``."""
+    if p_value < _LEAST_P_VALUE:
+        return f"p < {_LEAST_P_VALUE:.0e}"
+    return f"p = {p_value:.2g}"
+
+
+def write_fall(before: float, after: float) -> str:
+    """What an error does, as a clause: ``falls from 3.10 to 1.02``, or that it does not fall."""
+    old, new = f"{before:.2f}", f"{after:.2f}"
+    if old == new:
+        return f"does not fall: it stays at {old}"
+    return f"falls from {old} to {new}" if after < before else f"rises from {old} to {new}"
 
 
 def capitalise(text: str) -> str:

@@ -262,7 +262,7 @@ def _sticking(
 ) -> tuple[Array, Array, Array]:
     """Elastic torque that slips at its limit, and its derivatives by limit and stiffness.
 
-    tau <- clip(tau - stiffness twist, +-limit f), zero where a recording or a contact begins.
+    tau <- clip(tau - stiffness twist, ±limit f), zero where a recording or a contact begins.
 
     Args:
         twist: (N, C) rad since the sample before.

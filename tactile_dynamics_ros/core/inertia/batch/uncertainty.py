@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 _SCORE_BLOCK = 300
 """White numbers of a block over which scores are summed: six of each sample, half a second at 100
-Hz. Longer than the windows of the motion (+-70 ms), short enough that 30 s have 60 blocks, whose
+Hz. Longer than the windows of the motion (±70 ms), short enough that 30 s have 60 blocks, whose
 scatter is then known. Of three synthetic recordings it changes only intervals of those that do not
 fit: half as long by -9 to +5 %, twice as long by -6 to +17 %."""
 _TOLERATED_RATIO = 2.0

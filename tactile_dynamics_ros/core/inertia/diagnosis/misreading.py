@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import Convention
 from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
-from tactile_dynamics_ros.core.inertia.conventions.finder import find_convention
+from tactile_dynamics_ros.core.inertia.conventions.finder import assumed, find_convention
 from tactile_dynamics_ros.core.inertia.diagnosis.discrepancy_model import HeldObjectModel
 from tactile_dynamics_ros.core.inertia.diagnosis.readings import fit_with_readings
 from tactile_dynamics_ros.core.streams.streams import Streams
@@ -36,3 +36,18 @@ def question(
 
     model = HeldObjectModel.from_fit(fitted or fit_with_readings(streams, effects))
     return replace(model, misread=misread)
+
+
+def read_as(streams: Streams, names: Sequence[str]) -> Streams:
+    """Read a recording as conventions say, one after the other, each in the form that fits best.
+
+    Args:
+        streams: as recorded.
+        names: of the conventions, in the order in which they were found.
+
+    Raises:
+        BadInputError: the recording cannot be read so.
+    """
+    for name in names:
+        streams, _ = assumed(streams, name)
+    return streams

@@ -64,7 +64,7 @@ _EFFORT = DesignConfig(
 (1.5 Hz) since lags and added masses show at high frequency. 100 evaluations bound the time of a
 diagnosis; more find somewhat better motions."""
 _LIMITS = MotionLimits(rotation=0.7, translation=0.08)
-"""Size of the proposed motion, rad and m: +-40 deg and +-8 cm. Larger motions tell rivals apart
+"""Size of the proposed motion, rad and m: ±40 deg and ±8 cm. Larger motions tell rivals apart
 better, but fewer arms and cells have room for them."""
 _TOGETHER = ", and ask about both recordings together"
 """End of the proposal's sentence: the motion completes what is there. A text: it changes what
@@ -334,8 +334,8 @@ def _plan(kind: str, motion: DesignedMotion, told: list[str], gap: float) -> dic
 
 def _describe_motion(motion: DesignedMotion) -> str:
     peaks = np.abs(motion.offsets.evaluate(_times(_RATE_HZ))).max(axis=0)
-    turns = [f"{_AXES[k]} by +-{np.degrees(peaks[k]):.0f} deg" for k in range(3)]
-    shifts = [f"{_AXES[k]} by +-{100 * peaks[3 + k]:.0f} cm" for k in range(3)]
+    turns = [f"{_AXES[k]} by ±{np.degrees(peaks[k]):.0f} deg" for k in range(3)]
+    shifts = [f"{_AXES[k]} by ±{100 * peaks[3 + k]:.0f} cm" for k in range(3)]
     rates = motion.offsets.frequency_hz
     return (
         f"turn the object about world {', '.join(turns)} and shift it along "

@@ -85,5 +85,5 @@ def conditions(samples: WrenchSamples) -> list[Condition]:
             for index, name in enumerate(samples.contact_names)
         ]
         held = samples.in_contact.sum(axis=1).astype(float)
-        found.append(Condition("contacts", "", held, below_most="a finger lost contact"))
+        found.append(Condition("contacts", "", held, below_most="while a finger is off the object"))
     return found

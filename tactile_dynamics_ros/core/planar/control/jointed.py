@@ -149,7 +149,7 @@ def hinged_motion(rubbing: Rubbing, axes: Plane, tips: Tips, last: Slip | None =
 class _Mobility:
     """Motion under a force where friction is linear in speed, by drags d_k and c of the joint.
 
-    sum_k d_k (v + i w_k a_k) = F,  d_k (a_k x v) + d_k (|a_k|^2 + l_k^2) w_k +- c (w_1 - w_2) = T_k
+    sum_k d_k (v + i w_k a_k) = F,  d_k (a_k x v) + d_k (|a_k|^2 + l_k^2) w_k ± c (w_1 - w_2) = T_k
     """
 
     def __init__(self, radii: Array, arms: Plane, drag: Array, joint: Array) -> None:

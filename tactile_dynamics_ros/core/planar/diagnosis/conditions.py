@@ -31,8 +31,8 @@ def push_conditions(motion: PlanarMotion, force: Array, at: NDArray[np.intp]) ->
         Condition("force", "N", force[at]),
         Condition("place x", "m", motion.place[at, 0], symbol="x"),
         Condition("place y", "m", motion.place[at, 1], symbol="y"),
-        Condition("heading cosine", "", heading[at, 0]),
-        Condition("heading sine", "", heading[at, 1]),
+        Condition("heading cosine", "", heading[at, 0], cosine_of="the heading from x"),
+        Condition("heading sine", "", heading[at, 1], cosine_of="the heading from y"),
         Condition("time", "s", motion.time[at] - motion.time[0], symbol="t"),
     ]
 

@@ -112,7 +112,7 @@ def of_fit(fit: PushedEstimate, live: Properties, refused: str) -> Properties:
     ]
     (force, std), (now, now_std) = (v["friction_force_n"] for v in (fit.values, live.values))
     if abs(now - force) > _APART * np.hypot(std, now_std):
-        remarks.append(f"now it slides as with {now:.2f} +- {now_std:.2f} N: something changed")
+        remarks.append(f"now it slides as with {now:.2f} ± {now_std:.2f} N: something changed")
     if refused:
         remarks.append(f"the latest push is not in it: {refused}")
     return Properties(
@@ -143,10 +143,10 @@ def words(values: dict[str, tuple[float, float]], undetermined: tuple[str, ...] 
     force, std = values["friction_force_n"]
     if "friction_force_n" in undetermined:
         return "the friction force is not known yet: push it further"
-    said = f"friction force {force:.2f} +- {std:.2f} N"
+    said = f"friction force {force:.2f} ± {std:.2f} N"
     if "mass" in undetermined or "friction" in undetermined:
         said = (
-            f"mass and friction are known only as a product ({force:.2f} +- {std:.2f} N): push "
+            f"mass and friction are known only as a product ({force:.2f} ± {std:.2f} N): push "
             "faster and brake over 0.3 s, or shake while pulling"
         )
     if "com" in undetermined:

@@ -138,12 +138,12 @@ class LinkedEstimate:
         if self.joint is not None:
             x, y = 1e3 * self.joint.position
             dx, dy = 1e3 * self.joint.std
-            said.append(f"joint             {x:.1f} +- {dx:.1f}, {y:.1f} +- {dy:.1f} mm in link_1")
+            said.append(f"joint             {x:.1f} ± {dx:.1f}, {y:.1f} ± {dy:.1f} mm in link_1")
             if self.joint.friction_torque is not None:
                 said.append(
-                    "joint friction    {:.4f} +- {:.4f} N m".format(*self.joint.friction_torque)
+                    "joint friction    {:.4f} ± {:.4f} N m".format(*self.joint.friction_torque)
                 )
-        said.append("both together     friction force {:.3f} +- {:.3f} N".format(
+        said.append("both together     friction force {:.3f} ± {:.3f} N".format(
             *self.whole["friction_force_n"]))  # fmt: skip
         for k, link in enumerate(self.links):
             said += _link_lines(f"link_{k + 1}", link, self.undetermined)
@@ -153,7 +153,7 @@ class LinkedEstimate:
             )
         for name, parameters in self.effects.items():
             told = [
-                f"{n} = {e['value']:.2g} +- {e['std']:.2g} {e['unit']}"
+                f"{n} = {e['value']:.2g} ± {e['std']:.2g} {e['unit']}"
                 for n, e in parameters.items()
             ]
             said.append(f"{name}: {', '.join(told)}")
@@ -188,19 +188,17 @@ def _structure_line(structure: str, probability: dict[str, float]) -> str:
 def _link_lines(name: str, link: dict[str, Value], undetermined: tuple[str, ...]) -> list[str]:
     said = []
     if f"{name}.friction_force_n" not in undetermined:
-        said.append(
-            "{}  friction force  {:.3f} +- {:.3f} N".format(name, *link["friction_force_n"])
-        )
+        said.append("{}  friction force  {:.3f} ± {:.3f} N".format(name, *link["friction_force_n"]))
     if f"{name}.mass" not in undetermined:
-        said.append("{}  mass            {:.3f} +- {:.3f} kg".format(name, *link["mass"]))
+        said.append("{}  mass            {:.3f} ± {:.3f} kg".format(name, *link["mass"]))
     if f"{name}.friction" not in undetermined:
-        said.append("{}  friction        {:.3f} +- {:.3f}".format(name, *link["friction"]))
+        said.append("{}  friction        {:.3f} ± {:.3f}".format(name, *link["friction"]))
     shown = {"com_": f"{name}.com" not in undetermined, "carried_": "carried_x" in link}
     for stem, title in zip(PLACES, ("centre of mass", "carried at    "), strict=True):
         if shown[stem]:
             (x, dx), (y, dy) = link[f"{stem}x"], link[f"{stem}y"]
             said.append(
-                f"{name}  {title}  {1e3 * x:.1f} +- {1e3 * dx:.1f}, {1e3 * y:.1f} +- "
+                f"{name}  {title}  {1e3 * x:.1f} ± {1e3 * dx:.1f}, {1e3 * y:.1f} ± "
                 f"{1e3 * dy:.1f} mm in its frame"
             )
     return said

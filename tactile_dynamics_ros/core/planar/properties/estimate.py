@@ -78,7 +78,7 @@ class PushedEstimate:
     undetermined: tuple[str, ...]
     covariance: Array
     error: float
-    effects: dict[str, dict[str, dict[str, object]]] = field(default_factory=dict)
+    effects: dict[str, dict[str, dict[str, Any]]] = field(default_factory=dict)
     here: Array | None = None
     delay: tuple[float, float] | None = None
     error_without: float | None = None
@@ -123,25 +123,25 @@ class PushedEstimate:
         """Sentences for people."""
         v = self.values
         force, std = v["friction_force_n"]
-        said = [f"friction force    {force:.3f} +- {std:.3f} N"]
+        said = [f"friction force    {force:.3f} ± {std:.3f} N"]
         if "mass" in self.undetermined:
             said.append(
-                f"mass and friction are known only as a product ({force:.2f} +- {std:.2f} N): push "
+                f"mass and friction are known only as a product ({force:.2f} ± {std:.2f} N): push "
                 "faster and brake over 0.3 s, or shake while pulling, with forces at 100 Hz"
             )
         else:
-            said.append("mass              {:.3f} +- {:.3f} kg".format(*v["mass"]))
-            said.append("friction          {:.3f} +- {:.3f}".format(*v["friction"]))
+            said.append("mass              {:.3f} ± {:.3f} kg".format(*v["mass"]))
+            said.append("friction          {:.3f} ± {:.3f}".format(*v["friction"]))
         (x, x_std), (y, y_std) = v["com_x"], v["com_y"]
         said.append(
-            f"centre of mass    {1e3 * x:.1f} +- {1e3 * x_std:.1f}, {1e3 * y:.1f} +- "
+            f"centre of mass    {1e3 * x:.1f} ± {1e3 * x_std:.1f}, {1e3 * y:.1f} ± "
             f"{1e3 * y_std:.1f} mm in the link's frame"
         )
         radius, radius_std = v["friction_radius_m"]
-        said.append(f"friction radius   {1e3 * radius:.1f} +- {1e3 * radius_std:.1f} mm")
+        said.append(f"friction radius   {1e3 * radius:.1f} ± {1e3 * radius_std:.1f} mm")
         if "mass" not in self.undetermined:
             inertia, inertia_std = v["inertia_zz"]
-            said.append(f"inertia           {1e6 * inertia:.0f} +- {1e6 * inertia_std:.0f} kg mm^2")
+            said.append(f"inertia           {1e6 * inertia:.0f} ± {1e6 * inertia_std:.0f} kg mm^2")
         said.append(f"error             {self.error:.2f} times the noise, {self.samples} samples")
         if self.is_uneven:
             said.append(
@@ -150,7 +150,7 @@ class PushedEstimate:
             )
         for name, parameters in self.effects.items():
             told = [
-                f"{symbol} = {entry['value']:.3g} +- {entry['std']:.2g} {entry['unit']}".strip()
+                f"{symbol} = {entry['value']:.3g} ± {entry['std']:.2g} {entry['unit']}".strip()
                 for symbol, entry in parameters.items()
             ]
             said.append(f"{name}: {', '.join(told)}")

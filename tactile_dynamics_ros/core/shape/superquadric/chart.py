@@ -25,7 +25,7 @@ _LARGEST_TURN = 0.3
 """Longest turn of a step, rad, for the same reason. Larger overshoots and is refused, smaller takes
 more steps."""
 TAPER_RANGE = np.array([[-1.0, 1.0], [-0.9, 1.5]])
-"""Range of k1 and k2: a triangle has k1 = +-1, a hexagon k2 = -0.5, a butterfly k2 = 1. Source:
+"""Range of k1 and k2: a triangle has k1 = ±1, a hexagon k2 = -0.5, a butterfly k2 = 1. Source:
 paper B, which has k2 from 0 to 1; hexagons need less, and steep butterflies more. Wider lets the
 section vanish within the body, narrower cuts the triangle off."""
 

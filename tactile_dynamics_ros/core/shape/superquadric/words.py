@@ -37,7 +37,7 @@ def describe(part: Recovery) -> str:
     size = 1e3 * part.shape.extents()
     spread = 2e3 * max(part.std[f"a{axis}"] for axis in "xyz")
     lengths = " x ".join(f"{value:.0f}" for value in size)
-    return f"{kind(part.shape)} {lengths} mm, +- {max(spread, 0.1):.1f}"
+    return f"{kind(part.shape)} {lengths} mm, ± {max(spread, 0.1):.1f}"
 
 
 def kind(shape: Superquadric) -> str:
