@@ -6,12 +6,14 @@ import argparse
 import importlib
 import sys
 from collections.abc import Sequence
+from contextlib import nullcontext
 from types import ModuleType
 from typing import Any
 
 from tactile_dynamics_ros import __version__
 from tactile_dynamics_ros.cli.examples import epilog
 from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError, nearest
+from tactile_dynamics_ros.stopping import Stopped, StopRequest
 
 VERB_MODULES: tuple[str, ...] = (
     "tactile_dynamics_ros.cli.demo",
@@ -39,6 +41,10 @@ VERB_MODULES: tuple[str, ...] = (
 
 To add a verb, add its module here. Heavy imports belong inside the run function.
 """
+
+
+NODE_VERBS = ("run", "sim", "up")
+"""Verbs that end with 0 on Ctrl-C or SIGTERM, as nodes do, also while they load."""
 
 
 class _Parser(argparse.ArgumentParser):
@@ -105,9 +111,14 @@ def load_modules(names: Sequence[str] = VERB_MODULES) -> list[ModuleType]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one verb and return its exit code (0 done, 2 bad input, 3 not identifiable)."""
+    words = sys.argv[1:] if arguments is None else [*arguments]
+    runs_nodes = words[:1] and words[0] in NODE_VERBS
     try:
-        args = build_parser(load_modules()).parse_args(arguments)
+        with StopRequest(patience=0.0) if runs_nodes else nullcontext():
+            args = build_parser(load_modules()).parse_args(words)
         return int(args.run(args) or 0)
+    except Stopped:
+        return 0
     except TactileDynamicsError as error:
         print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
         return error.exit_code
