@@ -34,7 +34,7 @@ def test_what_runs_is_left_after_the_patience_alone():
         signal.raise_signal(signal.SIGINT)
         assert stop.requested
         with pytest.raises(Stopped):
-            time.sleep(30.0)
+            time.sleep(10.0)
 
 
 def test_what_ends_is_not_interrupted_any_longer():
