@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 import psutil
+from rclpy.client import Client
 from std_srvs.srv import Trigger
 
 from benchmarks.replay.motion import record_motion
@@ -205,16 +206,26 @@ def moving(bench: Bench, count: int) -> Iterator[Stop]:
     client = bench.player.node.create_client(Trigger, f"/{EXPLORE}")
     for number in range(count - 1):
         explorer = bench.start("explorer", number, use_sim_time=True)
-        bench.wait(client.service_is_ready, "the explorer")
-        answer = client.call_async(Trigger.Request())
-        bench.wait(lambda member=explorer[1]: computes(member), "a choice")
+        _explore(bench, client, explorer[1])
         if number % 2:
             bench.wait(lambda member=explorer[1]: not computes(member), "a push")
             bench.player.listen_until(time.monotonic() + 1.0)
-        stop = bench.stop(*explorer)
-        stop.said += f"answered before: {answer.result().message}" if answer.done() else ""
-        yield stop
+        yield bench.stop(*explorer)
     yield bench.stop(*table)
+
+
+def _explore(bench: Bench, client: Client, member: Member) -> None:
+    """Call the explorer, again while it refuses, until it chooses a push."""
+    bench.wait(client.service_is_ready, "the explorer")
+    answer = client.call_async(Trigger.Request())
+
+    def chooses() -> bool:
+        nonlocal answer
+        if answer.done():
+            answer = client.call_async(Trigger.Request())
+        return computes(member)
+
+    bench.wait(chooses, "a choice")
 
 
 def starting(bench: Bench, count: int) -> Iterator[Stop]:

@@ -6,12 +6,14 @@ import argparse
 import importlib
 import sys
 from collections.abc import Sequence
+from contextlib import nullcontext
 from types import ModuleType
 from typing import Any
 
 from tactile_dynamics_ros.cli.encoding import write_plain_where_needed
 from tactile_dynamics_ros.cli.examples import epilog
 from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError, nearest
+from tactile_dynamics_ros.stopping import Stopped, StopRequest
 from tactile_dynamics_ros.version import __version__
 
 VERB_MODULES: tuple[str, ...] = (
@@ -40,6 +42,10 @@ VERB_MODULES: tuple[str, ...] = (
 
 To add a verb, add its module here. Heavy imports belong inside the run function.
 """
+
+
+NODE_VERBS = ("run", "sim", "up")
+"""Verbs that end with 0 on Ctrl-C or SIGTERM, as nodes do, also while they load."""
 
 
 class _Parser(argparse.ArgumentParser):
@@ -107,9 +113,14 @@ def load_modules(names: Sequence[str] = VERB_MODULES) -> list[ModuleType]:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one verb and return its exit code (0 done, 2 bad input, 3 not identifiable)."""
     write_plain_where_needed()
+    words = sys.argv[1:] if arguments is None else [*arguments]
+    runs_nodes = words[:1] and words[0] in NODE_VERBS
     try:
-        args = build_parser(load_modules()).parse_args(arguments)
+        with StopRequest(patience=0.0) if runs_nodes else nullcontext():
+            args = build_parser(load_modules()).parse_args(words)
         return int(args.run(args) or 0)
+    except Stopped:
+        return 0
     except TactileDynamicsError as error:
         print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
         return error.exit_code

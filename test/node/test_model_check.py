@@ -1,6 +1,8 @@
 """The model check as a node: error near one on clean data, above it where a drag is missing."""
 
 import json
+import time
+from functools import partial
 
 import numpy as np
 import pytest
@@ -69,6 +71,20 @@ def test_diagnosis_is_of_the_last_grasp_and_answers_while_messages_go_on(checker
     )
     assert np.isfinite(document["error"]["before"])
     checker.until(lambda: checker.seen["/model_check/diagnosis"])
+
+
+def test_a_diagnosis_that_a_stop_ends_is_not_published(bench, capfd):
+    """Its answer comes in another thread, when there may be no publisher any longer."""
+    node = bench.start(ModelCheckNode)
+    answers = [node._diagnose_by(partial(time.sleep, 60.0)) for _ in range(2)]
+    bench.nodes.remove(node)
+    node.destroy_node()
+    deadline = time.monotonic() + 30.0
+    while node._background.busy and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert not node._background.busy
+    assert not any(answer.done() for answer in answers)
+    assert capfd.readouterr().err == ""
 
 
 def test_an_error_that_stays_is_reported_once_and_kept_with_its_diagnosis(bench, tmp_path):

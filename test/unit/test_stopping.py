@@ -7,6 +7,7 @@ import time
 
 import pytest
 
+from tactile_dynamics_ros.cli import main
 from tactile_dynamics_ros.stopping import Stopped, StopRequest
 
 
@@ -33,7 +34,7 @@ def test_what_runs_is_left_after_the_patience_alone():
         signal.raise_signal(signal.SIGINT)
         assert stop.requested
         with pytest.raises(Stopped):
-            time.sleep(30.0)
+            time.sleep(10.0)
 
 
 def test_what_ends_is_not_interrupted_any_longer():
@@ -75,3 +76,9 @@ def test_a_node_is_stopped_while_it_loads_its_libraries(by):
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, timeout=30.0)
     assert (done.returncode, done.stdout, done.stderr) == (0, b"", b"")
+
+
+@pytest.mark.parametrize(("verb", "code"), [("up", 0), ("run", 0), ("estimate", 130)])
+def test_a_verb_that_runs_nodes_ends_with_0_while_it_loads(monkeypatch, verb, code):
+    monkeypatch.setattr(main, "load_modules", lambda: signal.raise_signal(signal.SIGINT))
+    assert main.main([verb]) == code
