@@ -55,7 +55,6 @@ from tactile_dynamics_ros.ros.table_scene import (
     TableSceneConfig,
     tip_pose,
 )
-from tactile_dynamics_ros.ros.wire import Stamp
 
 Array = NDArray[np.float64]
 
@@ -119,7 +118,7 @@ def _late(run: Run) -> bool:
 class ExplorerNode(Shell):
     """On request chooses a push or a pull, makes it, waits for the estimate, and chooses again."""
 
-    skimming = True
+    skimming = by_arrival = True
 
     def __init__(self) -> None:
         super().__init__("explorer")
@@ -127,11 +126,11 @@ class ExplorerNode(Shell):
         self.sensing = declare_config(self, SensingConfig, "sensing.")
         self.way = declare_config(self, WayConfig, "way.")
         self.guard = declare_config(self, GuardConfig)
-        self.scene = TableScene(self, declare_config(self, TableSceneConfig))
+        self.scene = TableScene(self, declare_config(self, TableSceneConfig), self._follow)
         self._background = Background()
         self._pair: PairFits | None = None
         self._run: Run | None = None
-        self._answered, self._heard = Stamp(0, 0), time.monotonic()
+        self._heard = time.monotonic()
         self._target = self.create_publisher(PoseStamped, PUSHER_TARGET, 10)
         self._jaws = self.create_publisher(Float64, GRIPPER_TARGET, 10)
         self._width: float | None = None
@@ -208,12 +207,10 @@ class ExplorerNode(Shell):
         action = freeing(self.scene.seen().tip, self.way, self.scene.support)
         return Performance(action, Guard(self.guard))
 
-    def process(self) -> None:
-        """Answer the newest pose of the tip while a push is made."""
-        if self._run is None or self.scene.stamp == self._answered:
-            return
-        self._answered, self._heard = self.scene.stamp, time.monotonic()
-        performance = self._run.performance
+    def _follow(self) -> None:
+        """Answer a pose of the tip while a push is made."""
+        self._heard = time.monotonic()
+        performance = None if self._run is None else self._run.performance
         if performance is None:
             return
         if self.scene.fallen:
@@ -237,7 +234,7 @@ class ExplorerNode(Shell):
         if width is not None and width != self._width:
             self._jaws.publish(Float64(data=width))
         self._width = width
-        self._target.publish(pose_to_message(tip_pose(target), self._answered, WORLD))
+        self._target.publish(pose_to_message(tip_pose(target), self.scene.stamp, WORLD))
 
     def _advance(self) -> None:
         """Choose when the last push has been judged; begin what is chosen."""

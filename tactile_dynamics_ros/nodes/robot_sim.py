@@ -120,8 +120,8 @@ class Scene(Protocol):
 class RobotSim(Shell):
     """Simulates 10 ms, publishes what the sensors say, waits until that time has passed.
 
-    Where the machine is too slow, simulated time falls behind real time; nothing is skipped, and
-    the simulation waits for a controller that is working but late.
+    Where the machine is too slow, simulated time falls behind real time: nothing is skipped, and
+    the simulation waits for each command of a controller that is at work.
 
     Attributes:
         late: messages that are due later, with their publishers.
@@ -140,7 +140,9 @@ class RobotSim(Shell):
         self.shown = declare_config(self, SceneConfig)
         self.scene: Scene = (TableScene if self.shown.scene == "table" else HandScene)(self)
         self._ticks = self.create_publisher(Clock, CLOCK, 10)
-        self.serve(REVEAL, lambda: json.dumps(self.scene.reveal()))
+        self.serve(
+            REVEAL, lambda: json.dumps(self.scene.reveal() | {"late_commands": self.pace.late})
+        )
         self.every(PERIOD / self.config.real_time_factor, self._tick)
         self.every(2.0, self._measure_pace)
 
@@ -269,7 +271,7 @@ class TableScene:
         stamp = _checked_stamp(message.stamp, self.time, PUSHER_TARGET)
         self._targets.add(stamp + self.node.config.command_latency, target)
         if stamp > 0.0:
-            self.node.pace.note_command(stamp)
+            self.node.pace.note_command(stamp, self.time)
 
     def _on_gripper_target(self, message: Float64) -> None:
         if not np.isfinite(message.data):
@@ -374,7 +376,7 @@ class HandScene:
         stamp = _checked_stamp(message.stamp, self.time, JOINT_COMMAND)
         self._commands.add(stamp + self.config.command_latency, (reader.positions(message), names))
         if stamp > 0.0:
-            self.node.pace.note_command(stamp)
+            self.node.pace.note_command(stamp, self.time)
 
 
 def _checked_stamp(stamp: Stamp, now: float, topic: str) -> float:

@@ -108,6 +108,20 @@ def test_it_pushes_to_a_goal_and_tells_how_it_ended(table):
     assert len(table.targets) == sent
 
 
+def test_each_of_the_poses_that_come_together_is_answered_so_that_no_motion_has_holes(table):
+    table.outline()
+    table.tell()
+    table.ask()
+    table.until(lambda: len(table.targets) > 10)
+    sent, wanted = len(table.targets), [round(table.time + 0.01 * k, 3) for k in range(1, 5)]
+    for stamp in wanted:
+        place = cv.pose_to_message(tip_pose(table.tip), stamp, "world")
+        table.bench.publishers[PUSHER_POSE].publish(place)
+    table.bench.until(lambda: len(table.targets) >= sent + len(wanted), 5.0)
+    stamps = [message.stamp for message in table.targets[sent:]]
+    assert [round(stamp.sec + 1e-9 * stamp.nanosec, 3) for stamp in stamps] == wanted
+
+
 def test_an_emergency_stop_ends_a_push_and_forbids_another(table):
     table.outline()
     table.tell()
