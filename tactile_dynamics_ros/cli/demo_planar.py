@@ -41,6 +41,9 @@ CHECKING: dict[str, object] = {"model": "pushed", "period": 600.0, "diagnosis_wi
 """model_check diagnoses on request; comparisons meanwhile would take time from the fits."""
 PATIENCE = 600.0
 """Real seconds for exploring, on a machine that does other things too."""
+ANSWERED = 10.0
+"""Real seconds that the simulation waits for the next target of a pushing arm before it goes on
+without: plans of the controller take some of them on a machine that does ten other things."""
 TRACKED = 30.0
 """Hz of the tracker of markers, as depth cameras give images."""
 
@@ -109,6 +112,7 @@ def table_parameters(args: Namespace) -> dict[str, object]:
         "scene": "table",
         "object_number": int(number),
         "vision_rate_hz": TRACKED,
+        "command_timeout": ANSWERED,
         "seed": args.seed,
         "hidden_effect": args.hidden,
         "hidden_magnitude": float(args.magnitude),

@@ -24,7 +24,7 @@ from tactile_dynamics_ros.core.planar.actions.information import (
     PredictedObject,
     SensingConfig,
 )
-from tactile_dynamics_ros.core.planar.actions.straight import freeing
+from tactile_dynamics_ros.core.planar.actions.straight import drawing_back, freeing
 from tactile_dynamics_ros.core.planar.control.guard import Guard, GuardConfig, Seen
 from tactile_dynamics_ros.core.planar.control.performance import (
     Performance,
@@ -48,6 +48,7 @@ from tactile_dynamics_ros.ros.pair_fits import PairFits
 from tactile_dynamics_ros.ros.parameters import declare_config
 from tactile_dynamics_ros.ros.shell import REQUESTS, Shell, run_node
 from tactile_dynamics_ros.ros.table_scene import (
+    AT_REST,
     CONTACTS,
     OPEN,
     WORLD,
@@ -55,6 +56,7 @@ from tactile_dynamics_ros.ros.table_scene import (
     TableSceneConfig,
     tip_pose,
 )
+from tactile_dynamics_ros.ros.wire import Stamp
 
 Array = NDArray[np.float64]
 
@@ -65,6 +67,9 @@ PATIENCE = 60.0
 fifteen on an idle core. Then the next one is chosen by what is known."""
 _FORCE = "friction_force_n"
 """Name of what `explore` has to know at least: the friction force, of two parts that of both."""
+_PRESSED = 3
+"""Pushes of one call that may be stopped by too much force, each at half the speed of those before:
+at an eighth of it the next one says that the object is blocked or too heavy, not hit too hard."""
 SILENT = 5.0
 """Real time without a pose of the tip after which exploring is given up, s."""
 
@@ -79,6 +84,7 @@ class Run:
         actions: done, as told in the end. rivals: of the last action, as JSON.
         choosing: while that runs. choice: made. performance: while it is carried out.
         fits: estimates before the last push. since: monotonic s, when it ended.
+        pressed: pushes that too much force has stopped.
     """
 
     answer: RosFuture
@@ -91,6 +97,7 @@ class Run:
     performance: Performance | None = None
     fits: int = 0
     since: float = -np.inf
+    pressed: int = 0
 
     @property
     def explorer(self) -> Explorer:
@@ -205,36 +212,58 @@ class ExplorerNode(Shell):
         if self.scene.width < OPEN:
             return None
         action = freeing(self.scene.seen().tip, self.way, self.scene.support)
-        return Performance(action, Guard(self.guard))
+        return Performance(action, Guard(self.guard, unloads=True))
 
     def _follow(self) -> None:
         """Answer a pose of the tip while a push is made."""
         self._heard = time.monotonic()
-        performance = None if self._run is None else self._run.performance
-        if performance is None:
+        run, performance = self._run, None if self._run is None else self._run.performance
+        if run is None or performance is None:
             return
         if self.scene.fallen:
             self._finish("the object has fallen over", False)
             return
         target = performance.advance(self.scene.seen())
+        self._move(target, performance.width, AT_REST if performance.finished else self.scene.stamp)
         if performance.why:
-            self._finish(performance.why, False)
+            self._interrupt(run, performance)
         elif performance.finished:
-            self._run.performance = None
-            if self._run.actions:
-                self._run.since = time.monotonic()
-                self._tell("waiting", "for the estimate from this push")
-                if self._pair is not None and self._run.waits:
-                    self._pair.ask()
-        else:
-            self._move(target, performance.width)
+            self._conclude(run)
 
-    def _move(self, target: Array, width: float | None) -> None:
+    def _interrupt(self, run: Run, performance: Performance) -> None:
+        """Draw back from too much force, to push on more gently; end for everything else."""
+        if run.actions:
+            run.actions[-1]["stopped"] = performance.why
+        run.pressed += performance.pressed
+        if not performance.pressed or run.pressed > _PRESSED:
+            self._finish(performance.why, False)
+            return
+        for explorer in run.explorers:
+            explorer.soften()
+        run.performance = self._drawing_back(run)
+        self._tell("stopped", f"{performance.why}: the next pushes go at half the speed, elsewhere")
+
+    def _drawing_back(self, run: Run) -> Performance:
+        """Let go of what is gripped, or go back along the way of the push, and rise."""
+        direction = np.array(run.actions[-1]["direction"] if run.actions else (0.0, 0.0))
+        back = drawing_back(self.scene.seen().tip, direction, self.way, self.scene.support)
+        return self._freeing() or Performance(back, Guard(self.guard, unloads=True))
+
+    def _conclude(self, run: Run) -> None:
+        """Wait for what a motion has told, if it was a push."""
+        run.performance = None
+        if run.actions:
+            run.since = time.monotonic()
+            self._tell("waiting", "for the estimate from this push")
+            if self._pair is not None and run.waits:
+                self._pair.ask()
+
+    def _move(self, target: Array, width: float | None, stamp: Stamp) -> None:
         """Send tip and jaws where they should be now."""
         if width is not None and width != self._width:
             self._jaws.publish(Float64(data=width))
         self._width = width
-        self._target.publish(pose_to_message(tip_pose(target), self.scene.stamp, WORLD))
+        self._target.publish(pose_to_message(tip_pose(target), stamp, WORLD))
 
     def _advance(self) -> None:
         """Choose when the last push has been judged; begin what is chosen."""

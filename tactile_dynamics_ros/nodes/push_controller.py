@@ -29,6 +29,7 @@ from tactile_dynamics_ros.ros.names import (
 from tactile_dynamics_ros.ros.parameters import declare_config
 from tactile_dynamics_ros.ros.shell import Shell, run_node
 from tactile_dynamics_ros.ros.table_scene import (
+    AT_REST,
     OPEN,
     WORLD,
     TableScene,
@@ -74,10 +75,10 @@ class PushControllerNode(Shell):
             return
         target = controller.advance(self.scene.seen())
         self._heard = time.monotonic()  # a plan takes a while, and nothing is heard meanwhile
+        stamp = self.scene.stamp if controller.outcome is None else AT_REST
+        self._target.publish(pose_to_message(tip_pose(target), stamp, WORLD))
         if controller.outcome is not None:
             self._finish()
-            return
-        self._target.publish(pose_to_message(tip_pose(target), self.scene.stamp, WORLD))
 
     def _on_goal(self, message: Stamped) -> None:
         """Begin, or take the new goal from where the tip is."""

@@ -270,8 +270,7 @@ class TableScene:
             raise MessageError("not_upright", text)
         stamp = _checked_stamp(message.stamp, self.time, PUSHER_TARGET)
         self._targets.add(stamp + self.node.config.command_latency, target)
-        if stamp > 0.0:
-            self.node.pace.note_command(stamp, self.time)
+        self.node.pace.note_command(stamp, self.time)
 
     def _on_gripper_target(self, message: Float64) -> None:
         if not np.isfinite(message.data):
@@ -375,8 +374,7 @@ class HandScene:
         reader = self._reader.setdefault(names, JointReader(names, JOINT_COMMAND))
         stamp = _checked_stamp(message.stamp, self.time, JOINT_COMMAND)
         self._commands.add(stamp + self.config.command_latency, (reader.positions(message), names))
-        if stamp > 0.0:
-            self.node.pace.note_command(stamp, self.time)
+        self.node.pace.note_command(stamp, self.time)
 
 
 def _checked_stamp(stamp: Stamp, now: float, topic: str) -> float:

@@ -73,9 +73,12 @@ class Pace:
         """Note a command and its stamp, s.
 
         Args:
-            stamp: simulated time to which a controller has answered, s.
+            stamp: simulated time to which a controller has answered, s; 0 ends its motion.
             simulated: time now, s.
         """
+        if stamp <= 0.0:
+            self._command = (0.0, -np.inf)
+            return
         since, limit = stamp - self._command[0], self._config.command_lag
         self._period = min(since, limit) if since > 0.0 else self._period
         overdue = simulated - stamp > self._config.command_latency + _ROUNDING

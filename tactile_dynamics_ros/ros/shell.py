@@ -196,7 +196,7 @@ class Shell(Node):
             callback: gets the message, as `wire` reads it where it knows the type.
             profile: quality of service.
             raw: hand over the bytes of the message instead.
-            skim: while `skimming`, hand over only the newest so many of those taken together; 0: all.
+            skim: while `skimming`, hand over only so many of those taken together; 0: all.
             sole: leave out what comes while two publish on the topic at once.
         """
         decode = None if raw else decoder_of(kind)

@@ -57,6 +57,8 @@ _ANSWERED = 10
 """Poses of the tip taken together of which each is answered: a tenth of a second at 100 Hz. Where
 only the newest were, a motion would have holes where the machine is busy, and jerk what it pushes;
 more would lead the tip along a way on which it should have been long ago."""
+AT_REST = Stamp(0, 0)
+"""Stamp of the last target of a motion: executed at once, and a simulation waits for no other."""
 OPEN = 0.004
 """Width of the jaws from which they are not closed to a single tip, m: twice what closed grippers
 tell of themselves, half of the narrowest that is gripped."""

@@ -1,4 +1,4 @@
-"""When a simulated robot waits: what happens in a run must not depend on how busy the machine is."""
+"""When a simulated robot waits: a run must not depend on how busy the machine is."""
 
 import itertools
 
@@ -80,3 +80,6 @@ def test_a_motion_that_has_ended_holds_the_simulation_up_once(monkeypatch):
     assert not pace.must_wait(0.2)
     pace.note_command(3.0, 3.1)  # the next motion may begin when it likes
     assert pace.late == 0
+    assert pace.must_wait(3.2)
+    pace.note_command(0.0, 3.2)  # without a stamp: the motion has ended
+    assert not pace.must_wait(3.2)

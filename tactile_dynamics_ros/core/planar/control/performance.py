@@ -67,6 +67,11 @@ class Performance:
         width: m, of the jaws now; None before the first answer.
     """
 
+    @property
+    def pressed(self) -> bool:
+        """Whether it was stopped by too much force."""
+        return self._guard.pressed
+
     def __init__(self, action: StraightAction, guard: Guard) -> None:
         self.finished, self.why = False, ""
         self.width: float | None = None
