@@ -145,7 +145,7 @@ def _run_planar(args: Namespace) -> int:
 
     told = play(args, _new_folder(args), _Speaker(quiet=args.json))
     if args.json:
-        hidden = ("path", "history", "footprint", "goal_from", "goal_to")
+        hidden = ("parts", "history", "goal_from", "goal_to")
         print(json.dumps({key: value for key, value in told.items() if key not in hidden}))
     return 0
 
@@ -238,11 +238,22 @@ def start_processes(
     if motion is not None:
         extra["grasp_controller"]["motion"] = motion
     supervisor.start("recorder", verb_command("record", str(out / "recording")))
+    start_view(supervisor, args, say)
+    for name, file in files.items():
+        supervisor.start(name, node_command(name, file, extra.get(name)))
+
+
+def start_view(supervisor: Supervisor, args: Namespace, say: Callable[[str], None]) -> None:
+    """Start the live page if the arguments ask for one, and say where it is.
+
+    Args:
+        supervisor: that starts it.
+        args: of the verb.
+        say: prints a line for people.
+    """
     if getattr(args, "view", None):
         supervisor.start("view", verb_command("view", "--port", str(args.view)))
         say(f"live page: http://127.0.0.1:{args.view}/")
-    for name, file in files.items():
-        supervisor.start(name, node_command(name, file, extra.get(name)))
 
 
 def _play(

@@ -102,8 +102,12 @@ class Act:
         """Let the explorer push in different directions; return what it did."""
         from tactile_dynamics_ros.ros.names import EXPLORE_CHANGE
 
-        done, message = self._call(EXPLORE_CHANGE)
-        return list(json.loads(message)["actions"]) if done else []
+        _, message = self._call(EXPLORE_CHANGE)
+        try:
+            return list(json.loads(message)["actions"])  # those before a stop count too
+        except ValueError:
+            self._say(f"explorer: no straight pushes: {message}")
+            return []
 
     def _take_over(self, found: dict[str, Any]) -> dict[str, Any]:
         """Add a named effect to the model of the estimator, and wait for the error with it."""
@@ -195,7 +199,7 @@ def sentence(found: dict[str, Any]) -> str:
         return said
     alone = found["effect"] == "support_tilt" and found["verdict"] == "missing_effect"
     sure = "the table leans" if alone else "as if the table leant"
-    return f"{sure} by {tilt[0]:.1f} +- {tilt[1]:.1f} deg. {said}"
+    return f"{sure} by {tilt[0]:.1f} ± {tilt[1]:.1f} deg. {said}"
 
 
 def leaning(found: dict[str, Any]) -> tuple[float, float] | None:

@@ -9,6 +9,7 @@ from typing import Any
 from tactile_dynamics_ros.cli.bringup import read_namespace
 from tactile_dynamics_ros.cli.topics import call_trigger, short_lived_node
 from tactile_dynamics_ros.core.errors import NotIdentifiableError, TactileDynamicsError
+from tactile_dynamics_ros.core.planar.properties.doubts import why_unknown
 
 
 def add_parser(verbs: _SubParsersAction[Any]) -> None:
@@ -51,18 +52,24 @@ def describe(told: dict[str, Any]) -> str:
             f"{k}. {action['kind']}{_of_part(told, action)} at ({x:.3f}, {y:.3f}) m, "
             f"{action['speed']:g} m/s: expected {action['expected_gain']:.1f} nats, "
             f"{action['chosen_because']}"
+            + (f"; stopped: {action['stopped']}" if "stopped" in action else "")
         )
     unknown = told["properties"]["undetermined"]
-    if "said" in told["properties"]:
-        lines += told["properties"]["said"]
-        return "\n".join([*lines, f"stopped: {told['stopped_because']}"])
-    for link in told["properties"]["links"]:
+    lines += told["properties"].get("said") or _numbers(told["properties"]["links"], unknown)
+    why = why_unknown(told["properties"])
+    return "\n".join([*lines, *why, f"stopped: {told['stopped_because']}"])
+
+
+def _numbers(links: list[dict[str, Any]], unknown: list[str]) -> list[str]:
+    """One line for each number of a single part."""
+    lines = []
+    for link in links:
         for name, entry in link.items():
             value, std = entry["value"], entry["std"]
             pairs = zip(value, std, strict=True) if isinstance(value, list) else [(value, std)]
-            words = ", ".join(f"{v:.4g} +- {s:.2g}" for v, s in pairs)
+            words = ", ".join(f"{v:.4g} ± {s:.2g}" for v, s in pairs)
             lines.append(f"{name}: {words}{' (undetermined)' if name in unknown else ''}")
-    return "\n".join([*lines, f"stopped: {told['stopped_because']}"])
+    return lines
 
 
 def _of_part(told: dict[str, Any], action: dict[str, Any]) -> str:

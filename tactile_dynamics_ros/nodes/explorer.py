@@ -348,7 +348,8 @@ class ExplorerNode(Shell):
         if self._pair is None:
             return self.scene.properties_json()
         unknown: dict[str, object] = {"links": [], "undetermined": ["structure", _FORCE]}
-        return (self._pair.found or unknown) | {"said": self._pair.said}
+        told = {"said": self._pair.said, "refused": self._pair.refused}
+        return (self._pair.found or unknown) | told
 
 
 def main() -> int:

@@ -103,7 +103,8 @@ class TableScene:
 
     Attributes:
         support: height of the table, m. properties: the newest estimate as numbers by name.
-        undetermined: names of what it does not tell. fits: how often it was made anew.
+        undetermined: names of what it does not tell. error: of its fit over the noise; None
+            without one. fits: how often it was made anew.
         fallen: whether the object no longer stands. stamp: of the tip's newest pose.
         width: m, of the jaws; 0 where nobody tells.
         watch: of a second part that turns against the first.
@@ -114,6 +115,7 @@ class TableScene:
         self.config, self.support, self.fallen = config, 0.0, False
         self.properties: dict[str, float] = {}
         self.undetermined: list[str] = []
+        self.error: float | None = None
         self.fits = 0
         self._fit: tuple[str | None, str | None] = (None, None)
         self.stamp = Stamp(0, 0)
@@ -151,7 +153,8 @@ class TableScene:
         com = [link.pop(name) for name in ("com_x", "com_y") if name in link]
         if len(com) == 2:
             link["com"] = {key: [part[key] for part in com] for key in ("value", "std")}
-        return {"links": [link] if link else [], "undetermined": self.undetermined}
+        known = {"links": [link] if link else [], "undetermined": self.undetermined}
+        return known if self.error is None else known | {"error": self.error}
 
     def belief(self, outline: Array, told: Mapping[str, float] | None = None) -> Belief:
         """What is known of product, mass and centre of mass; little if nobody tells.
@@ -290,6 +293,8 @@ class TableScene:
         read = Statuses(message.status)
         solver, link = read.values("solver"), read.values("link_1")
         told = solver.get("fits"), solver.get("refused")
+        error = to_number(solver.get("whitened_rms"))
+        self.error = error if np.isfinite(error) else None
         if told[0] is not None and told != self._fit:
             self._fit, self.fits = told, self.fits + 1
         if "com_x" in link:

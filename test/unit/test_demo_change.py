@@ -21,7 +21,7 @@ def document(verdict="missing_effect", effect="support_tilt", group=()):
 
 def test_the_angle_of_a_lean_is_told_with_its_interval_and_only_of_a_lean():
     assert leaning(document()) == pytest.approx((3.4377, 0.34377), abs=1e-3)
-    assert sentence(document()) == "the table leans by 3.4 +- 0.3 deg. Said."
+    assert sentence(document()) == "the table leans by 3.4 ± 0.3 deg. Said."
     assert "as if" in sentence(document("ambiguous"))
     assert sentence(document(effect="constant_pull")) == "Said."
     among = document("ambiguous", "constant_pull", ["constant_pull", "support_tilt"])
