@@ -21,7 +21,12 @@ from tactile_dynamics_ros.cli.live import (
     add_simulation_arguments,
     simulation_parameters,
 )
-from tactile_dynamics_ros.cli.supervisor import Supervisor, node_command, verb_command
+from tactile_dynamics_ros.cli.supervisor import (
+    Supervisor,
+    node_command,
+    start_view,
+    verb_command,
+)
 from tactile_dynamics_ros.cli.view import require_viser
 from tactile_dynamics_ros.core.errors import (
     NotIdentifiableError,
@@ -238,22 +243,9 @@ def start_processes(
     if motion is not None:
         extra["grasp_controller"]["motion"] = motion
     supervisor.start("recorder", verb_command("record", str(out / "recording")))
-    start_view(supervisor, args, say)
+    start_view(supervisor, getattr(args, "view", None), say)
     for name, file in files.items():
         supervisor.start(name, node_command(name, file, extra.get(name)))
-
-
-def start_view(supervisor: Supervisor, args: Namespace, say: Callable[[str], None]) -> None:
-    """Start the live page if the arguments ask for one, and say where it is.
-
-    Args:
-        supervisor: that starts it.
-        args: of the verb.
-        say: prints a line for people.
-    """
-    if getattr(args, "view", None):
-        supervisor.start("view", verb_command("view", "--port", str(args.view)))
-        say(f"live page: http://127.0.0.1:{args.view}/")
 
 
 def _play(

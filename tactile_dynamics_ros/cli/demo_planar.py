@@ -11,12 +11,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tactile_dynamics_ros.cli.bringup import require_effect_of_table, write_parameters
-from tactile_dynamics_ros.cli.demo import start_view
 from tactile_dynamics_ros.cli.demo_log import Log
 from tactile_dynamics_ros.cli.domain import private_domain
-from tactile_dynamics_ros.cli.explore import describe
+from tactile_dynamics_ros.cli.explore import describe, why_unknown
 from tactile_dynamics_ros.cli.push_goal import ask
-from tactile_dynamics_ros.cli.supervisor import Supervisor, node_command, verb_command
+from tactile_dynamics_ros.cli.supervisor import (
+    Supervisor,
+    node_command,
+    start_view,
+    verb_command,
+)
 from tactile_dynamics_ros.cli.topics import short_lived_node, spin_until
 from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError
 from tactile_dynamics_ros.core.planar.actions.candidate import MANNERS
@@ -79,7 +83,7 @@ def play(args: Namespace, out: Path, say: Callable[[str], None]) -> dict[str, An
         say(f"nodes run on ROS domain {domain} of this host; look in with")
         say(f"  ROS_DOMAIN_ID={domain} tactile-dynamics echo /property_estimator/status")
         supervisor.start("recorder", verb_command("record", str(out / "recording")))
-        start_view(supervisor, args, say)
+        start_view(supervisor, args.view, say)
         files = write_parameters(share_file(CONFIG), out / "parameters")
         for name, parameters in nodes(table, args.seed).items():
             supervisor.start(name, node_command(name, files.get(name), parameters))
@@ -106,7 +110,7 @@ def report(told: dict[str, Any], out: Path, say: Callable[[str], None]) -> None:
     """
     from tactile_dynamics_ros.report.exploration import compare_properties, write_exploration
 
-    told["compared"] = []
+    told["compared"], told["why_unknown"] = [], why_unknown(told["explored"]["properties"])
     if told["truth"] is not None:
         (out / "truth.json").write_text(json.dumps(told["truth"], indent=1) + "\n")
         _reveal(told["truth"], say)

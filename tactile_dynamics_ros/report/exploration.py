@@ -10,7 +10,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.planar.properties.doubts import why_unknown
 from tactile_dynamics_ros.report.page import Page, Picture, Section, write_page
 from tactile_dynamics_ros.report.pushes import closed
 from tactile_dynamics_ros.report.style import BLUE, GREEN, ORANGE, house_style, new_figure
@@ -88,8 +87,8 @@ def write_exploration(told: dict[str, Any], folder: Path) -> Path:
 
     Args:
         told: explored, pushed (None: not at all), goal, goal_from and goal_to (s), parts (footprint
-            and path of each), history, compared, truth (None: not revealed), changed, and stopped
-            and broken, which say what did not come to its end.
+            and path of each), history, compared, why_unknown (sentences), truth (None: not
+            revealed), changed, and stopped and broken, which say what did not come to its end.
         folder: where it goes.
     """
     pushed = told["pushed"]
@@ -155,7 +154,7 @@ def _estimates(told: dict[str, Any]) -> Section:
         ]
         for row in told["compared"]
     ]
-    said = [*why_unknown(told["explored"]["properties"])]
+    said = [*told["why_unknown"]]
     if told["truth"] is None:
         said.append("The truth was not revealed.")
     elif not told.get("changed"):

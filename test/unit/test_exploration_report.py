@@ -7,7 +7,7 @@ import pytest
 from matplotlib.colors import to_hex
 
 from tactile_dynamics_ros.cli.demo_planar import table_parameters
-from tactile_dynamics_ros.cli.explore import describe
+from tactile_dynamics_ros.cli.explore import describe, why_unknown
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.report.exploration import (
     COLOURS,
@@ -57,6 +57,7 @@ def told():
         "goal_from": 0.5,
         "goal_to": 1.0,
         "changed": None,
+        "why_unknown": [],
         "stopped": [],
         "broken": "",
         "history": [{"time": t, "mass": 0.8, "mass_std": 0.1} for t in (1.0, 2.0)],
@@ -88,6 +89,7 @@ def test_a_run_without_estimates_has_a_page_too(told, tmp_path):
 
 def test_a_story_that_was_stopped_has_a_page_that_says_what_happened(told, tmp_path):
     told["explored"] = {"actions": [], "properties": {"links": [], "undetermined": []}}
+    told["why_unknown"] = why_unknown(told["explored"]["properties"])
     told |= {"pushed": None, "truth": None, "compared": [], "broken": "robot_sim ended with -9"}
     told["stopped"] = ["no pusher/pose for 5 s"]
     page = write_exploration(told, tmp_path).read_text()
