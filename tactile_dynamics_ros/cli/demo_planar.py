@@ -55,11 +55,14 @@ LATE = (
 """What is said where a controller was too late even for a simulation that waits."""
 START = 120.0
 """Real seconds within which all nodes must be heard: the slowest machines import for a minute."""
+FITTED = 240.0
+"""Real seconds for the estimate of a push: fits take 15 of an idle core at most, and a machine with
+eight busy programs beside them ten times as long. Without it the next push is chosen by less."""
 CHECKING: dict[str, object] = {"model": "pushed", "period": 600.0, "diagnosis_window": 60.0}
 """model_check diagnoses on request; comparisons meanwhile would take time from the fits."""
 PATIENCE = 1800.0
-"""Real seconds for exploring, on a machine that does ten other things too: the explorer waits for
-at most a minute after each push, and ends by itself; a shorter one would go on while it pushes."""
+"""Real seconds for exploring, on a machine that does ten other things too: the explorer waits after
+each push (`FITTED`), and ends by itself; with less the story would go on while it pushes."""
 ANSWERED = 10.0
 """Real seconds that the simulation waits for the next target of a pushing arm before it goes on
 without: plans of the controller take some of them on a machine that does ten other things."""
@@ -164,11 +167,11 @@ def table_parameters(args: Namespace) -> dict[str, object]:
 def nodes(table: dict[str, object], seed: int) -> dict[str, dict[str, object]]:
     """Return the nodes of the story with their parameters."""
     clock: dict[str, object] = {"use_sim_time": True}
-    manners = {"manners": list(MANNERS)}
+    how = {"manners": list(MANNERS), "patience": FITTED}
     return {
         "robot_sim": table,
         "property_estimator": clock,
-        "explorer": clock | {"budget": BUDGET, "least": BUDGET, "seed": seed, **manners},
+        "explorer": clock | {"budget": BUDGET, "least": BUDGET, "seed": seed, **how},
         "push_controller": clock,
         "model_check": clock | CHECKING,
     }

@@ -52,7 +52,7 @@ def describe(told: dict[str, Any]) -> str:
             f"{k}. {action['kind']}{_of_part(told, action)} at ({x:.3f}, {y:.3f}) m, "
             f"{action['speed']:g} m/s: expected {action['expected_gain']:.1f} nats, "
             f"{action['chosen_because']}"
-            + (f"; stopped: {action['stopped']}" if "stopped" in action else "")
+            + "".join(f"; {key}: {action[key]}" for key in ("stopped", "late") if key in action)
         )
     unknown = told["properties"]["undetermined"]
     lines += told["properties"].get("said") or _numbers(told["properties"]["links"], unknown)

@@ -62,9 +62,6 @@ Array = NDArray[np.float64]
 
 GAP = 0.006
 """Between tip and object before a push, m: outlines from cameras are right to 2 mm."""
-PATIENCE = 60.0
-"""Real time for which the estimate of the last push is awaited, s; a fit to eight pushes takes
-fifteen on an idle core. Then the next one is chosen by what is known."""
 _FORCE = "friction_force_n"
 """Name of what `explore` has to know at least: the friction force, of two parts that of both."""
 _PRESSED = 3
@@ -115,11 +112,6 @@ class Run:
         if left:
             self.part = min(left, key=lambda k: self.explorers[k].count)
         return bool(left)
-
-
-def _late(run: Run) -> bool:
-    """Whether the estimate of the last push has been awaited for too long."""
-    return time.monotonic() - run.since > PATIENCE
 
 
 class ExplorerNode(Shell):
@@ -279,7 +271,7 @@ class ExplorerNode(Shell):
         elif run.choosing is not None:
             if run.choosing.done():
                 self._begin(run, run.choosing)
-        elif not run.waits or self._is_judged(run) or _late(run):
+        elif not run.waits or self._is_judged(run) or self._is_late(run):
             if self._pair is None and run.actions and not self.scene.properties:
                 self._finish(f"no {PROPERTY_STATUS} came: is property_estimator running?", False)
                 return
@@ -288,6 +280,13 @@ class ExplorerNode(Shell):
     def _is_judged(self, run: Run) -> bool:
         """Whether the estimate of the last push has come."""
         return self.scene.fits > run.fits if self._pair is None else not self._pair.busy
+
+    def _is_late(self, run: Run) -> bool:
+        """Whether the estimate of the last push has been awaited for too long, which is told."""
+        late = time.monotonic() - run.since > self.config.patience
+        if late and run.actions:
+            run.actions[-1]["late"] = f"no estimate of it after {self.config.patience:g} s"
+        return late
 
     def _choose(self, run: Run) -> None:
         """Begin to choose for the part that was pushed least; end where none is left to push."""

@@ -127,7 +127,7 @@ def _actions(told: dict[str, Any]) -> Section:
             f"{a['point'][0]:.3f}, {a['point'][1]:.3f}",
             f"{a['speed']:g}",
             f"{a['expected_gain']:.1f}",
-            "; stopped: ".join([a["chosen_because"], *filter(None, [a.get("stopped")])]),
+            "; ".join(a[key] for key in ("chosen_because", "stopped", "late") if key in a),
         ]
         for k, a in enumerate(actions, 1)
     ]

@@ -315,6 +315,7 @@ def test_after_too_much_force_the_explorer_draws_back_and_pushes_more_gently(ben
     assert speeds == [0.2, 0.1, 0.1]
     assert "30.0 N, more than 25 N" in told["actions"][0]["stopped"]
     assert "stopped" not in told["actions"][1]
+    assert told["actions"][1]["late"] == "no estimate of it after 60 s"
     assert any("half the speed" in status.message for status in table.said("stopped"))
 
 
