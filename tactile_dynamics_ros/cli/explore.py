@@ -11,6 +11,9 @@ from tactile_dynamics_ros.cli.topics import call_trigger, short_lived_node
 from tactile_dynamics_ros.core.errors import NotIdentifiableError, TactileDynamicsError
 from tactile_dynamics_ros.core.planar.properties.push_model import ASTRAY
 
+REMARKS = ("stopped", "jerked", "late")
+"""Entries of an action that say what went wrong with it, as they are told to people."""
+
 
 def add_parser(verbs: _SubParsersAction[Any]) -> None:
     """Add the verb."""
@@ -52,7 +55,7 @@ def describe(told: dict[str, Any]) -> str:
             f"{k}. {action['kind']}{_of_part(told, action)} at ({x:.3f}, {y:.3f}) m, "
             f"{action['speed']:g} m/s: expected {action['expected_gain']:.1f} nats, "
             f"{action['chosen_because']}"
-            + "".join(f"; {key}: {action[key]}" for key in ("stopped", "late") if key in action)
+            + "".join(f"; {key}: {action[key]}" for key in REMARKS if key in action)
         )
     unknown = told["properties"]["undetermined"]
     lines += told["properties"].get("said") or _numbers(told["properties"]["links"], unknown)

@@ -28,6 +28,8 @@ TITLES = {
 """Quantities as charts and tables name them."""
 INTERVAL = 1.645
 """Standard deviations of half a 90 % interval."""
+REMARKS = ("chosen_because", "stopped", "jerked", "late")
+"""Entries of a push that say why it was chosen, and what went wrong with it."""
 COLOURS = (BLUE, GREEN)
 """Of the parts of an object."""
 ARROW, GAP = 0.04, 0.008
@@ -127,7 +129,7 @@ def _actions(told: dict[str, Any]) -> Section:
             f"{a['point'][0]:.3f}, {a['point'][1]:.3f}",
             f"{a['speed']:g}",
             f"{a['expected_gain']:.1f}",
-            "; ".join(a[key] for key in ("chosen_because", "stopped", "late") if key in a),
+            "; ".join(a[key] for key in REMARKS if key in a),
         ]
         for k, a in enumerate(actions, 1)
     ]
