@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import (
     PoseStamped,
     PoseWithCovarianceStamped,
@@ -46,6 +47,7 @@ from tactile_dynamics_ros.ros.names import (
     GRIPPER_TARGET,
     JOINT_COMMAND,
     JOINT_STATES,
+    PROPERTY_STATUS,
     PUSHER_TARGET,
     REVEAL,
     ROBOT_DESCRIPTION,
@@ -63,7 +65,7 @@ from tactile_dynamics_ros.ros.pusher_streams import (
     SensedConfig,
     SensorStreams,
 )
-from tactile_dynamics_ros.ros.shell import Shell, run_node
+from tactile_dynamics_ros.ros.shell import LATCHED, Shell, run_node
 from tactile_dynamics_ros.ros.wire import Joints, Stamp, Stamped, encode_clock, to_stamp
 
 if TYPE_CHECKING:
@@ -140,9 +142,7 @@ class RobotSim(Shell):
         self.shown = declare_config(self, SceneConfig)
         self.scene: Scene = (TableScene if self.shown.scene == "table" else HandScene)(self)
         self._ticks = self.create_publisher(Clock, CLOCK, 10)
-        self.serve(
-            REVEAL, lambda: json.dumps(self.scene.reveal() | {"late_commands": self.pace.late})
-        )
+        self.serve(REVEAL, lambda: json.dumps(self.scene.reveal() | self.pace.counts()))
         self.every(PERIOD / self.config.real_time_factor, self._tick)
         self.every(2.0, self._measure_pace)
 
@@ -224,6 +224,7 @@ class TableScene:
         node.listen(PoseStamped, CAMERA_TARGET, self._on_target)
         node.listen(PoseStamped, PUSHER_TARGET, self._on_pusher_target)
         node.listen(Float64, GRIPPER_TARGET, self._on_gripper_target)
+        node.listen(DiagnosticArray, PROPERTY_STATUS, node.pace.note_estimate, LATCHED)
         self._targets: DelayLine[Array] = DelayLine()
         self._fault = ""
 

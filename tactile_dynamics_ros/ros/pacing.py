@@ -7,8 +7,10 @@ from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
+from tactile_dynamics_ros.ros.conversions import to_seconds
 
 Item = TypeVar("Item")
 
@@ -21,6 +23,9 @@ PAUSE = 0.5
 """Simulated time without a command that ends a motion, s: between motions a tip rests, and the
 first command of the next one may come when it likes. Controllers that answer poses of 100 Hz miss
 0.1 s at times."""
+BEHIND = 2.0
+"""Simulated time by which estimates may be behind before the simulation waits for them, s: queues
+of sensor data hold five seconds, and beyond that estimators would miss some."""
 _ROUNDING = 1e-6
 """Slack of comparisons of simulated times, s."""
 
@@ -62,12 +67,18 @@ class Pace:
         self._config = config
         self._start: float | None = None
         self._command, self._period = (0.0, -np.inf), 0.0
+        self._estimate = (0.0, -np.inf)
         self.late = 0
         self._measured = (time.monotonic(), 0.0)
 
     def must_wait(self, simulated: float) -> bool:
-        """Whether simulated time (s) leads real time, or a working controller is late."""
-        return self._ahead(simulated) > SLACK or self._controller_is_late(simulated)
+        """Whether simulated time (s) leads real time, a working controller or an estimator."""
+        ahead = self._ahead(simulated) > SLACK
+        return ahead or self._controller_is_late(simulated) or self._is_unheard(simulated)
+
+    def note_estimate(self, message: DiagnosticArray) -> None:
+        """Note an estimator's status, whose stamp says up to when it has heard everything."""
+        self._estimate = (to_seconds(message.header.stamp), time.monotonic())
 
     def note_command(self, stamp: float, simulated: float) -> None:
         """Note a command and its stamp, s.
@@ -84,6 +95,10 @@ class Pace:
         overdue = simulated - stamp > self._config.command_latency + _ROUNDING
         self.late += overdue and _ROUNDING < since < PAUSE
         self._command = (stamp, time.monotonic())
+
+    def counts(self) -> dict[str, int]:
+        """Return what went wrong so far, by its name."""
+        return {"late_commands": self.late}
 
     def measure(self, simulated: float) -> float:
         """Return simulated over real time since the last call."""
@@ -104,6 +119,11 @@ class Pace:
         next_due = stamp + self._period + self._config.command_latency
         late = simulated > next_due - _ROUNDING
         return late and waited < self._config.command_timeout
+
+    def _is_unheard(self, simulated: float) -> bool:
+        stamp, came = self._estimate
+        waited = time.monotonic() - came
+        return simulated - stamp > BEHIND and waited < self._config.command_timeout
 
 
 class DelayLine(Generic[Item]):

@@ -5,6 +5,12 @@ import itertools
 import numpy as np
 import pytest
 
+pytest.importorskip("rclpy")
+
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray
+from std_msgs.msg import Header
+
 from tactile_dynamics_ros.ros import pacing
 from tactile_dynamics_ros.ros.pacing import DelayLine, Pace, PaceConfig
 
@@ -80,6 +86,22 @@ def test_a_motion_that_has_ended_holds_the_simulation_up_once(monkeypatch):
     assert not pace.must_wait(0.2)
     pace.note_command(3.0, 3.1)  # the next motion may begin when it likes
     assert pace.late == 0
+
+
+def test_simulated_time_does_not_run_ahead_of_an_estimator_that_is_behind(monkeypatch):
+    machine, config = Machine(monkeypatch), PaceConfig()
+    pace, heard, lead = Pace(config), 0.0, []
+    time = 0.0
+    for _ in range(2000):  # an estimator that hears half of what happens in real time
+        machine.now += PERIOD
+        heard = min(heard + 0.5 * PERIOD, time)
+        stamp = Time(sec=int(heard), nanosec=int(1e9 * (heard % 1.0)))
+        pace.note_estimate(DiagnosticArray(header=Header(stamp=stamp)))
+        time += 0.0 if pace.must_wait(time) else PERIOD
+        lead.append(time - heard)
+    assert pacing.BEHIND - 0.1 < max(lead) < pacing.BEHIND + 2.0 * PERIOD
+    machine.now += config.command_timeout
+    assert not pace.must_wait(time)  # it has ended
 
 
 def test_a_command_without_a_stamp_ends_a_motion_and_nothing_is_waited_for(monkeypatch):
