@@ -21,7 +21,12 @@ from tactile_dynamics_ros.cli.live import (
     add_simulation_arguments,
     simulation_parameters,
 )
-from tactile_dynamics_ros.cli.supervisor import Supervisor, node_command, verb_command
+from tactile_dynamics_ros.cli.supervisor import (
+    Supervisor,
+    node_command,
+    start_view,
+    verb_command,
+)
 from tactile_dynamics_ros.cli.view import require_viser
 from tactile_dynamics_ros.core.errors import (
     NotIdentifiableError,
@@ -145,7 +150,7 @@ def _run_planar(args: Namespace) -> int:
 
     told = play(args, _new_folder(args), _Speaker(quiet=args.json))
     if args.json:
-        hidden = ("path", "history", "footprint", "goal_from", "goal_to")
+        hidden = ("parts", "history", "goal_from", "goal_to")
         print(json.dumps({key: value for key, value in told.items() if key not in hidden}))
     return 0
 
@@ -238,9 +243,7 @@ def start_processes(
     if motion is not None:
         extra["grasp_controller"]["motion"] = motion
     supervisor.start("recorder", verb_command("record", str(out / "recording")))
-    if getattr(args, "view", None):
-        supervisor.start("view", verb_command("view", "--port", str(args.view)))
-        say(f"live page: http://127.0.0.1:{args.view}/")
+    start_view(supervisor, getattr(args, "view", None), say)
     for name, file in files.items():
         supervisor.start(name, node_command(name, file, extra.get(name)))
 

@@ -102,8 +102,12 @@ class Act:
         """Let the explorer push in different directions; return what it did."""
         from tactile_dynamics_ros.ros.names import EXPLORE_CHANGE
 
-        done, message = self._call(EXPLORE_CHANGE)
-        return list(json.loads(message)["actions"]) if done else []
+        _, message = self._call(EXPLORE_CHANGE)
+        try:
+            return list(json.loads(message)["actions"])  # those before a stop count too
+        except ValueError:
+            self._say(f"explorer: no straight pushes: {message}")
+            return []
 
     def _take_over(self, found: dict[str, Any]) -> dict[str, Any]:
         """Add a named effect to the model of the estimator, and wait for the error with it."""

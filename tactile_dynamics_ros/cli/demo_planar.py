@@ -11,14 +11,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tactile_dynamics_ros.cli.bringup import require_effect_of_table, write_parameters
+from tactile_dynamics_ros.cli.demo_log import Log
 from tactile_dynamics_ros.cli.domain import private_domain
-from tactile_dynamics_ros.cli.explore import describe
+from tactile_dynamics_ros.cli.explore import describe, why_unknown
 from tactile_dynamics_ros.cli.push_goal import ask
-from tactile_dynamics_ros.cli.supervisor import Supervisor, node_command, verb_command
+from tactile_dynamics_ros.cli.supervisor import (
+    Supervisor,
+    node_command,
+    start_view,
+    verb_command,
+)
 from tactile_dynamics_ros.cli.topics import short_lived_node, spin_until
 from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError
 from tactile_dynamics_ros.core.planar.actions.candidate import MANNERS
-from tactile_dynamics_ros.ros.status_reader import Statuses, to_number
+from tactile_dynamics_ros.ros.names import EXPLORE, REVEAL, SHAPE_START
 from tactile_dynamics_ros.share import share_file
 
 if TYPE_CHECKING:
@@ -35,12 +41,33 @@ the next fits, which may already contain a change."""
 TRIES = 3
 """Calls of the explorer, each after one that was stopped for safety: a third says that it is not
 chance."""
+TWO_PARTS = (
+    "two parts: they are pushed in turn and never gripped, since a grip would hold them together; "
+    "what each of them weighs is known only if they move against each other, and changes are "
+    "watched for on objects of one part alone"
+)
+"""What is different with an object of two parts, in words for people."""
+LATE = (
+    "this machine cannot keep up: {} targets of the arm came too late for the simulation, so that "
+    "pushes were not as planned and the result may be another one; run it with less beside it, or "
+    "with --real-time-factor 0.3"
+)
+"""What is said where a controller was too late even for a simulation that waits."""
 START = 120.0
 """Real seconds within which all nodes must be heard: the slowest machines import for a minute."""
+FITTED = 240.0
+"""Real seconds for the estimate of a push: fits take 15 of an idle core at most, and a machine with
+eight busy programs beside them ten times as long. Without it the next push is chosen by less."""
 CHECKING: dict[str, object] = {"model": "pushed", "period": 600.0, "diagnosis_window": 60.0}
 """model_check diagnoses on request; comparisons meanwhile would take time from the fits."""
-PATIENCE = 600.0
-"""Real seconds for exploring, on a machine that does other things too."""
+PATIENCE = 1800.0
+"""Real seconds for exploring, on a machine that does ten other things too: the explorer waits after
+each push (`FITTED`), and ends by itself; with less the story would go on while it pushes."""
+ANSWERED = 10.0
+"""Real seconds that the simulation waits for the next target of a pushing arm before it goes on
+without: plans of the controller take some of them on a machine that does ten other things."""
+ANSWER = 30.0
+"""Real seconds for the answer of a node that only has to look it up."""
 TRACKED = 30.0
 """Hz of the tracker of markers, as depth cameras give images."""
 
@@ -59,6 +86,7 @@ def play(args: Namespace, out: Path, say: Callable[[str], None]) -> dict[str, An
         say(f"nodes run on ROS domain {domain} of this host; look in with")
         say(f"  ROS_DOMAIN_ID={domain} tactile-dynamics echo /property_estimator/status")
         supervisor.start("recorder", verb_command("record", str(out / "recording")))
+        start_view(supervisor, args.view, say)
         files = write_parameters(share_file(CONFIG), out / "parameters")
         for name, parameters in nodes(table, args.seed).items():
             supervisor.start(name, node_command(name, files.get(name), parameters))
@@ -66,23 +94,41 @@ def play(args: Namespace, out: Path, say: Callable[[str], None]) -> dict[str, An
         with short_lived_node() as node:
             told = _story(node, supervisor, say, args.hidden != "none")
         supervisor.stop(["recorder"])
-    (out / "truth.json").write_text(json.dumps(told["truth"], indent=1) + "\n")
     say(f"recorded {out / 'recording'}; all processes are stopped")
-    _reveal(told["truth"]["hidden_effect"], say)
+    report(told, out, say)
+    told["wall_time_s"] = round(time.monotonic() - started, 1)
+    say(f"done in {told['wall_time_s']:.0f} s; open {told['report']}")
+    if told["broken"]:
+        raise TactileDynamicsError(f"{told['broken']}; what was found until then is in the report")
+    return told
+
+
+def report(told: dict[str, Any], out: Path, say: Callable[[str], None]) -> None:
+    """Say what was found beside the truth, where that is known, and write the page.
+
+    Args:
+        told: the story; gets the comparison and the place of the page.
+        out: folder of the page.
+        say: prints a line for people.
+    """
     from tactile_dynamics_ros.report.exploration import compare_properties, write_exploration
 
-    told["compared"] = compare_properties(told["explored"]["properties"], told["truth"])
+    told["compared"], told["why_unknown"] = [], why_unknown(told["explored"]["properties"])
+    if told["truth"] is not None:
+        (out / "truth.json").write_text(json.dumps(told["truth"], indent=1) + "\n")
+        _reveal(told["truth"], say)
+        told["compared"] = compare_properties(told["explored"]["properties"], told["truth"])
     for row in told["compared"]:
         name = f"{row['part']} {row['name']}".strip()
         say(f"  {name}: {row['value']:.4g} ± {row['std']:.2g}, truth {row['truth']:.4g}")
     told["report"] = str(write_exploration(told, out))
-    told["wall_time_s"] = round(time.monotonic() - started, 1)
-    say(f"done in {told['wall_time_s']:.0f} s; open {told['report']}")
-    return told
 
 
-def _reveal(hidden: dict[str, Any], say: Callable[[str], None]) -> None:
-    """Say what was hidden."""
+def _reveal(truth: dict[str, Any], say: Callable[[str], None]) -> None:
+    """Say what was hidden, and whether the machine kept up."""
+    if truth.get("late_commands"):
+        say(LATE.format(truth["late_commands"]))
+    hidden = truth["hidden_effect"]
     if hidden["begins"] is None:
         return
     told = ", ".join(
@@ -109,6 +155,7 @@ def table_parameters(args: Namespace) -> dict[str, object]:
         "scene": "table",
         "object_number": int(number),
         "vision_rate_hz": TRACKED,
+        "command_timeout": ANSWERED,
         "seed": args.seed,
         "hidden_effect": args.hidden,
         "hidden_magnitude": float(args.magnitude),
@@ -120,11 +167,11 @@ def table_parameters(args: Namespace) -> dict[str, object]:
 def nodes(table: dict[str, object], seed: int) -> dict[str, dict[str, object]]:
     """Return the nodes of the story with their parameters."""
     clock: dict[str, object] = {"use_sim_time": True}
-    manners = {"manners": list(MANNERS)}
+    how = {"manners": list(MANNERS), "patience": FITTED}
     return {
         "robot_sim": table,
         "property_estimator": clock,
-        "explorer": clock | {"budget": BUDGET, "least": BUDGET, "seed": seed, **manners},
+        "explorer": clock | {"budget": BUDGET, "least": BUDGET, "seed": seed, **how},
         "push_controller": clock,
         "model_check": clock | CHECKING,
     }
@@ -145,8 +192,6 @@ def looking_command(parameters: Path) -> list[str]:
 
 def _look(node: Node, supervisor: Supervisor, say: Callable[[str], None]) -> dict[str, Any]:
     """Let the camera go round until the shape is known."""
-    from tactile_dynamics_ros.ros.names import SHAPE_START
-
     say("looking: the camera goes round ...")
     success, message = _call(node, supervisor, SHAPE_START)
     supervisor.stop(["shape_estimator"])
@@ -160,55 +205,101 @@ def _look(node: Node, supervisor: Supervisor, say: Callable[[str], None]) -> dic
     return seen
 
 
+class BrokenError(TactileDynamicsError):
+    """The story cannot go on: a node ended, or gives no answer while it may still be moving."""
+
+
 def _story(
     node: Node, supervisor: Supervisor, say: Callable[[str], None], changes: bool
 ) -> dict[str, Any]:
-    """Explore, push to the goal, notice a change, reveal."""
-    from tactile_dynamics_ros.cli.demo_change import Act
-    from tactile_dynamics_ros.ros.names import EXPLORE, REVEAL
-
+    """Explore, push to the goal, notice a change, reveal; what is stopped is told as well."""
     log = Log(node)
     _await(node, supervisor, lambda: log.ready)
-    seen = _look(node, supervisor, say)
-    if log.parted:  # it knows one part only, and its fits would take time from others
-        supervisor.stop(["property_estimator"])
+    told: dict[str, Any] = {
+        "seen": {"parts": []},
+        "explored": {"actions": [], "properties": {"links": [], "undetermined": []}},
+        "goal": list(GOAL),
+        "pushed": None,
+        "changed": None,
+        "stopped": [],
+        "broken": "",
+        "goal_from": None,
+        "goal_to": None,
+        "truth": None,
+    }
+    try:
+        _play_acts(told, log, node, supervisor, say, changes)
+    except BrokenError as error:
+        told["broken"] = str(error)
+        say(f"the story ends here: {error}")
+    try:
+        told["truth"] = json.loads(_call(node, supervisor, REVEAL, ANSWER)[1])
+    except (TactileDynamicsError, ValueError) as error:
+        say(f"the truth is not revealed: {error}")
+    return told | log.document()
+
+
+def _play_acts(
+    told: dict[str, Any],
+    log: Log,
+    node: Node,
+    supervisor: Supervisor,
+    say: Callable[[str], None],
+    changes: bool,
+) -> None:
+    """Play act after act; one that is stopped is noted, and the next begins.
+
+    Raises:
+        BrokenError: nothing more can be played.
+    """
+    from tactile_dynamics_ros.cli.demo_change import Act
+
+    def call(name: str) -> tuple[bool, str]:
+        return _call(node, supervisor, name)
+
+    def attempt(name: str, act: Callable[[], Any]) -> None:
+        try:
+            told[name] = act()
+        except BrokenError:
+            raise
+        except TactileDynamicsError as error:
+            told["stopped"].append(str(error))
+            say(f"stopped: {error}")
+
+    attempt("seen", lambda: _look(node, supervisor, say))
+    if log.parted:
+        say(TWO_PARTS)
+        supervisor.stop(["property_estimator"])  # it knows one part only, and takes time from fits
     say("exploring: which pushes tell most? ...")
-    explored = _explore(lambda: _call(node, supervisor, EXPLORE), say)
+    attempt("explored", lambda: _explore(lambda: call(EXPLORE), say))
+    told["goal_from"] = log.now
     say(f"pushing it to {GOAL[0]:g} m, {GOAL[1]:g} m, {GOAL[2]:g} deg ...")
-    log.goal_from = len(log.path)
+    attempt("pushed", lambda: _push(node, say))
+    told["goal_to"] = log.now
+    if changes and log.parted:
+        say("no last act: changes are watched for on objects of one part only")
+    elif changes:
+        attempt("changed", lambda: Act(node, call, lambda goal: ask(node, goal), say).play())
+
+
+def _push(node: Node, say: Callable[[str], None]) -> dict[str, Any]:
+    """Push the object to the goal, and say how near it came."""
     pushed = ask(node, GOAL)
     word = "reached" if pushed["reached"] else "not reached"
     say(
         f"{word}: {1e3 * pushed['error_m']:.1f} mm, {pushed['error_rad']:.3f} rad from the goal "
         f"after {pushed['pushes']} pushes ({pushed['stopped_because']})"
     )
-    end, changed = len(log.path), None
-    if changes and log.parted:
-        say("no last act: changes are watched for on objects of one part only")
-    elif changes:
-        act = Act(node, lambda name: _call(node, supervisor, name), lambda g: ask(node, g), say)
-        changed = act.play()
-    _, revealed = _call(node, supervisor, REVEAL)
-    return {
-        "changed": changed,
-        "goal_to": end,
-        "seen": seen,
-        "explored": explored,
-        "goal": list(GOAL),
-        "pushed": pushed,
-        "truth": json.loads(revealed),
-        "path": log.path,
-        "goal_from": log.goal_from,
-        "history": [] if log.parted else log.history,
-        "footprint": log.footprint,
-    }
+    return pushed
 
 
 def _explore(call: Callable[[], tuple[bool, str]], say: Callable[[str], None]) -> dict[str, Any]:
     """Explore; what stopped for safety is called again, as somebody who watches would.
 
+    After too much force the explorer itself has tried again, and more gently: then nobody does.
+
     Raises:
-        TactileDynamicsError: it was stopped too often, or could not begin.
+        TactileDynamicsError: it could not begin.
     """
     actions: list[Any] = []
     for _ in range(TRIES):
@@ -216,12 +307,14 @@ def _explore(call: Callable[[], tuple[bool, str]], say: Callable[[str], None]) -
         try:
             told: dict[str, Any] = json.loads(message)
         except ValueError:
+            if actions:
+                break
             raise TactileDynamicsError(f"exploring did not begin: {message}") from None
         actions += told["actions"]
         say(describe(told))
-        if success:
-            return told | {"actions": actions}
-    raise TactileDynamicsError(f"exploring was stopped {TRIES} times: {told['stopped_because']}")
+        if success or sum("stopped" in action for action in told["actions"]) > 1:
+            break
+    return told | {"actions": actions}
 
 
 def _await(node: Node, supervisor: Supervisor, condition: Callable[[], bool]) -> None:
@@ -234,11 +327,14 @@ def _await(node: Node, supervisor: Supervisor, condition: Callable[[], bool]) ->
         raise TactileDynamicsError(f"not all nodes are heard after {START:.0f} s")
 
 
-def _call(node: Node, supervisor: Supervisor, service: str) -> tuple[bool, str]:
+def _call(
+    node: Node, supervisor: Supervisor, service: str, patience: float = PATIENCE
+) -> tuple[bool, str]:
     """Call a service; nodes that die meanwhile are started again.
 
     Raises:
-        TactileDynamicsError: no answer in time, or the robot or the node that answers died.
+        TactileDynamicsError: nobody offers it.
+        BrokenError: no answer in time, or the robot or the node that answers died.
     """
     from std_srvs.srv import Trigger
 
@@ -246,8 +342,8 @@ def _call(node: Node, supervisor: Supervisor, service: str) -> tuple[bool, str]:
     if not _spin(node, supervisor, client.service_is_ready, START):
         raise TactileDynamicsError(f"service {service} is not offered")
     future = client.call_async(Trigger.Request())
-    if not _spin(node, supervisor, future.done, PATIENCE, service.partition("/")[0]):
-        raise TactileDynamicsError(f"service {service}: no answer within {PATIENCE:.0f} s")
+    if not _spin(node, supervisor, future.done, patience, service.partition("/")[0]):
+        raise BrokenError(f"service {service}: no answer within {patience:.0f} s")
     answer = future.result()
     return bool(answer.success), str(answer.message)
 
@@ -262,92 +358,14 @@ def _spin(
     """Let the node work until the condition holds; return whether it does.
 
     Raises:
-        TactileDynamicsError: the robot died, the node that is needed, or one too often.
+        BrokenError: the robot died, the node that is needed, or one too often.
     """
     end = time.monotonic() + timeout
     while not spin_until(node, condition, 0.5):
         for member in supervisor.watch():
             print(f"{member.last_words()}\n{member.epitaph}", file=sys.stderr)
             if member.name in ("robot_sim", needed) or member.due is None:
-                raise TactileDynamicsError(f"{member.name} ended with {member.exit_codes[-1]}")
+                raise BrokenError(f"{member.name} ended with {member.exit_codes[-1]}")
         if time.monotonic() > end:
             return False
     return True
-
-
-class Log:
-    """What is seen while the story goes on.
-
-    Args:
-        node: that listens.
-
-    Attributes:
-        path: of the object, x, y, yaw, time. footprint: its outline. goal_from: index into the
-            path. history: estimates by name, each with time, value and std.
-        parted: whether a second part is tracked.
-    """
-
-    def __init__(self, node: Node) -> None:
-        from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-        from geometry_msgs.msg import PolygonStamped, PoseStamped, PoseWithCovarianceStamped
-
-        from tactile_dynamics_ros.ros import names
-        from tactile_dynamics_ros.ros.shell import LATCHED, STREAM
-
-        self.path: list[list[float]] = []
-        self.footprint: list[list[float]] = []
-        self.history: list[dict[str, Any]] = []
-        self.goal_from = 0
-        self._node, self._pusher, self.parted = node, False, False
-        node.create_subscription(
-            PoseWithCovarianceStamped, names.OBJECT_POSE, self._on_pose, STREAM
-        )
-        node.create_subscription(PoseStamped, names.PUSHER_POSE, self._on_pusher, STREAM)
-        outline = names.link_topic("link_1", "footprint")
-        node.create_subscription(PolygonStamped, outline, self._on_outline, LATCHED)
-        second = names.link_topic("link_2", "footprint")
-        node.create_subscription(PolygonStamped, second, self._on_second, LATCHED)
-        node.create_subscription(
-            DiagnosticArray, names.PROPERTY_STATUS, self._on_properties, LATCHED
-        )
-        progress = node.create_subscription(
-            DiagnosticStatus, names.EXPLORE_PROGRESS, lambda _: None, LATCHED
-        )
-        self._progress = progress
-
-    @property
-    def ready(self) -> bool:
-        """Whether robot, object and all nodes are heard."""
-        wanted = {
-            "shape_estimator",
-            "property_estimator",
-            "explorer",
-            "push_controller",
-            "model_check",
-        }
-        heard = bool(self.path) and bool(self.footprint) and self._pusher
-        return heard and wanted <= set(self._node.get_node_names())
-
-    def _on_pose(self, message: Any) -> None:
-        from math import atan2
-
-        pose, stamp = message.pose.pose, message.header.stamp
-        turn = 2.0 * atan2(pose.orientation.z, pose.orientation.w)
-        row = [pose.position.x, pose.position.y, turn, stamp.sec + 1e-9 * stamp.nanosec]
-        self.path.append(row)
-
-    def _on_pusher(self, _: Any) -> None:
-        self._pusher = True
-
-    def _on_outline(self, message: Any) -> None:
-        self.footprint = [[p.x, p.y] for p in message.polygon.points]
-
-    def _on_second(self, _: Any) -> None:
-        self.parted = True
-
-    def _on_properties(self, message: Any) -> None:
-        stamp = message.header.stamp
-        link = Statuses(message.status).values("link_1")
-        if "com_x" in link:
-            row = {key: to_number(text) for key, text in link.items() if key != "undetermined"}
-            self.history.append({"time": stamp.sec + 1e-9 * stamp.nanosec, **row})

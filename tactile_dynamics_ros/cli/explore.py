@@ -9,6 +9,10 @@ from typing import Any
 from tactile_dynamics_ros.cli.bringup import read_namespace
 from tactile_dynamics_ros.cli.topics import call_trigger, short_lived_node
 from tactile_dynamics_ros.core.errors import NotIdentifiableError, TactileDynamicsError
+from tactile_dynamics_ros.core.planar.properties.push_model import ASTRAY
+
+REMARKS = ("stopped", "jerked", "late")
+"""Entries of an action that say what went wrong with it, as they are told to people."""
 
 
 def add_parser(verbs: _SubParsersAction[Any]) -> None:
@@ -51,20 +55,54 @@ def describe(told: dict[str, Any]) -> str:
             f"{k}. {action['kind']}{_of_part(told, action)} at ({x:.3f}, {y:.3f}) m, "
             f"{action['speed']:g} m/s: expected {action['expected_gain']:.1f} nats, "
             f"{action['chosen_because']}"
+            + "".join(f"; {key}: {action[key]}" for key in REMARKS if key in action)
         )
     unknown = told["properties"]["undetermined"]
-    if "said" in told["properties"]:
-        lines += told["properties"]["said"]
-        return "\n".join([*lines, f"stopped: {told['stopped_because']}"])
-    for link in told["properties"]["links"]:
+    lines += told["properties"].get("said") or _numbers(told["properties"]["links"], unknown)
+    why = why_unknown(told["properties"])
+    return "\n".join([*lines, *why, f"stopped: {told['stopped_because']}"])
+
+
+def _numbers(links: list[dict[str, Any]], unknown: list[str]) -> list[str]:
+    """One line for each number of a single part."""
+    lines = []
+    for link in links:
         for name, entry in link.items():
             value, std = entry["value"], entry["std"]
             pairs = zip(value, std, strict=True) if isinstance(value, list) else [(value, std)]
             words = ", ".join(f"{v:.4g} ± {s:.2g}" for v, s in pairs)
             lines.append(f"{name}: {words}{' (undetermined)' if name in unknown else ''}")
-    return "\n".join([*lines, f"stopped: {told['stopped_because']}"])
+    return lines
 
 
 def _of_part(told: dict[str, Any], action: dict[str, Any]) -> str:
     """Which part was pushed, where there are two."""
     return f" of part {action['part']}" if "said" in told["properties"] else ""
+
+
+def why_unknown(properties: dict[str, Any]) -> list[str]:
+    """Return sentences on why numbers are missing; none where nothing is.
+
+    Args:
+        properties: links, undetermined and, where they are known, error, refused and structure, as
+            `explore` tells them.
+    """
+    links, unknown, said = properties["links"], properties["undetermined"], []
+    error, refused = properties.get("error"), properties.get("refused", "")
+    if refused:
+        said.append(f"there is no fit to all pushes: {refused}")
+    elif not links:
+        said.append("there is no estimate: no push was fitted; explore again")
+    if error is not None and error > ASTRAY:
+        said.append(
+            f"the model does not fit these pushes (error {error:.2f} times the noise), so masses "
+            "count as unknown: something is missing in it, or the arm jerked; ask `diagnose` of "
+            "the recording what it is, or explore again"
+        )
+    shares = [name for name in unknown if name.endswith(".mass")]
+    if shares and properties.get("structure") in ("rigid", "undecided"):
+        said.append(
+            "parts that move as one body tell what they weigh together, and not what each of them "
+            "weighs: push them sideways where they meet, or one by one"
+        )
+    return said

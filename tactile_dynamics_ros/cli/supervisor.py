@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
@@ -185,3 +185,16 @@ def node_command(
         text = str(value).lower() if isinstance(value, bool) else str(value)
         arguments += ["-p", f"{name}:={text}"]
     return [sys.executable, "-m", "tactile_dynamics_ros.ros.executable", node, *arguments]
+
+
+def start_view(supervisor: Supervisor, port: int | None, say: Callable[[str], None]) -> None:
+    """Start the live page where one is wanted, and say where it is.
+
+    Args:
+        supervisor: that starts it.
+        port: of the page; None: no page.
+        say: prints a line for people.
+    """
+    if port:
+        supervisor.start("view", verb_command("view", "--port", str(port)))
+        say(f"live page: http://127.0.0.1:{port}/")

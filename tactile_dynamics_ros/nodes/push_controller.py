@@ -29,13 +29,14 @@ from tactile_dynamics_ros.ros.names import (
 from tactile_dynamics_ros.ros.parameters import declare_config
 from tactile_dynamics_ros.ros.shell import Shell, run_node
 from tactile_dynamics_ros.ros.table_scene import (
+    AT_REST,
     OPEN,
     WORLD,
     TableScene,
     TableSceneConfig,
     tip_pose,
 )
-from tactile_dynamics_ros.ros.wire import Stamp, Stamped
+from tactile_dynamics_ros.ros.wire import Stamped
 
 SILENT = 5.0
 """Real time without a pose of the tip after which a push is given up, s: nothing is sent meanwhile,
@@ -45,16 +46,16 @@ so that the tip rests, and a loaded machine falls silent for a second or two."""
 class PushControllerNode(Shell):
     """Takes /goal_pose as the call to push; answers each pose of the tip with its next target."""
 
-    skimming = True
+    skimming = by_arrival = True
 
     def __init__(self) -> None:
         super().__init__("push_controller")
         self.plan = declare_config(self, PlanConfig, "plan.")
         self.straight = declare_config(self, WayConfig, "way.")
         self.config = declare_config(self, ControlConfig)
-        self.scene = TableScene(self, declare_config(self, TableSceneConfig))
+        self.scene = TableScene(self, declare_config(self, TableSceneConfig), self._answer)
         self.controller: PushController | None = None
-        self._answered, self._heard = Stamp(0, 0), time.monotonic()
+        self._heard = time.monotonic()
         self._target = self.create_publisher(PoseStamped, PUSHER_TARGET, 10)
         self._progress = self.latched(DiagnosticStatus, PUSH_PROGRESS)
         self.stop = EmergencyStop(self, lambda: self._halt("the emergency stop is on"))
@@ -62,12 +63,11 @@ class PushControllerNode(Shell):
         self.serve(PUSH_STOP, self._on_stop)
         self.every(0.2, self._tell)
 
-    def process(self) -> None:
-        """Answer the newest pose of the tip."""
+    def _answer(self) -> None:
+        """Answer a pose of the tip while a goal is pursued."""
         controller = self.controller
-        if controller is None or self.scene.stamp == self._answered:
+        if controller is None:
             return
-        self._answered = self.scene.stamp
         if controller.phase in ("look", "push") and self.scene.second_outline() is not None:
             controller.planner.body = self.scene.body()  # where parts lie now, and whether jointed
         if self.scene.fallen:
@@ -75,10 +75,10 @@ class PushControllerNode(Shell):
             return
         target = controller.advance(self.scene.seen())
         self._heard = time.monotonic()  # a plan takes a while, and nothing is heard meanwhile
+        stamp = self.scene.stamp if controller.outcome is None else AT_REST
+        self._target.publish(pose_to_message(tip_pose(target), stamp, WORLD))
         if controller.outcome is not None:
             self._finish()
-            return
-        self._target.publish(pose_to_message(tip_pose(target), self._answered, WORLD))
 
     def _on_goal(self, message: Stamped) -> None:
         """Begin, or take the new goal from where the tip is."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import (
     PoseStamped,
     PoseWithCovarianceStamped,
@@ -46,6 +47,7 @@ from tactile_dynamics_ros.ros.names import (
     GRIPPER_TARGET,
     JOINT_COMMAND,
     JOINT_STATES,
+    PROPERTY_STATUS,
     PUSHER_TARGET,
     REVEAL,
     ROBOT_DESCRIPTION,
@@ -63,7 +65,7 @@ from tactile_dynamics_ros.ros.pusher_streams import (
     SensedConfig,
     SensorStreams,
 )
-from tactile_dynamics_ros.ros.shell import Shell, run_node
+from tactile_dynamics_ros.ros.shell import LATCHED, Shell, run_node
 from tactile_dynamics_ros.ros.wire import Joints, Stamp, Stamped, encode_clock, to_stamp
 
 if TYPE_CHECKING:
@@ -120,8 +122,8 @@ class Scene(Protocol):
 class RobotSim(Shell):
     """Simulates 10 ms, publishes what the sensors say, waits until that time has passed.
 
-    Where the machine is too slow, simulated time falls behind real time; nothing is skipped, and
-    the simulation waits for a controller that is working but late.
+    Where the machine is too slow, simulated time falls behind real time: nothing is skipped, and
+    the simulation waits for each command of a controller that is at work.
 
     Attributes:
         late: messages that are due later, with their publishers.
@@ -140,7 +142,7 @@ class RobotSim(Shell):
         self.shown = declare_config(self, SceneConfig)
         self.scene: Scene = (TableScene if self.shown.scene == "table" else HandScene)(self)
         self._ticks = self.create_publisher(Clock, CLOCK, 10)
-        self.serve(REVEAL, lambda: json.dumps(self.scene.reveal()))
+        self.serve(REVEAL, lambda: json.dumps(self.scene.reveal() | self.pace.counts()))
         self.every(PERIOD / self.config.real_time_factor, self._tick)
         self.every(2.0, self._measure_pace)
 
@@ -222,6 +224,7 @@ class TableScene:
         node.listen(PoseStamped, CAMERA_TARGET, self._on_target)
         node.listen(PoseStamped, PUSHER_TARGET, self._on_pusher_target)
         node.listen(Float64, GRIPPER_TARGET, self._on_gripper_target)
+        node.listen(DiagnosticArray, PROPERTY_STATUS, node.pace.note_estimate, LATCHED)
         self._targets: DelayLine[Array] = DelayLine()
         self._fault = ""
 
@@ -268,8 +271,7 @@ class TableScene:
             raise MessageError("not_upright", text)
         stamp = _checked_stamp(message.stamp, self.time, PUSHER_TARGET)
         self._targets.add(stamp + self.node.config.command_latency, target)
-        if stamp > 0.0:
-            self.node.pace.note_command(stamp)
+        self.node.pace.note_command(stamp, self.time)
 
     def _on_gripper_target(self, message: Float64) -> None:
         if not np.isfinite(message.data):
@@ -373,8 +375,7 @@ class HandScene:
         reader = self._reader.setdefault(names, JointReader(names, JOINT_COMMAND))
         stamp = _checked_stamp(message.stamp, self.time, JOINT_COMMAND)
         self._commands.add(stamp + self.config.command_latency, (reader.positions(message), names))
-        if stamp > 0.0:
-            self.node.pace.note_command(stamp)
+        self.node.pace.note_command(stamp, self.time)
 
 
 def _checked_stamp(stamp: Stamp, now: float, topic: str) -> float:

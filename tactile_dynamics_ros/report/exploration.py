@@ -6,12 +6,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.report.page import Page, Picture, Section, write_page
 from tactile_dynamics_ros.report.pushes import closed
-from tactile_dynamics_ros.report.style import BLUE, ORANGE, house_style, new_figure
+from tactile_dynamics_ros.report.style import BLUE, GREEN, ORANGE, house_style, new_figure
 
 Array = NDArray[np.float64]
 
@@ -25,6 +26,18 @@ TITLES = {
     "com_y": "centre of mass y",
 }
 """Quantities as charts and tables name them."""
+<<<<<<< HEAD
+=======
+INTERVAL = 1.645
+"""Standard deviations of half a 90 % interval."""
+REMARKS = ("chosen_because", "stopped", "jerked", "late")
+"""Entries of a push that say why it was chosen, and what went wrong with it."""
+COLOURS = (BLUE, GREEN)
+"""Of the parts of an object."""
+ARROW, GAP = 0.04, 0.008
+"""Length of an arrow of a push, and from its end to the middle of its number, m: an object is 6 to
+28 cm long."""
+>>>>>>> planar
 
 
 def compare_properties(properties: dict[str, Any], truth: dict[str, Any]) -> list[dict[str, Any]]:
@@ -78,48 +91,60 @@ def write_exploration(told: dict[str, Any], folder: Path) -> Path:
     """Write report.html of an exploration and a push to a goal.
 
     Args:
-        told: explored, pushed, goal, path, goal_from, footprint, history, compared, truth, and
-            where something changed: changed, goal_to.
+        told: explored, pushed (None: not at all), goal, goal_from and goal_to (s), parts (footprint
+            and path of each), history, compared, why_unknown (sentences), truth (None: not
+            revealed), changed, and stopped and broken, which say what did not come to its end.
         folder: where it goes.
     """
-    pushed, explored = told["pushed"], told["explored"]
+    pushed = told["pushed"]
+    stopped = [*told["stopped"], *filter(None, [told["broken"]])]
     with house_style():
         page = Page(
             title="What was pushed about",
-            verdict=(
-                f"{len(explored['actions'])} pushes explored it ({explored['stopped_because']}); "
-                f"then {pushed['pushes']} pushes brought it within "
-                f"{1e3 * pushed['error_m']:.1f} mm and {np.rad2deg(pushed['error_rad']):.1f} deg "
-                "of the goal."
-            ),
-            good=bool(pushed["reached"]),
+            verdict=f"{_explored(told['explored'])}; {_brought(pushed)}.",
+            good=pushed is not None and bool(pushed["reached"]) and not stopped,
+            sentences=[f"Stopped: {why}." for why in stopped],
             source=str(folder / "recording"),
             command="tactile-dynamics demo --planar",
-            sections=[_actions(told), _estimates(told), _way(told), *_changes(told)],
+            sections=[_actions(told), _estimates(told), *_way(told), *_changes(told)],
         )
         return write_page(page, folder)
 
 
+def _explored(explored: dict[str, Any]) -> str:
+    why = explored.get("stopped_because", "exploring did not come to its end")
+    return f"{len(explored['actions'])} pushes explored it ({why})"
+
+
+def _brought(pushed: dict[str, Any] | None) -> str:
+    if pushed is None:
+        return "it was not pushed to the goal"
+    near = f"{1e3 * pushed['error_m']:.1f} mm and {np.rad2deg(pushed['error_rad']):.1f} deg"
+    return f"then {pushed['pushes']} pushes brought it within {near} of the goal"
+
+
 def _actions(told: dict[str, Any]) -> Section:
-    actions = told["explored"]["actions"]
+    actions, several = told["explored"]["actions"], len(told["parts"]) > 1
     rows = [
         [
             str(k),
+            *[f"link_{a.get('part', 1)}"] * several,
             f"{a['point'][0]:.3f}, {a['point'][1]:.3f}",
             f"{a['speed']:g}",
             f"{a['expected_gain']:.1f}",
-            a["chosen_because"],
+            "; ".join(a[key] for key in REMARKS if key in a),
         ]
         for k, a in enumerate(actions, 1)
     ]
-    end = told["goal_from"]
-    figure = _map(told, told["path"][:end], actions)
-    picture = Picture("actions", figure, "outline and pushes", "Arrows are pushes, numbered.")
+    figure = _map(told, (-np.inf, told["goal_from"] or np.inf), actions)
+    caption = "Arrows are pushes, numbered."
+    if several:
+        caption += " Blue: link_1 and pushes on it; green: link_2."
     return Section(
         "Pushes that were chosen",
-        [f"It stopped because: {told['explored']['stopped_because']}."],
-        [picture],
-        ["push", "at, m", "m/s", "expected gain, nats", "why"],
+        [f"{_explored(told['explored'])}."],
+        [Picture("actions", figure, "outlines and pushes", caption)],
+        ["push", *["on"] * several, "at, m", "m/s", "expected gain, nats", "why"],
         rows,
     )
 
@@ -134,32 +159,41 @@ def _estimates(told: dict[str, Any]) -> Section:
         ]
         for row in told["compared"]
     ]
-    hidden = told["truth"]["hidden_effect"]["name"]
+    said = [*told["why_unknown"]]
+    if told["truth"] is None:
+        said.append("The truth was not revealed.")
+    elif not told.get("changed"):
+        hidden = told["truth"]["hidden_effect"]["name"]
+        said.append(f"Hidden effect of this run, revealed at the end: {hidden}.")
     pictures = []
-    if told["history"]:
+    if told["history"] and told["compared"]:
         figure = _history(told)
         caption = "Bands are ± one standard deviation, lines the truth."
         pictures = [Picture("estimates", figure, "estimates over time", caption)]
     return Section(
         "What was found",
-        [f"Hidden effect of this run, revealed at the end: {hidden}."] * (not told.get("changed")),
+        said,
         pictures,
         ["quantity", "estimate", "truth", "error, std"],
         rows,
     )
 
 
-def _way(told: dict[str, Any]) -> Section:
-    figure = _map(told, told["path"][told["goal_from"] : told.get("goal_to")], [])
+def _way(told: dict[str, Any]) -> list[Section]:
+    """The way to the goal; nothing where none was gone."""
     pushed = told["pushed"]
-    return Section(
-        "The way to the goal",
-        [
-            f"{pushed['pushes']} pushes in {pushed['duration_s']:.0f} s; it ended because: "
-            f"{pushed['stopped_because']}."
-        ],
-        [Picture("goal", figure, "path to the goal", "Blue: on the way; orange: the goal.")],
-    )
+    if pushed is None:
+        return []
+    figure = _map(told, (told["goal_from"], told["goal_to"] or np.inf), [])
+    ended = f"{pushed['pushes']} pushes in {pushed['duration_s']:.0f} s; it ended because: "
+    caption = "Blue and green: on the way; orange: the goal."
+    return [
+        Section(
+            "The way to the goal",
+            [f"{ended}{pushed['stopped_because']}."],
+            [Picture("goal", figure, "path to the goal", caption)],
+        )
+    ]
 
 
 def _changes(told: dict[str, Any]) -> list[Section]:
@@ -167,7 +201,6 @@ def _changes(told: dict[str, Any]) -> list[Section]:
     changed = told.get("changed")
     if not changed:
         return []
-    hidden = told["truth"]["hidden_effect"]
     said = ["Nobody noticed a change."] if not changed["noticed"] else [changed["text"]]
     said += [changed["sentence"]] if "sentence" in changed else []
     if "fall" in changed:
@@ -179,34 +212,50 @@ def _changes(told: dict[str, Any]) -> list[Section]:
     ]
     rows = [[name, f"{a:.2f}", f"{b:.2f}"] for name, a, b in pairs if a and b]
     header = ["", "before", "with what was named"] if rows else []
-    truth = ", ".join(
-        f"{name} {entry['value']} {entry['unit']}".rstrip()
-        for name, entry in hidden["parameters"].items()
-    )
-    said.append(f"The truth: {hidden['name']} from {hidden['begins']:.1f} s on ({truth}).")
+    hidden = told["truth"] and told["truth"]["hidden_effect"]
+    if hidden and hidden["begins"] is not None:
+        truth = ", ".join(
+            f"{name} {entry['value']} {entry['unit']}".rstrip()
+            for name, entry in hidden["parameters"].items()
+        )
+        said.append(f"The truth: {hidden['name']} from {hidden['begins']:.1f} s on ({truth}).")
     return [Section("What changed then", said, [], header, rows)]
 
 
-def _map(told: dict[str, Any], path: list[list[float]], actions: list[dict[str, Any]]) -> Figure:
-    """Draw outlines along a path, with pushes or the goal."""
+def _map(told: dict[str, Any], span: tuple[float, float], actions: list[dict[str, Any]]) -> Figure:
+    """Draw outlines of all parts within a span of time (s), with pushes or the goal."""
     figure = new_figure(4.0, 5.0)
     axes = figure.add_subplot()
-    outline, rows = np.array(told["footprint"]), np.array(path or told["path"][-1:])
-    for k in np.linspace(0, len(rows) - 1, 8).astype(int):
-        axes.plot(*closed(outline, rows[k]).T, color=BLUE, alpha=0.4, linewidth=0.8)
-    axes.plot(rows[:, 0], rows[:, 1], color=BLUE, linewidth=0.8)
+    for part, colour in zip(told["parts"], COLOURS, strict=False):
+        outline, path = np.array(part["footprint"]), np.array(part["path"])
+        within = path[(path[:, 3] >= span[0]) & (path[:, 3] <= span[1])]
+        rows = within if len(within) else path[-1:]
+        for k in np.linspace(0, len(rows) - 1, 8).astype(int):
+            axes.plot(*closed(outline, rows[k]).T, color=colour, alpha=0.4, linewidth=0.8)
+        axes.plot(rows[:, 0], rows[:, 1], color=colour, linewidth=0.8)
     for k, action in enumerate(actions, 1):
-        x, y = action["point"]
-        way = 0.04 * np.array(action["direction"])
-        axes.annotate("", (x, y), (x - way[0], y - way[1]), arrowprops={"arrowstyle": "->"})
-        axes.text(x - way[0], y - way[1], str(k), color=ORANGE)
+        _draw_push(axes, str(k), action)
     if not actions:
         goal = np.array(told["goal"]) * [1.0, 1.0, np.pi / 180.0]
-        axes.plot(*closed(outline, goal).T, color=ORANGE)
+        axes.plot(*closed(np.array(told["parts"][0]["footprint"]), goal).T, color=ORANGE)
+    axes.margins(0.05)
     axes.set_aspect("equal")
     axes.set_xlabel("x, m")
     axes.set_ylabel("y, m")
     return figure
+
+
+def _draw_push(axes: Axes, name: str, action: dict[str, Any]) -> None:
+    """Draw a push as an arrow with its name behind it, in the colour of the part that it meets."""
+    point, colour = np.array(action["point"]), COLOURS[action.get("part", 1) - 1]
+    direction = np.array(action["direction"])
+    start, label = point - ARROW * direction, point - (ARROW + GAP) * direction
+    shape = {"arrowstyle": "->", "color": colour}
+    axes.annotate("", point, start, arrowprops=shape)
+    axes.text(*label, name, color=ORANGE, ha="center", va="center", clip_on=True)
+    room = [-GAP, GAP]  # so that arrow and name lie inside the axes
+    axes.update_datalim([*(label + np.array([[x, y] for x in room for y in room])), point])
+    axes.autoscale_view()
 
 
 def _history(told: dict[str, Any]) -> Figure:

@@ -7,13 +7,27 @@ from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
+from tactile_dynamics_ros.ros.conversions import to_seconds
 
 Item = TypeVar("Item")
 
 CATCH_UP = 0.5
+"""Real time by which the simulation may fall behind before the lag is forgiven, s: what a busy
+machine loses in a moment is caught up, what it loses all the time is not chased for ever."""
 SLACK = 0.005
+"""Real time by which the simulation may lead, s: half a period of 100 Hz."""
+PAUSE = 0.5
+"""Simulated time without a command that ends a motion, s: between motions a tip rests, and the
+first command of the next one may come when it likes. Controllers that answer poses of 100 Hz miss
+0.1 s at times."""
+BEHIND = 2.0
+"""Simulated time by which estimates may be behind before the simulation waits for them, s: queues
+of sensor data hold five seconds, and beyond that estimators would miss some."""
+_ROUNDING = 1e-6
+"""Slack of comparisons of simulated times, s."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +40,9 @@ class PaceConfig:
     command_latency: float = parameter(
         0.03, "delay of a command's execution behind its stamp", "s", 0.0, 1.0
     )
-    command_lag: float = parameter(0.1, "the simulation waits for later commands", "s", 0.02)
+    command_lag: float = parameter(
+        0.1, "longest period of commands for which the simulation waits", "s", 0.02
+    )
     command_timeout: float = parameter(1.0, "real time after which it goes on", "s", 0.0)
 
     def __post_init__(self) -> None:
@@ -36,23 +52,53 @@ class PaceConfig:
 class Pace:
     """Couples simulated time to real time, and to a controller that is at work.
 
+    A command of the stamp t is executed at t + command_latency. Before the simulation passes the
+    time at which the next one is to be executed, it waits for that command: how fast a controller
+    answers then changes how long a run takes, and not what happens in it.
+
     Args:
         config: factor and patience.
+
+    Attributes:
+        late: commands that came after their time, within a motion that was waited for in vain.
     """
 
     def __init__(self, config: PaceConfig) -> None:
         self._config = config
         self._start: float | None = None
-        self._command = (0.0, -np.inf)
+        self._command, self._period = (0.0, -np.inf), 0.0
+        self._estimate = (0.0, -np.inf)
+        self.late = 0
         self._measured = (time.monotonic(), 0.0)
 
     def must_wait(self, simulated: float) -> bool:
-        """Whether simulated time (s) leads real time, or a working controller is late."""
-        return self._ahead(simulated) > SLACK or self._controller_is_late(simulated)
+        """Whether simulated time (s) leads real time, a working controller or an estimator."""
+        ahead = self._ahead(simulated) > SLACK
+        return ahead or self._controller_is_late(simulated) or self._is_unheard(simulated)
 
-    def note_command(self, stamp: float) -> None:
-        """Note that a controller has answered to joint states of a simulated time, s."""
+    def note_estimate(self, message: DiagnosticArray) -> None:
+        """Note an estimator's status, whose stamp says up to when it has heard everything."""
+        self._estimate = (to_seconds(message.header.stamp), time.monotonic())
+
+    def note_command(self, stamp: float, simulated: float) -> None:
+        """Note a command and its stamp, s.
+
+        Args:
+            stamp: simulated time to which a controller has answered, s; 0 ends its motion.
+            simulated: time now, s.
+        """
+        if stamp <= 0.0:
+            self._command = (0.0, -np.inf)
+            return
+        since, limit = stamp - self._command[0], self._config.command_lag
+        self._period = min(since, limit) if since > 0.0 else self._period
+        overdue = simulated - stamp > self._config.command_latency + _ROUNDING
+        self.late += overdue and _ROUNDING < since < PAUSE
         self._command = (stamp, time.monotonic())
+
+    def counts(self) -> dict[str, int]:
+        """Return what went wrong so far, by its name."""
+        return {"late_commands": self.late}
 
     def measure(self, simulated: float) -> float:
         """Return simulated over real time since the last call."""
@@ -70,8 +116,14 @@ class Pace:
     def _controller_is_late(self, simulated: float) -> bool:
         stamp, came = self._command
         waited = time.monotonic() - came
-        late = simulated - stamp > self._config.command_lag
+        next_due = stamp + self._period + self._config.command_latency
+        late = simulated > next_due - _ROUNDING
         return late and waited < self._config.command_timeout
+
+    def _is_unheard(self, simulated: float) -> bool:
+        stamp, came = self._estimate
+        waited = time.monotonic() - came
+        return simulated - stamp > BEHIND and waited < self._config.command_timeout
 
 
 class DelayLine(Generic[Item]):

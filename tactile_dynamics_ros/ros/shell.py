@@ -118,7 +118,7 @@ class Shell(AnsweringNode):
         self.polled: list[Subscription] = []
         self.rivals: dict[str, float] = {}
         self._numbers: dict[Subscription, _Numbers] = {}
-        self._skimmed: set[Subscription] = set()
+        self._skimmed: dict[Subscription, int] = {}
         self._polled_group = Polled()
         self._periodic: list[_Periodic] = []
         self.faults = Faults(self)
@@ -129,8 +129,8 @@ class Shell(AnsweringNode):
         arrived: list[tuple[int, Subscription, Any]] = []
         for subscription in self.polled:
             taken = self._take(subscription)
-            if self.skimming and subscription in self._skimmed:
-                taken = taken[-1:]
+            if self.skimming:
+                taken = taken[-self._skimmed.get(subscription, BURST) :]
             arrived += [(found.received, subscription, found.message) for found in taken]
         if self.by_arrival:
             arrived.sort(key=itemgetter(0))
@@ -185,7 +185,7 @@ class Shell(AnsweringNode):
         callback: Callable[[Any], None],
         profile: QoSProfile = STREAM,
         raw: bool = False,
-        skim: bool = False,
+        skim: int = 0,
         sole: bool = False,
     ) -> None:
         """Subscribe; a message that is refused or cannot be used yet is counted and dropped.
@@ -196,7 +196,7 @@ class Shell(AnsweringNode):
             callback: gets the message, as `wire` reads it where it knows the type.
             profile: quality of service.
             raw: hand over the bytes of the message instead.
-            skim: while the node is `skimming`, hand over only the newest of those taken together.
+            skim: while `skimming`, hand over only so many of those taken together; 0: all.
             sole: leave out what comes while two publish on the topic at once.
         """
         decode = None if raw else decoder_of(kind)
@@ -225,7 +225,7 @@ class Shell(AnsweringNode):
         )
         self.polled.append(subscription)
         if skim:
-            self._skimmed.add(subscription)
+            self._skimmed[subscription] = skim
         if sole:
             self._numbers[subscription] = _Numbers(topic)
 

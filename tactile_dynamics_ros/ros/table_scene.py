@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -53,6 +53,12 @@ _REMEMBERED = 50
 _NEAR = 0.03
 """s by which a pose of the tip may miss those of parts: beyond, a tip at 5 cm/s is 1.5 mm off, and
 it is not known where it pushed."""
+_ANSWERED = 10
+"""Poses of the tip taken together of which each is answered: a tenth of a second at 100 Hz. Where
+only the newest were, a motion would have holes where the machine is busy, and jerk what it pushes;
+more would lead the tip along a way on which it should have been long ago."""
+AT_REST = Stamp(0, 0)
+"""Stamp of the last target of a motion: executed at once, and a simulation waits for no other."""
 OPEN = 0.004
 """Width of the jaws from which they are not closed to a single tip, m: twice what closed grippers
 tell of themselves, half of the narrowest that is gripped."""
@@ -91,21 +97,25 @@ class TableScene:
     """Keeps the newest of each, and calls back with each pose of the tip.
 
     Args:
-        node: that listens.
+        node: that listens, to messages by their arrival.
         config: tip and room.
+        answer: called with each pose of the tip, when all that came before it is known.
 
     Attributes:
         support: height of the table, m. properties: the newest estimate as numbers by name.
-        undetermined: names of what it does not tell. fits: how often it was made anew.
+        undetermined: names of what it does not tell. error: of its fit over the noise; None
+            without one. fits: how often it was made anew.
         fallen: whether the object no longer stands. stamp: of the tip's newest pose.
         width: m, of the jaws; 0 where nobody tells.
         watch: of a second part that turns against the first.
     """
 
-    def __init__(self, node: Shell, config: TableSceneConfig) -> None:
+    def __init__(self, node: Shell, config: TableSceneConfig, answer: Callable[[], None]) -> None:
+        self._answer = answer
         self.config, self.support, self.fallen = config, 0.0, False
         self.properties: dict[str, float] = {}
         self.undetermined: list[str] = []
+        self.error: float | None = None
         self.fits = 0
         self._fit: tuple[str | None, str | None] = (None, None)
         self.stamp = Stamp(0, 0)
@@ -119,7 +129,7 @@ class TableScene:
         self._second_outline: Array | None = None
         self._forces = dict.fromkeys(CONTACTS, (-np.inf, 0.0))
         self.width = 0.0
-        node.listen(PoseStamped, PUSHER_POSE, self._on_tip, skim=True)
+        node.listen(PoseStamped, PUSHER_POSE, self._on_tip, skim=_ANSWERED)
         node.listen(PoseWithCovarianceStamped, OBJECT_POSE, self._on_object)
         node.listen(PolygonStamped, link_topic("link_1", "footprint"), self._on_outline, LATCHED)
         pose, outline = (link_topic("link_2", kind) for kind in ("pose", "footprint"))
@@ -143,7 +153,8 @@ class TableScene:
         com = [link.pop(name) for name in ("com_x", "com_y") if name in link]
         if len(com) == 2:
             link["com"] = {key: [part[key] for part in com] for key in ("value", "std")}
-        return {"links": [link] if link else [], "undetermined": self.undetermined}
+        known = {"links": [link] if link else [], "undetermined": self.undetermined}
+        return known if self.error is None else known | {"error": self.error}
 
     def belief(self, outline: Array, told: Mapping[str, float] | None = None) -> Belief:
         """What is known of product, mass and centre of mass; little if nobody tells.
@@ -233,6 +244,7 @@ class TableScene:
         self.stamp = message.stamp
         self._tip = np.array([*pose[:3, 3], np.arctan2(pose[1, 0], pose[0, 0])])
         self._tips.append((to_seconds(message.stamp), self._tip))
+        self._answer()
 
     def _on_object(self, message: Stamped) -> None:
         pose = pose_to_core(message, OBJECT_POSE, WORLD)
@@ -281,6 +293,8 @@ class TableScene:
         read = Statuses(message.status)
         solver, link = read.values("solver"), read.values("link_1")
         told = solver.get("fits"), solver.get("refused")
+        error = to_number(solver.get("whitened_rms"))
+        self.error = error if np.isfinite(error) else None
         if told[0] is not None and told != self._fit:
             self._fit, self.fits = told, self.fits + 1
         if "com_x" in link:

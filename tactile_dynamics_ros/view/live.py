@@ -40,6 +40,7 @@ from tactile_dynamics_ros.ros.names import (
     PROPERTY_STATUS,
     PUSH_PROGRESS,
     ROBOT_DESCRIPTION,
+    link_topic,
 )
 from tactile_dynamics_ros.ros.shell import LATCHED, Polled, take_messages
 from tactile_dynamics_ros.ros.status_reader import Statuses
@@ -92,6 +93,8 @@ class LiveSource:
             (MarkerArray, OBJECT_MARKERS, self._on_markers, LATCHED),
             (PoseStamped, CAMERA_TARGET, self._on_target, 10),
             (PolygonStamped, OBJECT_FOOTPRINT, self._on_footprint, LATCHED),
+            (PoseWithCovarianceStamped, link_topic("link_2", "pose"), self._on_second, _NEWEST),
+            (PolygonStamped, link_topic("link_2", "footprint"), self._on_second_outline, LATCHED),
             (DiagnosticArray, PROPERTY_STATUS, self._on_properties, LATCHED),
             (DiagnosticStatus, EXPLORE_PROGRESS, self._on_progress, LATCHED),
             (DiagnosticStatus, PUSH_PROGRESS, self._on_progress, LATCHED),
@@ -197,7 +200,14 @@ class LiveSource:
         take_markers(self.state, message.markers)
 
     def _on_footprint(self, message: PolygonStamped) -> None:
-        self.state.footprint = np.array([[p.x, p.y] for p in message.polygon.points])
+        self.state.footprint = _corners(message)
+
+    def _on_second(self, message: PoseWithCovarianceStamped) -> None:
+        pose = _matrix(message.pose.pose)
+        self.state.second_pose = self.state.second_pose if pose is None else pose
+
+    def _on_second_outline(self, message: PolygonStamped) -> None:
+        self.state.second_footprint = _corners(message)
 
     def _on_properties(self, message: DiagnosticArray) -> None:
         take_property_status(self.state, to_seconds(message.header.stamp), message.status)
@@ -208,6 +218,10 @@ class LiveSource:
 
 def _named(handle: Callable[[str, Any], None], name: str) -> Callable[[Any], None]:
     return lambda message: handle(name, message)
+
+
+def _corners(message: PolygonStamped) -> Array:
+    return np.array([[p.x, p.y] for p in message.polygon.points])
 
 
 def _vector(vector: Any) -> Array:

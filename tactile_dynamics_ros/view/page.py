@@ -209,7 +209,10 @@ class LivePage:
         elif state.centre is not None:
             self._show_centre(*state.centre)
         if state.footprint is not None:
-            self._show_footprint(state.footprint)
+            self._show_footprint("/object", state.footprint)
+        if state.second_pose is not None and state.second_footprint is not None:
+            _place(self._once("/second", scene.add_frame, show_axes=False), state.second_pose)
+            self._show_footprint("/second", state.second_footprint)
 
     def _look_at(self, point: Array, eye: Array) -> None:
         """Turn the eyes of those who come, and of those who are there, to a point."""
@@ -225,12 +228,12 @@ class LivePage:
         ball.position = com
         ball.scale = tuple(np.maximum(std, _SMALLEST).tolist())
 
-    def _show_footprint(self, outline: Array) -> None:
-        """The outline of a pushed object on its support, in the object's frame."""
+    def _show_footprint(self, part: str, outline: Array) -> None:
+        """The outline of a part of a pushed object on its support, in the frame of the part."""
         corners = np.column_stack([outline, np.full(len(outline), _HEIGHT)])
         sides = np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
         add = self.server.scene.add_line_segments
-        self._replace("/object/footprint", outline, add, sides, _BLUE, thickness=0.002)
+        self._replace(f"{part}/footprint", outline, add, sides, _BLUE, thickness=0.002)
 
     def _show_pushes(self, state: State) -> None:
         """Arrows of the push that is made and of its rivals, each with what it would tell."""

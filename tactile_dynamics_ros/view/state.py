@@ -122,6 +122,7 @@ class State:
         shape: (K, 3) corners of triangles of the object's surface, m, world, where it was seen.
         shape_pose: (4, 4) pose of the object then; None for an object that did not move since.
         footprint: (V, 2) m, outline on the support in axes of the object.
+        second_pose: (4, 4) of a second part. second_footprint: (V, 2) m, its outline in its axes.
         pushes: the one that is made, and its rivals.
         next_view: (4, 4) pose where the camera should look from.
         urdf: of the robot.
@@ -144,6 +145,8 @@ class State:
     shape: Array | None = None
     shape_pose: Array | None = None
     footprint: Array | None = None
+    second_pose: Array | None = None
+    second_footprint: Array | None = None
     pushes: tuple[Push, ...] = ()
     next_view: Array | None = None
     urdf: str = ""

@@ -26,6 +26,7 @@ from tactile_dynamics_ros.ros.names import (
     PUSH_STOP,
     PUSHER_POSE,
     PUSHER_TARGET,
+    contact_topic,
     link_topic,
 )
 from tactile_dynamics_ros.ros.pusher_streams import outline_message
@@ -106,6 +107,20 @@ def test_it_pushes_to_a_goal_and_tells_how_it_ended(table):
     for _ in range(20):
         table.tell()
     assert len(table.targets) == sent
+
+
+def test_each_of_the_poses_that_come_together_is_answered_so_that_no_motion_has_holes(table):
+    table.outline()
+    table.tell()
+    table.ask()
+    table.until(lambda: len(table.targets) > 10)
+    sent, wanted = len(table.targets), [round(table.time + 0.01 * k, 3) for k in range(1, 5)]
+    for stamp in wanted:
+        place = cv.pose_to_message(tip_pose(table.tip), stamp, "world")
+        table.bench.publishers[PUSHER_POSE].publish(place)
+    table.bench.until(lambda: len(table.targets) >= sent + len(wanted), 5.0)
+    stamps = [message.stamp for message in table.targets[sent:]]
+    assert [round(stamp.sec + 1e-9 * stamp.nanosec, 3) for stamp in stamps] == wanted
 
 
 def test_an_emergency_stop_ends_a_push_and_forbids_another(table):
@@ -248,6 +263,72 @@ def test_two_parts_that_turn_about_where_they_meet_are_pushed_as_on_a_joint(pair
     pair.ask()
     pair.until(lambda: pair.said("pushing"), 400)
     assert "two parts on a joint" in status_values(pair.said("pushing")[-1])["object"]
+
+
+class HardTable(Table):
+    """A box that resists as a wall does to pushes that are not slow enough."""
+
+    def __init__(self, bench, slow, *arguments):
+        super().__init__(bench, explorer.ExplorerNode, *arguments)
+        self.slow, self.jerked = slow, 0
+        self.node.scene.properties = {"mass": 1.0}  # an estimator is there
+        self.told = bench.follow(DiagnosticStatus, EXPLORE_PROGRESS, profile=LATCHED)
+
+    def tell(self):
+        lay, run = self.pose.copy(), self.node._run
+        if run is not None and run.performance is not None and len(run.actions) == self.jerked:
+            self.time += 0.1  # no pose comes for a while
+        super().tell()
+        fast = run is not None and bool(run.actions) and run.actions[-1]["speed"] > self.slow
+        hit = fast and not np.array_equal(self.pose, lay)
+        force = np.array([30.0 if hit else 0.0, 0.0, 0.0])
+        message = cv.wrench_to_message(np.append(np.zeros(3), force), self.time, "world")
+        self.bench.send(contact_topic("pusher", "force"), message)
+
+
+def explored(table, steps=8000):
+    """Let the explorer work until it has answered; return whether it ended by itself, and what."""
+    table.outline()
+    for _ in range(5):
+        table.tell()
+    service = next(s for s in table.node.services if s.srv_name == EXPLORE)
+    running = service.callback(Trigger.Request(), Trigger.Response())
+    for _ in range(steps):
+        try:
+            running.send(None)
+        except StopIteration as end:
+            return end.value.success, json.loads(end.value.message)
+        run = table.node._run
+        if run is not None and run.performance is None:
+            run.since = -np.inf  # estimates are not awaited
+        table.tell()
+    raise AssertionError("no answer")
+
+
+SWIFT = ("way.travel_speed:=1.0", "way.clearance:=0.05", "way.acceleration:=10.0")
+FEW = [f for p in ("places:=3", "speeds:=[0.2]", "length:=0.03", *SWIFT) for f in ("-p", p)]
+
+
+def test_after_too_much_force_the_explorer_draws_back_and_pushes_more_gently(bench):
+    table = HardTable(bench, 0.11, *FEW, "-p", "budget:=3", "-p", "least:=3")
+    table.jerked = 3
+    success, told = explored(table)
+    assert success, told
+    speeds = [action["speed"] for action in told["actions"]]
+    assert speeds == [0.2, 0.1, 0.1]
+    assert "30.0 N, more than 25 N" in told["actions"][0]["stopped"]
+    assert "stopped" not in told["actions"][1]
+    assert told["actions"][1]["late"] == "no estimate of it after 60 s"
+    assert ["jerked" in action for action in told["actions"]] == [False, False, True]
+    assert any("half the speed" in status.message for status in table.said("stopped"))
+
+
+def test_an_object_that_is_blocked_is_given_up_with_what_was_done(bench):
+    table = HardTable(bench, 0.0, *FEW, "-p", "budget:=8", "-p", "least:=8")
+    success, told = explored(table)
+    assert not success
+    assert [action["speed"] for action in told["actions"]] == [0.2, 0.1, 0.05, 0.025]
+    assert "more than 25 N" in told["stopped_because"]
 
 
 class GrippingTable(Table):

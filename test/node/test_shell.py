@@ -16,12 +16,11 @@ from tactile_dynamics_ros.ros.introduction import introduce
 
 def test_a_node_that_skims_reads_only_the_newest_where_that_is_allowed(bench, monkeypatch):
     node = bench.start(lambda: shell.Shell("skimmer"))
-    read = {"skimmed": [], "whole": []}
-    for name, heard in read.items():
+    read = {"skimmed": [], "newest_two": [], "whole": []}
+    for (name, heard), skim in zip(read.items(), (1, 2, 0), strict=True):
         node.listen(
-            Vector3Stamped, f"/{name}", lambda m, to=heard: to.append(m.values[0]),
-            skim=name == "skimmed",
-        )  # fmt: skip
+            Vector3Stamped, f"/{name}", lambda m, to=heard: to.append(m.values[0]), skim=skim
+        )
     stamp = wire.Stamp(1, 0)
     waiting = [wire.encode_stamped(stamp, "world", np.full(3, float(k))) for k in range(4)]
     monkeypatch.setattr(
@@ -31,6 +30,7 @@ def test_a_node_that_skims_reads_only_the_newest_where_that_is_allowed(bench, mo
     node.skimming = True
     node.work()
     assert read["whole"] == [0, 1, 2, 3, 0, 1, 2, 3]
+    assert read["newest_two"] == [0, 1, 2, 3, 2, 3]
     assert read["skimmed"] == [0, 1, 2, 3, 3]
 
 

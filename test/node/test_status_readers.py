@@ -144,7 +144,7 @@ def test_readers_of_a_pushed_object_take_any_status_with_any_entry_missing(reade
     wire, state = Wire(), State()
     read = {
         "view": lambda: lambda told: take_property_status(state, 0.0, told.status),
-        "scene": lambda: TableScene(wire, TableSceneConfig()),
+        "scene": lambda: TableScene(wire, TableSceneConfig(), lambda: None),
         "act": lambda: Act(wire, None, None, print),
         "log": lambda: Log(wire),
     }[reader]()

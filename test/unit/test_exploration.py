@@ -134,3 +134,18 @@ def test_pushes_stay_where_the_arm_may_be(belief):
 def test_an_unknown_way_to_choose_is_refused():
     with pytest.raises(BadInputError, match="gain, uniform, random"):
         ExploreConfig(chooser="best")
+
+
+def test_after_too_much_force_pushes_are_half_as_fast_and_begin_elsewhere(belief):
+    explorer = Explorer(THING, ExploreConfig(**QUICK))
+    hit = explorer.choose(belief, POSE).candidate
+    explorer.soften()
+    again = explorer.choose(belief, POSE).candidate
+    assert (again.speed, again.acceleration) == (0.5 * hit.speed, 0.5 * hit.acceleration)
+    assert np.linalg.norm(again.point - hit.point) > 0.02
+    for _ in range(10):
+        explorer.soften()
+    assert explorer.config.acceleration == 0.1  # the limits of the configuration hold
+    around = explorer._around(POSE, ())
+    explorer._hard = [candidate.point for candidate in explorer._pushes(around)]
+    assert explorer._pushes(around)  # where no other place is left

@@ -98,6 +98,31 @@ def test_a_push_and_its_rivals_are_arrows_while_it_is_made():
         page.close()
 
 
+def test_both_parts_of_a_pushed_object_are_shown_where_they_lie():
+    pytest.importorskip("rclpy")
+    from geometry_msgs.msg import Point32, PolygonStamped, PoseWithCovarianceStamped
+
+    from tactile_dynamics_ros.view.live import LiveSource
+
+    node = SimpleNamespace(create_subscription=lambda _, topic, *__, **___: topic)
+    source = LiveSource(node)
+    take = dict(source._subscriptions)
+    for place, link in ((0.5, "object"), (0.6, "object/link_2")):
+        outline, pose = PolygonStamped(), PoseWithCovarianceStamped()
+        outline.polygon.points = [Point32(x=float(x), y=float(y)) for x, y in BLOCK]
+        pose.pose.pose.position.x, pose.pose.pose.orientation.w = place, 1.0
+        take[f"{link}/footprint"](outline)
+        take[f"{link}/pose"](pose)
+    page = LivePage("127.0.0.1", 0)
+    try:
+        page.show(source.state)
+        assert {"/object/footprint", "/second/footprint"} <= page.nodes
+        assert_allclose(page.drawn("/second").position, [0.6, 0.0, 0.0])
+        assert_allclose(page.drawn("/object").position, [0.5, 0.0, 0.0])
+    finally:
+        page.close()
+
+
 def test_the_surface_moves_with_the_object():
     page = LivePage("127.0.0.1", 0)
     try:

@@ -68,6 +68,9 @@ class ExploreConfig:
     )
     mass: float = parameter(0.1, "wanted relative std of the mass", "", 1e-3, 10.0)
     com: float = parameter(0.002, "wanted std of the centre of mass", "m", 1e-4, 0.1)
+    patience: float = parameter(
+        60.0, "real time for the estimate of a push; then the next is chosen", "s", 1.0, 3600.0
+    )
     seed: int = parameter(0, "of chance", "", 0)
 
     def __post_init__(self) -> None:

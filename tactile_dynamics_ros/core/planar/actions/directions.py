@@ -55,6 +55,7 @@ class DirectionExplorer(Explorer):
         headings = np.array([_heading(c, pose) for c in fitting])
         k = self._most_different(fitting, headings)
         self.count += 1
+        self._last = fitting[k].point
         self._headings.append(float(headings[k]))
         degrees = np.rad2deg(headings[k])
         words = f"towards {degrees:.0f} deg, as different as can be from the pushes before"

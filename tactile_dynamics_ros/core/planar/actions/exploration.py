@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,12 @@ Others = Sequence[Array]
 _STANDS, _LOOKED_BACK = 0.9, 2
 """Ratio to which the last so many pushes have to narrow something that is wanted narrower; else
 pushing on is no use, whatever is expected. Nearer to 1 a budget is spent on hopeless masses."""
+_GENTLER = 0.5
+"""Share of its speed at which an object is pushed on that was pushed too hard: the force of an
+impact falls as much. Nearer to 1 a stop follows a stop, nearer to 0 pushes tell no masses."""
+_ELSEWHERE = 0.02
+"""Distance, m, from a push that met too much force within which none begins: something may be in
+the way of it. Half the least width of objects, so that other places are left."""
 _RIVALS = 4
 """Pushes from other places that are told beside the chosen one, for people: more hide the object
 on a page."""
@@ -133,8 +139,26 @@ class Explorer:
         self.opening = opening
         self.count = 0
         self._stds: list[Array] = []
+        self._last: Array | None = None
+        self._hard: list[Array] = []
         self._rng = np.random.default_rng([self.config.seed, 47])
         self._angle = self._rng.uniform(0.0, 2.0 * np.pi)
+
+    def soften(self) -> None:
+        """Push at half the speed, and elsewhere, from now on: the last push met too much force.
+
+        The force of an impact grows with the speed: F = v sqrt(k m) for a tip of stiffness k and
+        an object of mass m.
+        """
+        config = self.config
+        self.config = replace(
+            config,
+            speeds=tuple(_GENTLER * speed for speed in config.speeds),
+            stop_speed=max(_GENTLER * config.stop_speed, 0.01),
+            acceleration=max(_GENTLER * config.acceleration, 0.1),
+            braking=max(_GENTLER * config.braking, 0.1),
+        )
+        self._hard += [] if self._last is None else [self._last]
 
     def reason_to_stop(self, belief: Belief) -> str:
         """Why nothing more is to be done, in words; empty if something is."""
@@ -184,6 +208,7 @@ class Explorer:
         if self.config.chooser == "gain" and gains[k] < self.config.gain and self.count:
             return f"no push would tell more than {gains[k]:.2g} nats"
         self.count += 1
+        self._last = candidates[k].point
         after = updated(belief, found[k])
         words = f"{WORDS[candidates[k].manner]}: {self._words(belief, after)}{where}"
         return Choice(candidates[k], float(gains[k]), words, after, _rivals(candidates, gains, k))
@@ -203,7 +228,12 @@ class Explorer:
     def _pushes(self, around: Surroundings) -> list[Candidate]:
         """Pushes that keep tip and object in the room and clear of other parts."""
         found = pushes(self.thing.outline, self.config)
-        return [candidate for candidate in found if fits(candidate, around)]
+        fitting = [candidate for candidate in found if fits(candidate, around)]
+        return [c for c in fitting if self._is_elsewhere(c)] or fitting
+
+    def _is_elsewhere(self, candidate: Candidate) -> bool:
+        """Whether a push begins away from those that met too much force."""
+        return all(np.linalg.norm(candidate.point - hard) > _ELSEWHERE for hard in self._hard)
 
     def _pulls(self, belief: Belief, around: Surroundings) -> list[Candidate]:
         """Pulls that keep pads and object in the room, and that the grip should hold."""

@@ -194,6 +194,21 @@ def freeing(now: Array, config: StraightConfig, support: float) -> StraightActio
     return StraightAction(tuple(leg for leg in legs if leg.duration > 0.0))
 
 
+def drawing_back(
+    now: Array, direction: Array, config: StraightConfig, support: float
+) -> StraightAction:
+    """Leave an object against the direction in which it was pushed, and rise.
+
+    Args:
+        now: (4,) x, y, z (m) and turn (rad) of the tip.
+        direction: (2,) unit, of the push.
+        config: heights and speeds.
+        support: height of the table, m.
+    """
+    legs = way_back(now, -np.asarray(direction), config, support)
+    return StraightAction(tuple(leg for leg in legs if leg.duration > 0.0))
+
+
 def way_there(
     now: Array,
     start: Array,

@@ -48,10 +48,15 @@ class Guard:
 
     Args:
         config: limits.
+        unloads: whether the motion only draws back; then no force stops it.
+
+    Attributes:
+        pressed: whether it was too much force that stopped the motion.
     """
 
-    def __init__(self, config: GuardConfig) -> None:
+    def __init__(self, config: GuardConfig, unloads: bool = False) -> None:
         self._most_force, self._stale = config.most_force, config.stale
+        self._unloads, self.pressed = unloads, False
         self._missed = np.inf
 
     def reason(self, seen: Seen, target: Array | None) -> str:
@@ -61,7 +66,8 @@ class Guard:
             seen: now.
             target: (4,) where the tip was sent last; None at first.
         """
-        if seen.force > self._most_force:
+        if seen.force > self._most_force and not self._unloads:
+            self.pressed = True
             return f"the contact bears {seen.force:.1f} N, more than {self._most_force:g} N"
         if seen.time - seen.pose_time > self._stale:
             return f"the object's pose is {seen.time - seen.pose_time:.2g} s old"

@@ -41,16 +41,20 @@ class Clock:
     """Time of a motion, which never leaps: where poses come late the motion waits.
 
     An arm goes straight to its newest target; leaps would cut the corners of the way.
+
+    Attributes:
+        time: of the motion, s. holes: gaps between poses in which it waited.
     """
 
     def __init__(self) -> None:
         self._last: float | None = None
-        self.time = 0.0
+        self.time, self.holes = 0.0, 0
 
     def advance(self, now: float) -> float:
         """Return the time since the first call, s, less what leaps took."""
         if self._last is not None:
             self.time += min(max(now - self._last, 0.0), _MOST_STEP)
+            self.holes += now - self._last > _MOST_STEP
         self._last = now
         return self.time
 
@@ -66,6 +70,16 @@ class Performance:
         finished: whether it has ended. why: it was stopped; empty if it was not.
         width: m, of the jaws now; None before the first answer.
     """
+
+    @property
+    def holes(self) -> int:
+        """Gaps between poses of the tip in which the motion had to wait: it jerked."""
+        return self._clock.holes
+
+    @property
+    def pressed(self) -> bool:
+        """Whether it was stopped by too much force."""
+        return self._guard.pressed
 
     def __init__(self, action: StraightAction, guard: Guard) -> None:
         self.finished, self.why = False, ""
