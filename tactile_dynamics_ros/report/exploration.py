@@ -26,10 +26,6 @@ TITLES = {
     "com_y": "centre of mass y",
 }
 """Quantities as charts and tables name them."""
-<<<<<<< HEAD
-=======
-INTERVAL = 1.645
-"""Standard deviations of half a 90 % interval."""
 REMARKS = ("chosen_because", "stopped", "jerked", "late")
 """Entries of a push that say why it was chosen, and what went wrong with it."""
 COLOURS = (BLUE, GREEN)
@@ -37,7 +33,6 @@ COLOURS = (BLUE, GREEN)
 ARROW, GAP = 0.04, 0.008
 """Length of an arrow of a push, and from its end to the middle of its number, m: an object is 6 to
 28 cm long."""
->>>>>>> planar
 
 
 def compare_properties(properties: dict[str, Any], truth: dict[str, Any]) -> list[dict[str, Any]]:

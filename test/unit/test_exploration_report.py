@@ -10,13 +10,8 @@ from tactile_dynamics_ros.cli.demo_planar import table_parameters
 from tactile_dynamics_ros.cli.explore import describe, why_unknown
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.report.exploration import (
-<<<<<<< HEAD
-    _history,
-    compare_properties,
-    write_exploration,
-)
-=======
     COLOURS,
+    _history,
     _map,
     compare_properties,
     write_exploration,
@@ -24,7 +19,6 @@ from tactile_dynamics_ros.report.exploration import (
 
 BOX = [[-0.05, -0.04], [0.05, -0.04], [0.05, 0.04], [-0.05, 0.04]]
 WAY = [[0.5, 0.1 * t, 0.1 * t, t] for t in np.linspace(0.0, 1.0, 20)]
->>>>>>> planar
 
 
 @pytest.fixture
