@@ -79,9 +79,7 @@ def play(out: Path, words: Sequence[str], load: int = 0) -> dict[str, Any]:
     started = time.monotonic()
     with busy(load):
         command = verb_command("demo", *words, "--json", "--out", str(out))
-        done = subprocess.run(
-            command, capture_output=True, text=True, check=False, timeout=LONGEST
-        )
+        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=LONGEST)
     document = json.loads(done.stdout) if done.returncode == 0 else {}
     row = {
         "exit": done.returncode,
