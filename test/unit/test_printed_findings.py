@@ -235,7 +235,7 @@ def drag(tmp_path_factory):
 
 
 def test_the_command_warns_of_what_it_exports(drag, capsys):
-    assert main(["estimate", str(drag[0]), "--export", "urdf"]) == 0
+    assert main(["estimate", str(drag[0]), "--export", "ur"]) == 0
     captured = capsys.readouterr()
     assert "warning: the model does not fit" in captured.err
     assert "WARNING" in captured.out
