@@ -26,6 +26,9 @@ first command of the next one may come when it likes. Controllers that answer po
 BEHIND = 2.0
 """Simulated time by which estimates may be behind before the simulation waits for them, s: queues
 of sensor data hold five seconds, and beyond that estimators would miss some."""
+GONE = 2.0
+"""Real time without an estimate after which none is waited for, s: the estimator has ended. Nodes
+that push give up when they hear nothing of the arm for 5 s."""
 _ROUNDING = 1e-6
 """Slack of comparisons of simulated times, s."""
 
@@ -122,8 +125,7 @@ class Pace:
 
     def _is_unheard(self, simulated: float) -> bool:
         stamp, came = self._estimate
-        waited = time.monotonic() - came
-        return simulated - stamp > BEHIND and waited < self._config.command_timeout
+        return simulated - stamp > BEHIND and time.monotonic() - came < GONE
 
 
 class DelayLine(Generic[Item]):

@@ -89,9 +89,7 @@ def test_a_motion_that_has_ended_holds_the_simulation_up_once(monkeypatch):
 
 
 def test_simulated_time_does_not_run_ahead_of_an_estimator_that_is_behind(monkeypatch):
-    machine, config = Machine(monkeypatch), PaceConfig()
-    pace, heard, lead = Pace(config), 0.0, []
-    time = 0.0
+    machine, pace, time, heard, lead = Machine(monkeypatch), Pace(PaceConfig()), 0.0, 0.0, []
     for _ in range(2000):  # an estimator that hears half of what happens in real time
         machine.now += PERIOD
         heard = min(heard + 0.5 * PERIOD, time)
@@ -100,7 +98,7 @@ def test_simulated_time_does_not_run_ahead_of_an_estimator_that_is_behind(monkey
         time += 0.0 if pace.must_wait(time) else PERIOD
         lead.append(time - heard)
     assert pacing.BEHIND - 0.1 < max(lead) < pacing.BEHIND + 2.0 * PERIOD
-    machine.now += config.command_timeout
+    machine.now += pacing.GONE
     assert not pace.must_wait(time)  # it has ended
 
 
