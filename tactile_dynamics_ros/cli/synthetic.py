@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from argparse import SUPPRESS, ArgumentParser, Namespace, _SubParsersAction
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -135,12 +136,7 @@ def _make_held(args: Namespace) -> tuple[dict[str, Any], Callable[[Path], object
     from tactile_dynamics_ros.synthetic.bag import write_bag
 
     recording = _generate(args)
-
-    def write(path: Path) -> None:
-        with written_whole(path) as part:
-            write_bag(recording.streams, part)
-
-    return recording.truth(), write
+    return recording.truth(), partial(write_bag, recording.streams)
 
 
 def _make_pushed(args: Namespace) -> tuple[dict[str, Any], Callable[[Path], object]]:
