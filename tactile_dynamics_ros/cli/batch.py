@@ -18,6 +18,8 @@ from tactile_dynamics_ros.cli.batch_jobs import Answer, Job, ask
 from tactile_dynamics_ros.cli.batch_table import columns, row, short_names, write_index
 from tactile_dynamics_ros.cli.recordings import add_recording_arguments
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError, require_extra
+from tactile_dynamics_ros.core.files import written_whole
+from tactile_dynamics_ros.core.options import COUNT, POSITIVE, folder_to_write
 
 VERBS = ("estimate", "compare", "diagnose", "explain")
 """Verbs that ask about one recording."""
@@ -39,11 +41,15 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
     parser.add_argument("question", choices=VERBS, metavar="VERB", help=", ".join(VERBS))
     add_recording_arguments(parser)
     parser.add_argument(
-        "--out", type=Path, required=True, metavar="DIR", help="where table and reports go"
+        "--out",
+        type=folder_to_write,
+        required=True,
+        metavar="DIR",
+        help="where table and reports go",
     )
     parser.add_argument(
         "--workers",
-        type=int,
+        type=COUNT,
         default=os.cpu_count() or 1,
         metavar="N",
         help="recordings at a time on this machine (default: one per core)",
@@ -54,7 +60,7 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
         help="of a Dask cluster that sees the same files, as tcp://host:8786 (extra `dask`)",
     )
     parser.add_argument(
-        "--timeout", type=float, default=_TIMEOUT, metavar="S", help="per recording"
+        "--timeout", type=POSITIVE, default=_TIMEOUT, metavar="S", help="per recording"
     )
     parser.add_argument("--again", action="store_true", help="ask again what is answered already")
     parser.set_defaults(run=run)
@@ -67,7 +73,7 @@ def run(args: Namespace) -> int:
         BadInputError: no recording is there, or the cluster cannot be reached.
         NotIdentifiableError: some recordings have no answer.
     """
-    jobs = make_jobs(args)
+    out, jobs = Path(args.out), make_jobs(args)
     kept = {} if args.again else {job: answer for job in jobs if (answer := job.kept())}
     fresh = [job for job in jobs if job not in kept]
     if kept:
@@ -77,10 +83,10 @@ def run(args: Namespace) -> int:
     answers = [kept.get(job) or asked[job] for job in jobs]
     header = columns(args.question)
     rows = [row(args.question, answer) for answer in answers]
-    _write_table(args.out / "table.csv", header, rows)
-    page = write_index(args.question, answers, args.out)
+    _write_table(out / "table.csv", header, rows)
+    page = write_index(args.question, answers, out)
     _show(args, answers, header, rows)
-    print(f"table: {args.out / 'table.csv'}\nreports: {page}", file=sys.stderr)
+    print(f"table: {out / 'table.csv'}\nreports: {page}", file=sys.stderr)
     without = sum(not answer.document for answer in answers)
     if without:
         raise NotIdentifiableError(
@@ -100,7 +106,7 @@ def make_jobs(args: Namespace) -> list[Job]:
     if not recordings:
         raise BadInputError(f"no recording matches {' '.join(args.bag)}")
     root = Path(os.path.commonpath([recording.parent for recording in recordings]))
-    out = args.out.resolve()
+    out = Path(args.out).resolve()
     options = tuple(_forwarded(args))
     return [
         Job(
@@ -116,7 +122,9 @@ def make_jobs(args: Namespace) -> list[Job]:
 
 def _forwarded(args: Namespace) -> Iterator[str]:
     """Yield the options of the verb itself, as they are typed."""
-    for name in ("effects", "world_frame", "namespace", "between"):
+    if args.between:
+        yield from ("--between", ",".join(map(repr, args.between)))
+    for name in ("effects", "world_frame", "namespace"):
         if value := getattr(args, name):
             yield from (f"--{name.replace('_', '-')}", value)
     for name in ("effect_file", "remap", "assume"):
@@ -132,7 +140,7 @@ def _executor(args: Namespace) -> Iterator[Executor]:
         BadInputError: the cluster cannot be reached, or its library is missing.
     """
     if args.scheduler is None:
-        with ThreadPoolExecutor(max(args.workers, 1)) as threads:
+        with ThreadPoolExecutor(args.workers) as threads:
             yield threads
         return
     require_extra("distributed", "dask", "--scheduler")
@@ -170,7 +178,10 @@ def _tell(count: int, total: int, answer: Answer) -> None:
 
 def _write_table(file: Path, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     """Write the table as CSV."""
-    with file.open("w", newline="", encoding="utf-8") as stream:
+    with (
+        written_whole(file) as part,
+        part.open("w", newline="", encoding="utf-8") as stream,
+    ):
         csv.writer(stream).writerows([header, *rows])
 
 

@@ -11,6 +11,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from tactile_dynamics_ros.core.files import written_whole
+
 ANSWER = "answer.json"
 """Name of the file that keeps the answer about a recording, beside its report."""
 
@@ -88,9 +90,8 @@ def ask(job: Job) -> Answer:
     status, document, message = _run(job)
     seconds = round(time.monotonic() - began, 1)
     answer = Answer(job.recording, job.folder, status, seconds, document, message)
-    whole = folder / f".{ANSWER}"
-    whole.write_text(json.dumps({"identity": job.identity(), "answer": asdict(answer)}))
-    whole.replace(folder / ANSWER)
+    with written_whole(folder / ANSWER) as part:
+        part.write_text(json.dumps({"identity": job.identity(), "answer": asdict(answer)}))
     return answer
 
 

@@ -219,12 +219,46 @@ class Respawns:
         )
 
 
-def require_effect_of_table(name: str) -> None:
-    """Refuse a hidden effect that the simulated table does not have.
+def require_hidden_effect(name: str, scene: str) -> None:
+    """Refuse a hidden effect that the simulated robot does not have.
+
+    Args:
+        name: of the effect; empty for none.
+        scene: "hand" or "table".
 
     Raises:
         BadInputError: there is no such effect.
     """
-    from tactile_dynamics_ros.sim.planar.hidden_effects import known_effect
+    from tactile_dynamics_ros.sim import hidden_effects
+    from tactile_dynamics_ros.sim.planar import hidden_effects as effects_of_table
 
-    known_effect(name)
+    (effects_of_table if scene == "table" else hidden_effects).known_effect(name)
+
+
+def require_table_object(number: int) -> None:
+    """Check that the simulated table has an object.
+
+    Args:
+        number: of config/planar_objects.yaml; 0 for a random one.
+
+    Raises:
+        BadInputError: there is no such object.
+    """
+    from tactile_dynamics_ros.sim.planar_objects import planar_object
+
+    if number:
+        planar_object(number)
+
+
+def require_simulated_robot(config: Path) -> None:
+    """Check that a robot's files say which robot is simulated.
+
+    Raises:
+        BadInputError: they list no robot_sim.
+    """
+    if "robot_sim" not in read_configuration(config):
+        beside = config.with_name(f"{config.stem}.simulated.yaml")
+        raise BadInputError(
+            f"{config} lists no robot_sim, so that no robot can be simulated; name yours under "
+            f"robot_sim in {beside}, as config/panda_gripper.simulated.yaml does"
+        )

@@ -13,6 +13,7 @@ from tactile_dynamics_ros.cli.recordings import (
     read_recording,
 )
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.options import POSITIVE
 
 if TYPE_CHECKING:
     from tactile_dynamics_ros.api.readiness import Readiness
@@ -30,7 +31,7 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
     add_recording_arguments(parser)
     parser.add_argument(
         "--goal",
-        type=float,
+        type=POSITIVE,
         default=10.0,
         metavar="PERCENT",
         help="wanted standard deviation: of the mass, of the centre of mass over the radius of "
@@ -43,8 +44,6 @@ def run(args: Namespace) -> int:
     """Check and print."""
     if args.effects:
         raise BadInputError("check: expected no --effects; it is about the recording alone")
-    if not args.goal > 0.0:
-        raise BadInputError(f"--goal {args.goal:g}: expected a percentage above 0")
     found = _checked(args)
     print(json.dumps(found.to_json()) if args.json else found)
     return 0 if found.ready else 3

@@ -12,7 +12,14 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tactile_dynamics_ros.cli.bringup import read_configuration, require_simulator, write_parameters
+from tactile_dynamics_ros.cli.bringup import (
+    read_configuration,
+    require_hidden_effect,
+    require_simulated_robot,
+    require_simulator,
+    require_table_object,
+    write_parameters,
+)
 from tactile_dynamics_ros.cli.demo_findings import Findings, doubts
 from tactile_dynamics_ros.cli.domain import private_domain
 from tactile_dynamics_ros.cli.live import (
@@ -33,6 +40,7 @@ from tactile_dynamics_ros.core.errors import (
     TactileDynamicsError,
     refuse_existing,
 )
+from tactile_dynamics_ros.core.options import FREE_PORT, Number, folder_to_write
 from tactile_dynamics_ros.core.robot.robot_file import DEFAULT_ROBOT
 from tactile_dynamics_ros.share import object_file, share_file
 
@@ -46,6 +54,8 @@ PATIENCE = 30.0
 """Real seconds per simulated one after which even a slow machine must have finished."""
 CHANGE, CHANGED_BY = "support_tilt", 2.0
 """What changes in the last act on a table, and by how much of its usual size: a lean of 4 deg."""
+DURATION = Number(1.0, 600.0)
+"""Range of the motion's length, s, as grasp_controller's parameter `excitation.duration` has it."""
 STILL = 90.0
 """Real seconds without simulated time after which the simulation has failed."""
 STARTING = 400.0
@@ -64,7 +74,7 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
         "--config", default=DEFAULT_CONFIG, metavar="YAML", help="nodes, parameters: which robot"
     )
     parser.add_argument(
-        "--duration", type=float, metavar="S", help="of the motion (30; with --hidden 60)"
+        "--duration", type=DURATION, metavar="S", help="of the motion (30; with --hidden 60)"
     )
     parser.add_argument(
         "--planar",
@@ -72,9 +82,19 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
         help="push an object on a table instead: explore it, bring it to a goal, and notice what "
         "changes (--hidden, a table that leans by default; none for nothing)",
     )
-    parser.add_argument("--out", metavar="DIR", help="recording, report and logs; new directory")
     parser.add_argument(
-        "--view", type=int, nargs="?", const=8080, metavar="PORT", help="live page in the browser"
+        "--out",
+        type=folder_to_write,
+        metavar="DIR",
+        help="recording, report and logs; new directory",
+    )
+    parser.add_argument(
+        "--view",
+        type=FREE_PORT,
+        nargs="?",
+        const=8080,
+        metavar="PORT",
+        help="live page in the browser",
     )
     parser.set_defaults(run=run)
 
@@ -86,11 +106,13 @@ def run(args: Namespace) -> int:
     if args.view:
         require_viser()
     args.hidden = args.hidden or (CHANGE if args.planar else "none")
-    args.magnitude = args.magnitude or (CHANGED_BY if args.planar else 1.0)
+    if args.magnitude is None:
+        args.magnitude = CHANGED_BY if args.planar else 1.0
     if args.planar:
         return _run_planar(args)
+    require_hidden_effect(args.hidden, "hand")
     object_file(args.object)
-    share_file(args.config)
+    require_simulated_robot(share_file(args.config))
     args.duration = args.duration or (30.0 if args.hidden == "none" else 60.0)
     out = _new_folder(args)
     say = _Speaker(quiet=args.json)
@@ -146,8 +168,9 @@ def _new_folder(args: Namespace) -> Path:
 
 def _run_planar(args: Namespace) -> int:
     """Play the story of an object on a table; 0 if it came to its end."""
-    from tactile_dynamics_ros.cli.demo_planar import play
+    from tactile_dynamics_ros.cli.demo_planar import play, table_parameters
 
+    require_table_object(int(str(table_parameters(args)["object_number"])))
     told = play(args, _new_folder(args), _Speaker(quiet=args.json))
     if args.json:
         hidden = ("parts", "history", "goal_from", "goal_to")

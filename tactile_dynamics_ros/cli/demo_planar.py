@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tactile_dynamics_ros.cli.bringup import require_effect_of_table, write_parameters
+from tactile_dynamics_ros.cli.bringup import require_hidden_effect, write_parameters
 from tactile_dynamics_ros.cli.demo_log import Log
 from tactile_dynamics_ros.cli.domain import private_domain
 from tactile_dynamics_ros.cli.explore import describe, why_unknown
@@ -144,7 +144,7 @@ def table_parameters(args: Namespace) -> dict[str, object]:
     Raises:
         BadInputError: an object is no number, or there is no such hidden effect.
     """
-    require_effect_of_table(args.hidden)
+    require_hidden_effect(args.hidden, "table")
     number = "0" if args.object in (None, "random") else str(args.object)
     number = "121" if number == "box_0" else number  # what the demo of the hand takes by default
     if not number.isdigit():

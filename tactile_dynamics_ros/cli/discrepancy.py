@@ -26,6 +26,7 @@ from tactile_dynamics_ros.cli.recordings import (
     read_pushed,
     read_recording,
 )
+from tactile_dynamics_ros.core.options import folder_to_write
 
 _VERBS: dict[str, tuple[Any, str]] = {
     "compare": (Comparison, "how far the model is from a recording, and where it fails"),
@@ -40,7 +41,12 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
         parser = verbs.add_parser(name, help=text)
         add_recording_arguments(parser)
         add_model_argument(parser)
-        parser.add_argument("--out", metavar="DIR", help="also write DIR/report.html with figures")
+        parser.add_argument(
+            "--out",
+            type=folder_to_write,
+            metavar="DIR",
+            help="also write DIR/report.html with figures",
+        )
         parser.set_defaults(run=run)
 
 

@@ -17,6 +17,7 @@ from tactile_dynamics_ros.cli.recordings import (
     read_recording,
 )
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.options import file_to_write, folder_to_write
 
 if TYPE_CHECKING:
     from tactile_dynamics_ros.api.estimates import Estimate
@@ -30,7 +31,12 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
         "estimate", help="mass, centre of mass and inertia from a recording, with uncertainty"
     )
     add_recording_arguments(parser)
-    parser.add_argument("--out", metavar="DIR", help="also write DIR/report.html with figures")
+    parser.add_argument(
+        "--out",
+        type=folder_to_write,
+        metavar="DIR",
+        help="also write DIR/report.html with figures",
+    )
     parser.add_argument(
         "--export",
         metavar="FORMAT",
@@ -64,7 +70,10 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
         help="robot of --wrist and --carried: file in config/robots, or path of a yaml file",
     )
     parser.add_argument(
-        "--save", metavar="FILE", help="write what is known of the body now, for --tool or --prior"
+        "--save",
+        type=file_to_write,
+        metavar="FILE",
+        help="write what is known of the body now, for --tool or --prior",
     )
     parser.add_argument(
         "--model",

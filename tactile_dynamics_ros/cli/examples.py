@@ -48,7 +48,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
         "synthetic pushed pushes.mcap --effect support_tilt --seed 112",
     ),
     "train": (
-        "train biotac --units 2000 --out weights",
+        "train biotac --units 2000 --out weights.npz",
         "train pushing --kind graph_residual --out weights.npz",
     ),
     "calibrate": ("calibrate presses.mcap",),

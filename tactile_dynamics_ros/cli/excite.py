@@ -17,12 +17,24 @@ from tactile_dynamics_ros.cli.recordings import (
     read_recording,
 )
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.files import written_whole
+from tactile_dynamics_ros.core.options import (
+    FINITE,
+    NOT_NEGATIVE,
+    POSITIVE,
+    SEED,
+    Numbers,
+    file_to_write,
+)
 from tactile_dynamics_ros.core.robot.robot_file import DEFAULT_ROBOT, load_robot
 from tactile_dynamics_ros.share import object_file
 
 if TYPE_CHECKING:
     from tactile_dynamics_ros.core.inertia.excitation.plan import ExcitationPlan
     from tactile_dynamics_ros.core.manipulation.grasp_site import GraspSite
+
+_PRESUMED_MASS = 0.3
+"""Mass of an object before it was held, kg: between those of config/objects (0.1 to 0.8 kg)."""
 
 
 def add_parser(verbs: _SubParsersAction[Any]) -> None:
@@ -37,24 +49,53 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
     )
     add_recording_arguments(parser, optional=True)
     parser.add_argument("--object", metavar="NAME", help="instead of BAG: file in config/objects")
+    parser.add_argument("--mass", type=POSITIVE, metavar="KG", help="presumed, with --object (0.3)")
+    parser.add_argument("--duration", type=POSITIVE, default=15.0, metavar="S", help="length (15)")
     parser.add_argument(
-        "--mass", type=float, default=0.3, metavar="KG", help="presumed, with --object (0.3)"
+        "--rotation",
+        type=NOT_NEGATIVE,
+        default=0.45,
+        metavar="RAD",
+        help="largest rotation of the motion (0.45)",
     )
-    parser.add_argument("--duration", type=float, default=15.0, metavar="S", help="length (15)")
-    parser.add_argument("--rotation", type=float, default=0.45, metavar="RAD", help="(0.45)")
-    parser.add_argument("--translation", type=float, default=0.05, metavar="M", help="(0.05)")
-    parser.add_argument("--highest-hz", type=float, default=1.5, metavar="HZ", help="(1.5)")
-    parser.add_argument("--friction", type=float, default=0.6, metavar="MU", help="(0.6)")
+    parser.add_argument(
+        "--translation",
+        type=NOT_NEGATIVE,
+        default=0.05,
+        metavar="M",
+        help="largest shift of the motion (0.05)",
+    )
+    parser.add_argument(
+        "--highest-hz",
+        type=POSITIVE,
+        default=1.5,
+        metavar="HZ",
+        help="highest frequency of the motion (1.5)",
+    )
+    parser.add_argument(
+        "--friction",
+        type=POSITIVE,
+        default=0.6,
+        metavar="MU",
+        help="coefficient between finger and object (0.6)",
+    )
     parser.add_argument("--criterion", choices=("A", "D"), default="A", help="mean error, volume")
-    parser.add_argument("--arm", metavar="Q1,Q2,..", help="arm joints at the start, rad")
+    parser.add_argument(
+        "--arm",
+        type=Numbers(FINITE),
+        metavar="Q1,Q2,..",
+        help="with BAG: arm joints at the start, rad",
+    )
     parser.add_argument(
         "--robot",
         metavar="NAME",
         default=DEFAULT_ROBOT,
         help=f"file in config/robots, or path of a yaml file ({DEFAULT_ROBOT})",
     )
-    parser.add_argument("--seed", type=int, default=0, help="of the search (0)")
-    parser.add_argument("--out", metavar="FILE", help="write the motion here (JSON)")
+    parser.add_argument("--seed", type=SEED, default=0, help="of the search (0)")
+    parser.add_argument(
+        "--out", type=file_to_write, metavar="FILE", help="write the motion here (JSON)"
+    )
     parser.set_defaults(run=run)
 
 
@@ -62,7 +103,8 @@ def run(args: Namespace) -> int:
     """Design, check on the arm, print and write."""
     plan = _plan(args)
     if args.out:
-        Path(args.out).write_text(json.dumps(plan.motion_table()) + "\n")
+        with written_whole(Path(args.out)) as part:
+            part.write_text(json.dumps(plan.motion_table()) + "\n")
         print(f"motion: {args.out}", file=sys.stderr)
     print(json.dumps(plan.to_json()) if args.json else _describe(plan))
     return 0
@@ -72,7 +114,7 @@ def _plan(args: Namespace) -> ExcitationPlan:
     """Design for the recording or the object that the arguments name.
 
     Raises:
-        BadInputError: both or none of them are named.
+        BadInputError: both or none of them are named, or an option goes with the other one.
     """
     from tactile_dynamics_ros.core.inertia.batch.batch import fit_recording
     from tactile_dynamics_ros.core.inertia.excitation import DesignConfig, MotionLimits
@@ -81,35 +123,30 @@ def _plan(args: Namespace) -> ExcitationPlan:
 
     if (args.bag is None) == (args.object is None):
         raise BadInputError("excite: expected a recording, or --object NAME before the first grasp")
+    beside, needed = ("mass", "--object") if args.object is None else ("arm", "a recording")
+    if getattr(args, beside) is not None:
+        raise BadInputError(f"excite: --{beside} goes with {needed}; leave it out")
     robot = load_robot(args.robot)
     config = DesignConfig(duration=args.duration, highest_hz=args.highest_hz, seed=args.seed)
     limits = MotionLimits(rotation=args.rotation, translation=args.translation)
     if args.object is not None:
         site = _grasp_site(args.object)
+        mass = _PRESUMED_MASS if args.mass is None else args.mass
         return plan_first_excitation(
-            site, config, limits, args.mass, args.friction, args.criterion, robot
+            site, config, limits, mass, args.friction, args.criterion, robot
+        )
+    if args.arm is not None and len(args.arm) != robot.arm_dof:
+        raise BadInputError(
+            f"--arm: {len(args.arm)} numbers, expected {robot.arm_dof}, one for each arm joint"
         )
     model = fit_recording(read_recording(args).streams, read_effects(args))
-    arm = _parse_arm(args.arm, robot.arm_dof)
-    return plan_excitation(model, config, limits, args.friction, args.criterion, arm, robot)
+    return plan_excitation(model, config, limits, args.friction, args.criterion, args.arm, robot)
 
 
 def _grasp_site(name: str) -> GraspSite:
     from tactile_dynamics_ros.core.manipulation.grasp_site import GraspSite
 
     return GraspSite.from_mapping(yaml.safe_load(object_file(name).read_text())["grasp"])
-
-
-def _parse_arm(argument: str | None, count: int) -> list[float] | None:
-    if argument is None:
-        return None
-    try:
-        joints = [float(part) for part in argument.split(",")]
-    except ValueError as error:
-        raise BadInputError(f"--arm {argument}: expected {count} numbers Q1,Q2,..") from error
-    if len(joints) != count:
-        raise BadInputError(f"--arm {argument}: expected {count} numbers, got {len(joints)}")
-    return joints
 
 
 def _describe(plan: ExcitationPlan) -> str:

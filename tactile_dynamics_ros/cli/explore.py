@@ -9,6 +9,7 @@ from typing import Any
 from tactile_dynamics_ros.cli.bringup import read_namespace
 from tactile_dynamics_ros.cli.topics import call_trigger, short_lived_node
 from tactile_dynamics_ros.core.errors import NotIdentifiableError, TactileDynamicsError
+from tactile_dynamics_ros.core.options import POSITIVE
 from tactile_dynamics_ros.core.planar.properties.push_model import ASTRAY
 
 REMARKS = ("stopped", "jerked", "late")
@@ -21,7 +22,11 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
         "explore", help="push an object on a table where that tells most, until it is known"
     )
     parser.add_argument(
-        "--timeout", type=float, default=300.0, metavar="S", help="real time until it is given up"
+        "--timeout",
+        type=POSITIVE,
+        default=300.0,
+        metavar="S",
+        help="real time until it is given up",
     )
     parser.add_argument("--namespace", default="", metavar="NS", help="of the robot, as left")
     parser.set_defaults(run=run)

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 from tactile_dynamics_ros.cli.recordings import NEW_RECORDING
 from tactile_dynamics_ros.core.errors import BadInputError, refuse_existing
+from tactile_dynamics_ros.core.files import written_whole
+from tactile_dynamics_ros.core.options import file_to_write, path_to_write
 from tactile_dynamics_ros.recording.importers import IMPORTERS, Importer
 
 if TYPE_CHECKING:
@@ -68,7 +70,7 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
     for importer in IMPORTERS:
         form = forms.add_parser(importer.name, help=importer.summary, description=importer.summary)
         form.add_argument("source", metavar="SOURCE", help=importer.source_help)
-        form.add_argument("out", metavar="OUT", help=NEW_RECORDING)
+        form.add_argument("out", type=path_to_write, metavar="OUT", help=NEW_RECORDING)
         _add_json(form)
         importer.add_arguments(form)
         form.set_defaults(run=run, importer=importer)
@@ -93,7 +95,10 @@ def _add_guess(form: ArgumentParser) -> None:
         help="answer a question; repeatable",
     )
     form.add_argument(
-        "--out", metavar="YAML", help="where the mapping goes (default: FILE.mapping.yaml)"
+        "--out",
+        type=file_to_write,
+        metavar="YAML",
+        help="where the mapping goes (default: FILE.mapping.yaml)",
     )
     _add_json(form)
     form.set_defaults(run=run_guess)
@@ -156,10 +161,8 @@ def _write_guess(guess: Guess, paths: Sequence[Path], out: Path, as_json: bool) 
     mapping = _placed(guess.mapping, paths[0].parent, out.parent)
     recording = read_mapping(mapping, out.parent, str(out))
     text = yaml.safe_dump(mapping, sort_keys=False, default_flow_style=None, width=100)
-    try:
-        out.write_text(f"# read from {', '.join(p.name for p in paths)}; check it\n{text}")
-    except OSError as error:
-        raise BadInputError(f"{out} cannot be written: {error.strerror}") from error
+    with written_whole(out) as part:
+        part.write_text(f"# read from {', '.join(p.name for p in paths)}; check it\n{text}")
     first = describe_first_row(recording)
     if as_json:
         understood = [{"what": label, "as": text} for label, text in guess.understood]

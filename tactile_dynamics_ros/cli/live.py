@@ -16,18 +16,23 @@ from tactile_dynamics_ros.cli.bringup import (
     read_names,
     read_namespace,
     read_switch,
+    require_hidden_effect,
     require_simulator,
     write_parameters,
 )
 from tactile_dynamics_ros.cli.domain import stay_on_this_host
 from tactile_dynamics_ros.cli.supervisor import Supervisor, node_command
 from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError, nearest
+from tactile_dynamics_ros.core.options import SEED, Number, folder_to_write
 from tactile_dynamics_ros.ros.executable import start
 from tactile_dynamics_ros.share import share_file
 from tactile_dynamics_ros.stopping import StopRequest
 
 DEFAULT_CONFIG = "config/allegro_iiwa.yaml"
 DEFAULT_OBJECT, DEFAULT_NUMBER = "box_0", 121
+MAGNITUDE, PACE = Number(0.0, 100.0), Number(0.05, 20.0)
+"""Ranges of robot_sim's parameters `hidden_magnitude` and `real_time_factor`, so that a command
+refuses at once what the node would refuse after it has started (a test compares them)."""
 
 
 def add_parser(verbs: _SubParsersAction[Any]) -> None:
@@ -59,18 +64,28 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
     )
     up.add_argument("--without", default="", metavar="A,B", help="nodes that are not started")
     up.add_argument("--namespace", default="", metavar="NS", help="of all nodes: one per hand")
-    up.add_argument("--logs", metavar="DIR", help="one log per node instead of the terminal")
+    up.add_argument(
+        "--logs",
+        type=folder_to_write,
+        metavar="DIR",
+        help="one log per node instead of the terminal",
+    )
     up.set_defaults(run=run_all)
 
 
 def add_simulation_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what describes a simulated run."""
     parser.add_argument("--object", default="box_0", metavar="NAME", help="file in config/objects")
-    parser.add_argument("--seed", type=int, default=0, help="of placement, noise and effect")
+    parser.add_argument("--seed", type=SEED, default=0, help="of placement, noise and effect")
     parser.add_argument("--hidden", default="none", metavar="NAME|random", help="hidden effect")
-    parser.add_argument("--magnitude", type=float, default=1.0, help="of the hidden effect")
     parser.add_argument(
-        "--real-time-factor", type=float, default=1.0, help="simulated over real time"
+        "--magnitude",
+        type=MAGNITUDE,
+        default=1.0,
+        help="of the hidden effect, times its usual size",
+    )
+    parser.add_argument(
+        "--real-time-factor", type=PACE, default=1.0, help="simulated over real time"
     )
 
 
@@ -118,6 +133,8 @@ def run_node(args: Namespace) -> NoReturn:
 
 def run_simulation(args: Namespace) -> NoReturn:
     """Run robot_sim with the given object, seed and hidden effect."""
+    require_simulator()
+    require_hidden_effect(args.hidden, args.scene)
     words = node_command("robot_sim", None, simulation_parameters(args))
     ros_arguments = words[words.index("--ros-args") :]
     run_node(Namespace(node="robot_sim", arguments=ros_arguments))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import re
 import sys
 from collections.abc import Sequence
 from contextlib import nullcontext
@@ -13,6 +14,7 @@ from typing import Any
 from tactile_dynamics_ros.cli.encoding import write_plain_where_needed
 from tactile_dynamics_ros.cli.examples import epilog
 from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError, nearest
+from tactile_dynamics_ros.core.files import reason_of
 from tactile_dynamics_ros.stopping import Stopped, StopRequest
 from tactile_dynamics_ros.version import __version__
 
@@ -43,6 +45,10 @@ VERB_MODULES: tuple[str, ...] = (
 To add a verb, add its module here. Heavy imports belong inside the run function.
 """
 
+_NEGATIVE = re.compile(r"-\.?\d")
+"""Beginning of negative numbers, also of several with commas (-1,2): they are values of options.
+argparse itself takes all but a single one for options."""
+
 
 NODE_VERBS = ("run", "sim", "up")
 """Verbs that end with 0 on Ctrl-C or SIGTERM, as nodes do, also while they load."""
@@ -50,6 +56,10 @@ NODE_VERBS = ("run", "sim", "up")
 
 class _Parser(argparse.ArgumentParser):
     """An argument parser that reports a usage error in one line, with the nearest known name."""
+
+    def __init__(self, *args: Any, **keywords: Any) -> None:
+        super().__init__(*args, **keywords)
+        self._negative_number_matcher = _NEGATIVE
 
     def error(self, message: str) -> None:  # type: ignore[override]
         """Raise what argparse would print and exit for."""
@@ -122,13 +132,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except Stopped:
         return 0
     except TactileDynamicsError as error:
-        print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
-        return error.exit_code
+        return _refused(str(error), error.exit_code)
     except KeyboardInterrupt:
         return 130
     except BrokenPipeError:
         sys.stderr.close()
         return 0
+    except OSError as error:
+        return _refused(reason_of(error), BadInputError.exit_code)
+
+
+def _refused(message: str, exit_code: int) -> int:
+    """Print in one line why a verb does not go on; return the exit code."""
+    print(f"error: {' '.join(message.split())}", file=sys.stderr)
+    return exit_code
 
 
 if __name__ == "__main__":

@@ -10,17 +10,18 @@ from typing import Any
 from tactile_dynamics_ros.cli.bringup import read_namespace
 from tactile_dynamics_ros.cli.topics import call_trigger, short_lived_node, spin_until
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
+from tactile_dynamics_ros.core.options import POSITIVE
 
 
 def add_parser(verbs: _SubParsersAction[Any]) -> None:
     """Add the verb."""
     probe = verbs.add_parser("probe", help="let a finger measure the friction coefficient")
     probe.add_argument(
-        "--timeout", type=float, default=120.0, metavar="S", help="wait this long for the result"
+        "--timeout", type=POSITIVE, default=120.0, metavar="S", help="wait this long for the result"
     )
     probe.add_argument(
         "--reference",
-        type=float,
+        type=POSITIVE,
         metavar="MU",
         help="known static coefficient of what is probed; also print the gain of the finger",
     )

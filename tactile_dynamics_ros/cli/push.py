@@ -12,6 +12,7 @@ from tactile_dynamics_ros.cli.bringup import read_namespace
 from tactile_dynamics_ros.cli.push_goal import push_to_goal
 from tactile_dynamics_ros.cli.topics import short_lived_node, spin_until
 from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError
+from tactile_dynamics_ros.core.options import FINITE, POSITIVE
 from tactile_dynamics_ros.core.planar.actions.straight import StraightConfig
 
 if TYPE_CHECKING:
@@ -35,18 +36,18 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
     parser.add_argument(
         "--goal",
         nargs=3,
-        type=float,
+        type=FINITE,
         metavar=("X", "Y", "YAW_DEG"),
         help="where the object's frame should come to, world, m and deg; push_controller does it",
     )
-    place = {"nargs": 2, "type": float, "metavar": ("X", "Y")}
+    place = {"nargs": 2, "type": FINITE, "metavar": ("X", "Y")}
     parser.add_argument("--from", dest="start", help="where the tip comes down, world, m", **place)
     parser.add_argument("--to", dest="end", help="where it stops, world, m", **place)
-    parser.add_argument("--speed", type=float, metavar="S", help="on the way, m/s")
+    parser.add_argument("--speed", type=POSITIVE, metavar="S", help="on the way, m/s")
     parser.add_argument("--pull", action="store_true", help="grip at the start, open at the end")
     about = {option.name: option.metadata["description"] for option in fields(StraightConfig)}
     for name, metavar in (("height", "M"), ("retreat", "M"), ("acceleration", "A")):
-        parser.add_argument(f"--{name}", type=float, metavar=metavar, help=about[name])
+        parser.add_argument(f"--{name}", type=POSITIVE, metavar=metavar, help=about[name])
     parser.add_argument("--namespace", default="", metavar="NS", help="of the robot, as left")
     parser.set_defaults(run=run)
 

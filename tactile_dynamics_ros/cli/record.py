@@ -16,6 +16,8 @@ from tactile_dynamics_ros.cli.domain import stay_on_this_host
 from tactile_dynamics_ros.cli.live import StopRequest
 from tactile_dynamics_ros.cli.recordings import NEW_RECORDING
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.files import reason_of
+from tactile_dynamics_ros.core.options import POSITIVE, path_to_write
 
 if TYPE_CHECKING:
     from tactile_dynamics_ros.cli.record_check import RecordCheck
@@ -25,15 +27,15 @@ if TYPE_CHECKING:
 def add_parser(verbs: _SubParsersAction[Any]) -> None:
     """Add the verb."""
     parser = verbs.add_parser("record", help="record live topics as rosbag2 (MCAP)")
-    parser.add_argument("out", metavar="OUT", help=NEW_RECORDING)
+    parser.add_argument("out", type=path_to_write, metavar="OUT", help=NEW_RECORDING)
     parser.add_argument("topics", nargs="*", metavar="TOPIC", help="all but images if none")
     parser.add_argument(
         "--namespace", default="", metavar="NS", help="only this hand's topics, and global ones"
     )
-    parser.add_argument("--duration", type=float, metavar="S", help="stop after S seconds")
+    parser.add_argument("--duration", type=POSITIVE, metavar="S", help="stop after S seconds")
     parser.add_argument(
         "--check",
-        type=float,
+        type=POSITIVE,
         nargs="?",
         const=20.0,
         metavar="S",
@@ -61,8 +63,6 @@ def _checked(args: Namespace, recorder: Recorder) -> Iterator[RecordCheck | None
 
 def run(args: Namespace) -> int:
     """Record until Ctrl-C, SIGTERM or the end of the duration."""
-    if args.check is not None and not args.check > 0.0:
-        raise BadInputError(f"--check {args.check:g}: expected seconds above 0")
     stay_on_this_host()
     import rclpy
     from rclpy.signals import SignalHandlerOptions
@@ -85,6 +85,10 @@ def run(args: Namespace) -> int:
 
             spin(recorder, is_over)
             recorder.close()
+    except OSError as error:
+        raise BadInputError(
+            f"{args.out}: {reason_of(error)}; recording has ended, what was written before is kept"
+        ) from error
     finally:
         rclpy.try_shutdown()
     total = recorder.counts.total()

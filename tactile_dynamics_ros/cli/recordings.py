@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from tactile_dynamics_ros.api.reading import effects_of, names_of, read_pushed_recording
 from tactile_dynamics_ros.api.reading import read_recording as recording_of
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.options import span
 
 if TYPE_CHECKING:
     from tactile_dynamics_ros.core.effects.effect import Effect
@@ -66,6 +67,7 @@ def add_recording_arguments(parser: ArgumentParser, optional: bool = False) -> N
     add_namespace(parser)
     parser.add_argument(
         "--between",
+        type=span,
         metavar="START,STOP",
         help="use only this part, in seconds from the first pose",
     )
@@ -135,7 +137,7 @@ def read_pushed(args: Namespace) -> PushedRecording:
         raise BadInputError(
             f"--{asked[0].replace('_', '-')}: not for an object on a support; leave it out"
         )
-    span, bags = _parse_span(args.between), list(args.bag)
+    span, bags = args.between, list(args.bag)
     if span and len(bags) > 1:
         raise BadInputError(f"--between cuts one recording; {len(bags)} are given")
     recordings = []
@@ -174,7 +176,7 @@ def read_recording(args: Namespace) -> Recording:
     """
     from tactile_dynamics_ros.recording import Recording
 
-    span = _parse_span(args.between)
+    span = args.between
     bags = [args.bag] if isinstance(args.bag, str) else list(args.bag)
     if span and len(bags) > 1:
         raise BadInputError(f"--between cuts one recording; {len(bags)} are given")
@@ -235,19 +237,6 @@ def _part(recording: Recording, start: float, stop: float) -> Recording:
     return recording.between(start, stop)
 
 
-def _parse_span(argument: str | None) -> tuple[float, float] | None:
-    """Return start and stop in seconds, or None if the whole recording is meant."""
-    if argument is None:
-        return None
-    try:
-        start, stop = (float(part) for part in argument.split(","))
-    except ValueError as error:
-        raise BadInputError(f"--between {argument}: expected two numbers START,STOP") from error
-    if not start < stop:
-        raise BadInputError(f"--between {argument}: expected START before STOP, in seconds")
-    return start, stop
-
-
 def _parse_remappings(arguments: list[str]) -> dict[str, list[str]]:
     """Return the names that each recorded topic stands for."""
     remap: dict[str, list[str]] = {}
@@ -277,10 +266,16 @@ def read_effect_files(args: Namespace) -> list[str]:
     """Make the effects of all named files known and return their names.
 
     Raises:
-        BadInputError: a file cannot be read.
+        BadInputError: a file cannot be read, or two of them name an effect alike.
     """
     if not args.effect_file:
         return []
     from tactile_dynamics_ros.core.effects.formula import load_effects
 
-    return [effect.name for path in args.effect_file for effect in load_effects(path)]
+    files: dict[str, str] = {}
+    for path in args.effect_file:
+        for effect in load_effects(path):
+            first = files.setdefault(effect.name, path)
+            if first != path:
+                raise BadInputError(f"{path}: effect '{effect.name}' is in {first} too; rename one")
+    return list(files)

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import json
-from argparse import Namespace, _SubParsersAction
+from argparse import ArgumentTypeError, Namespace, _SubParsersAction
 from pathlib import Path
 from typing import Any
 
-from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.files import written_whole
+from tactile_dynamics_ros.core.options import COUNT, FINITE, file_to_write
+
+_MESHES = (".ply", ".stl", ".obj", ".off")
+"""Endings of the formats of meshes that common programs read; another one is refused before the
+fit."""
 
 
 def add_parser(verbs: _SubParsersAction[Any]) -> None:
@@ -22,14 +27,23 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
     )
     parser.add_argument("clouds", nargs="+", metavar="CLOUD", type=Path)
     parser.add_argument(
-        "--support", default="auto", metavar="Z|auto|none", help="height of the table, m (auto)"
+        "--support",
+        type=_support,
+        default="auto",
+        metavar="Z|auto|none",
+        help="height of the table, m (auto)",
     )
     parser.add_argument("--unit", choices=("m", "mm"), help="of the clouds (guessed)")
-    parser.add_argument("--object", type=int, default=1, metavar="K", help="the K-th object (1)")
+    parser.add_argument("--object", type=COUNT, default=1, metavar="K", help="the K-th object (1)")
     parser.add_argument(
         "--align", action="store_true", help="align the clouds: the camera's poses are not exact"
     )
-    parser.add_argument("--out", metavar="FILE", help="write the surface here as a mesh (PLY, STL)")
+    parser.add_argument(
+        "--out",
+        type=_mesh_file,
+        metavar="FILE",
+        help="write the surface here as a mesh (PLY, STL)",
+    )
     parser.set_defaults(run=run)
 
 
@@ -39,7 +53,7 @@ def run(args: Namespace) -> int:
 
     found = shape(
         *args.clouds,
-        support=_support(args.support),
+        support=args.support,
         unit=args.unit,
         number=args.object,
         align=args.align,
@@ -47,17 +61,34 @@ def run(args: Namespace) -> int:
     if args.out:
         import trimesh
 
-        trimesh.util.concatenate(found.meshes).export(args.out)
+        with written_whole(Path(args.out)) as part:
+            trimesh.util.concatenate(found.meshes).export(part)
     print(json.dumps(found.to_json()) if args.json else found)
     return 0
 
 
+def _mesh_file(text: str) -> str:
+    """Return the path of a mesh that can be written.
+
+    Raises:
+        ArgumentTypeError: it has another ending, or nothing can be written there.
+    """
+    if Path(text).suffix.lower() not in _MESHES:
+        raise ArgumentTypeError(f"'{text}', expected a file that ends in {', '.join(_MESHES)}")
+    return file_to_write(text)
+
+
 def _support(word: str) -> float | str | None:
+    """Return where the table is: a height in m, "auto", or None for no table.
+
+    Raises:
+        ArgumentTypeError: the word says neither.
+    """
     if word == "auto":
         return word
     if word == "none":
         return None
     try:
-        return float(word)
-    except ValueError:
-        raise BadInputError(f"--support {word}: expected a height in m, auto or none") from None
+        return FINITE(word)
+    except ArgumentTypeError:
+        raise ArgumentTypeError(f"'{word}', expected a height in m, auto or none") from None

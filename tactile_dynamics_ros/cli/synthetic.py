@@ -4,14 +4,31 @@ from __future__ import annotations
 
 import json
 from argparse import SUPPRESS, ArgumentParser, Namespace, _SubParsersAction
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tactile_dynamics_ros.cli.recordings import NEW_RECORDING, JoinNames
 from tactile_dynamics_ros.core.errors import BadInputError, refuse_existing
+from tactile_dynamics_ros.core.files import written_whole
+from tactile_dynamics_ros.core.options import (
+    NOT_NEGATIVE,
+    POSITIVE,
+    SEED,
+    Number,
+    path_to_write,
+)
 
 if TYPE_CHECKING:
     from tactile_dynamics_ros.synthetic import HiddenRecording
+
+_DURATION = Number(0.5, 3600.0)
+"""Length of a recording, s: a few cycles of the fastest motion (2 Hz) fit in, and an hour at 1000
+Hz fits in the memory of a small machine."""
+_INTERRUPTIONS, _ACTIONS = Number(0, 100, whole=True), Number(1, 1000, whole=True)
+"""Contact breaks or gaps of the pose, and pushes: of more, a second would have several, or an hour
+of simulation would not be enough."""
 
 
 def add_parser(verbs: _SubParsersAction[Any]) -> None:
@@ -21,7 +38,7 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
     held = forms.add_parser(
         "held", help="an object held and moved by four fingers, with effects that no model is told"
     )
-    held.add_argument("out", metavar="OUT", help=NEW_RECORDING)
+    held.add_argument("out", type=path_to_write, metavar="OUT", help=NEW_RECORDING)
     held.add_argument(
         "--effect",
         action=JoinNames,
@@ -29,12 +46,14 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
         metavar="NAME[,..]",
         help="none: a clean recording",
     )
-    held.add_argument("--seed", type=int, default=0)
+    held.add_argument("--seed", type=SEED, default=0)
     size = held.add_mutually_exclusive_group()
-    size.add_argument("--magnitude", type=float, help="multiple of the effect's typical size")
+    size.add_argument(
+        "--magnitude", type=NOT_NEGATIVE, help="multiple of the effect's typical size"
+    )
     size.add_argument(
         "--whitened-rms",
-        type=float,
+        type=Number(1.0),
         default=2.0,
         help="choose the size that raises the whitened error to about this (default 2)",
     )
@@ -50,7 +69,7 @@ def _add_pushed(forms: _SubParsersAction[Any]) -> None:
     pushed = forms.add_parser(
         "pushed", help="an object that is pushed or pulled over a table, with hidden effects"
     )
-    pushed.add_argument("out", metavar="OUT", help=NEW_RECORDING)
+    pushed.add_argument("out", type=path_to_write, metavar="OUT", help=NEW_RECORDING)
     pushed.add_argument(
         "--effect",
         action=JoinNames,
@@ -58,18 +77,23 @@ def _add_pushed(forms: _SubParsersAction[Any]) -> None:
         metavar="NAME[,..]",
         help="none: a clean recording",
     )
-    pushed.add_argument("--seed", type=int, default=0)
-    pushed.add_argument("--magnitude", type=float, default=1.0, help="multiple of a typical size")
+    pushed.add_argument("--seed", type=SEED, default=0)
+    pushed.add_argument(
+        "--magnitude", type=NOT_NEGATIVE, default=1.0, help="multiple of a typical size"
+    )
     pushed.add_argument(
         "--object", choices=["single", "rigid_pair", "jointed"], default="single", dest="kind"
     )
     pushed.add_argument("--action", choices=["push", "pull", "shake", "mixed"], default="push")
-    pushed.add_argument("--count", type=int, default=6, help="of actions (default 6)")
+    pushed.add_argument("--count", type=_ACTIONS, default=6, help="of actions (default 6)")
     pushed.add_argument(
-        "--speed", type=float, nargs=2, default=[0.03, 0.2], metavar=("LOW", "HIGH"), help="m/s"
+        "--speed", type=POSITIVE, nargs=2, default=[0.03, 0.2], metavar=("LOW", "HIGH"), help="m/s"
     )
     pushed.add_argument(
-        "--variation", type=float, default=0.0, help="relative std of friction over the table"
+        "--variation",
+        type=NOT_NEGATIVE,
+        default=0.0,
+        help="relative std of friction over the table",
     )
     pushed.add_argument(
         "--json", action="store_true", default=SUPPRESS, help="print only JSON on stdout"
@@ -78,10 +102,10 @@ def _add_pushed(forms: _SubParsersAction[Any]) -> None:
 
 
 def _add_circumstances(held: ArgumentParser) -> None:
-    held.add_argument("--duration", type=float, default=30.0, help="s")
+    held.add_argument("--duration", type=_DURATION, default=30.0, help="s")
     held.add_argument("--regrasp", action="store_true", help="three fingers move at half-time")
-    held.add_argument("--contact-breaks", type=int, default=0)
-    held.add_argument("--pose-gaps", type=int, default=0)
+    held.add_argument("--contact-breaks", type=_INTERRUPTIONS, default=0)
+    held.add_argument("--pose-gaps", type=_INTERRUPTIONS, default=0)
     held.add_argument("--stagger", action="store_true", help="sensors sample at different phases")
     held.add_argument(
         "--frames",
@@ -93,43 +117,46 @@ def _add_circumstances(held: ArgumentParser) -> None:
 
 
 def run(args: Namespace) -> int:
-    """Write the recording and, beside it, the truth: `run.truth.json` of `run` or `run.mcap`."""
+    """Write the recording and its truth (`run.truth.json` beside `run.mcap`): both or none."""
     out = Path(args.out)
     truth = out.with_name(out.name.removesuffix(".mcap") + ".truth.json")
     refuse_existing(out)
     refuse_existing(truth)
-    make = _write_pushed if args.form == "pushed" else _write_held
-    truth.write_text(json.dumps(make(args, out), indent=1))
+    document, write = (_make_pushed if args.form == "pushed" else _make_held)(args)
+    with written_whole(truth) as part:
+        part.write_text(json.dumps(document, indent=1))
+        write(out)
     written = {"recording": str(out), "truth": str(truth)}
     print(json.dumps(written) if args.json else f"{out}, truth in {truth}")
     return 0
 
 
-def _write_held(args: Namespace, out: Path) -> dict[str, Any]:
-    """Write a recording of a held object and return its truth."""
+def _make_held(args: Namespace) -> tuple[dict[str, Any], Callable[[Path], object]]:
+    """Make a recording of a held object; return its truth, and what writes it."""
     from tactile_dynamics_ros.synthetic.bag import write_bag
 
     recording = _generate(args)
-    write_bag(recording.streams, out)
-    return recording.truth()
+    return recording.truth(), partial(write_bag, recording.streams)
 
 
-def _write_pushed(args: Namespace, out: Path) -> dict[str, Any]:
-    """Write a recording of a pushed object and return its truth.
+def _make_pushed(args: Namespace) -> tuple[dict[str, Any], Callable[[Path], object]]:
+    """Make a recording of a pushed object; return its truth, and what writes it.
 
     Raises:
-        BadInputError: an effect is unknown.
+        BadInputError: an effect is unknown, or the speeds are in the wrong order.
     """
     from tactile_dynamics_ros.recording.pushed import PushedRecording
     from tactile_dynamics_ros.synthetic import pushed
 
+    slowest, fastest = args.speed
+    if slowest > fastest:
+        raise BadInputError(f"--speed {slowest:g} {fastest:g}: expected LOW before HIGH, in m/s")
     hinged = pushed.JOINTED if args.kind == "jointed" else ()
     names = _known_names(args.effect, (*pushed.CATALOGUE, *hinged, *pushed.OUTSIDE))
     actions = pushed.ActionOptions(args.count, args.action, tuple(args.speed))
     options = pushed.PushOptions(args.kind, actions, variation=args.variation)
     made = pushed.generate([args.seed], dict.fromkeys(names, args.magnitude), options)[0]
-    PushedRecording(made.streams, str(out)).to_bag(out)
-    return made.truth()
+    return made.truth(), PushedRecording(made.streams, args.out).to_bag
 
 
 def _known_names(given: str, known: tuple[str, ...]) -> list[str]:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from tactile_dynamics_ros.cli.domain import stay_on_this_host
 from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError
+from tactile_dynamics_ros.core.options import COUNT, POSITIVE
 
 if TYPE_CHECKING:
     from rclpy.node import Node
@@ -28,7 +29,7 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
     """Add the verbs."""
     echo = verbs.add_parser("echo", help="print messages of a topic, as `ros2 topic echo`")
     echo.add_argument("topic", metavar="TOPIC")
-    echo.add_argument("--count", type=int, metavar="N", help="stop after N messages")
+    echo.add_argument("--count", type=COUNT, metavar="N", help="stop after N messages")
     _add_timeout(echo, 5.0, "wait this long for the first message")
     echo.set_defaults(run=run_echo)
 
@@ -46,7 +47,7 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
 
 
 def _add_timeout(parser: ArgumentParser, default: float, text: str) -> None:
-    parser.add_argument("--timeout", type=float, default=default, metavar="S", help=text)
+    parser.add_argument("--timeout", type=POSITIVE, default=default, metavar="S", help=text)
 
 
 @contextmanager

@@ -8,10 +8,11 @@ import sys
 import time
 from argparse import Namespace, _SubParsersAction
 from collections.abc import Iterable, Iterator
-from pathlib import Path
 from typing import Any
 
 from tactile_dynamics_ros.core.errors import require_extra
+from tactile_dynamics_ros.core.files import new_file
+from tactile_dynamics_ros.core.options import COUNT, SEED, file_to_write, folder_to_write
 
 _MOST_HELD_OUT = 400
 """Simulated sensors per protocol that only calibrate the uncertainty."""
@@ -21,14 +22,19 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
     """Add the verb."""
     parser = verbs.add_parser("train", help="retrain shipped networks on what is simulated")
     parser.add_argument("what", choices=["biotac", "pushing"], help="what to train")
-    parser.add_argument("--seed", type=int, default=0, help="of units, presses and weights (0)")
+    parser.add_argument("--seed", type=SEED, default=0, help="of units, presses and weights (0)")
     parser.add_argument(
-        "--units", type=int, default=12000, help="simulated sensors per protocol (12000)"
+        "--units", type=COUNT, default=12000, help="simulated sensors per protocol (12000)"
     )
     parser.add_argument(
-        "--epochs", type=int, help="passes over the examples (biotac 11, pushing 30, --noise 60)"
+        "--epochs", type=COUNT, help="passes over the examples (biotac 11, pushing 30, --noise 60)"
     )
-    parser.add_argument("--out", metavar="FILE", help="where to write (the shipped file)")
+    parser.add_argument(
+        "--out",
+        type=file_to_write,
+        metavar="FILE",
+        help="new file for the weights (in this folder, named as the shipped one)",
+    )
     pushing = parser.add_argument_group("pushing")
     pushing.add_argument("--kind", choices=["graph", "graph_residual"], default="graph")
     pushing.add_argument(
@@ -36,16 +42,21 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
     )
     pushing.add_argument("--setting", choices=["slow", "fast"], default="slow", help="15 Hz (slow)")
     pushing.add_argument(
-        "--objects", type=int, help="simulated single objects (640; 48 with --noise)"
+        "--objects", type=COUNT, help="simulated single objects (640; 48 with --noise)"
     )
-    pushing.add_argument("--width", type=int, default=64, help="hidden units (64)")
-    pushing.add_argument("--keep", metavar="DIR", help="where an interrupted run goes on from")
+    pushing.add_argument("--width", type=COUNT, default=64, help="hidden units (64)")
+    pushing.add_argument(
+        "--keep",
+        type=folder_to_write,
+        metavar="DIR",
+        help="where an interrupted run goes on from",
+    )
     pushing.add_argument(
         "--choice",
         choices=["active", "uniform", "random", "gain"],
         help="train in rounds, on pushes that are chosen so among 15 of each object",
     )
-    pushing.add_argument("--rounds", type=int, default=4, help="of --choice (4)")
+    pushing.add_argument("--rounds", type=COUNT, default=4, help="of --choice (4)")
     pushing.add_argument(
         "--believed",
         action="store_true",
@@ -92,6 +103,7 @@ def run(args: Namespace) -> int:
         label_batches,
     )
 
+    path = new_file(args.out or SHIPPED_NETWORK.name)
     torch.set_num_threads(os.cpu_count() or 1)
     start = time.monotonic()
     print("pressing simulated fingertips ...", file=sys.stderr)
@@ -106,7 +118,6 @@ def run(args: Namespace) -> int:
 
     weights = train_network(presses, held_out, f"tactile-dynamics {command}", config, report)
     print(file=sys.stderr)
-    path = Path(args.out) if args.out else SHIPPED_NETWORK
     weights.save(path)
     seconds = time.monotonic() - start
     if args.json:

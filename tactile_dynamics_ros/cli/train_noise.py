@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.cli.train_pushing import made_in_parts
+from tactile_dynamics_ros.core.files import new_file
 from tactile_dynamics_ros.core.planar.network.noise import NoiseWeights, shipped_noise_file
 from tactile_dynamics_ros.core.planar.network.noise_features import (
     joined_looks,
@@ -158,6 +159,7 @@ def run(args: Namespace) -> int:
         train_noise,
     )
 
+    path = new_file(args.out or shipped_noise_file().name)
     torch.set_num_threads(1)
     start, kept = time.monotonic(), Path(args.keep) if args.keep else None
     first = _FIRST + 1000 * args.seed
@@ -174,7 +176,6 @@ def run(args: Namespace) -> int:
         f"tactile-dynamics train pushing --noise --seed {args.seed} --objects {args.objects} "
         f"--epochs {args.epochs}"
     )
-    path = Path(args.out) if args.out else shipped_noise_file()
     NoiseWeights(nets, origin).save(path)
     seconds = time.monotonic() - start
     if args.json:

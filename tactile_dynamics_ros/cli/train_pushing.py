@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
+from tactile_dynamics_ros.core.files import new_file, written_whole
 from tactile_dynamics_ros.core.planar.network.mechanics import expected_steps
 from tactile_dynamics_ros.core.planar.network.process import help_units
 from tactile_dynamics_ros.core.planar.network.transitions import (
@@ -89,6 +90,7 @@ def run(args: Namespace) -> int:
 
     from tactile_dynamics_ros.core.planar.network.training import GraphTrainingConfig, train_graph
 
+    path = new_file(args.out or shipped_file(args.kind, args.setting, args.action).name)
     torch.set_num_threads(1)
     start = time.monotonic()
     setting, kept = SETTINGS[args.setting], Path(args.keep) if args.keep else None
@@ -113,7 +115,6 @@ def run(args: Namespace) -> int:
         checkpoint = str(kept / f"training_{hashlib.sha256(command.encode()).hexdigest()[:12]}.pt")
     weights = train_graph(about, train, held_out, config, _report(args.epochs), checkpoint)
     print(file=sys.stderr)
-    path = Path(args.out or shipped_file(args.kind, args.setting, args.action))
     weights.save(path)
     return _say(args, path, weights.origin, time.monotonic() - start)
 
@@ -174,8 +175,8 @@ def made_in_parts(
             continue
         part = make(own)
         if file is not None:
-            file.parent.mkdir(parents=True, exist_ok=True)
-            file.write_bytes(pickle.dumps(part))
+            with written_whole(file) as draft:
+                draft.write_bytes(pickle.dumps(part))
         found += part
     print(file=sys.stderr)
     return found

@@ -8,7 +8,6 @@ import time
 from argparse import Namespace
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
 import numpy as np
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.cli.train_pushing import SETTINGS, Setting, simulate_steps
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.files import new_file
 from tactile_dynamics_ros.core.planar.actions.information import Belief, expected_gain, updated
 from tactile_dynamics_ros.core.planar.network.believed import (
     CandidatePush,
@@ -30,7 +30,7 @@ from tactile_dynamics_ros.core.planar.network.transitions import (
     joined,
     make_examples,
 )
-from tactile_dynamics_ros.core.planar.network.weights import GraphWeights
+from tactile_dynamics_ros.core.planar.network.weights import GraphWeights, shipped_file
 from tactile_dynamics_ros.synthetic import pushed
 from tactile_dynamics_ros.synthetic.pushed.objects import draw_object
 from tactile_dynamics_ros.synthetic.pushed.sensed import SensedStep, giving_way, sensed_steps
@@ -84,10 +84,9 @@ def run(args: Namespace) -> int:
     """Simulate and train in rounds; write weights and tell the error after each round."""
     import torch
 
-    if (args.kind, args.action) != ("graph", "push") or not args.out:
-        raise BadInputError(
-            "--choice: expected --kind graph, --action push and --out FILE, beside the shipped one"
-        )
+    if (args.kind, args.action) != ("graph", "push"):
+        raise BadInputError("--choice: expected --kind graph and --action push")
+    path = new_file(args.out or shipped_file(args.kind, args.setting).name)
     torch.set_num_threads(1)
     start, setting = time.monotonic(), SETTINGS[args.setting]
     command = (
@@ -103,9 +102,9 @@ def run(args: Namespace) -> int:
     judges = judging_steps("single", _JUDGES, setting)
     offered = (candidate_pushes("single", part, setting) for part in parts)
     weights, curve = learn(how, offered, judges, sys.stderr)
-    weights.save(Path(args.out))
+    weights.save(path)
     found = {"choice": args.choice, "curve": curve, "seconds": time.monotonic() - start}
-    print(json.dumps(found) if args.json else f"wrote {args.out} in {found['seconds']:.0f} s")
+    print(json.dumps(found) if args.json else f"wrote {path} in {found['seconds']:.0f} s")
     return 0
 
 

@@ -20,6 +20,7 @@ from tactile_dynamics_ros.cli.recordings import (
     read_recording,
 )
 from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError, require_extra
+from tactile_dynamics_ros.core.options import PORT
 
 if TYPE_CHECKING:
     from rclpy.node import Node
@@ -60,7 +61,7 @@ def add_page_arguments(parser: ArgumentParser) -> None:
         metavar="ADDRESS",
         help="to listen on (127.0.0.1; others need the token that is printed)",
     )
-    parser.add_argument("--port", type=int, default=8080, metavar="N", help="to listen on (8080)")
+    parser.add_argument("--port", type=PORT, default=8080, metavar="N", help="to listen on (8080)")
     parser.add_argument(
         "--control",
         action="store_true",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import Any
 
 from tactile_dynamics_ros.core.errors import BadInputError
@@ -31,11 +32,12 @@ def check_ranges(config: Any) -> None:
         low, high = field.metadata.get("minimum"), field.metadata.get("maximum")
         if isinstance(value, bool) or not isinstance(value, int | float):
             continue
-        if (low is not None and value < low) or (high is not None and value > high):
+        above, below = low is None or value >= low, high is None or value <= high
+        if not (above and below) or math.isnan(value):
+            expected = "a number" if low is None and high is None else describe_range(low, high)
             unit = field.metadata.get("unit", "")
             raise BadInputError(
-                f"{type(config).__name__}.{field.name} = {value} {unit}: "
-                f"expected {describe_range(low, high)}"
+                f"{type(config).__name__}.{field.name} = {value} {unit}: expected {expected}"
             )
 
 

@@ -36,7 +36,9 @@ from tactile_dynamics_ros.ros.wire import AnyStamp, Picture
 class BiotacForceConfig:
     """Which model estimates the force, and how the rest state is found and kept."""
 
-    model: str = parameter("network", "force model: network or analytic")
+    model: str = parameter(
+        "network", "force model: network, analytic, or a file of `train biotac` (.npz)"
+    )
     gains: tuple[float, ...] = parameter(
         (1.0,),
         "of the fingers: one for all, a number each, or the nine of a matrix by rows each",

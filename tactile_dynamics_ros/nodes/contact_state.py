@@ -77,7 +77,7 @@ class ContactStateNode(Shell):
         config = declare_config(self, ContactStateConfig)
         self.robot = robot = declare_robot(self)
         self.contact_state = ContactState(HandKinematics(robot), config)
-        self._reader = JointReader(robot.joint_names)
+        self._reader = JointReader(robot.joint_names, followers=robot.followers)
         self._joints = JointHistory()
         self._joint_gate = StampGate(JOINT_STATES)
         self._gates = {finger: StampGate(self._topic(finger, "force")) for finger in robot.fingers}

@@ -104,7 +104,7 @@ class FrictionProbeNode(Shell):
         self.robot.require_tips("biotac", "friction_probe")
         self.kinematics = HandKinematics(self.robot)
         self.probe = FrictionProbe(self.kinematics, surface, probe_config)
-        self._reader = JointReader(self.kinematics.joint_names)
+        self._reader = JointReader(self.kinematics.joint_names, followers=self.robot.followers)
         self._gate = StampGate(JOINT_STATES)
         self._contacts: dict[str, ContactSample] = {}
         self._poses: deque[tuple[float, Array]] = deque(maxlen=POSES)

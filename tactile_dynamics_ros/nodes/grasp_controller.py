@@ -105,7 +105,7 @@ class GraspControllerNode(Shell):
             self._motion = OffsetTable.from_file(Path(self.config.motion))
         self.robot = declare_robot(self)
         self.kinematics = HandKinematics(self.robot)
-        self._reader = JointReader(self.kinematics.joint_names)
+        self._reader = JointReader(self.kinematics.joint_names, followers=self.robot.followers)
         self._gate = StampGate(JOINT_STATES)
         self._phase_name = ""
         self._command = self.stream(JointState, JOINT_COMMAND)

@@ -88,7 +88,9 @@ class KinematicTrackerNode(Shell):
         tracker = declare_config(self, KinematicTrackerConfig)
         self.tracker = KinematicTracker(self.kinematics, tracker)
         self.fusion = PoseFusion(declare_config(self, PoseFusionConfig, "fusion."))
-        self._reader = JointReader(self.kinematics.joint_names)
+        self._reader = JointReader(
+            self.kinematics.joint_names, followers=self.kinematics.robot.followers
+        )
         self._joints = JointHistory()
         self._gate, self._vision_gate = StampGate(JOINT_STATES), StampGate(VISION_POSE)
         self._seen: deque[Array] = deque(maxlen=self.config.start_poses)

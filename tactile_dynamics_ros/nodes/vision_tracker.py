@@ -99,7 +99,7 @@ class VisionTrackerNode(Shell):
         self._placement[:3, :3] = rpy_to_matrix(np.deg2rad(self.config.camera_rpy_deg))
         self._placement[:3, 3] = self.config.camera_position
         self._camera: PinholeCamera | None = None
-        self._reader = JointReader(kinematics.joint_names)
+        self._reader = JointReader(kinematics.joint_names, followers=kinematics.robot.followers)
         self._joints = JointHistory()
         self._fused: tuple[float, Array] | None = None
         self._gate = StampGate(DEPTH_IMAGE)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +11,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from tactile_dynamics_ros.core.errors import BadInputError, refuse_existing
+from tactile_dynamics_ros.core.files import written_whole
 from tactile_dynamics_ros.core.rigid_body.rotation import matrix_to_quaternion
 from tactile_dynamics_ros.core.streams.streams import ContactStream, ImuStream, PoseStream, Streams
 from tactile_dynamics_ros.recording import topics
@@ -46,17 +46,13 @@ def write_tables(tables: list[Table], path: Path) -> Path:
         BadInputError: the path exists already or its parent cannot be written.
     """
     refuse_existing(path)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        if not is_single_file(path):
-            _write_directory(path, tables)
-            return path
-        with tempfile.TemporaryDirectory(dir=path.parent) as scratch:
-            directory = Path(scratch) / "recording"
+    with written_whole(path) as part:
+        if is_single_file(path):
+            directory = part.with_name("recording")
             _write_directory(directory, tables)
-            keep_single_file(directory, path)
-    except OSError as error:
-        raise BadInputError(f"{path} cannot be written: {error.strerror or error}") from error
+            keep_single_file(directory, part)
+        else:
+            _write_directory(part, tables)
     return path
 
 

@@ -17,11 +17,12 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     is_feasible,
 )
 from tactile_dynamics_ros.core.rigid_body.known_body import KnownBody
-from tactile_dynamics_ros.recording.yaml_files import read_numbers, write_document
+from tactile_dynamics_ros.recording.yaml_files import read_numbers, read_text, write_document
 
 Array = NDArray[np.float64]
 
 _FORMAT = "tactile_dynamics_body"
+_EXPECTED = "a URDF, or a file that `estimate --save` has written"
 _MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
@@ -36,10 +37,7 @@ def read_body(path: str | Path) -> KnownBody:
         BadInputError: it cannot be read, or is no body that can exist.
     """
     file, _, link = str(path).partition("#")
-    try:
-        text = Path(file).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise BadInputError(f"{file} cannot be read: {error}") from error
+    text = read_text(file, _EXPECTED)
     known = _from_urdf(text, link, str(path)) if "<" in text[:200] else _from_yaml(text, file)
     if not is_feasible(known.phi):
         raise BadInputError(f"{path}: no body has such mass and inertia; check units and axes")
@@ -77,10 +75,7 @@ def _from_yaml(text: str, file: str) -> KnownBody:
     except yaml.YAMLError as error:
         raise BadInputError(f"{file}: no yaml: {error}") from error
     if not isinstance(document, dict) or document.get("format") != _FORMAT:
-        raise BadInputError(
-            f"{file}: expected a URDF, or a file that `estimate --save` has written "
-            f"(format: {_FORMAT})"
-        )
+        raise BadInputError(f"{file}: expected {_EXPECTED} (format: {_FORMAT})")
     phi = read_numbers(document, "dynamic_parameters", (10,), file)
     covariance = read_numbers(document, "covariance", (10, 10), file)
     return KnownBody(

@@ -10,7 +10,7 @@ from pathlib import Path
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.figure import Figure
 
-from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.files import written_whole
 from tactile_dynamics_ros.report.style import WIDTH, to_png
 from tactile_dynamics_ros.version import __version__
 
@@ -102,11 +102,8 @@ def write_page(page: Page, folder: Path) -> Path:
     html = environment.get_template(PAGE_NAME).render(
         page=page, images=encoded, version=__version__, full_width=WIDTH
     )
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for name, png in images.items():
-            (folder / f"{name}.png").write_bytes(png)
-        (folder / PAGE_NAME).write_text(html, encoding="utf-8")
-    except OSError as error:
-        raise BadInputError(f"{folder} cannot be written: {error.strerror}") from error
+    files = {f"{name}.png": png for name, png in images.items()} | {PAGE_NAME: html.encode()}
+    for name, content in files.items():
+        with written_whole(folder / name) as part:
+            part.write_bytes(content)
     return folder / PAGE_NAME

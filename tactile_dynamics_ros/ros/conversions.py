@@ -8,7 +8,7 @@ are swapped in this module only.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -23,6 +23,7 @@ from tactile_dynamics_ros.core.rigid_body.rotation import (
     matrix_to_quaternion,
     quaternion_to_matrix,
 )
+from tactile_dynamics_ros.core.robot.robot import Following
 from tactile_dynamics_ros.core.tracking.depth_image import PinholeCamera
 from tactile_dynamics_ros.recording.cdr import BIOTAC_ENCODING
 from tactile_dynamics_ros.ros.names import JOINT_STATES
@@ -243,13 +244,21 @@ class JointReader:
     Args:
         names: names of the joints, in the wanted order.
         topic: for error texts.
+        followers: joints that need not be in a message, by what they follow.
     """
 
-    def __init__(self, names: Sequence[str], topic: str = JOINT_STATES) -> None:
+    def __init__(
+        self,
+        names: Sequence[str],
+        topic: str = JOINT_STATES,
+        followers: Mapping[str, Following] | None = None,
+    ) -> None:
         self._names = tuple(names)
         self._topic = topic
+        self._follows = {name: Following(name) for name in names} | dict(followers or {})
         self._seen: tuple[str, ...] = ()
         self._order = np.zeros(0, dtype=int)
+        self._factor, self._offset = np.ones(0), np.zeros(0)
 
     def positions(self, message: Joints) -> Array:
         """Return joint positions in rad.
@@ -265,17 +274,21 @@ class JointReader:
                 "wrong_shape",
                 f"{self._topic}: {len(message.positions)} positions for {len(names)} names",
             )
-        return _finite(self._topic, message.positions[self._order])
+        positions = self._factor * message.positions[self._order] + self._offset
+        return _finite(self._topic, positions)
 
     def _learn(self, names: tuple[str, ...]) -> None:
-        missing = [name for name in self._names if name not in names]
+        told = [Following(n) if n in names else self._follows[n] for n in self._names]
+        missing = [one.leader for one in told if one.leader not in names]
         if missing:
             raise MessageError(
                 "missing_joint",
                 f"{self._topic}: lacks {len(missing)} of {len(self._names)} joints "
                 f"(first: {missing[0]}); publish arm and hand together",
             )
-        self._order = np.array([names.index(name) for name in self._names])
+        self._order = np.array([names.index(one.leader) for one in told])
+        self._factor = np.array([one.factor for one in told])
+        self._offset = np.array([one.offset for one in told])
         self._seen = names
 
 

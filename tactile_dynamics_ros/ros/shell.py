@@ -19,11 +19,11 @@ from rclpy.callback_groups import CallbackGroup
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 from std_srvs.srv import Trigger
 
 from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError
+from tactile_dynamics_ros.ros.arguments import start_ros
 from tactile_dynamics_ros.ros.conversions import MessageError
 from tactile_dynamics_ros.ros.diagnostics import Faults
 from tactile_dynamics_ros.ros.introduction import introduce
@@ -365,13 +365,13 @@ def run_node(factory: Callable[[], Shell], arguments: list[str] | None = None) -
 
     Args:
         factory: makes the node.
-        arguments: command line with ROS arguments, `sys.argv` if None.
+        arguments: command line without the program, that of this process if None.
     """
     finish_bursts()
     node: Shell | None = None
     with StopRequest(patience=0.0, limit=TIME_TO_END) as stop:
         try:
-            rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+            start_ros(arguments)
             node = factory()
             refuse_unknown(node)
             node.get_logger().info(introduce(node))

@@ -14,11 +14,11 @@ from viser import SceneApi
 from tactile_dynamics_ros.core.rigid_body.poses import pose_of
 from tactile_dynamics_ros.core.rigid_body.rotation import matrix_to_quaternion
 from tactile_dynamics_ros.core.robot.kinematic_tree import (
-    mimicked,
     parse_urdf,
     placed,
     read_tree,
 )
+from tactile_dynamics_ros.core.robot.robot import Following
 from tactile_dynamics_ros.share import find_package_file
 
 Array = NDArray[np.float64]
@@ -37,7 +37,6 @@ class RobotFigure:
 
     def __init__(self, scene: SceneApi, urdf: str) -> None:
         self._tree = read_tree(urdf, "robot_description")
-        self._mimicked = mimicked(urdf)
         self._frames: dict[str, Any] = {}
         self._shown: dict[str, float] = {}
         links = {link.name: link for link in parse_urdf(urdf).links}
@@ -61,8 +60,8 @@ class RobotFigure:
             joints: position by name, rad or m; zero where none is given.
         """
         for joint in self._tree:
-            lead, factor, offset = self._mimicked.get(joint.name, (joint.name, 1.0, 0.0))
-            position = factor * joints.get(lead, 0.0) + offset
+            follows = joint.follows or Following(joint.name)
+            position = follows.factor * joints.get(follows.leader, 0.0) + follows.offset
             if self._shown.get(joint.name) == position:
                 continue
             self._shown[joint.name] = position

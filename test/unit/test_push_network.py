@@ -405,8 +405,3 @@ def test_a_network_that_chooses_its_pushes_beats_the_mean_and_learns_from_the_wi
     monkeypatch.setattr(train_pushing_rounds, "_spread", lambda _, push: push)
     chosen = train_pushing_rounds._chosen("active", order, object())
     assert [each.steps for each in chosen] == [7.0, 6.0, 5.0, 4.0, 3.0]
-
-
-def test_choosing_pushes_never_overwrites_the_shipped_network(capsys):
-    assert main(["train", "pushing", "--choice", "random"]) == 2
-    assert "--out FILE" in capsys.readouterr().err

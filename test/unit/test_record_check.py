@@ -79,5 +79,5 @@ def test_one_check_runs_at_a_time_and_news_are_told(monkeypatch, capsys):
 
 def test_a_period_that_is_none_is_refused_before_anything_is_written(tmp_path, capsys):
     assert main(["record", str(tmp_path / "run"), "--check", "-1"]) == 2
-    assert "expected seconds above 0" in capsys.readouterr().err
+    assert "expected a number above 0" in capsys.readouterr().err
     assert not (tmp_path / "run").exists()

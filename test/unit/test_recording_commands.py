@@ -83,7 +83,7 @@ def test_estimate_uses_only_a_part_where_asked(bag, capsys):
     assert json.loads(capsys.readouterr().out)["duration_s"] == pytest.approx(6.0, abs=0.1)
     for wrong in ("2", "8,2", "a,b"):
         assert main(["estimate", bag, "--between", wrong]) == 2
-        assert f"--between {wrong}: expected" in capsys.readouterr().err
+        assert f"--between: '{wrong}', expected" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -248,7 +248,7 @@ def test_the_command_writes_the_report(box, tmp_path, capsys):
     assert (tmp_path / "out" / "report.html").exists()
     (tmp_path / "file").write_text("")
     assert main(["estimate", str(bag), "--out", str(tmp_path / "file")]) == 2
-    assert "cannot be written" in capsys.readouterr().err
+    assert "is a file, expected the path of a folder" in capsys.readouterr().err
 
 
 def test_a_folder_that_cannot_be_made_is_refused(tmp_path):

@@ -39,6 +39,9 @@ EFFECT_NAMES = (
 )
 """Names of the effects of a held object in the order in which people see them; they are API."""
 
+_PACKAGE = "tactile_dynamics_ros."
+"""Beginning of the names of this package's modules, which define the effects of the catalogue."""
+
 _REGISTRIES: list[EffectRegistry[Any]] = []
 """Registries of all models that were imported, so that a file of effects is asked of each. A list,
 no number: models add themselves."""
@@ -78,11 +81,16 @@ class EffectRegistry(Generic[EffectT]):
         """Class decorator: make an effect known by its name.
 
         Raises:
-            BadInputError: the class has no name.
+            BadInputError: the class has no name, or that of an effect of the catalogue.
         """
         name = getattr(effect, "name", "")
         if not name:
             raise BadInputError(f"{effect}: an effect needs a class attribute `name`")
+        if not _is_ours(effect) and (name in self._first or _is_ours(self._known.get(name))):
+            raise BadInputError(
+                f"effect '{name}' is in the catalogue already (model {self.model}); "
+                "give yours another name"
+            )
         self._known[name] = effect  # type: ignore[assignment]
         return effect
 
@@ -145,7 +153,17 @@ class EffectRegistry(Generic[EffectT]):
         for module in self._modules:
             import_module(module)
         for entry in entry_points(group=self._group) if self._group else ():
-            self.register(entry.load())
+            try:
+                self.register(entry.load())
+            except BadInputError as error:
+                raise BadInputError(
+                    f"entry point '{entry.name}' ({entry.value}) of an installed package: {error}"
+                ) from error
+
+
+def _is_ours(effect: object) -> bool:
+    """Whether a class is defined in this package."""
+    return str(getattr(effect, "__module__", "")).startswith(_PACKAGE)
 
 
 _KINDS = ("drag", "elastic", "internal", "gravity", "contact", "torsion", "sensor", "timing")
@@ -171,7 +189,7 @@ def register_effect(effect: EffectClass) -> EffectClass:
     """Class decorator: make an effect of a held object known by its name.
 
     Raises:
-        BadInputError: the class has no name.
+        BadInputError: the class has no name, or that of an effect of the catalogue.
     """
     return HELD.register(effect)
 

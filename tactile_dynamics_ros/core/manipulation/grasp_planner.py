@@ -17,6 +17,11 @@ from tactile_dynamics_ros.core.robot.robot import Robot
 
 Array = NDArray[np.float64]
 
+_TURNED_APART, _SLID_APART = 0.02, 0.002
+"""Distance by which a joint of a plan may miss what it follows, rad and m: fingers are placed to
+2 mm, and joints that carry links of 0.1 m turn by that. At half of it, jaws that stand in the
+middle are refused for what is left of the search."""
+
 
 @dataclass(frozen=True)
 class GraspGeometry:
@@ -150,6 +155,7 @@ def _plan_fingers(
                 f"grasp plan ({name}): the {missed} cannot get to its place; "
                 f"a width of {site.width * 1e3:.0f} mm there does not suit the hand"
             )
+        _refuse_apart(robot, name, joints[name])
     rotation, count = palm[:3, :3], robot.arm_dof
     return GraspPlan(
         palm=palm,
@@ -160,6 +166,31 @@ def _plan_fingers(
         points=(world_points - palm[:3, 3]) @ rotation,
         normals=world_normals @ rotation,
     )
+
+
+def _refuse_apart(robot: Robot, name: str, positions: Array) -> None:
+    """Check that joints which follow others do so in a plan.
+
+    Args:
+        robot: whose joints they are.
+        name: of the plan.
+        positions: (J,) rad or m.
+
+    Raises:
+        NotIdentifiableError: fingers that move together would have to stand elsewhere.
+    """
+    known = dict(zip(robot.joint_names, positions.tolist(), strict=True))
+    slides = {joint.name: joint.slides for joint in robot.joints}
+    for follower, follows in robot.followers.items():
+        if follows.leader not in known:
+            continue
+        apart = known[follower] - follows.factor * known[follows.leader] - follows.offset
+        if abs(apart) > (_SLID_APART if slides[follower] else _TURNED_APART):
+            raise NotIdentifiableError(
+                f"grasp plan ({name}): joint {follower} mimics {follows.leader}, so that their "
+                f"fingers move together, but the object needs {follower} {apart:.3f} (rad or m) "
+                "elsewhere; choose a grasp site about which the fingers close alike"
+            )
 
 
 def _reach(

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.rigid_body.rotation import cross, log_so3
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
+from tactile_dynamics_ros.core.robot.kinematic_tree import coupling
 from tactile_dynamics_ros.core.robot.robot import Joint, Robot, column
 
 Array = NDArray[np.float64]
@@ -121,7 +122,10 @@ def solve_fingers(
         turn = cross(directions[:, None], turning) @ rotation
         missing = preferred - np.einsum("fji,fj->fi", rotation, directions)
         pad = np.einsum("fki,fi->fk", turn, missing)
-        moved = _step_fingers(table, positions[table.joint], np.swapaxes(shift, 1, 2), gap, pad)
+        jacobian = np.swapaxes(shift, 1, 2) @ table.coupling
+        pad = np.einsum("fk,fkl->fl", pad, table.coupling)
+        free = _step_fingers(table, positions[table.joint], jacobian, gap, pad)
+        moved = np.einsum("fkl,fl->fk", table.coupling, free) + table.offset
         positions[table.joint[table.there]] = moved[table.there]
     return positions, errors
 
@@ -133,6 +137,8 @@ class _FingerTable:
     Attributes:
         joint: number in the vector of joints. there: whether it is a joint; false for fillers.
         slides: whether it slides. lower, upper: limits with margin.
+        coupling, offset: (F, K, K) and (F, K), positions of all from those of the free joints.
+        free: whether it follows no other joint of the finger; false for fillers.
     """
 
     joint: NDArray[np.intp]
@@ -140,6 +146,9 @@ class _FingerTable:
     slides: NDArray[np.bool_]
     lower: Array
     upper: Array
+    coupling: Array
+    offset: Array
+    free: NDArray[np.bool_]
 
 
 @lru_cache(maxsize=16)
@@ -150,7 +159,13 @@ def _finger_table(robot: Robot) -> _FingerTable:
     joint[there] = np.arange(robot.arm_dof, robot.dof)
     slides = np.array([each.slides for each in robot.joints])
     lower, upper = joint_limits(robot.joints)
-    return _FingerTable(joint, there, slides[joint] & there, lower[joint], upper[joint])
+    pairs, offset = np.zeros((*there.shape, there.shape[1])), np.zeros(there.shape)
+    for row, finger in enumerate(robot.hand):
+        own = slice(len(finger.joints))
+        pairs[row, own, own], offset[row, own] = coupling(finger.joints)
+    free = np.einsum("fkk->fk", pairs) > 0.0
+    slides = slides[joint] & there
+    return _FingerTable(joint, there, slides, lower[joint], upper[joint], pairs, offset, free)
 
 
 def _step_fingers(
@@ -158,7 +173,7 @@ def _step_fingers(
 ) -> Array:
     """Close the gap (F, 3), turn the pads along (F, K) with what is left; joints stay in limits."""
     lower, upper = table.lower, table.upper
-    free = table.there.astype(float)
+    free = table.free.astype(float)
     step = np.zeros(hand.shape)
     for _ in range(3):
         moving = jacobian * free[:, None, :]

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,22 +16,37 @@ from urdf_parser_py.xml_reflection import core as reflection
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.poses import pose_of
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
-from tactile_dynamics_ros.core.robot.robot import Joint
+from tactile_dynamics_ros.core.robot.robot import Following, Joint
 
 Array = NDArray[np.float64]
 
 _TURNING, _SLIDING = ("revolute", "continuous"), ("prismatic",)
 """Types of joints in a URDF that move along or about one axis; one that moves otherwise (planar,
 floating) has no single position and is refused."""
+_NEEDED = {
+    "link": ("inertial", "visual", "collision"),
+    "joint": ("parent", "child", "origin", "axis", "limit", "mimic"),
+    "material": ("color", "texture"),
+}
+"""Elements of a URDF that say how a robot is built, and what is read in them. Others (transmission,
+gazebo, ros2_control, safety_controller) are for drives and simulators, which read them; a robot
+would be refused for a slip in them."""
 _FULL_TURN = 2.0 * np.pi
 """Limit of a joint without end, rad, either way: encoders that count turns begin within one. A
 smaller one would keep such a joint from places that it can reach."""
 
 
 def parse_urdf(urdf: str) -> Any:
-    """Return the model of a URDF's text, whatever else for simulators is in it."""
+    """Return links and joints of a URDF's text; what drives or simulates them is not looked at."""
+    root = ElementTree.fromstring(urdf)
+    for element in list(root):
+        if element.tag not in _NEEDED:
+            root.remove(element)
+            continue
+        for part in [one for one in element if one.tag not in _NEEDED[element.tag]]:
+            element.remove(part)
     reflection.on_error = lambda message: None  # told of unknown tags
-    return parser.URDF.from_xml_string(urdf.encode())
+    return parser.URDF.from_xml_string(ElementTree.tostring(root))
 
 
 def read_tree(urdf: str, what: str) -> tuple[Joint, ...]:
@@ -40,10 +57,12 @@ def read_tree(urdf: str, what: str) -> tuple[Joint, ...]:
         what: named in errors: file or topic.
 
     Raises:
-        BadInputError: it is no URDF, or has a joint of another kind.
+        BadInputError: it is no URDF, has a joint of another kind, or one that mimics none.
     """
     try:
-        joints = {joint.child: _joint(joint) for joint in parse_urdf(urdf).joints}
+        given = {joint.name: joint for joint in parse_urdf(urdf).joints}
+        by_name = {name: _joint(joint) for name, joint in given.items()}
+        joints = {j.child: _with_leader(j, given, by_name) for j in by_name.values()}
     except BadInputError as error:
         raise BadInputError(f"{what}: {error}") from error
     except Exception as error:  # the parser raises whatever lxml and its assertions do
@@ -85,19 +104,87 @@ def placed(joint: Joint, position: float) -> Array:
     return np.asarray(joint.origin @ moved)
 
 
-def mimicked(urdf: str) -> dict[str, tuple[str, float, float]]:
-    """Return, for each joint that follows another one, its name, factor and offset."""
-    return {
-        joint.name: (joint.mimic.joint, *_line(joint.mimic))
-        for joint in parse_urdf(urdf).joints
-        if joint.mimic is not None
-    }
+def position_of(joint: Joint, positions: Mapping[str, Any]) -> Any:
+    """Return the position of a joint; that of one that follows another may be left out.
+
+    Args:
+        joint: that moves.
+        positions: of joints by their names, rad or m, each a number or an array.
+
+    Raises:
+        KeyError: neither it nor the joint that it follows has a position.
+    """
+    if joint.follows is None or joint.name in positions:
+        return positions[joint.name]
+    return joint.follows.factor * positions[joint.follows.leader] + joint.follows.offset
 
 
-def _line(mimic: Any) -> tuple[float, float]:
-    """Return factor and offset of a mimic tag, 1 and 0 where it says nothing."""
-    factor = 1.0 if mimic.multiplier is None else float(mimic.multiplier)
-    return factor, float(mimic.offset or 0.0)
+def independent(joints: Sequence[Joint]) -> list[Joint]:
+    """Return the joints that move and whose position does not follow from another one of them."""
+    moving = [joint for joint in joints if joint.axis is not None]
+    names = {joint.name for joint in moving}
+    return [joint for joint in moving if joint.follows is None or joint.follows.leader not in names]
+
+
+def coupling(joints: Sequence[Joint]) -> tuple[Array, Array]:
+    """Return how positions of joints (K,) follow from those of them that are free.
+
+    q = C q_free + b. Of joints that follow the same one, the first is free. Columns of C that
+    belong to other joints are zero.
+
+    Returns:
+        C (K, K) and b (K,).
+    """
+    matrix, offset = np.zeros((len(joints), len(joints))), np.zeros(len(joints))
+    follows = [joint.follows or Following(joint.name) for joint in joints]
+    for k, own in enumerate(follows):
+        first = next(i for i, other in enumerate(follows) if other.leader == own.leader)
+        matrix[k, first] = own.factor / follows[first].factor
+        offset[k] = own.offset - matrix[k, first] * follows[first].offset
+    return matrix, offset
+
+
+def _with_leader(joint: Joint, given: Mapping[str, Any], by_name: Mapping[str, Joint]) -> Joint:
+    """Return a joint; one that mimics another has the limits that this one gives it.
+
+    Args:
+        joint: without what it follows.
+        given: joints of the URDF by name.
+        by_name: the same joints as they were read.
+    """
+    follows = _leader(joint.name, given)
+    leader = by_name[follows.leader]
+    if leader is joint or joint.axis is None:
+        return joint
+    ends = sorted(follows.factor * end + follows.offset for end in (leader.lower, leader.upper))
+    return replace(
+        joint,
+        follows=follows,
+        lower=ends[0],
+        upper=ends[1],
+        effort=joint.effort or leader.effort,
+        velocity=joint.velocity or abs(follows.factor) * leader.velocity,
+    )
+
+
+def _leader(name: str, given: Mapping[str, Any]) -> Following:
+    """Return the joint, moving by itself, that one follows in the end: itself if it follows none.
+
+    Raises:
+        BadInputError: what is to be followed is not there, or follows this one.
+    """
+    found, met = Following(name), {name}
+    while (mimic := given[found.leader].mimic) is not None:
+        factor = 1.0 if mimic.multiplier is None else float(mimic.multiplier)
+        if mimic.joint not in given or mimic.joint in met or factor == 0.0:
+            raise BadInputError(
+                f"joint {found.leader}: mimic of '{mimic.joint}' with multiplier {factor:g}, "
+                "expected another joint that moves by itself, and a multiplier unlike 0"
+            )
+        met.add(mimic.joint)
+        offset = found.factor * float(mimic.offset or 0.0) + found.offset
+        found = Following(mimic.joint, found.factor * factor, offset)
+    return found
 
 
 def _joint(given: Any) -> Joint:
@@ -113,6 +200,9 @@ def _joint(given: Any) -> Joint:
         return Joint(given.name, given.parent, given.child, origin)
     axis = np.array(given.axis or (1.0, 0.0, 0.0), dtype=float)
     endless, limit = given.type == "continuous", given.limit
+    if limit is None and not endless and given.mimic is None:
+        raise BadInputError(f"joint {given.name}: no limit, expected one as it is {given.type}")
+    lower, upper = (0.0, 0.0) if limit is None else (limit.lower or 0.0, limit.upper or 0.0)
     return Joint(
         given.name,
         given.parent,
@@ -120,8 +210,8 @@ def _joint(given: Any) -> Joint:
         origin,
         axis / np.linalg.norm(axis),
         sliding,
-        -_FULL_TURN if endless else float(limit.lower or 0.0),
-        _FULL_TURN if endless else float(limit.upper or 0.0),
+        -_FULL_TURN if endless else float(lower),
+        _FULL_TURN if endless else float(upper),
         effort=0.0 if limit is None else float(limit.effort),
         velocity=0.0 if limit is None else float(limit.velocity),
     )

@@ -19,6 +19,21 @@ resist every wrench, two only if they carry torque. Fewer would let it turn abou
 leave a hand of four no finger that probes."""
 
 
+@dataclass(frozen=True)
+class Following:
+    """How a joint follows another one (`mimic` in a URDF): q = factor q_leader + offset.
+
+    Attributes:
+        leader: name of the other joint.
+        factor: rad or m of this joint per rad or m of the other.
+        offset: rad or m.
+    """
+
+    leader: str
+    factor: float = 1.0
+    offset: float = 0.0
+
+
 @dataclass(frozen=True, eq=False)
 class Joint:
     """A joint of the kinematic tree.
@@ -31,6 +46,7 @@ class Joint:
         lower, upper: limits, rad (m if it slides).
         effort: largest torque, N m (N). velocity: limit, rad/s (m/s).
         kp: N m/rad (N/m) and kd: N m s/rad (N s/m) of the joint's drive.
+        follows: what it follows; None if it moves by itself.
     """
 
     name: str
@@ -45,6 +61,7 @@ class Joint:
     velocity: float = 0.0
     kp: float = 0.0
     kd: float = 0.0
+    follows: Following | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,6 +193,11 @@ class Robot:
     def joint_names(self) -> tuple[str, ...]:
         """Names of the joints that move."""
         return tuple(joint.name for joint in self.joints)
+
+    @cached_property
+    def followers(self) -> Mapping[str, Following]:
+        """What joints follow, by the names of those that do."""
+        return {joint.name: joint.follows for joint in self.joints if joint.follows is not None}
 
     @property
     def arm_dof(self) -> int:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.poses import rpy_to_matrix
-from tactile_dynamics_ros.core.robot.kinematic_tree import chain, read_tree, refuse_shared
+from tactile_dynamics_ros.core.robot.kinematic_tree import chain, coupling, read_tree, refuse_shared
 from tactile_dynamics_ros.core.robot.robot import Finger, Fingertips, GraspHabit, Joint, Robot
 from tactile_dynamics_ros.share import find_package_file, share_file
 
@@ -133,6 +133,11 @@ def _build(path: Path, values: Mapping[str, Any], urdf: str, folder: str) -> Rob
     tree = read_tree(urdf, str(values["urdf"]))
     base, palm = str(values["base"]), str(values["palm"])
     arm = tuple(joint for joint in chain(tree, base, palm) if joint.axis is not None)
+    coupled = [joint.name for joint in arm if joint.follows is not None]
+    if coupled:
+        raise BadInputError(
+            f"joint {coupled[0]} of the arm mimics another one: only joints of the hand may"
+        )
     hand = tuple(_finger(entry, tree, palm, values["hand"]) for entry in values["fingers"])
     refuse_shared([finger.joints for finger in hand])
     names = [finger.name for finger in hand]
@@ -204,6 +209,7 @@ def _finger(
     if given is None:
         raise BadInputError(f"finger {name}: no damping, neither here nor under hand")
     damping = _numbers(f"finger {name}: damping", given, count)
+    matrix, offset = coupling(moving)
     if entry["side"] not in (-1, 1):
         raise BadInputError(f"finger {name}: side {entry['side']}, expected -1 or 1")
     return Finger(
@@ -214,7 +220,7 @@ def _finger(
             _driven(joint, float(kp), float(kd))
             for joint, kp, kd in zip(moving, stiffness, damping, strict=True)
         ),
-        seed=_numbers(f"finger {name}: seed", entry["seed"], count),
+        seed=matrix @ _numbers(f"finger {name}: seed", entry["seed"], count) + offset,
         side=int(entry["side"]),
         lateral=float(entry.get("lateral", 0.0)),
         stagger=float(entry.get("stagger", 0.0)),

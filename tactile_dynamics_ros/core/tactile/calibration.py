@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.files import written_whole
 from tactile_dynamics_ros.core.tactile.features import MIRROR, force_features, place_features
 
 Array = NDArray[np.float64]
@@ -63,7 +64,8 @@ class ForceCalibration:
         for name in _FIELDS:
             values = np.asarray(getattr(self, name))
             content[name] = [[float(f"{v:.6g}") for v in row] for row in np.atleast_2d(values)]
-        path.write_text(json.dumps(content, separators=(",", ":")) + "\n")
+        with written_whole(path) as part:
+            part.write_text(json.dumps(content, separators=(",", ":")) + "\n")
 
     @classmethod
     def load(cls, path: Path) -> ForceCalibration:

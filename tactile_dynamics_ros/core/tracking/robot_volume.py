@@ -10,7 +10,13 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.robot.enclosure import Box, boxes_around, enclosing_boxes
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandConfiguration, HandKinematics
-from tactile_dynamics_ros.core.robot.kinematic_tree import chain, mimicked, placed, read_tree
+from tactile_dynamics_ros.core.robot.kinematic_tree import (
+    chain,
+    independent,
+    placed,
+    position_of,
+    read_tree,
+)
 
 Array = NDArray[np.float64]
 
@@ -126,7 +132,7 @@ class TreeVolume:
     def __init__(
         self, urdf: str, folder: str = "", base_pose: Array | None = None, margin: float = 0.003
     ) -> None:
-        self._tree, self._mimics = read_tree(urdf, "robot"), mimicked(urdf)
+        self._tree = read_tree(urdf, "robot")
         children = {joint.child for joint in self._tree}
         boxes = boxes_around(urdf, folder)
         if not boxes:
@@ -136,8 +142,7 @@ class TreeVolume:
         self._frames = dict.fromkeys(roots, self._base)
         self._boxes = boxes
         self._halves = 0.5 * np.array([box.size for box in boxes]) + margin
-        moving = [joint.name for joint in self._tree if joint.axis is not None]
-        self.joint_names = tuple(name for name in moving if name not in self._mimics)
+        self.joint_names = tuple(joint.name for joint in independent(self._tree))
 
     def depth(self, positions: Array, camera: Array, rays: Array) -> Array:
         """Return at which depth rays meet the robot.
@@ -151,11 +156,10 @@ class TreeVolume:
             (H, W) m, infinite where a ray meets nothing.
         """
         value = dict(zip(self.joint_names, positions, strict=True))
-        for name, (other, factor, offset) in self._mimics.items():
-            value[name] = factor * value[other] + offset
         frames = dict(self._frames)
         for joint in self._tree:
-            frames[joint.child] = frames[joint.parent] @ placed(joint, value.get(joint.name, 0.0))
+            position = 0.0 if joint.axis is None else position_of(joint, value)
+            frames[joint.child] = frames[joint.parent] @ placed(joint, position)
         poses = np.array([frames[box.link] @ box.pose for box in self._boxes])
         return _depth_of(poses, self._halves, np.empty((0, 3)), np.empty(0), camera, rays)
 

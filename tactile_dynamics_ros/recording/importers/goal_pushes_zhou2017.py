@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.options import COUNT_OR_NONE
 from tactile_dynamics_ros.core.planar.mechanics.linkage import turned
 from tactile_dynamics_ros.core.planar.streams import LinkStream, PushContact, PushedStreams
 from tactile_dynamics_ros.recording.importers.importer import Importer
@@ -33,7 +34,9 @@ class GoalPushesZhou2017Importer(Importer):
 
     def add_arguments(self, parser: ArgumentParser) -> None:
         """Add the choice of a log."""
-        parser.add_argument("--log", type=int, default=0, metavar="N", help="from 0; default 0")
+        parser.add_argument(
+            "--log", type=COUNT_OR_NONE, default=0, metavar="N", help="from 0; default 0"
+        )
 
     def read(self, source: Path, options: Namespace) -> PushedRecording:
         """Read one log.

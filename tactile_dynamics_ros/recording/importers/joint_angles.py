@@ -11,7 +11,12 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
-from tactile_dynamics_ros.core.robot.kinematic_tree import chain, read_tree
+from tactile_dynamics_ros.core.robot.kinematic_tree import (
+    chain,
+    independent,
+    position_of,
+    read_tree,
+)
 from tactile_dynamics_ros.core.robot.robot import Joint
 from tactile_dynamics_ros.recording.importers.fields import UNITS
 from tactile_dynamics_ros.recording.importers.tables import Table
@@ -45,8 +50,7 @@ def read_link(where: str, section: Mapping[str, Any], table: Table, folder: Path
     if "frame" not in section:
         raise BadInputError(f"{where}: no frame; expected the link that carries the sensor")
     joints = chain(tree, base, str(section["frame"]))
-    moving = [joint for joint in joints if joint.axis is not None]
-    angles = _angles(f"{where}.joints", section.get("joints"), moving, table)
+    angles = _angles(f"{where}.joints", section.get("joints"), independent(joints), table)
     position, rotation = link_pose(joints, angles)
     return {"position": position, "rotation": rotation}
 
@@ -58,7 +62,7 @@ def link_pose(joints: Sequence[Joint], angles: Mapping[str, Array]) -> tuple[Arr
 
     Args:
         joints: from the base on.
-        angles: (N,) rad, or m of joints that slide, by name of each that moves.
+        angles: (N,) rad, or m of joints that slide, by name of each that moves by itself.
     """
     count = len(next(iter(angles.values()))) if angles else 1
     position, rotation = np.zeros((count, 3)), np.tile(np.eye(3), (count, 1, 1))
@@ -67,7 +71,7 @@ def link_pose(joints: Sequence[Joint], angles: Mapping[str, Array]) -> tuple[Arr
         rotation = rotation @ joint.origin[:3, :3]
         if joint.axis is None:
             continue
-        moved = angles[joint.name][:, None] * joint.axis
+        moved = position_of(joint, angles)[:, None] * joint.axis
         if joint.slides:
             position = position + np.einsum("nij,nj->ni", rotation, moved)
         else:
@@ -82,7 +86,7 @@ def _root(tree: Sequence[Joint]) -> str:
 
 
 def _angles(where: str, given: Any, moving: Sequence[Joint], table: Table) -> dict[str, Array]:
-    """Return the angles (N,) of each moving joint, in rad or m."""
+    """Return the angles (N,) of each joint that moves by itself, in rad or m."""
     names = [joint.name for joint in moving]
     if given is None:
         missing = [name for name in names if name not in table.names]

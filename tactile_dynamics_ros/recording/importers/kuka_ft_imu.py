@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.options import FINITE
 from tactile_dynamics_ros.core.rigid_body.rotation import skew
 from tactile_dynamics_ros.recording.importers.importer import Importer
 from tactile_dynamics_ros.recording.importers.tables import Table, read_table
@@ -50,7 +51,7 @@ class KukaFtImuImporter(Importer):
         )
         parser.add_argument(
             "--imu-delay",
-            type=float,
+            type=FINITE,
             default=0.0,
             metavar="SECONDS",
             help="how late the IMU's stamps are (default 0: as stamped)",

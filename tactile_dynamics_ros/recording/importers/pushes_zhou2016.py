@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.options import COUNT_OR_NONE
 from tactile_dynamics_ros.core.planar.streams import LinkStream, PushContact, PushedStreams
 from tactile_dynamics_ros.recording.importers.importer import Importer
 from tactile_dynamics_ros.recording.pushed import PushedRecording
@@ -38,7 +39,7 @@ class PushesZhou2016Importer(Importer):
     def add_arguments(self, parser: ArgumentParser) -> None:
         """Add the choice of pushes."""
         parser.add_argument(
-            "--pushes", type=int, nargs="+", metavar="N", help="from 0; default all"
+            "--pushes", type=COUNT_OR_NONE, nargs="+", metavar="N", help="from 0; default all"
         )
 
     def read(self, source: Path, options: Namespace) -> PushedRecording:

@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from tactile_dynamics_ros.core.errors import BadInputError, nearest_file
+from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.planar.known import KNOWN_NAMES, KnownPushed
-from tactile_dynamics_ros.recording.yaml_files import read_numbers, write_document
+from tactile_dynamics_ros.recording.yaml_files import read_numbers, read_text, write_document
 
 _FORMAT = "tactile_dynamics_pushed"
+_EXPECTED = "a file that `estimate --model pushed --save` has written"
 
 
 def read_known(path: str | Path) -> KnownPushed:
@@ -20,19 +21,13 @@ def read_known(path: str | Path) -> KnownPushed:
     Raises:
         BadInputError: it cannot be read, or is no file of `write_known`.
     """
+    text = read_text(path, _EXPECTED)
     try:
-        document = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise BadInputError(
-            f"{path} cannot be read: {error.strerror}" + nearest_file(path)
-        ) from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        document = yaml.safe_load(text)
+    except yaml.YAMLError as error:
         raise BadInputError(f"{path}: no yaml: {error}") from error
     if not isinstance(document, dict) or document.get("format") != _FORMAT:
-        raise BadInputError(
-            f"{path}: expected a file that `estimate --model pushed --save` has written "
-            f"(format: {_FORMAT})"
-        )
+        raise BadInputError(f"{path}: expected {_EXPECTED} (format: {_FORMAT})")
     values = read_numbers(document, "values", (4,), path)
     covariance = read_numbers(document, "covariance", (4, 4), path)
     if np.linalg.eigvalsh(covariance)[0] <= 0.0:

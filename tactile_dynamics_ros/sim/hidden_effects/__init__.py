@@ -10,7 +10,7 @@ import zlib
 
 import numpy as np
 
-from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.errors import BadInputError, nearest
 from tactile_dynamics_ros.sim.hidden_effects import forces, masses, outside, touch
 from tactile_dynamics_ros.sim.hidden_effects.base import HiddenEffect, Plant, SensorView
 
@@ -50,6 +50,20 @@ CATALOGUED = tuple(effect.name for effect in _EFFECTS if effect.in_catalogue)
 OUTSIDE = tuple(effect.name for effect in _EFFECTS if not effect.in_catalogue)
 
 
+def known_effect(name: str) -> None:
+    """Refuse the name of a hidden effect that does not exist.
+
+    Raises:
+        BadInputError: there is no such effect.
+    """
+    known = ("none", "random", "random_outside", *_BY_NAME)
+    if name and name not in known:
+        raise BadInputError(
+            f"hidden effect '{name}' does not exist{nearest(name, known)}; expected one of "
+            f"{', '.join(known)}"
+        )
+
+
 def create_hidden_effect(name: str, magnitude: float = 1.0, seed: int = 0) -> HiddenEffect:
     """Create a hidden effect for the simulated robot.
 
@@ -71,9 +85,7 @@ def create_hidden_effect(name: str, magnitude: float = 1.0, seed: int = 0) -> Hi
         name = str(choice.choice(OUTSIDE))
     if name in ("", "none"):
         return HiddenEffect()
-    if name not in _BY_NAME:
-        known = ", ".join(("none", "random", "random_outside", *_BY_NAME))
-        raise BadInputError(f"hidden effect {name!r} does not exist; expected one of {known}")
+    known_effect(name)
     rng = np.random.default_rng([seed, zlib.crc32(name.encode())])
     return _BY_NAME[name](magnitude=magnitude, rng=rng)
 
@@ -85,4 +97,5 @@ __all__ = [
     "Plant",
     "SensorView",
     "create_hidden_effect",
+    "known_effect",
 ]

@@ -12,7 +12,7 @@ import pybullet
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
-from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.errors import BadInputError, nearest
 from tactile_dynamics_ros.sim.bodies import TABLE_CENTRE
 from tactile_dynamics_ros.sim.contacts import ContactReading
 from tactile_dynamics_ros.sim.hidden_effects.base import quantity
@@ -326,8 +326,10 @@ def known_effect(name: str) -> None:
     """
     known = ("none", "random", "random_outside", *CATALOGUED, *OUTSIDE, *_BESIDE)
     if name and name not in known:
-        text = f"hidden effect {name!r} does not exist; expected one of {', '.join(known)}"
-        raise BadInputError(text)
+        raise BadInputError(
+            f"hidden effect '{name}' does not exist{nearest(name, known)}; expected one of "
+            f"{', '.join(known)}"
+        )
 
 
 def hide(

@@ -88,6 +88,8 @@ def _load_classes(path: Path) -> tuple[Effect, ...]:
     module = module_from_spec(spec)
     try:
         spec.loader.exec_module(module)
+    except BadInputError as error:
+        raise BadInputError(f"{path}: {error}") from error
     except Exception as error:  # whatever a user's file raises is told in one line
         raise BadInputError(f"{path}: {type(error).__name__}: {error}") from error
     classes = (v for v in vars(module).values() if isinstance(v, type) and issubclass(v, Effect))
@@ -127,7 +129,7 @@ class _EffectFile:
     """One effect of a file."""
 
     def __init__(self, name: str, entry: object, path: Path) -> None:
-        self._name, self._where = name, f"{path}: {name}"
+        self._name, self._where, self._module = name, f"{path}: {name}", path.stem
         if not _EFFECT_NAME.match(name) or name in EFFECT_NAMES:
             reason = "taken by the catalogue" if name in EFFECT_NAMES else "not a name"
             raise BadInputError(f"{self._where}: {reason}; use letters, digits and _")
@@ -154,6 +156,7 @@ class _EffectFile:
         texts = {key: self._text(key) for key in _TEXTS}
         body = {
             "__doc__": f"Effect '{self._name}' of a file.",
+            "__module__": self._module,
             "name": self._name,
             "family": "user",
             "formula": str(self._entry.get("formula") or self._written(pieces)),

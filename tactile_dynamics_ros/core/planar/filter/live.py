@@ -29,6 +29,8 @@ Array = NDArray[np.float64]
 
 MODELS = ("patch", "graph", "graph_residual")
 """Models that can be filtered: the physical one, a network, and a network beside the physics."""
+WEIGHTS = ".npz"
+"""Ending of files of weights, which stand for the network that they hold."""
 _SAME = 1e-4
 """Change of an outline's corners, m, up to which it is still the same object: rounding of messages.
 A new outline is a new object, of which nothing is known."""
@@ -75,15 +77,21 @@ fits, come from `network.models`."""
 class PropertyConfig:
     """What the properties of a pushed object are estimated with."""
 
-    model: str = parameter("patch", "of pushing: patch (the mechanics), graph or graph_residual")
+    model: str = parameter(
+        "patch",
+        "of pushing: patch (mechanics), graph, graph_residual, or a file of `train pushing`",
+    )
     longest: float = parameter(30.0, "touch that fits look at, the latest", "s", 1.0, 300.0)
     tracker: TrackerConfig = field(default_factory=TrackerConfig)
     change: ChangeConfig = field(default_factory=ChangeConfig)
 
     def __post_init__(self) -> None:
         check_ranges(self)
-        if self.model not in MODELS:
-            raise BadInputError(f"model '{self.model}': expected {', '.join(MODELS)}")
+        if self.model not in MODELS and not self.model.endswith(WEIGHTS):
+            raise BadInputError(
+                f"model '{self.model}': expected {', '.join(MODELS)}, or a file of "
+                f"`train pushing` ({WEIGHTS})"
+            )
 
 
 class LiveProperties:

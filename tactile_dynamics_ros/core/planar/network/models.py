@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.planar.filter.live import MODELS, PATCH, PushingModel
+from tactile_dynamics_ros.core.planar.filter.live import MODELS, PATCH, WEIGHTS, PushingModel
 from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
 from tactile_dynamics_ros.core.planar.network.graph import Thing
 from tactile_dynamics_ros.core.planar.network.process import GraphProcess
-from tactile_dynamics_ros.core.planar.network.weights import shipped_networks
+from tactile_dynamics_ros.core.planar.network.weights import GraphWeights, shipped_networks
 
 Array = NDArray[np.float64]
 
@@ -28,14 +30,18 @@ settings of `tactile-dynamics train pushing`."""
 def pushing_model(name: str) -> PushingModel:
     """Return the model of a name, with the shipped weights where it is learnt.
 
+    Args:
+        name: one of MODELS, or a file of weights of pushes (.npz).
+
     Raises:
         BadInputError: there is no such model, or its weights cannot be read.
     """
-    if name not in MODELS:
+    own = name.endswith(WEIGHTS)
+    if name not in MODELS and not own:
         raise BadInputError(f"model '{name}': expected {', '.join(MODELS)}")
     if name == PATCH.name:
         return PATCH
-    weights, *pull = shipped_networks(name)
+    weights, *pull = (GraphWeights.load(Path(name)),) if own else shipped_networks(name)
 
     def create(outline: Array) -> GraphProcess:
         return GraphProcess.of(Thing((SupportPatch(outline, _POINTS),)), weights, *pull)

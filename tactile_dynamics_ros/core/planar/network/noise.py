@@ -13,6 +13,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.files import write_arrays
 from tactile_dynamics_ros.core.planar.filter.observation import FeltWrench, relative_std
 from tactile_dynamics_ros.core.planar.filter.process import PusherMotion
 from tactile_dynamics_ros.core.planar.network.noise_features import (
@@ -106,7 +107,7 @@ class NoiseWeights:
                 for k, (matrix, bias) in enumerate(rows):
                     arrays[f"{name}_{part}_{k}"] = matrix.astype(np.float32)
                     arrays[f"{name}_{part}_bias_{k}"] = bias.astype(np.float32)
-        np.savez_compressed(path, allow_pickle=False, **arrays)
+        write_arrays(path, arrays)
 
     @classmethod
     def load(cls, path: Path) -> NoiseWeights:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.files import write_arrays
 from tactile_dynamics_ros.core.planar.network.graph import EDGE, HELP, MOTION, NODE, Graph
 
 Array = NDArray[np.float64]
@@ -109,7 +110,7 @@ class GraphWeights:
         }
         for name in ("kind", "step", "speed", "motion_scale", "force_scale", "origin"):
             arrays[name] = np.array(getattr(self, name))
-        np.savez_compressed(path, allow_pickle=False, **arrays)
+        write_arrays(path, arrays)
 
     @classmethod
     def load(cls, path: Path) -> GraphWeights:

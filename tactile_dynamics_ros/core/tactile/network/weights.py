@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.files import write_arrays
 from tactile_dynamics_ros.core.shape.skin_surface import project_to_skin
 from tactile_dynamics_ros.core.tactile.calibration import MIRROR_AXES
 from tactile_dynamics_ros.core.tactile.network.inputs import INPUTS, face_left
@@ -125,7 +126,7 @@ class NetworkWeights:
         arrays |= {"mean": self.mean, "scale": self.scale, "origin": np.array(self.origin)}
         arrays["force_temperature"] = self.force_temperature
         arrays["place_temperature"] = self.place_temperature
-        np.savez_compressed(path, allow_pickle=False, **arrays)
+        write_arrays(path, arrays)
 
     @classmethod
     def load(cls, path: Path) -> NetworkWeights:

@@ -13,6 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
+from tactile_dynamics_ros.core.errors import refuse_existing
+from tactile_dynamics_ros.core.options import COUNT, SEED
 from tactile_dynamics_ros.core.tactile.calibration import (
     SHIPPED_CALIBRATION,
     ForceCalibration,
@@ -94,12 +96,13 @@ def calibrate(seed: int, units: int = 160) -> ForceCalibration:
 
 
 def main() -> None:
-    """Write the calibration file."""
+    """Write the calibration to a new file."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--units", type=int, default=160)
-    parser.add_argument("--out", type=Path, default=SHIPPED_CALIBRATION)
+    parser.add_argument("--seed", type=SEED, default=0)
+    parser.add_argument("--units", type=COUNT, default=160)
+    parser.add_argument("--out", type=Path, default=Path(SHIPPED_CALIBRATION.name))
     arguments = parser.parse_args()
+    refuse_existing(arguments.out)
     calibration = calibrate(arguments.seed, arguments.units)
     calibration.save(arguments.out)
     print(f"wrote {arguments.out}: {calibration.origin}")

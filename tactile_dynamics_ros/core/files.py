@@ -1,0 +1,82 @@
+"""Files and folders that are written whole or not at all."""
+
+from __future__ import annotations
+
+import errno
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tactile_dynamics_ros.core.errors import BadInputError, refuse_existing
+
+_ADVICE = {
+    errno.ENOSPC: "free space there or choose another path",
+    errno.EDQUOT: "free space there or choose another path",
+    errno.EROFS: "choose a path on a disk that can be written",
+    errno.EACCES: "choose a path that you may use",
+    errno.EPERM: "choose a path that you may use",
+    errno.ENOENT: "check the path",
+}
+"""What a person can do where the system refuses a file, by the number of its error."""
+
+
+@contextmanager
+def written_whole(path: Path) -> Iterator[Path]:
+    """A path to write a file or folder to, which takes the place of `path` at the end.
+
+    If writing fails or is interrupted, an older `path` stays as it is and nothing new is left.
+
+    Args:
+        path: what is to be written; folders above it are made.
+
+    Raises:
+        BadInputError: it cannot be written, as on a full disk.
+    """
+    made = [folder for folder in path.absolute().parents if not folder.exists()]
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=".unfinished-", dir=path.parent) as scratch:
+            part = Path(scratch) / path.name
+            yield part
+            os.replace(part, path)
+    except BaseException as error:
+        for folder in made:
+            with suppress(OSError):  # something else may lie in it by now
+                folder.rmdir()
+        if isinstance(error, OSError):
+            raise BadInputError(f"{path} cannot be written: {reason_of(error)}") from error
+        raise
+
+
+def new_file(path: str | Path) -> Path:
+    """Return the path of a file that is not there yet.
+
+    Raises:
+        BadInputError: it is there, so that something would be lost.
+    """
+    path = Path(path)
+    refuse_existing(path)
+    return path
+
+
+def write_arrays(path: Path, arrays: dict[str, Any]) -> None:
+    """Write arrays as a compressed npz file of exactly this name.
+
+    Raises:
+        BadInputError: it cannot be written.
+    """
+    with written_whole(path) as part, part.open("wb") as stream:
+        np.savez_compressed(stream, **arrays)
+
+
+def reason_of(error: OSError) -> str:
+    """Return what the system refused and what to do, with the file that it names."""
+    reason = error.strerror or str(error) or type(error).__name__
+    where = "" if error.filename is None else f" ({error.filename})"
+    advice = _ADVICE.get(error.errno or 0)
+    return f"{reason}{where}" + (f"; {advice}" if advice else "")
