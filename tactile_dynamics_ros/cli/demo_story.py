@@ -131,8 +131,8 @@ class Story:
             self._say(f"the motion ended before the live model had an error with {self.added}")
         else:
             self._say(
-                f"error of the live model: {before:.2f} times the sensor noise without "
-                f"{self.added}, {after:.2f} with it"
+                f"error of the live model in its last seconds: {before:.2f} times the sensor "
+                f"noise without {self.added}, {after:.2f} with it"
             )
 
     def document(self) -> dict[str, Any]:

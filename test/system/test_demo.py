@@ -54,7 +54,7 @@ def test_demo_leaves_recording_report_and_no_process(tmp_path):
 @pytest.mark.timeout(560)
 def test_a_hidden_effect_is_diagnosed_explained_and_revealed(tmp_path):
     out, hidden = tmp_path / "demo", "viscous_drag"
-    words = ["--hidden", hidden, "--magnitude", "4", "--seed", "3", "--duration", "20"]
+    words = ["--hidden", hidden, "--magnitude", "3", "--seed", "3", "--duration", "12"]
     result = play(out, *words)
     check_revealed(result, out, hidden)
     assert result["diagnosis"]["effect"] is not None, result["diagnosis"]["sentence"]
