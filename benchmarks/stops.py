@@ -39,9 +39,6 @@ PATIENCE = 240.0
 load their libraries for ten seconds of processor time."""
 AT_ONCE = 4
 """Nodes that run at the same time: as many as two cores can serve while each computes."""
-EARLIEST = 0.3
-"""Real time from the start of a process to the first stop of one that starts, s: in the 0.05 s of
-processor time before, the interpreter itself starts, and a signal ends it as any other."""
 CHUNK = 10.0
 """Recorded motion that is made at once, s."""
 TABLE = {"scene": "table", "object_number": 121, "vision_rate_hz": 100.0}
@@ -235,7 +232,7 @@ def starting(bench: Bench, numbers: range) -> Iterator[Stop]:
     """Nodes that still load their libraries, or make their publishers."""
     for number in numbers:
         started = bench.start(_taken(node_names(), number), number)
-        time.sleep(EARLIEST + 0.2 * number)
+        time.sleep(0.2 * number)
         yield bench.stop(*started)
 
 
