@@ -11,7 +11,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -35,8 +35,10 @@ from tactile_dynamics_ros.ros.names import DIAGNOSE, EXPLORE
 LIMIT = 3.0
 """Real time within which a node has to have ended, s, and all processes that it started."""
 PATIENCE = 240.0
-"""Real time within which nodes have to be in the state in which they are stopped, s: ten at once
-load their libraries for a minute of processor time."""
+"""Real time within which nodes have to be in the state in which they are stopped, s: four at once
+load their libraries for ten seconds of processor time."""
+AT_ONCE = 4
+"""Nodes that run at the same time: as many as two cores can serve while each computes."""
 CHUNK = 10.0
 """Recorded motion that is made at once, s."""
 TABLE = {"scene": "table", "object_number": 121, "vision_rate_hz": 100.0}
@@ -140,12 +142,9 @@ def computes(member: Member) -> bool:
     return len(family) > 1
 
 
-def waiting(bench: Bench, count: int) -> Iterator[Stop]:
+def waiting(bench: Bench, numbers: range) -> Iterator[Stop]:
     """Nodes that nobody sends anything to."""
-    started = [
-        bench.start(node, number)
-        for number, node in enumerate(itertools.islice(itertools.cycle(node_names()), count))
-    ]
+    started = [bench.start(_taken(node_names(), number), number) for number in numbers]
     names = {f"/{node}" for node, _ in started}
 
     def found() -> bool:
@@ -155,25 +154,26 @@ def waiting(bench: Bench, count: int) -> Iterator[Stop]:
     yield from (bench.stop(*one) for one in started)
 
 
-def holding(bench: Bench, count: int) -> Iterator[Stop]:
+def holding(bench: Bench, numbers: range) -> Iterator[Stop]:
     """Nodes that hear what is measured of a held object."""
-    yield from _held(bench, count, {})
+    yield from _held(bench, numbers, {})
 
 
-def fitting(bench: Bench, count: int) -> Iterator[Stop]:
+def fitting(bench: Bench, numbers: range) -> Iterator[Stop]:
     """The same with an effect, which is fitted in the background."""
-    yield from _held(bench, count, {"effects": "[viscous_drag]"})
+    yield from _held(bench, numbers, {"effects": "[viscous_drag]"})
 
 
-def _held(bench: Bench, count: int, model: Mapping[str, object]) -> Iterator[Stop]:
+def _held(bench: Bench, numbers: range, model: Mapping[str, object]) -> Iterator[Stop]:
     kinds = HELD if not model else HELD[:1]
     started, files = [], []
-    for number, node in enumerate(itertools.islice(itertools.cycle(kinds), count)):
+    for number in numbers:
+        node = _taken(kinds, number)
         estimates = node == "inertial_estimator"
         files.append(bench.folder / f"object_{number}.yaml" if estimates else None)
         given = {**model, "save": str(files[-1])} if estimates else {"period": 0.5}
         started.append(bench.start(node, number, **given))
-    bench.listening("/object/pose", count)
+    bench.listening("/object/pose", len(numbers))
     with _played(bench):
         _until(lambda: all(file is None or file.exists() for file in files), "files of the object")
         for one, file in zip(started, files, strict=True):
@@ -182,15 +182,15 @@ def _held(bench: Bench, count: int, model: Mapping[str, object]) -> Iterator[Sto
             yield bench.stop(*one, file=file)
 
 
-def diagnosing(bench: Bench, count: int) -> Iterator[Stop]:
+def diagnosing(bench: Bench, numbers: range) -> Iterator[Stop]:
     """A node that has not answered a call yet, because it computes the answer."""
     started = [
         bench.start("model_check", k, f"/{DIAGNOSE}:=/check_{k}/diagnose", period=600.0)
-        for k in range(count)
+        for k in numbers
     ]
-    bench.listening("/object/pose", count)
+    bench.listening("/object/pose", len(numbers))
     bench.player.play(_motion(until=8.0))
-    for number, one in enumerate(started):
+    for number, one in zip(numbers, started, strict=True):
         client = bench.player.node.create_client(Trigger, f"/check_{number}/diagnose")
         bench.wait(client.service_is_ready, "the service")
         answer = client.call_async(Trigger.Request())
@@ -200,11 +200,11 @@ def diagnosing(bench: Bench, count: int) -> Iterator[Stop]:
         yield stop
 
 
-def moving(bench: Bench, count: int) -> Iterator[Stop]:
+def moving(bench: Bench, numbers: range) -> Iterator[Stop]:
     """The explorer on a simulated table, in turn while it chooses a push and while it makes one."""
     table = bench.start("robot_sim", 0, **TABLE)
     client = bench.player.node.create_client(Trigger, f"/{EXPLORE}")
-    for number in range(count - 1):
+    for number in numbers[1:]:
         explorer = bench.start("explorer", number, use_sim_time=True)
         _explore(bench, client, explorer[1])
         if number % 2:
@@ -228,15 +228,15 @@ def _explore(bench: Bench, client: Client, member: Member) -> None:
     bench.wait(chooses, "a choice")
 
 
-def starting(bench: Bench, count: int) -> Iterator[Stop]:
+def starting(bench: Bench, numbers: range) -> Iterator[Stop]:
     """Nodes that still load their libraries, or make their publishers."""
-    for number, node in enumerate(itertools.islice(itertools.cycle(node_names()), count)):
-        started = bench.start(node, number)
-        time.sleep(0.3 + 2.0 * number / count)
+    for number in numbers:
+        started = bench.start(_taken(node_names(), number), number)
+        time.sleep(0.2 * number)
         yield bench.stop(*started)
 
 
-STATES: dict[str, Callable[[Bench, int], Iterator[Stop]]] = {
+STATES: dict[str, Callable[[Bench, range], Iterator[Stop]]] = {
     state.__name__: state for state in (waiting, holding, fitting, diagnosing, moving, starting)
 }
 
@@ -249,9 +249,18 @@ def run_state(state: str, count: int, folder: Path) -> list[Stop]:
         count: of stops.
         folder: for logs and files.
     """
+    found: list[Stop] = []
     folder.mkdir(parents=True, exist_ok=True)
-    with Player(nodes=(), logs=folder / "logs") as player:
-        return list(STATES[state](Bench(player, folder, state), count))
+    for first in range(0, count, AT_ONCE):
+        numbers = range(first, min(first + AT_ONCE, count))
+        with Player(nodes=(), logs=folder / f"logs_{first}") as player:
+            found += STATES[state](Bench(player, folder, state), numbers)
+    return found
+
+
+def _taken(names: Sequence[str], number: int) -> str:
+    """Return a name by its number, beginning anew after the last."""
+    return names[number % len(names)]
 
 
 def _until(condition: Callable[[], bool], what: str) -> None:

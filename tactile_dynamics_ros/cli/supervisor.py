@@ -15,9 +15,12 @@ from types import TracebackType
 from typing import IO
 
 from tactile_dynamics_ros.cli.bringup import RESPAWN_DELAY, Respawns
+from tactile_dynamics_ros.stopping import hold_requests
 
 PATIENCE = (("SIGINT", 6.0), ("SIGTERM", 2.0), ("SIGKILL", 2.0))
 PR_SET_PDEATHSIG = 1
+EXECUTABLE = "tactile_dynamics_ros.ros.executable"
+"""Module that runs a node."""
 
 
 def verb_command(*arguments: str) -> list[str]:
@@ -63,7 +66,7 @@ class Member:
                 stdin=subprocess.DEVNULL,
                 stdout=output or sys.stderr,
                 stderr=output or sys.stderr,
-                preexec_fn=_separate_and_die_with_parent,
+                preexec_fn=_begin_node if EXECUTABLE in self.command else _begin,
             )
         finally:
             if output is not None:
@@ -156,7 +159,13 @@ class Supervisor:
         return codes
 
 
-def _separate_and_die_with_parent() -> None:
+def _begin_node() -> None:
+    """Begin as every process does; a node answers requests to stop once it can."""
+    _begin()
+    hold_requests()
+
+
+def _begin() -> None:
     """Leave the terminal's process group, and be told when the parent dies."""
     os.setpgid(0, 0)
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
@@ -184,7 +193,7 @@ def node_command(
     for name, value in (parameters or {}).items():
         text = str(value).lower() if isinstance(value, bool) else str(value)
         arguments += ["-p", f"{name}:={text}"]
-    return [sys.executable, "-m", "tactile_dynamics_ros.ros.executable", node, *arguments]
+    return [sys.executable, "-m", EXECUTABLE, node, *arguments]
 
 
 def start_view(supervisor: Supervisor, port: int | None, say: Callable[[str], None]) -> None:

@@ -15,7 +15,7 @@ from functools import partial
 from pathlib import Path
 from typing import NoReturn
 
-from tactile_dynamics_ros.stopping import TIME_TO_END, Stopped, StopRequest, leave
+from tactile_dynamics_ros.stopping import TIME_TO_END, Stopped, StopRequest, leave, take_requests
 
 
 def start(name: str) -> NoReturn:
@@ -26,6 +26,7 @@ def start(name: str) -> NoReturn:
     """
     code = 0
     with StopRequest(patience=0.0, limit=TIME_TO_END) as stop, suppress(Stopped):
+        take_requests()
         code = importlib.import_module(f"tactile_dynamics_ros.nodes.{name}").main()
         stop.patience = math.inf
     leave(code)

@@ -92,9 +92,12 @@ class Ending(shell.Shell):
     def __init__(self):
         {construct}
         super().__init__("ending")
-        threading.Timer(0.5, os.kill, [os.getpid(), signal.SIGTERM]).start()
+        self.begun = False
 
     def process(self):
+        if not self.begun:
+            self.begun = True
+            threading.Timer(0.1, os.kill, [os.getpid(), signal.SIGTERM]).start()
         {work}
 
     def destroy_node(self):
