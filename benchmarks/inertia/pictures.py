@@ -69,7 +69,7 @@ def _draw_band(axes: Axes, name: str, contact: ContactStream, colour: str) -> No
     axes.plot(contact.time, size, color=colour, linewidth=1.0, label=name)
     if contact.force_std is not None:
         along = contact.force / np.maximum(size, 1e-9)[:, None]
-        band = np.sqrt(np.sum((along * contact.force_std) ** 2, axis=1))
+        band = 1.96 * np.sqrt(np.sum((along * contact.force_std) ** 2, axis=1))
         axes.fill_between(contact.time, size - band, size + band, color=colour, alpha=0.25, lw=0)
 
 

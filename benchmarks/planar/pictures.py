@@ -23,6 +23,7 @@ from benchmarks.planar.__main__ import Kept, process_of, ranges_of
 from benchmarks.planar.scores import scored
 from benchmarks.planar.trial import (
     GRAVITY,
+    INSIDE,
     Population,
     begun,
     described,
@@ -112,7 +113,7 @@ def traced(one: Any, population: Population, seed: int) -> Trace:
 
 
 def draw_beliefs(traces: dict[tuple[str, str], Trace]) -> Figure:
-    """Products, centres and errors of the poses with bands of ± one std, a column for each case.
+    """Products, centres and errors of the poses with their 90 % bands, a column for each case.
 
     Blue is the first part, orange the second; x is a full line, y a dotted one, truth dashed.
     """
@@ -156,8 +157,8 @@ def _band(
     size: float = 1.0,
     style: str = "-",
 ) -> None:
-    """A line with its band of ± one standard deviation."""
-    low, high = (size * shown(mean + sign * std) for sign in (-1.0, 1.0))
+    """A line with its 90 % band."""
+    low, high = (size * shown(mean + sign * INSIDE * std) for sign in (-1.0, 1.0))
     axes.plot(x, size * shown(mean), style, color=colour, linewidth=1.0)
     axes.fill_between(x, low, high, color=colour, alpha=0.18, linewidth=0)
 
