@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from tactile_dynamics_ros.recording import Recording
 
 GROSS_MISFIT = 10.0
-"""Error over the noise from which nothing is exported, and `check` diagnoses by itself: units,
-signs or axes that are other ones raise it to 15 and more, effects of the catalogue to 10 at most."""
+"""Error over the noise from which nothing is exported, and `check` diagnoses by itself: other
+units, signs or axes raise it to 15 and more, effects of the catalogue to 10 at most."""
 
 
 @dataclass(frozen=True, repr=False)
