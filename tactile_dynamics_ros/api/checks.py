@@ -9,8 +9,7 @@ import numpy as np
 
 from tactile_dynamics_ros.api.discrepancies import Diagnosis
 from tactile_dynamics_ros.api.estimates import GROSS_MISFIT, Estimate
-from tactile_dynamics_ros.api.questions import question_held
-from tactile_dynamics_ros.api.readiness import ADEQUATE, GOAL, Readiness, lost_faults
+from tactile_dynamics_ros.api.readiness import GOAL, Readiness, lost_faults
 from tactile_dynamics_ros.api.result import Rows
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
 from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import PARAMETER_NAMES
@@ -140,7 +139,7 @@ class Check(Readiness):
     @property
     def promises(self) -> bool:
         """Whether the model fits, so that what a motion brings can be told."""
-        return self.estimate.found.error.whitened_rms <= ADEQUATE
+        return self.estimate.fits
 
     def _promised(self, addition: Addition, name: str | None = None) -> float:
         """Expected standard deviation over size after a motion."""
@@ -156,9 +155,11 @@ def check_recording(recording: Recording, goal: float = GOAL) -> Check:
 
     found = Estimate(recording, estimate(recording))
     rates = tuple(stream_rates(recording.streams))
-    faults = lost_faults(rates) + _clock_faults(found) + _unit_faults(found)
-    remarks = tuple(_remarks(found))
-    return Check(rates, tuple(faults), remarks, goal, found, _additions(found, goal))
+    faults = lost_faults(rates) + _clock_faults(found)
+    remarks = found.recording.problem_lines()
+    if found.question.misfit:
+        (faults if found.question.is_far else remarks).append(_misfit(found))
+    return Check(rates, tuple(faults), tuple(remarks), goal, found, _additions(found, goal))
 
 
 def describe_parameter(name: str) -> str:
@@ -193,33 +194,21 @@ def _clock_faults(found: Estimate) -> list[str]:
     ]
 
 
-def _unit_faults(found: Estimate) -> list[str]:
-    """Return a sentence if the model does not fit at all: another unit or convention, if any."""
-    error = found.found.error.whitened_rms
-    if error <= GROSS_MISFIT:
-        return []
-    plain = f"the model does not fit, the error is {error:.0f} times the noise"
+def _misfit(found: Estimate) -> str:
+    """Return what is said of a model that does not fit: another unit or convention, if any."""
+    plain = found.question.misfit
+    if found.question.whitened_rms <= GROSS_MISFIT:
+        return plain
     try:
-        diagnosis = Diagnosis.of(question_held(found.recording))
+        sentence = Diagnosis.of(found.question).document["sentence"]
     except (TactileDynamicsError, np.linalg.LinAlgError):
-        return [plain]
-    return [f"{plain}: {diagnosis.document['sentence']}"]
-
-
-def _remarks(found: Estimate) -> list[str]:
-    error = found.found.error.whitened_rms
-    lines = found.recording.problem_lines()
-    if ADEQUATE < error <= GROSS_MISFIT:
-        lines.append(
-            f"the error is {error:.1f} times the noise: something acts that a rigid body "
-            "has not, or the stated noise is too small; `diagnose` tells"
-        )
-    return lines
+        return plain
+    return f"{plain}. It says: {sentence}"
 
 
 def _additions(found: Estimate, goal: float) -> tuple[Addition, ...]:
     """Return motions to record as well; none where nothing can be promised."""
-    if found.found.error.whitened_rms > ADEQUATE:
+    if not found.fits:
         return ()
     try:
         held = Continuation.of(found.recording.streams, found.model)

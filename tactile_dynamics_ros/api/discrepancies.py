@@ -79,9 +79,7 @@ class Comparison(Discrepancy):
     @classmethod
     def of(cls, question: Question) -> Comparison:
         """Compare."""
-        from tactile_dynamics_ros.core.discrepancy.comparison import compare
-
-        comparison = compare(question.model)
+        comparison = question.comparison
         error = question.error() | {"channels": comparison.channel_rms}
         document = {"error": error} | comparison.to_json()
         return cls(question, comparison, document, tuple(question.notes(question.model)))
@@ -329,7 +327,7 @@ def _properties(
 def _why(document: dict[str, Any]) -> str:
     p_value = write_p_value(document["p_value"])
     if document.get("trace"):
-        return f"{p_value}, but it moves no estimate by half its standard deviation"
+        return f"{p_value}, but what is significant {document['trace']['reason']}"
     if document["adequate"] and not document["white"]:
         return f"{p_value}, but within the uncertainty that the sensors report"
     return p_value

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tactile_dynamics_ros.api.readiness import ADEQUATE
+from tactile_dynamics_ros.api.questions import Question, question_held
 from tactile_dynamics_ros.api.result import ReportedResult, Rows
 from tactile_dynamics_ros.api.text_table import align_rows
 from tactile_dynamics_ros.core.discrepancy.verdict.wording import write_interval
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
+from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import ModelError
 from tactile_dynamics_ros.report.numbers import parameter_rows
 
 if TYPE_CHECKING:
@@ -28,9 +29,8 @@ if TYPE_CHECKING:
     from tactile_dynamics_ros.recording import Recording
 
 GROSS_MISFIT = 10.0
-"""Error over the noise from which the exit code is 3. Effects of the catalogue raise it to 10 at
-most in recordings with known truth, and widened intervals still held at 5 there; readings in other
-units, signs or axes raise it to 15 and more."""
+"""Error over the noise from which nothing is exported, and `check` diagnoses by itself: other
+units, signs or axes raise it to 15 and more, effects of the catalogue to 10 at most."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -52,6 +52,18 @@ class Estimate(ReportedResult):
     wrist: WristShare | None = None
 
     @cached_property
+    def question(self) -> Question:
+        """The model held against the recording as it is, as `compare` and `diagnose` do it."""
+        effects = self.model.effects
+        fitted = replace(self.model, noise_bias=None) if effects else None
+        return question_held(self.recording, effects, fitted)
+
+    @property
+    def fits(self) -> bool:
+        """Whether nothing is found against the model, as `compare` judges it."""
+        return self.question.fits
+
+    @cached_property
     def found(self) -> InertialEstimate:
         """Values with their covariance: without the tool, together with what was known."""
         return self._combined[0]
@@ -65,7 +77,7 @@ class Estimate(ReportedResult):
     def _with_wrist(self) -> tuple[InertialEstimate, MemoryComparison | None]:
         from tactile_dynamics_ros.core.inertia.batch.knowledge import with_memory, without_tool
 
-        both = self.model.to_estimate()
+        both = replace(self.model.to_estimate(), error=ModelError(**self.question.error()))
         own = both if self.tool is None else without_tool(both, self.tool)
         return (own, None) if self.wrist is None else with_memory(own, self.wrist.known)
 
@@ -194,6 +206,7 @@ class Estimate(ReportedResult):
             *self._correction_lines(),
             f"error: {error.whitened_rms:.2f} times the stated sensor noise (whitened RMS), "
             f"{error.force_rms_n:.3g} N, {error.torque_rms_nm:.3g} N m",
+            *filter(None, [self.question.misfit]),
         ]
 
     def headline(self) -> str:
@@ -235,7 +248,14 @@ class Estimate(ReportedResult):
             )
         from tactile_dynamics_ros.report.estimate_report import write_estimate_report
 
-        return write_estimate_report(self.recording, self.model, Path(folder), command=command)
+        return write_estimate_report(
+            self.recording,
+            self.model,
+            Path(folder),
+            command=command,
+            estimate=self.found,
+            misfit="" if self.fits else self.question.misfit,
+        )
 
     def export(self, form: str, name: str = "object") -> Export:
         """Return the body as urdf, sdf, mjcf, ur or franka takes it.
@@ -246,36 +266,27 @@ class Estimate(ReportedResult):
         """
         from tactile_dynamics_ros.export import export
 
-        self.require_answer()
+        if self.question.whitened_rms > GROSS_MISFIT:
+            raise NotIdentifiableError(self.question.misfit)
+        self._require_known()
         return export(self.found, form, self.recording.source, name, self._doubts())
-
-    @property
-    def fits(self) -> bool:
-        """Whether the error is about as large as the noise, so that the model lacks nothing."""
-        return self.found.error.whitened_rms <= ADEQUATE
 
     def _doubts(self) -> list[str]:
         """Return what speaks against using the numbers."""
-        if self.fits:
-            return []
-        return [
-            f"the model does not fit: the error is {self.found.error.whitened_rms:.2f} times the "
-            "noise; ask `tactile-dynamics diagnose` what is missing before you use these numbers"
-        ]
+        return [] if self.fits else [self.question.misfit]
 
     def require_answer(self) -> None:
         """Check that the numbers are an answer.
 
         Raises:
             NotIdentifiableError: not even the mass is known, the iteration did not converge, or the
-                model does not fit at all.
+                error is far above the noise.
         """
-        error = self.found.error.whitened_rms
-        if error > GROSS_MISFIT:
-            raise NotIdentifiableError(
-                f"the model does not fit: the error is {error:.0f} times the noise, so that the "
-                "printed values mean little; `tactile-dynamics diagnose` tells what is missing"
-            )
+        if self.question.is_far:
+            raise NotIdentifiableError(self.question.misfit)
+        self._require_known()
+
+    def _require_known(self) -> None:
         if not self.found.converged:
             raise NotIdentifiableError(
                 "not converged: the printed values are the last iterate; check the recording's "

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.api.readiness import ADEQUATE, GOAL, Readiness, lost_faults
+from tactile_dynamics_ros.api.pushed_estimates import EstimateOfPushes
+from tactile_dynamics_ros.api.readiness import GOAL, Readiness, lost_faults
 from tactile_dynamics_ros.api.result import Rows
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
 from tactile_dynamics_ros.core.inertia.excitation.addition import WORTH
@@ -226,23 +227,20 @@ def check_pushes(recording: PushedRecording, goal: float = GOAL) -> PushedCheck:
         BadInputError: nothing is touched while poses are known.
         NotIdentifiableError: it slides too little, or the fit does not come to an end.
     """
-    found = estimate(recording)
-    rates = _rates(recording)
+    asked = EstimateOfPushes.of(recording)
+    found, rates = asked.found, _rates(recording)
     faults = lost_faults(rates)
     remarks = recording.problem_lines()
     addition = None
     if isinstance(found, PushedEstimate):
         (remarks if found.is_uneven else faults).extend(_clock_faults(found))
-    if found.error is not None and found.error > ADEQUATE:
-        remarks.append(
-            f"the error is {found.error:.1f} times the noise: something acts that the model has "
-            "not, or the stated noise is too small; `diagnose` tells"
-        )
-    elif isinstance(found, PushedEstimate):
+    if asked.misfit:
+        (faults if asked.is_far else remarks).append(asked.misfit)
+    if asked.fits and isinstance(found, PushedEstimate):
         addition = _addition(recording, found, goal)
         if addition is not None and _evenness_is_untold(found):
             remarks.append(_UNTOLD)
-    else:
+    elif asked.fits:
         remarks.append("of two parts no push is promised; `diagnose` tells which would part models")
     return PushedCheck(rates, tuple(faults), tuple(remarks), goal, recording, found, addition)
 

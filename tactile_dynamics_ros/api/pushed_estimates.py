@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tactile_dynamics_ros.api.questions import Question, question_pushed
 from tactile_dynamics_ros.api.result import ReportedResult, Rows
-from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
+from tactile_dynamics_ros.core.errors import (
+    BadInputError,
+    NotIdentifiableError,
+    TactileDynamicsError,
+)
 from tactile_dynamics_ros.core.planar.properties.estimate import PushedEstimate
 from tactile_dynamics_ros.report.numbers import with_uncertainty
 
@@ -18,6 +23,8 @@ if TYPE_CHECKING:
 
     from tactile_dynamics_ros.core.planar.known import KnownPushed
     from tactile_dynamics_ros.core.planar.linked.description import LinkedEstimate, PlacedJoint
+    from tactile_dynamics_ros.core.planar.properties.linked_fit import PairFit
+    from tactile_dynamics_ros.core.planar.properties.push_model import PushFit
     from tactile_dynamics_ros.recording.pushed import PushedRecording
 
 _SHOWN = {
@@ -38,13 +45,17 @@ class EstimateOfPushes(ReportedResult):
 
     Attributes:
         recording: what was measured.
-        found: values with their uncertainty, together with what was known.
+        found: values with their uncertainty, together with what was known; the error is that of
+            `question`.
+        question: the model held against the recording, as `compare` and `diagnose` do it; None
+            where there is no model to hold against it, as with sparse poses.
         prior: the same object, from earlier recordings.
         changed: what differs from those beyond chance: the object or the table is another one.
     """
 
     recording: PushedRecording
     found: PushedEstimate | LinkedEstimate
+    question: Question | None = None
     prior: KnownPushed | None = None
     changed: tuple[str, ...] = ()
 
@@ -65,11 +76,29 @@ class EstimateOfPushes(ReportedResult):
         from tactile_dynamics_ros.core.planar.memory.combination import with_memory
         from tactile_dynamics_ros.core.planar.properties import estimate as properties
 
-        found = properties.estimate(recording, effects)
+        found, fit = properties.estimate_with_fit(recording, effects)
+        question = None if fit is None else _question(recording, effects, fit)
+        if question is not None:
+            found = replace(found, error=question.whitened_rms)
         if prior is None:
-            return cls(recording, found)
+            return cls(recording, found, question)
         combined, changed = with_memory(_of_one_part(found), prior)
-        return cls(recording, combined, prior, tuple(changed))
+        return cls(recording, combined, question, prior, tuple(changed))
+
+    @property
+    def fits(self) -> bool:
+        """Whether nothing is found against the model, as `compare` judges it."""
+        return self.question is None or self.question.fits
+
+    @property
+    def misfit(self) -> str:
+        """What to do about a model that is not clearly adequate, in a sentence; else empty."""
+        return "" if self.question is None else self.question.misfit
+
+    @property
+    def is_far(self) -> bool:
+        """Whether the model fits so badly that its numbers are no answer."""
+        return self.question is not None and self.question.is_far
 
     @property
     def notes(self) -> tuple[str, ...]:  # type: ignore[override]
@@ -98,7 +127,7 @@ class EstimateOfPushes(ReportedResult):
 
     def lines(self) -> list[str]:
         """Return the estimate for people."""
-        return self.found.lines()
+        return [*self.found.lines(self.fits), *filter(None, [self.misfit])]
 
     def headline(self) -> str:
         """Return how well the model fits, and whether the numbers are an answer."""
@@ -168,10 +197,17 @@ class EstimateOfPushes(ReportedResult):
         """Check that the numbers are an answer.
 
         Raises:
-            NotIdentifiableError: not even the friction force is known.
+            NotIdentifiableError: the error is far above the noise, or not even the friction force
+                is known.
         """
-        if not self.found.is_answer:
-            raise NotIdentifiableError("the friction force is undetermined; push further")
+        unknown = not self.found.is_answer
+        if self.is_far or (unknown and not self.fits):
+            raise NotIdentifiableError(self.misfit)
+        if unknown:
+            raise NotIdentifiableError(
+                "the friction force is undetermined; `tactile-dynamics check` says which pushes "
+                "would tell it"
+            )
 
     def save(self, path: str | Path) -> Path:
         """Write what is known of the object, for `prior` of later estimates.
@@ -205,6 +241,16 @@ def _joint_rows(joint: PlacedJoint | None) -> Rows:
     if joint.friction_torque is not None:
         rows.append(("joint friction", *with_uncertainty(*joint.friction_torque), "N m"))
     return rows
+
+
+def _question(
+    recording: PushedRecording, effects: Sequence[str], fit: PushFit | PairFit
+) -> Question | None:
+    """Return the model of a fit as a question; None where the recording cannot judge a model."""
+    try:
+        return question_pushed(recording, effects, fit)
+    except TactileDynamicsError:
+        return None
 
 
 def _of_one_part(found: PushedEstimate | LinkedEstimate) -> PushedEstimate:

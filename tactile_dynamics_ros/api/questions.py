@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from tactile_dynamics_ros.core.discrepancy.comparison import Comparison, compare
+from tactile_dynamics_ros.core.discrepancy.verdict.judgement import FAR, Judgement, judge
 from tactile_dynamics_ros.core.progress import tell
 
 if TYPE_CHECKING:
@@ -16,13 +19,15 @@ if TYPE_CHECKING:
     from tactile_dynamics_ros.core.friction.discrepancy_model import FrictionModel
     from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
     from tactile_dynamics_ros.core.planar.diagnosis.discrepancy_model import PushDiscrepancy
+    from tactile_dynamics_ros.core.planar.properties.linked_fit import PairFit
+    from tactile_dynamics_ros.core.planar.properties.push_model import PushFit
     from tactile_dynamics_ros.recording import Recording
     from tactile_dynamics_ros.recording.pushed import PushedRecording
 
 
 @dataclass(frozen=True)
 class Question:
-    """A fitted model that is held against its data.
+    """A fitted model that is held against its data, once for every verb.
 
     Attributes:
         model: fitted.
@@ -40,6 +45,44 @@ class Question:
     notes: Callable[[Any], list[str]] = lambda model: []
     recording: Recording | PushedRecording | None = None
 
+    @cached_property
+    def judgement(self) -> Judgement:
+        """Whether the model is adequate, as far as tests of its residual tell."""
+        return judge(self.model)
+
+    @cached_property
+    def comparison(self) -> Comparison:
+        """Whether the model is adequate, and where it fails."""
+        return compare(self.model, self.judgement)
+
+    @cached_property
+    def whitened_rms(self) -> float:
+        """Error of the model over the stated noise."""
+        return float(self.error()["whitened_rms"])
+
+    @property
+    def fits(self) -> bool:
+        """Whether tests find nothing against the model, but what a search might name."""
+        return self.judgement.adequate is not False
+
+    @property
+    def misfit(self) -> str:
+        """What to do about a model that is not clearly adequate, in a sentence; else empty."""
+        if self.judgement.adequate:
+            return ""
+        error = f"the error is {self.whitened_rms:.2f} times the noise"
+        if self.fits:
+            return f"{error}, yet an effect may be seen in it: `tactile-dynamics diagnose` tells"
+        return (
+            f"the model does not fit: {error}; `tactile-dynamics diagnose` looks for what is "
+            "missing"
+        )
+
+    @property
+    def is_far(self) -> bool:
+        """Whether the model fits so badly that its numbers are no answer."""
+        return not self.fits and self.whitened_rms > FAR
+
     def answer(self, ask: Callable[[Any], Any]) -> tuple[Any, tuple[str, ...]]:
         """Diagnose or explain; where that fails, once more with the noise that samples show.
 
@@ -53,8 +96,16 @@ class Question:
         return answer, tuple(note for one in asked for note in self.notes(one))
 
 
-def question_held(recording: Recording, effects: Sequence[Effect] = ()) -> Question:
-    """Fit a rigid body with effects to a recording."""
+def question_held(
+    recording: Recording, effects: Sequence[Effect] = (), fitted: FittedModel | None = None
+) -> Question:
+    """Fit a rigid body with effects to a recording.
+
+    Args:
+        recording: what was measured.
+        effects: of the model.
+        fitted: fit of the model to the recording as it is, if there is one already.
+    """
     tell("fitting the rigid body")
     from tactile_dynamics_ros.core.inertia.diagnosis.misreading import question
     from tactile_dynamics_ros.core.inertia.diagnosis.readings import (
@@ -62,7 +113,7 @@ def question_held(recording: Recording, effects: Sequence[Effect] = ()) -> Quest
         model_with_seen_noise,
     )
 
-    fitted = fit_with_readings(recording.streams, effects)
+    fitted = fitted or fit_with_readings(recording.streams, effects)
     model = question(recording.streams, effects, fitted)
     return Question(
         model,
@@ -87,12 +138,27 @@ def question_friction(
     return Question(model, str(probe), lambda: _friction_error(model))
 
 
-def question_pushed(recording: PushedRecording, names: Sequence[str] = ()) -> Question:
-    """Fit mass, friction and centre of mass of a pushed object, with the named effects."""
+def question_pushed(
+    recording: PushedRecording,
+    names: Sequence[str] = (),
+    fit: PushFit | PairFit | None = None,
+) -> Question:
+    """Fit mass, friction and centre of mass of a pushed object, with the named effects.
+
+    Args:
+        recording: what was measured.
+        names: of the effects of the model.
+        fit: of that model, if there is one already.
+
+    Raises:
+        BadInputError: an effect is unknown or has no law for two parts, or nothing is touched.
+        NotIdentifiableError: it slides too little to judge a model, or what two parts are to each
+            other is not known.
+    """
     tell("fitting friction and inertia")
     from tactile_dynamics_ros.core.planar.diagnosis.discrepancy_model import PushDiscrepancy
 
-    model = PushDiscrepancy.of_streams(recording.streams, names)
+    model = PushDiscrepancy.of_streams(recording.streams, names, fit)
     return Question(model, recording.source, lambda: _push_error(model), recording=recording)
 
 

@@ -14,9 +14,6 @@ if TYPE_CHECKING:
 GOAL = 0.1
 """Standard deviation over the size of a parameter that is wanted if nothing else is said: inertia
 to a tenth moves a controller's torques by as much. Less asks for more motion."""
-ADEQUATE = 1.3
-"""Error over the noise from which it is said that the model lacks something, as in reports, and
-from which nothing is promised: what a motion brings then depends on what is lacking."""
 _LOST = 0.05
 """Share of a stream's time in gaps from which that is a fault. Nothing is derived across a gap, so
 that motion is lost with it; a twentieth costs as much of the recording."""

@@ -52,22 +52,22 @@ def findings_of_diagnosis(
 ) -> DiscrepancyFindings:
     """What the report of `diagnose` shows."""
     if diagnosis.convention is not None:
-        return _findings_of_convention(source, document, diagnosis.model, diagnosis.convention)
+        return _findings_of_convention(source, document, diagnosis, diagnosis.convention)
     after = diagnosis.explained_model if diagnosis.effect else None
     added = [diagnosis.effect] if diagnosis.effect else []
     return _findings(
-        source, diagnosis.model, after, added, document["sentence"], document, {},
+        source, diagnosis, after, added, document["sentence"], document, {},
         regimes=[diagnosis.regime] if diagnosis.regime else [],
     )  # fmt: skip
 
 
 def _findings_of_convention(
-    source: str, document: Mapping[str, Any], model: ResidualModel, convention: Convention
+    source: str, document: Mapping[str, Any], diagnosis: Diagnosis, convention: Convention
 ) -> DiscrepancyFindings:
     """A recording as it was read and as it is read right, where their instants are the same."""
-    alike = len(convention.model.residual) == len(model.residual)
+    alike = len(convention.model.residual) == len(diagnosis.model.residual)
     after, added = (convention.model, [f"read as {convention.name}"]) if alike else (None, [])
-    return _findings(source, model, after, added, document["sentence"], document, {})
+    return _findings(source, diagnosis, after, added, document["sentence"], document, {})
 
 
 def findings_of_explanation(
@@ -77,7 +77,7 @@ def findings_of_explanation(
     first = diagnosis_document(explanation.first)
     return _findings(
         source,
-        explanation.first.model,
+        explanation.first,
         explanation.model if explanation.effects else None,
         list(explanation.effects),
         document["sentence"],
@@ -90,7 +90,7 @@ def findings_of_explanation(
 
 def _findings(
     source: str,
-    model: ResidualModel,
+    found: Diagnosis,
     after: ResidualModel | None,
     added: list[str],
     verdict: str,
@@ -99,7 +99,7 @@ def _findings(
     good: bool | None = None,
     regimes: Sequence[RegimeFinding] = (),
 ) -> DiscrepancyFindings:
-    comparison = compare(model)
+    comparison = compare(found.model, diagnosis=found)
     residuals = comparison.residuals
     spectrum = periodogram(residuals.time, residuals.white)
     return DiscrepancyFindings(

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tactile_dynamics_ros.core.discrepancy.verdict.judgement import FAR
+from tactile_dynamics_ros.core.discrepancy.verdict.wording import capitalise
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
 from tactile_dynamics_ros.recording import Recording
 from tactile_dynamics_ros.report.estimates import (
@@ -25,7 +27,6 @@ if TYPE_CHECKING:
     from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
     from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import InertialEstimate
 
-ADEQUATE = 1.3
 _FEWEST_LIVE_ESTIMATES = 5
 MILLI = 1e3
 
@@ -38,6 +39,8 @@ def write_estimate_report(
     truth: InertialParameters | None = None,
     command: str = "",
     introduction: Sequence[Section] = (),
+    estimate: InertialEstimate | None = None,
+    misfit: str | None = None,
 ) -> Path:
     """Write the report of an estimate.
 
@@ -49,11 +52,16 @@ def write_estimate_report(
         truth: true parameters where they are known.
         command: how to make the page again.
         introduction: sections that come before all others.
+        estimate: to be told in place of the model's own, with the error that all verbs tell.
+        misfit: what is said of a model that does not fit, empty where it fits; None: the error
+            decides.
 
     Returns:
         The path of report.html.
     """
-    estimate = model.to_estimate()
+    estimate = estimate or model.to_estimate()
+    if misfit is None:
+        misfit = _misfit(estimate.error.whitened_rms)
     with house_style():
         sections = [
             *introduction,
@@ -66,10 +74,10 @@ def write_estimate_report(
         page = Page(
             title="What the hand holds",
             verdict=_verdict(estimate),
-            good=estimate.converged and estimate.error.whitened_rms < ADEQUATE,
+            good=estimate.converged and not misfit,
             source=recording.source,
             command=command or f"tactile-dynamics estimate {recording.source} --out {folder}",
-            sentences=_advice(estimate),
+            sentences=_advice(estimate, misfit),
             sections=sections,
         )
         return write_page(page, folder)
@@ -87,7 +95,14 @@ def _verdict(estimate: InertialEstimate) -> str:
     )
 
 
-def _advice(estimate: InertialEstimate) -> list[str]:
+def _misfit(error: float) -> str:
+    """Return what is said of a model of which nothing but its error is known."""
+    if error <= FAR:
+        return ""
+    return f"the error is {error:.1f} times the noise; `tactile-dynamics diagnose` tells why"
+
+
+def _advice(estimate: InertialEstimate, misfit: str) -> list[str]:
     """Return what the reader should know about the quality of the result."""
     rms = estimate.error.whitened_rms
     sentences = [
@@ -96,7 +111,7 @@ def _advice(estimate: InertialEstimate) -> list[str]:
     ]
     if not estimate.converged:
         sentences.append("The iteration did not converge: treat every number with suspicion.")
-    if rms < ADEQUATE:
+    if not misfit:
         effects = ", ".join(estimate.effects)
         model = f"a rigid body with {effects}" if effects else "a rigid body"
         sentences.append(
@@ -104,11 +119,7 @@ def _advice(estimate: InertialEstimate) -> list[str]:
             f"state: {model} explains the measurements."
         )
     else:
-        sentences.append(
-            f"What the model leaves unexplained is {rms:.1f} times the noise that the sensors "
-            "state: something acts here that the model lacks. "
-            "Run tactile-dynamics diagnose to look for what it is."
-        )
+        sentences.append(f"{capitalise(misfit)}.")
     if estimate.not_excited:
         sentences.append(
             f"This motion does not determine {', '.join(estimate.not_excited)}; those values "

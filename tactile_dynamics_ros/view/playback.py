@@ -6,7 +6,6 @@ import numpy as np
 
 from tactile_dynamics_ros.api.verbs import diagnose, estimate
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
-from tactile_dynamics_ros.core.inertia.live.live_estimate import MISFIT
 from tactile_dynamics_ros.core.streams.streams import nearest_samples
 from tactile_dynamics_ros.recording import Recording
 from tactile_dynamics_ros.view.state import KEPT, Body, Force, Quantity, State
@@ -73,7 +72,8 @@ class Playback:
 
     def _estimate(self) -> None:
         try:
-            found = estimate(self.recording).to_json()
+            asked = estimate(self.recording)
+            found = asked.to_json()
         except TactileDynamicsError as error:
             self._state.remark, self._state.good = str(error), False
             return
@@ -82,9 +82,10 @@ class Playback:
             Quantity(mass["value"], mass["std"]), np.array(com["value"]), np.array(com["std"])
         )
         error = self._state.error = found["error"]["whitened_rms"]
-        self._state.good = error < MISFIT
-        said = "fits" if self._state.good else "does not fit, something is missing"
-        self._state.remark = f"The model {said}: error {error:.2f} times the noise."
+        self._state.good = asked.fits
+        self._state.remark = f"The model fits: error {error:.2f} times the noise."
+        if asked.question.misfit:
+            self._state.remark = f"Note: {asked.question.misfit}."
 
     def _add_load(self) -> None:
         """The vertical force of all contacts over the whole recording, for its chart."""

@@ -206,7 +206,12 @@ def estimate(error):
         corrected_wrench=np.array([0.0, 0.0, 0.0, 0.3, 0.0, 0.0]),
         corrected_wrench_std=np.full(6, 0.01),
     )
-    return Estimate(held_box(seconds=1.0), model)
+    numbers = {"force_rms_n": 0.3, "torque_rms_nm": 0.01, "whitened_rms": error}
+    question = Question(None, "box", lambda: numbers)
+    question.__dict__["judgement"] = SimpleNamespace(adequate=error < 1.1)
+    made = Estimate(held_box(seconds=1.0), model)
+    made.__dict__["question"] = question
+    return made
 
 
 def test_an_offset_of_the_sensors_is_told_only_where_the_model_fits():
@@ -235,7 +240,7 @@ def drag(tmp_path_factory):
 
 
 def test_the_command_warns_of_what_it_exports(drag, capsys):
-    assert main(["estimate", str(drag[0]), "--export", "ur"]) == 0
+    assert main(["estimate", str(drag[0]), "--export", "ur"]) == 3
     captured = capsys.readouterr()
     assert "warning: the model does not fit" in captured.err
     assert "WARNING" in captured.out

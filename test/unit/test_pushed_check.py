@@ -8,6 +8,7 @@ import pytest
 
 from tactile_dynamics_ros.api import pushed_checks
 from tactile_dynamics_ros.api.pushed_checks import check_pushes
+from tactile_dynamics_ros.api.pushed_estimates import EstimateOfPushes
 from tactile_dynamics_ros.cli.main import main
 from tactile_dynamics_ros.cli.record_check import check_so_far
 from tactile_dynamics_ros.core.planar.actions.continuation import continued
@@ -79,8 +80,10 @@ def test_where_friction_had_to_differ_clocks_are_no_fault_but_a_note(monkeypatch
     leaning = replace(estimate(made.streams), delay=(-0.02, 0.001))
     assert leaning.is_uneven and "10 % from place to place" in "".join(leaning.lines())
     assert leaning.to_document()["friction_variation"] == 0.1
-    monkeypatch.setattr(pushed_checks, "estimate", lambda _: leaning)
-    found = check_pushes(PushedRecording(made.streams, "leans.mcap"))
+    recording = PushedRecording(made.streams, "leans.mcap")
+    asked = EstimateOfPushes(recording, leaning)
+    monkeypatch.setattr(pushed_checks.EstimateOfPushes, "of", lambda _: asked)
+    found = check_pushes(recording)
     assert found.faults == ()
     assert any("or something else is missing" in remark for remark in found.remarks)
 

@@ -114,7 +114,9 @@ def bag(tmp_path):
 
 def test_a_second_recording_starts_where_the_first_ended(bag, tmp_path, monkeypatch, capsys):
     found = [estimated()]
-    monkeypatch.setattr(properties, "estimate", lambda recording, effects: found[0])
+    monkeypatch.setattr(
+        properties, "estimate_with_fit", lambda recording, effects: (found[0], None)
+    )
     file = tmp_path / "block.yaml"
     assert main(["estimate", str(bag), "--save", str(file)]) == 0
     assert read_known(file).recordings == 1

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.discrepancy.diagnosis import Diagnosis, diagnose
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import (
     Condition,
     ResidualModel,
@@ -15,8 +16,9 @@ from tactile_dynamics_ros.core.discrepancy.model.residual_model import (
 )
 from tactile_dynamics_ros.core.discrepancy.regimes.energy import ErrorRegime, find_error_regime
 from tactile_dynamics_ros.core.discrepancy.structure import window_index
-from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import Assessment, assess
-from tactile_dynamics_ros.core.discrepancy.verdict.materiality import Trace, find_trace
+from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import Assessment
+from tactile_dynamics_ros.core.discrepancy.verdict.judgement import Judgement, judge
+from tactile_dynamics_ros.core.discrepancy.verdict.materiality import Trace
 
 Array = NDArray[np.float64]
 
@@ -62,7 +64,8 @@ class Comparison:
     """A model held against its data.
 
     Attributes:
-        assessment: is it adequate.
+        assessment: tests of the residual.
+        adequate: whether nothing is seen to be missing that matters; as `diagnose` says it.
         residuals: of the model.
         channel_rms: white RMS by channel.
         places: where it fails, worst first; empty if it is adequate, or if the error of no channel
@@ -73,6 +76,7 @@ class Comparison:
     """
 
     assessment: Assessment
+    adequate: bool
     residuals: Residuals
     channel_rms: dict[str, float]
     places: tuple[Place, ...]
@@ -101,11 +105,6 @@ class Comparison:
         """Names of the conditions on which the error may depend."""
         return tuple(dict.fromkeys(c.cosine_of or c.name for c in self.residuals.conditions))
 
-    @property
-    def adequate(self) -> bool:
-        """Whether nothing is seen to be missing that matters."""
-        return self.assessment.adequate or self.trace is not None
-
     def to_json(self) -> dict[str, Any]:
         """Fields of the document of `compare` that do not depend on the kind of model."""
         return {
@@ -120,21 +119,35 @@ class Comparison:
         }
 
 
-def compare(model: ResidualModel, significance: float = 0.01) -> Comparison:
+def compare(
+    model: ResidualModel,
+    judgement: Judgement | None = None,
+    diagnosis: Diagnosis | None = None,
+) -> Comparison:
     """Hold a fitted model against its data.
+
+    Where tests of the residual do not decide whether it is adequate, a diagnosis does.
 
     Args:
         model: fitted.
-        significance: family-wise level of the adequacy test.
+        judgement: of it, if there is one already.
+        diagnosis: of it, if there is one already.
     """
-    assessment = assess(model, significance)
+    if diagnosis is not None:
+        judgement = Judgement(diagnosis.assessment)
+    judgement = judgement or judge(model)
+    if diagnosis is None and judgement.adequate is None:
+        diagnosis = diagnose(model, judgement=judgement)
+    adequate, trace = bool(judgement.adequate), judgement.trace
+    if diagnosis is not None:
+        adequate, trace = diagnosis.verdict == "adequate", diagnosis.trace
+    assessment = judgement.assessment
     residuals = model.residuals()
     rms = np.sqrt(np.mean(residuals.white**2, axis=0))
-    trace = None if assessment.white else find_trace(assessment)
-    adequate = assessment.adequate or trace is not None
     intervals = () if adequate else _failing_intervals(residuals)
     return Comparison(
         assessment=assessment,
+        adequate=adequate,
         residuals=residuals,
         channel_rms=dict(zip(residuals.channels, map(float, rms), strict=True)),
         places=() if adequate else _places(residuals, assessment.structure.floor),

@@ -25,12 +25,8 @@ from tactile_dynamics_ros.core.discrepancy.signature import Signature, describe_
 from tactile_dynamics_ros.core.discrepancy.trials import Trial
 from tactile_dynamics_ros.core.discrepancy.validation import HeldOut, fits_equally, held_out
 from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import Assessment, assess
-from tactile_dynamics_ros.core.discrepancy.verdict.materiality import (
-    NEAR_FLOOR,
-    Trace,
-    find_idle,
-    find_trace,
-)
+from tactile_dynamics_ros.core.discrepancy.verdict.judgement import Judgement, judge
+from tactile_dynamics_ros.core.discrepancy.verdict.materiality import NEAR_FLOOR, Trace, find_idle
 from tactile_dynamics_ros.core.discrepancy.verdict.partial import explain_most
 from tactile_dynamics_ros.core.progress import tell
 
@@ -101,7 +97,7 @@ class Diagnosis:
 def diagnose(
     model: ResidualModel,
     config: DiagnosisConfig | None = None,
-    assessment: Assessment | None = None,
+    judgement: Judgement | None = None,
 ) -> Diagnosis:
     """Find out whether an effect is missing from a fitted model, and which.
 
@@ -118,22 +114,21 @@ def diagnose(
     Args:
         model: fitted.
         config: levels and depths.
-        assessment: of the model, if there is one already.
+        judgement: of the model, if there is one already.
     """
     config = config or DiagnosisConfig()
     tell("testing what the model leaves")
-    first = assessment or assess(model, config.significance)
+    judgement = judgement or judge(model, config.significance)
+    first = judgement.assessment
     before = held_out(model)
 
     def unnamed(verdict: str, steps: tuple[Step, ...], floor: float) -> Diagnosis:
         signature = describe_residual(first) if verdict == "unexplained" else None
         return Diagnosis(verdict, None, (), model, first, steps, before, before, floor, signature)
 
-    if first.white:
-        return unnamed("adequate", (), first.structure.floor)
-    trace = find_trace(first)
-    if trace is not None:
-        return replace(unnamed("adequate", (), first.structure.floor), trace=trace)
+    if judgement.adequate:
+        found = unnamed("adequate", (), first.structure.floor)
+        return replace(found, trace=judgement.trace)
     tell("reading signs, units, axes and clocks otherwise")
     convention = model.convention()
     if convention is not None:

@@ -120,7 +120,7 @@ def _why_not(candidate: Document, diagnosis: Diagnosis) -> str:
     if not significant or diagnosis.effect is not None or diagnosis.verdict != "adequate":
         return ""
     if diagnosis.trace is not None:
-        return "does not count: moves no estimate by half its standard deviation"
+        return f"does not count: {diagnosis.trace.reason}"
     return "does not count: errors of this size are what the sensors report of themselves"
 
 
@@ -206,12 +206,9 @@ def _fitted_together(diagnosis: Diagnosis) -> ParameterTable:
 
 
 def _trace_sentence(trace: Trace) -> str:
-    why = "moves no estimate by half its standard deviation"
-    if trace.idle:
-        why = "foretells nothing of the samples that it was not fitted to"
     text = (
         f"Nothing that matters is missing: the error is {trace.error:.3f} times the noise floor, "
-        f"and what is significant ({write_p_value(trace.p_value)}) {why}"
+        f"and what is significant ({write_p_value(trace.p_value)}) {trace.reason}"
     )
     if trace.name is None:
         return text + "."

@@ -13,6 +13,8 @@ from tactile_dynamics_ros.core.discrepancy.regimes.finding import RegimeFinding,
 from tactile_dynamics_ros.core.discrepancy.search import DiagnosisConfig, Step, reconsider_steps
 from tactile_dynamics_ros.core.discrepancy.signature import Signature, describe_residual
 from tactile_dynamics_ros.core.discrepancy.validation import HeldOut, held_out
+from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import Assessment
+from tactile_dynamics_ros.core.discrepancy.verdict.judgement import Judgement
 
 _READINGS = 2
 """Conventions as which a recording is read at most, each once. People mistake one, at times two; at
@@ -130,9 +132,10 @@ def _add_effects(first: Diagnosis, config: DiagnosisConfig) -> Explanation:
     diagnosis = first
     steps = first.steps if first.effect else ()
     for _ in range(config.depth):
-        if not diagnosis.effect or steps[-1].after.adequate:
+        judgement = Judgement(steps[-1].after) if steps else None
+        if not diagnosis.effect or judgement is None or judgement.adequate:
             break
-        diagnosis = diagnose(steps[-1].choice.model, config, steps[-1].after)
+        diagnosis = diagnose(steps[-1].choice.model, config, judgement)
         if diagnosis.effect:
             steps = reconsider_steps((*steps, *diagnosis.steps), config)
     return _summarise(first, diagnosis, steps, config)
@@ -160,7 +163,7 @@ def _summarise(
     )
     model, final = steps[-1].choice.model, steps[-1].after
     floor = min(first.floor, final.structure.floor)
-    left = not final.adequate and final.rms > config.near_floor * floor
+    left = not _is_adequate(model, final, last, config)
     return Explanation(
         verdict="unexplained" if left else "adequate",
         effects=tuple(step.name for step in steps),
@@ -173,6 +176,17 @@ def _summarise(
         floor=floor,
         signature=describe_residual(final) if left else None,
     )
+
+
+def _is_adequate(
+    model: ResidualModel, assessment: Assessment, last: Diagnosis, config: DiagnosisConfig
+) -> bool:
+    """Whether the final model is adequate, as `compare` and `diagnose` would say of it."""
+    judgement = Judgement(assessment)
+    if judgement.adequate is not None:
+        return judgement.adequate
+    found = last if last.model is model else diagnose(model, config, judgement)
+    return found.verdict == "adequate"
 
 
 class Outcome(Protocol):

@@ -2,7 +2,7 @@
 
 Long or precise recordings show effects that nobody need model. A finding is a trace if the error
 is next to the noise floor and every effect that could be its cause leaves all estimates in place,
-or does not foretell data that it was not fitted to.
+has too little evidence to be named, or does not predict data that it was not fitted to.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from tactile_dynamics_ros.core.discrepancy.model.residual_model import Misfit
 from tactile_dynamics_ros.core.discrepancy.screening import best_by_effect
 from tactile_dynamics_ros.core.discrepancy.search import DiagnosisConfig
 from tactile_dynamics_ros.core.discrepancy.selection import Choice
@@ -32,6 +31,11 @@ that which does not decide for the diagnosis either: all of them must leave the 
 are. Lower calls a finding a trace though a likely rival moves the estimates; higher asks of so many
 rivals that traces are told as missing effects."""
 
+_WEAK = "is too little for any known effect to be named"
+"""Reason of a trace that an effect could make which would move estimates, had it any evidence."""
+_IDLE = "predicts nothing of the samples that it was not fitted to"
+"""Reason of a trace that one effect explains, and does not explain in held-out samples."""
+
 
 @dataclass(frozen=True)
 class Trace:
@@ -43,7 +47,7 @@ class Trace:
         p_value: of the finding.
         error: white RMS over the noise floor.
         moved: largest change of an estimate, in standard deviations, if an effect is added.
-        idle: whether it explains nothing that it was not fitted to.
+        reason: why it does not matter, as a clause about the finding.
     """
 
     name: str | None
@@ -51,7 +55,7 @@ class Trace:
     p_value: float
     error: float
     moved: float
-    idle: bool = False
+    reason: str = "moves no estimate by half its standard deviation"
 
     def to_json(self) -> dict[str, Any]:
         """Part `trace` of the documents of `compare` and `diagnose`."""
@@ -61,27 +65,38 @@ class Trace:
             "p_value": self.p_value,
             "error_over_floor": self.error,
             "largest_change_in_std": self.moved,
+            "reason": self.reason,
         }
 
 
 def find_trace(assessment: Assessment) -> Trace | None:
     """The finding of an assessment if it does not matter; None if it may.
 
+    An effect matters that moves an estimate, provided that a diagnosis could name it: one with less
+    evidence only takes on what chance left.
+
     Args:
         assessment: of a model that is not white.
     """
-    model, floor = assessment.model, assessment.structure.floor
-    error = Misfit.of(model).rms / floor
-    if error > NEAR_FLOOR or not assessment.noise_stated_well:
+    if not is_near_floor(assessment):
         return None
+    model, floor = assessment.model, assessment.structure.floor
     without = evidence(model, floor)
     trials = [t for t in _suspects(assessment) if t.criterion < without]
+    error = assessment.rms / floor
     moved = max((model.moved_by(trial.model) for trial in trials), default=0.0)
     if moved > _MOVED:
-        return None
+        named = any(trial.criterion < without - _AS_LIKELY for trial in trials)
+        return None if named else Trace(None, {}, assessment.p_value, error, moved, _WEAK)
     name = trials[0].name if trials else None
     found = trials[0].model.parameters().get(trials[0].name, {}) if trials else {}
     return Trace(name, found, assessment.p_value, error, moved)
+
+
+def is_near_floor(assessment: Assessment) -> bool:
+    """Whether the error is so close to the floor of a well stated noise that it hardly matters."""
+    near = assessment.rms <= NEAR_FLOOR * assessment.structure.floor
+    return near and assessment.noise_stated_well
 
 
 def find_idle(
@@ -97,13 +112,13 @@ def find_idle(
         before: held-out error without it.
         after: the same with it.
     """
-    model, best = assessment.model, choice.best
-    error = Misfit.of(model).rms / assessment.structure.floor
-    if error > NEAR_FLOOR or not fits_equally(after, before, tolerance=0.0):
+    if not is_near_floor(assessment) or not fits_equally(after, before, tolerance=0.0):
         return None
+    model, best = assessment.model, choice.best
     found = choice.model.parameters().get(best.name, {})
     moved = model.moved_by(best.model)
-    return Trace(best.name, found, assessment.p_value, error, moved, idle=True)
+    error = assessment.rms / assessment.structure.floor
+    return Trace(best.name, found, assessment.p_value, error, moved, _IDLE)
 
 
 def _suspects(assessment: Assessment) -> list[Trial]:

@@ -87,8 +87,18 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
     catalogue: tuple[str, ...]
 
     @classmethod
-    def of_streams(cls, streams: PushedStreams, names: Sequence[str] = ()) -> PushDiscrepancy:
+    def of_streams(
+        cls,
+        streams: PushedStreams,
+        names: Sequence[str] = (),
+        fit: PushFit | PairFit | None = None,
+    ) -> PushDiscrepancy:
         """Fit a model with named effects.
+
+        Args:
+            streams: forces, contact points and poses of one part or two.
+            names: of the effects.
+            fit: of that model, if there is one already.
 
         Raises:
             BadInputError: an effect is unknown or has no law for two parts, nothing is touched
@@ -97,8 +107,8 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
                 what two are to each other is not known.
         """
         check_reading(streams)
-        kind = OnePart if len(streams.links) == 1 else TwoParts
-        first = kind.of_streams(streams, PUSHED.create_all(names))
+        kind: Any = OnePart if len(streams.links) == 1 else TwoParts
+        first: FittedPushes = kind.of_streams(streams, PUSHED.create_all(names), fit)
         model = cls._of_pushes(first, names)
         pushes = first.suspecting(streams, model.table.suspects)
         model = model if pushes is first else cls._of_pushes(pushes, names)

@@ -69,14 +69,21 @@ class OnePart(FittedPushes):
     astray: PushedStreams | None = None
 
     @classmethod
-    def of_streams(cls, streams: PushedStreams, effects: Sequence[PushEffect]) -> OnePart:
+    def of_streams(
+        cls, streams: PushedStreams, effects: Sequence[PushEffect], fit: PushFit | None = None
+    ) -> OnePart:
         """Fit a model with effects, or with a lean besides where they end where no object is.
+
+        Args:
+            streams: forces, contact points and poses.
+            effects: of the model.
+            fit: of it, if there is one already.
 
         Raises:
             BadInputError: nothing is touched while poses are known.
             NotIdentifiableError: nothing slides long enough.
         """
-        fit = fit_push(streams, effects)
+        fit = fit or fit_push(streams, effects)
         if _is_odd(fit) and _LEAN not in [effect.name for effect in effects]:
             fit = _with_lean(fit, streams, effects)
         return cls(with_expected_force(fit))

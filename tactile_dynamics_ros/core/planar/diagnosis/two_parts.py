@@ -52,8 +52,15 @@ class TwoParts(FittedPushes):
     fit: PairFit
 
     @classmethod
-    def of_streams(cls, streams: PushedStreams, effects: Sequence[PushEffect]) -> TwoParts:
+    def of_streams(
+        cls, streams: PushedStreams, effects: Sequence[PushEffect], fit: PairFit | None = None
+    ) -> TwoParts:
         """Fit the structure that the motion tells, with effects.
+
+        Args:
+            streams: forces, contact points and poses of both.
+            effects: of the model.
+            fit: of it, if there is one already.
 
         Raises:
             BadInputError: nothing is touched while poses are known, or an effect has no law for
@@ -69,7 +76,7 @@ class TwoParts(FittedPushes):
                     f"{effect.name}: has no law for {structure} parts, expected one of "
                     + ", ".join(_catalogue(structure))
                 )
-        fit = (fit_rigid if structure == "rigid" else fit_jointed)(pair, effects)
+        fit = fit or (fit_rigid if structure == "rigid" else fit_jointed)(pair, effects)
         return cls(with_expected_force(fit))
 
     @property

@@ -36,7 +36,7 @@ _TELL_PLAY = "estimate --effects loose_joint: the parts move as on a joint with 
 """Action where a joint with play is far likelier than all that the model has."""
 _TELL_UNTOUCHED = "push each part"
 """Action that tells a separate part of which only poses are known, since nothing touched it."""
-_TELL_MASS = "push faster and brake over 0.3 s, or shake while pulling, with forces at 100 Hz"
+TELL_MASS = "push faster and brake over 0.3 s, or shake while pulling, with forces at 100 Hz"
 """Action that tells masses from products: only acceleration does, as for one part alone."""
 
 
@@ -132,8 +132,12 @@ class LinkedEstimate:
             "error": self.error,
         }
 
-    def lines(self) -> list[str]:
-        """Sentences for people."""
+    def lines(self, fits: bool = True) -> list[str]:
+        """Sentences for people.
+
+        Args:
+            fits: whether the model explains the recording; else no push would tell more.
+        """
         said = [_structure_line(self.structure, self.probability)]
         if self.joint is not None:
             x, y = 1e3 * self.joint.position
@@ -159,7 +163,7 @@ class LinkedEstimate:
             said.append(f"{name}: {', '.join(told)}")
         if self.undetermined:
             said.append(f"undetermined: {', '.join(self.undetermined)}")
-        said += [f"to tell more: {remedy}" for remedy in self.remedies]
+        said += [f"to tell more: {remedy}" for remedy in self.remedies if fits]
         return said
 
 
@@ -232,5 +236,5 @@ def remedies(
     if not one_body and structure == "jointed":
         said.append(_TELL_CENTRES)
     if not one_body and any(n.endswith("mass") for n in parts):
-        said.append(_TELL_MASS)
+        said.append(TELL_MASS)
     return tuple(said)

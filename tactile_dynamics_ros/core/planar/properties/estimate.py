@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.core.planar.effects.registry import PUSHED
 from tactile_dynamics_ros.core.planar.known import KnownPushed
+from tactile_dynamics_ros.core.planar.linked.description import TELL_MASS
 from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
 from tactile_dynamics_ros.core.planar.misreading import check_reading
 from tactile_dynamics_ros.core.planar.properties.balance import NAMES
@@ -23,6 +24,7 @@ from tactile_dynamics_ros.core.planar.streams import PushedStreams
 
 if TYPE_CHECKING:
     from tactile_dynamics_ros.core.planar.linked.description import LinkedEstimate
+    from tactile_dynamics_ros.core.planar.properties.linked_fit import PairFit
     from tactile_dynamics_ros.core.planar.properties.push_model import PushFit
     from tactile_dynamics_ros.core.planar.sparse import SparseFit
 
@@ -119,16 +121,18 @@ class PushedEstimate:
             "friction_variation": self.unevenness,
         }
 
-    def lines(self) -> list[str]:
-        """Sentences for people."""
+    def lines(self, fits: bool = True) -> list[str]:
+        """Sentences for people.
+
+        Args:
+            fits: whether the model explains the recording; else no push would tell more.
+        """
         v = self.values
         force, std = v["friction_force_n"]
         said = [f"friction force    {force:.3f} ± {std:.3f} N"]
         if "mass" in self.undetermined:
-            said.append(
-                f"mass and friction are known only as a product ({force:.2f} ± {std:.2f} N): push "
-                "faster and brake over 0.3 s, or shake while pulling, with forces at 100 Hz"
-            )
+            product = f"mass and friction are known only as a product ({force:.2f} ± {std:.2f} N)"
+            said.append(f"{product}: {TELL_MASS}" if fits else product)
         else:
             said.append("mass              {:.3f} ± {:.3f} kg".format(*v["mass"]))
             said.append("friction          {:.3f} ± {:.3f}".format(*v["friction"]))
@@ -178,6 +182,18 @@ def estimate(
         NotIdentifiableError: the object has more than two parts, slides too little, or the
             optimiser did not come to an end.
     """
+    return estimate_with_fit(recording, effects, known)[0]
+
+
+def estimate_with_fit(
+    recording: PushedStreams | Pushed,
+    effects: Sequence[str] = (),
+    known: KnownPushed | None = None,
+) -> tuple[PushedEstimate | LinkedEstimate, PushFit | PairFit | None]:
+    """`estimate`, and the fit that it is read from, so that the same fit can be questioned.
+
+    The fit is None where poses are sparse, or two parts are separate or their numbers only guessed.
+    """
     streams = recording if isinstance(recording, PushedStreams) else recording.streams
     check_reading(streams)
     if len(streams.links) > 1:
@@ -185,7 +201,9 @@ def estimate(
     return _of_one(streams, effects, known)
 
 
-def _of_pair(streams: PushedStreams, effects: Sequence[str]) -> LinkedEstimate:
+def _of_pair(
+    streams: PushedStreams, effects: Sequence[str]
+) -> tuple[LinkedEstimate, PairFit | None]:
     chosen = PUSHED.create_all(effects)
     if _is_sparse(streams):
         raise NotIdentifiableError(
@@ -193,12 +211,12 @@ def _of_pair(streams: PushedStreams, effects: Sequence[str]) -> LinkedEstimate:
         )
     from tactile_dynamics_ros.core.planar.properties.linked_estimate import estimate_pair
 
-    return estimate_pair(streams, _of_one, chosen)
+    return estimate_pair(streams, lambda part: _of_one(part)[0], chosen)
 
 
 def _of_one(
     streams: PushedStreams, effects: Sequence[str] = (), known: KnownPushed | None = None
-) -> PushedEstimate:
+) -> tuple[PushedEstimate, PushFit | None]:
     patch = SupportPatch(np.asarray(streams.links[0].footprint, dtype=float))
     chosen = PUSHED.create_all(effects)
     if _is_sparse(streams):
@@ -206,12 +224,14 @@ def _of_one(
             raise NotIdentifiableError(
                 "poses before and after pushes alone tell no effects; record them at 5 Hz"
             )
-        return _of_sparse(fit_sparse(streams), streams, patch)
+        return _of_sparse(fit_sparse(streams), streams, patch), None
     from tactile_dynamics_ros.core.planar.properties.fit import error_without_effects, fit_push
 
     fit = fit_push(streams, chosen, known)
     found = _of_dense(fit, streams, patch)
-    return replace(found, error_without=error_without_effects(fit)) if chosen else found
+    if chosen:
+        found = replace(found, error_without=error_without_effects(fit))
+    return found, fit
 
 
 def _is_sparse(streams: PushedStreams) -> bool:

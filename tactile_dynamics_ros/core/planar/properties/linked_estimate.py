@@ -76,14 +76,15 @@ class _Found:
     torque: Value | None = None
     one_body: bool = False
     effects: Effects = field(default_factory=dict)
+    fit: PairFit | None = None
 
 
 def estimate_pair(
     streams: PushedStreams,
     estimate_alone: Callable[[PushedStreams], Alone],
     effects: Sequence[PushEffect] = (),
-) -> LinkedEstimate:
-    """Estimate two parts.
+) -> tuple[LinkedEstimate, PairFit | None]:
+    """Estimate two parts; also return the fit, if the numbers are read from one of both.
 
     Args:
         streams: with poses of both at 5 Hz or more.
@@ -111,7 +112,7 @@ def estimate_pair(
     undetermined = _undetermined(pair, found)
     if structure.name == "jointed" and found.torque is None:
         undetermined += ("joint.friction_torque_nm",)
-    return LinkedEstimate(
+    estimate = LinkedEstimate(
         samples=found.samples,
         duration=float(streams.links[0].time[-1] - streams.links[0].time[0]),
         structure=structure.name,
@@ -126,6 +127,7 @@ def estimate_pair(
         error=found.error,
         effects=_effects(pair, found, others),
     )
+    return estimate, found.fit
 
 
 def _effects(pair: Pair, found: _Found, others: Sequence[PushEffect]) -> Effects:
@@ -151,9 +153,10 @@ def _found(
             fit = fit_jointed(pair, effects)
         except NotIdentifiableError:
             return _guessed(pair)
-        return _of_jointed(pair, _trusted(fit)) if fit.converged else _guessed(pair)
-    fit = fit_rigid(pair, effects)
-    return _of_rigid(pair, _trusted(fit)) if fit.converged else _guessed(pair)
+        read = _of_jointed
+    else:
+        fit, read = fit_rigid(pair, effects), _of_rigid
+    return replace(read(pair, _trusted(fit)), fit=fit) if fit.converged else _guessed(pair)
 
 
 def _trusted(fit: PairFit) -> PairFit:
