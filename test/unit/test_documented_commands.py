@@ -15,7 +15,7 @@ COMMAND = """#!/bin/bash
 case "$1" in
     up) trap 'exit 0' INT; echo started; while :; do sleep 0.05; done ;;
     view) echo http://here; while :; do sleep 0.05; done ;;
-    call) [ -e asked ] || { touch asked; echo "not yet"; exit 2; } ;;
+    call) [ -e asked ] || { touch asked; echo "not yet"; exit 3; } ;;
     import) test -s "$2" && echo "it has rows" ;;
     estimate) echo "mass 1.25 0.01 kg"; exit 3 ;;
     demo) sleep 60 ;;
