@@ -216,6 +216,7 @@ class ExplorerNode(Shell):
         if run is None or performance is None:
             return
         if self.scene.fallen:
+            self._move(self.scene.seen().tip, None, AT_REST)
             self._finish("the object has fallen over", False)
             return
         target = performance.advance(self.scene.seen())

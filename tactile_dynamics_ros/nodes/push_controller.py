@@ -71,6 +71,8 @@ class PushControllerNode(Shell):
         if controller.phase in ("look", "push") and self.scene.second_outline() is not None:
             controller.planner.body = self.scene.body()  # where parts lie now, and whether jointed
         if self.scene.fallen:
+            rest = tip_pose(self.scene.seen().tip)
+            self._target.publish(pose_to_message(rest, AT_REST, WORLD))
             self._halt("the object has fallen over")
             return
         target = controller.advance(self.scene.seen())
