@@ -93,8 +93,8 @@ class Pace:
         if stamp <= 0.0:
             self._command = (0.0, -np.inf)
             return
-        since, limit = stamp - self._command[0], self._config.command_lag
-        self._period = min(since, limit) if since > 0.0 else self._period
+        since = stamp - self._command[0]
+        self._period = since if 0.0 < since <= self._config.command_lag else self._period
         overdue = simulated - stamp > self._config.command_latency + _ROUNDING
         self.late += overdue and _ROUNDING < since < PAUSE
         self._command = (stamp, time.monotonic())

@@ -53,10 +53,10 @@ _REMEMBERED = 50
 _NEAR = 0.03
 """s by which a pose of the tip may miss those of parts: beyond, a tip at 5 cm/s is 1.5 mm off, and
 it is not known where it pushed."""
-_ANSWERED = 10
-"""Poses of the tip taken together of which each is answered: a tenth of a second at 100 Hz. Where
-only the newest were, a motion would have holes where the machine is busy, and jerk what it pushes;
-more would lead the tip along a way on which it should have been long ago."""
+_ANSWERED = 4
+"""Poses of the tip taken together of which each is answered: as many as come at 100 Hz within the
+delay of an arm, 30 ms, and one. Where only the newest were, a motion would have holes where the
+machine is busy, and jerk what it pushes; more would be answered too late, and the tip leap."""
 AT_REST = Stamp(0, 0)
 """Stamp of the last target of a motion: executed at once, and a simulation waits for no other."""
 OPEN = 0.004
