@@ -48,9 +48,8 @@ TWO_PARTS = (
 )
 """What is different with an object of two parts, in words for people."""
 LATE = (
-    "this machine cannot keep up: {} targets of the arm came too late for the simulation, so that "
-    "pushes were not as planned and the result may be another one; run it with less beside it, or "
-    "with --real-time-factor 0.3"
+    "this machine cannot keep up: {} times the next target of the arm was waited for in vain, so "
+    "that pushes were not as planned and the result may be another one; run it with less beside it"
 )
 """What is said where a controller was too late even for a simulation that waits."""
 START = 120.0

@@ -63,7 +63,7 @@ class Pace:
         config: factor and patience.
 
     Attributes:
-        late: commands that came after their time, within a motion that was waited for in vain.
+        late: how often a command of a motion was waited for in vain.
     """
 
     def __init__(self, config: PaceConfig) -> None:
@@ -96,7 +96,8 @@ class Pace:
         since = stamp - self._command[0]
         self._period = since if 0.0 < since <= self._config.command_lag else self._period
         overdue = simulated - stamp > self._config.command_latency + _ROUNDING
-        self.late += overdue and _ROUNDING < since < PAUSE
+        in_vain = time.monotonic() - self._command[1] >= self._config.command_timeout
+        self.late += overdue and in_vain and since < PAUSE
         self._command = (stamp, time.monotonic())
 
     def counts(self) -> dict[str, int]:
