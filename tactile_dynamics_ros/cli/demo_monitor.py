@@ -148,6 +148,9 @@ class Monitor:
         said, time_ = read_inertia_status(message.status), to_seconds(message.header.stamp)
         if said.samples:
             self._measured = (self._measured or (time_,))[0], time_
+        repeated = bool(self._estimates) and time_ <= self._estimates[-1][0]
+        if said.known and repeated:  # a status comes at least once a second, renewed or not
+            return
         if said.known:
             self._estimates.append((time_, said.value, said.std))
         self._show(said)
@@ -163,7 +166,7 @@ class Monitor:
             self._live.update(self._table(said))
         elif time.monotonic() - self._last_line > LINE_EVERY:
             self._last_line = time.monotonic()
-            self._say(f"  {said.samples:>5} samples: {_line(said)}")
+            self._say(_line(said))
 
     def _table(self, said: InertiaStatus) -> Table:
         pace = f"{self._pace[-1]:.2f} x real time" if self._pace else ""
@@ -186,11 +189,12 @@ class Monitor:
 
 
 def _line(said: InertiaStatus) -> str:
-    """Return mass and centre of mass, or why they are not known."""
+    """Return samples, mass and centre of mass, or why these are not known."""
     if not said.known:
-        return f"no estimate: {said.text or 'nothing is measured yet'}"
+        return f"  no estimate: {said.text or 'nothing is measured yet'}"
     shown = list(zip(NAMES, said.value, said.std, strict=True))[:4]
-    return ", ".join(
+    values = ", ".join(
         f"{label} {scale * value:.1f} ± {scale * std:.1f} {unit}"
         for (_, label, scale, unit), value, std in shown
     )
+    return f"  {said.samples:>5} samples: {values}"
