@@ -82,11 +82,9 @@ def test_a_condition_follows_its_error_occurs(where, words):
 
 def compared(scale):
     found = residuals(scale)
-    assessment = SimpleNamespace(
-        white=False, adequate=False, p_value=0.0, structure=SimpleNamespace(floor=1.0)
-    )
+    assessment = SimpleNamespace(white=False, p_value=0.0, structure=SimpleNamespace(floor=1.0))
     places = _places(found, 1.0)
-    answer = CoreComparison(assessment, found, {"force x": 3.0}, places, ())
+    answer = CoreComparison(assessment, False, found, {"force x": 3.0}, places, ())
     error = {"whitened_rms": 3.0, "force_rms_n": 0.1, "torque_rms_nm": None}
     document = {"error": error} | answer.to_json()
     return Comparison(question(), answer, document)
