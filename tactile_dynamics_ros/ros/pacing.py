@@ -80,8 +80,13 @@ class Pace:
         return ahead or self._controller_is_late(simulated) or self._is_unheard(simulated)
 
     def note_estimate(self, message: DiagnosticArray) -> None:
-        """Note an estimator's status, whose stamp says up to when it has heard everything."""
-        self._estimate = (to_seconds(message.header.stamp), time.monotonic())
+        """Note an estimator's status, whose stamp says up to when it has heard everything.
+
+        One that is repeated because nothing new is measured is nothing to wait for.
+        """
+        stamp = to_seconds(message.header.stamp)
+        if stamp > self._estimate[0]:
+            self._estimate = (stamp, time.monotonic())
 
     def note_command(self, stamp: float, simulated: float) -> None:
         """Note a command and its stamp, s.

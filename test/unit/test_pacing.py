@@ -102,6 +102,19 @@ def test_simulated_time_does_not_run_ahead_of_an_estimator_that_is_behind(monkey
     assert not pace.must_wait(time)  # it has ended
 
 
+def test_an_estimator_that_repeats_its_status_because_nothing_is_measured_holds_nothing_up(
+    monkeypatch,
+):
+    machine = Machine(monkeypatch)
+    pace = Pace(PaceConfig())
+    repeated, time = DiagnosticArray(header=Header(stamp=Time(sec=0))), 0.0
+    for _ in range(1500):
+        machine.now += PERIOD
+        pace.note_estimate(repeated)
+        time += 0.0 if pace.must_wait(time) else PERIOD
+    assert time > 4.0 * pacing.BEHIND
+
+
 def test_a_command_without_a_stamp_ends_a_motion_and_nothing_is_waited_for(monkeypatch):
     Machine(monkeypatch)
     pace = Pace(PaceConfig())
