@@ -56,8 +56,7 @@ class Background:
     def close(self) -> None:
         """Drop what waits, and end what runs; do not wait until it has ended.
 
-        That may take seconds: what was killed still has to be given processor time to end, of which
-        it gets a fortieth where eight others compute on two cores.
+        That may take seconds on a busy machine: what was killed needs processor time to end.
         """
         with self._starting:
             self.closed = True
