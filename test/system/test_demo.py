@@ -13,7 +13,7 @@ from tactile_dynamics_ros.sim.hidden_effects import CATALOGUED
 VERDICTS = {"adequate", "missing_effect", "ambiguous", "convention", "unexplained"}
 
 
-def play(out, *words, timeout=500.0):
+def play(out, *words, timeout=1000.0):
     """Play the demo to its end and return its document and what it said."""
     command = verb_command("demo", "--object", "box_0", "--out", str(out), *words, "--json")
     done = subprocess.run(command, capture_output=True, text=True, timeout=timeout)
@@ -34,7 +34,7 @@ def check_revealed(result, out, hidden):
     assert (out / "explain" / "report.html").stat().st_size > 10_000
 
 
-@pytest.mark.timeout(560)
+@pytest.mark.timeout(1100)
 def test_demo_leaves_recording_report_and_no_process(tmp_path):
     out = tmp_path / "demo"
     result = play(out, "--seed", "1", "--duration", "6")
@@ -51,7 +51,7 @@ def test_demo_leaves_recording_report_and_no_process(tmp_path):
     }
 
 
-@pytest.mark.timeout(560)
+@pytest.mark.timeout(1100)
 def test_a_hidden_effect_is_diagnosed_explained_and_revealed(tmp_path):
     out, hidden = tmp_path / "demo", "viscous_drag"
     words = ["--hidden", hidden, "--magnitude", "3", "--seed", "3", "--duration", "12"]
