@@ -10,27 +10,39 @@ from typing import TYPE_CHECKING, Any
 from tactile_dynamics_ros.version import __version__
 
 if TYPE_CHECKING:
-    from tactile_dynamics_ros.api import (
-        Check,
-        Comparison,
-        Diagnosis,
-        Estimate,
-        EstimateOfPushes,
-        Explanation,
-        PushedCheck,
-        PushedRecording,
-        Recording,
-        Shape,
+    from tactile_dynamics_ros.api.checks import Check
+    from tactile_dynamics_ros.api.discrepancies import Comparison, Diagnosis, Explanation
+    from tactile_dynamics_ros.api.estimates import Estimate
+    from tactile_dynamics_ros.api.pushed_checks import PushedCheck
+    from tactile_dynamics_ros.api.pushed_estimates import EstimateOfPushes
+    from tactile_dynamics_ros.api.shapes import Shape
+    from tactile_dynamics_ros.api.verbs import (
         check,
         compare,
         diagnose,
         estimate,
         explain,
         read,
-        read_wrist,
         shape,
     )
+    from tactile_dynamics_ros.api.wrist import read_wrist
+    from tactile_dynamics_ros.recording import Recording
+    from tactile_dynamics_ros.recording.pushed import PushedRecording
 
+_MODULES = {
+    "Check": "api.checks",
+    "Comparison": "api.discrepancies",
+    "Diagnosis": "api.discrepancies",
+    "Estimate": "api.estimates",
+    "EstimateOfPushes": "api.pushed_estimates",
+    "Explanation": "api.discrepancies",
+    "PushedCheck": "api.pushed_checks",
+    "PushedRecording": "recording.pushed",
+    "Recording": "recording",
+    "Shape": "api.shapes",
+    "read_wrist": "api.wrist",
+}
+"""Where what is not a verb comes from: imported on demand, as each costs a second."""
 
 __all__ = [
     "Check",
@@ -56,7 +68,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """Return a verb of the Python interface.
+    """Return a verb, or the type of what a verb takes or returns.
 
     Raises:
         AttributeError: there is none of this name.
@@ -65,7 +77,8 @@ def __getattr__(name: str) -> Any:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from importlib import import_module
 
-    return getattr(import_module(f"{__name__}.api"), name)
+    module = _MODULES.get(name, "api.verbs")
+    return getattr(import_module(f"{__name__}.{module}"), name)
 
 
 def __dir__() -> list[str]:
