@@ -10,6 +10,8 @@ import pytest  # noqa: E402
 from hypothesis import settings  # noqa: E402
 
 from tactile_dynamics_ros.cli.domain import private_domain  # noqa: E402
+from tactile_dynamics_ros.core.effects.registry import HELD  # noqa: E402
+from tactile_dynamics_ros.core.planar.effects.registry import PUSHED  # noqa: E402
 
 _claim = private_domain()
 
@@ -25,6 +27,14 @@ def pytest_configure(config):
 def pytest_unconfigure(config):
     """Give the domain back."""
     _claim.__exit__(None, None, None)
+
+
+@pytest.fixture(autouse=True)
+def catalogue_alone(monkeypatch):
+    """Effects of one's own that a test loads are forgotten after it."""
+    for registry in (HELD, PUSHED):
+        registry.names()
+        monkeypatch.setattr(registry, "_known", dict(registry._known))
 
 
 @pytest.fixture

@@ -61,13 +61,6 @@ effects:
 """
 
 
-@pytest.fixture(autouse=True)
-def forget_user_effects(monkeypatch):
-    """Every test starts with the catalogue alone."""
-    registered_names()
-    monkeypatch.setattr(registry.HELD, "_known", dict(registry.HELD._known))
-
-
 def load(tmp_path: Path, text: str):
     path = tmp_path / "own.yaml"
     path.write_text(text)
@@ -345,9 +338,7 @@ class Windy(PushEffect):
 """
 
 
-def test_a_file_adds_an_effect_of_pushes(tmp_path, monkeypatch):
-    PUSHED.names()
-    monkeypatch.setattr(PUSHED, "_known", dict(PUSHED._known))
+def test_a_file_adds_an_effect_of_pushes(tmp_path):
     file = tmp_path / "own.py"
     file.write_text(OWN_PUSH_EFFECT)
     args = Namespace(effects="windy", effect_file=[str(file)])
