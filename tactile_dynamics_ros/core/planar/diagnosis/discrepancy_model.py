@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -391,9 +392,13 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
         """Friction that differs by place may look like a slope, and a pull like a lean.
 
         What is clearly likelier in a regime, before any refit, is not ruled out by a fit with what
-        acts everywhere.
+        acts everywhere. Beside a field that no real table has, part of the cause is in the field:
+        what would do the same as it, is as likely.
         """
         varied = (VARIATION,) if name == SLOPE and self.table.imitating else ()
+        if self.table.is_rougher_than_tables:
+            others = (s for s in self.table.suspects if plain_name(s) != plain_name(name))
+            varied = (VARIATION, *islice(others, 1))
         other = plain_name(name) != plain_name(self.table.regional)
         regional = (self.table.regional,) if self.table.regional and other else ()
         return (*varied, *regional, *self.pushes.imitators(name))

@@ -86,6 +86,11 @@ class Table:
     suspects: tuple[str, ...] = ()
 
     @property
+    def is_rougher_than_tables(self) -> bool:
+        """Whether the field is larger than on real tables: then it may be what acts there."""
+        return self.field >= _FIELDS[-1]
+
+    @property
     def total(self) -> float:
         """Standard deviation at one place."""
         return float(np.hypot(self.along, self.field))
@@ -234,7 +239,8 @@ def likeliest_table(
                 value = left.evidence(part) - odds - prices[name]
                 found[name, table] = max(found.get((name, table), -np.inf), value)
     allowed = {key: v for key, v in found.items() if not most or key[1].field <= most.field}
-    chosen = replace(_chosen(allowed), suspects=_suspects(found))
+    suspects = most.suspects if most else _suspects(found)
+    chosen = replace(_chosen(allowed), suspects=suspects)
     if most and not chosen.field:
         chosen = replace(chosen, imitating=most.imitating, length=most.length)
     chosen = replace(chosen, unsure=_unsure(found, chosen))
