@@ -7,6 +7,7 @@ import math
 import os
 import signal
 import sys
+from collections.abc import Callable
 from contextlib import suppress
 from typing import NoReturn
 
@@ -32,14 +33,20 @@ class StopRequest:
             runs there, s; 0: at once; infinite: never. May be changed before the request.
         limit: real time from the request until a process that hangs prints where and is ended with
             exit code 1, s; None: it is not ended.
+        at_once: called when the request comes, wherever the main thread is.
 
     Attributes:
         requested: whether the process was asked to stop.
     """
 
-    def __init__(self, patience: float = math.inf, limit: float | None = None) -> None:
+    def __init__(
+        self,
+        patience: float = math.inf,
+        limit: float | None = None,
+        at_once: Callable[[], None] = lambda: None,
+    ) -> None:
         self.requested = False
-        self.patience, self._limit = patience, limit
+        self.patience, self._limit, self._at_once = patience, limit, at_once
 
     def __enter__(self) -> StopRequest:
         handlers = dict.fromkeys(REQUESTS, self._on_request)
@@ -62,6 +69,7 @@ class StopRequest:
         self.requested = True
         if self._limit is not None:
             faulthandler.dump_traceback_later(self._limit, exit=True)
+        self._at_once()
         if self.patience == 0.0:
             raise Stopped
         if self.patience < math.inf:

@@ -11,6 +11,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from threading import Lock
 from typing import Any, TypeVar
+from weakref import WeakSet
 
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
 from tactile_dynamics_ros.ros.worker import receive, send
@@ -18,6 +19,19 @@ from tactile_dynamics_ros.ros.worker import receive, send
 Result = TypeVar("Result")
 
 WORKER = [sys.executable, "-m", "tactile_dynamics_ros.ros.worker"]
+
+_OPEN: WeakSet[Background] = WeakSet()
+"""All of this process."""
+
+
+def abandon_all() -> None:
+    """End what runs in the background of this process, which is about to end.
+
+    First of all: what is killed gives back its memory at its low priority, for seconds on a busy
+    machine, while files are written.
+    """
+    for one in _OPEN:
+        one.abandon()
 
 
 class Background:
@@ -35,6 +49,7 @@ class Background:
         self._starting = Lock()
         self.closed = False
         self._start()
+        _OPEN.add(self)
 
     @property
     def busy(self) -> bool:
@@ -59,9 +74,13 @@ class Background:
         That may take seconds on a busy machine: what was killed needs processor time to end.
         """
         with self._starting:
-            self.closed = True
-            self._kill()
+            self.abandon()
         self._pool.shutdown(wait=False, cancel_futures=True)
+
+    def abandon(self) -> None:
+        """End what runs, and compute nothing any longer."""
+        self.closed = True
+        self._kill()
 
     def _kill(self) -> None:
         with suppress(ProcessLookupError):

@@ -24,6 +24,7 @@ from std_srvs.srv import Trigger
 
 from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError
 from tactile_dynamics_ros.ros.arguments import start_ros
+from tactile_dynamics_ros.ros.background import abandon_all
 from tactile_dynamics_ros.ros.conversions import MessageError
 from tactile_dynamics_ros.ros.diagnostics import Faults
 from tactile_dynamics_ros.ros.introduction import introduce
@@ -369,7 +370,7 @@ def run_node(factory: Callable[[], Shell], arguments: list[str] | None = None) -
     """
     finish_bursts()
     node: Shell | None = None
-    with StopRequest(patience=0.0, limit=TIME_TO_END) as stop:
+    with StopRequest(patience=0.0, limit=TIME_TO_END, at_once=abandon_all) as stop:
         try:
             start_ros(arguments)
             node = factory()

@@ -10,7 +10,8 @@ import pytest
 
 from tactile_dynamics_ros.core.effects import create_effects
 from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError
-from tactile_dynamics_ros.ros.background import WORKER, Background
+from tactile_dynamics_ros.ros.background import WORKER, Background, abandon_all
+from tactile_dynamics_ros.stopping import StopRequest
 
 
 @pytest.fixture
@@ -89,6 +90,17 @@ def test_closing_does_not_wait_for_what_it_ended(monkeypatch):
     assert background._process.poll() is None
     kill(background._process.pid, signal.SIGKILL)
     background._process.wait(30)
+
+
+def test_a_request_to_stop_ends_at_once_what_runs(background):
+    """Before files are written: what is killed needs seconds to end on a busy machine."""
+    running = background.submit(time.sleep, 60)
+    while not psutil.Process(background._process.pid).children():
+        time.sleep(0.01)
+    with StopRequest(at_once=abandon_all):
+        os.kill(os.getpid(), signal.SIGINT)
+        assert isinstance(running.exception(30), TactileDynamicsError)
+    assert background.closed
 
 
 def test_nothing_is_started_again_once_it_is_closed():
