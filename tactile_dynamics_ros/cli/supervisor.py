@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import os
+import secrets
 import signal
 import subprocess
 import sys
@@ -16,6 +17,7 @@ from typing import IO
 
 from tactile_dynamics_ros.cli.bringup import RESPAWN_DELAY, Respawns
 from tactile_dynamics_ros.stopping import hold_requests
+from tactile_dynamics_ros.view import TOKEN_VARIABLE
 
 PATIENCE = (("SIGINT", 6.0), ("SIGTERM", 2.0), ("SIGKILL", 2.0))
 PR_SET_PDEATHSIG = 1
@@ -205,5 +207,6 @@ def start_view(supervisor: Supervisor, port: int | None, say: Callable[[str], No
         say: prints a line for people.
     """
     if port:
+        token = os.environ.setdefault(TOKEN_VARIABLE, secrets.token_urlsafe(16))
         supervisor.start("view", verb_command("view", "--port", str(port)))
-        say(f"live page: http://127.0.0.1:{port}/")
+        say(f"live page: http://127.0.0.1:{port}/?token={token}")

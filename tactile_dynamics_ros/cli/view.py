@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import ipaddress
 import json
-import secrets
 import time
 from argparse import ArgumentParser, Namespace, _SubParsersAction
 from collections.abc import Callable, Iterator, Mapping
@@ -59,7 +57,7 @@ def add_page_arguments(parser: ArgumentParser) -> None:
         "--host",
         default="127.0.0.1",
         metavar="ADDRESS",
-        help="to listen on (127.0.0.1; others need the token that is printed)",
+        help="to listen on (127.0.0.1: only this machine reaches it)",
     )
     parser.add_argument("--port", type=PORT, default=8080, metavar="N", help="to listen on (8080)")
     parser.add_argument(
@@ -91,32 +89,24 @@ def require_viser() -> None:
 
 @contextmanager
 def served(args: Namespace, actions: Mapping[str, Callable[[], str]] | None) -> Iterator[LivePage]:
-    """A page at the address of the arguments, behind a token where others could reach it.
+    """A page at the address of the arguments.
 
     Raises:
         BadInputError: the address cannot be listened on.
     """
-    from tactile_dynamics_ros.view.gate import Gate
     from tactile_dynamics_ros.view.page import LivePage
 
-    guarded = args.control or not _is_loopback(args.host)
-    gate = None
     try:
-        if not guarded and args.port:
+        if args.port:
             _require_free(args.host, args.port)
-        page = LivePage("127.0.0.1" if guarded else args.host, 0 if guarded else args.port, actions)
-        token = secrets.token_urlsafe(16)
-        gate = Gate(args.host, args.port, page.port, token) if guarded else None
+        page = LivePage(args.host, args.port, actions)
     except OSError as error:
         raise BadInputError(f"--port {args.port} of {args.host}: {error.strerror}") from error
-    port, ending = (gate.port, f"?token={token}") if gate else (page.port, "")
-    address = f"http://{args.host}:{port}/{ending}"
-    print(json.dumps({"page": address}) if args.json else f"page: {address}", flush=True)
+    said = json.dumps({"page": page.address}) if args.json else f"page: {page.address}"
+    print(said, flush=True)
     try:
         yield page
     finally:
-        if gate is not None:
-            gate.close()
         page.close()
 
 
@@ -126,13 +116,6 @@ def _require_free(host: str, port: int) -> None:
 
     with socket.create_server((host, port)):
         pass
-
-
-def _is_loopback(host: str) -> bool:
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"
 
 
 def _play(args: Namespace, stop: StopRequest) -> None:

@@ -1,119 +1,107 @@
-"""A door before the page for browsers of other machines: only who has the token comes in."""
+"""Who may read and use a page: browsers that were given its address, and no other site in them."""
 
 from __future__ import annotations
 
-import asyncio
 import hmac
-import threading
-from concurrent.futures import Future
-from contextlib import suppress
-from http.cookies import SimpleCookie
+import ipaddress
+import os
+import secrets
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from http import HTTPStatus
+from http.cookies import CookieError, SimpleCookie
+from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
-_COOKIE = "tactile_dynamics"
-"""Name of the cookie in which a browser keeps the token."""
-_LONGEST = 65536
-"""Bytes of a request's head that are read: more than browsers send; without a limit anybody could
-fill the memory."""
+import websockets.asyncio.server
+from websockets import Headers
+from websockets.asyncio.server import ServerConnection
+from websockets.http11 import Request, Response
+
+from tactile_dynamics_ros.view import TOKEN_VARIABLE
+
+_LOOPBACK = ("localhost", "127.0.0.1", "::1")
+"""Names of this machine in the address of a page that only it can reach."""
+
+Answerer = Callable[[ServerConnection, Request], Response | None]
+"""Answers a request before it becomes a websocket; None lets it become one."""
 
 
 class Gate:
-    """Hands connections on to a page of this machine once they have shown a token.
+    """Lets requests in, of HTTP and for websockets alike, that come with the page's token.
 
-    The first request shows it as `?token=..` and gets a cookie; every further connection, that of
-    the websocket too, shows the cookie.
+    The first one shows it as `?token=..` and gets a cookie, all others show the cookie. A request
+    that another site makes in a browser is refused by its Origin, and one that reached this machine
+    under the name of another (DNS rebinding) by its Host.
 
     Args:
-        host: address to listen on.
-        port: to listen on; 0 takes a free one.
-        inner: port of the page on 127.0.0.1.
-        token: secret.
+        host: address that is listened on.
+
+    Attributes:
+        token: secret of this page.
     """
 
-    def __init__(self, host: str, port: int, inner: int, token: str) -> None:
-        self._inner, self._token = inner, token
-        self._listening: Future[int] = Future()
-        self._thread = threading.Thread(
-            target=lambda: asyncio.run(self._serve(host, port)), daemon=True
-        )
-        self._thread.start()
-        self.port = self._listening.result()
+    def __init__(self, host: str) -> None:
+        self.token = os.environ.get(TOKEN_VARIABLE) or secrets.token_urlsafe(16)
+        self._names = (*_LOOPBACK, host) if is_loopback(host) else None
 
-    def close(self) -> None:
-        """Stop listening and cut all connections."""
-        self._loop.call_soon_threadsafe(self._over.set)
-        self._thread.join()
+    @contextmanager
+    def guarding(self) -> Iterator[None]:
+        """Servers of websockets that start meanwhile ask here first."""
+        serve = websockets.asyncio.server.serve
 
-    async def _serve(self, host: str, port: int) -> None:
-        self._loop, self._over = asyncio.get_running_loop(), asyncio.Event()
+        def guarded(*args: Any, process_request: Answerer, **options: Any) -> Any:
+            answer = partial(self.answer, then=process_request)
+            return serve(*args, process_request=answer, **options)
+
+        websockets.asyncio.server.serve = guarded  # type: ignore[misc, assignment]
         try:
-            server = await asyncio.start_server(self._welcome, host, port, limit=_LONGEST)
-        except OSError as error:
-            self._listening.set_exception(error)
-            return
-        self._listening.set_result(int(server.sockets[0].getsockname()[1]))
-        await self._over.wait()
-        server.close()
+            yield
+        finally:
+            websockets.asyncio.server.serve = serve  # type: ignore[misc]
 
-    async def _welcome(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    def answer(
+        self, connection: ServerConnection, request: Request, then: Answerer
+    ) -> Response | None:
+        """Refuse a request, give it the cookie, or hand it on."""
         try:
-            head = await asyncio.wait_for(reader.readuntil(b"\r\n\r\n"), 10.0)
-        except (TimeoutError, asyncio.IncompleteReadError, asyncio.LimitOverrunError, OSError):
-            writer.close()
-            return
-        target, shown = _read_head(head.decode("latin-1"))
-        if any(self._is_right(token) for token in shown):
-            with suppress(asyncio.CancelledError):  # the gate closes
-                await self._hand_on(head, reader, writer)
-        elif any(
-            self._is_right(token) for token in parse_qs(urlsplit(target).query).get("token", [])
-        ):
-            cookie = f"{_COOKIE}={self._token}; HttpOnly; SameSite=Strict"
-            _reply(writer, "303 See Other", f"Location: /\r\nSet-Cookie: {cookie}\r\n")
-        else:
-            _reply(writer, "403 Forbidden", "", "open the address with its ?token=...\n")
+            host, origin = (request.headers.get(name, "") for name in ("Host", "Origin"))
+            name = urlsplit(f"//{host}").hostname or ""
+            target = urlsplit(request.path)
+            shown = parse_qs(target.query).get("token", [])
+            cookies = SimpleCookie(request.headers.get("Cookie", ""))
+        except (ValueError, LookupError, CookieError):  # LookupError: a header comes twice
+            return _refuse(connection, HTTPStatus.BAD_REQUEST, "the request cannot be read")
+        if target.netloc or not target.path.startswith("/"):
+            return _refuse(connection, HTTPStatus.BAD_REQUEST, "the request cannot be read")
+        if self._names is not None and name not in self._names:
+            return _refuse(connection, HTTPStatus.FORBIDDEN, f"'{name}' is not this page")
+        if origin and urlsplit(origin).netloc != host:
+            return _refuse(connection, HTTPStatus.FORBIDDEN, "another site asks")
+        cookie = f"tactile_dynamics_{connection.local_address[1]}"
+        if cookie in cookies and self._is_right(cookies[cookie].value):
+            return then(connection, request)
+        if any(map(self._is_right, shown)):
+            headers = Headers(
+                Location="/",
+                **{"Set-Cookie": f"{cookie}={self.token}; HttpOnly; SameSite=Strict"},
+            )
+            headers["Content-Length"] = "0"
+            return Response(HTTPStatus.SEE_OTHER, "See Other", headers)
+        return _refuse(connection, HTTPStatus.FORBIDDEN, "open the address with its ?token=...")
 
     def _is_right(self, token: str) -> bool:
-        return hmac.compare_digest(token.encode(), self._token.encode())
-
-    async def _hand_on(
-        self, head: bytes, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
-    ) -> None:
-        try:
-            answers, requests = await asyncio.open_connection("127.0.0.1", self._inner)
-        except OSError:
-            writer.close()
-            return
-        requests.write(head)
-        await asyncio.gather(_pour(reader, requests), _pour(answers, writer))
+        return hmac.compare_digest(token.encode(), self.token.encode())
 
 
-def _read_head(head: str) -> tuple[str, list[str]]:
-    """Return the target of a request and the tokens of its cookies."""
-    first, *lines = head.split("\r\n")
-    words = first.split(" ")
-    cookies = SimpleCookie()
-    for line in lines:
-        name, _, value = line.partition(":")
-        if name.lower() == "cookie":
-            cookies.load(value.strip())
-    shown = [cookies[_COOKIE].value] if _COOKIE in cookies else []
-    return (words[1] if len(words) > 1 else ""), shown
-
-
-def _reply(writer: asyncio.StreamWriter, status: str, fields: str, text: str = "") -> None:
-    fields += f"Content-Length: {len(text.encode())}\r\nConnection: close\r\n"
-    writer.write(f"HTTP/1.1 {status}\r\n{fields}\r\n{text}".encode())
-    writer.close()
-
-
-async def _pour(source: asyncio.StreamReader, target: asyncio.StreamWriter) -> None:
-    """Copy until the source ends or the target is gone."""
+def is_loopback(host: str) -> bool:
+    """Whether only this machine reaches an address."""
     try:
-        while data := await source.read(_LONGEST):
-            target.write(data)
-            await target.drain()
-    except (ConnectionError, OSError):
-        pass
-    finally:
-        target.close()
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+def _refuse(connection: ServerConnection, status: HTTPStatus, text: str) -> Response:
+    return connection.respond(status, f"{text}\n")

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from viser import ViserServer, uplot
 
 from tactile_dynamics_ros.core.rigid_body.rotation import matrix_to_quaternion
+from tactile_dynamics_ros.view.gate import Gate
 from tactile_dynamics_ros.view.robot import RobotFigure
 from tactile_dynamics_ros.view.state import Force, Push, Quantity, State
 
@@ -64,7 +65,8 @@ class LivePage:
     def __init__(
         self, host: str, port: int, actions: Mapping[str, Callable[[], str]] | None = None
     ) -> None:
-        with redirect_stdout(StringIO()):  # viser greets there, where JSON may be expected
+        self._host, self._gate = host, Gate(host)
+        with redirect_stdout(StringIO()), self._gate.guarding():  # viser greets there
             self.server = ViserServer(host=host, port=port, verbose=False, label="tactile dynamics")
         scene = self.server.scene
         scene.set_up_direction("+z")
@@ -82,9 +84,9 @@ class LivePage:
         self._content: dict[str, Array] = {}
 
     @property
-    def port(self) -> int:
-        """Port that is listened on."""
-        return int(self.server.get_port())
+    def address(self) -> str:
+        """Address for a browser, with the token that lets it in."""
+        return f"http://{self._host}:{self.server.get_port()}/?token={self._gate.token}"
 
     @property
     def nodes(self) -> set[str]:

@@ -1,20 +1,24 @@
 """The live page: what it draws, that it only shows, and who gets in."""
 
-import urllib.error
-import urllib.request
+import socket
 from argparse import Namespace
+from http.client import HTTPConnection
+from urllib.parse import urlsplit
 
 import numpy as np
+import psutil
 import pytest
 from browser import chromium
 from synthetic_recording import held_box
 
 pytest.importorskip("viser")
 
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
+
 from tactile_dynamics_ros.cli.view import served
 from tactile_dynamics_ros.core.rigid_body.poses import pose_of
 from tactile_dynamics_ros.share import share_file
-from tactile_dynamics_ros.view.gate import Gate
 from tactile_dynamics_ros.view.page import METRES_PER_NEWTON, LivePage
 from tactile_dynamics_ros.view.playback import Playback
 from tactile_dynamics_ros.view.state import KEPT, Body, Force, History, Push, Quantity, State
@@ -95,37 +99,71 @@ def test_a_recording_plays_with_its_estimate():
     assert len(state.histories["load"].columns()[0]) == KEPT
 
 
-def get(address, cookie=""):
-    request = urllib.request.Request(address, headers={"Cookie": cookie} if cookie else {})
-    return urllib.request.urlopen(request, timeout=20)
+def get(address, **headers):
+    """Status and body of a request, redirects not followed."""
+    where = urlsplit(address)
+    connection = HTTPConnection(where.hostname, where.port, timeout=20)
+    connection.request("GET", f"{where.path}?{where.query}", headers=headers)
+    answer = connection.getresponse()
+    return answer.status, answer.getheader("Set-Cookie", "").split(";")[0], answer.read()
 
 
 def test_only_the_token_opens_the_door(page):
-    gate = Gate("127.0.0.1", 0, page.port, "secret")
-    try:
-        address = f"http://127.0.0.1:{gate.port}/"
-        for wrong in (address, f"{address}?token=guess"):
-            with pytest.raises(urllib.error.HTTPError) as refused:
-                get(wrong)
-            assert refused.value.code == 403
-        with pytest.raises(urllib.error.HTTPError) as refused:
-            get(address, "tactile_dynamics=guess")
-        assert refused.value.code == 403
-        with get(address, "tactile_dynamics=secret") as answer:
-            assert b"<html" in answer.read()
-    finally:
-        gate.close()
+    plain = page.address.split("?")[0]
+    for wrong in (plain, f"{plain}?token=guess"):
+        assert get(wrong)[0] == 403
+    status, cookie, _ = get(page.address)
+    assert status == 303
+    name, _, _ = cookie.partition("=")
+    assert get(plain, Cookie=f"{name}=guess")[0] == 403
+    status, _, text = get(plain, Cookie=cookie)
+    assert status == 200 and b"<html" in text
 
 
-@pytest.mark.parametrize(
-    ("host", "control", "guarded"),
-    [("127.0.0.1", False, False), ("127.0.0.1", True, True), ("0.0.0.0", False, True)],
-)
-def test_control_and_other_machines_need_a_token(host, control, guarded, capsys):
-    args = Namespace(host=host, port=0, control=control, json=False)
+def test_no_other_site_gets_in_though_it_has_the_token(page):
+    plain = page.address.split("?")[0]
+    _, cookie, _ = get(page.address)
+    port = urlsplit(plain).port
+    assert get(plain, Cookie=cookie, Origin="http://evil.example")[0] == 403
+    assert get(plain, Cookie=cookie, Host=f"evil.example:{port}")[0] == 403
+    assert get(plain, Cookie=cookie, Origin=plain.rstrip("/"))[0] == 200
+
+
+def listening():
+    """TCP ports of this process."""
+    found = psutil.Process().net_connections("tcp")
+    return {c.laddr.port for c in found if c.status == "LISTEN"}
+
+
+def test_every_port_of_a_page_asks_websockets_too():
+    """No server behind the page can be reached by those who look for its port."""
+    before = listening()
+    page = LivePage("127.0.0.1", 0)
+    plain = urlsplit(page.address)
+    assert plain.port in listening()
+    _, cookie, _ = get(page.address)
+    for port in listening() - before:
+        for headers in ({}, {"Origin": "http://evil.example", "Cookie": cookie}):
+            with pytest.raises(InvalidStatus) as refused:
+                connect(f"ws://127.0.0.1:{port}/", additional_headers=headers)
+            assert refused.value.response.status_code == 403
+    with connect(f"ws://{plain.netloc}/", additional_headers={"Cookie": cookie}):
+        page.close()
+
+
+@pytest.mark.parametrize("target", ["http://[::1/", "//[/", "*", "http://evil.example/"])
+def test_a_target_that_is_none_is_refused(page, target, capfd):
+    with socket.create_connection(("127.0.0.1", urlsplit(page.address).port)) as door:
+        door.sendall(f"GET {target} HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n".encode())
+        assert door.recv(100).startswith(b"HTTP/1.1 400")
+    assert "Traceback" not in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("control", [False, True])
+def test_the_address_lets_in_and_only_control_has_buttons(control, capsys):
+    args = Namespace(host="127.0.0.1", port=0, control=control, json=False)
     with served(args, {"Diagnose": lambda: "done"} if control else None) as page:
-        said = capsys.readouterr().out
-        assert ("?token=" in said) == guarded
+        assert capsys.readouterr().out == f"page: {page.address}\n"
         assert len(page.buttons) == control
 
 
