@@ -79,7 +79,7 @@ setup(
         "dask": ["distributed"],
         "sim": ["pybullet"],
         "train": ["torch"],
-        "view": ["viser"],
+        "view": ["viser", "websockets"],
         "dev": [
             "catkin-pkg",
             "clarabel",

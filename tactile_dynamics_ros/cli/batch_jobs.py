@@ -97,7 +97,7 @@ def ask(job: Job) -> Answer:
 
 def _run(job: Job) -> tuple[str, dict[str, Any], str]:
     """Return status, document and message of the verb."""
-    command = [sys.executable, "-m", "tactile_dynamics_ros.cli.main", job.verb, job.recording]
+    command = [sys.executable, "-P", "-m", "tactile_dynamics_ros.cli.main", job.verb, job.recording]
     command += [*job.options, "--json", "--out", job.folder]
     threads = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     try:

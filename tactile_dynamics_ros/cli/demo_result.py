@@ -121,7 +121,7 @@ def _introduce(
         poses, picture = Path(scratch) / "poses.npz", Path(scratch) / "hand.png"
         positions, object_pose = read_poses(out / "recording", middle)
         np.savez(poses, positions=positions, object_pose=object_pose)
-        command = [sys.executable, "-m", PORTRAIT, robot, name, str(poses), str(picture)]
+        command = [sys.executable, "-P", "-m", PORTRAIT, robot, name, str(poses), str(picture)]
         try:
             subprocess.run(command, check=True, capture_output=True, timeout=120)
         except subprocess.SubprocessError as error:

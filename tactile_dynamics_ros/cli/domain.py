@@ -5,12 +5,11 @@ from __future__ import annotations
 import fcntl
 import os
 import random
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
+from tactile_dynamics_ros.core.files import own_folder
 
 DOMAINS = range(1, 100)
 """Domains whose ports lie below the ephemeral range of Linux; 0 is everybody's default."""
@@ -29,14 +28,18 @@ def private_domain() -> Iterator[int]:
     The claim is a lock on a file and ends with the process, however it ends.
 
     Raises:
+        BadInputError: there is no folder of this user alone for the locks.
         TactileDynamicsError: all domains are taken.
     """
-    folder = Path(tempfile.gettempdir()) / f"tactile_dynamics_domains_{os.getuid()}"
-    folder.mkdir(exist_ok=True)
+    folder = own_folder()
     candidates = list(DOMAINS)
     random.Random(os.getpid()).shuffle(candidates)
     for domain in candidates:
-        with (folder / str(domain)).open("w") as file:
+        try:
+            claim = os.open(folder / f"domain_{domain}", os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW)
+        except OSError:  # such as a link, which is not ours
+            continue
+        with os.fdopen(claim, "r+") as file:
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError:

@@ -27,7 +27,7 @@ EXECUTABLE = "tactile_dynamics_ros.ros.executable"
 
 def verb_command(*arguments: str) -> list[str]:
     """Return the command line that runs a verb of `tactile-dynamics` with this interpreter."""
-    return [sys.executable, "-m", "tactile_dynamics_ros.cli.main", *arguments]
+    return [sys.executable, "-P", "-m", "tactile_dynamics_ros.cli.main", *arguments]
 
 
 @dataclass
@@ -195,7 +195,7 @@ def node_command(
     for name, value in (parameters or {}).items():
         text = str(value).lower() if isinstance(value, bool) else str(value)
         arguments += ["-p", f"{name}:={text}"]
-    return [sys.executable, "-m", EXECUTABLE, node, *arguments]
+    return [sys.executable, "-P", "-m", EXECUTABLE, node, *arguments]
 
 
 def start_view(supervisor: Supervisor, port: int | None, say: Callable[[str], None]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import stat
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -62,6 +63,34 @@ def new_file(path: str | Path) -> Path:
     path = Path(path)
     refuse_existing(path)
     return path
+
+
+def own_folder() -> Path:
+    """Folder of this user for what outlives a process, but not the machine: nobody else can write.
+
+    It lies in $XDG_RUNTIME_DIR, or else in the folder for temporary files, where others could have
+    made one of its name.
+
+    Raises:
+        BadInputError: it is a link, belongs to somebody else, or is open to others.
+    """
+    runtime = os.environ.get("XDG_RUNTIME_DIR", "")
+    if runtime and os.access(runtime, os.W_OK | os.X_OK):
+        folder = Path(runtime) / "tactile_dynamics"
+    else:
+        folder = Path(tempfile.gettempdir()) / f"tactile_dynamics_{os.getuid()}"
+    try:
+        folder.mkdir(mode=0o700, exist_ok=True)
+        found = folder.lstat()
+    except OSError as error:
+        raise BadInputError(f"{folder} cannot be made: {reason_of(error)}") from error
+    mine = stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid()
+    if not mine or found.st_mode & 0o077:
+        raise BadInputError(
+            f"{folder} is not a folder of yours that others cannot enter; remove it, or set "
+            "XDG_RUNTIME_DIR to such a folder"
+        )
+    return folder
 
 
 def write_arrays(path: Path, arrays: dict[str, Any]) -> None:

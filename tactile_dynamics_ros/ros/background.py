@@ -18,7 +18,7 @@ from tactile_dynamics_ros.ros.worker import receive, send
 
 Result = TypeVar("Result")
 
-WORKER = [sys.executable, "-m", "tactile_dynamics_ros.ros.worker"]
+WORKER = [sys.executable, "-P", "-m", "tactile_dynamics_ros.ros.worker"]
 
 _OPEN: WeakSet[Background] = WeakSet()
 """All of this process."""

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import os
-import tempfile
 import time
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.errors import NotIdentifiableError
+from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
+from tactile_dynamics_ros.core.files import own_folder, written_whole
 
 
 class KeptTare:
@@ -19,16 +19,18 @@ class KeptTare:
 
     Args:
         fingers: how many there are.
-        path: path of the file; if empty, one per user, ROS domain and namespace in the temporary
-            folder.
+        path: path of the file; if empty, one per ROS domain and namespace in the user's own folder.
         namespace: namespace of the node, so that each of several hands has its own.
+
+    Raises:
+        BadInputError: there is no folder of this user alone.
     """
 
     def __init__(self, fingers: int, path: str = "", namespace: str = "/") -> None:
         self._shape = (fingers, 44)
-        parts = [os.getuid(), os.environ.get("ROS_DOMAIN_ID", "0"), *namespace.split("/")]
+        parts = [os.environ.get("ROS_DOMAIN_ID", "0"), *namespace.split("/")]
         name = "_".join(str(part) for part in ["biotac_tare", *parts] if part != "")
-        self.path = Path(path) if path else Path(tempfile.gettempdir()) / f"{name}.npy"
+        self.path = Path(path) if path else own_folder() / f"{name}.npy"
 
     def read(self, max_age: float) -> NDArray[np.float64] | None:
         """Return the frames (K, F, 44), or None if none were in use within `max_age` seconds."""
@@ -47,9 +49,8 @@ class KeptTare:
 
     def write(self, frames: NDArray[np.float64]) -> None:
         """Keep frames (K, F, 44)."""
-        part = self.path.with_suffix(f".{os.getpid()}.part.npy")
         try:
-            np.save(part, frames)
-            part.replace(self.path)
-        except OSError as error:
-            raise NotIdentifiableError(f"tare cannot be kept in {self.path}: {error}") from error
+            with written_whole(self.path) as part, part.open("wb") as stream:
+                np.save(stream, frames)
+        except BadInputError as error:
+            raise NotIdentifiableError(f"tare cannot be kept: {error}") from error

@@ -13,8 +13,16 @@ from tactile_dynamics_ros.cli import main as cli
 from tactile_dynamics_ros.cli.domain import private_domain
 from tactile_dynamics_ros.cli.examples import EXAMPLES
 from tactile_dynamics_ros.cli.progress import shown_progress
-from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError, nearest_file
+from tactile_dynamics_ros.cli.supervisor import node_command, verb_command
+from tactile_dynamics_ros.core.errors import (
+    BadInputError,
+    NotIdentifiableError,
+    TactileDynamicsError,
+    nearest_file,
+)
+from tactile_dynamics_ros.core.files import own_folder
 from tactile_dynamics_ros.core.progress import tell
+from tactile_dynamics_ros.ros.background import WORKER
 
 
 def verb(run):
@@ -201,11 +209,52 @@ def test_parallel_runs_get_different_domains():
 
 def test_claimed_domain_is_free_again_after_the_context(monkeypatch, tmp_path):
     monkeypatch.setenv("ROS_DOMAIN_ID", os.environ["ROS_DOMAIN_ID"])
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))  # claims of other runs lie elsewhere
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))  # claims of other runs lie elsewhere
     monkeypatch.setattr("tactile_dynamics_ros.cli.domain.DOMAINS", range(98, 99))
     for _ in range(2):
         with private_domain() as domain:
             assert domain == 98
+
+
+def test_a_claim_follows_no_link(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    monkeypatch.setattr("tactile_dynamics_ros.cli.domain.DOMAINS", range(98, 99))
+    (tmp_path / "precious").write_text("kept")
+    (own_folder() / "domain_98").symlink_to(tmp_path / "precious")
+    with pytest.raises(TactileDynamicsError, match="taken"), private_domain():
+        pass
+    assert (tmp_path / "precious").read_text() == "kept"
+
+
+def test_a_folder_that_others_could_have_made_is_refused(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    folder = own_folder()
+    assert folder.stat().st_mode & 0o777 == 0o700
+    folder.chmod(0o755)
+    with pytest.raises(BadInputError, match="others cannot enter"):
+        own_folder()
+    folder.rmdir()
+    folder.symlink_to(tmp_path)
+    with pytest.raises(BadInputError, match="not a folder of yours"):
+        own_folder()
+    folder.unlink()
+    own_folder()
+    monkeypatch.setattr(os, "getuid", lambda: 12345)
+    with pytest.raises(BadInputError, match="not a folder of yours"):
+        own_folder()
+
+
+@pytest.mark.parametrize(
+    "command", [verb_command("--version"), node_command("robot_sim"), [*WORKER, "0"]], ids=str
+)
+def test_children_import_nothing_from_the_folder_they_start_in(command, tmp_path):
+    (tmp_path / "tactile_dynamics_ros").mkdir()
+    (tmp_path / "tactile_dynamics_ros/__init__.py").write_text("raise SystemExit('planted')")
+    done = subprocess.run(
+        [*command[: command.index("-m")], "-c", "import tactile_dynamics_ros"],
+        cwd=tmp_path, capture_output=True, text=True, timeout=60,
+    )  # fmt: skip
+    assert "planted" not in done.stderr and done.returncode == 0
 
 
 def test_demo_summary_is_plain_json_text():
