@@ -44,6 +44,7 @@ setup(
         (f"share/{NAME}", ["package.xml"]),
         ("bin", ["bin/tactile-dynamics"]),
         shared("config", "*.yaml"),
+        shared("config", "*.xml"),
         shared("config/layouts", "*"),
         shared("config/objects", "*.yaml"),
         shared("config/robots", "*"),

@@ -26,6 +26,7 @@ from tactile_dynamics_ros.cli.bringup import (
     read_switch,
     write_parameters,
 )
+from tactile_dynamics_ros.ros.names import enclave_of
 
 PACKAGE = "tactile_dynamics_ros"
 
@@ -60,6 +61,7 @@ def start_nodes(context):
             name=name,
             namespace=namespace,
             parameters=[str(files[name])],
+            ros_arguments=enclave_of(name),
             output="screen",
             on_exit=on_exit,
         )

@@ -7,7 +7,7 @@ import shlex
 
 NOT_HERE: tuple[tuple[str, str], ...] = (
     (
-        r"(ros2|rosdep|colcon|rviz2|plotjuggler|pip) |cd ~/ws|share=",
+        r"(ros2|rosdep|colcon|rviz2|plotjuggler|pip|sudo) |cd ~/ws|share=|(export )?ROS_SECURITY_",
         "ROS 2 from apt (README's block is typed by test/system/test_install.py)",
     ),
     (r".* --scheduler tcp:", "a cluster of dask workers"),

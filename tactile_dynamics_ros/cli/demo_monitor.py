@@ -15,7 +15,6 @@ from diagnostic_msgs.msg import DiagnosticArray
 from numpy.typing import NDArray
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
 from rich.console import Console
 from rich.live import Live
 from rich.table import Table
@@ -26,6 +25,7 @@ from tactile_dynamics_ros.cli.grasp_start import GraspStart
 from tactile_dynamics_ros.cli.topics import call_trigger
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
 from tactile_dynamics_ros.report.history import EstimateHistory
+from tactile_dynamics_ros.ros.arguments import start_tool
 from tactile_dynamics_ros.ros.conversions import to_seconds
 from tactile_dynamics_ros.ros.diagnostics import status_values
 from tactile_dynamics_ros.ros.inertia_status import InertiaStatus, read_inertia_status
@@ -61,7 +61,7 @@ class Monitor:
 
     def __init__(self, say: Callable[[str], None], config: Path) -> None:
         self._say = say
-        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+        start_tool()
         self.node = Node("demo_monitor", enable_rosout=False, start_parameter_services=False)
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.node)

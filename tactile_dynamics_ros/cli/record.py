@@ -65,13 +65,13 @@ def run(args: Namespace) -> int:
     """Record until Ctrl-C, SIGTERM or the end of the duration."""
     stay_on_this_host()
     import rclpy
-    from rclpy.signals import SignalHandlerOptions
 
+    from tactile_dynamics_ros.ros.arguments import start_tool
     from tactile_dynamics_ros.ros.recorder import Recorder
     from tactile_dynamics_ros.ros.shell import finish_bursts, spin
 
     finish_bursts()
-    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    start_tool()
     try:
         recorder = Recorder(Path(args.out), args.topics, read_namespace(args.namespace))
         end = time.monotonic() + (args.duration or float("inf"))

@@ -16,6 +16,7 @@ from types import TracebackType
 from typing import IO
 
 from tactile_dynamics_ros.cli.bringup import RESPAWN_DELAY, Respawns
+from tactile_dynamics_ros.ros.names import enclave_of
 from tactile_dynamics_ros.stopping import hold_requests
 from tactile_dynamics_ros.view import TOKEN_VARIABLE
 
@@ -187,7 +188,7 @@ def node_command(
         parameters: single ones, which win over those of the file.
         namespace: of the node; empty for the root.
     """
-    arguments = ["--ros-args"]
+    arguments = ["--ros-args", *enclave_of(node)]
     if namespace:
         arguments += ["-r", f"__ns:={namespace}"]
     if parameter_file is not None:

@@ -56,9 +56,10 @@ def short_lived_node(namespace: str = "") -> Iterator[Node]:
     stay_on_this_host()
     import rclpy
     from rclpy.node import Node as RosNode
-    from rclpy.signals import SignalHandlerOptions
 
-    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    from tactile_dynamics_ros.ros.arguments import start_tool
+
+    start_tool()
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(TERMINATED))
     try:
         yield RosNode(

@@ -12,6 +12,13 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from tactile_dynamics_ros.core.errors import BadInputError, nearest_file
+from tactile_dynamics_ros.ros.names import enclave_of
+
+
+def start_tool() -> None:
+    """Initialise rclpy for a command of a person, who leaves it by the command's own handlers."""
+    words = ["--ros-args", *enclave_of("operator")]
+    rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)
 
 
 def start_ros(arguments: Sequence[str] | None) -> None:

@@ -66,6 +66,9 @@ DIAGNOSTICS = "/diagnostics"
 EMERGENCY_STOP = "/emergency_stop"
 TF = "/tf"
 
+ENCLAVES = "/tactile_dynamics_ros"
+"""Parent of the security enclaves of nodes and tools; the policy has one for each."""
+
 
 def contact_topic(name: str, kind: str) -> str:
     """Return the topic of a contact's force, force_std or pose in the world."""
@@ -91,3 +94,11 @@ def fingertip_topic(finger: str, kind: str, sensor: str = "biotac") -> str:
         sensor: kind of the robot's fingertips.
     """
     return f"{sensor}/{finger}/{kind}"
+
+
+def enclave_of(name: str) -> list[str]:
+    """Return the arguments, after `--ros-args`, that put a node into its own security enclave.
+
+    They mean nothing where security is off, as it is unless ROS_SECURITY_ENABLE is true.
+    """
+    return ["--enclave", f"{ENCLAVES}/{name}"]

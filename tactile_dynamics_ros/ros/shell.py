@@ -116,6 +116,8 @@ class Shell(AnsweringNode):
                 f"node {name}: an empty list was given, of which ROS does not know the type at the "
                 "start; leave the parameter out, or write ['']"
             ) from error
+        except RuntimeError as error:  # of rclpy, such as security that this ROS cannot enforce
+            raise TactileDynamicsError(f"node {name}: ROS refuses it: {error}") from error
         self.polled: list[Subscription] = []
         self.rivals: dict[str, float] = {}
         self._numbers: dict[Subscription, _Numbers] = {}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hmac
 import ipaddress
+import logging
 import os
 import secrets
 from collections.abc import Callable, Iterator
@@ -50,10 +51,12 @@ class Gate:
     def guarding(self) -> Iterator[None]:
         """Servers of websockets that start meanwhile ask here first."""
         serve = websockets.asyncio.server.serve
+        silent = logging.getLogger(__name__)
+        silent.setLevel(logging.CRITICAL)  # what is no request of HTTP would be a traceback
 
         def guarded(*args: Any, process_request: Answerer, **options: Any) -> Any:
             answer = partial(self.answer, then=process_request)
-            return serve(*args, process_request=answer, **options)
+            return serve(*args, process_request=answer, logger=silent, **options)
 
         websockets.asyncio.server.serve = guarded  # type: ignore[misc, assignment]
         try:

@@ -108,7 +108,7 @@ def test_node_command_passes_parameters_as_ros_reads_them():
 
 def test_node_command_puts_the_node_into_its_namespace():
     words = node_command("robot_sim", None, namespace="/left")
-    assert words[-3:] == ["--ros-args", "-r", "__ns:=/left"]
+    assert words[-2:] == ["-r", "__ns:=/left"]
 
 
 def test_a_node_that_is_stopped_before_its_interpreter_runs_ends_with_0():

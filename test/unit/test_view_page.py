@@ -156,6 +156,9 @@ def test_a_target_that_is_none_is_refused(page, target, capfd):
     with socket.create_connection(("127.0.0.1", urlsplit(page.address).port)) as door:
         door.sendall(f"GET {target} HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n".encode())
         assert door.recv(100).startswith(b"HTTP/1.1 400")
+    with socket.create_connection(("127.0.0.1", urlsplit(page.address).port)) as door:
+        door.sendall(b"\x16\x03\x01 no HTTP\r\n\r\n")
+        door.recv(100)
     assert "Traceback" not in capfd.readouterr().err
 
 
