@@ -3,7 +3,6 @@
 import xml.etree.ElementTree as ET
 
 from benchmarks.policy import POLICY, accesses, policy_of
-
 from tactile_dynamics_ros.cli.supervisor import node_command
 from tactile_dynamics_ros.ros import names
 

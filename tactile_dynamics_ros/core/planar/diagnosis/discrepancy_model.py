@@ -395,7 +395,8 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
         acts everywhere. Beside a field that no real table has, part of the cause is in the field:
         what would do the same as it, is as likely.
         """
-        varied = (VARIATION,) if name == SLOPE and self.table.imitating else ()
+        imitated = name == SLOPE and self.table.imitating
+        varied: tuple[str, ...] = (VARIATION,) if imitated else ()
         if self.table.is_rougher_than_tables:
             others = (s for s in self.table.suspects if plain_name(s) != plain_name(name))
             varied = (VARIATION, *islice(others, 1))
