@@ -131,6 +131,7 @@ class Recording:
         force_std: float | None = None,
         torque_std: float | None = None,
         contact: str = "wrist",
+        contact_frame: str = "object",
         source: str = "static poses",
     ) -> Recording:
         """Take wrenches of a load at rest, one row per orientation; there is no time in them.
@@ -139,17 +140,20 @@ class Recording:
         mass show, and with the effect `force_bias` the bias; the inertia does not.
 
         Args:
-            force: (N, 3) N that the sensor applies **on the load**, sensor axes, N >= 3.
+            force: (N, 3) N that the sensor applies **on the load**, N >= 3.
             torque: (N, 3) N m likewise, about the sensor's origin.
             rotation: (N, 3, 3) sensor to world, z up.
             quaternion: (N, 4) xyzw of any length, instead of rotation.
-            force_std: N of one reading; read from how well the rows agree if None.
+            force_std: N of one reading; read from how well the rows agree if None, up to what
+                sensors have.
             torque_std: N m likewise.
             contact: name of the sensor.
+            contact_frame: "object" or "world": the axes of forces and torques.
             source: name for messages to the user.
 
         Raises:
-            BadInputError: a shape is wrong, or fewer than three usable rows.
+            BadInputError: a shape is wrong, or fewer than three usable rows. Rows that are not
+                finite, have no rotation or contradict the others are left out, with a line.
         """
         held, pose, lost = held_poses(
             force,
@@ -158,11 +162,11 @@ class Recording:
             quaternion=quaternion,
             force_std=force_std,
             torque_std=torque_std,
+            contact_frame=contact_frame,
         )
         recording = cls.from_arrays({contact: held}, pose, contact_frame="object", source=source)
         problems = {text: n for text, n in recording.problems.items() if "gap in" not in text}
-        lines = {"static poses: row is not finite (left out)": lost} if lost else {}
-        return replace(recording, problems=problems | lines)
+        return replace(recording, problems=problems | lost)
 
     @classmethod
     def join(cls, recordings: Sequence[Recording]) -> Recording:

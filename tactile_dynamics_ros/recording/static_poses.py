@@ -12,11 +12,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import fdtrc
 
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, quaternion_to_matrix, skew
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 FEWEST_ROWS = 3
 """Orientations from which weight, centre of mass and bias can be told apart: 9 equations of the
@@ -32,6 +34,21 @@ ROTATION_STD = 1e-4
 0.1 mm over 1 m. A static load of 10 N then is uncertain by 1 mN."""
 LEAST_FORCE_STD, LEAST_TORQUE_STD = 1e-3, 1e-5
 """Noise that is presumed at least, N and N m, where rows fit each other to the last digit."""
+WORST_FORCE_STD, WORST_TORQUE_STD, WORST_SHARE = 0.5, 0.05, 0.03
+"""Noise that is presumed at most, N and N m, beside that share of how far readings of a load go:
+the resolution of coarse wrist sensors (1 N, 0.1 N m) and their gain, to which data sheets state 1
+to 3 %. What is left beyond it is a misfit, which would else pass for noise whatever it is."""
+CHANCE = 1e-3
+"""Chance with which a table without a wrong row loses one. A hundredth misses rows that are off by
+6 times the noise instead of 5."""
+_DEFECT = 0.01
+"""Deviation from R^T R = I up to which a matrix is a rotation that was rounded to two digits."""
+_NOTHING = 1e-30
+"""Squared residual of rows that fit exactly, N^2: only keeps the quotient finite."""
+_SHOWN = 10
+"""Rows that are named of those left out; more fill the terminal."""
+MOST_WRONG = 0.2
+"""Share of rows that may be left out as wrong: of more, the table as a whole is not a load's."""
 
 
 def held_poses(
@@ -43,7 +60,8 @@ def held_poses(
     force_std: float | None = None,
     torque_std: float | None = None,
     rotation_std: float = ROTATION_STD,
-) -> tuple[dict[str, Any], dict[str, Any], int]:
+    contact_frame: str = "object",
+) -> tuple[dict[str, Any], dict[str, Any], dict[str, int]]:
     """Arrays of the contact and of the pose, for `Recording.from_arrays` with object axes.
 
     Args:
@@ -54,13 +72,16 @@ def held_poses(
         force_std: N of one reading; what a load and a bias leave unexplained by default.
         torque_std: N m likewise.
         rotation_std: rad.
+        contact_frame: axes of force and torque, "object" (the sensor's) or "world".
 
     Returns:
-        Contact, pose, and the number of rows that were left out since they are not finite.
+        Contact, pose, and the rows that were left out, by what is wrong with them.
 
     Raises:
         BadInputError: a shape is wrong, or fewer than three usable rows.
     """
+    if contact_frame not in ("object", "world"):
+        raise BadInputError(f"contact_frame '{contact_frame}': expected object or world")
     rows = {"force": _rows("force", force, 3)}
     if torque is not None:
         rows["torque"] = _rows("torque", torque, 3)
@@ -69,36 +90,105 @@ def held_poses(
     if len(set(lengths.values())) > 1:
         found = ", ".join(f"{name} {count}" for name, count in lengths.items())
         raise BadInputError(f"static poses: {found} rows; expected as many of each")
-    finite = np.all([np.isfinite(x).reshape(len(x), -1).all(axis=1) for x in rows.values()], axis=0)
-    finite &= np.isfinite(turned).all(axis=(1, 2))
-    if finite.sum() < FEWEST_ROWS:
+    turned = np.where(_are_rotations(turned)[:, None, None], turned, np.nan)
+    complete = np.all([np.isfinite(x).all(axis=1) for x in rows.values()], axis=0)
+    oriented = np.isfinite(turned).all(axis=(1, 2))
+    lost = _lines("is not finite", ~complete) | _lines("has no rotation", complete & ~oriented)
+    _require_enough(complete & oriented)
+    if contact_frame == "world":
+        rows = {key: np.einsum("nji,nj->ni", turned, values) for key, values in rows.items()}
+    gravity = np.swapaxes(turned, 1, 2) @ [0.0, 0.0, -9.81]
+    laws = {"force": _with_bias(gravity[:, :, None]), "torque": _with_bias(skew(gravity))}
+    wrong = np.zeros(len(turned), dtype=bool)
+    for key, values in rows.items():
+        wrong |= wrong_rows(laws[key], values, complete & oriented)
+    lost |= _lines("does not fit the others, as a mistyped one would not", wrong)
+    used = complete & oriented & ~wrong
+    rows, turned = {key: values[used] for key, values in rows.items()}, turned[used]
+    repeats = int(np.clip(MOST_SAMPLES // len(turned), FEWEST_REPEATS, MOST_REPEATS))
+    scatter = {}
+    for key, given, least, worst in (
+        ("force", force_std, LEAST_FORCE_STD, WORST_FORCE_STD),
+        ("torque", torque_std, LEAST_TORQUE_STD, WORST_TORQUE_STD),
+    ):
+        if key in rows:
+            seen = max(_noise(laws[key][used], rows[key]), least) if given is None else given
+            most = float(np.hypot(worst, WORST_SHARE * rows[key].std(axis=0).max()))
+            misfit = given is None and seen > most  # samples that scatter less show it
+            scatter[key] = most if misfit else seen * np.sqrt(repeats)
+    contact, pose = _hold(rows, turned, scatter, rotation_std, repeats)
+    return contact, pose, lost
+
+
+def _require_enough(usable: Mask) -> None:
+    """Check that a load can be told from the rows.
+
+    Raises:
+        BadInputError: there are too few.
+    """
+    if usable.sum() < FEWEST_ROWS:
         raise BadInputError(
-            f"static poses: {int(finite.sum())} usable rows of {len(finite)}; expected at least "
+            f"static poses: {int(usable.sum())} usable rows of {len(usable)}; expected at least "
             f"{FEWEST_ROWS} orientations"
         )
-    rows, turned = {name: values[finite] for name, values in rows.items()}, turned[finite]
-    gravity = np.swapaxes(turned, 1, 2) @ [0.0, 0.0, -9.81]
-    noise = {"force": force_std or _noise(gravity[:, :, None], rows["force"], LEAST_FORCE_STD)}
-    if "torque" in rows:
-        noise["torque"] = torque_std or _noise(skew(gravity), rows["torque"], LEAST_TORQUE_STD)
-    contact, pose = _hold(rows, turned, noise, rotation_std)
-    return contact, pose, int(np.count_nonzero(~finite))
+
+
+def _lines(what: str, rows: Mask) -> dict[str, int]:
+    """A line for rows that are left out, with their numbers from 1 on; none if there are none."""
+    numbers = (np.flatnonzero(rows) + 1).tolist()
+    if not numbers:
+        return {}
+    named = ", ".join(map(str, numbers[:_SHOWN])) + (", ..." if len(numbers) > _SHOWN else "")
+    return {f"static poses: row {named} {what} (left out)": len(numbers)}
+
+
+def wrong_rows(law: Array, readings: Array, usable: Mask) -> Mask:
+    """Rows (N,) that the others contradict, found one after the other.
+
+    Each is judged by the fit to the others, e^T (I - H)^-1 e / (3 s^2) ~ F(3, n - k), at a level
+    that all rows share (externally studentised residuals).
+
+    Args:
+        law: (N, 3, k) what a load's unknowns and a bias do to each reading.
+        readings: (N, 3).
+        usable: (N,) rows that may be used.
+
+    Source: Cook & Weisberg 1982, Residuals and Influence in Regression, 2.2.2.
+    """
+    used, count, unknowns = usable.copy(), int(usable.sum()), law.shape[2]
+    for _ in range(int(MOST_WRONG * count) + 1):
+        freedom = 3 * int(used.sum()) - unknowns - 3
+        if freedom < 1:
+            break
+        basis = np.linalg.qr(law[used].reshape(-1, unknowns))[0].reshape(-1, 3, unknowns)
+        left = readings[used] - basis @ np.einsum("nik,ni->k", basis, readings[used])
+        inside = np.eye(3) - basis @ np.swapaxes(basis, 1, 2)
+        own = np.einsum("ni,nij,nj->n", left, np.linalg.pinv(inside), left)
+        others = np.maximum(np.sum(left**2) - own, _NOTHING) / freedom
+        chance = fdtrc(3.0, freedom, own / (3.0 * others))
+        if chance.min() > CHANCE / count:
+            return usable & ~used
+        used[np.flatnonzero(used)[np.argmin(chance)]] = False
+    return np.zeros_like(usable)  # of so many, none is the one that is wrong
 
 
 def _hold(
-    rows: Mapping[str, Array], turned: Array, noise: Mapping[str, float], rotation_std: float
+    rows: Mapping[str, Array],
+    turned: Array,
+    scatter: Mapping[str, float],
+    rotation_std: float,
+    repeats: int,
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Repeat each row with scatter; seeded, so that a table is always read alike."""
     random = np.random.default_rng(0)
     count = len(turned)
-    repeats = int(np.clip(MOST_SAMPLES // count, FEWEST_REPEATS, MOST_REPEATS))
     start = np.arange(count) * (repeats / HOLD_RATE_HZ + PAUSE_S)
     time = (start[:, None] + np.arange(repeats) / HOLD_RATE_HZ).ravel()
     contact: dict[str, Any] = {"time": time, "position": [0.0, 0.0, 0.0], "rotation": np.eye(3)}
     for name, values in rows.items():
-        scatter = noise[name] * np.sqrt(repeats) * _balanced(random, count, repeats)
-        contact[name] = np.repeat(values, repeats, axis=0) + scatter
-    contact["force_std"] = noise["force"] * np.sqrt(repeats)
+        drawn = scatter[name] * _balanced(random, count, repeats)
+        contact[name] = np.repeat(values, repeats, axis=0) + drawn
+    contact["force_std"] = scatter["force"]
     shaken = exp_so3(rotation_std * _balanced(random, count, repeats))
     pose = {
         "time": time,
@@ -118,19 +208,29 @@ def _balanced(random: np.random.Generator, count: int, repeats: int) -> Array:
     return np.asarray(draws.reshape(-1, 3))
 
 
-def _noise(matrix: Array, readings: Array, least: float) -> float:
-    """RMS per degree of freedom that a load and a constant bias leave of readings (N, 3).
+def _with_bias(law: Array) -> Array:
+    """Matrices (N, 3, k + 3) of what a load's unknowns and a constant bias do."""
+    bias = np.broadcast_to(np.eye(3), (len(law), 3, 3))
+    return np.concatenate([law, bias], axis=2)
+
+
+def _noise(law: Array, readings: Array) -> float:
+    """RMS per degree of freedom that unknowns leave of readings (N, 3).
 
     Args:
-        matrix: (N, 3, k) what the load's unknowns do to each reading.
+        law: (N, 3, k) what the unknowns do to each reading.
         readings: (N, 3).
-        least: returned if less is left.
     """
-    bias = np.tile(np.eye(3), (len(matrix), 1, 1))
-    flat = np.concatenate([matrix, bias], axis=2).reshape(readings.size, -1)
+    flat = law.reshape(readings.size, -1)
     solution = np.linalg.lstsq(flat, readings.ravel(), rcond=None)[0]
     squares = float(np.sum((flat @ solution - readings.ravel()) ** 2))
-    return float(max(np.sqrt(squares / (readings.size - flat.shape[1])), least))
+    return float(np.sqrt(squares / (readings.size - flat.shape[1])))
+
+
+def _are_rotations(matrices: Array) -> Mask:
+    """Which of (N, 3, 3) turn without stretching."""
+    defect = np.abs(np.einsum("nji,njk->nik", matrices, matrices) - np.eye(3)).max(axis=(1, 2))
+    return np.asarray(defect < _DEFECT)
 
 
 def _rows(name: str, values: Any, *shape: int) -> Array:

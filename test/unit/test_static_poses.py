@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,12 +15,14 @@ from tactile_dynamics_ros.core.effects import create_effect
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import PARAMETER_NAMES
 from tactile_dynamics_ros.core.inertia.estimate import estimate
+from tactile_dynamics_ros.core.inertia.live.replay import replay_streams
 from tactile_dynamics_ros.core.numerics.local_polynomial import (
     Window,
     local_polynomial,
     typical_period,
 )
 from tactile_dynamics_ros.recording import Recording
+from tactile_dynamics_ros.recording.importers.csv_mapping import load_yaml, read_mapping
 from tactile_dynamics_ros.synthetic.static_poses import StaticLoad, hold_poses, weigh_poses
 
 INERTIAS = list(PARAMETER_NAMES[4:])
@@ -116,7 +119,96 @@ def test_a_row_that_is_not_finite_is_left_out_and_counted():
     table = weigh_poses(StaticLoad.draw(1), 6, 1)
     table.torque[2, 1] = np.nan
     recording = Recording.from_static_poses(table.force, table.torque, rotation=table.rotation)
-    assert recording.problem_lines() == ["static poses: row is not finite (left out): 1"]
+    assert recording.problem_lines() == ["static poses: row 3 is not finite (left out): 1"]
+
+
+def test_wrong_rows_are_left_out_by_their_numbers():
+    load = StaticLoad.draw(3)
+    table = weigh_poses(load, 24, 3)
+    table.force[19], table.torque[19] = table.force[3], table.torque[3]
+    table.rotation[10:12] *= 1.2
+    recording = Recording.from_static_poses(table.force, table.torque, rotation=table.rotation)
+    assert recording.problem_lines() == [
+        "static poses: row 11, 12 has no rotation (left out): 2",
+        "static poses: row 20 does not fit the others, as a mistyped one would not (left out): 1",
+    ]
+    found = estimate(recording, [create_effect("force_bias")]).to_estimate()
+    _within(found.to_json(), load)
+    assert found.error.whitened_rms == pytest.approx(1.0, abs=0.15)
+
+
+def test_tables_without_a_wrong_row_keep_all():
+    lost = 0
+    for seed in range(60):
+        table = weigh_poses(StaticLoad.draw(seed), 12, seed)
+        recording = Recording.from_static_poses(table.force, table.torque, rotation=table.rotation)
+        lost += bool(recording.problem_lines())
+    assert lost <= 1
+
+
+@pytest.mark.parametrize("change", ["inverse", "mirrored", "turned"])
+def test_a_table_that_no_load_explains_is_no_noisy_one(change):
+    table = weigh_poses(StaticLoad.draw(4), 24, 4)
+    rotation, force = table.rotation, table.force
+    if change == "inverse":
+        rotation = np.swapaxes(rotation, 1, 2)
+    elif change == "mirrored":
+        force = force * [1.0, -1.0, 1.0]
+    else:
+        rotation = rotation @ np.diag([-1.0, -1.0, 1.0])
+    recording = Recording.from_static_poses(force, table.torque, rotation=rotation)
+    assert recording.problem_lines() == []
+    found = estimate(recording, [create_effect("force_bias")]).to_estimate()
+    assert found.error.whitened_rms > 3.0
+
+
+def test_wrenches_in_world_axes_weigh_the_same():
+    table = weigh_poses(StaticLoad.draw(5), 12, 5)
+    turned = [np.einsum("nij,nj->ni", table.rotation, x) for x in (table.force, table.torque)]
+    by_world = Recording.from_static_poses(
+        *turned, rotation=table.rotation, contact_frame="world"
+    ).streams.contacts["wrist"]
+    by_sensor = Recording.from_static_poses(
+        table.force, table.torque, rotation=table.rotation
+    ).streams.contacts["wrist"]
+    np.testing.assert_allclose(by_world.force, by_sensor.force, atol=1e-9)
+    np.testing.assert_allclose(by_world.torque, by_sensor.torque, atol=1e-9)
+
+
+@pytest.mark.parametrize("frame", ["object", "world"])
+def test_a_mapping_says_the_axes_of_the_wrenches(tmp_path, frame):
+    table = weigh_poses(StaticLoad.draw(5), 12, 5)
+    rows = [table.force, table.torque]
+    if frame == "world":
+        rows = [np.einsum("nij,nj->ni", table.rotation, x) for x in rows]
+    columns = np.concatenate([table.rotation.reshape(-1, 9), *rows], axis=1)
+    names = [*(f"r{k}" for k in range(9)), "fx", "fy", "fz", "tx", "ty", "tz"]
+    np.savetxt(tmp_path / "a.csv", columns, delimiter=",", header=",".join(names), comments="")
+    section = (
+        "{file: a.csv, rotation: {columns: [r0, r1, r2, r3, r4, r5, r6, r7, r8]}, "
+        "force: {columns: [fx, fy, fz]}, torque: {columns: [tx, ty, tz]}}"
+    )
+    (tmp_path / "a.yaml").write_text(f"static_poses: {section}\ncontact_frame: {frame}\n")
+    read = read_mapping(load_yaml(tmp_path / "a.yaml"), tmp_path, "a.yaml")
+    found = read.streams.contacts["wrist"].force.reshape(12, -1, 3).mean(axis=1)
+    read_force = np.einsum("nij,nj->ni", table.rotation, table.force)
+    np.testing.assert_allclose(found, read_force, atol=0.02)
+    (tmp_path / "b.yaml").write_text(f"static_poses: {section}\nobject_imu: {{file: a.csv}}\n")
+    with pytest.raises(BadInputError, match="'object_imu' beside static_poses"):
+        read_mapping(load_yaml(tmp_path / "b.yaml"), tmp_path, "b.yaml")
+
+
+def test_a_torque_that_was_not_given_tells_no_centre_of_mass():
+    """The one contact that holds a body bears a torque: zero is none that was measured."""
+    streams = hold_poses(StaticLoad.draw(2), 9, 2)
+    wrist = streams.contacts["wrist"]
+    silent = replace(wrist, torque=np.zeros_like(wrist.torque), carries_torque=False)
+    recording = Recording(replace(streams, contacts={"wrist": silent}), "held")
+    found = estimate(recording, [create_effect("force_bias")]).to_estimate()
+    assert {"com_x", "com_y", "com_z"} <= set(found.not_excited)
+    assert min(found.parameter_std[1:4]) > 0.01
+    *_, live = replay_streams(recording.streams)
+    assert min(live.parameter_std[1:4]) > 0.01
 
 
 @pytest.mark.parametrize("pause", [0.25, 1.0, 30.0])

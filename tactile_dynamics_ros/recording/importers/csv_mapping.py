@@ -73,7 +73,7 @@ def read_mapping(
     if "world_rotation" in mapping:
         world = constant_rotation(f"{source}: world_rotation", mapping["world_rotation"])
     if "static_poses" in mapping:
-        held = _static(f"{source}: static_poses", mapping["static_poses"], tables, world)
+        held = _static(source, mapping, tables, world)
         return replace(held, source=source, problems=tables.problems() | held.problems)
     if "footprint" in (mapping.get("object_pose") or {}):
         pushed = _pushes(mapping, source, tables, world)
@@ -219,20 +219,34 @@ def _turned(arrays: dict[str, Any], world: Array) -> dict[str, Any]:
     return found
 
 
-def _static(where: str, section: Any, tables: _Tables, world: Array) -> Recording:
+def _static(source: str, mapping: Mapping[str, Any], tables: _Tables, world: Array) -> Recording:
     """Return the recording of a table of static poses."""
+    where, section = f"{source}: static_poses", mapping["static_poses"]
+    unused = sorted(set(mapping) - {"static_poses", "contact_frame", "world_rotation"})
+    if unused:
+        raise BadInputError(f"{source}: '{unused[0]}' beside static_poses, which are all there is")
     arrays = tables.stream(where, section, frozenset(["contact"]))
     missing = [key for key in ("force", "rotation") if key not in arrays]
     if missing:
         raise BadInputError(f"{where}: no {missing[0]}; expected force and an orientation")
+    known = {"force", "torque", "rotation", "force_std", "torque_std"}
+    if extra := sorted(set(arrays) - known):
+        raise BadInputError(f"{where}.{extra[0]}: rows at rest have none; leave it out")
     stds = {
         key: float(np.mean(arrays[key])) for key in ("force_std", "torque_std") if key in arrays
     }
+    frame = str(mapping.get("contact_frame", "object"))
+    arrays = (
+        _turned(arrays, world)
+        if frame == "world"
+        else arrays | {"rotation": world @ arrays["rotation"]}
+    )
     return Recording.from_static_poses(
         arrays["force"],
         arrays.get("torque"),
-        rotation=world @ arrays["rotation"],
+        rotation=arrays["rotation"],
         contact=str(section.get("contact", "wrist")),
+        contact_frame=frame,
         **stds,
     )
 

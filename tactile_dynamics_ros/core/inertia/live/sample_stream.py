@@ -15,6 +15,7 @@ from tactile_dynamics_ros.core.inertia.live.contact_queue import (
     ContactReading,
 )
 from tactile_dynamics_ros.core.inertia.live.residuals import ContactRows, PoseWindows
+from tactile_dynamics_ros.core.inertia.residuals.contact_grid import UNMEASURED_TORQUE_STD
 from tactile_dynamics_ros.core.inertia.residuals.motion import OVERSTATED
 from tactile_dynamics_ros.core.inertia.residuals.sensor_noise import SensorNoise
 from tactile_dynamics_ros.core.numerics.noise import white_pose_noise_std
@@ -229,6 +230,9 @@ class SampleStream:
             return self._contacts.rows(name, first, last)[:, :count]
 
         has_torque = np.array([queue.has_torque for queue in self._queues.values()])
+        torque_std = self._noise.torque[:count] * has_torque
+        if count == 1 and not has_torque[0]:  # it holds the body alone
+            torque_std = np.array([UNMEASURED_TORQUE_STD])
         seen = self._noise.force[:count, None]
         believed = rows("std") >= self._noise.least_force[:count, None]
         return ContactRows(
@@ -239,7 +243,7 @@ class SampleStream:
             rows("torque"),
             np.where(believed, rows("std"), seen),
             rows("in_contact") > 0.0,
-            self._noise.torque[:count] * has_torque,
+            torque_std,
             self._noise.point[:count],
         )
 

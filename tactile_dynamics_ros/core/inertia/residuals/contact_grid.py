@@ -85,6 +85,9 @@ _FALLBACK_TORQUE_STD = 1e-3
 """Standard deviation of a torque axis, N m, in the same case: about that of `_FALLBACK_FORCE_STD`
 at a lever of 3 cm. Larger lets forces at their points decide the centre of mass, smaller the
 torques of the sensors."""
+UNMEASURED_TORQUE_STD = 1e4
+"""Standard deviation of a torque, N m, that was not measured: a thousand times those of robots, so
+that it tells nothing. Larger is no more, and costs digits."""
 _NOISELESS = 0.01
 """Scatter, over the fallback, up to which samples show no noise: 0.3 mN and 0.01 N mm, a tenth of
 what the finest force/torque sensors resolve. Computed forces and torques scatter less, by rounding
@@ -185,14 +188,18 @@ def _kinematic_span(streams: Streams) -> tuple[float, float]:
 
 
 def contact_signals(
-    contact: ContactStream, grid: Array, place: CarriedPlace | None = None
+    contact: ContactStream, grid: Array, place: CarriedPlace | None = None, alone: bool = False
 ) -> ContactSignals:
     """Read one contact on the grid.
+
+    Points of fingers carry no torque worth speaking of. One contact alone that holds a body has to,
+    so that a torque of zero is one that was not measured.
 
     Args:
         contact: its stream.
         grid: (N,) s.
         place: where it is on the object, if it carries the noise of the tracked pose.
+        alone: whether nothing else touches the body.
     """
     shown = contact if place is None else place
     period = typical_period(contact.time)
@@ -209,6 +216,10 @@ def contact_signals(
     signals = {"force": LatentSignal(functional, _force_noise(contact))}
     if contact.carries_torque:
         factor = _seen_noise(contact, contact.torque, _FALLBACK_TORQUE_STD)
+        signals["torque"] = LatentSignal(functional, factor)
+    elif alone:
+        unknown = UNMEASURED_TORQUE_STD * np.eye(3)
+        factor = np.broadcast_to(unknown, (len(contact.time), 3, 3))
         signals["torque"] = LatentSignal(functional, factor)
     point_std = white_noise_std(contact.pose_time, shown.position)
     point_functional = _point_functional(contact.pose_time, grid, point_std)

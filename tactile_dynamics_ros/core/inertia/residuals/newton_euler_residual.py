@@ -155,7 +155,7 @@ class WrenchProblem:
         )
         places = carried_places(streams)
         contacts = tuple(
-            contact_signals(c, grid, places.get(c.name))
+            contact_signals(c, grid, places.get(c.name), len(streams.contacts) == 1)
             for c in streams.contacts.values()
             if len(c.time) > 1 and len(c.pose_time) > 1
         )

@@ -269,6 +269,7 @@ def _judge(
     defect = np.abs(np.einsum("nij,nkj->nik", rotation, rotation) - np.eye(3)).max(axis=(1, 2))
     if np.nanmedian(defect) > 0.02:
         return []
+    rotation = np.where((defect > 0.02)[:, None, None], np.nan, rotation)
     measured = measured_under(rotation)
     found = []
     for up, angles in WORLDS.items():

@@ -21,6 +21,7 @@ from tactile_dynamics_ros.core.numerics.local_polynomial import (
 )
 from tactile_dynamics_ros.core.rigid_body.rotation import accumulated_rotation, skew
 from tactile_dynamics_ros.core.streams.streams import nearest_samples
+from tactile_dynamics_ros.recording.static_poses import wrong_rows
 
 Array = NDArray[np.float64]
 
@@ -184,6 +185,9 @@ class Scene:
         force = self._measured.force[self.rows]
         force = force @ self._measured.world.T if axes == "world" else force
         matrix = self._columns(axes)
+        if self._measured.time is None:
+            right = ~wrong_rows(matrix[:, :, [0, 5, 6, 7]], force, np.ones(len(force), dtype=bool))
+            matrix, force = matrix[right], force[right]
         flat, readings = matrix.reshape(-1, matrix.shape[2]), force.ravel()
         used = np.linalg.norm(flat, axis=0) > 1e-9
         solution = np.zeros(flat.shape[1])

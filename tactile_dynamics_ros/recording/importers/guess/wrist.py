@@ -300,22 +300,16 @@ class WristGuess:
         return self._static(force, torque, judged)
 
     def _static(self, force: Group, torque: Group | None, judged: Judged) -> dict[str, Any]:
-        """Return the mapping of a table of static poses.
-
-        Raises:
-            Question: the forces are not in the axes of the sensor.
-        """
-        if judged.weighing.axes != "sensor":
-            raise Question(
-                "each row is a pose of its own, but its force fits in the axes of the world only: "
-                "static poses need it in those of the sensor"
-            )
+        """Return the mapping of a table of static poses."""
         rows = len(self.poses.table.values)
         self.note("rows", f"{rows} static poses, one per row, whatever their times")
         section: dict[str, Any] = dict(self.poses.place)
         section |= self._orientation(judged)
         section |= self._wrench(judged, force, torque)
-        return {"static_poses": section} | self._world(judged)
+        found: dict[str, Any] = {"static_poses": section}
+        if judged.weighing.axes == "world":
+            found["contact_frame"] = "world"
+        return found | self._world(judged)
 
 
 def _read_as(time: TimeColumn, unit: str) -> TimeColumn:
