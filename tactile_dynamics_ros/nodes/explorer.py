@@ -67,9 +67,10 @@ _FORCE = "friction_force_n"
 JERKED = "so that it jerked: numbers from it may be wrong by more than they say"
 """What is said of a push that had to wait for poses midway: in two such explorations of a simulated
 object its friction force was off by 1.8 and 2.3 standard deviations, in a smooth one by 0.6."""
-_PRESSED = 3
-"""Pushes of one call that may be stopped by too much force, each at half the speed of those before:
-at an eighth of it the next one says that the object is blocked or too heavy, not hit too hard."""
+_STOPPED = 3
+"""Pushes of one call that may be stopped by too much force, each at half the speed of those before,
+or where the arm cannot go: at an eighth of the speed the next one says that the object is blocked
+or too heavy, not hit too hard."""
 SILENT = 5.0
 """Real time without a pose of the tip after which exploring is given up, s."""
 
@@ -84,7 +85,7 @@ class Run:
         actions: done, as told in the end. rivals: of the last action, as JSON.
         choosing: while that runs. choice: made. performance: while it is carried out.
         fits: estimates before the last push. since: monotonic s, when it ended.
-        pressed: pushes that too much force has stopped.
+        stopped: pushes that too much force has stopped, or an arm that could not follow.
     """
 
     answer: RosFuture
@@ -97,7 +98,7 @@ class Run:
     performance: Performance | None = None
     fits: int = 0
     since: float = -np.inf
-    pressed: int = 0
+    stopped: int = 0
 
     @property
     def explorer(self) -> Explorer:
@@ -227,17 +228,21 @@ class ExplorerNode(Shell):
             self._conclude(run, performance.holes)
 
     def _interrupt(self, run: Run, performance: Performance) -> None:
-        """Draw back from too much force, to push on more gently; end for everything else."""
+        """Draw back from too much force, or from where the arm cannot go; end for all else."""
         if run.actions:
             run.actions[-1]["stopped"] = performance.why
-        run.pressed += performance.pressed
-        if not performance.pressed or run.pressed > _PRESSED:
+        run.stopped += performance.pressed or performance.astray
+        if not (performance.pressed or performance.astray) or run.stopped > _STOPPED:
             self._finish(performance.why, False)
             return
         for explorer in run.explorers:
-            explorer.soften()
+            if performance.pressed:
+                explorer.soften()
+            else:
+                explorer.avoid()
         run.performance = self._drawing_back(run)
-        self._tell("stopped", f"{performance.why}: the next pushes go at half the speed, elsewhere")
+        gently = "at half the speed, " if performance.pressed else ""
+        self._tell("stopped", f"{performance.why}: the next pushes go {gently}elsewhere")
 
     def _drawing_back(self, run: Run) -> Performance:
         """Let go of what is gripped, or go back along the way of the push, and rise."""

@@ -331,6 +331,35 @@ def test_an_object_that_is_blocked_is_given_up_with_what_was_done(bench):
     assert "more than 25 N" in told["stopped_because"]
 
 
+class ShortTable(Table):
+    """An arm that cannot come down where the first push begins."""
+
+    def __init__(self, bench, *arguments):
+        super().__init__(bench, explorer.ExplorerNode, *arguments)
+        self.node.scene.properties = {"mass": 1.0}  # an estimator is there
+        self.told = bench.follow(DiagnosticStatus, EXPLORE_PROGRESS, profile=LATCHED)
+
+    def tell(self):
+        run = self.node._run
+        if run is not None and len(run.actions) == 1 and len(self.targets) > self.count:
+            wanted = cv.pose_to_core(self.targets[-1], PUSHER_TARGET, "world")
+            if wanted[2, 3] < min(0.15, self.tip[2]):
+                self.count = len(self.targets)
+        super().tell()
+
+
+def test_where_the_arm_cannot_go_the_explorer_draws_back_and_pushes_elsewhere(bench):
+    slowly = ("-p", "speeds:=[0.05]", "-p", "length:=0.06")
+    table = ShortTable(bench, *FEW, *slowly, "-p", "budget:=2", "-p", "least:=2")
+    success, told = explored(table)
+    assert success, told
+    first, second = told["actions"]
+    assert first["stopped"] == "the arm does not follow its targets"
+    assert "stopped" not in second and first["speed"] == second["speed"]
+    assert np.hypot(*np.subtract(first["point"], second["point"])) > 0.02
+    assert table.pose[0] != 0.46  # it was pushed
+
+
 class GrippingTable(Table):
     """A tip with jaws that hold the box while they are closed around it."""
 

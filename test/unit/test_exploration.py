@@ -147,5 +147,5 @@ def test_after_too_much_force_pushes_are_half_as_fast_and_begin_elsewhere(belief
         explorer.soften()
     assert explorer.config.acceleration == 0.1  # the limits of the configuration hold
     around = explorer._around(POSE, ())
-    explorer._hard = [candidate.point for candidate in explorer._pushes(around)]
+    explorer._bad = [candidate.point for candidate in explorer._pushes(around)]
     assert explorer._pushes(around)  # where no other place is left

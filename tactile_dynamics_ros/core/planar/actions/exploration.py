@@ -140,7 +140,7 @@ class Explorer:
         self.count = 0
         self._stds: list[Array] = []
         self._last: Array | None = None
-        self._hard: list[Array] = []
+        self._bad: list[Array] = []
         self._rng = np.random.default_rng([self.config.seed, 47])
         self._angle = self._rng.uniform(0.0, 2.0 * np.pi)
 
@@ -158,7 +158,11 @@ class Explorer:
             acceleration=max(_GENTLER * config.acceleration, 0.1),
             braking=max(_GENTLER * config.braking, 0.1),
         )
-        self._hard += [] if self._last is None else [self._last]
+        self.avoid()
+
+    def avoid(self) -> None:
+        """Begin elsewhere from now on than where the last push or pull began."""
+        self._bad += [] if self._last is None else [self._last]
 
     def reason_to_stop(self, belief: Belief) -> str:
         """Why nothing more is to be done, in words; empty if something is."""
@@ -232,8 +236,8 @@ class Explorer:
         return [c for c in fitting if self._is_elsewhere(c)] or fitting
 
     def _is_elsewhere(self, candidate: Candidate) -> bool:
-        """Whether a push begins away from those that met too much force."""
-        return all(np.linalg.norm(candidate.point - hard) > _ELSEWHERE for hard in self._hard)
+        """Whether it begins away from those that met too much force, or that no arm reached."""
+        return all(np.linalg.norm(candidate.point - bad) > _ELSEWHERE for bad in self._bad)
 
     def _pulls(self, belief: Belief, around: Surroundings) -> list[Candidate]:
         """Pulls that keep pads and object in the room, and that the grip should hold."""
@@ -243,7 +247,9 @@ class Explorer:
         return [
             candidate
             for candidate in pulls(footprint, self.config, around)
-            if fits(candidate, around) and is_held(candidate, belief, thing.tip_friction, force)
+            if fits(candidate, around)
+            and self._is_elsewhere(candidate)
+            and is_held(candidate, belief, thing.tip_friction, force)
         ]
 
     def _possible(self, belief: Belief, around: Surroundings) -> tuple[list[Candidate], str]:

@@ -81,6 +81,11 @@ class Performance:
         """Whether it was stopped by too much force."""
         return self._guard.pressed
 
+    @property
+    def astray(self) -> bool:
+        """Whether it was stopped because the arm did not follow its targets."""
+        return self._guard.astray
+
     def __init__(self, action: StraightAction, guard: Guard) -> None:
         self.finished, self.why = False, ""
         self.width: float | None = None
