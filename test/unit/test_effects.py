@@ -359,6 +359,7 @@ def test_whole_numbers_are_parameters_as_well():
     [
         ("contact_offset:common", [0.4, 0.0, 0.0]),
         ("sloshing_mass", [-0.05, 2.0, 0.1, 0.0, 0.0, 0.0]),
+        ("sloshing_mass", [0.05, -0.39, 0.1, 0.0, 0.0, 0.0]),
         ("force_scale", [-1.1, 0.0, 0.0, 0.0]),
     ],
 )

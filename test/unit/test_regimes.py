@@ -86,6 +86,24 @@ def test_terms_of_a_scalar_system_are_found_where_they_act(case):
     assert_allclose(np.add(found["bias"], TRUE), TRUE, atol=0.02)
 
 
+class Impossible(ScalarModel):
+    """Terms in a regime have parameters that cannot be, such as a spring that pushes."""
+
+    def is_possible(self, name):
+        return split_label(name)[1] is None
+
+
+def test_what_cannot_be_is_not_found_in_a_regime_either():
+    motion = make(
+        next(c for c, terms in CASES.items() if len(terms) == 1 and "[" in terms[0][0]), 7
+    )
+    named = diagnose(ScalarModel(motion, np.zeros(2)).refined())
+    assert split_label(named.effect)[1] is not None
+    refused = diagnose(Impossible(motion, np.zeros(2)).refined())
+    assert refused.effect is None or split_label(refused.effect)[1] is None
+    assert all(split_label(name)[1] is None for name in refused.group)
+
+
 def test_a_regime_of_chance_predicts_other_blocks_no_better_than_chance():
     motion = make("none", 1)
     random = np.random.default_rng(2)

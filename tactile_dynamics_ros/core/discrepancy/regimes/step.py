@@ -50,7 +50,8 @@ def add_regional_effects(
     It must have clearly more evidence than any effect that acts everywhere, with the price of the
     search; its regime, found in every second block, must predict the other blocks. Further effects
     are added while much remains, and borders that were found without them are found again. They
-    must explain the residual together, or the first nine tenths of the excess error.
+    must explain the residual together, or the first nine tenths of the excess error. Parameters
+    that cannot be, as of a spring that pushes, can be in no regime either.
 
     Args:
         model: fitted.
@@ -74,6 +75,8 @@ def add_regional_effects(
         if is_enough(found, first, config) or is_hopeless(found, first, config):
             break
         present, assessment = found[-1].choice.model, found[-1].after
+    if not all(found[-1].choice.model.is_possible(step.name) for step in found):
+        return ()
     if len(found) > 1 and is_enough(found, first, config):
         return reconsider_steps(found, config)
     rivals = steps if accounted else ()
