@@ -31,9 +31,9 @@ from tactile_dynamics_ros.core.discrepancy.verdict.partial import explain_most
 from tactile_dynamics_ros.core.progress import tell
 
 _NOTHING = 0.02
-"""Share of the excess error of held-out samples that an effect explains at least to be named: the
-first of several needed ones explained 0.2 and more. Less names what makes an error of 1167.8 one of
-1167.5, higher may miss the first of many."""
+"""Share of the excess error of held-out samples that an effect explains at least to be named, where
+the error is not next to the floor. Less names what makes an error of 1167.8 one of 1167.5, higher
+may miss the first of many effects."""
 
 
 @dataclass(frozen=True)
@@ -167,7 +167,8 @@ def diagnose(
     idle = find_idle(first, step.choice, before, after)
     if idle is not None:
         return replace(unnamed("adequate", steps, floor), trace=idle)
-    if explained_share(before.rms, after.rms, floor) < _NOTHING:
+    far = before.rms > NEAR_FLOOR * floor
+    if far and explained_share(before.rms, after.rms, floor) < _NOTHING:
         return unnamed("unexplained", steps, floor)
     remains = steps[-1].after
     settled = is_noise(first, steps, config) or remains.rms <= NEAR_FLOOR * floor
