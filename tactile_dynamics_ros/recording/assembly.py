@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.rotation import matrix_to_quaternion, quaternion_to_matrix
+from tactile_dynamics_ros.core.streams.pose_noise import read_covariances
 from tactile_dynamics_ros.core.streams.streams import ContactStream, ImuStream, PoseStream
 from tactile_dynamics_ros.recording.cleaning import (
     ANGULAR_VELOCITY_LIMIT,
@@ -120,6 +121,9 @@ def _clean_poses(columns: PoseColumns, log: ProblemLog) -> PoseColumns:
     fields = select(
         log.drop(label, "quaternion is not a rotation", find_bad_quaternions(named)), fields
     )
+    if columns.covariance is not None:
+        lost = read_covariances(fields[3]).lost
+        fields = select(log.drop(label, "pose lost by its tracker", lost), fields)
     fields = select(_drop_disorder(label, fields[0], log), fields)
     fields = select(log.drop(label, HELD, find_held(fields[1], fields[2])), fields)
     norm = np.asarray(np.linalg.norm(fields[2], axis=1, keepdims=True))
@@ -151,20 +155,16 @@ def _drop_disorder(label: str, time: Array, log: ProblemLog) -> Mask:
 
 
 def _clean_covariance(covariance: Array | None, label: str, log: ProblemLog) -> Array | None:
-    """Return usable covariances; a broken one is replaced by the median of the others."""
-    if covariance is None or not np.any(covariance):
+    """Return usable covariances, None where most are not; the median stands for one that is not."""
+    if covariance is None:
         return None
-    symmetric = 0.5 * (covariance + np.swapaxes(covariance, 1, 2))
-    finite = np.asarray(np.isfinite(symmetric).all(axis=(1, 2)))
-    least = np.linalg.eigvalsh(np.where(finite[:, None, None], symmetric, 0.0))[:, 0]
-    good = finite & (least > 0.0)
-    if not good.any():
-        log.note(label, "covariance is not positive definite (taken as not stated)", len(good))
+    said = read_covariances(covariance)
+    for mistake, count in said.mistakes.items():
+        log.note(label, f"{mistake} (taken as not stated)", count)
+    if 2 * np.count_nonzero(said.stated) < len(covariance):
         return None
-    log.note(
-        label, "covariance is not positive definite (median used)", int(np.count_nonzero(~good))
-    )
-    return np.where(good[:, None, None], symmetric, np.median(symmetric[good], axis=0))
+    usual = np.median(said.covariance[said.stated], axis=0)
+    return np.where(said.stated[:, None, None], said.covariance, usual)
 
 
 def assemble_contact(

@@ -53,6 +53,14 @@ sample falls as 1 / n, and an interval is at most a tenth of the data late. Half
 as many looks, twice as much leaves directions called unknown for longer."""
 
 
+_LOUD = 9.0
+"""Square of the presumed noise of a sample's regressor, over that of the samples so far, from which
+the sample is left out: windows at the border of unsure poses reach into them while the residual
+does not, and such noise would be taken out of what all samples before have told. Draws of equal
+poses stay below but for one in ten thousand. At 100 sixteen samples of a border cost as much as
+sixteen seconds told, near to 1 clean samples are left out."""
+
+
 @dataclass(frozen=True)
 class _Knowledge:
     """Information of data and prior on xi, and covariance of phi, all (10, 10).
@@ -235,7 +243,7 @@ class Accumulation:
 
     def _add(self, rows: WhiteRows) -> None:
         self._recent.append((rows.jacobian, rows.target))
-        if rows.weight > 0.0:
+        if rows.weight > 0.0 and not self._is_border(rows):
             root = np.sqrt(rows.weight)
             self.information.add(root * rows.jacobian, root * rows.target)
             self.noise_information += rows.weight * rows.noise.T @ rows.noise
@@ -245,3 +253,10 @@ class Accumulation:
             gain = 1.0 / min(self.samples, _ERROR_SAMPLES)
             self._squared_error += gain * (rows.residual**2 - self._squared_error)
         self.last_time = rows.time
+
+    def _is_border(self, rows: WhiteRows) -> bool:
+        """Whether the presumed noise of mass or inertia is far above that of the samples so far."""
+        own = np.sum(rows.noise**2, axis=0)
+        usual = self.noise_information.diagonal() / max(self.samples, 1)
+        loud = [own[part].sum() > _LOUD * usual[part].sum() for part in (slice(1), slice(4, 10))]
+        return self.samples >= _BLOCK_SAMPLES and any(loud)
