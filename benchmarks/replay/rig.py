@@ -13,7 +13,7 @@ import numpy as np
 from benchmarks.replay.motion import BODY, RATE_HZ, record_motion
 from benchmarks.replay.observations import LEVELS, OK, WRONG, risen, said_text, wrong_time
 from benchmarks.replay.player import DIAGNOSE, RESET, Answer, Player
-from benchmarks.replay.stream_faults import HOUR_NS, RIVAL, StreamFault
+from benchmarks.replay.stream_faults import RIVAL, StreamFault
 from benchmarks.replay.tape import Message, messages_of
 
 TRUTH = BODY.values()
@@ -105,8 +105,7 @@ class Rig:
         messages = self.record(stop + self.recovery - start)
         self.play(fault.inject(messages, start, stop))
         self.player.dismiss(RIVAL)
-        if fault.lasting is not None:
-            self.player.epoch_ns -= HOUR_NS
+        self.player.epoch_ns += fault.shift_ns
         self._recover(stop)
         row = self.judge(fault.name, begun, start, stop)
         self._require(row, fault)

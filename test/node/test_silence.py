@@ -16,7 +16,7 @@ from tactile_dynamics_ros.nodes.model_check import ModelCheckNode
 from tactile_dynamics_ros.ros.shell import LATCHED, STREAM
 
 STATUS, DIAGNOSTICS = "/inertial_estimator/status", "/diagnostics"
-OK, WARN = DiagnosticStatus.OK, DiagnosticStatus.WARN
+OK = DiagnosticStatus.OK
 
 
 def without_place(message):
@@ -68,7 +68,7 @@ class Stage:
     def warns(self, text):
         """Whether both nodes warn on /diagnostics, and the estimator in its status, of a text."""
         words = self.words()
-        return len(words) == 4 and all(level == WARN and text in said for level, said in words)
+        return len(words) == 4 and all(level != OK and text in said for level, said in words)
 
     def is_well(self):
         """Whether the estimator says that the object is held and nothing misses."""
@@ -86,9 +86,14 @@ def stage(bench):
 def test_a_finger_missing_from_the_start_and_one_of_another_type_are_named(stage):
     missing = "contact/ring/force: never heard, published by nobody"
     stage.play(lambda: stage.warns(missing), left_out="/contact/ring")
-    stage.rival.create_publisher(String, "/contact/ring/force", 10)
-    other = "expected geometry_msgs/msg/WrenchStamped, found std_msgs/msg/String from /rival"
-    stage.play(lambda: stage.warns(f"contact/ring/force: {other}"), left_out="/contact/ring")
+    context = rclpy.Context()
+    rclpy.init(context=context)
+    other = rclpy.create_node("other", context=context)
+    other.create_publisher(String, "/contact/ring/force", 10)
+    found = "expected geometry_msgs/msg/WrenchStamped, found std_msgs/msg/String from /other"
+    stage.play(lambda: stage.warns(f"contact/ring/force: {found}"), left_out="/contact/ring")
+    other.destroy_node()
+    rclpy.shutdown(context=context)
 
 
 @pytest.mark.parametrize("topic", ["/contact/ring/force", "/contact/ring/pose"])

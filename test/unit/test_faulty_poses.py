@@ -6,8 +6,13 @@ import numpy as np
 import pytest
 
 from benchmarks.replay.motion import BODY, POSITION_STD, ROTATION_STD, record_motion
+from tactile_dynamics_ros.core.discrepancy.comparison import compare
+from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
+from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.core.inertia.batch.batch import fit_recording
+from tactile_dynamics_ros.core.inertia.diagnosis.misreading import question
 from tactile_dynamics_ros.core.inertia.live import IncrementalInertialEstimator
+from tactile_dynamics_ros.core.inertia.live.live_estimate import MISFIT, Level, judge_estimate
 from tactile_dynamics_ros.core.streams.cutting import cut_streams, pose_rows
 from tactile_dynamics_ros.core.streams.measurement_window import MeasurementWindow
 from tactile_dynamics_ros.core.streams.pose_noise import (
@@ -140,3 +145,31 @@ def test_a_window_keeps_what_was_before_a_step_with_a_gap(clean):
     steps = np.diff(kept.pose.time)
     assert steps.argmax() == 499 and np.sum(steps > 0.011) == 1 and steps.max() > 0.2
     np.testing.assert_array_equal(kept.pose.position[:500], pose_rows(pose, slice(500)).position)
+
+
+def test_a_load_that_changes_within_the_noise_is_said(clean):
+    rng, pose = np.random.default_rng(0), clean.pose
+    shaken = replace(pose, position=pose.position + 5e-4 * rng.normal(size=pose.position.shape))
+    stated = np.tile(np.diag([ROTATION_STD**2] * 3 + [5.4e-4**2] * 3), (len(pose.time), 1, 1))
+    later = (pose.time >= 6.0)[:, None]
+    said = {}
+    for gain in (1.0, 1.05):
+        contacts = {
+            name: replace(c, force=np.where(later, gain * c.force, c.force))
+            for name, c in clean.contacts.items()
+        }
+        streams = Streams(replace(shaken, covariance=stated), contacts)
+        found = list(feed(IncrementalInertialEstimator(), streams))
+        words = [(e.time, judge_estimate(e, (), "diagnose")) for e in found]
+        said[gain] = [t for t, verdict in words if "the load has changed by +" in verdict.text]
+        assert all(verdict.level is Level.WARN for t, verdict in words if t in said[gain])
+    assert said[1.0] == [] and 6.0 < said[1.05][0] < 7.0
+    assert found[-1].recent.rms < MISFIT
+
+
+@pytest.mark.parametrize("verb", [compare, diagnose])
+def test_too_short_a_recording_is_not_called_adequate(clean, verb):
+    short, enough = (question(cut_streams(clean, 1.0, 1.0 + s)) for s in (0.5, 2.0))
+    with pytest.raises(NotIdentifiableError, match=r"too short to tell .* known for 0\.4\d s"):
+        verb(short)
+    assert verb(enough).assessment.adequate
