@@ -39,6 +39,7 @@ class StreamFault:
         whole: the data are at fault from the beginning and until the fault's end.
         lossless: nothing has to be said if no sample is lost.
         withheld: nobody can know what is right, so that no interval may be published.
+        anew: the nodes are started anew before.
         forgotten: the past is void afterwards, so that a diagnosis must find nothing.
     """
 
@@ -49,6 +50,7 @@ class StreamFault:
     whole: bool = False
     lossless: bool = False
     withheld: bool = False
+    anew: bool = False
     forgotten: bool = False
 
     def inject(self, messages: Iterable[Message], start: float, stop: float) -> list[Message]:

@@ -159,9 +159,10 @@ def _clean_covariance(covariance: Array | None, label: str, log: ProblemLog) -> 
     if covariance is None:
         return None
     said = read_covariances(covariance)
+    rare = 2 * np.count_nonzero(said.stated) >= len(covariance)
     for mistake, count in said.mistakes.items():
-        log.note(label, f"{mistake} (taken as not stated)", count)
-    if 2 * np.count_nonzero(said.stated) < len(covariance):
+        log.note(label, f"{mistake} ({'median used' if rare else 'taken as not stated'})", count)
+    if not rare:
         return None
     usual = np.median(said.covariance[said.stated], axis=0)
     return np.where(said.stated[:, None, None], said.covariance, usual)

@@ -10,6 +10,7 @@ import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.streams.pose_noise import ASSUMED_POSITION_STD
 from tactile_dynamics_ros.core.streams.stamps import Reordered
 from tactile_dynamics_ros.core.streams.streams import ContactSample
 from tactile_dynamics_ros.ros.contact_assembly import ContactAssembly
@@ -28,6 +29,9 @@ Array = NDArray[np.float64]
 HOLD = 0.05
 """How long a reading waits for those that were taken before it and come later, s: five frames at
 100 Hz. The estimators look 0.12 s ahead anyway."""
+
+_UNSTATED = f"none stated; as poses scatter, {1e3 * ASSUMED_POSITION_STD:g} mm until that is known"
+"""What is said of poses without a covariance. Words for people."""
 
 
 class HeldStreams:
@@ -103,6 +107,7 @@ class HeldStreams:
 
     def _on_message(self, message: Stamped) -> None:
         pose, covariance = read_tracked_pose(message, OBJECT_POSE, "world", self._node.faults)
+        self._node.faults.show("pose_noise", _UNSTATED if covariance is None else "stated")
         time = self.clock.admit(message.stamp, OBJECT_POSE)
         if not self._poses.add(time, (pose, covariance)):
             raise MessageError(

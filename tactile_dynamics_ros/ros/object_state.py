@@ -87,6 +87,7 @@ class Holding:
         self._contact = -math.inf
         self._pressing: dict[str, float] = {}
         self._last: dict[str, tuple[float, bool]] = {}
+        self._tells: set[str] = set()
         self._since = self._until = math.nan
 
     def hear_pose(self, now: float) -> None:
@@ -102,6 +103,8 @@ class Holding:
         self._last[name] = now, touches
         if touches:
             self._touched = self._pressing[name] = now
+        else:
+            self._tells.add(name)
         self._note(held, now)
 
     def state(self, now: float) -> ObjectState:
@@ -123,12 +126,15 @@ class Holding:
         return now - min(self._pose, self._touched) <= SILENT
 
     def _dropped(self, now: float) -> tuple[str, ...]:
-        """Name the contacts that fell silent while they pressed."""
-        return tuple(
-            f"contact/{name}: silent since {now - at:.0f} s, it pressed before"
-            for name, (at, touched) in self._last.items()
-            if touched and SILENT < now - at <= DROPPED
-        )
+        """Name the contacts that fell silent while they pressed, or that else tell of no touch."""
+        found = []
+        for name, (at, touched) in self._last.items():
+            silent = f"contact/{name}: silent since {now - at:.0f} s"
+            if touched and SILENT < now - at <= DROPPED:
+                found.append(f"{silent}, it pressed before")
+            elif name in self._tells and now - at > SILENT:
+                found.append(f"{silent}, where it told of no touch by zeros before")
+        return tuple(found)
 
     def _note(self, held: bool, now: float) -> None:
         """Note when holding began, and until when it surely lasted."""

@@ -117,6 +117,15 @@ def test_a_recording_leaves_lost_poses_out(clean):
     assert len(read.time) == 800 and log["p: pose lost by its tracker (dropped)"] == 200
 
 
+def test_what_was_counted_outlasts_a_reset():
+    estimator = IncrementalInertialEstimator()
+    for _ in range(2):
+        for time in (0.0, 0.01, 0.5):
+            estimator.add_pose(time, np.eye(4), None)
+        estimator.reset()
+    assert estimator.problems == {"gap between poses": 2}
+
+
 @pytest.mark.parametrize("step", [0.06, 0.9])
 def test_what_comes_after_a_step_of_the_clock_is_not_joined_with_what_was_before(clean, step):
     estimator = IncrementalInertialEstimator()

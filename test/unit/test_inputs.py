@@ -80,3 +80,13 @@ def test_a_dropped_finger_is_a_trouble_from_its_silence_on_for_ten_seconds():
 
 def test_a_trouble_is_said_within_two_seconds_of_real_time():
     assert SILENT + LOOK + 1.0 / InertialEstimatorConfig().update_rate_hz < 2.0
+
+
+def test_a_finger_that_tells_of_no_touch_by_zeros_may_not_fall_silent():
+    holding = Holding(["ring", "thumb"], 0.0)
+    holding.hear_contact("ring", False, 5.0)
+    holding.hear_pose(60.0)
+    holding.hear_contact("thumb", True, 60.0)
+    assert holding.state(60.0).troubles == (
+        "contact/ring: silent since 55 s, where it told of no touch by zeros before",
+    )

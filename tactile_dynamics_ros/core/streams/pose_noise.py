@@ -59,7 +59,7 @@ class StatedNoise:
 
 def read_covariances(covariance: Array) -> StatedNoise:
     """Judge covariances (N, 6, 6) [rotation, position]; all zero means that none is stated."""
-    finite = np.isfinite(covariance).all(axis=(1, 2))
+    finite: Mask = np.asarray(np.isfinite(covariance).all(axis=(1, 2)))
     clean = np.where(finite[:, None, None], covariance, 0.0)
     symmetric = 0.5 * (clean + np.swapaxes(clean, 1, 2))
     absent = finite & ~clean.any(axis=(1, 2))

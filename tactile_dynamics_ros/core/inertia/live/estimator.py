@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time as clock
+from collections import Counter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,12 +53,13 @@ class IncrementalInertialEstimator:
         """Start without data."""
         self._config = config or IncrementalConfig()
         self._hull: CentreHull | None = None
+        self._problems: Counter[str] = Counter()
         self.reset()
 
     @property
     def problems(self) -> dict[str, int]:
-        """Counts of readings that could not be used as they came, by kind."""
-        return dict(self._stream.problems)
+        """Counts of readings that could not be used as they came, by kind, since the beginning."""
+        return dict(self._problems)
 
     @property
     def obstacles(self) -> tuple[str, ...]:
@@ -72,8 +74,8 @@ class IncrementalInertialEstimator:
         )
 
     def reset(self) -> None:
-        """Forget all measurements; the hull stays."""
-        self._stream = SampleStream(self._config)
+        """Forget all measurements; the hull stays, and what was counted."""
+        self._stream = SampleStream(self._config, self._problems)
         self._newest = -np.inf
         self._seen = 0
         self._summariser = Summariser(self._hull)
@@ -106,14 +108,14 @@ class IncrementalInertialEstimator:
         """
         X_WO = np.asarray(X_WO, dtype=float)
         if not (np.isfinite(t) and np.all(np.isfinite(X_WO))):
-            self._stream.problems["pose not finite"] += 1
+            self._problems["pose not finite"] += 1
             return
         given = np.zeros((6, 6)) if covariance is None else np.asarray(covariance, dtype=float)
         said = read_covariances(given[None])
         for mistake in said.mistakes:
-            self._stream.problems[f"pose {mistake}"] += 1
+            self._problems[f"pose {mistake}"] += 1
         if said.lost[0]:
-            self._stream.problems["pose lost by its tracker"] += 1
+            self._problems["pose lost by its tracker"] += 1
             return
         noise = self._pose_noise(said.covariance[0], bool(said.stated[0]))
         before = self._stream.newest
@@ -128,7 +130,7 @@ class IncrementalInertialEstimator:
         point, rotation, force, torque = (np.asarray(values, dtype=float) for values in given)
         flat = np.concatenate([point, rotation.ravel(), force, torque])
         if not math.isfinite(contact.time + sum(flat.tolist())):
-            self._stream.problems[f"contact '{contact.name}' not finite"] += 1
+            self._problems[f"contact '{contact.name}' not finite"] += 1
             return
         std = np.full(3, np.nan) if contact.std is None else np.asarray(contact.std, dtype=float)
         if not all(0.0 < value < math.inf for value in std.tolist()):
@@ -176,6 +178,6 @@ class IncrementalInertialEstimator:
     def _pose_noise(self, covariance: Array, stated: bool) -> PoseNoise:
         if stated:
             blocks = np.stack([covariance[:3, :3], covariance[3:, 3:]])
-            return PoseNoise(np.linalg.cholesky(blocks), True)
+            return PoseNoise(np.asarray(np.linalg.cholesky(blocks)), True)
         std = np.array([self._config.rotation_std, self._config.position_std])
         return PoseNoise(std[:, None, None] * np.eye(3), False)

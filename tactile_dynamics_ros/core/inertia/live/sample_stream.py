@@ -69,8 +69,8 @@ class Layout:
 class SampleStream:
     """Bounded memory of raw samples; every row is a pose with the contacts at its stamp."""
 
-    def __init__(self, config: IncrementalConfig) -> None:
-        """Start empty."""
+    def __init__(self, config: IncrementalConfig, problems: Counter[str] | None = None) -> None:
+        """Start empty; problems are counted in what is given."""
         self._config = config
         capacity = int(config.replay_duration * config.maximum_rate) + 64
         self._poses = RollingTable(
@@ -108,7 +108,7 @@ class SampleStream:
         )
         self._repeated_pose = 0
         self._repeated_force = np.zeros(MAXIMUM_CONTACTS, dtype=int)
-        self.problems: Counter[str] = Counter()
+        self.problems = Counter[str]() if problems is None else problems
 
     @property
     def names(self) -> tuple[str, ...]:
