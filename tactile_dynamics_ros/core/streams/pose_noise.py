@@ -36,8 +36,11 @@ gravity acts in the body is not known then. One axis alone may be unknown, as of
 round about it."""
 
 NOT_FINITE = "covariance is not finite"
+"""A mistake. Words for people, also the key of its count."""
 INDEFINITE = "covariance is not positive definite"
+"""Likewise."""
 TOO_SMALL = "covariance is smaller than that of any tracker"
+"""Likewise, see `LEAST_STD`."""
 
 
 @dataclass(frozen=True)

@@ -47,6 +47,9 @@ _RECENT_SAMPLES = 200
 """Samples whose error says whether the model fits now, two seconds at 100 Hz: long enough that
 noise alone stays within a tenth of 1, short enough that a fault is over soon after its end. Half as
 many would warn by chance, twice as many for twice as long."""
+_NEWEST_SAMPLES = 50
+"""Samples of which the load is compared with the estimate of all, half a second at 100 Hz: a change
+is known in full after so long. Fewer see small changes later, more see large ones in part."""
 _LOOK_SHARE = 0.1
 """Share of new samples after which it is looked again at which directions are excited: the cost per
 sample falls as 1 / n, and an interval is at most a tenth of the data late. Half as much costs twice
@@ -121,6 +124,21 @@ class Accumulation:
         rows = np.concatenate([jacobian for jacobian, _ in self._recent])
         wrench = np.concatenate([target for _, target in self._recent])
         return RecentFit.of_rows(rows @ self.phi - wrench, wrench)
+
+    def newest_load(self) -> tuple[float, float]:
+        """Share by which the load of the newest samples differs, and its standard deviation.
+
+        The one factor on the predicted white wrenches that fits best: a misfit within the noise
+        that all samples share shows in it.
+        """
+        newest = list(self._recent)[-_NEWEST_SAMPLES:]
+        if not newest:
+            return 0.0, np.inf
+        predicted = np.concatenate([jacobian @ self.phi for jacobian, _ in newest])
+        missing = np.concatenate([target for _, target in newest]) - predicted
+        square = max(float(predicted @ predicted), 1e-12)
+        scatter = max(float(np.sqrt(np.mean(missing**2))), 1.0)
+        return float(predicted @ missing) / square, scatter / float(np.sqrt(square))
 
     def advance(self, limit: int) -> int:
         """Take at most `limit` samples; return how many informed the estimate."""

@@ -51,12 +51,6 @@ the wrong sign no mass explains any, beside the effects of the catalogue a body 
 1 any misfit would silence the estimator, near 0 a wrong sign would be published."""
 
 
-CHANGED = 4.0
-"""Standard deviations by which the load of the last seconds must differ from the estimate to be
-said to have changed: by chance once in 16 000 looks. Lower warns of clean data, higher keeps quiet
-of a change that the interval does not cover."""
-
-
 @dataclass(frozen=True)
 class Direction:
     """One direction in the space of inertial parameters and how well the data determine it.
@@ -83,25 +77,18 @@ class RecentFit:
         rms: whitened RMS; 1 where only the stated noise remains.
         explained: share of the squared white wrenches that the model explains; negative where it
             is worse than no object at all.
-        change: share by which the load must grow to fit best; a misfit of the size of the noise,
-            that all samples share, shows here alone.
-        change_std: its standard deviation, by the scatter that `rms` says.
+        change: share by which the load of the newest samples differs; 0 if the estimate covers it.
     """
 
     rms: float = 1.0
     explained: float = 1.0
     change: float = 0.0
-    change_std: float = float("inf")
 
     @classmethod
     def of_rows(cls, residual: Array, wrench: Array) -> RecentFit:
         """Compare white residuals (6 N,) with the white wrenches (6 N,) that were measured."""
         left, whole = float(np.mean(residual**2)), float(np.mean(wrench**2))
-        rms, predicted = float(np.sqrt(left)), residual + wrench
-        square = max(float(predicted @ predicted), 1e-12)
-        change = -float(predicted @ residual) / square
-        deviation = max(rms, 1.0) / float(np.sqrt(square))
-        return cls(rms, 1.0 - left / max(whole, 1.0), change, deviation)
+        return cls(float(np.sqrt(left)), 1.0 - left / max(whole, 1.0))
 
 
 @dataclass(frozen=True)
@@ -212,22 +199,12 @@ def judge_estimate(estimate: LiveEstimate, obstacles: Sequence[str], check: str)
     if gross or (off and estimate.samples >= FEW):
         text = f"the model does not fit: error {error:.3g} times the noise; call {check}"
         return Verdict(Level.ERROR if gross else Level.WARN, text)
-    change = _load_change(estimate)
-    if abs(change) > 0.0:
-        text = f"the load has changed by {100.0 * change:+.0f} % lately, which the estimate of all "
-        return Verdict(Level.WARN, f"{text}samples does not cover: reset, or call {check}")
+    if change := estimate.recent.change:
+        text = f"the newest samples need a load that differs by {100.0 * change:+.0f} %"
+        return Verdict(Level.WARN, f"{text}: it has changed (then reset), or call {check}")
     directions = estimate.directions
     found = [direction for direction in directions if direction.identified]
     text = f"{len(found)} of {len(directions)} directions identified"
     if estimate.remarks:
         text = "; ".join(estimate.remarks)
     return Verdict(Level.OK if len(found) == len(directions) else Level.WARN, text)
-
-
-def _load_change(estimate: LiveEstimate) -> float:
-    """Share by which the load of the last seconds is larger than the estimate covers; 0 if not."""
-    recent = estimate.recent
-    known = float(estimate.parameter_std[0]) / estimate.inertia.mass
-    return (
-        recent.change if abs(recent.change) > CHANGED * np.hypot(recent.change_std, known) else 0.0
-    )

@@ -14,10 +14,9 @@ from tactile_dynamics_ros.core.inertia.live.contact_queue import (
     ContactQueue,
     ContactReading,
 )
-from tactile_dynamics_ros.core.inertia.live.pose_scatter import PoseScatter
 from tactile_dynamics_ros.core.inertia.live.residuals import ContactRows, PoseWindows
 from tactile_dynamics_ros.core.inertia.residuals.contact_grid import UNMEASURED_TORQUE_STD
-from tactile_dynamics_ros.core.inertia.residuals.sensor_noise import SensorNoise
+from tactile_dynamics_ros.core.inertia.residuals.sensor_noise import PoseScatter, SensorNoise
 from tactile_dynamics_ros.core.numerics.repeats import (
     FROZEN,
     STUCK,
