@@ -29,6 +29,7 @@ from tactile_dynamics_ros.recording.cleaning import (
     find_not_finite,
     find_not_increasing,
     find_saturated,
+    find_seams,
     scale_quaternions,
     select,
 )
@@ -151,7 +152,9 @@ def _drop_disorder(label: str, time: Array, log: ProblemLog) -> Mask:
     repeated = bad & np.isin(time, time[~bad])
     log.drop(label, "stamp repeats", repeated)
     log.drop(label, "stamp jumps", bad & ~repeated)
-    return ~bad
+    seams = find_seams(time, bad)
+    log.drop(label, "clock stepped, next samples are not joined with those before", seams)
+    return ~bad & ~seams
 
 
 def _clean_covariance(covariance: Array | None, label: str, log: ProblemLog) -> Array | None:

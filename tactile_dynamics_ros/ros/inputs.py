@@ -24,6 +24,11 @@ RIVAL_STEPS, RIVAL_SPAN = 2, 1.0
 publish at once: those of two mix with every message, those of a restarted one go back once."""
 
 
+ASKED = 1.0
+"""Real time between questions to the middleware who publishes a silent topic, s: a question takes a
+tenth of a millisecond, and a publisher that appears is named a second later at most."""
+
+
 class Need(Enum):
     """When the silence of a topic is a trouble."""
 
@@ -66,6 +71,8 @@ class Input:
         ever: whether one was used.
         refused: when a message was last refused. reason: why.
         rivals: until when it is said that two publish at once.
+        asked: when it was last asked who publishes.
+        publishers: name of the node and type of each that publishes it, as of then.
     """
 
     topic: str
@@ -76,6 +83,8 @@ class Input:
     refused: float = -math.inf
     reason: str = ""
     rivals: float = -math.inf
+    asked: float = -math.inf
+    publishers: Sequence[tuple[str, str]] = ()
 
     def take(self, now: float) -> None:
         """Note that a message was used."""
@@ -89,14 +98,9 @@ class Input:
         """Whether it is worth asking who publishes."""
         return now < self.rivals or now - self.heard > SILENT
 
-    def trouble(self, publishers: Sequence[tuple[str, str]], now: float) -> str:
-        """Return what is wrong with the topic, "" if nothing is.
-
-        Args:
-            publishers: name of the node and type of each that publishes it.
-            now: s.
-        """
-        names = " and ".join(name for name, _ in publishers) or "nobody"
+    def trouble(self, now: float) -> str:
+        """Return what is wrong with the topic, "" if nothing is."""
+        names = " and ".join(name for name, _ in self.publishers) or "nobody"
         if now < self.rivals:
             return (
                 f"{self.topic}: two publishers at once ({names}), nobody can know which is right: "
@@ -106,8 +110,8 @@ class Input:
             return ""
         if now - self.refused <= SILENT:
             return f"{self.topic}: all that comes is refused: {self.reason}"
-        others = [f"{kind} from {name}" for name, kind in publishers if kind != self.kind]
-        if others and len(others) == len(publishers):
+        others = [f"{kind} from {name}" for name, kind in self.publishers if kind != self.kind]
+        if others and len(others) == len(self.publishers):
             return f"{self.topic}: expected {self.kind}, found {', '.join(others)}"
         if self.need is not Need.OPTIONAL and not self.ever:
             return f"{self.topic}: never heard, published by {names}"
@@ -146,11 +150,11 @@ class Inputs:
     def look(self) -> bool:
         """Look for troubles; return whether they are of other topics than at the last look."""
         now, before = time.monotonic(), self.troubles
-        self.troubles = tuple(
-            text
-            for full, found in self._found.items()
-            if found.suspicious(now) and (text := found.trouble(self._publishers(full), now))
-        )
+        suspicious = {full: one for full, one in self._found.items() if one.suspicious(now)}
+        for full, one in suspicious.items():
+            if now - one.asked >= ASKED:
+                one.asked, one.publishers = now, self._publishers(full)
+        self.troubles = tuple(filter(None, (one.trouble(now) for one in suspicious.values())))
         return [_topic(text) for text in before] != [_topic(text) for text in self.troubles]
 
     def _publishers(self, full: str) -> list[tuple[str, str]]:

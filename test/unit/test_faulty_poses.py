@@ -23,7 +23,7 @@ from tactile_dynamics_ros.core.streams.pose_noise import (
 )
 from tactile_dynamics_ros.core.streams.streams import ContactSample, Streams
 from tactile_dynamics_ros.recording.assembly import PoseColumns, assemble_pose
-from tactile_dynamics_ros.recording.cleaning import ProblemLog
+from tactile_dynamics_ros.recording.cleaning import ProblemLog, find_seams
 
 HONEST = np.diag([ROTATION_STD**2] * 3 + [POSITION_STD**2] * 3)
 ROWS, COLUMNS = (0, 1, 0, 0, 1, 2), (0, 1, 2, 1, 2, 2)
@@ -178,6 +178,22 @@ def test_a_load_that_changes_within_the_noise_is_said(clean):
         abs(e.inertia.mass / BODY.mass - 1.18) / e.parameter_std[0] for e in found if e.time > 7.0
     ]
     assert max(off) * BODY.mass < 4.0
+
+
+def test_a_recording_whose_clock_stepped_back_has_a_gap_there(clean):
+    time = clean.pose.time - np.where(np.arange(1000) >= 500, 0.9, 0.0)
+    log, same = ProblemLog(), np.tile([0, 0, 0, 1.0], (1000, 1))
+    read = assemble_pose(PoseColumns("p", time, clean.pose.position, same), log)
+    [dropped] = [count for text, count in log.items() if "clock stepped" in text]
+    steps = np.diff(read.time)
+    assert len(read.time) == 910 - dropped and 24 <= dropped <= 26
+    assert np.sum(steps > 0.011) == 1 and steps.max() >= 0.25
+
+
+def test_a_sensor_that_is_repeated_with_its_stamp_is_no_clock_that_steps():
+    time = np.repeat(np.arange(50) / 10.0, 10)
+    bad = np.arange(500) % 10 > 0
+    assert not find_seams(time, bad).any()
 
 
 @pytest.mark.parametrize("verb", [compare, diagnose])
