@@ -85,13 +85,18 @@ class StdColumns:
     std: Array
 
 
-def assemble_pose(columns: PoseColumns, log: ProblemLog) -> PoseStream:
+def assemble_pose(columns: PoseColumns, log: ProblemLog, planar: bool = False) -> PoseStream:
     """Return the object's pose stream without faulty samples.
+
+    Args:
+        columns: as measured.
+        log: where faults are counted.
+        planar: whether the object lies on a table, so that x, y and yaw alone count.
 
     Raises:
         BadInputError: fewer than two usable poses remain.
     """
-    kept = _clean_poses(columns, log)
+    kept = _clean_poses(columns, log, planar)
     bad = find_glitches(kept.position, 2.0 * align_signs(kept.quaternion))
     kept = _drop_leaps(kept, bad, log)
     if len(kept.time) < 2:
@@ -104,11 +109,11 @@ def assemble_pose(columns: PoseColumns, log: ProblemLog) -> PoseStream:
         time=kept.time,
         position=kept.position,
         rotation=quaternion_to_matrix(kept.quaternion),
-        covariance=_clean_covariance(kept.covariance, kept.label, log),
+        covariance=_clean_covariance(kept.covariance, kept.label, log, planar),
     )
 
 
-def _clean_poses(columns: PoseColumns, log: ProblemLog) -> PoseColumns:
+def _clean_poses(columns: PoseColumns, log: ProblemLog, planar: bool = False) -> PoseColumns:
     """Drop poses that are not finite, absurd, out of order or without rotation."""
     label = columns.label
     fields: tuple[Array, ...] = (columns.time, columns.position, columns.quaternion)
@@ -123,7 +128,7 @@ def _clean_poses(columns: PoseColumns, log: ProblemLog) -> PoseColumns:
         log.drop(label, "quaternion is not a rotation", find_bad_quaternions(named)), fields
     )
     if columns.covariance is not None:
-        lost = read_covariances(fields[3]).lost
+        lost = read_covariances(fields[3], planar).lost
         fields = select(log.drop(label, "pose lost by its tracker", lost), fields)
     fields = select(_drop_disorder(label, fields[0], log), fields)
     fields = select(log.drop(label, HELD, find_held(fields[1], fields[2])), fields)
@@ -157,11 +162,13 @@ def _drop_disorder(label: str, time: Array, log: ProblemLog) -> Mask:
     return ~bad & ~seams
 
 
-def _clean_covariance(covariance: Array | None, label: str, log: ProblemLog) -> Array | None:
+def _clean_covariance(
+    covariance: Array | None, label: str, log: ProblemLog, planar: bool
+) -> Array | None:
     """Return usable covariances, None where most are not; the median stands for one that is not."""
     if covariance is None:
         return None
-    said = read_covariances(covariance)
+    said = read_covariances(covariance, planar)
     rare = 2 * np.count_nonzero(said.stated) >= len(covariance)
     for mistake, count in said.mistakes.items():
         log.note(label, f"{mistake} ({'median used' if rare else 'taken as not stated'})", count)

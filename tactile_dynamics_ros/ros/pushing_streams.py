@@ -184,7 +184,7 @@ class _Link:
             self._part.add_pose(time, flat, _planar_std(covariance, X_SW[:3, :3]))
 
     def _on_pose(self, message: Stamped) -> None:
-        both = read_tracked_pose(message, self._pose_topic, WORLD, self._node.faults)
+        both = read_tracked_pose(message, self._pose_topic, WORLD, self._node.faults, planar=True)
         time = self._clock.admit(message.stamp, self._pose_topic)
         _add(self._poses, time, both, self._pose_topic)
 

@@ -22,7 +22,7 @@ NOT_STATED = "covariance_not_stated"
 
 
 def read_tracked_pose(
-    message: Stamped, topic: str, frame: str, faults: Faults
+    message: Stamped, topic: str, frame: str, faults: Faults, planar: bool = False
 ) -> tuple[Array, Array | None]:
     """Return the pose (4, 4) of an object and its covariance (6, 6), None where none is stated.
 
@@ -31,13 +31,14 @@ def read_tracked_pose(
         topic: for texts.
         frame: that the header has to name.
         faults: where a covariance that cannot be meant is counted.
+        planar: whether the object lies on a table, so that x, y and yaw alone count.
 
     Raises:
         MessageError: wrong frame, pose not finite, bad quaternion, or its covariance says that the
             tracker has lost the object.
     """
     matrix = pose_to_core(message, topic, frame)
-    said = read_covariances(covariance_to_core(message)[None])
+    said = read_covariances(covariance_to_core(message)[None], planar)
     for mistake in said.mistakes:
         faults.add(NOT_STATED, f"{topic}: {mistake}; taken as not stated")
     if said.lost[0]:

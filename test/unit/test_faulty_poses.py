@@ -94,6 +94,15 @@ def test_a_round_body_may_be_unknown_about_its_axis_and_is_not_lost():
     ]  # fmt: skip
 
 
+def test_on_a_table_height_roll_and_pitch_may_be_anything():
+    marker = np.diag([1.0, 0.0, 1e-5, 1e-6, 1e-6, 1.0])
+    said = read_covariances(np.stack([marker, 0.0 * marker, 1e4 * marker]), planar=True)
+    assert said.stated.tolist() == [True, False, True]
+    assert said.lost.tolist() == [False, False, False]
+    far = read_covariances((1e5 * marker)[None], planar=True)
+    assert far.lost.tolist() == [True] and not read_covariances(marker[None]).stated[0]
+
+
 @pytest.mark.parametrize("std", [1e3, 1.0, 0.05])
 def test_a_lost_tracker_costs_nothing_of_the_past(clean, std):
     lost = np.diag([std**2 if std > 1.0 else ROTATION_STD**2] * 3 + [std**2] * 3)

@@ -60,15 +60,22 @@ class StatedNoise:
     lost: Mask
 
 
-def read_covariances(covariance: Array) -> StatedNoise:
-    """Judge covariances (N, 6, 6) [rotation, position]; all zero means that none is stated."""
+def read_covariances(covariance: Array, planar: bool = False) -> StatedNoise:
+    """Judge covariances (N, 6, 6) [rotation, position]; all zero means that none is stated.
+
+    Args:
+        covariance: as stated.
+        planar: whether x, y and yaw alone count, of what lies on a table: trackers of markers state
+            anything of the others.
+    """
     finite: Mask = np.asarray(np.isfinite(covariance).all(axis=(1, 2)))
     clean = np.where(finite[:, None, None], covariance, 0.0)
     symmetric = 0.5 * (clean + np.swapaxes(clean, 1, 2))
-    absent = finite & ~clean.any(axis=(1, 2))
-    blocks = np.stack([symmetric[:, :3, :3], symmetric[:, 3:, 3:]], axis=1)
+    judged = _on_table(symmetric) if planar else symmetric
+    absent = finite & ~judged.any(axis=(1, 2))
+    blocks = np.stack([judged[:, :3, :3], judged[:, 3:, 3:]], axis=1)
     variances = np.linalg.eigvalsh(blocks)
-    definite = np.linalg.eigvalsh(_unit_free(symmetric))[:, 0] > 0.0
+    definite = np.linalg.eigvalsh(_unit_free(judged))[:, 0] > 0.0
     small = definite & (variances[:, :, -1] < LEAST_STD**2).any(axis=1)
     mistaken = {
         NOT_FINITE: ~finite,
@@ -80,6 +87,16 @@ def read_covariances(covariance: Array) -> StatedNoise:
         variances[:, 0, 0] > LOST_ROTATION_STD**2
     )
     return StatedNoise(symmetric, definite & ~small, mistakes, definite & lost)
+
+
+def _on_table(covariance: Array) -> Array:
+    """Covariances (N, 6, 6) whose roll and pitch are as yaw, and whose z is as x."""
+    kept = np.array([2, 3, 4])
+    found = np.zeros_like(covariance)
+    found[:, kept[:, None], kept] = covariance[:, kept[:, None], kept]
+    found[:, [0, 1], [0, 1]] = covariance[:, [2], [2]]
+    found[:, 5, 5] = covariance[:, 3, 3]
+    return found
 
 
 def _unit_free(covariance: Array) -> Array:
