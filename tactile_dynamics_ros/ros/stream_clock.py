@@ -54,11 +54,13 @@ class StreamClock:
             topic: for the error text.
 
         Raises:
-            MessageError: the stamp is zero, or not of the time that the other streams have.
+            MessageError: the stamp is zero or less, or not of the time that the other streams have.
         """
         stamped = to_seconds(stamp)
-        if stamped == 0.0:
-            raise MessageError("zero_stamp", f"{topic}: the stamp is zero, expected when measured")
+        if stamped <= 0.0:
+            raise MessageError(
+                "zero_stamp", f"{topic}: the stamp is zero or less, expected when measured"
+            )
         self._heard = time.monotonic()
         newest = self._clock.newest
         found = self._clock.check(stamped, self._heard, topic)

@@ -1,11 +1,16 @@
 """What is wrong with a topic is named: silent, of another type, rivals, refused."""
 
+from types import SimpleNamespace
+
 import pytest
 
 from tactile_dynamics_ros.nodes.inertial_estimator import InertialEstimatorConfig
+from tactile_dynamics_ros.ros.conversions import MessageError
 from tactile_dynamics_ros.ros.inputs import Input, Need, Numbers
 from tactile_dynamics_ros.ros.object_state import DROPPED, SILENT, Holding
 from tactile_dynamics_ros.ros.shell import LOOK
+from tactile_dynamics_ros.ros.stream_clock import StreamClock
+from tactile_dynamics_ros.ros.wire import Stamp
 
 WRENCH, TEXT = "geometry_msgs/msg/WrenchStamped", "std_msgs/msg/String"
 RIGHT = [("/contact_state", WRENCH)]
@@ -91,3 +96,26 @@ def test_a_finger_that_tells_of_no_touch_by_zeros_may_not_fall_silent():
     assert holding.state(60.0).troubles == (
         "contact/ring: silent since 55 s, where it told of no touch by zeros before",
     )
+
+
+def test_a_step_back_is_counted_and_told_with_its_size_and_forgets_nothing_but_what_waits():
+    counted, told, forgotten = [], [], []
+    node = SimpleNamespace(faults=SimpleNamespace(add=lambda kind, text: counted.append(kind)))
+    clock = StreamClock(node)
+    clock.on_move.append(lambda: told.append("move"))
+    clock.on_step.append(told.append)
+    clock.on_restart.append(lambda: forgotten.append("all"))
+    for hundredth in [*range(100, 200), *range(110, 120)]:
+        clock.admit(Stamp(5 + hundredth // 100, hundredth % 100 * 10**7), "object/pose")
+    assert counted == ["clock_stepped_back"] and forgotten == []
+    assert told == ["move", pytest.approx(6.99 - 6.14)]
+    assert clock.newest == pytest.approx(6.19)
+
+
+def test_a_stamp_before_the_epoch_is_refused_and_moves_no_clock():
+    clock = StreamClock(SimpleNamespace(faults=None))
+    clock.admit(Stamp(5, 0), "object/pose")
+    for _ in range(20):
+        with pytest.raises(MessageError, match="zero or less"):
+            clock.admit(Stamp(-1, 999_999_999), "object/pose")
+    assert clock.newest == 5.0
