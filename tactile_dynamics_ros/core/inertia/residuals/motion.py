@@ -42,10 +42,6 @@ OVERSTATED = 0.7
 Trackers state slow errors too, which differentiation does not see. The seen one scatters by 7 %
 over 200 poses, so that 0.7 is out of reach by chance (least of 200 draws: 0.81); nearer to 1 honest
 covariances are replaced by noisy ones."""
-UNDERSTATED = 0.01
-"""Stated over seen noise of poses from which the statement is a mistake, as of forces
-(`sensor_noise._UNDERSTATED`), and the seen one is used. Nearer to 1 honest statements of quiet
-moments are thrown away."""
 IMU_HALF_WIDTH = 0.01
 """Half width, s, of the parabola through which accelerations of an IMU are read. No derivative is
 taken, so that it only averages: of 10 Hz it leaves out 0.06 %, of 20 Hz 0.9 %. Wider averages more
@@ -249,8 +245,7 @@ def _white_pose_noise(pose: PoseStream) -> tuple[Array, Array]:
     """White-noise factors (K, 3, 3) of orientation and position as stated or seen.
 
     The stated covariance is used unless the samples scatter clearly less: a tracker's covariance
-    also covers slow errors, which differentiation does not see. One that is a small fraction of the
-    scatter is a mistake.
+    also covers slow errors, which differentiation does not see.
     """
     count = len(pose.time)
     seen = white_pose_noise_std(pose.time, pose.rotation, pose.position)
@@ -262,9 +257,6 @@ def _white_pose_noise(pose: PoseStream) -> tuple[Array, Array]:
             continue
         stated = said.covariance[:, 3 * k : 3 * k + 3, 3 * k : 3 * k + 3]
         stated_level = float(np.sqrt(np.median(np.einsum("nii->ni", stated))))
-        if UNDERSTATED * seen[k] > stated_level:
-            factors.append(isotropic_factor(count, seen[k]))
-            continue
         overstated = not pose.white and 0 < seen[k] < OVERSTATED * stated_level
         scale = seen[k] / stated_level if overstated else 1.0
         factors.append(np.asarray(scale * np.linalg.cholesky(stated)))

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.inertia.residuals.contact_grid import POINT_STD_FLOOR
-from tactile_dynamics_ros.core.inertia.residuals.motion import OVERSTATED, UNDERSTATED
+from tactile_dynamics_ros.core.inertia.residuals.motion import OVERSTATED
 from tactile_dynamics_ros.core.numerics.noise import white_noise_std, white_pose_noise_std
 
 Array = NDArray[np.float64]
@@ -30,6 +30,10 @@ _NOISE_FLOOR = (1e-5, 1e-6)
 generated, and would get unlimited weight. 0.6 mdeg and 1 um are far below any tracker. Higher
 overstates the noise of good trackers in simulation and widens intervals; at zero poses without
 noise make the weights overflow."""
+
+_MOST_SCATTER = 20.0
+"""Scatter of poses over what is assumed of them up to which it is noise: 1 cm and 1.1 deg are the
+worst depth cameras. Higher takes poses in mm for noisy ones, lower doubts those cameras."""
 
 
 class SensorNoise:
@@ -79,9 +83,8 @@ class SensorNoise:
 class PoseScatter:
     """Scatter of the poses beside the noise that they state, or that is assumed of them.
 
-    Assumed noise becomes that of the scatter. So does stated noise that is far from it: a tracker's
-    covariance also covers slow errors, which differentiation does not see; one that is a small
-    fraction of the scatter is a mistake.
+    Assumed noise becomes that of the scatter. So does stated noise that is far above it: a
+    tracker's covariance also covers slow errors, which differentiation does not see.
     """
 
     def __init__(self) -> None:
@@ -90,8 +93,8 @@ class PoseScatter:
 
     def measure(
         self, time: Array, rotation: Array, position: Array, noise: Array, stated: Array
-    ) -> bool:
-        """Take the scatter of N poses; return whether what they state is a mistake.
+    ) -> None:
+        """Take the scatter of N poses.
 
         Args:
             time: (N,) s.
@@ -100,20 +103,15 @@ class PoseScatter:
             noise: (N, 2, 3, 3) square roots of the covariances, stated or assumed.
             stated: (N,) 1 where they are stated, else 0.
         """
-        mistaken = np.zeros(2, dtype=bool)
         seen = np.array(white_pose_noise_std(time, rotation, position))
         self._seen = np.maximum(seen, _NOISE_FLOOR)
         for kind in (0, 1):
             chosen = noise[stated == kind]
-            if not len(chosen):
-                continue
-            ratio = self._seen / np.median(_levels(chosen), axis=0)
-            far = seen > 0.0
-            if kind:
-                mistaken = ratio > 1.0 / UNDERSTATED
-                far = mistaken | (ratio < OVERSTATED)
-            self._scale[kind] = np.where(far, ratio, 1.0)
-        return bool(mistaken.any())
+            if len(chosen):
+                ratio = self._seen / np.median(_levels(chosen), axis=0)
+                ratio = np.minimum(ratio, _MOST_SCATTER)
+                far = ratio < OVERSTATED if kind else seen > 0.0
+                self._scale[kind] = np.where(far, ratio, 1.0)
 
     def scaled(self, noise: Array, stated: Array) -> Array:
         """Noise (N, 2, 3, 3) of poses as it is to be believed; none is moved beyond the scatter."""
