@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.replay.command_faults import COMMAND_FAULTS
+from benchmarks.replay.input_faults import INPUT_FAULTS
 from benchmarks.replay.observations import Status, risen, said_text, wrong_time
 from benchmarks.replay.player import NODES, replay
 from benchmarks.replay.rig import TRUTH, Rig, Row
@@ -31,7 +32,7 @@ WIDEST = 1.1
 """Intervals of the clean recording may be that much wider."""
 PUBLISHED = 0.99
 """Share of the updates of the clean recording that have intervals."""
-_FAULTS = {fault.name: fault for fault in STREAM_FAULTS}
+_FAULTS = {fault.name: fault for fault in (*STREAM_FAULTS, *INPUT_FAULTS)}
 NAMES = (CLEAN, *_FAULTS, *COMMAND_FAULTS)
 
 
@@ -106,20 +107,21 @@ def width_ratios(status: Status) -> dict[str, float]:
 
 HEADING = (
     f"{'fault':38s} {'':4s} {'worst z':>8s} {'>4 for':>7s} {'held':>5s} {'used':>5s} "
-    f"{'after':>7s} {'level':>6s} {'error':>6s}  said; note; failures"
+    f"{'named':>6s} {'after':>7s} {'level':>6s} {'error':>6s}  said; note; failures"
 )
 
 
 def describe(row: Row) -> str:
     """Return a line of the table."""
     after = "-" if row.after is None else f"{row.after:.1f}"
+    named = "-" if row.named is None else f"{row.named:.1f} s"
     said = ", ".join(text[:70] for text in row.said[:4]) or "-"
     more = f" (+{len(row.said) - 4})" if len(row.said) > 4 else ""
     words = [said + more, row.note, "FAILS: " + ", ".join(row.failures) if row.failures else ""]
     return (
         f"{row.name:38s} {'-' if row.failures else 'ok':4s} {row.worst:8.1f} {row.wrong_s:5.1f} s "
-        f"{100 * row.withheld:3.0f} % {100 * row.samples:3.0f} % {after:>7s} {row.level:>6s} "
-        f"{row.error:6.2f}  {'; '.join(word for word in words if word)}"
+        f"{100 * row.withheld:3.0f} % {100 * row.samples:3.0f} % {named:>6s} {after:>7s} "
+        f"{row.level:>6s} {row.error:6.2f}  {'; '.join(word for word in words if word)}"
     )
 
 

@@ -12,8 +12,8 @@ import numpy as np
 
 from benchmarks.replay.motion import BODY, RATE_HZ, record_motion
 from benchmarks.replay.observations import LEVELS, OK, WRONG, risen, said_text, wrong_time
-from benchmarks.replay.player import DIAGNOSE, RESET, Answer, Player
-from benchmarks.replay.stream_faults import HOUR_NS, RIVAL, StreamFault
+from benchmarks.replay.player import DIAGNOSE, NODES, RESET, Answer, Player
+from benchmarks.replay.stream_faults import RIVAL, StreamFault
 from benchmarks.replay.tape import Message, messages_of
 
 TRUTH = BODY.values()
@@ -24,6 +24,8 @@ RECOVERY = 10.0
 """After the fault's end all must be as before within this time, s."""
 PATIENCE = 40.0
 """Clean replay within which the nodes must be well, s."""
+NAMED = 2.0
+"""Within this time of its start a fault must be named by a count or a sentence, s."""
 BRIEF = 1.0
 """For this long an estimate may be wrong, s."""
 MODEL_ERROR = 1.1
@@ -44,6 +46,7 @@ class Row:
         name: of the fault.
         died: nodes that ended.
         said: counts that rose and texts that appeared.
+        named: time from the start of the fault to the first of them, s; None if there is none.
         worst: largest |estimate - truth| / std of an interval published during and after.
         wrong_s: time for which it was beyond 4, s.
         withheld: share of the updates during the fault that had no interval.
@@ -59,6 +62,7 @@ class Row:
     name: str
     died: list[str] = field(default_factory=list)
     said: list[str] = field(default_factory=list)
+    named: float | None = None
     worst: float = 0.0
     wrong_s: float = 0.0
     withheld: float = 0.0
@@ -99,14 +103,15 @@ class Rig:
 
     def run(self, fault: StreamFault) -> Row:
         """Replay clean data, a fault and clean data; return what came of it."""
+        for node in NODES if fault.anew else ():
+            self.player.restart(node)
         begun = self.prepare(self.lead, forget=fault.whole)
         start = self.now
         stop = start + self.seconds + (self.lead if fault.whole else 0.0)
         messages = self.record(stop + self.recovery - start)
         self.play(fault.inject(messages, start, stop))
         self.player.dismiss(RIVAL)
-        if fault.lasting is not None:
-            self.player.epoch_ns -= HOUR_NS
+        self.player.epoch_ns += fault.shift_ns
         self._recover(stop)
         row = self.judge(fault.name, begun, start, stop)
         self._require(row, fault)
@@ -212,6 +217,7 @@ class Rig:
             name=name,
             died=self.player.dead(),
             said=sorted(said - usual),
+            named=self._first_word(usual, start, end),
             worst=worst,
             wrong_s=wrong,
             withheld=1.0 - float(np.mean([s.has_interval for s in during])) if during else 1.0,
@@ -221,6 +227,15 @@ class Rig:
             error=heard.error_before(end),
             std=last.std.tolist() if last else [],
         )
+
+    def _first_word(self, usual: set[str], start: float, end: float) -> float | None:
+        """Return after how many seconds something unusual was said; None if nothing was."""
+        heard = self.player.heard
+        for until in np.arange(start, end, 0.1) + 0.1:
+            said = risen(heard.reports, start, until) | said_text(heard.during(start, until))
+            if said - usual:
+                return float(until - start)
+        return None
 
     def _share_of_samples(self, start: float, end: float) -> float:
         """Return samples used over samples sent, or 0 where the estimator began anew."""
@@ -237,6 +252,8 @@ class Rig:
             row.failures.append(f"died: {', '.join(row.died)}")
         if not row.said and not (fault.lossless and row.samples > ENOUGH):
             row.failures.append("nothing said")
+        if row.named is not None and row.named > NAMED and not fault.lossless:
+            row.failures.append(f"named after {row.named:.1f} s")
         if fault.withheld and row.withheld < ENOUGH - BRIEF / self.seconds:
             row.failures.append("published all the same")
         if row.wrong_s > BRIEF:

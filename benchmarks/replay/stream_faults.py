@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from itertools import groupby
 from operator import attrgetter
 
 import numpy as np
 
+from benchmarks.replay.changes import Change, constant, each, frozen, put, scaled, shifted
 from benchmarks.replay.tape import NANOSECONDS, Message
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, matrix_to_quaternion
 from tactile_dynamics_ros.core.rigid_body.rotation import quaternion_to_matrix as to_matrix
@@ -25,8 +26,6 @@ _RIVAL_SHIFT = np.array([0.05, -0.03, 0.02])
 _RIVAL_TURN = np.array([0.2, -0.1, 0.3])
 """Rotation vector of the same, rad."""
 
-Change = Callable[[list[Message]], Iterable[Message]]
-
 
 @dataclass(frozen=True)
 class StreamFault:
@@ -35,21 +34,23 @@ class StreamFault:
     Attributes:
         name: for the table.
         change: of the messages that are due during the fault.
-        lasting: change of those that are due afterwards, where the fault does not end.
+        shift_ns: by which the clock of all messages stays shifted afterwards.
         once: only the first frame of the fault is changed.
         whole: the data are at fault from the beginning and until the fault's end.
         lossless: nothing has to be said if no sample is lost.
         withheld: nobody can know what is right, so that no interval may be published.
+        anew: the nodes are started anew before.
         forgotten: the past is void afterwards, so that a diagnosis must find nothing.
     """
 
     name: str
     change: Change
-    lasting: Change | None = None
+    shift_ns: int = 0
     once: bool = False
     whole: bool = False
     lossless: bool = False
     withheld: bool = False
+    anew: bool = False
     forgotten: bool = False
 
     def inject(self, messages: Iterable[Message], start: float, stop: float) -> list[Message]:
@@ -61,8 +62,8 @@ class StreamFault:
             during = [*self.change(head), *during[len(head) :]]
         else:
             during = list(self.change(during))
-        if self.lasting is not None:
-            after = list(self.lasting(after))
+        if self.shift_ns:
+            after = list(shifted(self.shift_ns)(after))
         return sorted([*before, *during, *after], key=attrgetter("due"))
 
 
@@ -76,70 +77,12 @@ def _cut(
     return parts
 
 
-def _each(change: Callable[[Message], Message | None], **where: str) -> Change:
-    """Change each message whose attributes are as given; None takes it away."""
-
-    def changed(messages: list[Message]) -> Iterator[Message]:
-        for message in messages:
-            if any(getattr(message, key) != value for key, value in where.items()):
-                yield message
-                continue
-            found = change(message)
-            if found is not None:
-                yield found
-
-    return changed
-
-
-def _shifted(amount_ns: int, **where: str) -> Change:
-    return _each(lambda m: replace(m, stamp_ns=m.stamp_ns + amount_ns), **where)
-
-
 def _unequal_jump(messages: list[Message]) -> Iterator[Message]:
     """Let the clock of the fingers jump, and that of the poses half a tenth of a second later."""
     late = messages[0].due + 0.05
     for message in messages:
         jumped = message.finger or message.due >= late
         yield replace(message, stamp_ns=message.stamp_ns - HOUR_NS) if jumped else message
-
-
-def _scaled(factor: float, *streams: str) -> Change:
-    """Multiply the forces, or what is stated of them."""
-
-    def scale(message: Message) -> Message:
-        inside = message.stream in streams
-        return replace(message, values=factor * message.values) if inside else message
-
-    return _each(scale)
-
-
-def _put(value: float, index: int, **where: str) -> Change:
-    """Set one of the doubles of a message."""
-
-    def put(message: Message) -> Message:
-        values = message.values.copy()
-        values[index] = value
-        return replace(message, values=values)
-
-    return _each(put, **where)
-
-
-def _constant(**where: str) -> Change:
-    """Repeat the values of the first message of each topic, with fresh stamps."""
-    return _repeated(lambda message, first: replace(message, values=first.values), **where)
-
-
-def _frozen(**where: str) -> Change:
-    """Repeat the first message of each topic, with its stamp."""
-    return _repeated(lambda message, first: replace(first, due=message.due), **where)
-
-
-def _repeated(join: Callable[[Message, Message], Message], **where: str) -> Change:
-    def changed(messages: list[Message]) -> Iterable[Message]:
-        first: dict[str, Message] = {}
-        return _each(lambda m: join(m, first.setdefault(m.topic, m)), **where)(messages)
-
-    return changed
 
 
 def _stick_in_sensor(messages: list[Message]) -> Iterator[Message]:
@@ -211,42 +154,40 @@ def _cut_short(messages: list[Message]) -> Iterator[Message]:
         yield replace(message, garble=lambda raw, keep=keep: raw[:keep])
 
 
-_TINY_STD = _each(lambda m: replace(m, values=np.full(3, 1e-9)), stream="force_std")
+_TINY_STD = each(lambda m: replace(m, values=np.full(3, 1e-9)), stream="force_std")
 
 STREAM_FAULTS = (
-    StreamFault("force_1e10", _put(1e10, 0, stream="force", finger=FINGER), once=True),
-    StreamFault("force_1e300", _put(1e300, 0, stream="force", finger=FINGER), once=True),
-    StreamFault("pose_1e8", _put(1e8, 0, stream="object"), once=True),
-    StreamFault("contact_point_1e8", _put(1e8, 0, stream="pose", finger=FINGER), once=True),
-    StreamFault("clock_back_1h", _shifted(-HOUR_NS), _shifted(-HOUR_NS), forgotten=True),
-    StreamFault("clocks_back_1h_unequally", _unequal_jump, _shifted(-HOUR_NS), forgotten=True),
-    StreamFault("frame_ahead_1h", _shifted(HOUR_NS, finger=FINGER), once=True),
-    StreamFault("force_ahead_1h", _shifted(HOUR_NS, finger=FINGER, stream="force"), once=True),
-    StreamFault(
-        "contact_pose_ahead_1h", _shifted(HOUR_NS, finger=FINGER, stream="pose"), once=True
-    ),
-    StreamFault("pose_ahead_1h", _shifted(HOUR_NS, stream="object"), once=True),
-    StreamFault("finger_ahead_1h", _shifted(HOUR_NS, finger=FINGER)),
+    StreamFault("force_1e10", put(1e10, 0, stream="force", finger=FINGER), once=True),
+    StreamFault("force_1e300", put(1e300, 0, stream="force", finger=FINGER), once=True),
+    StreamFault("pose_1e8", put(1e8, 0, stream="object"), once=True),
+    StreamFault("contact_point_1e8", put(1e8, 0, stream="pose", finger=FINGER), once=True),
+    StreamFault("clock_back_1h", shifted(-HOUR_NS), -HOUR_NS, forgotten=True),
+    StreamFault("clocks_back_1h_unequally", _unequal_jump, -HOUR_NS, forgotten=True),
+    StreamFault("frame_ahead_1h", shifted(HOUR_NS, finger=FINGER), once=True),
+    StreamFault("force_ahead_1h", shifted(HOUR_NS, finger=FINGER, stream="force"), once=True),
+    StreamFault("contact_pose_ahead_1h", shifted(HOUR_NS, finger=FINGER, stream="pose"), once=True),
+    StreamFault("pose_ahead_1h", shifted(HOUR_NS, stream="object"), once=True),
+    StreamFault("finger_ahead_1h", shifted(HOUR_NS, finger=FINGER)),
     StreamFault("shuffled", _shuffle),
-    StreamFault("finger_silent", _each(lambda m: None, finger=FINGER)),
-    StreamFault("finger_stuck", _constant(finger=FINGER, stream="force")),
+    StreamFault("finger_silent", each(lambda m: None, finger=FINGER)),
+    StreamFault("finger_stuck", constant(finger=FINGER, stream="force")),
     StreamFault("finger_stuck_in_sensor", _stick_in_sensor),
-    StreamFault("finger_frozen", _frozen(finger=FINGER)),
-    StreamFault("finger_zero", _each(_zero_force, finger=FINGER, stream="force")),
-    StreamFault("pose_frozen", _constant(stream="object")),
+    StreamFault("finger_frozen", frozen(finger=FINGER)),
+    StreamFault("finger_zero", each(_zero_force, finger=FINGER, stream="force")),
+    StreamFault("pose_frozen", constant(stream="object")),
     StreamFault("second_publisher", _add_rival, withheld=True),
-    StreamFault("no_contact_poses", _each(lambda m: None, stream="pose")),
-    StreamFault("zero_stamps", _each(_zero_stamp)),
+    StreamFault("no_contact_poses", each(lambda m: None, stream="pose")),
+    StreamFault("zero_stamps", each(_zero_stamp)),
     StreamFault("batches_1s", _batch, lossless=True),
     StreamFault("force_std_1e-9", _TINY_STD),
-    StreamFault("forces_mn", _scaled(1e3, "force", "force_std")),
-    StreamFault("forces_mn_std_in_n", _scaled(1e3, "force")),
-    StreamFault("forces_flipped", _scaled(-1.0, "force")),
-    StreamFault("invalid_utf8", _each(_bad_text)),
+    StreamFault("forces_mn", scaled(1e3, "force", "force_std")),
+    StreamFault("forces_mn_std_in_n", scaled(1e3, "force")),
+    StreamFault("forces_flipped", scaled(-1.0, "force")),
+    StreamFault("invalid_utf8", each(_bad_text)),
     StreamFault("short_cdr", _cut_short),
     StreamFault("shuffled_always", _shuffle, whole=True),
     StreamFault("force_std_1e-9_always", _TINY_STD, whole=True),
-    StreamFault("forces_mn_always", _scaled(1e3, "force", "force_std"), whole=True),
-    StreamFault("forces_mn_std_in_n_always", _scaled(1e3, "force"), whole=True),
-    StreamFault("forces_flipped_always", _scaled(-1.0, "force"), whole=True),
+    StreamFault("forces_mn_always", scaled(1e3, "force", "force_std"), whole=True),
+    StreamFault("forces_mn_std_in_n_always", scaled(1e3, "force"), whole=True),
+    StreamFault("forces_flipped_always", scaled(-1.0, "force"), whole=True),
 )

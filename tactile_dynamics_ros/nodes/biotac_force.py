@@ -24,6 +24,7 @@ from tactile_dynamics_ros.ros.conversions import (
     std_to_message,
     wrench_to_message,
 )
+from tactile_dynamics_ros.ros.inputs import Need
 from tactile_dynamics_ros.ros.kept_tare import KeptTare
 from tactile_dynamics_ros.ros.names import BIOTAC_RAW, TARE, fingertip_topic
 from tactile_dynamics_ros.ros.parameters import declare_config
@@ -105,7 +106,7 @@ class BiotacForce(Shell):
         else:
             self._set_rest(frames)
         self._gate = StampGate(BIOTAC_RAW)
-        self.listen(Image, BIOTAC_RAW, self._on_raw)
+        self.listen(Image, BIOTAC_RAW, self._on_raw, need=Need.ALWAYS)
         fingers = self.robot.fingers
         self._frames = [self.robot.sensor_frame(finger) for finger in fingers]
         self._force = [self.stream(WrenchStamped, fingertip_topic(f, "force")) for f in fingers]

@@ -30,6 +30,7 @@ from tactile_dynamics_ros.ros.conversions import (
     wrench_to_core,
     wrench_to_message,
 )
+from tactile_dynamics_ros.ros.inputs import Need
 from tactile_dynamics_ros.ros.joint_history import JointHistory
 from tactile_dynamics_ros.ros.names import JOINT_STATES, contact_topic, fingertip_topic
 from tactile_dynamics_ros.ros.parameters import declare_config
@@ -90,10 +91,12 @@ class ContactStateNode(Shell):
                 Vector3Stamped, contact_topic(finger, "force_std")
             )
             self._pose[finger] = self.stream(PoseStamped, contact_topic(finger, "pose"))
-        self.listen(JointState, JOINT_STATES, self._on_joints)
+        self.listen(JointState, JOINT_STATES, self._on_joints, need=Need.ALWAYS)
         for finger in robot.fingers:
-            self.listen(Vector3Stamped, self._topic(finger, "force_std"), self._std_taker(finger))
-            self.listen(WrenchStamped, self._topic(finger, "force"), self._force_taker(finger))
+            std, force = (self._topic(finger, kind) for kind in ("force_std", "force"))
+            take = self._force_taker(finger)
+            self.listen(Vector3Stamped, std, self._std_taker(finger), need=Need.ONCE)
+            self.listen(WrenchStamped, force, take, sole=True, need=Need.ALWAYS)
 
     def _topic(self, finger: str, kind: str) -> str:
         return fingertip_topic(finger, kind, self.robot.tips.kind)

@@ -38,6 +38,7 @@ from tactile_dynamics_ros.ros.conversions import (
 from tactile_dynamics_ros.ros.diagnostics import status_message
 from tactile_dynamics_ros.ros.emergency import EmergencyStop
 from tactile_dynamics_ros.ros.friction_messages import estimate_status
+from tactile_dynamics_ros.ros.inputs import Need
 from tactile_dynamics_ros.ros.names import (
     BIOTAC_RAW,
     GRASP_PHASE,
@@ -121,9 +122,10 @@ class FrictionProbeNode(Shell):
         self._progress = self.latched(DiagnosticStatus, PROBE_PROGRESS)
         self._estimate = self.latched(DiagnosticStatus, PROBE_ESTIMATE)
         self._slips = self.create_publisher(DiagnosticStatus, PROBE_SLIP, RELIABLE)
-        self.listen(JointState, JOINT_STATES, self._on_joints, skim=True)
+        self.listen(JointState, JOINT_STATES, self._on_joints, skim=True, need=Need.ALWAYS)
         self.listen(JointState, JOINT_COMMAND, self._on_command)
-        self.listen(PoseWithCovarianceStamped, self.config.pose_topic, self._on_pose)
+        topic = self.config.pose_topic
+        self.listen(PoseWithCovarianceStamped, topic, self._on_pose, need=Need.ONCE)
         self.listen(Vector3Stamped, self._slip_topic, self._on_slip)
         self.listen(Image, BIOTAC_RAW, self._on_raw)
         self.listen(String, GRASP_PHASE, self._on_phase, LATCHED)

@@ -39,6 +39,7 @@ from tactile_dynamics_ros.ros.conversions import (
 )
 from tactile_dynamics_ros.ros.emergency import EmergencyStop
 from tactile_dynamics_ros.ros.friction_messages import friction_range
+from tactile_dynamics_ros.ros.inputs import Need
 from tactile_dynamics_ros.ros.names import (
     GRASP_PHASE,
     GRASP_START,
@@ -114,7 +115,7 @@ class GraspControllerNode(Shell):
         self._tare = self.create_client(Trigger, TARE)
         self._forget(IDLE)
         self._emergency = EmergencyStop(self, self._stop)
-        self.listen(JointState, JOINT_STATES, self._on_joints, skim=True)
+        self.listen(JointState, JOINT_STATES, self._on_joints, skim=True, need=Need.ALWAYS)
         self.listen(PoseWithCovarianceStamped, VISION_POSE, self._on_vision)
         for finger in self.robot.fingers:
             topic = contact_topic(finger, "force")

@@ -36,7 +36,7 @@ from tactile_dynamics_ros.ros.names import (
     PROBE_ESTIMATE,
 )
 from tactile_dynamics_ros.ros.object_memory import ObjectMemory
-from tactile_dynamics_ros.ros.object_state import REPEAT, ObjectState
+from tactile_dynamics_ros.ros.object_state import REPEAT, SILENT, ObjectState
 from tactile_dynamics_ros.ros.parameters import declare_config
 from tactile_dynamics_ros.ros.refitter import Refitter
 from tactile_dynamics_ros.ros.shell import LATCHED, Shell, run_node
@@ -84,7 +84,7 @@ class InertialEstimatorNode(Shell):
         self._grip: dict[str, object] = {}
         self.listen(DiagnosticStatus, PROBE_ESTIMATE, self._on_friction, LATCHED)
         self._streams = HeldStreams(
-            self, config.contacts, self._on_pose, self._on_contact, self._forget
+            self, config.contacts, self._on_pose, self._on_contact, self._forget, self._break
         )
         self._inertia = self.latched(InertiaStamped, INERTIA)
         self._status = self.latched(DiagnosticArray, ESTIMATOR_STATUS)
@@ -112,6 +112,11 @@ class InertialEstimatorNode(Shell):
         self.estimator.reset()
         self.refitter.model.clear()
         self._forget_estimate()
+
+    def _break(self, step: float) -> None:
+        """Join nothing across a step of the clock, s; what is known stays."""
+        self.estimator.begin_stretch()
+        self.refitter.model.window.step_back(step)
 
     def _forget_estimate(self) -> None:
         """Say anew what is known; there is no estimate of the model yet."""
@@ -195,9 +200,14 @@ class InertialEstimatorNode(Shell):
 
     def _tell(self, state: ObjectState, age: float) -> None:
         """Publish the status: of the newest estimate, or of what is awaited."""
+        idle = min(age, state.lasts)
+        if state.current and idle > SILENT and not self.refitter.model.effects:
+            idling = f"no sample could be used for {idle:.0f} s"
+            state = replace(state, troubles=(*state.troubles, idling))
         effects, stamp = self.refitter.model.effects, max(self.refitter.model.window.newest, 0.0)
         if self._newest is None:
-            text = f"{state.text}; {self.refitter.progress}" if effects else state.text
+            said = "; ".join([state.text, *state.troubles])
+            text = f"{said}; {self.refitter.progress}" if effects else said
             statuses = [*waiting_status(effects, text)]
         else:
             stamp = self._newest.time

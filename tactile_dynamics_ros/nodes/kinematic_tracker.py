@@ -30,6 +30,7 @@ from tactile_dynamics_ros.ros.conversions import (
     uncertain_pose_to_message,
     wrench_to_core,
 )
+from tactile_dynamics_ros.ros.inputs import Need
 from tactile_dynamics_ros.ros.joint_history import JointHistory
 from tactile_dynamics_ros.ros.names import (
     HAND_POSE,
@@ -107,12 +108,12 @@ class KinematicTrackerNode(Shell):
             self.kinematics.fingers
         ):  # taken first: after a pause, touch must not seem to have ended
             topic = contact_topic(finger, "force")
-            self.listen(WrenchStamped, topic, self._force_taker(finger), skim=True)
-        self.listen(JointState, JOINT_STATES, self._on_joints)
+            self.listen(WrenchStamped, topic, self._force_taker(finger), skim=True, need=Need.ONCE)
+        self.listen(JointState, JOINT_STATES, self._on_joints, need=Need.ALWAYS)
         for finger in self.kinematics.fingers:  # taken after the joints, with which they are turned
             topic = contact_topic(finger, "pose")
-            self.listen(PoseStamped, topic, self._point_taker(finger), skim=True)
-        self.listen(PoseWithCovarianceStamped, VISION_POSE, self._on_vision)
+            self.listen(PoseStamped, topic, self._point_taker(finger), skim=True, need=Need.ONCE)
+        self.listen(PoseWithCovarianceStamped, VISION_POSE, self._on_vision, need=Need.ONCE)
         self.listen(Float64, VISION_SCORE, self._on_score)
         self.listen(Bool, OBJECT_HELD, self._on_held, LATCHED)
 

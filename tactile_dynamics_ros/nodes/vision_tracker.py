@@ -34,6 +34,7 @@ from tactile_dynamics_ros.ros.conversions import (
     uncertain_pose_to_core,
     uncertain_pose_to_message,
 )
+from tactile_dynamics_ros.ros.inputs import Need
 from tactile_dynamics_ros.ros.joint_history import JointHistory
 from tactile_dynamics_ros.ros.names import (
     CAMERA_INFO,
@@ -111,13 +112,13 @@ class VisionTrackerNode(Shell):
         self._links: dict[str, Publisher] = {}
         self._pose = self.stream(PoseWithCovarianceStamped, VISION_POSE)
         self._score = self.stream(Float64, VISION_SCORE)
-        self.listen(CameraInfo, CAMERA_INFO, self._on_camera)
+        self.listen(CameraInfo, CAMERA_INFO, self._on_camera, need=Need.ONCE)
         self.listen(JointState, JOINT_STATES, self._on_joints)
         if self.config.follow_fused:
             self.listen(PoseWithCovarianceStamped, OBJECT_POSE, self._on_fused, skim=True)
         self.listen(DiagnosticArray, OBJECT_SHAPE, self._on_shape, LATCHED)
         self.listen(PoseStamped, CAMERA_POSE, self._on_camera_pose)
-        self.listen(Image, DEPTH_IMAGE, self._on_image, NEWEST)
+        self.listen(Image, DEPTH_IMAGE, self._on_image, NEWEST, need=Need.ONCE)
         self.serve(VISION_RESET, self._reset)
         self.every(1.0, self._show)
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.rotation import matrix_to_quaternion, quaternion_to_matrix
+from tactile_dynamics_ros.core.streams.pose_noise import read_covariances
 from tactile_dynamics_ros.core.streams.streams import ContactStream, ImuStream, PoseStream
 from tactile_dynamics_ros.recording.cleaning import (
     ANGULAR_VELOCITY_LIMIT,
@@ -28,6 +29,7 @@ from tactile_dynamics_ros.recording.cleaning import (
     find_not_finite,
     find_not_increasing,
     find_saturated,
+    find_seams,
     scale_quaternions,
     select,
 )
@@ -83,13 +85,18 @@ class StdColumns:
     std: Array
 
 
-def assemble_pose(columns: PoseColumns, log: ProblemLog) -> PoseStream:
+def assemble_pose(columns: PoseColumns, log: ProblemLog, planar: bool = False) -> PoseStream:
     """Return the object's pose stream without faulty samples.
+
+    Args:
+        columns: as measured.
+        log: where faults are counted.
+        planar: whether the object lies on a table, so that x, y and yaw alone count.
 
     Raises:
         BadInputError: fewer than two usable poses remain.
     """
-    kept = _clean_poses(columns, log)
+    kept = _clean_poses(columns, log, planar)
     bad = find_glitches(kept.position, 2.0 * align_signs(kept.quaternion))
     kept = _drop_leaps(kept, bad, log)
     if len(kept.time) < 2:
@@ -102,11 +109,11 @@ def assemble_pose(columns: PoseColumns, log: ProblemLog) -> PoseStream:
         time=kept.time,
         position=kept.position,
         rotation=quaternion_to_matrix(kept.quaternion),
-        covariance=_clean_covariance(kept.covariance, kept.label, log),
+        covariance=_clean_covariance(kept.covariance, kept.label, log, planar),
     )
 
 
-def _clean_poses(columns: PoseColumns, log: ProblemLog) -> PoseColumns:
+def _clean_poses(columns: PoseColumns, log: ProblemLog, planar: bool = False) -> PoseColumns:
     """Drop poses that are not finite, absurd, out of order or without rotation."""
     label = columns.label
     fields: tuple[Array, ...] = (columns.time, columns.position, columns.quaternion)
@@ -120,6 +127,9 @@ def _clean_poses(columns: PoseColumns, log: ProblemLog) -> PoseColumns:
     fields = select(
         log.drop(label, "quaternion is not a rotation", find_bad_quaternions(named)), fields
     )
+    if columns.covariance is not None:
+        lost = read_covariances(fields[3], planar).lost
+        fields = select(log.drop(label, "pose lost by its tracker", lost), fields)
     fields = select(_drop_disorder(label, fields[0], log), fields)
     fields = select(log.drop(label, HELD, find_held(fields[1], fields[2])), fields)
     norm = np.asarray(np.linalg.norm(fields[2], axis=1, keepdims=True))
@@ -147,24 +157,25 @@ def _drop_disorder(label: str, time: Array, log: ProblemLog) -> Mask:
     repeated = bad & np.isin(time, time[~bad])
     log.drop(label, "stamp repeats", repeated)
     log.drop(label, "stamp jumps", bad & ~repeated)
-    return ~bad
+    seams = find_seams(time, bad)
+    log.drop(label, "clock stepped, next samples are not joined with those before", seams)
+    return ~bad & ~seams
 
 
-def _clean_covariance(covariance: Array | None, label: str, log: ProblemLog) -> Array | None:
-    """Return usable covariances; a broken one is replaced by the median of the others."""
-    if covariance is None or not np.any(covariance):
+def _clean_covariance(
+    covariance: Array | None, label: str, log: ProblemLog, planar: bool
+) -> Array | None:
+    """Return usable covariances, None where most are not; the median stands for one that is not."""
+    if covariance is None:
         return None
-    symmetric = 0.5 * (covariance + np.swapaxes(covariance, 1, 2))
-    finite = np.asarray(np.isfinite(symmetric).all(axis=(1, 2)))
-    least = np.linalg.eigvalsh(np.where(finite[:, None, None], symmetric, 0.0))[:, 0]
-    good = finite & (least > 0.0)
-    if not good.any():
-        log.note(label, "covariance is not positive definite (taken as not stated)", len(good))
+    said = read_covariances(covariance, planar)
+    rare = 2 * np.count_nonzero(said.stated) >= len(covariance)
+    for mistake, count in said.mistakes.items():
+        log.note(label, f"{mistake} ({'median used' if rare else 'taken as not stated'})", count)
+    if not rare:
         return None
-    log.note(
-        label, "covariance is not positive definite (median used)", int(np.count_nonzero(~good))
-    )
-    return np.where(good[:, None, None], symmetric, np.median(symmetric[good], axis=0))
+    usual = np.median(said.covariance[said.stated], axis=0)
+    return np.where(said.stated[:, None, None], said.covariance, usual)
 
 
 def assemble_contact(

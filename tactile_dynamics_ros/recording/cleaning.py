@@ -32,6 +32,12 @@ HELD_REGULAR = 0.95
 HELD_FEWEST = 30
 GAP_SECONDS = 0.1
 GAP_FACTOR = 5.0
+STEP_RUN = 5
+"""Samples in a row whose stamps jump from which the clock has stepped, as of live streams
+(`stamps._BEHIND`): links that change the order do so among two or three."""
+STEP_GAP = 0.25
+"""Time left out after such a step, s: longer than any window of the motion, so that nothing is
+derived across it. Stamps go on there as if the time between had not passed."""
 
 
 class ProblemLog(Counter[str]):
@@ -96,6 +102,22 @@ def find_not_increasing(time: Array) -> Mask:
         bad[index] = False
         index = int(previous[index])
     return bad
+
+
+def find_seams(time: Array, bad: Mask) -> Mask:
+    """Return the samples just after a clock stepped back, where the motion of the step is missing.
+
+    Args:
+        time: (N,) s, stamps as recorded.
+        bad: (N,) those that are dropped because they do not increase.
+    """
+    seams = np.zeros(len(time), dtype=bool)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], bad.astype(int), [0]])))
+    for first, after in zip(edges[0::2], edges[1::2], strict=True):
+        back = np.diff(time[max(first - 1, 0) : after + 1]).min() < 0.0
+        if back and after - first >= STEP_RUN and after < len(time):
+            seams |= ~bad & (time >= time[after]) & (time < time[after] + STEP_GAP)
+    return seams
 
 
 def find_held(*columns: Array) -> Mask:

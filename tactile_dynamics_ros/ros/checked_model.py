@@ -77,7 +77,14 @@ def checked_model(
         return CheckedModel(
             held,
             LiveModelCheck(held, compare, diagnose_streams, span),
-            HeldStreams(node, contacts or CONTACTS, held.add_pose, held.add_contact, held.clear),
+            HeldStreams(
+                node,
+                contacts or CONTACTS,
+                held.add_pose,
+                held.add_contact,
+                held.clear,
+                held.step_back,
+            ),
             ESTIMATOR_STATUS,
             diagnose_streams,
             write_bag,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_left, bisect_right, insort
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped, Vector3Stamped, WrenchStamped
@@ -14,12 +15,13 @@ from tactile_dynamics_ros.core.streams.streams import ContactSample, places_at
 from tactile_dynamics_ros.ros.conversions import (
     MessageError,
     pose_to_core,
-    std_to_core,
     wrench_to_core,
 )
 from tactile_dynamics_ros.ros.hand_error import HandError
+from tactile_dynamics_ros.ros.inputs import Need
 from tactile_dynamics_ros.ros.names import contact_topic
 from tactile_dynamics_ros.ros.shell import Shell
+from tactile_dynamics_ros.ros.stated_noise import read_force_std
 from tactile_dynamics_ros.ros.stream_clock import StreamClock
 from tactile_dynamics_ros.ros.wire import Stamped
 
@@ -32,6 +34,9 @@ TOLERANCE = 0.03
 """Distance of a force's stamp to a pose's beyond which they do not belong together, s."""
 PATIENCE = 0.5
 """How long a force waits for the pose of its contact, in time of the streams, s."""
+
+_UNSTATED = np.full(3, np.nan)
+"""Stands among the standard deviations for one that cannot be meant."""
 
 _Timed = list[tuple[float, Array]]
 
@@ -62,15 +67,19 @@ class ContactAssembly:
     ) -> None:
         self._node, self._name, self._deliver, self._hand = node, name, deliver, hand
         self._clock, self._held = clock, held
-        clock.on_restart.append(self.clear)
+        clock.on_move.append(self.clear)
         self._pose_topic = contact_topic(name, "pose")
         self._force_topic = contact_topic(name, "force")
         self._std_topic = contact_topic(name, "force_std")
         self._forces = Reordered[Array](KEPT)
         self.clear()
-        node.listen(PoseStamped, self._pose_topic, self._on_pose, skim=True, sole=True)
-        node.listen(Vector3Stamped, self._std_topic, self._on_std, skim=True, sole=True)
-        node.listen(WrenchStamped, self._force_topic, self._on_force, skim=True, sole=True)
+        heard: tuple[tuple[type[Any], str, Callable[[Stamped], None], Need], ...] = (
+            (PoseStamped, self._pose_topic, self._on_pose, Need.ONCE),
+            (Vector3Stamped, self._std_topic, self._on_std, Need.OPTIONAL),
+            (WrenchStamped, self._force_topic, self._on_force, Need.ONCE),
+        )
+        for kind, topic, callback, need in heard:
+            node.listen(kind, topic, callback, skim=True, sole=True, need=need)
 
     @property
     def late(self) -> int:
@@ -103,8 +112,9 @@ class ContactAssembly:
         self._release_soon()
 
     def _on_std(self, message: Stamped) -> None:
-        std = std_to_core(message, self._std_topic)
-        _insert(self._stds, self._clock.admit(message.stamp, self._std_topic), std)
+        std = read_force_std(message, self._std_topic, self._node.faults)
+        time = self._clock.admit(message.stamp, self._std_topic)
+        _insert(self._stds, time, _UNSTATED if std is None else std)
 
     def _on_force(self, message: Stamped) -> None:
         wrench = wrench_to_core(message, self._force_topic, WORLD)
@@ -136,7 +146,8 @@ class ContactAssembly:
 
     def _assemble(self, time: float, wrench: Array, point: Array, rotation: Array) -> ContactSample:
         after = bisect_right(self._stds, time + 1e-9, key=_stamp_of)
-        std = self._stds[max(after - 1, 0)][1] if self._stds else None
+        std = self._stds[max(after - 1, 0)][1] if self._stds else _UNSTATED
+        std = None if std is _UNSTATED else std
         contact = ContactSample(time, self._name, point, rotation, wrench[3:], wrench[:3], std)
         return contact if self._hand is None else contact.moved(self._hand.at(time))
 

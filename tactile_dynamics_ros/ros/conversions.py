@@ -24,6 +24,7 @@ from tactile_dynamics_ros.core.rigid_body.rotation import (
     quaternion_to_matrix,
 )
 from tactile_dynamics_ros.core.robot.robot import Following
+from tactile_dynamics_ros.core.streams.pose_noise import read_covariances
 from tactile_dynamics_ros.core.tracking.depth_image import PinholeCamera
 from tactile_dynamics_ros.recording.cdr import BIOTAC_ENCODING
 from tactile_dynamics_ros.ros.names import JOINT_STATES
@@ -211,7 +212,9 @@ def _pose_values(matrix: Array) -> Array:
 
 
 def uncertain_pose_to_core(message: Stamped, topic: str, frame: str) -> tuple[Array, Array | None]:
-    """Return pose (4, 4) and covariance (6, 6) [rotation, position], None where it is all zero.
+    """Return pose (4, 4) and covariance (6, 6) [rotation, position], None where none is stated.
+
+    A covariance that cannot be meant (`core.streams.pose_noise`) costs the statement, not the pose.
 
     Args:
         message: PoseWithCovarianceStamped; position first.
@@ -219,15 +222,16 @@ def uncertain_pose_to_core(message: Stamped, topic: str, frame: str) -> tuple[Ar
         frame: that the header has to name.
 
     Raises:
-        MessageError: wrong frame, not finite, bad quaternion or a negative variance.
+        MessageError: wrong frame, pose not finite or bad quaternion.
     """
     matrix = pose_to_core(message, topic, frame)
-    covariance = _finite(topic, message.values[7:]).reshape(6, 6)
-    if covariance.diagonal().min() < 0.0:
-        raise MessageError("negative_std", f"{topic}: covariance has a negative variance")
-    if not covariance.any():
-        return matrix, None
-    return matrix, covariance[SWAP_ROWS, SWAP_HALVES]
+    said = read_covariances(covariance_to_core(message)[None])
+    return matrix, said.covariance[0] if said.stated[0] else None
+
+
+def covariance_to_core(message: Stamped) -> Array:
+    """Return the covariance (6, 6) [rotation, position] of a PoseWithCovarianceStamped as it is."""
+    return np.asarray(message.values[7:].reshape(6, 6)[SWAP_ROWS, SWAP_HALVES])
 
 
 def uncertain_pose_to_message(

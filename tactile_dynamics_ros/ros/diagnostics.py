@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
@@ -17,10 +17,15 @@ class Faults:
 
     Args:
         node: that publishes.
+
+    Attributes:
+        counts: of faults, by kind.
+        troubles: what is wrong with the node's inputs now; the level is WARN while there is any.
     """
 
     def __init__(self, node: Node) -> None:
         self.counts: Counter[str] = Counter()
+        self.troubles: Sequence[str] = ()
         self._node = node
         self._followed: Counter[str] = Counter()
         self._reported: Counter[str] = Counter()
@@ -58,17 +63,21 @@ class Faults:
         self._send(status_message(name, values, level, message))
 
     def publish(self) -> None:
-        """Publish all counts; the level is WARN while new faults come in.
+        """Publish all counts; the level is WARN while new faults come in or an input is in trouble.
 
         The status bears the node's name behind its namespace, so that hands can be told apart.
         """
         fresh = self.counts != self._reported
         self._reported = self.counts.copy()
+        said = [
+            *self.troubles,
+            *([self._last] if fresh and self._last not in self.troubles else []),
+        ]
         status = status_message(
             self._node.get_fully_qualified_name().lstrip("/"),
-            {**self._shown, **self.counts},
-            DiagnosticStatus.WARN if fresh else DiagnosticStatus.OK,
-            self._last if fresh else "ok",
+            {**self._shown, "inputs": "; ".join(self.troubles) or "ok", **self.counts},
+            DiagnosticStatus.WARN if said else DiagnosticStatus.OK,
+            "; ".join(said) or "ok",
         )
         self._send(status)
 

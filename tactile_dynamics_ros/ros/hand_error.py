@@ -37,10 +37,14 @@ class HandError:
     """
 
     def __init__(self, node: Shell) -> None:
+        self.clear()
+        node.listen(PoseWithCovarianceStamped, HAND_POSE, self._on_hand)
+
+    def clear(self) -> None:
+        """Forget what was measured."""
         self._told: _Timed = deque(maxlen=KEPT)
         self._shown: _Timed = deque(maxlen=KEPT)
         self._motions: _Timed = deque(maxlen=KEPT)
-        node.listen(PoseWithCovarianceStamped, HAND_POSE, self._on_hand)
 
     def add_fused(self, time: float, pose: Array) -> None:
         """Take the fused pose (4, 4) of a time, s."""

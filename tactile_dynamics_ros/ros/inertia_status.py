@@ -32,7 +32,7 @@ def status_of(
     """Return the statuses: parameters with standard deviations, directions, solver, effects.
 
     Where the estimate is withheld, parameters, directions and effects have no values. While nothing
-    is held they are of the last grasp, and not OK.
+    is held they are of the last grasp, and not OK; nor are they while an input is in trouble.
 
     Args:
         estimate: the newest.
@@ -41,9 +41,9 @@ def status_of(
         state: whether the object is held now.
     """
     level, text = LEVELS[verdict.level], verdict.text
-    if not state.current:
+    if state.warning:
         level = max(level, DiagnosticStatus.WARN)
-        text = f"{state.text}; last grasp: {text}"
+        text = f"{state.warning}; {'' if state.current else 'last grasp: '}{text}"
     solver: dict[str, object] = {
         "effects": ",".join(effects),
         "samples": estimate.samples,

@@ -20,6 +20,11 @@ REPEAT = 1.0
 """Wall time between statuses while nothing new is known, s: statuses are latched, and one that is
 older than two seconds may say of the object what no longer holds. More often costs messages."""
 
+DROPPED = 10.0
+"""Wall time for which a contact that fell silent while it pressed is suspicious, s, as the
+estimator doubts it (`contact_queue._DOUBT_DURATION`): later it is taken for lifted. Silence instead
+of zero forces is allowed; longer would warn of a finger that was lifted."""
+
 WAITING, HELD, RELEASED, FOLLOWED = "waiting", "held", "nothing held", "followed"
 
 
@@ -31,28 +36,35 @@ class ObjectState:
         name: waiting, held, nothing held, or followed (a pushed object whose pose comes).
         lasts: s, for how long.
         text: for people.
+        troubles: what is wrong with the inputs although the object is held or followed.
     """
 
     name: str
     lasts: float
     text: str
+    troubles: tuple[str, ...] = ()
 
     @property
     def current(self) -> bool:
         """Whether what the object does now is heard."""
         return self.name in (HELD, FOLLOWED)
 
+    @property
+    def warning(self) -> str:
+        """Why what is known of the object may not be of now; empty if there is no reason."""
+        return "; ".join([*([] if self.current else [self.text]), *self.troubles])
+
     def status(self, age: float) -> DiagnosticStatus:
-        """Return the status "state"; WARN unless current.
+        """Return the status "state"; WARN unless current and all that is needed comes.
 
         Args:
             age: s, since the estimate was renewed last; infinity before the first.
         """
-        level = DiagnosticStatus.OK if self.current else DiagnosticStatus.WARN
+        level = DiagnosticStatus.WARN if self.warning else DiagnosticStatus.OK
         values: dict[str, object] = {"state": self.name, "lasts": round(self.lasts, 3)}
         if math.isfinite(age):
             values["age"] = round(age, 3)
-        return status_message("state", values, level, self.text)
+        return status_message("state", values, level, self.warning or self.text)
 
 
 class Holding:
@@ -74,6 +86,8 @@ class Holding:
         self._begun, self._pose, self._touched = now, -math.inf, -math.inf
         self._contact = -math.inf
         self._pressing: dict[str, float] = {}
+        self._last: dict[str, tuple[float, bool]] = {}
+        self._tells: set[str] = set()
         self._since = self._until = math.nan
 
     def hear_pose(self, now: float) -> None:
@@ -86,14 +100,17 @@ class Holding:
         """Note that a contact was heard, and whether it touches the object."""
         held = self._holds(now)
         self._contact = now
+        self._last[name] = now, touches
         if touches:
             self._touched = self._pressing[name] = now
+        else:
+            self._tells.add(name)
         self._note(held, now)
 
     def state(self, now: float) -> ObjectState:
         """Return what is heard of the object."""
         if self._holds(now):
-            return ObjectState(HELD, now - self._since, "held")
+            return ObjectState(HELD, now - self._since, "held", self._dropped(now))
         if now - self._touched <= SILENT and math.isfinite(self._pose):
             pressing = [name for name, at in self._pressing.items() if now - at <= SILENT]
             lasts = now - self._pose
@@ -107,6 +124,17 @@ class Holding:
 
     def _holds(self, now: float) -> bool:
         return now - min(self._pose, self._touched) <= SILENT
+
+    def _dropped(self, now: float) -> tuple[str, ...]:
+        """Name the contacts that fell silent while they pressed, or that else tell of no touch."""
+        found = []
+        for name, (at, touched) in self._last.items():
+            silent = f"contact/{name}: silent since {now - at:.0f} s"
+            if touched and SILENT < now - at <= DROPPED:
+                found.append(f"{silent}, it pressed before")
+            elif name in self._tells and now - at > SILENT:
+                found.append(f"{silent}, where it told of no touch by zeros before")
+        return tuple(found)
 
     def _note(self, held: bool, now: float) -> None:
         """Note when holding began, and until when it surely lasted."""

@@ -34,11 +34,13 @@ def property_status(
         "refused": live.refused,
     }
     if known is None:
-        nothing = status_message("link_1", {}, DiagnosticStatus.WARN, state.text)
+        text = "; ".join([state.text, *state.troubles])
+        nothing = status_message("link_1", {}, DiagnosticStatus.WARN, text)
         return [nothing, status_message("solver", solver)]
     level, text = DiagnosticStatus.WARN if known.doubtful else DiagnosticStatus.OK, known.text
-    if not state.current:
-        level, text = DiagnosticStatus.WARN, f"{state.text}; before: {text}"
+    if state.warning:
+        before = "" if state.current else "before: "
+        level, text = DiagnosticStatus.WARN, f"{state.warning}; {before}{text}"
     link: dict[str, object] = {}
     for name, (value, std) in known.values.items():
         link[name], link[f"{name}_std"] = value, std

@@ -31,6 +31,7 @@ from tactile_dynamics_ros.ros.conversions import (
     to_seconds,
     wrench_to_core,
 )
+from tactile_dynamics_ros.ros.inputs import Need
 from tactile_dynamics_ros.ros.joint_history import JointHistory
 from tactile_dynamics_ros.ros.names import (
     GRIPPER_WIDTH,
@@ -84,7 +85,8 @@ class PushedContacts:
         self._outlines: dict[str, Array] = {}
         self._waiting: deque[_Touch] = deque(maxlen=WAITING)
         self._told = ContactStreams(node, self.names)
-        node.listen(PoseStamped, PUSHER_POSE, self._pose_taker(PUSHER_POSE, self._pusher))
+        take = self._pose_taker(PUSHER_POSE, self._pusher)
+        node.listen(PoseStamped, PUSHER_POSE, take, need=Need.ALWAYS)
         node.listen(Float64, GRIPPER_WIDTH, self._on_width)
         for link in LINKS:
             topic, outline = link_topic(link, "pose"), link_topic(link, "footprint")
@@ -94,7 +96,7 @@ class PushedContacts:
         for name in self.names:
             force, std = (fingertip_topic(name, kind, "pad") for kind in ("force", "force_std"))
             node.listen(Vector3Stamped, std, self._std_taker(name, std))
-            node.listen(WrenchStamped, force, self._force_taker(name, force))
+            node.listen(WrenchStamped, force, self._force_taker(name, force), need=Need.ONCE)
 
     def process(self) -> None:
         """Place the forces for whose time poses are known; each contact's in their order."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from time import monotonic
 from typing import Any, Protocol
 
@@ -22,10 +23,9 @@ from tactile_dynamics_ros.core.streams.stamps import Reordered
 from tactile_dynamics_ros.ros.conversions import (
     MessageError,
     pose_to_core,
-    std_to_core,
-    uncertain_pose_to_core,
     wrench_to_core,
 )
+from tactile_dynamics_ros.ros.inputs import Need
 from tactile_dynamics_ros.ros.names import (
     OBJECT_POSE,
     PUSHER_POSE,
@@ -35,6 +35,7 @@ from tactile_dynamics_ros.ros.names import (
 )
 from tactile_dynamics_ros.ros.object_state import Following, ObjectState
 from tactile_dynamics_ros.ros.shell import LATCHED, Shell
+from tactile_dynamics_ros.ros.stated_noise import read_force_std, read_tracked_pose
 from tactile_dynamics_ros.ros.stream_clock import StreamClock
 from tactile_dynamics_ros.ros.wire import Stamped
 
@@ -79,7 +80,7 @@ class PushingStreams:
         node: that subscribes.
         contacts: their names.
         thing: that takes what is heard, in the order of time.
-        forget: called when the clock of the streams was set back.
+        forget: called when the clock of the streams was set or stepped back; a push has one clock.
         second: that takes what is heard of link_2, for an object of two parts.
     """
 
@@ -91,22 +92,23 @@ class PushingStreams:
         forget: Callable[[], None],
         second: PushedLink | None = None,
     ) -> None:
-        self._thing = thing
+        self._node, self._thing = node, thing
         self._X_SW, self._yaw = np.eye(4), 0.0
         self.clock = StreamClock(node)
         self._pusher = Reordered[Array]()
         self._following = Following(monotonic())
-        self.clock.on_restart += [self._pusher.clear, self._begin_anew, forget]
+        self.clock.on_move += [self._pusher.clear, self._begin_anew, forget]
         parts = [thing] if second is None else [thing, second]
         self._links = [_Link(node, k, part, self.clock) for k, part in enumerate(parts)]
-        node.listen(PoseStamped, PUSHER_POSE, self._on_pusher, sole=True)
+        node.listen(PoseStamped, PUSHER_POSE, self._on_pusher, sole=True, need=Need.ALWAYS)
         node.listen(PoseStamped, SUPPORT_POSE, self._on_support, LATCHED)
         self._contacts = [_Contact(node, name, self.clock) for name in contacts]
 
     @property
     def state(self) -> ObjectState:
         """Whether the object is followed now, and since when."""
-        return self._following.state(monotonic(), self._links[0].outlined)
+        state = self._following.state(monotonic(), self._links[0].outlined)
+        return replace(state, troubles=self._node.inputs.troubles)
 
     @property
     def pose(self) -> Array | None:
@@ -165,10 +167,13 @@ class _Link:
         self.pose: Array | None = None
         self.outlined = False
         self._poses = Reordered[tuple[Array, Array | None]]()
-        clock.on_restart.append(self._poses.clear)
+        clock.on_move.append(self._poses.clear)
         link = f"link_{index + 1}"
         self._pose_topic, self._outline = (link_topic(link, k) for k in ("pose", "footprint"))
-        node.listen(PoseWithCovarianceStamped, self._pose_topic, self._on_pose, sole=True)
+        need = Need.ALWAYS if index == 0 else Need.OPTIONAL
+        node.listen(
+            PoseWithCovarianceStamped, self._pose_topic, self._on_pose, sole=True, need=need
+        )
         node.listen(PolygonStamped, self._outline, self._on_outline, LATCHED)
 
     def release(self, until: float, X_SW: Array) -> None:
@@ -179,7 +184,7 @@ class _Link:
             self._part.add_pose(time, flat, _planar_std(covariance, X_SW[:3, :3]))
 
     def _on_pose(self, message: Stamped) -> None:
-        both = uncertain_pose_to_core(message, self._pose_topic, WORLD)
+        both = read_tracked_pose(message, self._pose_topic, WORLD, self._node.faults, planar=True)
         time = self._clock.admit(message.stamp, self._pose_topic)
         _add(self._poses, time, both, self._pose_topic)
 
@@ -217,7 +222,7 @@ class _Contact:
         self._places = Reordered[Array]()
         self._recent: deque[tuple[float, Array]] = deque(maxlen=20)
         self._std = FORCE_STD
-        clock.on_restart += [self._forces.clear, self._places.clear, self._recent.clear]
+        clock.on_move += [self._forces.clear, self._places.clear, self._recent.clear]
         self._topics = {kind: contact_topic(name, kind) for kind in ("force", "force_std", "pose")}
         node.listen(PoseStamped, self._topics["pose"], self._on_pose, sole=True)
         node.listen(Vector3Stamped, self._topics["force_std"], self._on_std, sole=True)
@@ -247,7 +252,8 @@ class _Contact:
         _add(self._places, time, pose, self._topics["pose"])
 
     def _on_std(self, message: Stamped) -> None:
-        self._std = std_to_core(message, self._topics["force_std"])
+        std = read_force_std(message, self._topics["force_std"], self._node.faults)
+        self._std = FORCE_STD if std is None else std
 
     def _on_force(self, message: Stamped) -> None:
         wrench = wrench_to_core(message, self._topics["force"], WORLD)

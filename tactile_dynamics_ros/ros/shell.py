@@ -7,8 +7,7 @@ import os
 import struct
 import sys
 import time
-from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from operator import itemgetter
@@ -25,8 +24,8 @@ from std_srvs.srv import Trigger
 from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError
 from tactile_dynamics_ros.ros.arguments import start_ros
 from tactile_dynamics_ros.ros.background import abandon_all
-from tactile_dynamics_ros.ros.conversions import MessageError
 from tactile_dynamics_ros.ros.diagnostics import Faults
+from tactile_dynamics_ros.ros.inputs import RIVAL_SPAN, Input, Inputs, Need, Numbers
 from tactile_dynamics_ros.ros.introduction import introduce
 from tactile_dynamics_ros.ros.parameters import AnsweringNode, refuse_unknown
 from tactile_dynamics_ros.ros.waiting import Waiter
@@ -49,9 +48,9 @@ LONGEST_CALLBACK = 1.0
 milliseconds, a plan of pushes more; 1.5 s remain to write files and to end."""
 ANSWERS = 5
 """Callbacks served where no request has come: answers whose work was done in the background."""
-RIVAL_STEPS, RIVAL_SPAN = 2, 1.0
-"""How often in how long (s) the numbers that a publisher gives its messages must go back until two
-publish at once: those of two mix with every message, those of a restarted one go back once."""
+LOOK = 0.25
+"""Real time between looks at what the inputs lack, s: silence is said within two seconds, 1.5 of
+which make it silence. More often costs questions to the middleware, more seldom is later."""
 
 LATCHED = QoSProfile(
     depth=1,
@@ -101,7 +100,7 @@ class Shell(AnsweringNode):
         by_arrival: whether messages are handed over in the order in which they came, not topic
             by topic: streams of one clock would seem to jump where a node was held up.
         polled: subscriptions whose messages the node takes itself.
-        rivals: topics on which two publish at once, and until when (monotonic, s) that is said.
+        inputs: what comes on the topics, and why nothing does; that appears on /diagnostics.
     """
 
     gather = 0.005
@@ -119,13 +118,14 @@ class Shell(AnsweringNode):
         except RuntimeError as error:  # of rclpy, such as security that this ROS cannot enforce
             raise TactileDynamicsError(f"node {name}: ROS refuses it: {error}") from error
         self.polled: list[Subscription] = []
-        self.rivals: dict[str, float] = {}
-        self._numbers: dict[Subscription, _Numbers] = {}
+        self.inputs = Inputs(self)
+        self._sole: dict[Subscription, tuple[Input, Numbers]] = {}
         self._skimmed: dict[Subscription, int] = {}
         self._polled_group = Polled()
         self._periodic: list[_Periodic] = []
         self.faults = Faults(self)
         self.every(1.0, self.faults.publish)
+        self.every(LOOK, self._look)
 
     def work(self) -> None:
         """Take all waiting messages and do what is due."""
@@ -147,24 +147,27 @@ class Shell(AnsweringNode):
                 entry.due = now + entry.period if late else entry.due + entry.period
                 entry.callback()
 
-    def has_rivals(self, topic: str) -> bool:
-        """Whether two publish on a topic (as it was given to `listen`) at once."""
-        return time.monotonic() < self.rivals.get(topic, -1.0)
+    def _look(self) -> None:
+        """Say at once what has begun or ceased to be wrong with the inputs."""
+        changed = self.inputs.look()
+        self.faults.troubles = self.inputs.troubles
+        if changed:
+            self.faults.publish()
 
     def _take(self, subscription: Subscription) -> list[Taken]:
         """Return the messages that wait; none of a topic on which two publish at once."""
-        numbers = self._numbers.get(subscription)
         taken = take_messages(subscription, self._undecodable)
-        if numbers is None or not taken:
+        if subscription not in self._sole or not taken:
             return taken
+        source, numbers = self._sole[subscription]
         now = time.monotonic()
         if numbers.mix([found.number for found in taken], now):
-            self.rivals[numbers.topic] = now + RIVAL_SPAN
-        if not self.has_rivals(numbers.topic):
+            source.rivals = now + RIVAL_SPAN
+        if now >= source.rivals:
             return taken
         self.faults.add(
             "two_publishers",
-            f"{numbers.topic}: two publishers at once, nobody can know which is right; "
+            f"{source.topic}: two publishers at once, nobody can know which is right; "
             f"{len(taken)} messages left out, stop one of them",
         )
         return []
@@ -190,6 +193,7 @@ class Shell(AnsweringNode):
         raw: bool = False,
         skim: int = 0,
         sole: bool = False,
+        need: Need = Need.OPTIONAL,
     ) -> None:
         """Subscribe; a message that is refused or cannot be used yet is counted and dropped.
 
@@ -201,6 +205,7 @@ class Shell(AnsweringNode):
             raw: hand over the bytes of the message instead.
             skim: while `skimming`, hand over only so many of those taken together; 0: all.
             sole: leave out what comes while two publish on the topic at once.
+            need: when its silence is a trouble.
         """
         decode = None if raw else decoder_of(kind)
 
@@ -208,15 +213,17 @@ class Shell(AnsweringNode):
             try:
                 read = message if decode is None else decode(message)
             except (ValueError, struct.error, IndexError) as error:
+                source.refuse(f"message cannot be read: {error}", time.monotonic())
                 self._undecodable(subscription, error)
                 return
             try:
                 callback(read)
-            except MessageError as error:
-                self.faults.add(error.kind, str(error))
             except TactileDynamicsError as error:
                 kind_of = "bad_input" if isinstance(error, BadInputError) else "not_ready"
-                self.faults.add(kind_of, str(error))
+                self.faults.add(getattr(error, "kind", kind_of), str(error))
+                source.refuse(str(error), time.monotonic())
+            else:
+                source.take(time.monotonic())
 
         subscription = self.create_subscription(
             kind,
@@ -229,8 +236,9 @@ class Shell(AnsweringNode):
         self.polled.append(subscription)
         if skim:
             self._skimmed[subscription] = skim
+        source = self.inputs.add(subscription, topic, kind, need)
         if sole:
-            self._numbers[subscription] = _Numbers(topic)
+            self._sole[subscription] = source, Numbers()
 
     def stream(self, kind: type[Any], topic: str) -> Publisher:
         """Return a publisher of sensor data."""
@@ -269,34 +277,6 @@ class Taken(NamedTuple):
     message: Any
     number: int | None
     received: int
-
-
-class _Numbers:
-    """Numbers that publishers give their messages on one topic.
-
-    Args:
-        topic: as it was given to `Shell.listen`.
-    """
-
-    def __init__(self, topic: str) -> None:
-        self.topic = topic
-        self._last = 0
-        self._back: deque[float] = deque(maxlen=RIVAL_STEPS)
-
-    def mix(self, numbers: Sequence[int | None], now: float) -> bool:
-        """Whether these numbers are of two publishers; never where the middleware gives none.
-
-        Args:
-            numbers: in the order of the messages.
-            now: monotonic, s.
-        """
-        for number in numbers:
-            if number is None:
-                return False
-            if number <= self._last:
-                self._back.append(now)
-            self._last = number
-        return len(self._back) == RIVAL_STEPS and now - self._back[0] < RIVAL_SPAN
 
 
 def take_messages(

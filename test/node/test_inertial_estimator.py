@@ -245,7 +245,9 @@ def test_bad_messages_are_counted_and_harmless(estimator):
     nan = np.full(6, np.nan)
     estimator.send("/contact/index/force", cv.wrench_to_message(nan, 1.0, "world"))
     estimator.send("/contact/index/force", cv.wrench_to_message(np.ones(6), 1.0, "palm"))
-    estimator.send("/object/pose", cv.uncertain_pose_to_message(pose, np.eye(6), 0.5, "world"))
+    estimator.send(
+        "/object/pose", cv.uncertain_pose_to_message(pose, 1e-6 * np.eye(6), 0.5, "world")
+    )
     estimator.send("/object/pose", cv.uncertain_pose_to_message(pose, np.eye(6), 2.0, "hand"))
     counts = estimator.nodes[0].faults.counts
     estimator.until(lambda: {"not_finite", "wrong_frame", "stamp_repeated"} <= set(counts))

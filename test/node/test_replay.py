@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.replay.input_faults import INPUT_FAULTS
 from benchmarks.replay.live_effects import Found, Result, compare
 from benchmarks.replay.motion import BODY, FORCE_STD, record_motion
 from benchmarks.replay.observations import Report, Status, risen, said_text, wrong_time
@@ -16,7 +17,7 @@ from tactile_dynamics_ros.core.inertia.batch.batch import fit_body
 from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import PARAMETER_NAMES
 from tactile_dynamics_ros.ros.wire import decode_stamped
 
-FAULTS = {fault.name: fault for fault in STREAM_FAULTS}
+FAULTS = {fault.name: fault for fault in (*STREAM_FAULTS, *INPUT_FAULTS)}
 EPOCH_NS = 1_700_000_000 * 10**9
 
 
@@ -68,7 +69,7 @@ def test_what_comes_before_a_fault_is_untouched_and_the_order_is_that_of_sending
     messages = inject(name, clean)
     if not FAULTS[name].whole:
         assert [m for m in messages if m.due < 1.0] == [m for m in clean if m.due < 1.0]
-    if FAULTS[name].lasting is None:
+    if not FAULTS[name].shift_ns:
         late = [m for m in messages if m.due >= 2.0 and m.stamp_ns >= 2 * 10**9]
         assert late == [m for m in clean if m.due >= 2.0]
     assert all(a.due <= b.due for a, b in zip(messages, messages[1:], strict=False))

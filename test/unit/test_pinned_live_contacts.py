@@ -12,7 +12,7 @@ from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
 from tactile_dynamics_ros.core.inertia.live.config import IncrementalConfig
 from tactile_dynamics_ros.core.inertia.live.contact_queue import ContactQueue, ContactReading
 from tactile_dynamics_ros.core.inertia.live.residuals import ContactRows, contact_covariance
-from tactile_dynamics_ros.core.inertia.live.sample_stream import SampleStream
+from tactile_dynamics_ros.core.inertia.live.sample_stream import PoseNoise, SampleStream
 
 
 def contacts(rng: np.random.Generator, count: int) -> tuple[WrenchSamples, ContactRows]:
@@ -110,7 +110,9 @@ def stream(std: np.ndarray, seconds: float = 3.0) -> SampleStream:
         point = np.array([0.1, 0.2, 0.3]) + 2e-3 * rng.normal(size=3)
         reading = ContactReading(point, np.eye(3), force, np.zeros(3), std)
         own.add_contact("index", time, reading)
-        own.add_pose(time, np.zeros(3), np.eye(3), 1e-4 * np.stack(2 * [np.eye(3)]))
+        own.add_pose(
+            time, np.zeros(3), np.eye(3), PoseNoise(1e-4 * np.stack(2 * [np.eye(3)]), True)
+        )
         own.align(time)
     return own
 

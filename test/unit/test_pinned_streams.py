@@ -10,7 +10,7 @@ import pytest
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, log_so3
 from tactile_dynamics_ros.core.streams.measurement_window import MeasurementWindow
-from tactile_dynamics_ros.core.streams.stamps import Reordered, SharedClock
+from tactile_dynamics_ros.core.streams.stamps import Admission, Reordered, SharedClock
 from tactile_dynamics_ros.core.streams.streams import (
     ContactSample,
     enclosing_steps,
@@ -62,17 +62,18 @@ def test_beyond_the_capacity_the_oldest_go_and_do_not_come_back():
 ])  # fmt: skip
 def test_a_stamp_is_believed_within_a_second_or_as_long_as_was_waited(step, waited, believed):
     clock = SharedClock()
-    assert clock.check(100.0, 7.0) == (True, False)
-    assert clock.check(100.0 + step, 7.0 + waited) == (believed, False)
+    assert clock.check(100.0, 7.0) is Admission.BELIEVED
+    found = clock.check(100.0 + step, 7.0 + waited)
+    assert found is (Admission.BELIEVED if believed else Admission.STRAY)
     assert clock.newest == (max(100.0, 100.0 + step) if believed else 100.0)
 
 
 def test_ten_strays_in_a_row_are_the_clock_and_nine_are_not():
-    for step, back in ((-50.0, True), (50.0, False)):
+    for step, moved in ((-50.0, Admission.RESTARTED), (50.0, Admission.BELIEVED)):
         clock = SharedClock()
         clock.check(100.0, 0.0)
         answers = [clock.check(100.0 + step + 0.01 * k, 1e-3 * k) for k in range(10)]
-        assert answers == [(False, False)] * 9 + [(True, back)]
+        assert answers == [Admission.STRAY] * 9 + [moved]
         assert clock.newest == pytest.approx(100.0 + step + 0.09)
 
 
@@ -80,11 +81,32 @@ def test_strays_on_unlike_clocks_or_with_a_word_between_them_are_not_the_clock()
     clock = SharedClock()
     clock.check(100.0, 0.0)
     for k in range(30):
-        assert not clock.check(50.0 - 2.0 * k, 1e-3 * k)[0]
+        assert clock.check(50.0 - 2.0 * k, 1e-3 * k) is Admission.STRAY
     for k in range(30):
         if k % 9 == 8:
-            assert clock.check(100.0, 0.0)[0]
-        assert not clock.check(50.0, 1e-3 * k)[0]
+            assert clock.check(100.0, 0.0) is Admission.BELIEVED
+        assert clock.check(50.0, 1e-3 * k) is Admission.STRAY
+
+
+@pytest.mark.parametrize("step", [0.05, 0.9])
+def test_five_stamps_in_a_row_behind_those_of_their_topic_are_a_step_back(step):
+    clock = SharedClock()
+    for k in range(100):
+        assert clock.check(0.01 * k, 0.01 * k, "a") is Admission.BELIEVED
+    answers = [clock.check(0.99 + 0.01 * (k + 1) - step, 1.0, "a") for k in range(5)]
+    late = round(step / 0.01)
+    assert answers == [Admission.BELIEVED] * 4 + [
+        Admission.STEPPED if late > 5 else Admission.BELIEVED
+    ]
+    assert clock.newest == pytest.approx(1.04 - step if late > 5 else 0.99, abs=1e-9)
+
+
+def test_other_topics_and_orders_that_a_link_changes_are_no_step_back():
+    clock, order = SharedClock(), (2, 1, 0)
+    for k in range(100):
+        stamp = 0.01 * (k // 3 * 3 + order[k % 3])
+        assert clock.check(stamp, 0.0, "a") is Admission.BELIEVED
+        assert clock.check(stamp - 0.5, 0.0, "late") is Admission.BELIEVED
 
 
 def window(count: int = 31) -> MeasurementWindow:

@@ -132,6 +132,9 @@ def compare(
         model: fitted.
         judgement: of it, if there is one already.
         diagnosis: of it, if there is one already.
+
+    Raises:
+        NotIdentifiableError: nothing is seen to be missing, in too short a recording.
     """
     if diagnosis is not None:
         judgement = Judgement(diagnosis.assessment)
@@ -141,6 +144,8 @@ def compare(
     adequate, trace = bool(judgement.adequate), judgement.trace
     if diagnosis is not None:
         adequate, trace = diagnosis.verdict == "adequate", diagnosis.trace
+    if adequate:
+        judgement.require_length()
     assessment = judgement.assessment
     residuals = model.residuals()
     rms = np.sqrt(np.mean(residuals.white**2, axis=0))

@@ -120,6 +120,9 @@ def diagnose(
         model: fitted.
         config: levels and depths.
         judgement: of the model, if there is one already.
+
+    Raises:
+        NotIdentifiableError: nothing is seen to be missing, in too short a recording.
     """
     config = config or DiagnosisConfig()
     tell("testing what the model leaves")
@@ -132,6 +135,7 @@ def diagnose(
         return Diagnosis(verdict, None, (), model, first, steps, before, before, floor, signature)
 
     if judgement.adequate:
+        judgement.require_length()
         found = unnamed("adequate", (), first.structure.floor)
         return replace(found, trace=judgement.trace)
     tell("reading signs, units, axes and clocks otherwise")

@@ -25,6 +25,11 @@ come late by far less. As `stamps._TOLERANCE`; less would forget a window for a 
 would keep samples of a clock that was set back by less, out of order."""
 
 
+_STEP_GAP = 0.25
+"""Pause, s, that is put between what came before a step of the clock and what comes after: longer
+than any window of the motion, so that no sample is joined across it. Shorter joins them, longer
+drops more of the oldest samples."""
+
 _AROUND = 5.0
 """Time, s, that is kept after the object was let go, and of what comes while nothing is held: a
 batch of one stream may come before that of the other, and queues of streams are five seconds deep.
@@ -66,6 +71,13 @@ class _Entries:
             self.kept.append(self.coming.popleft())
         _drop_before(self.coming, self.newest - _AROUND)
         _drop_before(self.kept, held - duration)
+
+    def move(self, change: float) -> None:
+        """Move all entries in time, s."""
+        for entries in (self.kept, self.coming):
+            moved = [(entry[0] + change, *entry[1:]) for entry in entries]
+            entries.clear()
+            entries.extend(moved)
 
     def since(self, first: float) -> list[tuple[Any, ...]]:
         """Entries kept from a time (s) on."""
@@ -121,6 +133,13 @@ class MeasurementWindow:
         if contact.touches:
             self._touched = contact.time
         entries.settle(self.newest, self._duration)
+
+    def step_back(self, step: float) -> None:
+        """Take what is kept for older, with a gap, since the clock stepped back by `step` s."""
+        change = -(step + _STEP_GAP)
+        for entries in (self._poses, *self._contacts.values()):
+            entries.move(change)
+        self._touched += change
 
     def streams(self, window: float = np.inf) -> Streams:
         """The last `window` seconds of measurements.

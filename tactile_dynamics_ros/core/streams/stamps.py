@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
+from enum import Enum
 from typing import Generic, TypeVar
 
 Item = TypeVar("Item")
@@ -23,39 +24,79 @@ many without a message of the others in between. Fewer let single wrong stamps m
 ignore a clock that did restart for longer."""
 
 
+_BEHIND = 5
+"""Successive messages of one topic behind the newest of that topic after which its clock has
+stepped back: links that change the order do so among two or three. Fewer take such a link for a
+clock; a step of fewer periods than this is not told from it, and costs as many samples."""
+
+
+class Admission(Enum):
+    """What a stamp is to the streams of one node."""
+
+    BELIEVED = "believed"
+    STRAY = "stray"
+    STEPPED = "the clock stepped back"
+    RESTARTED = "the clock was set back"
+
+
 class SharedClock:
     """The newest time that the streams of one node agree on.
 
     A stamp near to it, or as much later as has been waited for, is believed. Others are strays,
-    until so many of them follow each other that it is the clock that has moved.
+    until so many of them follow each other that it is the clock that has moved. It has stepped back
+    by less than a stamp may be late where one topic goes on behind what it has told itself.
     """
 
     def __init__(self) -> None:
         self.newest = -math.inf
         self._heard = -math.inf
         self._other, self._strays = math.nan, 0
+        self._topics: dict[str, _Progress] = {}
 
-    def check(self, time: float, now: float) -> tuple[bool, bool]:
-        """Whether a stamp is believed, and whether the clock has been set back by it.
+    def check(self, time: float, now: float, topic: str = "") -> Admission:
+        """Say whether a stamp is believed, and whether the clock has moved back.
 
         Args:
             time: stamp, s.
             now: when the message was taken, monotonic, s.
+            topic: it came on.
         """
         waited = now - self._heard if math.isfinite(self._heard) else math.inf
         if -_TOLERANCE <= time - self.newest <= _TOLERANCE + _PACE * waited:
+            if self._topics.setdefault(topic, _Progress()).steps_back(time):
+                self._believe(time, now)
+                self._topics.clear()
+                return Admission.STEPPED
             self._believe(max(time, self.newest), now)
-            return True, False
+            return Admission.BELIEVED
         self._strays = self._strays + 1 if abs(time - self._other) <= _TOLERANCE else 1
         self._other = time
         if self._strays < _CONFIRMED:
-            return False, False
+            return Admission.STRAY
         back = time < self.newest
         self._believe(time, now)
-        return True, back
+        self._topics.clear()
+        return Admission.RESTARTED if back else Admission.BELIEVED
 
     def _believe(self, newest: float, now: float) -> None:
         self.newest, self._heard, self._strays = newest, now, 0
+
+
+class _Progress:
+    """Stamps of one topic in the order in which they came."""
+
+    def __init__(self) -> None:
+        self._newest, self._last = -math.inf, -math.inf
+        self._behind = 0
+
+    def steps_back(self, time: float) -> bool:
+        """Whether so many stamps in a row, each after the one before, are behind the newest."""
+        if time >= self._newest:
+            self._newest, self._behind = time, 0
+        else:
+            self._behind = self._behind + 1 if time > self._last else 1
+        self._last = time
+        return self._behind >= _BEHIND
 
 
 class Reordered(Generic[Item]):

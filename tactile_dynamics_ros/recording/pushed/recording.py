@@ -251,14 +251,14 @@ class _Assembly:
         if table is None:
             return None, None
         columns = topics.pose_columns(names.PUSHER_POSE, table, self._clock)
-        pose = assemble_pose(columns, self._log)
+        pose = assemble_pose(columns, self._log, planar=True)
         turn = self._support.R_WS.T @ pose.rotation
         return pose.time, np.arctan2(turn[:, 1, 0], turn[:, 0, 0])
 
     def _link(self, k: int) -> LinkStream:
         topic = names.link_topic(k, "pose")
         table = self._frames.in_world(topic, self._bag.tables[topic], self._log)
-        pose = assemble_pose(topics.pose_columns(topic, table, self._clock), self._log)
+        pose = assemble_pose(topics.pose_columns(topic, table, self._clock), self._log, planar=True)
         return self._support.link(pose, self._footprint(k))
 
     def _footprint(self, k: int) -> Array:
@@ -289,7 +289,9 @@ class _Assembly:
         point_std = float(np.sqrt(np.median(variance))) if variance.any() else None
         felt = self._wrench(force, placed)
         if felt is None:
-            return self._support.path(name, assemble_pose(placed, self._log), point_std)
+            return self._support.path(
+                name, assemble_pose(placed, self._log, planar=True), point_std
+            )
         stated = self._bag.tables.get(std)
         stream = assemble_contact(
             name,

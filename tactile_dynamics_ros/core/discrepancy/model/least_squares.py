@@ -184,6 +184,11 @@ class LeastSquaresModel(ABC, Generic[EffectT]):
         return ""
 
     @property
+    def too_short(self) -> str:
+        """Empty: any recording can show that nothing is missing."""
+        return ""
+
+    @property
     def remark(self) -> str:
         """Empty: nothing beside the numbers."""
         return ""

@@ -178,6 +178,10 @@ class ResidualModel(Protocol):
         """Why a misfit of this recording says nothing of the model, in a sentence; empty mostly."""
 
     @property
+    def too_short(self) -> str:
+        """Why the recording cannot show that nothing is missing; empty if it can."""
+
+    @property
     def remark(self) -> str:
         """What an adequate model should be known by beside its numbers; a sentence, or empty."""
 

@@ -12,6 +12,7 @@ from tactile_dynamics_ros.core.discrepancy.verdict.materiality import (
     find_trace,
     is_near_floor,
 )
+from tactile_dynamics_ros.core.errors import NotIdentifiableError
 
 FAR = 1.3
 """Error over the stated noise from which the estimates of a model that is not adequate are no
@@ -55,6 +56,15 @@ class Judgement:
         if found.within_stated:
             return None if self._is_promising else True
         return None if is_near_floor(found) else False
+
+    def require_length(self) -> None:
+        """Check that the recording is long enough for "adequate" to mean anything.
+
+        Raises:
+            NotIdentifiableError: it is not.
+        """
+        if text := self.assessment.model.too_short:
+            raise NotIdentifiableError(text)
 
     @property
     def _is_promising(self) -> bool:

@@ -48,6 +48,12 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import log_cholesk
 
 Array = NDArray[np.float64]
 
+_LEAST_SPAN = 1.8
+"""Motion, s, from which the absence of an effect says anything: two seconds of measurements less
+the windows at their ends. With one of eight effects of usual size (three seeds each) the test calls
+3 of 24 recordings of half a second adequate, 1 of those of one second, none of those of two; it is
+the contact offset that takes longest. Shorter calls absent what was not seen, longer refuses what
+can be told."""
 _UNFOLLOWED = 0.1
 """Share of poses too far apart to show the motion from which a misfit is put down to that: clean
 slow recordings have at most 3 %. Higher, effects are named that only stand in for motion between
@@ -226,6 +232,17 @@ class HeldObjectModel(LeastSquaresModel[Effect]):
             f"The poses do not show the motion: {100.0 * motion.unfollowed:.0f} % of them lie too "
             "far apart for what happens between them; record them faster or move more slowly, so "
             "that at least seven fall into the shortest swing."
+        )
+
+    @property
+    def too_short(self) -> str:
+        """How long the motion is known, where that is less than effects need to show."""
+        known = float(self.time[-1] - self.time[0])
+        if known >= _LEAST_SPAN:
+            return ""
+        return (
+            f"too short to tell whether an effect is missing: the motion is known for {known:.2g} "
+            f"s, and some effects show from {_LEAST_SPAN:g} s on only; record longer"
         )
 
     def families_of(self, name: str) -> list[Family]:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.streams.pose_noise import ASSUMED_POSITION_STD, ASSUMED_ROTATION_STD
 
 
 @dataclass(frozen=True)
@@ -38,10 +39,16 @@ class IncrementalConfig:
         0.03, "standard deviation of unstated forces until their scatter is measured", "N", 1e-6
     )
     rotation_std: float = parameter(
-        1e-3, "standard deviation of rotations whose covariance is not stated", "rad", 1e-6
+        ASSUMED_ROTATION_STD,
+        "standard deviation of rotations until their scatter is measured, if none is stated",
+        "rad",
+        1e-6,
     )
     position_std: float = parameter(
-        1e-4, "standard deviation of positions whose covariance is not stated", "m", 1e-7
+        ASSUMED_POSITION_STD,
+        "standard deviation of positions until their scatter is measured, if none is stated",
+        "m",
+        1e-7,
     )
     maximum_mass: float = parameter(
         100.0, "a heavier object is not believed: forces are not in N", "kg", 1e-3

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time as clock
+from collections import Counter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,13 +13,14 @@ from tactile_dynamics_ros.core.inertia.live.accumulation import Accumulation
 from tactile_dynamics_ros.core.inertia.live.config import IncrementalConfig
 from tactile_dynamics_ros.core.inertia.live.contact_queue import ContactReading
 from tactile_dynamics_ros.core.inertia.live.live_estimate import LiveEstimate
-from tactile_dynamics_ros.core.inertia.live.sample_stream import SampleStream
+from tactile_dynamics_ros.core.inertia.live.sample_stream import PoseNoise, SampleStream
 from tactile_dynamics_ros.core.inertia.live.summary import Summariser
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     affine_invariant_distance,
     pseudo_inertia,
 )
 from tactile_dynamics_ros.core.shape.hull import CentreHull
+from tactile_dynamics_ros.core.streams.pose_noise import read_covariances
 from tactile_dynamics_ros.core.streams.streams import ContactSample
 
 Array = NDArray[np.float64]
@@ -51,12 +53,13 @@ class IncrementalInertialEstimator:
         """Start without data."""
         self._config = config or IncrementalConfig()
         self._hull: CentreHull | None = None
+        self._problems: Counter[str] = Counter()
         self.reset()
 
     @property
     def problems(self) -> dict[str, int]:
-        """Counts of readings that could not be used as they came, by kind."""
-        return dict(self._stream.problems)
+        """Counts of readings that could not be used as they came, by kind, since the beginning."""
+        return dict(self._problems)
 
     @property
     def obstacles(self) -> tuple[str, ...]:
@@ -71,14 +74,19 @@ class IncrementalInertialEstimator:
         )
 
     def reset(self) -> None:
-        """Forget all measurements; the hull stays."""
-        self._stream = SampleStream(self._config)
+        """Forget all measurements; the hull stays, and what was counted."""
+        self._stream = SampleStream(self._config, self._problems)
         self._newest = -np.inf
         self._seen = 0
         self._summariser = Summariser(self._hull)
         self._model = Accumulation(self._config, self._stream)
         self._successor: Accumulation | None = None
         self._next_revision = _REVISE_SAMPLES
+
+    def begin_stretch(self) -> None:
+        """Join no later sample with those before, whose clock was another; what is known stays."""
+        self._stream.begin_again()
+        self._newest, self._successor = -np.inf, None
 
     def set_hull(self, vertices: Array | None) -> None:
         """Keep the centre of mass inside the convex hull of mesh vertices (N, 3), body frame, m.
@@ -95,13 +103,25 @@ class IncrementalInertialEstimator:
         Args:
             t: s.
             X_WO: (4, 4).
-            covariance: (6, 6) [rotation about world axes, position]; None if not stated.
+            covariance: (6, 6) [rotation about world axes, position]; None or zero if not stated.
+                What it says that cannot be meant is counted; a lost pose leaves a gap.
         """
         X_WO = np.asarray(X_WO, dtype=float)
         if not (np.isfinite(t) and np.all(np.isfinite(X_WO))):
-            self._stream.problems["pose not finite"] += 1
+            self._problems["pose not finite"] += 1
             return
-        self._stream.add_pose(t, X_WO[:3, 3], X_WO[:3, :3], self._pose_noise(covariance))
+        given = np.zeros((6, 6)) if covariance is None else np.asarray(covariance, dtype=float)
+        said = read_covariances(given[None])
+        for mistake in said.mistakes:
+            self._problems[f"pose {mistake}"] += 1
+        if said.lost[0]:
+            self._problems["pose lost by its tracker"] += 1
+            return
+        noise = self._pose_noise(said.covariance[0], bool(said.stated[0]))
+        before = self._stream.newest
+        self._stream.add_pose(t, X_WO[:3, 3], X_WO[:3, :3], noise)
+        if self._stream.newest < before:
+            self._newest, self._successor = -np.inf, None
         self._newest = max(self._newest, t)
 
     def add_contact(self, contact: ContactSample) -> None:
@@ -110,7 +130,7 @@ class IncrementalInertialEstimator:
         point, rotation, force, torque = (np.asarray(values, dtype=float) for values in given)
         flat = np.concatenate([point, rotation.ravel(), force, torque])
         if not math.isfinite(contact.time + sum(flat.tolist())):
-            self._stream.problems[f"contact '{contact.name}' not finite"] += 1
+            self._problems[f"contact '{contact.name}' not finite"] += 1
             return
         std = np.full(3, np.nan) if contact.std is None else np.asarray(contact.std, dtype=float)
         if not all(0.0 < value < math.inf for value in std.tolist()):
@@ -155,16 +175,9 @@ class IncrementalInertialEstimator:
             self._successor = Accumulation(self._config, self._stream)
             self._successor.assume(model)
 
-    def _pose_noise(self, covariance: Array | None) -> Array:
-        noise = np.zeros((2, 3, 3))
-        for k, fallback in enumerate((self._config.rotation_std, self._config.position_std)):
-            if covariance is None:
-                noise[k] = fallback * np.eye(3)
-                continue
-            block = np.asarray(covariance, dtype=float)[3 * k : 3 * k + 3, 3 * k : 3 * k + 3]
-            try:
-                noise[k] = np.linalg.cholesky(block)
-            except np.linalg.LinAlgError:
-                noise[k] = fallback * np.eye(3)
-                self._stream.problems["pose covariance not positive definite"] += 1
-        return noise
+    def _pose_noise(self, covariance: Array, stated: bool) -> PoseNoise:
+        if stated:
+            blocks = np.stack([covariance[:3, :3], covariance[3:, 3:]])
+            return PoseNoise(np.asarray(np.linalg.cholesky(blocks)), True)
+        std = np.array([self._config.rotation_std, self._config.position_std])
+        return PoseNoise(std[:, None, None] * np.eye(3), False)

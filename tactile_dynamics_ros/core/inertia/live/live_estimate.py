@@ -77,10 +77,12 @@ class RecentFit:
         rms: whitened RMS; 1 where only the stated noise remains.
         explained: share of the squared white wrenches that the model explains; negative where it
             is worse than no object at all.
+        change: share by which the load of the newest samples differs; 0 if the estimate covers it.
     """
 
     rms: float = 1.0
     explained: float = 1.0
+    change: float = 0.0
 
     @classmethod
     def of_rows(cls, residual: Array, wrench: Array) -> RecentFit:
@@ -197,6 +199,9 @@ def judge_estimate(estimate: LiveEstimate, obstacles: Sequence[str], check: str)
     if gross or (off and estimate.samples >= FEW):
         text = f"the model does not fit: error {error:.3g} times the noise; call {check}"
         return Verdict(Level.ERROR if gross else Level.WARN, text)
+    if change := estimate.recent.change:
+        text = f"the newest samples need a load that differs by {100.0 * change:+.0f} %"
+        return Verdict(Level.WARN, f"{text}: it has changed (then reset), or call {check}")
     directions = estimate.directions
     found = [direction for direction in directions if direction.identified]
     text = f"{len(found)} of {len(directions)} directions identified"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +16,7 @@ from tactile_dynamics_ros.core.inertia.live.contact_queue import (
 )
 from tactile_dynamics_ros.core.inertia.live.residuals import ContactRows, PoseWindows
 from tactile_dynamics_ros.core.inertia.residuals.contact_grid import UNMEASURED_TORQUE_STD
-from tactile_dynamics_ros.core.inertia.residuals.motion import OVERSTATED
-from tactile_dynamics_ros.core.inertia.residuals.sensor_noise import SensorNoise
-from tactile_dynamics_ros.core.numerics.noise import white_pose_noise_std
+from tactile_dynamics_ros.core.inertia.residuals.sensor_noise import PoseScatter, SensorNoise
 from tactile_dynamics_ros.core.numerics.repeats import (
     FROZEN,
     STUCK,
@@ -48,11 +46,13 @@ _DRAWS = 4099
 a recording gives the same estimate each time; a prime, so that no period of the motion meets the
 same draws. Fewer repeat within a motion and feign excitation, more hold memory only (200 kB
 now)."""
-_NOISE_FLOOR = (1e-5, 1e-6)
-"""Noise of poses, rad and m, that is presumed at least: what is smoother than this was filtered or
-generated, and would get unlimited weight. 0.6 mdeg and 1 um are far below any tracker. Higher
-overstates the noise of good trackers in simulation and widens intervals; at zero poses without
-noise make the weights overflow."""
+
+
+class PoseNoise(NamedTuple):
+    """Square roots (2, 3, 3) of the covariance of rotation and position; stated, or assumed."""
+
+    factors: Array
+    stated: bool
 
 
 @dataclass(frozen=True)
@@ -68,8 +68,8 @@ class Layout:
 class SampleStream:
     """Bounded memory of raw samples; every row is a pose with the contacts at its stamp."""
 
-    def __init__(self, config: IncrementalConfig) -> None:
-        """Start empty."""
+    def __init__(self, config: IncrementalConfig, problems: Counter[str] | None = None) -> None:
+        """Start empty; problems are counted in what is given."""
         self._config = config
         capacity = int(config.replay_duration * config.maximum_rate) + 64
         self._poses = RollingTable(
@@ -79,6 +79,7 @@ class SampleStream:
                 "position": (3,),
                 "rotation": (3, 3),
                 "noise": (2, 3, 3),
+                "stated": (),
             },
         )
         slots = MAXIMUM_CONTACTS
@@ -100,13 +101,13 @@ class SampleStream:
         self._layouts: list[Layout] = []
         self._stretch_start = 0
         self._draws = np.random.default_rng(0).normal(size=(_DRAWS, 6))
-        self._noise_scale = np.ones(2)
+        self._scatter = PoseScatter()
         self._noise = SensorNoise(
             MAXIMUM_CONTACTS, config.point_std, config.force_std, config.torque_std
         )
         self._repeated_pose = 0
         self._repeated_force = np.zeros(MAXIMUM_CONTACTS, dtype=int)
-        self.problems: Counter[str] = Counter()
+        self.problems = Counter[str]() if problems is None else problems
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -130,21 +131,21 @@ class SampleStream:
         has_any = end > self._poses.start
         return float(self._poses.rows("time", end - 1, end)[0]) if has_any else -np.inf
 
-    def add_pose(self, time: float, position: Array, rotation: Array, noise: Array) -> None:
+    def add_pose(self, time: float, position: Array, rotation: Array, noise: PoseNoise) -> None:
         """Append a pose; a stamp that jumps back by more than the maximal gap starts anew.
 
         Args:
             time: s.
             position: (3,) m.
             rotation: (3, 3).
-            noise: (2, 3, 3) square roots of the covariance of rotation and position.
+            noise: of the pose.
         """
         step = time - self.newest
         if step <= 0.0:
             self.problems["pose stamp not newer"] += 1
             if step > -self._config.maximum_gap:
                 return
-            self._begin_again()
+            self.begin_again()
         elif step < 0.8 / self._config.maximum_rate:
             self.problems["pose faster than maximum_rate"] += 1
             return
@@ -153,11 +154,28 @@ class SampleStream:
             self._stretch_start = self._poses.end
         self._count_repeated_pose(position, rotation)
         self._poses.append(
-            {"time": time, "position": position, "rotation": rotation, "noise": noise}
+            {
+                "time": time,
+                "position": position,
+                "rotation": rotation,
+                "noise": noise.factors,
+                "stated": noise.stated,
+            }
         )
         self._lay_out()
         if self._poses.end % _NOISE_EVERY == 0:
             self._measure_noise()
+
+    def begin_again(self) -> None:
+        """Forget the raw samples, so that none is joined with those to come."""
+        self._poses.clear()
+        while self._contacts.end < self._poses.end:
+            self._contacts.append(_blank_row())
+        self._contacts.clear()
+        self._stretch_start = self._poses.end
+        self._layouts = []
+        for queue in self._queues.values():
+            queue.clear()
 
     def add_contact(self, name: str, time: float, reading: ContactReading) -> None:
         """Append a contact's reading."""
@@ -207,12 +225,12 @@ class SampleStream:
         def view(name: str) -> Array:
             return sliding_rows(self._poses.rows(name, *span), width)
 
-        noise = view("noise") * self._noise_scale[:, None, None]
+        raw = (self._poses.rows(name, *span) for name in ("noise", "stated"))
         return PoseWindows(
             view("time"),
             view("position"),
             view("rotation"),
-            noise,
+            sliding_rows(self._scatter.scaled(*raw), width),
             self._drawn(*span, width),
             layout.short,
         )
@@ -329,16 +347,6 @@ class SampleStream:
             if understated[slot]
         )
 
-    def _begin_again(self) -> None:
-        self._poses.clear()
-        while self._contacts.end < self._poses.end:
-            self._contacts.append(_blank_row())
-        self._contacts.clear()
-        self._stretch_start = self._poses.end
-        self._layouts = []
-        for queue in self._queues.values():
-            queue.clear()
-
     def _lay_out(self) -> None:
         start = self._stretch_start
         if self._poses.end - start != _LAYOUT_POSES:
@@ -378,21 +386,14 @@ class SampleStream:
         return row
 
     def _measure_noise(self) -> None:
-        """Scale stated covariances down to the scatter that is seen.
-
-        A tracker's covariance also covers slow errors, which differentiation does not see.
-        """
+        """Compare what is stated, or assumed, of the last poses with how they scatter."""
         end = self._poses.end
         first = max(self._stretch_start, self._poses.start, end - _NOISE_POSES)
-        time, rotation = (self._poses.rows(name, first, end) for name in ("time", "rotation"))
-        if len(time) < _NOISE_EVERY:
+        names = ("time", "rotation", "position", "noise", "stated")
+        rows = [self._poses.rows(name, first, end) for name in names]
+        if len(rows[0]) < _NOISE_EVERY:
             return
-        position = self._poses.rows("position", first, end)
-        seen = np.array(white_pose_noise_std(time, rotation, position))
-        noise = self._poses.rows("noise", first, end)
-        power = np.median(np.einsum("nsij,nsij->ns", noise, noise), axis=0)
-        ratio = np.maximum(seen, _NOISE_FLOOR) / np.sqrt(power / 3.0)
-        self._noise_scale = np.where(ratio < OVERSTATED, ratio, 1.0)
+        self._scatter.measure(*rows)
         self._measure_contact_noise()
 
     def _measure_contact_noise(self) -> None:

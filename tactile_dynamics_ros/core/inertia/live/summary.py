@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +33,15 @@ _LASTING_FACTOR = 9.0
 """Factor by which variances grow at such a misfit: with 1, truths of hidden effects were up to 9
 standard deviations off in the first ten seconds (`benchmarks.inertia`, recordings with one effect).
 More makes intervals of models that fit badly say nothing."""
+
+
+_CHANGED = 4.0
+"""Standard deviations by which the load of the newest samples must differ to be said to have
+changed: by chance once in 16 000 looks. Lower warns of clean data, higher keeps quiet of a change
+that the interval does not cover."""
+_LEAST_CHANGE = 0.02
+"""Share of the load that may differ without a word: errors of poses and fingertips that last for
+half a second do a percent. Lower warns of these, higher lets small payloads pass for longer."""
 
 
 def _misfit_factor(rms: float) -> float:
@@ -82,6 +92,8 @@ class Summariser:
         mapping = solver.coordinate_jacobian()
         lasting_covariance = mapping @ self._presumed.covariance @ mapping.T
         covariance = covariance * np.outer(self._widen, self._widen) + lasting_covariance
+        recent = replace(model.recent, change=self._load_change(model, covariance[0, 0]))
+        covariance += recent.change**2 * np.outer(model.phi, model.phi)
         return LiveEstimate(
             inertia=InertialParameters.from_log_cholesky(xi),
             covariance=covariance,
@@ -100,8 +112,20 @@ class Summariser:
             coordinates=xi,
             rejected=model.judge.rejected,
             latency=latency,
-            recent=model.recent,
+            recent=recent,
         )
+
+    @staticmethod
+    def _load_change(model: Accumulation, variance: float) -> float:
+        """Share by which the load of the newest samples differs beyond its interval, else 0.
+
+        Args:
+            model: the accumulation.
+            variance: kg^2, of the mass as it is to be published.
+        """
+        change, deviation = model.newest_load()
+        uncertain = math.hypot(deviation, math.sqrt(variance) / model.phi[0])
+        return change if abs(change) > max(_CHANGED * uncertain, _LEAST_CHANGE) else 0.0
 
     def _corrected(self, model: Accumulation, errors: Array) -> Array:
         """Coordinates xi (10,) of the estimate without lasting errors.

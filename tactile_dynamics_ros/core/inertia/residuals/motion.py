@@ -24,22 +24,19 @@ from tactile_dynamics_ros.core.rigid_body.rotation import (
     log_so3,
     skew,
 )
+from tactile_dynamics_ros.core.streams.pose_noise import (
+    ASSUMED_POSITION_STD,
+    ASSUMED_ROTATION_STD,
+    read_covariances,
+)
 from tactile_dynamics_ros.core.streams.streams import ImuStream, PoseStream, Streams
 
 Array = NDArray[np.float64]
 
-_FALLBACK_ROTATION_STD = 1e-3
-"""Standard deviation of an orientation, rad, where no covariance is stated and the samples show no
-noise (fewer than 20, or generated without): 0.06 deg. Also of an angular velocity, rad/s. The live
-estimator has the same as a parameter. Larger trusts angular accelerations, and so inertia, less;
-smaller claims intervals that real trackers do not keep."""
-_FALLBACK_POSITION_STD = 1e-4
-"""Standard deviation of a position, m, in the same case, as the live parameter. 0.1 mm, as optical
-trackers have. Larger trusts accelerations, and so the mass from motion, less; smaller claims
-intervals that real trackers do not keep."""
 _FALLBACK_SPECIFIC_FORCE_STD = 0.05
-"""Standard deviation of an accelerometer's axis, m/s^2, in the same case: 5 mg. More would let the
-forces count for more than the motion. Less lets noise of the IMU count as motion."""
+"""Standard deviation of an accelerometer's axis, m/s^2, where none is stated and the samples show
+no noise: 5 mg. More would let the forces count for more than the motion. Less lets noise of the IMU
+count as motion."""
 OVERSTATED = 0.7
 """Seen over stated noise of poses below which the stated one is scaled down to what is seen.
 Trackers state slow errors too, which differentiation does not see. The seen one scatters by 7 %
@@ -203,7 +200,7 @@ def motion_signals(streams: Streams, grid: Array, window: Window, gravity: Array
         assert imu is not None and imu.rotation is not None
         rotation, position = imu.rotation, None
         functional = local_polynomial(imu.time, grid, window)
-        std = white_noise_std(imu.time, accumulated_rotation(rotation)) or _FALLBACK_ROTATION_STD
+        std = white_noise_std(imu.time, accumulated_rotation(rotation)) or ASSUMED_ROTATION_STD
         signals["orientation"] = LatentSignal(functional, isotropic_factor(len(imu.time), std))
     if imu is not None:
         signals |= _imu_signals(imu, grid, window)
@@ -222,7 +219,7 @@ def _imu_signals(imu: ImuStream, grid: Array, window: Window) -> dict[str, Laten
     functional = local_polynomial(imu.time, grid, Window(IMU_HALF_WIDTH, 2), orders=1)
     signals = {"specific_force": LatentSignal(functional, factor)}
     if imu.angular_velocity is not None:
-        gyro_std = white_noise_std(imu.time, imu.angular_velocity) or _FALLBACK_ROTATION_STD
+        gyro_std = white_noise_std(imu.time, imu.angular_velocity) or ASSUMED_ROTATION_STD
         of_rates = replace(window, degree=window.degree - 1)
         functional = local_polynomial(imu.time, grid, of_rates, orders=2)
         signals["gyro"] = LatentSignal(functional, isotropic_factor(count, gyro_std))
@@ -252,16 +249,15 @@ def _white_pose_noise(pose: PoseStream) -> tuple[Array, Array]:
     """
     count = len(pose.time)
     seen = white_pose_noise_std(pose.time, pose.rotation, pose.position)
-    fallbacks = (_FALLBACK_ROTATION_STD, _FALLBACK_POSITION_STD)
+    said = None if pose.covariance is None else read_covariances(pose.covariance)
     factors = []
-    for k, (level, fallback) in enumerate(zip(seen, fallbacks, strict=True)):
-        block = slice(3 * k, 3 * k + 3)
-        stated = None if pose.covariance is None else pose.covariance[:, block, block]
-        if stated is None or not np.all(np.linalg.eigvalsh(stated)[:, 0] > 0):
-            factors.append(isotropic_factor(count, level or fallback))
+    for k, fallback in enumerate((ASSUMED_ROTATION_STD, ASSUMED_POSITION_STD)):
+        if said is None or not said.stated.all():
+            factors.append(isotropic_factor(count, seen[k] or fallback))
             continue
+        stated = said.covariance[:, 3 * k : 3 * k + 3, 3 * k : 3 * k + 3]
         stated_level = float(np.sqrt(np.median(np.einsum("nii->ni", stated))))
-        overstated = not pose.white and 0 < level < OVERSTATED * stated_level
-        scale = level / stated_level if overstated else 1.0
+        overstated = not pose.white and 0 < seen[k] < OVERSTATED * stated_level
+        scale = seen[k] / stated_level if overstated else 1.0
         factors.append(np.asarray(scale * np.linalg.cholesky(stated)))
     return factors[0], factors[1]

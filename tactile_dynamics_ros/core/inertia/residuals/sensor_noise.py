@@ -1,4 +1,4 @@
-"""Noise of contacts as their readings scatter, beside what they state and what is configured."""
+"""Noise of contacts and poses as they scatter, beside what they state and what is configured."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.inertia.residuals.contact_grid import POINT_STD_FLOOR
-from tactile_dynamics_ros.core.numerics.noise import white_noise_std
+from tactile_dynamics_ros.core.inertia.residuals.motion import OVERSTATED
+from tactile_dynamics_ros.core.numerics.noise import white_noise_std, white_pose_noise_std
 
 Array = NDArray[np.float64]
 
@@ -23,6 +24,16 @@ _UNDERSTATED = 0.01
 """Stated over seen noise of a force from which the statement is no statement but a mistake. Sensors
 state at least their noise; a hundredth of it is a unit that is off or zeros. Nearer to 1 honest
 statements of quiet moments are thrown away."""
+
+_NOISE_FLOOR = (1e-5, 1e-6)
+"""Noise of poses, rad and m, that is presumed at least: what is smoother than this was filtered or
+generated, and would get unlimited weight. 0.6 mdeg and 1 um are far below any tracker. Higher
+overstates the noise of good trackers in simulation and widens intervals; at zero poses without
+noise make the weights overflow."""
+
+_MOST_SCATTER = 20.0
+"""Scatter of poses over what is assumed of them up to which it is noise: 1 cm and 1.1 deg are the
+worst depth cameras. Higher takes poses in mm for noisy ones, lower doubts those cameras."""
 
 
 class SensorNoise:
@@ -67,3 +78,49 @@ class SensorNoise:
         """Standard deviation (C,) of a force, N, below which a statement is a mistake."""
         early = np.where(self._looked, 0.0, _LEAST_FORCE_STD)
         return np.where(self._measured, _UNDERSTATED * self.force, early)
+
+
+class PoseScatter:
+    """Scatter of the poses beside the noise that they state, or that is assumed of them.
+
+    Assumed noise becomes that of the scatter. So does stated noise that is far above it: a
+    tracker's covariance also covers slow errors, which differentiation does not see.
+    """
+
+    def __init__(self) -> None:
+        self._seen = np.zeros(2)
+        self._scale = np.ones((2, 2))
+
+    def measure(
+        self, time: Array, rotation: Array, position: Array, noise: Array, stated: Array
+    ) -> None:
+        """Take the scatter of N poses.
+
+        Args:
+            time: (N,) s.
+            rotation: (N, 3, 3).
+            position: (N, 3) m.
+            noise: (N, 2, 3, 3) square roots of the covariances, stated or assumed.
+            stated: (N,) 1 where they are stated, else 0.
+        """
+        seen = np.array(white_pose_noise_std(time, rotation, position))
+        self._seen = np.maximum(seen, _NOISE_FLOOR)
+        for kind in (0, 1):
+            chosen = noise[stated == kind]
+            if len(chosen):
+                ratio = self._seen / np.median(_levels(chosen), axis=0)
+                ratio = np.minimum(ratio, _MOST_SCATTER)
+                far = ratio < OVERSTATED if kind else seen > 0.0
+                self._scale[kind] = np.where(far, ratio, 1.0)
+
+    def scaled(self, noise: Array, stated: Array) -> Array:
+        """Noise (N, 2, 3, 3) of poses as it is to be believed; none is moved beyond the scatter."""
+        scale = self._scale[stated.astype(int)]
+        own = self._seen / _levels(noise)
+        factor = np.clip(own, np.minimum(scale, 1.0), np.maximum(scale, 1.0))
+        return np.asarray(factor[..., None, None] * noise)
+
+
+def _levels(noise: Array) -> Array:
+    """Standard deviations (N, 2) of rotation and position, means of the axes."""
+    return np.asarray(np.sqrt(np.einsum("nsij,nsij->ns", noise, noise) / 3.0))

@@ -1,0 +1,108 @@
+"""What poses state of their own noise: a covariance, nothing to be believed, or that they are lost.
+
+One rule for live streams and recordings: a covariance that cannot be meant costs the statement, not
+the pose; a pose whose tracker has lost the object is no pose, so that a gap is left.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+ASSUMED_ROTATION_STD = 1e-3
+"""Noise of an orientation that is assumed while none is stated and the scatter of the poses is not
+measured yet (half a second), rad: 0.06 deg, as of trackers with markers. Larger trusts angular
+accelerations, and so inertia, less; smaller claims intervals that real trackers do not keep."""
+ASSUMED_POSITION_STD = 5e-4
+"""Noise of a position in the same case, m: that of the trackers of published in-hand recordings.
+Smaller claims, in the first half second, intervals that real trackers do not keep; larger delays
+the first estimate."""
+LEAST_STD = np.array([1e-5, 1e-6])
+"""Noise of orientation, rad, and position, m, below which a statement is a mistake: 0.6 mdeg and 1
+um are far below any tracker. Lower, numbers such as 1e-18 give poses unlimited weight; higher
+refuses what a simulation states."""
+LOST_POSITION_STD = 0.1
+"""Standard deviation of a position, m, from which the tracker has lost the object: as large as a
+grasp, so that not even the side of the centre of mass on which a finger presses is known. Lower
+leaves poses out that still tell slow motion; higher lets in what tells nothing."""
+LOST_ROTATION_STD = 1.0
+"""Standard deviation of an orientation about its best known axis, rad, in the same case: where
+gravity acts in the body is not known then. One axis alone may be unknown, as of a body that is
+round about it."""
+
+NOT_FINITE = "covariance is not finite"
+"""A mistake. Words for people, also the key of its count."""
+INDEFINITE = "covariance is not positive definite"
+"""Likewise."""
+TOO_SMALL = "covariance is smaller than that of any tracker"
+"""Likewise, see `LEAST_STD`."""
+
+
+@dataclass(frozen=True)
+class StatedNoise:
+    """What N poses state of their noise.
+
+    Attributes:
+        covariance: (N, 6, 6) [rotation, position], symmetric; of no use where not `stated`.
+        stated: (N,) whether it can be believed.
+        mistakes: by kind, how many are no statement although they are not zero.
+        lost: (N,) whether the tracker says that it does not know where the object is.
+    """
+
+    covariance: Array
+    stated: Mask
+    mistakes: dict[str, int]
+    lost: Mask
+
+
+def read_covariances(covariance: Array, planar: bool = False) -> StatedNoise:
+    """Judge covariances (N, 6, 6) [rotation, position]; all zero means that none is stated.
+
+    Args:
+        covariance: as stated.
+        planar: whether x, y and yaw alone count, of what lies on a table: trackers of markers state
+            anything of the others.
+    """
+    finite: Mask = np.asarray(np.isfinite(covariance).all(axis=(1, 2)))
+    clean = np.where(finite[:, None, None], covariance, 0.0)
+    symmetric = 0.5 * (clean + np.swapaxes(clean, 1, 2))
+    judged = _on_table(symmetric) if planar else symmetric
+    absent = finite & ~judged.any(axis=(1, 2))
+    blocks = np.stack([judged[:, :3, :3], judged[:, 3:, 3:]], axis=1)
+    variances = np.linalg.eigvalsh(blocks)
+    definite = np.linalg.eigvalsh(_unit_free(judged))[:, 0] > 0.0
+    small = definite & (variances[:, :, -1] < LEAST_STD**2).any(axis=1)
+    mistaken = {
+        NOT_FINITE: ~finite,
+        INDEFINITE: finite & ~absent & ~definite,
+        TOO_SMALL: small,
+    }
+    mistakes = {kind: int(found.sum()) for kind, found in mistaken.items() if found.any()}
+    lost = (variances[:, 1, -1] > LOST_POSITION_STD**2) | (
+        variances[:, 0, 0] > LOST_ROTATION_STD**2
+    )
+    return StatedNoise(symmetric, definite & ~small, mistakes, definite & lost)
+
+
+def _on_table(covariance: Array) -> Array:
+    """Covariances (N, 6, 6) whose roll and pitch are as yaw, and whose z is as x."""
+    kept = np.array([2, 3, 4])
+    found = np.zeros_like(covariance)
+    found[:, kept[:, None], kept] = covariance[:, kept[:, None], kept]
+    found[:, [0, 1], [0, 1]] = covariance[:, [2], [2]]
+    found[:, 5, 5] = covariance[:, 3, 3]
+    return found
+
+
+def _unit_free(covariance: Array) -> Array:
+    """Correlations (N, 6, 6), whose eigenvalues do not mix rad and m; -1 for a bad variance."""
+    variance = np.einsum("nii->ni", covariance)
+    scale = np.sqrt(np.where(variance > 0.0, variance, 1.0))
+    found = covariance / (scale[:, :, None] * scale[:, None, :])
+    found[:, range(6), range(6)] = np.where(variance > 0.0, 1.0, -1.0)
+    return np.asarray(found)

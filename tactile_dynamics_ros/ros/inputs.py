@@ -1,0 +1,169 @@
+"""What comes on the topics of a node, and why nothing does.
+
+One mechanism for all nodes: a topic that was never heard, that somebody publishes with another
+type, on which two publish at once, or whose messages are all refused is a trouble with a name.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.subscription import Subscription
+
+from tactile_dynamics_ros.ros.object_state import SILENT
+
+RIVAL_STEPS, RIVAL_SPAN = 2, 1.0
+"""How often in how long (s) the numbers that a publisher gives its messages must go back until two
+publish at once: those of two mix with every message, those of a restarted one go back once."""
+
+
+ASKED = 1.0
+"""Real time between questions to the middleware who publishes a silent topic, s: a question takes a
+tenth of a millisecond, and a publisher that appears is named a second later at most."""
+
+
+class Need(Enum):
+    """When the silence of a topic is a trouble."""
+
+    OPTIONAL = "never"
+    ONCE = "before the first message: later silence means that there is nothing to tell"
+    ALWAYS = "always"
+
+
+class Numbers:
+    """Numbers that publishers give their messages on one topic."""
+
+    def __init__(self) -> None:
+        self._last = 0
+        self._back: deque[float] = deque(maxlen=RIVAL_STEPS)
+
+    def mix(self, numbers: Sequence[int | None], now: float) -> bool:
+        """Whether these numbers are of two publishers; never where the middleware gives none.
+
+        Args:
+            numbers: in the order of the messages.
+            now: monotonic, s.
+        """
+        for number in numbers:
+            if number is None:
+                return False
+            if number <= self._last:
+                self._back.append(now)
+            self._last = number
+        return len(self._back) == RIVAL_STEPS and now - self._back[0] < RIVAL_SPAN
+
+
+@dataclass
+class Input:
+    """One topic that a node listens to. All times are monotonic, s.
+
+    Attributes:
+        topic: as it was given to `Shell.listen`. kind: name of its type.
+        need: when its silence is a trouble.
+        heard: when a message was last used; the beginning before the first.
+        ever: whether one was used.
+        refused: when a message was last refused. reason: why.
+        rivals: until when it is said that two publish at once.
+        asked: when it was last asked who publishes.
+        publishers: name of the node and type of each that publishes it, as of then.
+    """
+
+    topic: str
+    kind: str
+    need: Need
+    heard: float
+    ever: bool = False
+    refused: float = -math.inf
+    reason: str = ""
+    rivals: float = -math.inf
+    asked: float = -math.inf
+    publishers: Sequence[tuple[str, str]] = ()
+
+    def take(self, now: float) -> None:
+        """Note that a message was used."""
+        self.heard, self.ever = now, True
+
+    def refuse(self, reason: str, now: float) -> None:
+        """Note that a message was refused."""
+        self.refused, self.reason = now, reason
+
+    def suspicious(self, now: float) -> bool:
+        """Whether it is worth asking who publishes."""
+        return now < self.rivals or now - self.heard > SILENT
+
+    def trouble(self, now: float) -> str:
+        """Return what is wrong with the topic, "" if nothing is."""
+        names = " and ".join(name for name, _ in self.publishers) or "nobody"
+        if now < self.rivals:
+            return (
+                f"{self.topic}: two publishers at once ({names}), nobody can know which is right: "
+                "stop one of them"
+            )
+        if now - self.heard <= SILENT:
+            return ""
+        if now - self.refused <= SILENT:
+            return f"{self.topic}: all that comes is refused: {self.reason}"
+        others = [f"{kind} from {name}" for name, kind in self.publishers if kind != self.kind]
+        if others and len(others) == len(self.publishers):
+            return f"{self.topic}: expected {self.kind}, found {', '.join(others)}"
+        if self.need is not Need.OPTIONAL and not self.ever:
+            return f"{self.topic}: never heard, published by {names}"
+        if self.need is Need.ALWAYS:
+            return f"{self.topic}: silent since {now - self.heard:.0f} s, published by {names}"
+        return ""
+
+
+class Inputs:
+    """The topics of a node.
+
+    Args:
+        node: that listens.
+
+    Attributes:
+        troubles: what is wrong with them, as of the last look.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._found: dict[str, Input] = {}
+        self.troubles: tuple[str, ...] = ()
+
+    def add(self, subscription: Subscription, topic: str, kind: type[Any], need: Need) -> Input:
+        """Follow a topic; it has been silent from now on."""
+        package, name = kind.__module__.split(".")[0], kind.__name__
+        found = Input(topic, f"{package}/msg/{name}", need, time.monotonic())
+        self._found[subscription.topic_name] = found
+        return found
+
+    def has_rivals(self, topic: str) -> bool:
+        """Whether two publish on a topic (as it was given to `Shell.listen`) at once."""
+        now = time.monotonic()
+        return any(now < found.rivals for found in self._found.values() if found.topic == topic)
+
+    def look(self) -> bool:
+        """Look for troubles; return whether they are of other topics than at the last look."""
+        now, before = time.monotonic(), self.troubles
+        suspicious = {full: one for full, one in self._found.items() if one.suspicious(now)}
+        for full, one in suspicious.items():
+            if now - one.asked >= ASKED:
+                one.asked, one.publishers = now, self._publishers(full)
+        self.troubles = tuple(filter(None, (one.trouble(now) for one in suspicious.values())))
+        return [_topic(text) for text in before] != [_topic(text) for text in self.troubles]
+
+    def _publishers(self, full: str) -> list[tuple[str, str]]:
+        found = self._node.get_publishers_info_by_topic(full)
+        return sorted(
+            (f"{info.node_namespace.rstrip('/')}/{info.node_name}", info.topic_type)
+            for info in found
+        )
+
+
+def _topic(trouble: str) -> str:
+    return trouble.partition(":")[0]
