@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 from tactile_dynamics_ros.cli.domain import stay_on_this_host
 from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError
 from tactile_dynamics_ros.core.options import COUNT, POSITIVE
+from tactile_dynamics_ros.core.reading import parse_yaml
 
 if TYPE_CHECKING:
     from rclpy.node import Node
@@ -203,9 +204,7 @@ def set_parameter(node: Node, target: str, name: str, value: Any, timeout: float
 
 def run_set(args: Namespace) -> int:
     """Change one parameter."""
-    import yaml
-
-    value = yaml.safe_load(args.value)
+    value = parse_yaml(args.value, f"value of {args.parameter}")
     with short_lived_node() as node:
         told = set_parameter(node, args.node, args.parameter, value, args.timeout)
     plain = f"{args.parameter} = {value}" + (f" ({told})" if told else "")

@@ -17,6 +17,7 @@ from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
 
 from tactile_dynamics_ros.core.errors import BadInputError, nearest_file
+from tactile_dynamics_ros.recording.bag_limits import check_limits, metadata_of
 from tactile_dynamics_ros.recording.cdr import (
     DOUBLES,
     MessageTable,
@@ -118,6 +119,7 @@ def _parts(path: Path) -> list[Path]:
         raise BadInputError(
             f"{path}: no such file or directory; expected a rosbag2 recording" + nearest_file(path)
         )
+    check_limits(path)
     if path.is_dir():
         if _opens(path):
             return [path]
@@ -145,9 +147,10 @@ def _storage_files(path: Path) -> list[Path]:
 def _opens(directory: Path) -> bool:
     """Return whether a recording's directory and all files named in it can be opened."""
     try:
+        metadata_of(directory)
         with Reader(directory):
             return True
-    except DAMAGE:
+    except (BadInputError, *DAMAGE):
         return False
 
 

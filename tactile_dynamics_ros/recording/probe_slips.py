@@ -15,6 +15,7 @@ from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.friction.estimate import SlipEvent
 from tactile_dynamics_ros.core.friction.slip_table import event_from_values
 from tactile_dynamics_ros.recording.bag_files import DAMAGE
+from tactile_dynamics_ros.recording.bag_limits import check_readable
 from tactile_dynamics_ros.recording.bag_writer import write_tables
 from tactile_dynamics_ros.recording.namespaces import (
     ROOT,
@@ -37,9 +38,10 @@ def holds_slips(path: Path, namespace: str | None = None) -> bool:
     """
     known = None if namespace is None else absolute_namespace(namespace)
     try:
+        check_readable(path)
         with Reader(path) as reader:
             found = [split_topic(c.topic, _KNOWN) for c in reader.connections if c.msgcount > 0]
-    except DAMAGE:
+    except (BadInputError, *DAMAGE):
         return False
     return any(split is not None and known in (None, split[0]) for split in found)
 
@@ -56,6 +58,7 @@ def read_slips(path: Path, namespace: str | None = None) -> list[SlipEvent]:
     """
     store = get_typestore(Stores.ROS2_JAZZY)
     try:
+        check_readable(path)
         with Reader(path) as reader:
             splits = [split_topic(c.topic, _KNOWN) for c in reader.connections]
             found = {split[0] for split in splits if split is not None}

@@ -54,11 +54,18 @@ class _McapScan:
         self._schemas: dict[int, str] = {}
         self._channels: dict[int, tuple[str, str]] = {}
 
-    def messages(self, data: memoryview) -> Iterator[tuple[str, str, int, bytes]]:
-        """Yield the wanted messages of a run of records, entering chunks."""
+    def messages(
+        self, data: memoryview, inside: bool = False
+    ) -> Iterator[tuple[str, str, int, bytes]]:
+        """Yield the wanted messages of a run of records, entering chunks.
+
+        Args:
+            data: the records.
+            inside: of a chunk, in which there is no other one.
+        """
         for opcode, body, complete in _records(data):
-            if opcode == CHUNK:
-                yield from self.messages(memoryview(_chunk_content(body)))
+            if opcode == CHUNK and not inside:
+                yield from self.messages(memoryview(_chunk_content(body)), inside=True)
             elif not complete:
                 return
             elif opcode == SCHEMA:

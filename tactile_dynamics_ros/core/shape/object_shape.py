@@ -10,11 +10,11 @@ from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 import trimesh
-import yaml
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.reading import read_yaml
 from tactile_dynamics_ros.core.rigid_body.poses import described_pose, rpy_to_matrix
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 
@@ -304,7 +304,7 @@ def load_shape(path: Path) -> ObjectShape:
             f"object shape {path}: expected a yaml file of an object, or a mesh "
             f"({', '.join(MESH_SUFFIXES)})"
         )
-    values = yaml.safe_load(path.read_text())
+    values = read_yaml(path, "a yaml file of an object")
     try:
         surfaces = [_surface(shape) for shape in values["shapes"]]
         angles = np.asarray(values.get("rest", {}).get("rpy_deg", (0.0, 0.0, 0.0)), dtype=float)

@@ -17,6 +17,7 @@ from tactile_dynamics_ros.core.errors import BadInputError, nearest_file
 from tactile_dynamics_ros.core.rigid_body.rotation import matrix_to_quaternion, quaternion_to_matrix
 from tactile_dynamics_ros.core.streams.streams import between_turns
 from tactile_dynamics_ros.recording.bag_files import DAMAGE, ROS1_SUFFIX, STORAGE_SUFFIXES
+from tactile_dynamics_ros.recording.bag_limits import check_readable
 from tactile_dynamics_ros.recording.importers.tables import Table
 
 Array = NDArray[np.float64]
@@ -248,6 +249,7 @@ class _opened:  # noqa: N801 - used as a function
                 f"{self._path}: no such file or directory; expected a recording"
                 + nearest_file(self._path)
             )
+        check_readable(self._path)
         ros1 = self._path.suffix == ROS1_SUFFIX
         store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_JAZZY)
         return self._guarded(lambda: self._open(store))

@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.reading import read_yaml
 from tactile_dynamics_ros.recording.importers.bag_tables import (
     TF,
     is_bag,
@@ -257,12 +257,7 @@ def load_yaml(path: Path) -> dict[str, Any]:
     Raises:
         BadInputError: it cannot be read, or holds something else.
     """
-    try:
-        content = yaml.safe_load(path.read_text())
-    except OSError as error:
-        raise BadInputError(f"{path} cannot be read: {error.strerror}") from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise BadInputError(f"{path} is not yaml: {str(error).splitlines()[0]}") from error
+    content = read_yaml(path, "a mapping of tables in yaml")
     if not isinstance(content, dict):
         raise BadInputError(f"{path}: expected a mapping with {', '.join(sorted(SECTIONS))}")
     return content

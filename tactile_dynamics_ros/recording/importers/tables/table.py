@@ -90,11 +90,15 @@ def read_table(path: Path) -> Table:
     Raises:
         BadInputError: the file is missing, or no table, or too many of its rows cannot be read.
     """
-    layout = find_layout(read_text(path))
+    text = read_text(path)
+    try:
+        layout = find_layout(text)
+    except BadInputError as error:
+        raise BadInputError(f"{path}: {error}") from error
     if layout is None:
         raise BadInputError(f"{path}: expected a line of column names and rows of numbers")
-    text = _text_columns(layout)
-    good, bad = _sort_rows(layout, text)
+    words = _text_columns(layout)
+    good, bad = _sort_rows(layout, words)
     if not good:
         raise BadInputError(f"{path}: {bad[0]}; expected rows of numbers")
     if len(bad) > max(1.0, _MOST_BAD * len(layout.rows)):
@@ -102,8 +106,8 @@ def read_table(path: Path) -> Table:
             f"{path}: {bad[0]}, and {len(bad) - 1} more of {len(layout.rows)} rows cannot be read; "
             f"expected {len(layout.names)} numbers parted by {layout.description}"
         )
-    values = _numbers(good, text, layout.decimal_comma)
-    texts = {layout.names[k]: [cells[k] for cells in good] for k in sorted(text)}
+    values = _numbers(good, words, layout.decimal_comma)
+    texts = {layout.names[k]: [cells[k] for cells in good] for k in sorted(words)}
     return Table(
         source=str(path),
         names=layout.names,
