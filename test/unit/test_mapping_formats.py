@@ -252,7 +252,7 @@ contacts:
     ("old", "new", "message"),
     [
         ("frame: tool", "frame: wrist", "no joints lead from link 'base' to link 'wrist'"),
-        ("urdf: arm.urdf", "urdf: leg.urdf", "leg.urdf cannot be read"),
+        ("urdf: arm.urdf", "urdf: leg.urdf", "leg.urdf: no such file"),
         (
             "joints: {columns: [q1, q2]",
             "joints: {columns: [q1]",

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.reading import read_yaml
+from tactile_dynamics_ros.core.reading import read_mesh, read_yaml, require_file
 from tactile_dynamics_ros.core.rigid_body.poses import described_pose, rpy_to_matrix
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 
@@ -295,8 +295,7 @@ def load_shape(path: Path) -> ObjectShape:
     Raises:
         BadInputError: the file is missing, of another kind, or holds no shape.
     """
-    if not path.is_file():
-        raise BadInputError(f"object shape: no file {path}")
+    require_file(path, "the shape of an object")
     if path.suffix.lower() in MESH_SUFFIXES:
         return _load_mesh(path)
     if path.suffix.lower() not in (".yaml", ".yml"):
@@ -314,12 +313,7 @@ def load_shape(path: Path) -> ObjectShape:
 
 
 def _load_mesh(path: Path) -> ObjectShape:
-    try:
-        mesh = trimesh.load(path, force="mesh")
-    except Exception as error:  # trimesh raises whatever its readers raise
-        raise BadInputError(f"object shape {path}: {error}") from error
-    if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:
-        raise BadInputError(f"object shape {path}: holds no triangles")
+    mesh = read_mesh(path, "the shape of an object")
     if np.ptp(mesh.vertices, axis=0).max() > 5.0:
         raise BadInputError(
             f"object shape {path}: {np.ptp(mesh.vertices, axis=0).max():.0f} m long; "

@@ -15,8 +15,8 @@ SEPARATORS = (";", "\t", ",", "|", None)
 COMMENTS = ("#", "%", "//", "!")
 """What a line begins with that is no row; what stands behind it may be the header."""
 MOST_COLUMNS = 2000
-"""Columns of a table: loggers of whole robots write 500. Each cell is looked at for every separator,
-so that a million columns would take minutes."""
+"""Columns of a table: loggers of whole robots write 500. Each cell is looked at for every
+separator, so that a million columns would take minutes."""
 MISSING = frozenset(
     ["", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "-nan(ind)", "nan(ind)"]
 )
