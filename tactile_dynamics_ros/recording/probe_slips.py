@@ -14,7 +14,7 @@ from rosbags.typesys import Stores, get_typestore
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.friction.estimate import SlipEvent
 from tactile_dynamics_ros.core.friction.slip_table import event_from_values
-from tactile_dynamics_ros.recording.bag_files import DAMAGE
+from tactile_dynamics_ros.recording.bag_files import DAMAGE, named_connections
 from tactile_dynamics_ros.recording.bag_limits import check_readable
 from tactile_dynamics_ros.recording.bag_writer import write_tables
 from tactile_dynamics_ros.recording.namespaces import (
@@ -40,7 +40,7 @@ def holds_slips(path: Path, namespace: str | None = None) -> bool:
     try:
         check_readable(path)
         with Reader(path) as reader:
-            found = [split_topic(c.topic, _KNOWN) for c in reader.connections if c.msgcount > 0]
+            found = [split_topic(c.topic, _KNOWN) for c in named_connections(reader) if c.msgcount]
     except (BadInputError, *DAMAGE):
         return False
     return any(split is not None and known in (None, split[0]) for split in found)
@@ -60,10 +60,10 @@ def read_slips(path: Path, namespace: str | None = None) -> list[SlipEvent]:
     try:
         check_readable(path)
         with Reader(path) as reader:
-            splits = [split_topic(c.topic, _KNOWN) for c in reader.connections]
+            splits = [split_topic(c.topic, _KNOWN) for c in named_connections(reader)]
             found = {split[0] for split in splits if split is not None}
             topic = choose_namespace(namespace, found, ROOT in found, str(path)) + SLIP
-            own = [c for c in reader.connections if c.topic == topic]
+            own = [c for c in named_connections(reader) if c.topic == topic]
             rows = [store.deserialize_cdr(raw, c.msgtype) for c, _, raw in reader.messages(own)]
     except DAMAGE as error:
         raise BadInputError(f"{path}: cannot be read as a probe recording: {error}") from error

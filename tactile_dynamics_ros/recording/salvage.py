@@ -134,7 +134,11 @@ def _salvage_sqlite(
         connection = sqlite3.connect(copy)
         try:
             rows = connection.execute("SELECT id, name, type FROM topics").fetchall()
-            topics = {key: (name, msgtype) for key, name, msgtype in rows}
+            topics = {
+                key: (name, msgtype)
+                for key, name, msgtype in rows
+                if isinstance(name, str) and isinstance(msgtype, str)
+            }
             types.update(dict(topics.values()))
             query = "SELECT topic_id, timestamp, data FROM messages ORDER BY id"
             for key, received, data in connection.execute(query):

@@ -47,7 +47,15 @@ class CsvMappingImporter(Importer):
 
     def read(self, source: Path, options: Namespace) -> Recording | PushedRecording:
         """Read the tables that the yaml file names."""
-        return read_mapping(load_yaml(source), source.parent, str(source))
+        mapping = load_yaml(source)
+        try:
+            return read_mapping(mapping, source.parent, str(source))
+        except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+            reason = str(error).splitlines()[:1] or [type(error).__name__]
+            raise BadInputError(
+                f"{source}: an entry is of another kind than expected ({reason[0]}); compare with "
+                "docs/recordings.md"
+            ) from error
 
 
 def read_mapping(
@@ -153,7 +161,10 @@ def _contacts(
     """Return the frame of the contacts and their arrays."""
     frame = str(mapping.get("contact_frame", "world"))
     contacts = {}
-    for name, section in dict(mapping.get("contacts") or {}).items():
+    sections = mapping.get("contacts") or {}
+    if not isinstance(sections, Mapping):
+        raise BadInputError(f"{source}: contacts: expected names with their sections")
+    for name, section in sections.items():
         where = f"{source}: contacts.{name}"
         arrays = tables.stream(where, section, frozenset(["pose"]))
         if "pose" in section:

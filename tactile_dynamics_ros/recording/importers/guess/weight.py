@@ -171,6 +171,8 @@ class Scene:
             return None
         if not np.isfinite(m.rotation).all():
             return None
+        if m.position is not None and not np.isfinite(m.position).all():
+            return None
         at = m.force_time[self.rows]
         functional = m.windows.around(m.time, at)
         turns = accumulated_rotation(m.rotation)

@@ -26,6 +26,9 @@ refused, since it is probably not laid out as it seems. Loggers that are killed 
 row."""
 _TEXT = 0.5
 """Share of cells that are no numbers from which a column is text (names of frames, states)."""
+_LARGEST = 1e30
+"""Largest number that was measured: stamps in ns have 1e18. Larger ones and infinite ones, which
+loggers write for what is invalid, count as missing; their squares would overflow."""
 _NAMED = 5
 """Bad rows that are named one by one; of more the first are, and the number of all."""
 
@@ -156,7 +159,7 @@ def _numbers(rows: Sequence[Sequence[str]], text: set[int], decimal_comma: bool)
     for k in range(width):
         if k not in text:
             values[:, k] = [_number(cells[k], decimal_comma) for cells in rows]
-    return values
+    return np.where(np.abs(values) <= _LARGEST, values, np.nan)
 
 
 def _number(cell: str, decimal_comma: bool) -> float:
