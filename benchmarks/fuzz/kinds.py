@@ -38,8 +38,8 @@ from tactile_dynamics_ros.recording.pushed import PushedRecording, recorded_mode
 from tactile_dynamics_ros.recording.pushed.known_files import read_known, write_known
 from tactile_dynamics_ros.share import share_file
 
-SECONDS = 1.0
-"""Length of the recordings, s: enough for every stream, and read in a tenth of a second."""
+SECONDS = 0.3
+"""Length of the recordings, s: enough for every stream, and read at once."""
 _LAWS = (
     "-c*v_x",
     "-c*abs(v_x)*v_x/speed_0*exp(-d*speed/speed_0)",

@@ -17,6 +17,7 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
 )
 from tactile_dynamics_ros.core.rigid_body.known_body import KnownBody
 from tactile_dynamics_ros.recording.yaml_files import (
+    LARGEST,
     read_count,
     read_covariance,
     read_document,
@@ -47,7 +48,7 @@ def read_body(path: str | Path) -> KnownBody:
     file, _, link = str(path).partition("#")
     text = read_text(file, _EXPECTED)
     known = _from_urdf(text, link, str(path)) if "<" in text[:200] else _from_yaml(file)
-    if not is_feasible(known.phi):
+    if not np.all(np.abs(known.phi) <= LARGEST) or not is_feasible(known.phi):
         raise BadInputError(f"{path}: no body has such mass and inertia; check units and axes")
     return known
 

@@ -16,7 +16,7 @@ from tactile_dynamics_ros.core.files import written_whole
 
 Array = NDArray[np.float64]
 
-_LARGEST = 1e15
+LARGEST = 1e15
 """Largest number in such a file, SI: variances of what is undetermined reach 1e11 (kg^2); squares
 of larger ones overflow in the sums of an estimate."""
 _ROUNDING = 1e-6
@@ -107,9 +107,9 @@ def read_numbers(
         values = np.array(document[key], dtype=float)
     except (KeyError, TypeError, ValueError) as error:
         raise BadInputError(f"{file}: {key}: expected numbers of shape {shape}") from error
-    if values.shape != shape or not np.all(np.abs(values) <= _LARGEST):
+    if values.shape != shape or not np.all(np.abs(values) <= LARGEST):
         raise BadInputError(
-            f"{file}: {key}: expected finite numbers of shape {shape}, at most {_LARGEST:g}"
+            f"{file}: {key}: expected finite numbers of shape {shape}, at most {LARGEST:g}"
         )
     return values
 
@@ -160,7 +160,7 @@ def read_count(document: Mapping[str, Any], file: str | Path) -> int:
         BadInputError: that is no whole number, or a negative one.
     """
     count = document.get("recordings", 1)
-    if type(count) is not int or not 0 <= count <= _LARGEST:
+    if type(count) is not int or not 0 <= count <= LARGEST:
         raise BadInputError(
             f"{file}: recordings: {str(count)[:40]!r}, expected a whole number from 0"
         )

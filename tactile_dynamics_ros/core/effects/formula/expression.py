@@ -286,8 +286,8 @@ def _excess(value: Any) -> str:
         if complex(value).imag != 0.0:
             return "is no real number"
         size = abs(complex(value))
-        fits = size == 0.0 or 1.0 / LARGEST_NUMBER <= size <= LARGEST_NUMBER
-        return "" if fits and math.isfinite(size) else _TOO_LARGE
+        written_out = value.is_Rational and 0.0 < size < 1.0 / LARGEST_NUMBER
+        return "" if size <= LARGEST_NUMBER and not written_out else _TOO_LARGE
     if value.has(sympy.zoo, sympy.nan, sympy.oo):
         return "divides by zero"
     nodes = list(islice(sympy.preorder_traversal(value), _MOST_NODES + 1))
