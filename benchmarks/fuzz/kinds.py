@@ -38,7 +38,7 @@ from tactile_dynamics_ros.recording.pushed import PushedRecording, recorded_mode
 from tactile_dynamics_ros.recording.pushed.known_files import read_known, write_known
 from tactile_dynamics_ros.share import share_file
 
-SECONDS = 0.3
+SECONDS = 1.0
 """Length of the recordings, s: enough for every stream, and read at once."""
 _LAWS = (
     "-c*v_x",

@@ -135,6 +135,11 @@ def _is_word(cell: str) -> bool:
     return not is_number(cell) and cell.lower() not in MISSING
 
 
+def _is_wrong(cell: str, decimal_comma: bool) -> bool:
+    """Whether a cell is no number as those of the table are written."""
+    return _is_word(cell) or ("," in cell and not decimal_comma)
+
+
 def _sort_rows(layout: Layout, text: set[int]) -> tuple[list[list[str]], list[str]]:
     """Rows that can be read, and one line for each that cannot."""
     good, bad = [], []
@@ -143,7 +148,9 @@ def _sort_rows(layout: Layout, text: set[int]) -> tuple[list[list[str]], list[st
         if len(cells) != width:
             bad.append(f"line {number} has {len(cells)} cells, not {width}")
             continue
-        wrong = next((k for k in range(width) if k not in text and _is_word(cells[k])), None)
+        comma = layout.decimal_comma
+        numbers = (k for k in range(width) if k not in text)
+        wrong = next((k for k in numbers if _is_wrong(cells[k], comma)), None)
         if wrong is None:
             good.append(cells)
         else:
