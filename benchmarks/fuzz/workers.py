@@ -23,6 +23,8 @@ LONGEST = 10.0
 _PATIENCE = 60.0
 """Real time after which a process that does not answer is ended, s: it waits, or has a sixth of a
 processor at most."""
+_STARTS, _READY = 300.0, "ready"
+"""Real time in which a process has to have loaded its libraries, s, and what it says then."""
 MOST_MEMORY = 1 << 30
 """Bytes of memory that a case may take beyond what the process holds before it."""
 _LIMIT = 3 << 30
@@ -116,7 +118,10 @@ def _start(folder: Path, seed: int) -> _Worker:
     process = context.Process(target=_serve, args=(theirs, folder, seed), daemon=True)
     process.start()
     theirs.close()
-    return _Worker(process, ours)
+    worker = _Worker(process, ours)
+    if not ours.poll(_STARTS) or ours.recv() != _READY:
+        raise RuntimeError("a worker does not start")
+    return worker
 
 
 def _end(worker: _Worker) -> None:
@@ -131,6 +136,7 @@ def _serve(pipe: Connection, folder: Path, seed: int) -> None:
 
     held = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (held + _LIMIT, held + _LIMIT))
+    pipe.send(_READY)
     while True:
         try:
             kind, number = pipe.recv()
