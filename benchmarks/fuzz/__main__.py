@@ -9,6 +9,7 @@ import sys
 import tempfile
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -76,7 +77,7 @@ def describe(found: dict[str, Any]) -> str:
 
 
 def main() -> int:
-    """Run the cases asked for, print the counts; return 1 if one failed."""
+    """Run the cases asked for until Ctrl-C, print the counts; return 1 if one failed."""
     options = _parse()
     if options.only:
         cases = [
@@ -86,11 +87,12 @@ def main() -> int:
     else:
         running = fuzz(options.count, options.seed, options.kinds, options.workers)
     outcomes = []
-    for outcome in running:
-        outcomes.append(outcome)
-        if outcome.end in FAILURES and not options.json:
-            last = outcome.words.strip().splitlines()[-1]
-            print(f"{outcome.kind}:{outcome.number} {outcome.end}: {last}", flush=True)
+    with suppress(KeyboardInterrupt):
+        for outcome in running:
+            outcomes.append(outcome)
+            if outcome.end in FAILURES and not options.json:
+                last = outcome.words.strip().splitlines()[-1]
+                print(f"{outcome.kind}:{outcome.number} {outcome.end}: {last}", flush=True)
     found = summary(outcomes)
     print(json.dumps(found) if options.json else describe(found))
     return 1 if found["failed"] else 0

@@ -113,8 +113,9 @@ def _read_bag(path: Path) -> None:
         PushedRecording.from_bag(path)
     else:
         Recording.from_bag(path)
-    for topic, kind in topic_types(path).items():
-        if kind.endswith(("PoseStamped", "WrenchStamped")):
+    types = topic_types(path)
+    for kind in ("PoseStamped", "WrenchStamped"):
+        for topic in [name for name in types if types[name].endswith(kind)][:1]:
             read_topic(path, topic)
 
 
