@@ -99,12 +99,12 @@ class Law:
             return True
         rng = np.random.default_rng(0)
         size = (len(self.quantities) + len(_LOAD), _TRIED)
-        drawn = rng.choice([-1.0, 1.0], size) * 10.0 ** rng.uniform(*_SIZES, size)
+        drawn: Array = rng.choice([-1.0, 1.0], size) * 10.0 ** rng.uniform(*_SIZES, size)
         return not np.any(np.abs(self._at(rest, drawn)) > _ZERO)
 
     def has_value_at_absence(self) -> bool:
         """Whether the wrench is finite with all parameters zero, at unremarkable quantities."""
-        ordinary = 0.3 + 0.1 * np.arange(len(self.quantities) + len(_LOAD))
+        ordinary: Array = 0.3 + 0.1 * np.arange(float(len(self.quantities) + len(_LOAD)))
         return bool(np.isfinite(self._at(self.expressions, ordinary[:, None])).all())
 
     def _at(self, expressions: Sequence[Any], quantities: Array) -> Array:
