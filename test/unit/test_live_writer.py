@@ -7,6 +7,7 @@ from rosbags.rosbag2 import Reader
 
 from tactile_dynamics_ros.recording import live_writer
 from tactile_dynamics_ros.recording.live_writer import RESERVE, LiveWriter
+from tactile_dynamics_ros.recording.salvage import salvage_messages
 
 KIND = "std_msgs/msg/Float64"
 DATA = b"\0\1\0\0" + bytes(8)
@@ -54,6 +55,9 @@ def test_on_a_full_disk_all_messages_are_kept_with_index_and_metadata(tmp_path, 
         assert reader.message_count == count
         stamps = [stamp for _, stamp, _ in reader.messages()]
     assert stamps == [10 * k for k in range(count)]
+    [file] = (tmp_path / name).rglob("*.mcap") if name == "run" else [tmp_path / name]
+    salvaged = salvage_messages(file, {}, lambda _: True)
+    assert [stamp for _, _, stamp, _ in salvaged] == stamps, "nothing unfinished lies between"
 
 
 def test_the_reserve_is_given_back_at_the_end(tmp_path):
