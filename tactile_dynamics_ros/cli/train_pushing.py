@@ -13,13 +13,11 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from tactile_dynamics_ros.core.files import new_file
-from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
-from tactile_dynamics_ros.core.planar.network.graph import Push, Thing
 from tactile_dynamics_ros.core.planar.network.mechanics import expected_steps
 from tactile_dynamics_ros.core.planar.network.process import help_units
 from tactile_dynamics_ros.core.planar.network.transitions import (
+    TRANSITION_KINDS,
     Examples,
-    Noise,
     Transitions,
     joined,
     make_examples,
@@ -152,7 +150,7 @@ def _simulated(
         _PART,
         f"{args.action}ing {kind} objects",
         None if kept is None else kept / f"{kind}_{args.action}_{args.setting}",
-        (Transitions, Thing, SupportPatch, Push, Noise),
+        TRANSITION_KINDS,
     )
 
 
