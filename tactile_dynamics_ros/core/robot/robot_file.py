@@ -82,7 +82,7 @@ def description_topic(name: str) -> str | None:
 @lru_cache(maxsize=16)
 def _load(path: Path, urdf: str | None) -> Robot:
     values = _read_yaml(path)
-    text, folder = _urdf_of(path, values["urdf"], urdf)
+    text, folder = _urdf_of(path, str(values["urdf"]), urdf)
     try:
         return _build(path, values, text, folder)
     except BadInputError as error:
