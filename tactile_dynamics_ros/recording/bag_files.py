@@ -168,6 +168,8 @@ def _regular_messages(
         connections = [c for c in named if wanted(c.topic)]
         if connections:
             for connection, received, data in reader.messages(connections=connections):
+                if not isinstance(data, bytes | memoryview):  # a number in a damaged database
+                    raise TypeError(f"{connection.topic}: a message is no bytes")
                 yield connection.topic, connection.msgtype, received, bytes(data)
 
 

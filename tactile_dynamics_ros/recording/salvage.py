@@ -24,6 +24,9 @@ RECORD_HEADER = struct.Struct("<BQ")
 MESSAGE_HEADER = struct.Struct("<HIQQ")
 CHUNK_HEADER = struct.Struct("<QQQI")
 
+_LATEST = 2**63 - 1
+"""Latest time that 64 bits with a sign hold, ns: in the year 2262; later ones are damaged."""
+
 Wanted = Callable[[str], bool]
 
 
@@ -76,7 +79,7 @@ class _McapScan:
             elif opcode == MESSAGE and len(body) >= MESSAGE_HEADER.size:
                 channel, _, log_time, _ = MESSAGE_HEADER.unpack_from(body)
                 topic, msgtype = self._channels.get(channel, ("", ""))
-                if topic and self._wanted(topic):
+                if topic and self._wanted(topic) and log_time <= _LATEST:
                     yield topic, msgtype, log_time, bytes(body[MESSAGE_HEADER.size :])
 
     def _add_channel(self, body: memoryview) -> None:
@@ -143,8 +146,9 @@ def _salvage_sqlite(
             query = "SELECT topic_id, timestamp, data FROM messages ORDER BY id"
             for key, received, data in connection.execute(query):
                 name, msgtype = topics.get(key, ("", ""))
-                if name and wanted(name):
-                    yield name, msgtype, received, bytes(data)
+                sound = isinstance(received, int) and isinstance(data, bytes)
+                if name and wanted(name) and sound:
+                    yield name, msgtype, received, data
         except sqlite3.DatabaseError:
             return
         finally:
