@@ -27,7 +27,7 @@ def share_file(name: str) -> Path:
     folders += [Path(prefix) / "share" / PACKAGE for prefix in prefixes if prefix]
     folders += [parent / "share" / PACKAGE for parent in source.parents]
     for candidate in [Path(name), *(folder / name for folder in folders)]:
-        if candidate.is_file():
+        if os.path.isfile(candidate):  # False also for names that are too long
             return candidate
     raise BadInputError(f"no file '{name}', neither as a path nor in {folders[0]}")
 
@@ -48,7 +48,7 @@ def find_package_file(name: str, folder: Path) -> Path | None:
         prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
         found = [Path(prefix) / "share" / path for prefix in prefixes if prefix]
         found += [Path(place) / rest for place in _python_package(package)] + [folder / path]
-    return next((candidate for candidate in found if candidate.is_file()), None)
+    return next((candidate for candidate in found if os.path.isfile(candidate)), None)
 
 
 def _python_package(name: str) -> list[str]:

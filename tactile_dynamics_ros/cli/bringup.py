@@ -15,6 +15,7 @@ from typing import Any
 import yaml
 
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.reading import read_yaml
 
 RESPAWN_DELAY = 2.0
 """Time from the death of a node to its next start, s: what it held (ports of DDS, devices) is free
@@ -103,10 +104,7 @@ def nodes_of(config: Path, simulate: bool = True) -> list[str]:
 
 def _read_file(file: Path) -> dict[str, dict[str, Any]]:
     """Return the parameters, by their names with dots, of every node in one file."""
-    try:
-        content = yaml.safe_load(file.read_text())
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise BadInputError(f"{file}: {error}") from error
+    content = read_yaml(file, "parameters of nodes in yaml")
     if not isinstance(content, dict):
         raise BadInputError(f"{file}: expected node names with their ros__parameters")
     unknown = [name for name in content if name not in node_names()]

@@ -8,8 +8,6 @@ from argparse import Namespace, _SubParsersAction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import yaml
-
 from tactile_dynamics_ros.api.text_table import align_rows
 from tactile_dynamics_ros.cli.recordings import (
     add_recording_arguments,
@@ -146,7 +144,7 @@ def _plan(args: Namespace) -> ExcitationPlan:
 def _grasp_site(name: str) -> GraspSite:
     from tactile_dynamics_ros.core.manipulation.grasp_site import GraspSite
 
-    return GraspSite.from_mapping(yaml.safe_load(object_file(name).read_text())["grasp"])
+    return GraspSite.from_file(object_file(name))
 
 
 def _describe(plan: ExcitationPlan) -> str:

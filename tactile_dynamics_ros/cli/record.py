@@ -83,8 +83,10 @@ def run(args: Namespace) -> int:
                     check.advance()
                 return stop.requested or time.monotonic() > end
 
-            spin(recorder, is_over)
-            recorder.close()
+            try:
+                spin(recorder, is_over)
+            finally:
+                recorder.close()
     except OSError as error:
         raise BadInputError(
             f"{args.out}: {reason_of(error)}; recording has ended, what was written before is kept"

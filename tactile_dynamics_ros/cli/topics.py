@@ -17,10 +17,13 @@ from typing import TYPE_CHECKING, Any
 from tactile_dynamics_ros.cli.domain import stay_on_this_host
 from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError
 from tactile_dynamics_ros.core.options import COUNT, POSITIVE
+from tactile_dynamics_ros.core.reading import parse_yaml
 
 if TYPE_CHECKING:
     from rclpy.node import Node
 
+_LARGEST_INTEGER = 2**63 - 1
+"""Largest whole number of a parameter, which ROS sends with 64 bits."""
 TERMINATED = 128 + signal.SIGTERM
 """Exit code of a command that SIGTERM has ended, as shells count."""
 
@@ -189,10 +192,19 @@ def set_parameter(node: Node, target: str, name: str, value: Any, timeout: float
     from rclpy.parameter import Parameter
     from rclpy.parameter_client import AsyncParameterClient
 
+    numbers = [v for v in (value if isinstance(value, list) else [value]) if type(v) is int]
+    try:
+        if value is None or any(abs(number) > _LARGEST_INTEGER for number in numbers):
+            raise TypeError("no value of a parameter")
+        parameter = Parameter(name, value=value)
+    except TypeError as error:
+        raise BadInputError(
+            f"{name}: {str(value)[:40]!r}, expected a number, a text, or a list of one kind"
+        ) from error
     client = AsyncParameterClient(node, target.lstrip("/"))
     if not spin_until(node, client.services_are_ready, 5.0):
         raise BadInputError(f"node '{target}' is not running; there are {sorted(full_names(node))}")
-    future = client.set_parameters([Parameter(name, value=value)])
+    future = client.set_parameters([parameter])
     if not spin_until(node, future.done, timeout):
         raise TactileDynamicsError(f"node '{target}': no answer within {timeout} s")
     result = future.result().results[0]
@@ -203,9 +215,7 @@ def set_parameter(node: Node, target: str, name: str, value: Any, timeout: float
 
 def run_set(args: Namespace) -> int:
     """Change one parameter."""
-    import yaml
-
-    value = yaml.safe_load(args.value)
+    value = parse_yaml(args.value, f"value of {args.parameter}")
     with short_lived_node() as node:
         told = set_parameter(node, args.node, args.parameter, value, args.timeout)
     plain = f"{args.parameter} = {value}" + (f" ({told})" if told else "")

@@ -17,6 +17,8 @@ from tactile_dynamics_ros.cli.train_pushing import made_in_parts
 from tactile_dynamics_ros.core.files import new_file
 from tactile_dynamics_ros.core.planar.network.noise import NoiseWeights, shipped_noise_file
 from tactile_dynamics_ros.core.planar.network.noise_features import (
+    Looked,
+    Touched,
     joined_looks,
     joined_touches,
     lasting,
@@ -92,6 +94,8 @@ def simulated_records(
     name: str, first: int, count: int, kept: Path | None, said: str = "pushing"
 ) -> list[NoiseRecord]:
     """Recordings of `count` objects from a seed on; parts that are kept are not made again."""
+    from tactile_dynamics_ros.sim.planar.looking import Told
+
     setting = SETTINGS[name]
 
     def make(seeds: range) -> list[NoiseRecord]:
@@ -108,6 +112,7 @@ def simulated_records(
         _PART,
         f"{said}, {name}",
         None if kept is None else kept / f"noise_{name}",
+        (NoiseRecord, FeltErrors, Touched, Told, Looked),
     )
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import pickle
 import sys
 import time
 from argparse import Namespace
@@ -13,16 +12,18 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
-from tactile_dynamics_ros.core.files import new_file, written_whole
+from tactile_dynamics_ros.core.files import new_file
 from tactile_dynamics_ros.core.planar.network.mechanics import expected_steps
 from tactile_dynamics_ros.core.planar.network.process import help_units
 from tactile_dynamics_ros.core.planar.network.transitions import (
+    TRANSITION_KINDS,
     Examples,
     Transitions,
     joined,
     make_examples,
 )
 from tactile_dynamics_ros.core.planar.network.weights import ACTIONS, GraphWeights, shipped_file
+from tactile_dynamics_ros.core.records import read_records, write_records
 from tactile_dynamics_ros.synthetic import pushed
 from tactile_dynamics_ros.synthetic.pushed.transitions import cut_all
 
@@ -149,11 +150,17 @@ def _simulated(
         _PART,
         f"{args.action}ing {kind} objects",
         None if kept is None else kept / f"{kind}_{args.action}_{args.setting}",
+        TRANSITION_KINDS,
     )
 
 
 def made_in_parts(
-    make: Callable[[range], list[Record]], seeds: range, size: int, said: str, kept: Path | None
+    make: Callable[[range], list[Record]],
+    seeds: range,
+    size: int,
+    said: str,
+    kept: Path | None,
+    kinds: Sequence[type],
 ) -> list[Record]:
     """What is made of seeds, part by part; a part that is kept is read instead.
 
@@ -163,20 +170,23 @@ def made_in_parts(
         size: of a part.
         said: in front of the count of the seeds, on standard error.
         kept: files of the parts, without the seeds and the ending; None keeps nothing.
+        kinds: dataclasses of which the records are made.
+
+    Raises:
+        BadInputError: a file that is there holds something else.
     """
     found: list[Record] = []
     for k in range(0, len(seeds), size):
         own = seeds[k : k + size]
         print(f"\r{said}: {k + len(own)}/{len(seeds)}", end="", file=sys.stderr)
-        name = f"_{own.start}_{own.stop}.pkl"
+        name = f"_{own.start}_{own.stop}.npz"
         file = None if kept is None else kept.with_name(kept.name + name)
         if file is not None and file.exists():
-            found += pickle.loads(file.read_bytes())
+            found += read_records(file, kinds)
             continue
         part = make(own)
         if file is not None:
-            with written_whole(file) as draft:
-                draft.write_bytes(pickle.dumps(part))
+            write_records(part, file)
         found += part
     print(file=sys.stderr)
     return found

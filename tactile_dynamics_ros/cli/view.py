@@ -221,7 +221,7 @@ class Control:
         from tactile_dynamics_ros.cli.topics import set_parameter
 
         def change() -> str:
-            set_parameter(self._node, "inertial_estimator", "effects", names or ["[]"], 10.0)
+            set_parameter(self._node, "inertial_estimator", "effects", names, 10.0)
             return f"effects of the model: {', '.join(names) or 'none'}"
 
         return self._alone(change)

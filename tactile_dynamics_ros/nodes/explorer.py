@@ -46,7 +46,8 @@ from tactile_dynamics_ros.ros.names import (
 )
 from tactile_dynamics_ros.ros.pair_fits import PairFits
 from tactile_dynamics_ros.ros.parameters import declare_config
-from tactile_dynamics_ros.ros.shell import REQUESTS, Shell, run_node
+from tactile_dynamics_ros.ros.serving import REQUESTS
+from tactile_dynamics_ros.ros.shell import Shell, run_node
 from tactile_dynamics_ros.ros.table_scene import (
     AT_REST,
     CONTACTS,

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 
 import numpy as np
-import yaml
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3Stamped
 from numpy.typing import NDArray
@@ -20,6 +19,7 @@ from tactile_dynamics_ros.core.friction.electrode_motion import ElectrodeMotion
 from tactile_dynamics_ros.core.friction.probe import FrictionProbe
 from tactile_dynamics_ros.core.friction.probe_config import FrictionProbeConfig
 from tactile_dynamics_ros.core.friction.probe_input import ProbeContact, ProbeInput
+from tactile_dynamics_ros.core.reading import read_yaml
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
 from tactile_dynamics_ros.core.robot.standstill import Standstill
 from tactile_dynamics_ros.core.shape.friction_regions import ObjectSurface
@@ -97,7 +97,7 @@ class FrictionProbeNode(Shell):
         super().__init__("friction_probe")
         self.config = declare_config(self, ProbeNodeConfig)
         probe_config = declare_config(self, FrictionProbeConfig)
-        description = yaml.safe_load(object_file(self.config.object).read_text())
+        description = read_yaml(object_file(self.config.object), "a yaml file of an object")
         surface = ObjectSurface.from_mapping(description)
         if self.config.mesh:
             surface = ObjectSurface.from_file(self.config.mesh, surface.regions)

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import yaml
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped, WrenchStamped
 from numpy.typing import NDArray
@@ -99,8 +98,7 @@ class GraspControllerNode(Shell):
         super().__init__("grasp_controller")
         self.config = declare_config(self, GraspNodeConfig)
         self._behaviour_config = declare_config(self, GraspConfig)
-        path = object_file(self.config.object)
-        self._site = GraspSite.from_mapping(yaml.safe_load(path.read_text())["grasp"])
+        self._site = GraspSite.from_file(object_file(self.config.object))
         self._motion: SumOfSines | OffsetTable = SumOfSines(self._behaviour_config.excitation)
         if self.config.motion:
             self._motion = OffsetTable.from_file(Path(self.config.motion))

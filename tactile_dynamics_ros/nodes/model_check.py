@@ -40,7 +40,8 @@ from tactile_dynamics_ros.ros.names import (
     MODEL_RESIDUAL,
 )
 from tactile_dynamics_ros.ros.parameters import declare_config
-from tactile_dynamics_ros.ros.shell import LATCHED, REQUESTS, Shell, run_node
+from tactile_dynamics_ros.ros.serving import REQUESTS
+from tactile_dynamics_ros.ros.shell import LATCHED, Shell, run_node
 from tactile_dynamics_ros.ros.status_reader import Statuses
 from tactile_dynamics_ros.ros.watch import Event, Watch, WatchConfig
 

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import apsw
 from rosbags.rosbag1 import Reader as Ros1Reader
@@ -17,6 +18,7 @@ from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
 
 from tactile_dynamics_ros.core.errors import BadInputError, nearest_file
+from tactile_dynamics_ros.recording.bag_limits import check_limits, metadata_of
 from tactile_dynamics_ros.recording.cdr import (
     DOUBLES,
     MessageTable,
@@ -83,7 +85,7 @@ def read_tables(path: Path, wanted: Callable[[str], bool]) -> BagTables:
         except DAMAGE as error:
             found = _decode(_salvaged_messages(part, bag.types, wanted))
             rows = sum(len(table) for table in found.values())
-            bag.problems[f"{part.name}: damaged ({_one_line(error)}); messages salvaged"] += rows
+            bag.problems[f"{part.name}: damaged ({one_line(error)}); messages salvaged"] += rows
         for topic, table in found.items():
             known = bag.tables.get(topic)
             bag.tables[topic] = table if known is None else join_tables([known, table])
@@ -118,6 +120,7 @@ def _parts(path: Path) -> list[Path]:
         raise BadInputError(
             f"{path}: no such file or directory; expected a rosbag2 recording" + nearest_file(path)
         )
+    check_limits(path)
     if path.is_dir():
         if _opens(path):
             return [path]
@@ -145,9 +148,10 @@ def _storage_files(path: Path) -> list[Path]:
 def _opens(directory: Path) -> bool:
     """Return whether a recording's directory and all files named in it can be opened."""
     try:
+        metadata_of(directory)
         with Reader(directory):
             return True
-    except DAMAGE:
+    except (BadInputError, *DAMAGE):
         return False
 
 
@@ -159,11 +163,21 @@ def _regular_messages(
         yield from _ros1_messages(part, types, wanted)
         return
     with Reader(part) as reader:
-        types.update({c.topic: c.msgtype for c in reader.connections})
-        connections = [c for c in reader.connections if wanted(c.topic)]
+        named = named_connections(reader)
+        types.update({c.topic: c.msgtype for c in named})
+        connections = [c for c in named if wanted(c.topic)]
         if connections:
             for connection, received, data in reader.messages(connections=connections):
+                if not isinstance(data, bytes | memoryview):  # a number in a damaged database
+                    raise TypeError(f"{connection.topic}: a message is no bytes")
                 yield connection.topic, connection.msgtype, received, bytes(data)
+
+
+def named_connections(reader: Any) -> list[Any]:
+    """Return the topics of a reader whose names and types are text; a damaged one has others."""
+    return [
+        c for c in reader.connections if isinstance(c.topic, str) and isinstance(c.msgtype, str)
+    ]
 
 
 def _ros1_messages(
@@ -211,7 +225,7 @@ def _decode(messages: Iterator[RawMessage]) -> dict[str, MessageTable]:
     return {topic: join_tables(parts) for (topic, _), parts in tables.items()}
 
 
-def _one_line(error: Exception) -> str:
+def one_line(error: Exception) -> str:
     """Return the first line of an error's text, or its kind where it has none."""
     text = str(error).strip().splitlines()
     return text[0] if text else type(error).__name__

@@ -6,7 +6,6 @@ import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
@@ -17,7 +16,17 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     is_feasible,
 )
 from tactile_dynamics_ros.core.rigid_body.known_body import KnownBody
-from tactile_dynamics_ros.recording.yaml_files import read_numbers, read_text, write_document
+from tactile_dynamics_ros.recording.yaml_files import (
+    LARGEST,
+    read_count,
+    read_covariance,
+    read_document,
+    read_findings,
+    read_names,
+    read_numbers,
+    read_text,
+    write_document,
+)
 
 Array = NDArray[np.float64]
 
@@ -38,8 +47,8 @@ def read_body(path: str | Path) -> KnownBody:
     """
     file, _, link = str(path).partition("#")
     text = read_text(file, _EXPECTED)
-    known = _from_urdf(text, link, str(path)) if "<" in text[:200] else _from_yaml(text, file)
-    if not is_feasible(known.phi):
+    known = _from_urdf(text, link, str(path)) if "<" in text[:200] else _from_yaml(file)
+    if not np.all(np.abs(known.phi) <= LARGEST) or not is_feasible(known.phi):
         raise BadInputError(f"{path}: no body has such mass and inertia; check units and axes")
     return known
 
@@ -69,25 +78,17 @@ def write_body(known: KnownBody, path: str | Path) -> Path:
     return write_document(document, path, "a body")
 
 
-def _from_yaml(text: str, file: str) -> KnownBody:
-    try:
-        document = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        raise BadInputError(f"{file}: no yaml: {error}") from error
-    if not isinstance(document, dict) or document.get("format") != _FORMAT:
-        raise BadInputError(f"{file}: expected {_EXPECTED} (format: {_FORMAT})")
-    phi = read_numbers(document, "dynamic_parameters", (10,), file)
-    covariance = read_numbers(document, "covariance", (10, 10), file)
+def _from_yaml(file: str) -> KnownBody:
+    document = read_document(file, _EXPECTED, _FORMAT)
+    lasting = "lasting_covariance"
     return KnownBody(
-        phi,
-        covariance,
+        read_numbers(document, "dynamic_parameters", (10,), file),
+        read_covariance(document, "covariance", 10, file),
         file,
-        tuple(document.get("undetermined", ())),
-        dict(document.get("effects") or {}),
-        int(document.get("recordings", 1)),
-        read_numbers(document, "lasting_covariance", (10, 10), file)
-        if "lasting_covariance" in document
-        else None,
+        read_names(document, "undetermined", file),
+        read_findings(document, file),
+        read_count(document, file),
+        read_covariance(document, lasting, 10, file) if lasting in document else None,
     )
 
 

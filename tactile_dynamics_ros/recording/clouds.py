@@ -10,7 +10,8 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.errors import BadInputError, nearest_file
+from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.reading import open_arrays, require_file
 
 Array = NDArray[np.float64]
 
@@ -73,10 +74,7 @@ def read_clouds(paths: Sequence[Path], unit: str | None = None) -> Cloud:
 
 def _read(path: Path) -> tuple[Array, Array | None]:
     """Return points (N, 3), and their depths (N,) where the file has an image of them."""
-    if not path.is_file():
-        raise BadInputError(
-            f"{path}: no such file; expected PLY, PCD, text or npz" + nearest_file(path)
-        )
+    require_file(path, "PLY, PCD, text or npz")
     suffix = path.suffix.lower()
     try:
         if suffix == ".npz":
@@ -121,7 +119,7 @@ def _from_text(path: Path) -> Array:
 
 
 def _from_arrays(path: Path) -> tuple[Array, Array | None]:
-    with np.load(path, allow_pickle=False) as arrays:
+    with open_arrays(path) as arrays:
         if "points" in arrays:
             return np.asarray(arrays["points"], dtype=float).reshape(-1, 3), None
         if "depth" not in arrays or "intrinsics" not in arrays:

@@ -14,7 +14,8 @@ from rosbags.typesys import Stores, get_typestore
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.friction.estimate import SlipEvent
 from tactile_dynamics_ros.core.friction.slip_table import event_from_values
-from tactile_dynamics_ros.recording.bag_files import DAMAGE
+from tactile_dynamics_ros.recording.bag_files import DAMAGE, named_connections
+from tactile_dynamics_ros.recording.bag_limits import check_readable
 from tactile_dynamics_ros.recording.bag_writer import write_tables
 from tactile_dynamics_ros.recording.namespaces import (
     ROOT,
@@ -37,9 +38,10 @@ def holds_slips(path: Path, namespace: str | None = None) -> bool:
     """
     known = None if namespace is None else absolute_namespace(namespace)
     try:
+        check_readable(path)
         with Reader(path) as reader:
-            found = [split_topic(c.topic, _KNOWN) for c in reader.connections if c.msgcount > 0]
-    except DAMAGE:
+            found = [split_topic(c.topic, _KNOWN) for c in named_connections(reader) if c.msgcount]
+    except (BadInputError, *DAMAGE):
         return False
     return any(split is not None and known in (None, split[0]) for split in found)
 
@@ -56,11 +58,12 @@ def read_slips(path: Path, namespace: str | None = None) -> list[SlipEvent]:
     """
     store = get_typestore(Stores.ROS2_JAZZY)
     try:
+        check_readable(path)
         with Reader(path) as reader:
-            splits = [split_topic(c.topic, _KNOWN) for c in reader.connections]
+            splits = [split_topic(c.topic, _KNOWN) for c in named_connections(reader)]
             found = {split[0] for split in splits if split is not None}
             topic = choose_namespace(namespace, found, ROOT in found, str(path)) + SLIP
-            own = [c for c in reader.connections if c.topic == topic]
+            own = [c for c in named_connections(reader) if c.topic == topic]
             rows = [store.deserialize_cdr(raw, c.msgtype) for c, _, raw in reader.messages(own)]
     except DAMAGE as error:
         raise BadInputError(f"{path}: cannot be read as a probe recording: {error}") from error

@@ -24,6 +24,9 @@ RECORD_HEADER = struct.Struct("<BQ")
 MESSAGE_HEADER = struct.Struct("<HIQQ")
 CHUNK_HEADER = struct.Struct("<QQQI")
 
+_LATEST = 2**63 - 1
+"""Latest time that 64 bits with a sign hold, ns: in the year 2262; later ones are damaged."""
+
 Wanted = Callable[[str], bool]
 
 
@@ -54,11 +57,18 @@ class _McapScan:
         self._schemas: dict[int, str] = {}
         self._channels: dict[int, tuple[str, str]] = {}
 
-    def messages(self, data: memoryview) -> Iterator[tuple[str, str, int, bytes]]:
-        """Yield the wanted messages of a run of records, entering chunks."""
+    def messages(
+        self, data: memoryview, inside: bool = False
+    ) -> Iterator[tuple[str, str, int, bytes]]:
+        """Yield the wanted messages of a run of records, entering chunks.
+
+        Args:
+            data: the records.
+            inside: of a chunk, in which there is no other one.
+        """
         for opcode, body, complete in _records(data):
-            if opcode == CHUNK:
-                yield from self.messages(memoryview(_chunk_content(body)))
+            if opcode == CHUNK and not inside:
+                yield from self.messages(memoryview(_chunk_content(body)), inside=True)
             elif not complete:
                 return
             elif opcode == SCHEMA:
@@ -69,7 +79,7 @@ class _McapScan:
             elif opcode == MESSAGE and len(body) >= MESSAGE_HEADER.size:
                 channel, _, log_time, _ = MESSAGE_HEADER.unpack_from(body)
                 topic, msgtype = self._channels.get(channel, ("", ""))
-                if topic and self._wanted(topic):
+                if topic and self._wanted(topic) and log_time <= _LATEST:
                     yield topic, msgtype, log_time, bytes(body[MESSAGE_HEADER.size :])
 
     def _add_channel(self, body: memoryview) -> None:
@@ -127,13 +137,18 @@ def _salvage_sqlite(
         connection = sqlite3.connect(copy)
         try:
             rows = connection.execute("SELECT id, name, type FROM topics").fetchall()
-            topics = {key: (name, msgtype) for key, name, msgtype in rows}
+            topics = {
+                key: (name, msgtype)
+                for key, name, msgtype in rows
+                if isinstance(name, str) and isinstance(msgtype, str)
+            }
             types.update(dict(topics.values()))
             query = "SELECT topic_id, timestamp, data FROM messages ORDER BY id"
             for key, received, data in connection.execute(query):
                 name, msgtype = topics.get(key, ("", ""))
-                if name and wanted(name):
-                    yield name, msgtype, received, bytes(data)
+                sound = isinstance(received, int) and isinstance(data, bytes)
+                if name and wanted(name) and sound:
+                    yield name, msgtype, received, data
         except sqlite3.DatabaseError:
             return
         finally:

@@ -10,11 +10,18 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.errors import BadInputError, nearest_file
+from tactile_dynamics_ros.core import reading
+from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.files import written_whole
 
 Array = NDArray[np.float64]
 
+LARGEST = 1e15
+"""Largest number in such a file, SI: variances of what is undetermined reach 1e11 (kg^2); squares
+of larger ones overflow in the sums of an estimate."""
+_ROUNDING = 1e-6
+"""How negative the least eigenvalue of a correlation matrix may be: one that was written with seven
+digits. A covariance below that has a direction of negative variance."""
 _RECORDINGS = (".mcap", ".db3", ".bag")
 """Endings of recordings, which are given by mistake where what was saved of one is meant."""
 
@@ -31,11 +38,36 @@ def write_document(document: Mapping[str, Any], path: str | Path, what: str) -> 
         BadInputError: another file is there, or it cannot be written.
     """
     path = Path(path)
-    if path.exists() and document["format"] not in path.read_text(errors="replace")[:200]:
+    if path.exists() and not _is_of_format(path, document["format"]):
         raise BadInputError(f"{path} exists and is no file of {what}; choose another path")
     with written_whole(path) as part:
         part.write_text(yaml.safe_dump(dict(document), sort_keys=False), encoding="utf-8")
     return path
+
+
+def _is_of_format(path: Path, name: str) -> bool:
+    """Whether a file says in its first line that it is of a format."""
+    try:
+        return name in reading.read_text(path)[:200]
+    except BadInputError:
+        return False
+
+
+def read_document(path: str | Path, expected: str, name: str) -> dict[str, Any]:
+    """Return the document of a file.
+
+    Args:
+        path: of the file.
+        expected: what it should be, with its article, for messages.
+        name: of its format.
+
+    Raises:
+        BadInputError: it cannot be read, or is of another format.
+    """
+    document = reading.parse_yaml(read_text(path, expected), str(path))
+    if not isinstance(document, dict) or document.get("format") != name:
+        raise BadInputError(f"{path}: expected {expected} (format: {name})")
+    return document
 
 
 def read_text(path: str | Path, expected: str) -> str:
@@ -54,14 +86,7 @@ def read_text(path: str | Path, expected: str) -> str:
             f"{path} is a recording, expected {expected}; `tactile-dynamics estimate {path} --save "
             "FILE` makes one"
         )
-    try:
-        return path.read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise BadInputError(f"{path} is no text, expected {expected}") from error
-    except OSError as error:
-        raise BadInputError(
-            f"{path} cannot be read: {error.strerror}, expected {expected}{nearest_file(path)}"
-        ) from error
+    return reading.read_text(path, expected)
 
 
 def read_numbers(
@@ -82,6 +107,77 @@ def read_numbers(
         values = np.array(document[key], dtype=float)
     except (KeyError, TypeError, ValueError) as error:
         raise BadInputError(f"{file}: {key}: expected numbers of shape {shape}") from error
-    if values.shape != shape or not np.all(np.isfinite(values)):
-        raise BadInputError(f"{file}: {key}: expected finite numbers of shape {shape}")
+    if values.shape != shape or not np.all(np.abs(values) <= LARGEST):
+        raise BadInputError(
+            f"{file}: {key}: expected finite numbers of shape {shape}, at most {LARGEST:g}"
+        )
     return values
+
+
+def read_covariance(document: Mapping[str, Any], key: str, size: int, file: str | Path) -> Array:
+    """Return the covariance (size, size) of an entry.
+
+    Args:
+        document: of a file.
+        key: of the entry.
+        size: of the covariance.
+        file: that errors name.
+
+    Raises:
+        BadInputError: the entry is no such matrix, is not symmetric, or has a negative variance.
+    """
+    values = read_numbers(document, key, (size, size), file)
+    variances = np.diag(values)
+    if np.any(variances < 0.0):
+        raise BadInputError(
+            f"{file}: {key}: a variance is {variances.min():.4g}, expected none below zero"
+        )
+    scale = np.where(variances > 0.0, np.sqrt(variances), 1.0)
+    correlation = values / np.outer(scale, scale)
+    if not np.allclose(correlation, correlation.T, atol=_ROUNDING):
+        raise BadInputError(f"{file}: {key}: is not symmetric, expected a covariance")
+    if np.linalg.eigvalsh(correlation)[0] < -_ROUNDING:
+        raise BadInputError(f"{file}: {key}: a combination of values has a negative variance")
+    return values
+
+
+def read_names(document: Mapping[str, Any], key: str, file: str | Path) -> tuple[str, ...]:
+    """Return the names of an entry, none where it is missing.
+
+    Raises:
+        BadInputError: it is no list of names.
+    """
+    names = document.get(key, [])
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise BadInputError(f"{file}: {key}: {str(names)[:40]!r}, expected a list of names")
+    return tuple(names)
+
+
+def read_count(document: Mapping[str, Any], file: str | Path) -> int:
+    """Return of how many recordings a file is, one where it does not say.
+
+    Raises:
+        BadInputError: that is no whole number, or a negative one.
+    """
+    count = document.get("recordings", 1)
+    if type(count) is not int or not 0 <= count <= LARGEST:
+        raise BadInputError(
+            f"{file}: recordings: {str(count)[:40]!r}, expected a whole number from 0"
+        )
+    return count
+
+
+def read_findings(document: Mapping[str, Any], file: str | Path) -> dict[str, Any]:
+    """Return the effects of a file: each name with the values of its parameters.
+
+    Raises:
+        BadInputError: it is no such table.
+    """
+    found = document.get("effects") or {}
+    if not isinstance(found, dict) or not all(
+        isinstance(name, str) and isinstance(values, dict) for name, values in found.items()
+    ):
+        raise BadInputError(
+            f"{file}: effects: {str(found)[:40]!r}, expected names with their parameters"
+        )
+    return found

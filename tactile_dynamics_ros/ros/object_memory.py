@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
+from typing import Generic, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
@@ -20,6 +22,7 @@ from tactile_dynamics_ros.ros.parameters import declare_config
 from tactile_dynamics_ros.ros.shell import Shell
 
 Estimate = TypeVar("Estimate", bound=InertialEstimate)
+Known = TypeVar("Known")
 
 _LASTS = 3.0
 """Time that a difference beyond chance has to last, s, before the object is said to have changed:
@@ -38,6 +41,49 @@ class MemoryConfig:
     save: str = parameter("", "file that keeps what is known, as estimate --save; empty: none")
 
 
+class MemoryFiles(Generic[Known]):
+    """The files of a memory. One that cannot be read is counted and left as it is.
+
+    The node then begins without a memory; where the file is also the one to save to, nothing is
+    written until it can be read again or is taken away: it may hold what a person wants to mend.
+
+    Args:
+        node: whose parameters `prior` and `save` name the files.
+        reader: of a file; raises BadInputError.
+    """
+
+    def __init__(self, node: Shell, reader: Callable[[str], Known]) -> None:
+        config = declare_config(node, MemoryConfig)
+        self._node, self._reader, self._refused = node, reader, False
+        self.prior, self.save = config.prior, config.save
+
+    @property
+    def is_one(self) -> bool:
+        """Whether one file is both read and written."""
+        return bool(self.save) and Path(self.prior) == Path(self.save)
+
+    def read(self) -> Known | None:
+        """Return what the file of earlier recordings has; None where there is nothing to read."""
+        self._refused = False
+        if not self.prior or (self.is_one and not os.path.lexists(self.prior)):
+            return None
+        try:
+            return self._reader(self.prior)
+        except BadInputError as error:
+            self._refused = True
+            self._node.faults.add("prior_not_read", f"{error}; begun without it")
+            return None
+
+    def write(self, known: Known, writer: Callable[[Known, str], object]) -> None:
+        """Write what is known, over an older file of this kind only."""
+        if not self.save or (self._refused and self.is_one and os.path.lexists(self.save)):
+            return
+        try:
+            writer(known, self.save)
+        except BadInputError as error:
+            self._node.faults.add("not_saved", str(error))
+
+
 class ObjectMemory:
     """Combines an estimate with earlier grasps of the object, and writes what is known.
 
@@ -49,15 +95,13 @@ class ObjectMemory:
     """
 
     def __init__(self, node: Shell) -> None:
-        config = declare_config(node, MemoryConfig)
-        self._node, self._prior, self._save = node, config.prior, config.save
+        self.files = MemoryFiles(node, read_body)
+        self._node, self._prior = node, self.files.prior
         self._newest: KnownBody | None = None
         self._begin()
 
     def _begin(self) -> None:
-        ours = bool(self._save) and Path(self._prior) == Path(self._save)
-        missing = ours and not Path(self._prior).exists()
-        self._known = read_body(self._prior) if self._prior and not missing else None
+        self._known = self.files.read()
         self._comparison: Comparison | None = None
         self._begun: float | None = None
         self._since: float | None = None
@@ -68,11 +112,7 @@ class ObjectMemory:
         """Write what this grasp told; the next begins with what the file of the prior has then."""
         self._write()
         self._newest = None
-        try:
-            self._begin()
-        except BadInputError as error:
-            self._known = None
-            self._node.faults.add("prior_not_read", str(error))
+        self._begin()
 
     def combine(self, estimate: Estimate, time: float) -> Estimate:
         """Return the estimate with what was known, or alone while it differs beyond chance.
@@ -110,12 +150,12 @@ class ObjectMemory:
     def keep(self, estimate: InertialEstimate, verdict: Verdict, time: float) -> None:
         """Keep an estimate that is an answer; written now and then, and when the grasp ends."""
         fits = estimate.error.whitened_rms < MISFIT
-        if not self._save or verdict.withheld or not fits or "mass" in estimate.not_excited:
+        if not self.files.save or verdict.withheld or not fits or "mass" in estimate.not_excited:
             return
         if self._begun is not None and time - self._begun < _LASTS:
             return  # too early to say that it is the same object
         changed = self.changed(time)
-        if changed and self._prior == self._save:
+        if changed and self.files.is_one:
             self._newest = None  # the file is that of another object
             return
         if self._since is not None and not changed:
@@ -157,9 +197,5 @@ class ObjectMemory:
         )
 
     def _write(self) -> None:
-        if self._newest is None or not self._save:
-            return
-        try:
-            write_body(self._newest, self._save)
-        except BadInputError as error:
-            self._node.faults.add("not_saved", str(error))
+        if self._newest is not None:
+            self.files.write(self._newest, write_body)

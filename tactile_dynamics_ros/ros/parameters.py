@@ -22,7 +22,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from tactile_dynamics_ros.core.configuration import describe_range
-from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError
+from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError, nearest
 
 Config = TypeVar("Config")
 
@@ -30,9 +30,10 @@ FOREIGN = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 
 
 class AnsweringNode(Node):
-    """A node whose answer to a change of parameters says what the change does.
+    """A node whose answer to a change of parameters says what the change does, or why it is none.
 
-    rclpy leaves the reason of a change that succeeds out; `ros2 param set` shows it.
+    rclpy leaves the reason of a change that succeeds out, and the name of a parameter that does not
+    exist; `ros2 param set` shows both.
 
     Attributes:
         answer: what the newest change does; empty if nobody says.
@@ -43,6 +44,11 @@ class AnsweringNode(Node):
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
         """Set parameters as rclpy does, and give the reason."""
         self.answer = ""
+        unknown = [p.name for p in parameter_list if not self.has_parameter(p.name)]
+        if unknown:
+            known = sorted(self.get_parameters_by_prefix(""))
+            reason = f"no parameter '{unknown[0]}'{nearest(unknown[0], known)}"
+            return SetParametersResult(successful=False, reason=reason)
         result = super().set_parameters_atomically(parameter_list)
         if result.successful:
             result.reason = self.answer

@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.live.live_estimate import MISFIT
 from tactile_dynamics_ros.core.planar.filter.live import LiveProperties
-from tactile_dynamics_ros.core.planar.known import KnownPushed
 from tactile_dynamics_ros.core.planar.memory.combination import known_of, with_memory
 from tactile_dynamics_ros.core.planar.properties.estimate import PushedEstimate
 from tactile_dynamics_ros.recording.pushed.known_files import read_known, write_known
 from tactile_dynamics_ros.ros.diagnostics import status_message
-from tactile_dynamics_ros.ros.object_memory import MemoryConfig
-from tactile_dynamics_ros.ros.parameters import declare_config
+from tactile_dynamics_ros.ros.object_memory import MemoryFiles
 from tactile_dynamics_ros.ros.shell import Shell
 
 _FLOOR = 0.02
@@ -35,26 +30,16 @@ class PushMemory:
     """
 
     def __init__(self, node: Shell) -> None:
-        config = declare_config(node, MemoryConfig)
-        self._node, self._prior, self._save = node, config.prior, config.save
-        self._known = self._read()
+        self.files = MemoryFiles(node, read_known)
+        self._node, self._prior = node, self.files.prior
+        self._known = self.files.read()
         self._begun = False
         self._changed: list[str] = []
-
-    def _read(self) -> KnownPushed | None:
-        ours = bool(self._save) and self._prior == self._save
-        if not self._prior or (ours and not Path(self._prior).exists()):
-            return None
-        return read_known(self._prior)
 
     def begin_anew(self) -> None:
         """Begin with what the file has now."""
         self._begun, self._changed = False, []
-        try:
-            self._known = self._read()
-        except BadInputError as error:
-            self._known = None
-            self._node.faults.add("prior_not_read", str(error))
+        self._known = self.files.read()
 
     def give_up(self) -> None:
         """What was known does not hold any longer: object or table have changed."""
@@ -98,14 +83,11 @@ class PushMemory:
         )
 
     def _keep(self, found: PushedEstimate) -> None:
-        if not self._save or not found.is_answer or found.error >= MISFIT:
+        if not self.files.save or not found.is_answer or found.error >= MISFIT:
             return
-        if self._changed and self._prior == self._save:
+        if self._changed and self.files.is_one:
             return  # the file is that of another object or table
         alone = self._known is None or bool(self._changed)
         count = 1 if alone or self._known is None else self._known.recordings + 1
-        try:
-            name = self._node.get_fully_qualified_name()
-            write_known(known_of(found, name, count), self._save)
-        except BadInputError as error:
-            self._node.faults.add("not_saved", str(error))
+        name = self._node.get_fully_qualified_name()
+        self.files.write(known_of(found, name, count), write_known)

@@ -11,11 +11,10 @@ from typing import Any
 
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosbags.interfaces import Connection
-from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
-from rosbags.typesys import Stores, get_typestore
+from rosbags.rosbag2 import WriterError
 
 from tactile_dynamics_ros.core.errors import refuse_existing
-from tactile_dynamics_ros.recording.bag_writer import is_single_file, keep_single_file
+from tactile_dynamics_ros.recording.live_writer import LiveWriter
 from tactile_dynamics_ros.ros.names import CLOCK, DEPTH_IMAGE, DIAGNOSTICS, EMERGENCY_STOP, TF
 from tactile_dynamics_ros.ros.shell import Shell
 
@@ -42,17 +41,12 @@ class Recorder(Shell):
 
     def __init__(self, path: Path, topics: Sequence[str] = (), namespace: str = "") -> None:
         super().__init__("recorder")
-        self.path = path
-        self.folder = path.with_name(f"{path.name}.part") if is_single_file(path) else path
-        for new in (self.path, self.folder):
-            refuse_existing(new)
-        path.parent.mkdir(parents=True, exist_ok=True)
+        refuse_existing(path)
         self.counts: Counter[str] = Counter()
         self.refused: dict[str, str] = {}
         self._topics, self._inside = tuple(topics), namespace
-        self._types = get_typestore(Stores.ROS2_JAZZY)
-        self._writer = Writer(self.folder, version=9, storage_plugin=StoragePlugin.MCAP)
-        self._writer.open()
+        self._writer = LiveWriter(path)
+        self.folder = self._writer.folder
         self._connections: dict[str, Connection] = {}
         self._discover()
         self.every(0.2, self._discover)
@@ -60,8 +54,6 @@ class Recorder(Shell):
     def close(self) -> None:
         """Finish the recording."""
         self._writer.close()
-        if self.folder != self.path:
-            keep_single_file(self.folder, self.path)
 
     def _discover(self) -> None:
         for topic, kinds in self.get_topic_names_and_types():
@@ -79,9 +71,7 @@ class Recorder(Shell):
     def _add(self, topic: str, kind: str) -> None:
         try:
             message_class = message_type(kind)
-            self._connections[topic] = self._writer.add_connection(
-                topic, kind, typestore=self._types
-            )
+            self._connections[topic] = self._writer.add_connection(topic, kind)
         except (ImportError, AttributeError, KeyError, WriterError) as error:
             self.refused[topic] = f"{kind}: {error}"
             self.get_logger().warning(f"{topic} is not recorded: type {self.refused[topic]}")

@@ -28,26 +28,24 @@ from tactile_dynamics_ros.ros.diagnostics import Faults
 from tactile_dynamics_ros.ros.inputs import RIVAL_SPAN, Input, Inputs, Need, Numbers
 from tactile_dynamics_ros.ros.introduction import introduce
 from tactile_dynamics_ros.ros.parameters import AnsweringNode, refuse_unknown
+from tactile_dynamics_ros.ros.serving import REQUESTS, Served
 from tactile_dynamics_ros.ros.waiting import Waiter
 from tactile_dynamics_ros.ros.wire import decoder_of
 from tactile_dynamics_ros.stopping import TIME_TO_END, Stopped, StopRequest
 
 STREAM = QoSProfile(depth=500, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Sensor data: best effort, five seconds deep at 100 Hz, since links deliver in batches too."""
-REQUESTS = QoSProfile(depth=200, reliability=ReliabilityPolicy.RELIABLE)
-"""Services: requests that may wait; a script sends a hundred at once."""
 
 SERVICE_PERIOD = 0.3
 """Real time after which the executor is asked even if no request has come, s."""
 BURST = 1000
 """Messages of one subscription taken at a time: more than may wait, so that none is left over."""
-REQUEST_BURST = 50
-"""Callbacks of services and timers served in a row before streams are looked at again."""
 LONGEST_CALLBACK = 1.0
 """Real time from a request to stop until a callback that still runs is left, s: callbacks take
 milliseconds, a plan of pushes more; 1.5 s remain to write files and to end."""
-ANSWERS = 5
-"""Callbacks served where no request has come: answers whose work was done in the background."""
+CALLBACKS = 5
+"""Callbacks of the executor served in a row before streams are looked at again: parameters, timers,
+answers whose work was done in the background."""
 LOOK = 0.25
 """Real time between looks at what the inputs lack, s: silence is said within two seconds, 1.5 of
 which make it silence. More often costs questions to the middleware, more seldom is later."""
@@ -61,7 +59,7 @@ LATCHED = QoSProfile(
 
 
 class Polled(CallbackGroup):
-    """Callback group that no executor serves, because the node takes the messages itself."""
+    """Callback group that no executor serves, because the node takes both itself."""
 
     def can_execute(self, entity: Any) -> bool:
         """Never."""
@@ -122,13 +120,14 @@ class Shell(AnsweringNode):
         self._sole: dict[Subscription, tuple[Input, Numbers]] = {}
         self._skimmed: dict[Subscription, int] = {}
         self._polled_group = Polled()
+        self._served: list[Served] = []
         self._periodic: list[_Periodic] = []
         self.faults = Faults(self)
         self.every(1.0, self.faults.publish)
         self.every(LOOK, self._look)
 
     def work(self) -> None:
-        """Take all waiting messages and do what is due."""
+        """Take all waiting messages, answer requests and do what is due."""
         arrived: list[tuple[int, Subscription, Any]] = []
         for subscription in self.polled:
             taken = self._take(subscription)
@@ -141,6 +140,8 @@ class Shell(AnsweringNode):
             subscription.callback(message)
         self.process()
         now = time.monotonic()
+        for served in self._served:
+            served.answer(now)
         for entry in self._periodic:
             if now >= entry.due:
                 late = now - entry.due > entry.period
@@ -262,7 +263,10 @@ class Shell(AnsweringNode):
                 response.message, response.success = str(error), False
             return response
 
-        self.create_service(Trigger, name, answer, qos_profile=REQUESTS)
+        service = self.create_service(
+            Trigger, name, answer, qos_profile=REQUESTS, callback_group=self._polled_group
+        )
+        self._served.append(Served(service))
 
 
 class Taken(NamedTuple):
@@ -322,7 +326,7 @@ def spin(node: Shell, stop: Callable[[], bool]) -> None:
         time.sleep(node.gather)
         node.work()
         if requested or time.monotonic() >= service:
-            for _ in range(REQUEST_BURST if requested else ANSWERS):
+            for _ in range(CALLBACKS):
                 executor.spin_once(timeout_sec=0.0)
             service = time.monotonic() + SERVICE_PERIOD
     executor.remove_node(node)

@@ -10,7 +10,7 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.reading import read_text
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, log_so3
 from tactile_dynamics_ros.core.tracking.links.link_tracker import Link
 from tactile_dynamics_ros.core.tracking.links.table_tracker import TableTracker
@@ -77,6 +77,5 @@ def load_volume(path: str, margin: float) -> TreeVolume | None:
     """
     if not path:
         return None
-    if not Path(path).is_file():
-        raise BadInputError(f"parameter table_robot: no file {path}; give the path of a URDF")
-    return TreeVolume(Path(path).read_text(), str(Path(path).parent), margin=margin)
+    urdf = read_text(path, "the URDF of parameter table_robot")
+    return TreeVolume(urdf, str(Path(path).parent), margin=margin)

@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.manipulation.grasp_site import GraspSite
+from tactile_dynamics_ros.core.reading import read_yaml
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
 from tactile_dynamics_ros.core.rigid_body.poses import described_pose, rpy_to_matrix
 from tactile_dynamics_ros.share import share_file
@@ -100,7 +100,7 @@ def load_object(name: str) -> ObjectModel:
     path = Path(name) if name.endswith((".yaml", ".yml")) else object_directory() / f"{name}.yaml"
     if not path.is_file():
         raise BadInputError(f"object '{name}': no file {path}; known: {', '.join(list_objects())}")
-    values = yaml.safe_load(path.read_text())
+    values = read_yaml(path, "a yaml file of an object")
     if not isinstance(values, dict) or set(values) - {"regions"} != REQUIRED:
         found = sorted(values) if isinstance(values, dict) else type(values).__name__
         raise BadInputError(f"{path}: found keys {found}, expected {sorted(REQUIRED)}")

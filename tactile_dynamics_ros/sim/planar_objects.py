@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 import trimesh
-import yaml
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.reading import read_yaml
 from tactile_dynamics_ros.share import share_file
 
 Array = NDArray[np.float64]
@@ -95,7 +95,7 @@ def last_number() -> int:
 
 
 def _ranges() -> dict[str, Any]:
-    found: dict[str, Any] = yaml.safe_load(share_file("config/planar_objects.yaml").read_text())
+    found: dict[str, Any] = read_yaml(share_file("config/planar_objects.yaml"))
     return found
 
 

@@ -320,6 +320,24 @@ def test_a_changed_object_is_noticed_and_its_file_is_kept(bench, tmp_path):
     assert file.read_text() == before
 
 
+def test_a_file_of_earlier_grasps_that_cannot_be_is_counted_and_left_alone(bench, tmp_path):
+    file = known_box(tmp_path / "box.yaml")
+    known = read_body(file)
+    text = file.read_text().replace("recordings: 2", "recordings: abc")
+    file.write_text(text)
+    node = bench.start(InertialEstimatorNode, "-p", f"prior:={file}", "-p", f"save:={file}")
+    assert node.faults.counts["prior_not_read"] == 1
+    node._memory._newest = known
+    node.reset()
+    assert node.faults.counts["prior_not_read"] == 2
+    assert file.read_text() == text, "a person may mend it"
+    file.unlink()
+    node._memory._newest = known
+    node.reset()
+    assert node.faults.counts["prior_not_read"] == 2
+    assert read_body(file).recordings == 2
+
+
 def test_a_tool_is_taken_out_of_what_is_published(bench, tmp_path):
     share = InertialParameters(0.6 * MASS, COM, 0.6 * INERTIA_COM)
     file = write_body(KnownBody.exact(share, "part"), tmp_path / "part.yaml")

@@ -1,14 +1,24 @@
 """Configuration dataclasses as ROS parameters."""
 
 from dataclasses import dataclass, field
+from threading import Thread
 
 import pytest
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from tactile_dynamics_ros.cli.topics import set_parameter
+from tactile_dynamics_ros.cli.view import Control
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.ros.parameters import declare_config, field_names, refuse_unknown
+from tactile_dynamics_ros.core.reading import parse_yaml
+from tactile_dynamics_ros.ros.parameters import (
+    AnsweringNode,
+    declare_config,
+    field_names,
+    refuse_unknown,
+)
 
 
 @dataclass(frozen=True)
@@ -149,3 +159,39 @@ def test_refused_live_change_tells_why(ros):
     result = node.set_parameters([Parameter("effects", value=["magic"])])[0]
     assert not result.successful
     assert "magic" in result.reason
+
+
+def test_a_parameter_that_does_not_exist_is_named_with_the_nearest(ros):
+    node = AnsweringNode("probe", enable_rosout=False)
+    declare_config(node, Outer, live=["effects"], on_change=lambda _: None)
+    result = node.set_parameters_atomically([Parameter("efects", value=["viscous_drag"])])
+    assert (result.successful, result.reason) == (
+        False,
+        "no parameter 'efects'; did you mean 'effects'?",
+    )
+
+
+@pytest.mark.parametrize("names", [[], ["viscous_drag"]])
+def test_the_page_and_the_command_set_any_choice_of_effects_or_none(ros, names):
+    """Over the service, where an empty list arrives without its type."""
+    node, seen = AnsweringNode("inertial_estimator", enable_rosout=False), []
+    declare_config(node, Outer, live=["effects"], on_change=seen.append)
+    asker = Node("asker", enable_rosout=False)
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    thread = Thread(target=executor.spin, daemon=True)
+    thread.start()
+    try:
+        told = Control(asker)._set_effects(names)
+        set_parameter(asker, "inertial_estimator", "effects", parse_yaml(str(names), ""), 10.0)
+    finally:
+        executor.shutdown()
+        thread.join()
+    assert told == f"effects of the model: {', '.join(names) or 'none'}"
+    assert [config.effects for config in seen] == [tuple(names)] * 2
+
+
+@pytest.mark.parametrize("value", ["{a: 1}", "[1, a]", "", "99999999999999999999", "2001-01-01"])
+def test_a_value_that_no_parameter_can_have_is_refused_before_it_is_sent(value):
+    with pytest.raises(BadInputError, match="expected a number, a text, or a list of one kind"):
+        set_parameter(None, "model_check", "period", parse_yaml(value, "value"), 1.0)

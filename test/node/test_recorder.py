@@ -1,8 +1,11 @@
 """What the recorder of live topics leaves: a directory, or one file if that is its name."""
 
+import errno
+
 import pytest
 from std_msgs.msg import Float64
 
+from tactile_dynamics_ros.cli.main import main
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.recording.bag_files import read_messages
 from tactile_dynamics_ros.ros.recorder import Recorder
@@ -39,3 +42,20 @@ def test_a_recording_of_another_name_is_a_rosbag2_directory(bench, tmp_path):
     assert sorted(p.name for p in (tmp_path / "run").iterdir()) == ["metadata.yaml", "run.mcap"]
     with pytest.raises(BadInputError, match="run exists already"):
         Recorder(tmp_path / "run")
+
+
+def test_a_full_disk_ends_a_recording_in_one_line_with_what_was_heard(
+    tmp_path, monkeypatch, capsys
+):
+    def spin(recorder, is_over):
+        topic = recorder._writer.add_connection(TOPIC, "std_msgs/msg/Float64")
+        recorder._writer.write(topic, 1, b"\0\1\0\0" + bytes(8))
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("tactile_dynamics_ros.ros.shell.spin", spin)
+    assert main(["record", str(tmp_path / "run.mcap"), TOPIC]) == 2
+    said = capsys.readouterr().err.splitlines()[1:]
+    assert len(said) == 1 and "No space left on device; free space there" in said[0]
+    assert "what was written before is kept" in said[0]
+    assert [path.name for path in tmp_path.iterdir()] == ["run.mcap"]
+    assert len(list(read_messages(tmp_path / "run.mcap", TOPIC))) == 1

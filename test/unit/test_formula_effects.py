@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from argparse import Namespace
 from dataclasses import replace
 from importlib.metadata import EntryPoint
@@ -10,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from synthetic_recording import held_box
 
 from tactile_dynamics_ros.cli.main import main
@@ -347,3 +349,64 @@ def test_a_file_adds_an_effect_of_pushes(tmp_path):
     file.write_text(OWN_PUSH_EFFECT.replace("class Windy", "@PUSHED.register\nclass Windy"))
     assert pushed_effects(args) == ["windy"]
     assert PUSHED.create("windy").parameters[0].name == "f_x"
+
+
+MANY = "max(" * 12 + "c" + ", 1)" * 12
+
+
+@pytest.mark.parametrize(
+    ("law", "words"),
+    [
+        ("c*v_x*9^9^9^9", "is beyond 1e+100"),
+        ("c*v_x*(1/9)^9^9", "is beyond 1e+100"),
+        ("c*v_x*exp(exp(exp(9)))", "is beyond 1e+100"),
+        ("-" * 100_000 + "c*v_x", "characters, at most 2000"),
+        ("-" * 1900 + "c*v_x", "more than 100 levels"),
+        ("(" * 20_000 + "c" + ")" * 20_000, "characters, at most 2000"),
+        ("(" * 900 + "c*v_x" + ")" * 900, "too many nested parentheses"),
+        (f"v_x*{MANY}", "more than 2000 operations"),
+        ("v_x*(c + c^2 + v_x*s + 1)^90", "terms if multiplied out"),
+        ("v_x*c^(10^90)", "power above 100"),
+        ("c*v_x*sqrt(0 - 1)", "is no real number"),
+        ("c*v_x/(1 - 1)", "divides by zero"),
+        ("c*v_x*1e999", "is beyond 1e+100"),
+    ],
+)
+def test_a_law_that_would_never_be_computed_is_refused_in_one_line(tmp_path, law, words):
+    file = tmp_path / "own.yaml"
+    entry = {
+        "parameters": {"c": {"unit": "1", "prior_std": 1.0}},
+        "constants": {"s": {"value": 1.0, "unit": "s/m"}},
+        "wrench": {"force": [law, "0", "0"]},
+    }
+    file.write_text(yaml.safe_dump({"effects": {"own": entry}}))
+    began = time.process_time()
+    with pytest.raises(BadInputError) as caught:
+        load_effects(file)
+    assert time.process_time() - began < 5.0
+    message = str(caught.value)
+    assert words in message and "own.wrench.force" in message
+    assert len(message) < 400 and "\n" not in message
+
+
+def test_definitions_that_double_each_other_are_refused(tmp_path):
+    lines = "".join(f"      q{k + 1}: max(q{k}, c*q{k})\n" for k in range(1, 30))
+    file = tmp_path / "own.yaml"
+    file.write_text(
+        "effects:\n  own:\n    parameters: {c: {unit: 1, prior_std: 1.0}}\n"
+        f"    definitions:\n      q1: c\n{lines}    wrench: {{force: [q30*v_x, '0', '0']}}\n"
+    )
+    with pytest.raises(BadInputError, match="q[56]: .*more than 2000 operations"):
+        load_effects(file)
+
+
+def test_a_law_that_is_zero_at_absence_only_by_an_identity_is_accepted(tmp_path):
+    file = tmp_path / "own.yaml"
+    parameters = "{c: {unit: kg/s, prior_std: 1.0}}"
+    text = f"effects: {{own: {{parameters: {parameters}, wrench: {{force: ['%s']}}}}}}"
+    law = "c*v_x + (sin(speed/v_x)^2 + cos(speed/v_x)^2 - 1)*m*g_x', '0', '0"
+    file.write_text(text % law)
+    assert [effect.name for effect in load_effects(file)] == ["own"]
+    file.write_text(text % law.replace("- 1", "- 0.999"))
+    with pytest.raises(BadInputError, match="does not vanish"):
+        load_effects(file)

@@ -220,7 +220,7 @@ def test_a_mapping_turns_own_tables_into_a_recording(own_tables):
     ("old", "new", "message"),
     [
         ("object_pose:", "object_psoe:", "unknown key 'object_psoe'"),
-        ("file: pose.csv", "file: poses.csv", "poses.csv cannot be read"),
+        ("file: pose.csv", "file: poses.csv", "poses.csv: no such file"),
         ("columns: [x, y, z]", "columns: [x, y, zz]", "pose.csv: no column 'zz'; it has ms, x"),
         ("columns: [x, y, z]", "columns: [x, y]", "object_pose.position: 2 columns; expected 3"),
         ("unit: ms", "unit: minutes", "unit 'minutes'; expected one of s, ms, us, ns"),
@@ -233,7 +233,7 @@ def test_a_mapping_turns_own_tables_into_a_recording(own_tables):
 def test_a_wrong_mapping_is_refused_with_the_place(own_tables, old, new, message):
     if message is None:
         own_tables.write_text("contacts: [")
-        message = "is not yaml"
+        message = "not valid yaml"
     else:
         own_tables.write_text(own_tables.read_text().replace(old, new))
     with pytest.raises(BadInputError, match=message) as error:

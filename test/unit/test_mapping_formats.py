@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tarfile
+import time
 from argparse import Namespace
 
 import numpy as np
@@ -252,7 +254,7 @@ contacts:
     ("old", "new", "message"),
     [
         ("frame: tool", "frame: wrist", "no joints lead from link 'base' to link 'wrist'"),
-        ("urdf: arm.urdf", "urdf: leg.urdf", "leg.urdf cannot be read"),
+        ("urdf: arm.urdf", "urdf: leg.urdf", "leg.urdf: no such file"),
         (
             "joints: {columns: [q1, q2]",
             "joints: {columns: [q1]",
@@ -379,3 +381,42 @@ contacts:
     np.testing.assert_allclose(
         streams.contacts["wrist"].force, expected.apply([0.0, 0.0, 5.0]), atol=1e-6
     )
+
+
+def test_a_table_of_a_million_columns_is_refused_at_once(tmp_path):
+    file = tmp_path / "wide.csv"
+    row = ",".join(["0.5"] * 1_000_000)
+    file.write_text(f"{row}\n{row}\n")
+    began = time.process_time()
+    with pytest.raises(BadInputError, match="wide.csv: a line has 1000000 cells, expected at most"):
+        read_table(file)
+    assert time.process_time() - began < 5.0
+
+
+def test_numbers_that_no_sensor_gives_are_missing(tmp_path):
+    file = tmp_path / "odd.csv"
+    file.write_text("t,f\n0.0,1.0\n0.1,inf\n0.2,-1e300\n0.3,2.0\n")
+    np.testing.assert_array_equal(read_table(file).column("f"), [1.0, np.nan, np.nan, 2.0])
+
+
+@pytest.mark.parametrize(
+    ("entry", "words"),
+    [
+        ("contacts: 0.5", "contacts: expected names"),
+        ("object_pose: [1]", "object_pose"),
+        ("contacts: {a: {file: t.csv, force: {columns: 5.5}}}", "of another kind than expected"),
+    ],
+)
+def test_a_mapping_whose_entries_are_of_another_kind_is_refused(tmp_path, entry, words):
+    (tmp_path / "t.csv").write_text("t,f\n0.0,1.0\n0.1,2.0\n")
+    (tmp_path / "m.yaml").write_text(entry)
+    with pytest.raises(BadInputError, match=words):
+        CsvMappingImporter().read(tmp_path / "m.yaml", Namespace())
+
+
+def test_a_member_that_expands_far_beyond_its_archive_is_refused(tmp_path):
+    (tmp_path / "zeros.csv").write_bytes(b"0,0\n" * 4_000_000)
+    with tarfile.open(tmp_path / "a.tar.gz", "w:gz") as archive:
+        archive.add(tmp_path / "zeros.csv", "zeros.csv")
+    with pytest.raises(BadInputError, match="zeros.csv expands to more than"):
+        read_table(tmp_path / "a.tar.gz" / "zeros.csv")

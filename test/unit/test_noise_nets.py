@@ -249,7 +249,7 @@ def test_the_command_simulates_looks_trains_and_writes(tmp_path, monkeypatch, ca
     arguments = ["train", "pushing", "--noise", "--objects", "1", "--epochs", "2", "--json"]
     assert main([*arguments, "--out", str(out), "--keep", str(kept)]) == 0
     assert set(NoiseWeights.load(out).nets) == {"touch", "look", "crop"}
-    assert len(list(kept.glob("noise_*.pkl"))) == 2
+    assert len(list(kept.glob("noise_*.npz"))) == 2
 
 
 def test_errors_that_last_add_up_and_others_do_not():

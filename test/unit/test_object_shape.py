@@ -74,7 +74,7 @@ def test_a_mesh_file_is_as_good_as_its_shape(tmp_path):
 
 
 def test_files_that_are_no_shape_are_refused_with_the_reason(tmp_path):
-    with pytest.raises(BadInputError, match="no file"):
+    with pytest.raises(BadInputError, match="no such file"):
         load_shape(tmp_path / "absent.stl")
     (tmp_path / "empty.yaml").write_text("name: nothing\n")
     with pytest.raises(BadInputError, match="shapes"):

@@ -378,7 +378,7 @@ def test_the_command_simulates_trains_and_writes(tmp_path, capsys):
     arguments += ["--epochs", "1", "--out", str(out), "--keep", str(kept)]
     assert main(arguments) == 0
     assert GraphWeights.load(out).residual
-    assert len(list(kept.glob("single_push_slow_*.pkl"))) == 2
+    assert len(list(kept.glob("single_push_slow_*.npz"))) == 2
 
 
 def test_a_network_that_chooses_its_pushes_beats_the_mean_and_learns_from_the_widest_spread(

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import yaml
 from numpy.testing import assert_allclose
 
 from tactile_dynamics_ros.cli.main import main
@@ -146,3 +147,22 @@ def test_a_mass_that_nothing_told_begins_at_the_usual_friction():
     covariance = np.linalg.inv(root.T @ root)
     assert_allclose(np.diag(covariance)[[0, 2, 3]], np.diag(spread)[[0, 2, 3]])
     assert covariance[1, 1] == pytest.approx(0.05**2 + 0.5**2)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"covariance": np.diag([1.0, 1.0, -1e-9, 1.0]).tolist()}, "covariance: a variance is"),
+        ({"covariance": np.diag([1.0, 1.0, 0.0, 1.0]).tolist()}, "covariance: singular"),
+        ({"values": [900.0, 0.0, 0.0, 0.0]}, "values: no object is like that"),
+        ({"recordings": "abc"}, "recordings: 'abc', expected a whole number"),
+        ({"undetermined": 5}, "undetermined: '5', expected a list of names"),
+    ],
+)
+def test_a_memory_of_pushes_is_checked_whole(tmp_path, change, words):
+    known = KnownPushed(TRUTH, np.diag(STD**2), "before", (), 2)
+    file = write_known(known, tmp_path / "block.yaml")
+    document = yaml.safe_load(file.read_text()) | change
+    file.write_text(yaml.safe_dump(document, sort_keys=False))
+    with pytest.raises(BadInputError, match=f"block.yaml: {words}"):
+        read_known(file)

@@ -194,3 +194,43 @@ def test_the_command_takes_a_tool_out(bag, tmp_path, capsys):
     assert found["tool"]["mass"] == pytest.approx(0.3)
     assert "0.3 kg of" in err and "known exactly" in err
     assert main(["estimate", bag, "--tool", str(file), "--out", str(tmp_path / "r")]) == 2
+
+
+def negative(document):
+    document["covariance"][2][2] = -1e-6
+
+
+def tilted(document):
+    document["covariance"][0][1] = document["covariance"][1][0] = 1.0
+
+
+def lopsided(document):
+    document["covariance"][0][1] = 0.5 * document["covariance"][0][0]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (negative, "covariance: a variance is -1e-06, expected none below zero"),
+        (tilted, "covariance: a combination of values has a negative variance"),
+        (lopsided, "covariance: is not symmetric"),
+        ({"effects": 5}, "effects: '5', expected names with their parameters"),
+        ({"effects": {"drag": 1}}, "effects: .*expected names with their parameters"),
+        ({"recordings": "abc"}, "recordings: 'abc', expected a whole number"),
+        ({"recordings": True}, "recordings: 'True', expected a whole number"),
+        ({"undetermined": "mass"}, "undetermined: 'mass', expected a list of names"),
+        ({"undetermined": [1]}, "undetermined: .*expected a list of names"),
+        ({"lasting_covariance": [[0.0]]}, "lasting_covariance: expected"),
+        ({"dynamic_parameters": [1e300] * 10}, "dynamic_parameters: expected finite numbers"),
+    ],
+)
+def test_a_memory_is_checked_whole_and_refused_in_one_line(tmp_path, change, words):
+    known = KnownBody(LOAD.dynamic_parameters, np.diag(STD**2), "before", (), {}, 2)
+    file = write_body(known, tmp_path / "box.yaml")
+    assert read_body(file).recordings == 2
+    document = yaml.safe_load(file.read_text())
+    change(document) if callable(change) else document.update(change)
+    file.write_text(yaml.safe_dump(document, sort_keys=False))
+    with pytest.raises(BadInputError, match=f"box.yaml: {words}") as caught:
+        read_body(file)
+    assert "\n" not in str(caught.value)

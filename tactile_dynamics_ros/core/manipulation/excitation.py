@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.reading import read_json
 
 Array = NDArray[np.float64]
 
@@ -108,7 +108,7 @@ class OffsetTable:
             BadInputError: there is no such file, or it holds something else.
         """
         try:
-            table = json.loads(path.read_text())
+            table = read_json(path, "a motion")
             return cls(np.array(table["time"], float), np.array(table["offsets"], float))
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise BadInputError(

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.reading import read_yaml
 
 Array = NDArray[np.float64]
 
@@ -55,6 +57,22 @@ class GraspSite:
             raise BadInputError("grasp site: pinch and approach must be perpendicular")
         if not 0.005 < self.width < 0.12:
             raise BadInputError(f"grasp site: width = {self.width} m, expected 0.005 to 0.12")
+
+    @classmethod
+    def from_file(cls, path: Path) -> GraspSite:
+        """Read the ``grasp`` section of an object's yaml file.
+
+        Raises:
+            BadInputError: it cannot be read, or see `from_mapping`.
+        """
+        values = read_yaml(path, "a yaml file of an object")
+        section = values.get("grasp") if isinstance(values, Mapping) else None
+        if not isinstance(section, Mapping):
+            raise BadInputError(f"{path}: no section 'grasp', expected an object with one")
+        try:
+            return cls.from_mapping(section)
+        except (BadInputError, TypeError, ValueError) as error:
+            raise BadInputError(f"{path}: {error}") from error
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any]) -> GraspSite:

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
 from urdf_parser_py import urdf as parser
 
+from tactile_dynamics_ros.core.reading import read_mesh
 from tactile_dynamics_ros.core.rigid_body.poses import pose_of
 from tactile_dynamics_ros.core.robot.kinematic_tree import parse_urdf
 from tactile_dynamics_ros.core.robot.robot import Robot
@@ -70,7 +70,7 @@ def _extent(geometry: Any, folder: str) -> tuple[Array, Array] | None:
     if path is None:
         return None
     scale = np.array(geometry.scale or (1.0, 1.0, 1.0), dtype=float)
-    low, high = scale * trimesh.load_mesh(path).bounds
+    low, high = scale * read_mesh(path, "a mesh of a URDF").bounds
     return 0.5 * (low + high), np.abs(high - low)
 
 

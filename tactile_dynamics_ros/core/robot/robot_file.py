@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.reading import read_text, read_yaml
 from tactile_dynamics_ros.core.rigid_body.poses import rpy_to_matrix
 from tactile_dynamics_ros.core.robot.kinematic_tree import chain, coupling, read_tree, refuse_shared
 from tactile_dynamics_ros.core.robot.robot import Finger, Fingertips, GraspHabit, Joint, Robot
@@ -82,7 +82,7 @@ def description_topic(name: str) -> str | None:
 @lru_cache(maxsize=16)
 def _load(path: Path, urdf: str | None) -> Robot:
     values = _read_yaml(path)
-    text, folder = _urdf_of(path, values["urdf"], urdf)
+    text, folder = _urdf_of(path, str(values["urdf"]), urdf)
     try:
         return _build(path, values, text, folder)
     except BadInputError as error:
@@ -92,10 +92,7 @@ def _load(path: Path, urdf: str | None) -> Robot:
 
 
 def _read_yaml(path: Path) -> dict[str, Any]:
-    try:
-        values = yaml.safe_load(path.read_text())
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise BadInputError(f"{path}: {error}") from error
+    values = read_yaml(path, "a yaml file of a robot")
     if not isinstance(values, dict):
         raise BadInputError(f"{path}: expected the keys of a robot: {', '.join(sorted(_NEEDED))}")
     _check_keys(str(path), values, _NEEDED, _OPTIONAL)
@@ -123,7 +120,7 @@ def _urdf_of(path: Path, name: str, given: str | None) -> tuple[str, str]:
     file = find_package_file(name, path.parent)
     if file is None:
         raise BadInputError(f"{path}: urdf: there is no file '{name}'")
-    return file.read_text(), str(file.parent)
+    return read_text(file, "a URDF"), str(file.parent)
 
 
 def _build(path: Path, values: Mapping[str, Any], urdf: str, folder: str) -> Robot:

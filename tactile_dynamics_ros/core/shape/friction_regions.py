@@ -11,6 +11,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.reading import read_mesh
 from tactile_dynamics_ros.core.rigid_body.poses import described_pose
 
 Array = NDArray[np.float64]
@@ -97,11 +98,7 @@ class ObjectSurface:
         Raises:
             BadInputError: the file holds no mesh.
         """
-        try:
-            mesh = trimesh.load_mesh(path)
-        except (OSError, ValueError, NotImplementedError) as error:
-            raise BadInputError(f"{path}: no mesh can be read from it: {error}") from error
-        return cls(_join([mesh]), regions)
+        return cls(_join([read_mesh(path)]), regions)
 
     def locate(self, point: Array) -> SurfacePlace:
         """Return the nearest triangle's point and normal for a contact point (3,), object frame.

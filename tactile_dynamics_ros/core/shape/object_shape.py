@@ -10,11 +10,11 @@ from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 import trimesh
-import yaml
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.reading import read_mesh, read_yaml, require_file
 from tactile_dynamics_ros.core.rigid_body.poses import described_pose, rpy_to_matrix
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 
@@ -25,6 +25,9 @@ Triangles: TypeAlias = Any
 MESH_SUFFIXES = (".obj", ".stl", ".ply", ".off", ".glb")
 """Endings of files that are read as meshes, in metres; what trimesh reads without further
 libraries. A file with another ending is read as the yaml of an object, and refused."""
+_SMALLEST, _LARGEST = 1e-4, 5.0
+"""Sizes of what a hand or an arm holds, m: smaller ones are thinner than paper, larger ones are
+given in another unit."""
 _SAMPLES = 8000
 """Samples of an object's surface; on a box of 10 cm one per 2.7 mm. An image is compared with the
 first 2000 of them (`fit.JUDGED`), a mesh's distance is that to the nearest of four times
@@ -295,8 +298,7 @@ def load_shape(path: Path) -> ObjectShape:
     Raises:
         BadInputError: the file is missing, of another kind, or holds no shape.
     """
-    if not path.is_file():
-        raise BadInputError(f"object shape: no file {path}")
+    require_file(path, "the shape of an object")
     if path.suffix.lower() in MESH_SUFFIXES:
         return _load_mesh(path)
     if path.suffix.lower() not in (".yaml", ".yml"):
@@ -304,23 +306,20 @@ def load_shape(path: Path) -> ObjectShape:
             f"object shape {path}: expected a yaml file of an object, or a mesh "
             f"({', '.join(MESH_SUFFIXES)})"
         )
-    values = yaml.safe_load(path.read_text())
+    values = read_yaml(path, "a yaml file of an object")
     try:
         surfaces = [_surface(shape) for shape in values["shapes"]]
-        angles = np.asarray(values.get("rest", {}).get("rpy_deg", (0.0, 0.0, 0.0)), dtype=float)
+        angles = _finite(values.get("rest", {}).get("rpy_deg", (0.0, 0.0, 0.0)), 3)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise BadInputError(f"object shape {path}: {error!r}; expected `shapes`") from error
+    if not surfaces:
+        raise BadInputError(f"object shape {path}: no shapes, expected at least one")
     return ObjectShape(surfaces, rpy_to_matrix(np.deg2rad(angles)))
 
 
 def _load_mesh(path: Path) -> ObjectShape:
-    try:
-        mesh = trimesh.load(path, force="mesh")
-    except Exception as error:  # trimesh raises whatever its readers raise
-        raise BadInputError(f"object shape {path}: {error}") from error
-    if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:
-        raise BadInputError(f"object shape {path}: holds no triangles")
-    if np.ptp(mesh.vertices, axis=0).max() > 5.0:
+    mesh = read_mesh(path, "the shape of an object")
+    if np.ptp(mesh.vertices, axis=0).max() > _LARGEST:
         raise BadInputError(
             f"object shape {path}: {np.ptp(mesh.vertices, axis=0).max():.0f} m long; "
             "the unit of a mesh is the metre"
@@ -329,10 +328,32 @@ def _load_mesh(path: Path) -> ObjectShape:
 
 
 def _surface(values: Mapping[str, Any]) -> Surface:
+    """Return a surface.
+
+    Raises:
+        ValueError: a size is none, or a place no finite numbers.
+    """
     pose = described_pose(values)
+    if not np.isfinite(pose).all():
+        raise ValueError("the place of a shape is not finite")
     if "box" in values:
-        return BoxSurface(0.5 * np.asarray(values["box"], dtype=float), pose)
+        return BoxSurface(0.5 * _sizes(values["box"], 3), pose)
     if "sphere" in values:
-        return SphereSurface(float(values["sphere"]["radius"]), pose[:3, 3])
-    radius, height = (float(values["cylinder"][key]) for key in ("radius", "height"))
+        return SphereSurface(_sizes([values["sphere"]["radius"]], 1)[0], pose[:3, 3])
+    cylinder = values["cylinder"]
+    radius, height = _sizes([cylinder["radius"], cylinder["height"]], 2)
     return CylinderSurface(radius, 0.5 * height, pose)
+
+
+def _sizes(given: Any, count: int) -> Array:
+    sizes = _finite(given, count)
+    if np.any(sizes < _SMALLEST) or np.any(sizes > _LARGEST):
+        raise ValueError(f"sizes {sizes.tolist()}, expected {_SMALLEST:g} to {_LARGEST:g} m")
+    return sizes
+
+
+def _finite(given: Any, count: int) -> Array:
+    numbers = np.asarray(given, dtype=float)
+    if numbers.shape != (count,) or not np.isfinite(numbers).all():
+        raise ValueError(f"{str(given)[:40]}, expected {count} finite numbers")
+    return numbers

@@ -14,6 +14,7 @@ from scipy.optimize import nnls
 
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.files import written_whole
+from tactile_dynamics_ros.core.reading import read_json
 from tactile_dynamics_ros.core.tactile.features import MIRROR, force_features, place_features
 
 Array = NDArray[np.float64]
@@ -75,7 +76,7 @@ class ForceCalibration:
             BadInputError: the file is missing or is no calibration.
         """
         try:
-            content = json.loads(path.read_text())
+            content = read_json(path, "a calibration file")
             return cls(
                 np.array(content["force_weights"]),
                 np.array(content["place_weights"]),

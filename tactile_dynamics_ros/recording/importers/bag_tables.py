@@ -16,7 +16,14 @@ from rosbags.typesys import Stores, get_typestore
 from tactile_dynamics_ros.core.errors import BadInputError, nearest_file
 from tactile_dynamics_ros.core.rigid_body.rotation import matrix_to_quaternion, quaternion_to_matrix
 from tactile_dynamics_ros.core.streams.streams import between_turns
-from tactile_dynamics_ros.recording.bag_files import DAMAGE, ROS1_SUFFIX, STORAGE_SUFFIXES
+from tactile_dynamics_ros.recording.bag_files import (
+    DAMAGE,
+    ROS1_SUFFIX,
+    STORAGE_SUFFIXES,
+    named_connections,
+    one_line,
+)
+from tactile_dynamics_ros.recording.bag_limits import check_readable
 from tactile_dynamics_ros.recording.importers.tables import Table
 
 Array = NDArray[np.float64]
@@ -46,7 +53,7 @@ def topic_types(path: Path) -> dict[str, str]:
         BadInputError: the recording cannot be read.
     """
     with _opened(path) as reader:
-        return {c.topic: c.msgtype for c in reader.connections}
+        return {c.topic: c.msgtype for c in named_connections(reader)}
 
 
 def read_topic(path: Path, topic: str) -> Table:
@@ -227,12 +234,16 @@ def _messages(path: Path, topic: str) -> Iterator[Any]:
         BadInputError: the recording cannot be read, or has no such topic.
     """
     with _opened(path) as reader:
-        connections = [c for c in reader.connections if c.topic == topic]
+        named = named_connections(reader)
+        connections = [c for c in named if c.topic == topic]
         if not connections:
-            present = ", ".join(sorted({c.topic for c in reader.connections}))
+            present = ", ".join(sorted({c.topic for c in named}))
             raise BadInputError(f"{path} has no topic {topic}; the topics are {present}")
-        for connection, _, data in reader.messages(connections=connections):
-            yield reader.deserialize(data, connection.msgtype)
+        try:
+            for connection, _, data in reader.messages(connections=connections):
+                yield reader.deserialize(data, connection.msgtype)
+        except (AnyReaderError, *DAMAGE) as error:
+            raise BadInputError(f"{path}: {topic} is damaged: {one_line(error)}") from error
 
 
 class _opened:  # noqa: N801 - used as a function
@@ -248,6 +259,7 @@ class _opened:  # noqa: N801 - used as a function
                 f"{self._path}: no such file or directory; expected a recording"
                 + nearest_file(self._path)
             )
+        check_readable(self._path)
         ros1 = self._path.suffix == ROS1_SUFFIX
         store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_JAZZY)
         return self._guarded(lambda: self._open(store))
@@ -266,6 +278,4 @@ class _opened:  # noqa: N801 - used as a function
             return action()
         except (AnyReaderError, *DAMAGE) as error:
             self._reader = None
-            raise BadInputError(
-                f"{self._path} cannot be read: {str(error).splitlines()[0]}"
-            ) from error
+            raise BadInputError(f"{self._path} cannot be read: {one_line(error)}") from error

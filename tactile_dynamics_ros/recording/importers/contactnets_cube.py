@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.reading import open_arrays
 from tactile_dynamics_ros.recording.importers.importer import Importer
 from tactile_dynamics_ros.recording.recording import Recording
 
@@ -26,9 +27,7 @@ class ContactnetsCubeImporter(Importer):
     def read(self, source: Path, options: Namespace) -> Recording:
         """Read one toss; quaternions are stored scalar first."""
         archive = source.parent / ARCHIVE
-        if not archive.exists():
-            raise BadInputError(f"{archive}: no such file; expected the archive of all tosses")
-        with np.load(archive) as tosses:
+        with open_arrays(archive, "the archive of all tosses") as tosses:
             if source.name not in tosses:
                 first, last = min(tosses), max(tosses)
                 raise BadInputError(f"{archive} holds {first} to {last}, not '{source.name}'")

@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.reading import read_yaml
 from tactile_dynamics_ros.recording.importers.bag_tables import (
     TF,
     is_bag,
@@ -47,7 +47,15 @@ class CsvMappingImporter(Importer):
 
     def read(self, source: Path, options: Namespace) -> Recording | PushedRecording:
         """Read the tables that the yaml file names."""
-        return read_mapping(load_yaml(source), source.parent, str(source))
+        mapping = load_yaml(source)
+        try:
+            return read_mapping(mapping, source.parent, str(source))
+        except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+            reason = str(error).splitlines()[:1] or [type(error).__name__]
+            raise BadInputError(
+                f"{source}: an entry is of another kind than expected ({reason[0]}); compare with "
+                "docs/recordings.md"
+            ) from error
 
 
 def read_mapping(
@@ -153,7 +161,10 @@ def _contacts(
     """Return the frame of the contacts and their arrays."""
     frame = str(mapping.get("contact_frame", "world"))
     contacts = {}
-    for name, section in dict(mapping.get("contacts") or {}).items():
+    sections = mapping.get("contacts") or {}
+    if not isinstance(sections, Mapping):
+        raise BadInputError(f"{source}: contacts: expected names with their sections")
+    for name, section in sections.items():
         where = f"{source}: contacts.{name}"
         arrays = tables.stream(where, section, frozenset(["pose"]))
         if "pose" in section:
@@ -257,12 +268,7 @@ def load_yaml(path: Path) -> dict[str, Any]:
     Raises:
         BadInputError: it cannot be read, or holds something else.
     """
-    try:
-        content = yaml.safe_load(path.read_text())
-    except OSError as error:
-        raise BadInputError(f"{path} cannot be read: {error.strerror}") from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise BadInputError(f"{path} is not yaml: {str(error).splitlines()[0]}") from error
+    content = read_yaml(path, "a mapping of tables in yaml")
     if not isinstance(content, dict):
         raise BadInputError(f"{path}: expected a mapping with {', '.join(sorted(SECTIONS))}")
     return content

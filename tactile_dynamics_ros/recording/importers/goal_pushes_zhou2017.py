@@ -12,6 +12,7 @@ from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.options import COUNT_OR_NONE
 from tactile_dynamics_ros.core.planar.mechanics.linkage import turned
 from tactile_dynamics_ros.core.planar.streams import LinkStream, PushContact, PushedStreams
+from tactile_dynamics_ros.core.reading import open_arrays
 from tactile_dynamics_ros.recording.importers.importer import Importer
 from tactile_dynamics_ros.recording.pushed import PushedRecording
 
@@ -44,9 +45,7 @@ class GoalPushesZhou2017Importer(Importer):
         Raises:
             BadInputError: there is no such file, no such log, or no pose in it.
         """
-        if not source.is_file():
-            raise BadInputError(f"{source}: no such file; expected logs.npz")
-        with np.load(source) as archive:
+        with open_arrays(source, "logs.npz") as archive:
             names, offset = archive["names"], archive["offset"].astype(int)
             if not 0 <= options.log < len(names):
                 raise BadInputError(f"{source}: --log from 0 to {len(names) - 1}")

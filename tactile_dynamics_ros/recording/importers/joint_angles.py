@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.reading import read_text
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 from tactile_dynamics_ros.core.robot.kinematic_tree import (
     chain,
@@ -42,10 +43,7 @@ def read_link(where: str, section: Mapping[str, Any], table: Table, folder: Path
         BadInputError: a link or a column is missing, or there are more or fewer than joints.
     """
     path = folder / str(section["urdf"])
-    try:
-        tree = read_tree(path.read_text(), str(path))
-    except OSError as error:
-        raise BadInputError(f"{path} cannot be read: {error.strerror}") from error
+    tree = read_tree(read_text(path, "a URDF"), str(path))
     base = str(section.get("base") or _root(tree))
     if "frame" not in section:
         raise BadInputError(f"{where}: no frame; expected the link that carries the sensor")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
@@ -13,6 +12,7 @@ from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.planar.mechanics.linkage import turned
 from tactile_dynamics_ros.core.planar.mechanics.outline import edge_normals, nearest_edge
 from tactile_dynamics_ros.core.planar.streams import LinkStream, PushContact, PushedStreams
+from tactile_dynamics_ros.core.reading import open_arrays, read_json
 from tactile_dynamics_ros.recording.importers.importer import Importer
 from tactile_dynamics_ros.recording.pushed import PushedRecording
 
@@ -56,11 +56,11 @@ class PushesMitImporter(Importer):
         Raises:
             BadInputError: there is no such file, or no such push in it.
         """
-        if not source.is_file():
-            raise BadInputError(f"{source}: no such file; expected a push as JSON or NPZ")
         if source.suffix == ".json":
-            return PushedRecording(_hexagon(json.loads(source.read_text())), str(source))
-        with np.load(source) as archive:
+            return PushedRecording(
+                _hexagon(read_json(source, "a push as JSON or NPZ")), str(source)
+            )
+        with open_arrays(source, "a push as JSON or NPZ") as archive:
             name = options.push
             if f"{name}_obj" not in archive.files:
                 raise BadInputError(

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.options import COUNT_OR_NONE
 from tactile_dynamics_ros.core.planar.streams import LinkStream, PushContact, PushedStreams
+from tactile_dynamics_ros.core.reading import open_arrays
 from tactile_dynamics_ros.recording.importers.importer import Importer
 from tactile_dynamics_ros.recording.pushed import PushedRecording
 
@@ -48,9 +49,7 @@ class PushesZhou2016Importer(Importer):
         Raises:
             BadInputError: there is no such archive, or not that many pushes.
         """
-        if not source.is_file():
-            raise BadInputError(f"{source}: no such file; expected an archive of pushes")
-        with np.load(source) as archive:
+        with open_arrays(source, "an archive of pushes") as archive:
             data = {name: np.asarray(archive[name], dtype=np.float64) for name in archive.files}
         count = len(data["pre"])
         chosen = options.pushes or list(range(count))

@@ -5,14 +5,23 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import yaml
 
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.planar.known import KNOWN_NAMES, KnownPushed
-from tactile_dynamics_ros.recording.yaml_files import read_numbers, read_text, write_document
+from tactile_dynamics_ros.recording.yaml_files import (
+    read_count,
+    read_covariance,
+    read_document,
+    read_names,
+    read_numbers,
+    write_document,
+)
 
 _FORMAT = "tactile_dynamics_pushed"
 _EXPECTED = "a file that `estimate --model pushed --save` has written"
+_LARGEST_VALUE = 30.0
+"""Largest ln force, ln mass or coordinate of a centre, ln N, ln kg or m: e^30 kg is a mountain; the
+exponentials of larger ones overflow in sums."""
 
 
 def read_known(path: str | Path) -> KnownPushed:
@@ -21,23 +30,19 @@ def read_known(path: str | Path) -> KnownPushed:
     Raises:
         BadInputError: it cannot be read, or is no file of `write_known`.
     """
-    text = read_text(path, _EXPECTED)
-    try:
-        document = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        raise BadInputError(f"{path}: no yaml: {error}") from error
-    if not isinstance(document, dict) or document.get("format") != _FORMAT:
-        raise BadInputError(f"{path}: expected {_EXPECTED} (format: {_FORMAT})")
+    document = read_document(path, _EXPECTED, _FORMAT)
     values = read_numbers(document, "values", (4,), path)
-    covariance = read_numbers(document, "covariance", (4, 4), path)
+    if np.any(np.abs(values) > _LARGEST_VALUE):
+        raise BadInputError(f"{path}: values: no object is like that, expected {KNOWN_NAMES}")
+    covariance = read_covariance(document, "covariance", 4, path)
     if np.linalg.eigvalsh(covariance)[0] <= 0.0:
-        raise BadInputError(f"{path}: covariance is none: expected it to be positive definite")
+        raise BadInputError(f"{path}: covariance: singular, expected it to be positive definite")
     return KnownPushed(
         values,
         covariance,
         str(path),
-        tuple(document.get("undetermined", ())),
-        int(document.get("recordings", 1)),
+        read_names(document, "undetermined", path),
+        read_count(document, path),
     )
 
 

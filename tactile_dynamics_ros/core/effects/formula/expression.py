@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import ast
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import islice
 from typing import Any
 
 import sympy
@@ -25,6 +27,25 @@ FUNCTIONS = (*_PLAIN, "sqrt", "abs", "sign", "min", "max", "atan2", "norm", "dot
 away breaks files that use it."""
 _ARGUMENTS = {"min": 2, "max": 2, "atan2": 2, "dot": 2, "cross": 2}
 """Numbers of arguments; all other functions have one. A call with another number is refused."""
+LONGEST = 2000
+"""Characters of a formula: four lines of a page hold 400, and what is longer reads better as
+definitions."""
+_DEEPEST = 100
+"""Levels of brackets, signs and terms in a formula: a sum of a hundred terms. Python's own reader
+ends at about nine hundred without saying where."""
+LARGEST_NUMBER = 1e100
+"""Largest plain number in a formula, and one over the smallest: products of three such ones still
+fit floating point; 9^9^9^9 would be written out, digit by digit."""
+_MOST_NODES = 2000
+"""Operations of a formula with its definitions put in; `max` needs each of its arguments twice. The
+catalogue's longest law has about a hundred."""
+_MOST_TERMS = 3000
+"""Terms of a formula that is multiplied out, as fits of linear parameters do: (a + b + c)^20 has
+231."""
+_LARGEST_POWER = 100
+"""Largest power of a quantity: laws of nature have 4. Fits hold a place for every power below."""
+_SHOWN = 80
+"""Characters of a formula that a message shows: a line of a terminal."""
 _FINEST_POWER = 12
 """Largest denominator of powers of quantities with a unit: 0.333333 is taken for 1/3, so that units
 come out exactly. More would take digits that were typed as they are for fractions. With fewer, 1/12
@@ -62,11 +83,17 @@ class ExpressionReader:
         Raises:
             BadInputError: it is malformed, a name is unknown, or units do not fit.
         """
+        if len(text) > LONGEST:
+            raise self._error(f"{len(text)} characters, at most {LONGEST}: use definitions")
         source = text.replace("^", "**").strip()
         try:
             tree = ast.parse(source, mode="eval")
         except (SyntaxError, ValueError) as error:
-            raise self._error(f"'{text}' is not an expression: {error.args[0]}") from error
+            raise self._error(f"'{_shown(text)}' is not an expression: {error.args[0]}") from error
+        except (MemoryError, RecursionError) as error:
+            raise self._too_deep() from error
+        if _depth(tree.body) > _DEEPEST:
+            raise self._too_deep()
         return self._visit(tree.body)
 
     def read_vector(self, source: object) -> Term:
@@ -89,8 +116,23 @@ class ExpressionReader:
     def _error(self, message: str) -> BadInputError:
         return BadInputError(f"{self._where}: {message}")
 
+    def _too_deep(self) -> BadInputError:
+        return self._error(f"more than {_DEEPEST} levels of brackets, signs or terms")
+
     def _visit(self, node: ast.expr) -> Term:
-        text = ast.unparse(node)
+        """Return the term of a node, if it can be computed with."""
+        text = _shown(ast.unparse(node))
+        try:
+            term = self._read_node(node, text)
+            values = list(term.value) if term.is_vector else [term.value]
+            large = next((words for value in values if (words := _excess(value))), "")
+        except (ArithmeticError, RecursionError, TypeError, ValueError) as error:
+            raise self._error(f"'{text}' has no value ({error})") from error
+        if large:
+            raise self._error(f"'{text}' {large}")
+        return term
+
+    def _read_node(self, node: ast.expr, text: str) -> Term:
         match node:
             case ast.Constant(value=bool() | str() | bytes() | None):
                 raise self._error(f"{text} is not a number")
@@ -152,9 +194,14 @@ class ExpressionReader:
         return left.dimension
 
     def _power(self, base: Term, exponent: Term, text: str) -> Term:
+        """Return a power; one that is too large to write out is refused before it is."""
         if base.is_vector or exponent.is_vector:
             raise self._error(f"'{text}': powers are of scalars; |v|^2 is dot(v, v)")
         self._plain(exponent, f"exponent of '{text}'")
+        if base.value.is_number and exponent.value.is_number:
+            size = abs(float(exponent.value) * math.log(abs(float(base.value)) or 1.0))
+            if size > math.log(LARGEST_NUMBER):
+                raise self._error(f"'{text}' {_TOO_LARGE}")
         value = base.value**exponent.value
         if base.dimension in (None, DIMENSIONLESS):
             return Term(value, base.dimension)
@@ -214,6 +261,56 @@ class ExpressionReader:
         for part in parts:
             dimension = self._common(Term(0, dimension), part, f"{text} mixes")
         return Term(sympy.Matrix([part.value for part in parts]), dimension)
+
+
+_TOO_LARGE = f"is beyond {LARGEST_NUMBER:g}, or one over that"
+
+
+def _shown(text: str) -> str:
+    """Return a formula as it is shown in a message of one line."""
+    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]} ..."
+
+
+def _depth(node: ast.AST) -> int:
+    """Return how many levels a tree has; no recursion, since it may have thousands."""
+    depth, level = 0, [node]
+    while level:
+        depth += 1
+        level = [child for one in level for child in ast.iter_child_nodes(one)]
+    return depth
+
+
+def _excess(value: Any) -> str:
+    """Return what a value is beyond; empty if it can be computed with."""
+    if value.is_number:
+        if complex(value).imag != 0.0:
+            return "is no real number"
+        size = abs(complex(value))
+        written_out = value.is_Rational and 0.0 < size < 1.0 / LARGEST_NUMBER
+        return "" if size <= LARGEST_NUMBER and not written_out else _TOO_LARGE
+    if value.has(sympy.zoo, sympy.nan, sympy.oo):
+        return "divides by zero"
+    nodes = list(islice(sympy.preorder_traversal(value), _MOST_NODES + 1))
+    if len(nodes) > _MOST_NODES:
+        return f"has more than {_MOST_NODES} operations once definitions are put in"
+    powers = [node.exp for node in nodes if node.is_Pow and node.exp.is_number]
+    if any(abs(complex(power)) > _LARGEST_POWER for power in powers):
+        return f"has a power above {_LARGEST_POWER}"
+    if _terms(value) > _MOST_TERMS:
+        return f"has more than {_MOST_TERMS} terms if multiplied out"
+    return ""
+
+
+def _terms(value: Any) -> int:
+    """Return how many terms a value has if products and powers of sums are multiplied out."""
+    if value.is_Add:
+        return sum(map(_terms, value.args))
+    if value.is_Mul:
+        return math.prod(map(_terms, value.args))
+    if value.is_Pow and value.exp.is_Integer and value.exp > 0:
+        power, of_base = int(value.exp), _terms(value.base)
+        return 1 if of_base == 1 else math.comb(min(power, _MOST_TERMS) + of_base - 1, of_base - 1)
+    return 1
 
 
 def _product(left: Dimension | None, right: Dimension | None, sign: int) -> Dimension | None:

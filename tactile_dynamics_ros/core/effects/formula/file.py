@@ -9,11 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import sympy
-import yaml
 
 from tactile_dynamics_ros.core.effects.effect import Effect
 from tactile_dynamics_ros.core.effects.formula.effect import FormulaEffect
-from tactile_dynamics_ros.core.effects.formula.expression import ExpressionReader, Term
+from tactile_dynamics_ros.core.effects.formula.expression import (
+    LARGEST_NUMBER,
+    ExpressionReader,
+    Term,
+)
 from tactile_dynamics_ros.core.effects.formula.law import Law
 from tactile_dynamics_ros.core.effects.formula.quantities import (
     COM,
@@ -32,7 +35,8 @@ from tactile_dynamics_ros.core.effects.registry import (
     registered_names,
 )
 from tactile_dynamics_ros.core.effects.units import format_dimension, parse_unit
-from tactile_dynamics_ros.core.errors import BadInputError, nearest_file
+from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.reading import read_yaml, require_file
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*$")
 """Names of parameters and definitions, as formulas can spell them; any other is refused."""
@@ -48,6 +52,9 @@ _PARAMETER_FIELDS = ("unit", "prior_std", "typical", "description", "vector")
 """Fields of a parameter; any other is refused, so that a misspelt one is not ignored."""
 _WRENCH_FIELDS = ("axes", "at", "force", "torque")
 """Fields of a wrench; any other is refused, so that a misspelt one is not ignored."""
+_MOST_ENTRIES = 50
+"""Entries of one table of such a file: laws of ten parameters are already more than a recording
+determines, and each takes derivatives by all others."""
 _TEXTS = {
     "sentence": "the effect '{}' acts on the object",
     "looks_like": "A residual that follows the formula.",
@@ -67,13 +74,10 @@ def load_effects(path: str | Path) -> tuple[Effect, ...]:
         BadInputError: names file, field, and what to do.
     """
     path = Path(path)
-    if not path.is_file():
-        raise BadInputError(
-            f"{path}: no such file, expected effects in .yaml or .py" + nearest_file(path)
-        )
+    require_file(path, "effects in .yaml or .py")
     if path.suffix == ".py":
         return _load_classes(path)
-    effects = _read_table(_read_yaml(path), str(path), ("effects",))
+    effects = _read_table(read_yaml(path, "effects in yaml"), str(path), ("effects",))
     entries = _read_table(effects.get("effects"), f"{path}: effects")
     if not entries:
         raise BadInputError(f"{path}: effects: expected at least one effect by name")
@@ -101,22 +105,14 @@ def _load_classes(path: Path) -> tuple[Effect, ...]:
     return tuple(create_effect(name) for name in added)
 
 
-def _read_yaml(path: Path) -> object:
-    try:
-        return yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        mark = getattr(error, "problem_mark", None)
-        line = f" line {mark.line + 1}:" if mark else ""
-        problem = getattr(error, "problem", None) or error
-        raise BadInputError(f"{path}:{line} not valid yaml: {problem}") from error
-
-
 def _read_table(value: object, where: str, fields: tuple[str, ...] = ()) -> dict[str, Any]:
     """Return a mapping, empty for None; other keys than `fields` are refused."""
     if value is None:
         return {}
     if not isinstance(value, Mapping):
-        raise BadInputError(f"{where}: {value!r} is not a table of names and values")
+        raise BadInputError(f"{where}: {str(value)[:40]!r} is not a table of names and values")
+    if len(value) > _MOST_ENTRIES:
+        raise BadInputError(f"{where}: {len(value)} entries, at most {_MOST_ENTRIES}")
     unknown = [str(key) for key in value if fields and key not in fields]
     if unknown:
         hint = "; a formula with commas needs quotes between braces" if ")" in unknown[0] else ""
@@ -149,6 +145,8 @@ class _EffectFile:
             raise BadInputError(f"{self._where}.parameters: expected at least one parameter")
         wrenches = self._entry.get("wrench")
         pieces = wrenches if isinstance(wrenches, list) else [wrenches]
+        if len(pieces) > _MOST_ENTRIES:
+            raise BadInputError(f"{self._where}.wrench: {len(pieces)}, at most {_MOST_ENTRIES}")
         laws = tuple(
             self._law(piece, f"{self._where}.wrench" + (f"[{i}]" if len(pieces) > 1 else ""))
             for i, piece in enumerate(pieces)
@@ -296,7 +294,7 @@ class _EffectFile:
                 f"{where}: has no value where all parameters are 0 (absent): keep divisors "
                 "away from 0, for example max(abs(w_0), w_least) with a constant w_least"
             )
-        if any(value != 0 for value in law.at_absence()):
+        if not law.vanishes_at_absence():
             raise BadInputError(
                 f"{where}: does not vanish where all parameters are 0 (absent): multiply it "
                 "by a parameter"
@@ -311,9 +309,12 @@ def _plain(value: object) -> str:
 def _read_number(value: object, where: str) -> float:
     """Return a number; yaml reads 1e-3 as text."""
     try:
-        return float(str(value))
+        number = float(str(value))
     except ValueError as error:
-        raise BadInputError(f"{where}: {value!r} is not a number") from error
+        raise BadInputError(f"{where}: {str(value)[:40]!r} is not a number") from error
+    if number != 0.0 and not 1.0 / LARGEST_NUMBER <= abs(number) <= LARGEST_NUMBER:
+        raise BadInputError(f"{where}: {number:g}, expected at most {LARGEST_NUMBER:g}")
+    return number
 
 
 def _read_unit(unit: str, where: str) -> Any:

@@ -25,6 +25,11 @@ Exponents = tuple[int, ...]
 _LOAD = (MASS, *COM)
 """Symbols of the load, kg and m, by which laws are differentiated too; in the order in which the
 compiled laws take them."""
+_TRIED, _SIZES = 200, (-2.0, 2.0)
+"""Draws of all quantities with which a law is evaluated where it is not zero as it is written, and
+the decimal logarithms of their sizes, SI: from 1 cm/s or 10 mN to 100 m/s or 100 N."""
+_ZERO = 1e-6
+"""Wrench, N or N m, that counts as none there: rounding of sums of 1e6, a cube of 100."""
 
 
 @dataclass(frozen=True)
@@ -86,17 +91,28 @@ class Law:
         """Highest total degree in the parameters, of a polynomial wrench."""
         return max(sum(e) for e in self._expand(tuple(range(len(self.parameters)))))
 
-    def at_absence(self) -> tuple[Any, ...]:
-        """Expressions with all parameters zero."""
+    def vanishes_at_absence(self) -> bool:
+        """Whether the wrench is zero with all parameters zero, at quantities of all sizes."""
         zero = dict.fromkeys(self.parameters, 0)
-        return tuple(sympy.simplify(e.subs(zero)) for e in self.expressions)
+        rest = [e.subs(zero) for e in self.expressions]
+        if all(value == 0 for value in rest):
+            return True
+        rng = np.random.default_rng(0)
+        size = (len(self.quantities) + len(_LOAD), _TRIED)
+        drawn: Array = rng.choice([-1.0, 1.0], size) * 10.0 ** rng.uniform(*_SIZES, size)
+        return not np.any(np.abs(self._at(rest, drawn)) > _ZERO)
 
     def has_value_at_absence(self) -> bool:
         """Whether the wrench is finite with all parameters zero, at unremarkable quantities."""
-        ordinary = 0.3 + 0.1 * np.arange(len(self.quantities) + len(_LOAD))
+        ordinary: Array = 0.3 + 0.1 * np.arange(float(len(self.quantities) + len(_LOAD)))
+        return bool(np.isfinite(self._at(self.expressions, ordinary[:, None])).all())
+
+    def _at(self, expressions: Sequence[Any], quantities: Array) -> Array:
+        """Values (6, N) of expressions at quantities (K, N), with all parameters zero."""
         with np.errstate(all="ignore"):
-            found = self._value(*ordinary, *np.zeros(len(self.parameters)))
-        return bool(np.isfinite(np.asarray(found, dtype=float)).all())
+            found = self._compile(expressions)(*quantities, *np.zeros(len(self.parameters)))
+        shape = quantities.shape[1:]
+        return np.array([np.broadcast_to(np.asarray(value, float), shape) for value in found])
 
     @cached_property
     def _value(self) -> Callable[..., Any]:

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.files import write_arrays
 from tactile_dynamics_ros.core.planar.filter.observation import FeltWrench, relative_std
 from tactile_dynamics_ros.core.planar.filter.process import PusherMotion
@@ -24,6 +23,7 @@ from tactile_dynamics_ros.core.planar.network.noise_features import (
     TouchHistory,
 )
 from tactile_dynamics_ros.core.planar.network.weights import Layers, perceptron
+from tactile_dynamics_ros.core.reading import open_arrays
 
 Array = NDArray[np.float64]
 Kernels = tuple[tuple[Array, Array], ...]
@@ -116,15 +116,12 @@ class NoiseWeights:
         Raises:
             BadInputError: the file is missing, or holds no such nets or those of another version.
         """
-        try:
-            with np.load(path) as content:
-                names = [name for name in _NAMES if f"{name}_middle" in content.files]
-                nets = {name: _net(content, name) for name in names}
-                if not {"touch", "look"} <= set(names):
-                    raise ValueError("no noise nets")
-                return cls(nets, str(content["origin"]))
-        except (OSError, ValueError, KeyError) as error:
-            raise BadInputError(f"noise nets {path}: {error}") from error
+        with open_arrays(path, "noise nets") as content:
+            names = [name for name in _NAMES if f"{name}_middle" in content.files]
+            nets = {name: _net(content, name) for name in names}
+            if not {"touch", "look"} <= set(names):
+                raise ValueError("no noise nets")
+            return cls(nets, str(content["origin"]))
 
 
 class TouchNoise:

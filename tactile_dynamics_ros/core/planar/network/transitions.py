@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
 from tactile_dynamics_ros.core.planar.network.graph import (
     HELP,
     Push,
@@ -74,6 +75,10 @@ class Transitions:
         moving += rng.normal(size=moving.shape) * velocity_std * np.array([1.0, 1.0, 20.0])
         point = self.push.point + point_std * rng.normal(size=self.push.point.shape)
         return replace(self, states=states, push=replace(self.push, point=point))
+
+
+TRANSITION_KINDS = (Transitions, Thing, SupportPatch, Push, Noise)
+"""Dataclasses of which transitions are made; files of them may hold no other."""
 
 
 @dataclass(frozen=True, eq=False)

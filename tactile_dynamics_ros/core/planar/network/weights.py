@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.files import write_arrays
 from tactile_dynamics_ros.core.planar.network.graph import EDGE, HELP, MOTION, NODE, Graph
+from tactile_dynamics_ros.core.reading import open_arrays
 
 Array = NDArray[np.float64]
 Layers = tuple[tuple[Array, Array], ...]
@@ -119,28 +119,25 @@ class GraphWeights:
         Raises:
             BadInputError: the file is missing, or holds no such network or one of another version.
         """
-        try:
-            with np.load(path) as content:
-                nets = {name: _layers(content, name) for name in NETS}
-                kind = str(content["kind"])
-                rows = len(nets["node"][0][0])
-                wanted = node_features(kind) + 2 * LATENT
-                if kind not in KINDS or rows != wanted:
-                    raise ValueError(
-                        f"{kind} made for {rows} inputs, this version has {wanted}; train again "
-                        "(tactile-dynamics train pushing)"
-                    )
-                return cls(
-                    kind,
-                    float(content["step"]),
-                    float(content["speed"]),
-                    content["motion_scale"],
-                    content["force_scale"],
-                    nets,
-                    str(content["origin"]),
+        with open_arrays(path, "a network of pushes") as content:
+            nets = {name: _layers(content, name) for name in NETS}
+            kind = str(content["kind"])
+            rows = len(nets["node"][0][0])
+            wanted = node_features(kind) + 2 * LATENT
+            if kind not in KINDS or rows != wanted:
+                raise ValueError(
+                    f"{kind} made for {rows} inputs, this version has {wanted}; train again "
+                    "(tactile-dynamics train pushing)"
                 )
-        except (OSError, ValueError, KeyError) as error:
-            raise BadInputError(f"network file {path}: {error}") from error
+            return cls(
+                kind,
+                float(content["step"]),
+                float(content["speed"]),
+                content["motion_scale"],
+                content["force_scale"],
+                nets,
+                str(content["origin"]),
+            )
 
 
 def _layers(content: Any, name: str) -> Layers:

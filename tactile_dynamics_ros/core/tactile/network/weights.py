@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.files import write_arrays
+from tactile_dynamics_ros.core.reading import open_arrays
 from tactile_dynamics_ros.core.shape.skin_surface import project_to_skin
 from tactile_dynamics_ros.core.tactile.calibration import MIRROR_AXES
 from tactile_dynamics_ros.core.tactile.network.inputs import INPUTS, face_left
@@ -135,28 +135,25 @@ class NetworkWeights:
         Raises:
             BadInputError: the file is missing, or holds no such network or one of another version.
         """
-        try:
-            with np.load(path) as content:
-                if len(content["mean"]) != INPUTS:
-                    raise ValueError(
-                        f"made for {len(content['mean'])} inputs, this version has {INPUTS}; "
-                        "train again (tactile-dynamics train biotac)"
-                    )
-                count = sum(name.startswith("matrix_") for name in content.files)
-                layers = tuple(
-                    (as_stored(content[f"matrix_{k}"]), as_stored(content[f"bias_{k}"]))
-                    for k in range(count)
+        with open_arrays(path, "a network") as content:
+            if len(content["mean"]) != INPUTS:
+                raise ValueError(
+                    f"made for {len(content['mean'])} inputs, this version has {INPUTS}; "
+                    "train again (tactile-dynamics train biotac)"
                 )
-                return cls(
-                    content["mean"],
-                    content["scale"],
-                    layers,
-                    content["force_temperature"],
-                    content["place_temperature"],
-                    str(content["origin"]),
-                )
-        except (OSError, ValueError, KeyError) as error:
-            raise BadInputError(f"network file {path}: {error}") from error
+            count = sum(name.startswith("matrix_") for name in content.files)
+            layers = tuple(
+                (as_stored(content[f"matrix_{k}"]), as_stored(content[f"bias_{k}"]))
+                for k in range(count)
+            )
+            return cls(
+                content["mean"],
+                content["scale"],
+                layers,
+                content["force_temperature"],
+                content["place_temperature"],
+                str(content["origin"]),
+            )
 
 
 def as_stored(values: NDArray[Any]) -> Single:

@@ -133,12 +133,28 @@ class Weighing:
         return None if self.inertial is None or not self.seen else self.inertial / self.mass
 
 
+def _timed(measured: Measured) -> Measured:
+    """Return what has a pose's time; rows whose cell of the time is empty have none."""
+    if measured.time is None or np.isfinite(measured.time).all():
+        return measured
+    known = np.isfinite(measured.time)
+    place = measured.position
+    return replace(
+        measured,
+        time=measured.time[known],
+        rotation=measured.rotation[known],
+        position=None if place is None else place[known],
+    )
+
+
 class Scene:
     """Motion under one reading, at rows of the forces."""
 
     def __init__(self, measured: Measured) -> None:
-        self._measured = measured
+        self._measured = measured = _timed(measured)
         usable = np.isfinite(measured.force).all(axis=1)
+        if measured.force_time is not None:
+            usable &= np.isfinite(measured.force_time)
         rows = np.flatnonzero(usable)
         rows = rows[np.linspace(0, len(rows) - 1, min(len(rows), _MOST_ROWS)).astype(int)]
         self.rows = rows[self._posed(rows)]
@@ -170,6 +186,8 @@ class Scene:
         if 2.0 * _HALF_WIDTH / typical_period(m.time) < _FEWEST_IN_WINDOW:
             return None
         if not np.isfinite(m.rotation).all():
+            return None
+        if m.position is not None and not np.isfinite(m.position).all():
             return None
         at = m.force_time[self.rows]
         functional = m.windows.around(m.time, at)

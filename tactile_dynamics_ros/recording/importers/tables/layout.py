@@ -8,10 +8,15 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from tactile_dynamics_ros.core.errors import BadInputError
+
 SEPARATORS = (";", "\t", ",", "|", None)
 """What may part cells; None are blanks."""
 COMMENTS = ("#", "%", "//", "!")
 """What a line begins with that is no row; what stands behind it may be the header."""
+MOST_COLUMNS = 2000
+"""Columns of a table: loggers of whole robots write 500. Each cell is looked at for every
+separator, so that a million columns would take minutes."""
 MISSING = frozenset(
     ["", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "-nan(ind)", "nan(ind)"]
 )
@@ -61,10 +66,15 @@ class Layout:
 
 
 def find_layout(text: str) -> Layout | None:
-    """Return the layout of a table, or None if the text holds no rows of numbers."""
+    """Return the layout of a table, or None if the text holds no rows of numbers.
+
+    Raises:
+        BadInputError: it has more columns than anybody could name.
+    """
     lines = [(k + 1, line.rstrip()) for k, line in enumerate(text.splitlines())]
     lines = [(k, line) for k, line in lines if line.strip()]
     plain = [line for _, line in lines if not line.lstrip().startswith(COMMENTS)]
+    _refuse_wide(max(plain[-_SAMPLED:], key=len, default=""))
     best = max(
         ((*_judge(plain[-_SAMPLED:], s), -k, s) for k, s in enumerate(SEPARATORS)), default=None
     )
@@ -94,6 +104,13 @@ def find_layout(text: str) -> Layout | None:
     decimal_comma = comma and _uses_decimal_comma(rows)
     named = names or [str(k + 1) for k in range(width)]
     return Layout(separator, decimal_comma, tuple(named), units, rows, bool(names))
+
+
+def _refuse_wide(line: str) -> None:
+    separators = [separator for separator in SEPARATORS if separator is not None]
+    columns = max([line.count(separator) + 1 for separator in separators] + [len(line.split())])
+    if columns > MOST_COLUMNS:
+        raise BadInputError(f"a line has {columns} cells, expected at most {MOST_COLUMNS} columns")
 
 
 def split_line(line: str, separator: str | None) -> list[str]:

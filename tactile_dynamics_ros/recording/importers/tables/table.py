@@ -26,6 +26,9 @@ refused, since it is probably not laid out as it seems. Loggers that are killed 
 row."""
 _TEXT = 0.5
 """Share of cells that are no numbers from which a column is text (names of frames, states)."""
+_LARGEST = 1e30
+"""Largest number that was measured: stamps in ns have 1e18. Larger ones and infinite ones, which
+loggers write for what is invalid, count as missing; their squares would overflow."""
 _NAMED = 5
 """Bad rows that are named one by one; of more the first are, and the number of all."""
 
@@ -90,11 +93,15 @@ def read_table(path: Path) -> Table:
     Raises:
         BadInputError: the file is missing, or no table, or too many of its rows cannot be read.
     """
-    layout = find_layout(read_text(path))
+    text = read_text(path)
+    try:
+        layout = find_layout(text)
+    except BadInputError as error:
+        raise BadInputError(f"{path}: {error}") from error
     if layout is None:
         raise BadInputError(f"{path}: expected a line of column names and rows of numbers")
-    text = _text_columns(layout)
-    good, bad = _sort_rows(layout, text)
+    words = _text_columns(layout)
+    good, bad = _sort_rows(layout, words)
     if not good:
         raise BadInputError(f"{path}: {bad[0]}; expected rows of numbers")
     if len(bad) > max(1.0, _MOST_BAD * len(layout.rows)):
@@ -102,8 +109,8 @@ def read_table(path: Path) -> Table:
             f"{path}: {bad[0]}, and {len(bad) - 1} more of {len(layout.rows)} rows cannot be read; "
             f"expected {len(layout.names)} numbers parted by {layout.description}"
         )
-    values = _numbers(good, text, layout.decimal_comma)
-    texts = {layout.names[k]: [cells[k] for cells in good] for k in sorted(text)}
+    values = _numbers(good, words, layout.decimal_comma)
+    texts = {layout.names[k]: [cells[k] for cells in good] for k in sorted(words)}
     return Table(
         source=str(path),
         names=layout.names,
@@ -128,6 +135,11 @@ def _is_word(cell: str) -> bool:
     return not is_number(cell) and cell.lower() not in MISSING
 
 
+def _is_wrong(cell: str, decimal_comma: bool) -> bool:
+    """Whether a cell is no number as those of the table are written."""
+    return _is_word(cell) or ("," in cell and not decimal_comma)
+
+
 def _sort_rows(layout: Layout, text: set[int]) -> tuple[list[list[str]], list[str]]:
     """Rows that can be read, and one line for each that cannot."""
     good, bad = [], []
@@ -136,7 +148,9 @@ def _sort_rows(layout: Layout, text: set[int]) -> tuple[list[list[str]], list[st
         if len(cells) != width:
             bad.append(f"line {number} has {len(cells)} cells, not {width}")
             continue
-        wrong = next((k for k in range(width) if k not in text and _is_word(cells[k])), None)
+        comma = layout.decimal_comma
+        numbers = (k for k in range(width) if k not in text)
+        wrong = next((k for k in numbers if _is_wrong(cells[k], comma)), None)
         if wrong is None:
             good.append(cells)
         else:
@@ -152,7 +166,7 @@ def _numbers(rows: Sequence[Sequence[str]], text: set[int], decimal_comma: bool)
     for k in range(width):
         if k not in text:
             values[:, k] = [_number(cells[k], decimal_comma) for cells in rows]
-    return values
+    return np.where(np.abs(values) <= _LARGEST, values, np.nan)
 
 
 def _number(cell: str, decimal_comma: bool) -> float:

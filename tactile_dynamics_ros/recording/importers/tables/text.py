@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import codecs
 import tarfile
+import zlib
+from lzma import LZMAError
 from pathlib import Path
 
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.reading import require_file
 
 _MARKS = (
     (codecs.BOM_UTF8, "utf-8-sig"),
@@ -17,6 +20,9 @@ _MARKS = (
 )
 """Marks at the beginning of a file and the encoding they stand for; 32 bits before 16, since one
 mark begins with the other."""
+_FREE, _MOST_EXPANSION = 8 << 20, 200
+"""Bytes to which a table in an archive may expand in any case, and for each byte of the archive
+beyond: numbers as text shrink to a third, columns of one number to a hundredth."""
 _LOOKED_AT = 4096
 """Bytes at the beginning in which zero bytes are counted."""
 _ZEROS = 0.3
@@ -32,9 +38,10 @@ def read_text(path: Path) -> str:
     """
     try:
         inside = path.parent.is_file() and tarfile.is_tarfile(path.parent)
-        content = _read_member(path) if inside else path.read_bytes()
-    except OSError as error:
-        raise BadInputError(f"{path} cannot be read: {error.strerror or 'no archive'}") from error
+        content = _read_member(path) if inside else require_file(path, "a table").read_bytes()
+    except (OSError, EOFError, tarfile.TarError, zlib.error, LZMAError) as error:
+        reason = getattr(error, "strerror", None) or error or "no archive"
+        raise BadInputError(f"{path} cannot be read: {reason}") from error
     return decode_text(content, str(path))
 
 
@@ -66,5 +73,14 @@ def _read_member(path: Path) -> bytes:
         for member in archive:
             if Path(member.name).name == path.name:
                 content = archive.extractfile(member)
-                return content.read() if content else b""
+                if content is None:
+                    return b""
+                allowed = _FREE + _MOST_EXPANSION * path.parent.stat().st_size
+                found = content.read(allowed + 1)
+                if len(found) > allowed:
+                    raise BadInputError(
+                        f"{path} expands to more than {allowed >> 20} MB, {_MOST_EXPANSION} times "
+                        "the size of its archive and more"
+                    )
+                return found
     raise BadInputError(f"{path.parent} holds no {path.name}")
