@@ -107,6 +107,8 @@ def find_not_increasing(time: Array) -> Mask:
 def find_seams(time: Array, bad: Mask) -> Mask:
     """Return the samples just after a clock stepped back, where the motion of the step is missing.
 
+    A run that begins again with the first stamp is a file that is there twice.
+
     Args:
         time: (N,) s, stamps as recorded.
         bad: (N,) those that are dropped because they do not increase.
@@ -115,7 +117,8 @@ def find_seams(time: Array, bad: Mask) -> Mask:
     edges = np.flatnonzero(np.diff(np.concatenate([[0], bad.astype(int), [0]])))
     for first, after in zip(edges[0::2], edges[1::2], strict=True):
         back = np.diff(time[max(first - 1, 0) : after + 1]).min() < 0.0
-        if back and after - first >= STEP_RUN and after < len(time):
+        again = time[first:after].min() == time[0]
+        if back and not again and after - first >= STEP_RUN and after < len(time):
             seams |= ~bad & (time >= time[after]) & (time < time[after] + STEP_GAP)
     return seams
 

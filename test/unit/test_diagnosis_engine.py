@@ -66,6 +66,7 @@ class SlidingBlock:
     terms: tuple[str, ...] = ("v^3",)
     impossible: tuple[str, ...] = ()
     unreadable: str = ""
+    too_short: str = ""
     remark: str = ""
     alike: tuple[str, ...] = ()
 

@@ -92,7 +92,7 @@ def test_estimate_uses_only_a_part_where_asked(bag, capsys):
         (["estimate", "/no/such.mcap"], "no such file or directory"),
         (["estimate", "BAG", "--effects", "magic"], "effect 'magic' is unknown"),
         (["estimate", "BAG", "--effects", "viscous_drag,viscous_drag"], "named twice"),
-        (["import", "csv", "/no/such.yaml", "/tmp/never.mcap"], "cannot be read"),
+        (["import", "csv", "/no/such.yaml", "/tmp/never.mcap"], "no such file"),
         (["import", "unheard", "a", "b"], "'unheard' is unknown"),
     ],
 )

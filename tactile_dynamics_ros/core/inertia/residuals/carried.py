@@ -97,7 +97,8 @@ def _pose_noise(pose: PoseStream) -> tuple[float, float] | None:
         fast = float(np.median(np.diff(pose.time))) <= _SLOWEST
         return seen if fast and min(seen) > 0.0 else None
     variances = np.median(np.einsum("nii->ni", pose.covariance), axis=0)
-    stated = np.sqrt([variances[:3].mean(), variances[3:].mean()])
+    stated = np.array([variances[:3].mean(), variances[3:].mean()])
+    stated = np.sqrt(np.where(stated > 0.0, stated, np.inf))  # what cannot be is not stated
     return min(seen[0], float(stated[0])), min(seen[1], float(stated[1]))
 
 
