@@ -31,7 +31,7 @@ from tactile_dynamics_ros.cli.bringup import node_names
 ROOT = Path(tactile_dynamics_ros.__file__).parents[1]
 PACKAGE = "tactile_dynamics_ros"
 COLCON = Path(sys.executable).with_name("colcon")
-VIEW = {f"{PACKAGE}.view.{name}" for name in ("page", "robot")}
+VIEW = {f"{PACKAGE}.view.{name}" for name in ("gate", "page", "robot")}
 """What draws the live page, which only the extra view brings a library for."""
 TRAINING = {f"{PACKAGE}.core.tactile.network.{name}" for name in ("muon", "training")} | {
     f"{PACKAGE}.core.planar.network.{name}" for name in ("training", "noise_training")
