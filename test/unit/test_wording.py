@@ -80,7 +80,7 @@ def written_texts():
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.Constant) and isinstance(node.value, str):
                 yield path.name, node.value
-    for path in [ROOT / "README.md", *(ROOT / "docs").rglob("*.md"), *EXAMPLES.glob("*")]:
+    for path in [ROOT / "README.md", *(ROOT / "docs").rglob("*.md"), *EXAMPLES.glob("*.*")]:
         yield path.name, path.read_text()
 
 
