@@ -50,7 +50,7 @@ class Attempt:
 
 def pages() -> Iterator[Attempt]:
     """Ports of the page and of all processes behind it, with what other sites can send."""
-    command = [*verb_command("view", "--control", "--port", "0", "--json")]
+    command = verb_command("view", "--control", "--port", "0", "--json")
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as view:
         assert view.stdout is not None
         address = urlsplit(json.loads(view.stdout.readline())["page"])
@@ -135,13 +135,13 @@ def folders() -> Iterator[Attempt]:
         )
     for how, plant in plants.items():
         with _temporary() as (temporary, precious):
-            plant(temporary / f"tactile_dynamics_{os.getuid()}", precious)
+            folder = temporary / f"tactile_dynamics_{os.getuid()}"
+            plant(folder, precious)
             for door, code in _USERS.items():
                 _run(code, temporary)
-                used = [p for p in precious.iterdir() if p.name != "kept"]
-                used += [*temporary.glob(f"tactile_dynamics_{os.getuid()}/*")]
-                spoilt = (precious / "kept").read_text() != "kept" or len(used) > 1
-                yield Attempt(door, how, spoilt or any(p.name != "kept" for p in used))
+                there = {path.name for path in (*precious.iterdir(), *folder.iterdir())}
+                spoilt = (precious / "kept").read_text() != "kept"
+                yield Attempt(door, how, spoilt or there != {"kept"})
     with _temporary() as (temporary, precious):
         _run(_USERS["lock of a domain"], temporary)
         folder = temporary / f"tactile_dynamics_{os.getuid()}"
@@ -195,7 +195,7 @@ def _temporary() -> Iterator[tuple[Path, Path]]:
 
 def requests() -> Iterator[Attempt]:
     """Targets that are none: answered with 400, without a traceback."""
-    command = [*verb_command("view", "--port", "0", "--json")]
+    command = verb_command("view", "--port", "0", "--json")
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     with subprocess.Popen(command, text=True, **pipes) as view:
         assert view.stdout is not None and view.stderr is not None

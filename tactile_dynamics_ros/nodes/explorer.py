@@ -232,8 +232,9 @@ class ExplorerNode(Shell):
         """Draw back from too much force, or from where the arm cannot go; end for all else."""
         if run.actions:
             run.actions[-1]["stopped"] = performance.why
-        run.stopped += performance.pressed or performance.astray
-        if not (performance.pressed or performance.astray) or run.stopped > _STOPPED:
+        goes_on = performance.pressed or performance.astray
+        run.stopped += goes_on
+        if not goes_on or run.stopped > _STOPPED:
             self._finish(performance.why, False)
             return
         for explorer in run.explorers:

@@ -8,7 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.rigid_body.rotation import matrix_to_quaternion, quaternion_to_matrix
+from tactile_dynamics_ros.core.rigid_body.rotation import (
+    are_rotations,
+    matrix_to_quaternion,
+    quaternion_to_matrix,
+)
 from tactile_dynamics_ros.core.streams.pose_noise import read_covariances
 from tactile_dynamics_ros.core.streams.streams import ContactStream, ImuStream, PoseStream
 from tactile_dynamics_ros.recording.cleaning import (
@@ -342,8 +346,7 @@ def quaternions_of(rotation: Array, label: str) -> Array:
     Raises:
         BadInputError: the matrices mirror space.
     """
-    defect = np.abs(np.einsum("nji,njk->nik", rotation, rotation) - np.eye(3)).max(axis=(1, 2))
-    good = np.isfinite(defect) & (defect < 0.01)
+    good = are_rotations(rotation)
     if np.any(np.linalg.det(rotation[good]) < 0.0):
         raise BadInputError(f"{label}: rotation has determinant -1; expected a right-handed frame")
     quaternion = np.full((len(rotation), 4), np.nan)

@@ -15,7 +15,12 @@ from numpy.typing import NDArray
 from scipy.special import fdtrc
 
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, quaternion_to_matrix, skew
+from tactile_dynamics_ros.core.rigid_body.rotation import (
+    are_rotations,
+    exp_so3,
+    quaternion_to_matrix,
+    skew,
+)
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -41,8 +46,6 @@ to 3 %. What is left beyond it is a misfit, which would else pass for noise what
 CHANCE = 1e-3
 """Chance with which a table without a wrong row loses one. A hundredth misses rows that are off by
 6 times the noise instead of 5."""
-_DEFECT = 0.01
-"""Deviation from R^T R = I up to which a matrix is a rotation that was rounded to two digits."""
 _NOTHING = 1e-30
 """Squared residual of rows that fit exactly, N^2: only keeps the quotient finite."""
 _SHOWN = 10
@@ -90,7 +93,7 @@ def held_poses(
     if len(set(lengths.values())) > 1:
         found = ", ".join(f"{name} {count}" for name, count in lengths.items())
         raise BadInputError(f"static poses: {found} rows; expected as many of each")
-    turned = np.where(_are_rotations(turned)[:, None, None], turned, np.nan)
+    turned = np.where(are_rotations(turned)[:, None, None], turned, np.nan)
     complete = np.all([np.isfinite(x).all(axis=1) for x in rows.values()], axis=0)
     oriented = np.isfinite(turned).all(axis=(1, 2))
     lost = _lines("is not finite", ~complete) | _lines("has no rotation", complete & ~oriented)
@@ -225,12 +228,6 @@ def _noise(law: Array, readings: Array) -> float:
     solution = np.linalg.lstsq(flat, readings.ravel(), rcond=None)[0]
     squares = float(np.sum((flat @ solution - readings.ravel()) ** 2))
     return float(np.sqrt(squares / (readings.size - flat.shape[1])))
-
-
-def _are_rotations(matrices: Array) -> Mask:
-    """Which of (N, 3, 3) turn without stretching."""
-    defect = np.abs(np.einsum("nji,njk->nik", matrices, matrices) - np.eye(3)).max(axis=(1, 2))
-    return np.asarray(defect < _DEFECT)
 
 
 def _rows(name: str, values: Any, *shape: int) -> Array:

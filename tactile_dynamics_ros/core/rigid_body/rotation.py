@@ -19,6 +19,9 @@ sine is itself and that is not zero has the same effect; zero makes 0 / 0."""
 _IDENTITY = np.eye(3)
 """The rotation by nothing, made once since every exponential adds it; it is not to be written
 to."""
+_DEFECT = 0.01
+"""Deviation from R^T R = I up to which a matrix is a rotation that was rounded to two digits. Less
+refuses such files, more takes matrices that stretch."""
 _NEXT, _LAST = [1, 2, 0], [2, 0, 1]
 """Axes after and before each axis, in turn. Fixed by right-handed axes; exchanged they give -a x
 b."""
@@ -199,3 +202,9 @@ def turned_between(first: Array, then: Array, share: Array) -> Array:
     """
     turn = log_so3(np.swapaxes(first, -1, -2) @ then)
     return np.asarray(first @ exp_so3(share[..., None] * turn))
+
+
+def are_rotations(matrices: Array) -> NDArray[np.bool_]:
+    """Which of (N, 3, 3) have R^T R = I, to two digits; mirrored ones have it too."""
+    defect = np.abs(np.einsum("nji,njk->nik", matrices, matrices) - np.eye(3)).max(axis=(1, 2))
+    return np.asarray(defect < _DEFECT)  # NaN is none
