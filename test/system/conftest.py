@@ -12,8 +12,10 @@ from tactile_dynamics_ros.share import share_file
 
 @pytest.fixture
 def listener():
-    """A listening node."""
-    yield Listener()
+    """A listening node; none of its topics is listed after the test, even if that failed."""
+    listening = Listener()
+    yield listening
+    listening.node.destroy_node()
     rclpy.try_shutdown()
 
 

@@ -81,9 +81,10 @@ def kill(system, listener, name):
 
 
 def known(listener):
-    """Friction force, N, and its standard deviation, as property_estimator tells it."""
+    """Friction force, N, and its standard deviation; infinite while no estimate is published."""
     found = {s.name: status_values(s) for s in listener.seen[STATUS][-1].status}
-    return tuple(float(found["link_1"][f"friction_force_n{end}"]) for end in ("", "_std"))
+    link = found.get("link_1", {})
+    return tuple(float(link.get(f"friction_force_n{end}", np.inf)) for end in ("", "_std"))
 
 
 def call(listener, service):
